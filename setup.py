@@ -1,0 +1,61 @@
+"""The one description of the package: pip, colcon (ament_python) and the `pfd` command."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+NAME = 'pfd_ros'
+ROBOTS = glob('config/robots/*')
+ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
+REPORT = ['matplotlib', 'mpmath']
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='A stand-in robot arm for testing torque controllers, on parallel forward dynamics',
+    long_description=open('README.md', encoding='utf-8').read(),
+    long_description_content_type='text/markdown',
+    author='The pfd_ros authors',
+    maintainer='The pfd_ros authors',
+    maintainer_email='maintainers@example.com',
+    license='Apache-2.0',
+    python_requires='>=3.10',
+    packages=[*find_packages(include=['pfd_core*', 'pfd_ros*']), 'pfd_core.config'],
+    # The robots and the node's parameters travel inside the package, so that they are found
+    # whichever way it was installed.
+    package_dir={'pfd_core.config': 'config'},
+    package_data={
+        'pfd_core.config': ['*.yaml', 'robots/*'],
+        'pfd_core': ['py.typed'],
+    },
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', glob('config/*.yaml')),
+        (f'share/{NAME}/config/robots', ROBOTS),
+        (f'share/{NAME}/launch', glob('launch/*.launch.py')),
+    ],
+    zip_safe=False,
+    install_requires=['numpy', 'pin', 'mcap>=1.2', 'llvmlite', 'PyYAML'],
+    extras_require={
+        # Not in install_requires: on a machine with its own ROS 2 these wheels would lie over it.
+        'ros': ROS,
+        'report': REPORT,
+        'test': [
+            *REPORT,
+            'example-robot-data',
+            'mcap-ros2-support',
+            'mypy',
+            'pytest',
+            'pytest-timeout',
+            'rosbags',
+            'ruff',
+        ],
+    },
+    entry_points={
+        'console_scripts': [
+            'pfd = pfd_ros.command_line:main',
+            'sim_node = pfd_ros.node:main',
+        ],
+    },
+)

@@ -1,6 +1,7 @@
 """The one description of the package: pip, colcon (ament_python) and the `pfd` command."""
 
 from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -12,8 +13,8 @@ REPORT = ['matplotlib', 'mpmath']
 setup(
     name=NAME,
     version='0.1.0',
-    description='A stand-in robot arm for testing torque controllers, on parallel forward dynamics',
-    long_description=open('README.md', encoding='utf-8').read(),
+    description='A stand-in robot arm for testing torque controllers',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     author='The pfd_ros authors',
     maintainer='The pfd_ros authors',

@@ -1,0 +1,75 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The closed table of operations: what each means, how LLVM spells it and what it costs.
+
+A program holds nothing but these. The emulator reads the column `meaning`, the kernels read
+`llvm`, the step counts read `cost`; a new operation is a new row here and nowhere else.
+
+Every meaning is a correctly rounded IEEE 754 operation, except `sin` and `cos`: a kernel
+replaces those two by the other rows before it is compiled (pfd_core.kernels.elementary).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Operation:
+    """
+    One row of the table.
+
+    Attributes
+    ----------
+    name : str
+        What a program calls it.
+    arity : int
+        Number of registers it reads.
+    cost : str or None
+        The column of the step counts it is entered under; None is free (moving data
+        within a lane, switching a lane off, changing a sign bit).
+    meaning : callable or None
+        The operation on NumPy arrays; None where the emulator supplies it (data movement).
+    llvm : str or None
+        LLVM instruction on operands `{0}`, `{1}`, ... of type `{type}`; None where the kernel
+        writer supplies it or the operation never reaches a kernel.
+
+    """
+
+    name: str
+    arity: int
+    cost: str | None = None
+    meaning: Callable[..., Any] | None = None
+    llvm: str | None = None
+
+
+def _select(condition: Any, chosen: Any, other: Any) -> Any:
+    return np.where(condition > 0, chosen, other)
+
+
+OPERATIONS = {
+    operation.name: operation
+    for operation in (
+        Operation('input', 0),
+        Operation('constant', 0),
+        # Lane i takes the value of a given lane, or of its own lane of the second operand.
+        Operation('route', 2, 'routes'),
+        # The second operand where the first is above zero, else the third.
+        Operation('select', 3, None, _select),
+        Operation('add', 2, 'additions', np.add, 'fadd {type} {0}, {1}'),
+        Operation('sub', 2, 'additions', np.subtract, 'fsub {type} {0}, {1}'),
+        Operation('mul', 2, 'multiplications', np.multiply, 'fmul {type} {0}, {1}'),
+        Operation('div', 2, 'divisions', np.divide, 'fdiv {type} {0}, {1}'),
+        Operation('neg', 1, None, np.negative, 'fneg {type} {0}'),
+        Operation('sqrt', 1, 'square_roots', np.sqrt, 'call {type} @llvm.sqrt({type} {0})'),
+        Operation('sin', 1, 'sines', np.sin),
+        Operation('cos', 1, 'sines', np.cos),
+    )
+}
+
+COSTS = ('multiplications', 'additions', 'divisions', 'square_roots', 'routes', 'sines')

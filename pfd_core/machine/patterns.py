@@ -1,0 +1,136 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The parallel patterns of the paper, as text over lanes. L = ceil(log2 n).
+
+    prefix      X(i) = X(i-1) * x(i)             FOHRA, section 2.2      L levels
+    suffix      X(i) = x(i) * X(i+1)             the same, downward      L levels
+    prefix_affine, suffix_affine
+                X(i) = a(i) X(i-1) + b(i)        FOIHRA, eqs (3), (4)    L levels
+    total       sum of x(i) on lane 0            tree                    L levels
+    row_sweep   x(i,j) = x(i+1,j) + a(i,j)       eqs (5) to (7)          n - 1 steps
+
+Lane i holds element i. `*` is any associative operation, given as a function of its left and
+right operand, each whatever the caller keeps per lane (a value, a vector, a matrix, a tuple of
+these). n processors run a recurrence by recursive doubling; one processor (the sequential
+schedule) runs it as a sweep, because that is less work. The texts that use it do not know.
+
+Corrected here: eq. (3) prints X(i-s) * X(i) for the coefficients of eq. (4), which is the
+order for x(i) = x(i-1) a(i); with matrix coefficients on the left it must be X(i) * X(i-s).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from pfd_core.machine.recorder import Lanes, Recorder, merge, on, shift
+
+Combine = Callable[[Any, Any], Any]
+
+
+def _apply(function: Callable[..., Any], *values: Any) -> Any:
+    """Apply a function of values per lane to each member of tuples, or to the values."""
+    if isinstance(values[0], tuple):
+        return tuple(function(*members) for members in zip(*values, strict=True))
+    return function(*values)
+
+
+def _recorder(value: Any) -> Recorder:
+    while not isinstance(value, Lanes):
+        value = value[0]
+    return value.recorder
+
+
+def _levels(recorder: Recorder, downward: bool) -> Iterator[tuple[int, Sequence[int], bool]]:
+    """Yield stride, lanes that take part, and whether it is the last, for each level."""
+    n = recorder.lanes
+    if recorder.parallel:
+        stride = 1
+        while stride < n:
+            yield stride, range(n), 2 * stride >= n
+            stride *= 2
+    else:
+        order = range(n - 2, -1, -1) if downward else range(1, n)
+        for lane in order:
+            yield 1, [lane], lane == order[-1]
+
+
+def prefix(combine: Combine, x: Any) -> Any:
+    """Return X(0) = x(0), X(i) = combine(X(i-1), x(i)) on lane i."""
+    for stride, lanes, _ in _levels(_recorder(x), downward=False):
+        left = _apply(lambda v, s=stride, at=lanes: on(shift(v, s), at), x)
+        x = _apply(merge, combine(left, x), x)
+    return x
+
+
+def suffix(combine: Combine, x: Any) -> Any:
+    """Return X(n-1) = x(n-1), X(i) = combine(x(i), X(i+1)) on lane i."""
+    for stride, lanes, _ in _levels(_recorder(x), downward=True):
+        right = _apply(lambda v, s=stride, at=lanes: on(shift(v, -s), at), x)
+        x = _apply(merge, combine(x, right), x)
+    return x
+
+
+def prefix_affine(a: Any, b: Any, times: Combine, product: Combine) -> Any:
+    """
+    Return X(0) = b(0), X(i) = a(i) X(i-1) + b(i) on lane i.
+
+    Parameters
+    ----------
+    a, b
+        Coefficient and term of each lane.
+    times : callable
+        times(a, x): a coefficient applied to a value.
+    product : callable
+        product(a, a'): the coefficient that applies a' first and then a.
+
+    """
+    return _affine(a, b, times, product, downward=False)
+
+
+def suffix_affine(a: Any, b: Any, times: Combine, product: Combine) -> Any:
+    """Return X(n-1) = b(n-1), X(i) = a(i) X(i+1) + b(i); arguments as in prefix_affine."""
+    return _affine(a, b, times, product, downward=True)
+
+
+def _affine(a: Any, b: Any, times: Combine, product: Combine, downward: bool) -> Any:
+    recorder = _recorder(b)
+    for stride, lanes, last in _levels(recorder, downward):
+        step = -stride if downward else stride
+        neighbour = on(shift(b, step), lanes)
+        b = merge(times(a, neighbour) + b, b)
+        # A sweep meets each coefficient once, and the last level needs no further product.
+        if recorder.parallel and not last:
+            a = merge(product(a, shift(a, step)), a)
+    return b
+
+
+def total(x: Any) -> Any:
+    """Return the sum of x over all lanes, on lane 0."""
+    return _apply(lambda v: on(v, [0]), suffix(lambda left, right: left + right, x))
+
+
+def row_sweep(terms: Sequence[Any], x0: Any) -> list[Any]:
+    """
+    Return the rows x(i,j) = x(i+1,j) + terms[i](j) for j > i, with x(j,j) = x0(j).
+
+    Parameters
+    ----------
+    terms : sequence
+        terms[i] holds a(i,j) on lane j for j > i; n - 1 rows or more.
+    x0
+        The diagonal, x(j,j) on lane j.
+
+    Returns
+    -------
+    list
+        Row i holds x(i,j) on lane j for j >= i.
+
+    """
+    n = _recorder(x0).lanes
+    rows = [x0]
+    for i in range(n - 2, -1, -1):
+        swept = on(rows[-1], range(i + 1, n)) + terms[i]
+        rows.append(merge(swept, x0))
+    return rows[::-1]

@@ -1,0 +1,178 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A program: the flat list of elementary operations that recording an algorithm leaves.
+
+Every instruction writes one register and its number is the register's name, so a program is
+in static single assignment form. A register holds one value per lane; `active` is the set of
+lanes that the instruction works on, as a bit mask. A sequential program has one lane.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import math
+from typing import Any, NamedTuple
+
+from pfd_core.machine.operations import COSTS, OPERATIONS
+
+
+class Instruction(NamedTuple):
+    """
+    One operation on registers.
+
+    Attributes
+    ----------
+    op : str
+        A name in OPERATIONS.
+    args : tuple of int
+        The registers it reads.
+    data : object
+        input: (name, flat index or None per lane); constant: one float per lane;
+        route: the lane each lane takes its value from, None for its own lane of the second
+        operand; otherwise None.
+    active : int
+        Bit i is set when lane i takes part.
+    section : str
+        The part of the algorithm it belongs to.
+
+    """
+
+    op: str
+    args: tuple[int, ...] = ()
+    data: Any = None
+    active: int = 1
+    section: str = ''
+
+
+class Output(NamedTuple):
+    """Where a result lies: its shape, and (register, lane) of each element in C order."""
+
+    shape: tuple[int, ...]
+    places: tuple[tuple[int, int], ...]
+
+
+@dataclass(frozen=True)
+class Steps:
+    """
+    Lock-step counts of a program on a number of processors.
+
+    Subtractions count as additions. `sines` are evaluations of a sine or a cosine, which the
+    paper takes as given; `routes` are steps in which data moves between lanes.
+    """
+
+    multiplications: int = 0
+    additions: int = 0
+    divisions: int = 0
+    square_roots: int = 0
+    routes: int = 0
+    sines: int = 0
+
+
+@dataclass(frozen=True)
+class Program:
+    """
+    A recorded algorithm.
+
+    Attributes
+    ----------
+    lanes : int
+        Lanes of every register; 1 for a sequential program.
+    instructions : tuple of Instruction
+        Instruction k writes register k.
+    inputs : dict
+        Name to number of elements.
+    outputs : dict
+        Name to Output.
+
+    """
+
+    lanes: int
+    instructions: tuple[Instruction, ...]
+    inputs: dict[str, int]
+    outputs: dict[str, Output]
+
+    def __str__(self) -> str:
+        """Return the program as text, one instruction a line, sections as comments."""
+        return '\n'.join(self._lines())
+
+    def _lines(self) -> Iterator[str]:
+        section = ''
+        for register, instruction in enumerate(self.instructions):
+            if instruction.section != section:
+                section = instruction.section
+                yield f'; {section}'
+            yield self._line(register, instruction)
+        for name, output in self.outputs.items():
+            places = ' '.join(f'%{register}.{lane}' for register, lane in output.places)
+            yield f'output {name}{list(output.shape)} = {places}'
+
+    def _line(self, register: int, instruction: Instruction) -> str:
+        words = [f'%{register} =', instruction.op, *(f'%{a}' for a in instruction.args)]
+        if instruction.data is not None:
+            words.append(_show(instruction.data))
+        if instruction.active != (1 << self.lanes) - 1:
+            words.append('on ' + _ranges(instruction.active))
+        return ' '.join(words)
+
+    def count(self, processors: int | None = None, section: str | None = None) -> Steps:
+        """
+        Return the steps that the program takes, without running it.
+
+        Parameters
+        ----------
+        processors : int, optional
+            Processors of the machine; with fewer than lanes an instruction takes several
+            steps. Default: one per lane.
+        section : str, optional
+            Count only this part of the program.
+
+        """
+        processors = check_processors(processors, self.lanes)
+        totals = dict.fromkeys(COSTS, 0)
+        for instruction in self.instructions:
+            cost = OPERATIONS[instruction.op].cost
+            if cost and (section is None or instruction.section == section):
+                totals[cost] += math.ceil(busy_lanes(instruction) / processors)
+        return Steps(**totals)
+
+    def utilisation(self, processors: int | None = None) -> float:
+        """Return the share of processor-steps of arithmetic that do useful work, 0 to 1."""
+        processors = check_processors(processors, self.lanes)
+        busy = total = 0
+        for instruction in self.instructions:
+            cost = OPERATIONS[instruction.op].cost
+            if cost and cost != 'routes':
+                lanes = busy_lanes(instruction)
+                busy += lanes
+                total += math.ceil(lanes / processors) * processors
+        return busy / total if total else 0.0
+
+
+def busy_lanes(instruction: Instruction) -> int:
+    """Return the number of lanes an instruction works on; a route that moves nothing, none."""
+    if instruction.op == 'route':
+        return sum(
+            source is not None and source != lane for lane, source in enumerate(instruction.data)
+        )
+    return instruction.active.bit_count()
+
+
+def check_processors(processors: int | None, lanes: int) -> int:
+    """Return a valid number of processors; ValueError if it is below 1."""
+    if processors is None:
+        return lanes
+    if processors < 1:
+        raise ValueError(f'processors must be at least 1, got {processors}')
+    return processors
+
+
+def _show(data: Any) -> str:
+    if isinstance(data, tuple):
+        return '(' + ' '.join('-' if item is None else _show(item) for item in data) + ')'
+    return str(data)
+
+
+def _ranges(mask: int) -> str:
+    return ','.join(str(lane) for lane in range(mask.bit_length()) if mask >> lane & 1)

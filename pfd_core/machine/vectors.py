@@ -1,0 +1,61 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Vectors and matrices of lane values, where NumPy has no product of its own for them.
+
+A 3-vector is an object array (3,), a matrix (3, 3); `R @ v` is NumPy's. A symmetric matrix is
+kept as its six different elements, object array (6,): xx, xy, xz, yy, yz, zz.
+
+Costs, multiplications and additions: cross 6 and 3, dot 3 and 2, R @ v 9 and 6,
+R @ R' 27 and 18, symmetric @ v 9 and 6.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from pfd_core.machine.recorder import LaneArray, Lanes
+
+
+def array(values: Any) -> LaneArray:
+    """Return nested lists of lane values as an object array."""
+    return np.array(values, dtype=object)
+
+
+def cross(a: LaneArray, b: LaneArray) -> LaneArray:
+    """Return the vector product a x b."""
+    return array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def dot(a: LaneArray, b: LaneArray) -> Lanes:
+    """Return the scalar product."""
+    result: Lanes = a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return result
+
+
+def symmetric_times(s: LaneArray, v: LaneArray) -> LaneArray:
+    """Return S v for a symmetric S of six elements."""
+    xx, xy, xz, yy, yz, zz = s
+    return array(
+        [
+            xx * v[0] + xy * v[1] + xz * v[2],
+            xy * v[0] + yy * v[1] + yz * v[2],
+            xz * v[0] + yz * v[1] + zz * v[2],
+        ]
+    )
+
+
+def rotated_symmetric(R: LaneArray, s: LaneArray) -> LaneArray:
+    """Return the six elements of R S R^T (45 multiplications, 30 additions)."""
+    xx, xy, xz, yy, yz, zz = s
+    RS = R @ array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return array([dot(RS[i], R[j]) for i in range(3) for j in range(i, 3)])
+
+
+def parallel_axis(d: LaneArray) -> LaneArray:
+    """Return the six elements of d.d 1 - d d^T (6 multiplications, 3 additions)."""
+    x, y, z = d
+    x2, y2, z2 = x * x, y * y, z * z
+    return array([y2 + z2, -(x * y), -(x * z), x2 + z2, -(y * z), x2 + y2])

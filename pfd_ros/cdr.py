@@ -1,0 +1,115 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The wire format of ROS 2 messages: plain CDR, the first encoding of the OMG's XTypes.
+
+Written out here because a recording must be readable where ROS is not installed, and because
+the node's own bytes must not depend on memory that a serialiser left unset between fields.
+Numbers are aligned to their size, counted from the end of the four-byte header; a string is
+its length with the closing zero, then its bytes; a sequence is its length, then its elements.
+Source: OMG DDS-XTYPES 1.3, section 7.4.1 (encoding version 1).
+"""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+
+HEADER = b'\x00\x01\x00\x00'
+_ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
+
+
+class Reader:
+    """Takes values off the front of one message.
+
+    Every method raises ValueError where the bytes end early or hold no such value.
+    """
+
+    def __init__(self, data: bytes) -> None:
+        order = _ORDERS.get(bytes(data[:2]))
+        if order is None or len(data) < len(HEADER):
+            raise ValueError(f'message begins with {bytes(data[:4]).hex()!r}, expected plain CDR')
+        self._order = order
+        self._data = data
+        self._at = len(HEADER)
+
+    def _take(self, size: int, align: int) -> int:
+        """Skip to the alignment, claim `size` bytes and return where they start."""
+        start = self._at + (len(HEADER) - self._at) % align
+        if start + size > len(self._data):
+            raise ValueError(
+                f'message ends at byte {len(self._data)}, expected {start + size} or more'
+            )
+        self._at = start + size
+        return start
+
+    def int32(self) -> int:
+        """Return a signed integer of four bytes."""
+        value: int = struct.unpack_from(self._order + 'i', self._data, self._take(4, 4))[0]
+        return value
+
+    def uint32(self) -> int:
+        """Return an unsigned integer of four bytes."""
+        value: int = struct.unpack_from(self._order + 'I', self._data, self._take(4, 4))[0]
+        return value
+
+    def string(self) -> str:
+        """Return a string."""
+        size = self.uint32()
+        start = self._take(size, 1)
+        return bytes(self._data[start : start + size]).removesuffix(b'\0').decode('utf-8')
+
+    def strings(self) -> tuple[str, ...]:
+        """Return a sequence of strings."""
+        return tuple(self.string() for _ in range(self.uint32()))
+
+    def numbers(self, kind: str) -> np.ndarray:
+        """Return a sequence of eight-byte numbers, (count,); kind 'f8' or 'u8'."""
+        count = self.uint32()
+        if count == 0:
+            # An empty sequence is not followed by the padding its elements would need.
+            return np.zeros(0, kind)
+        start = self._take(8 * count, 8)
+        found = np.frombuffer(self._data, self._order + kind, count, start)
+        return found.astype(kind)
+
+
+class Writer:
+    """Puts values behind one another into a message."""
+
+    def __init__(self) -> None:
+        self.data = bytearray(HEADER)
+
+    def _align(self, align: int) -> None:
+        self.data += bytes((len(HEADER) - len(self.data)) % align)
+
+    def int32(self, value: int) -> None:
+        """Append a signed integer of four bytes."""
+        self._align(4)
+        self.data += struct.pack('<i', value)
+
+    def uint32(self, value: int) -> None:
+        """Append an unsigned integer of four bytes."""
+        self._align(4)
+        self.data += struct.pack('<I', value)
+
+    def string(self, value: str) -> None:
+        """Append a string."""
+        encoded = value.encode('utf-8') + b'\0'
+        self.uint32(len(encoded))
+        self.data += encoded
+
+    def strings(self, values: tuple[str, ...]) -> None:
+        """Append a sequence of strings."""
+        self.uint32(len(values))
+        for value in values:
+            self.string(value)
+
+    def numbers(self, values: np.ndarray) -> int:
+        """Append a sequence of eight-byte numbers and return where its first one lies."""
+        self.uint32(len(values))
+        if len(values):
+            self._align(8)
+        start = len(self.data)
+        self.data += values.astype(values.dtype.newbyteorder('<')).tobytes()
+        return start

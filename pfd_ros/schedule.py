@@ -1,0 +1,58 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""When to step: an absolute schedule on the machine's steady clock, never on ROS time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import time
+
+# Short delays are made up for, so that the mean rate holds. After a longer stall the arm does
+# not rush through what it missed: the schedule starts anew and the missed periods are counted.
+CATCH_UP_NS = 50_000_000
+# Sleeps are cut into pieces of this length, so that a slow arm still stops promptly.
+LONGEST_SLEEP_NS = 50_000_000
+
+
+@dataclass
+class Schedule:
+    """Times of the steps: `origin + k * period`, and how well they were kept.
+
+    Parameters
+    ----------
+    period_ns
+        Time between steps in nanoseconds; 0 never waits.
+    """
+
+    period_ns: float
+    clock: Callable[[], int] = time.monotonic_ns
+    sleep: Callable[[float], None] = time.sleep
+    origin_ns: int = 0
+    count: int = 0
+    late: int = 0
+    missed: int = 0
+
+    def start(self) -> None:
+        """Begin: the first step is due one period from now."""
+        self.origin_ns = self.clock()
+        self.count = 0
+
+    def wait(self, stopped: Callable[[], bool]) -> None:
+        """Return when the next step is due, or as soon as `stopped` says so."""
+        if self.period_ns == 0:
+            # Lets the other threads at the interpreter.
+            self.sleep(0)
+            return
+        self.count += 1
+        due = self.origin_ns + round(self.count * self.period_ns)
+        behind = self.clock() - due
+        if behind > self.period_ns:
+            self.late += 1
+        if behind > max(CATCH_UP_NS, self.period_ns):
+            self.missed += int(behind // self.period_ns)
+            self.start()
+            return
+        while behind < 0 and not stopped():
+            self.sleep(min(-behind, LONGEST_SLEEP_NS) / 1e9)
+            behind = self.clock() - due

@@ -1,0 +1,159 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the node can be told: one frozen record, checked once, written into every recording.
+
+The fields are the node's parameters; `parameters.py` declares them from this table and a
+replay reads them back from the file, so both run the same simulation. No ROS in here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import dataclasses
+from dataclasses import dataclass
+import json
+import math
+from typing import Any
+
+NANOSECONDS = 1_000_000_000
+# How far a product of step size and rate may lie from a whole number before it is refused:
+# decimal fractions such as 1/3 kHz carry that much rounding.
+WHOLE = 1e-6
+
+
+def _field(
+    default: Any, description: str, least: float | None = None, most: float | None = None
+) -> Any:
+    """Return a field with the description and the range its parameter is declared with."""
+    span = None if least is None else (least, most)
+    return dataclasses.field(default=default, metadata={'text': description, 'range': span})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """The parameters of the node `sim_arm`; units SI, angles in rad.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite, outside its range, or does not go with the others.
+    """
+
+    robot: str = _field('puma560', 'Robot: a name that `pfd robots` lists, or a .urdf or .yaml')
+    base_link: str = _field('', "First link of the chain; '' takes the root of the model")
+    tip_link: str = _field('', "Last link of the chain; '' takes the only leaf of the model")
+    joints: tuple[str, ...] = _field(
+        (), 'Order of the joints in states and in ~/commands; empty takes the order of the model'
+    )
+    step_size: float = _field(0.001, 'Simulated time per step, s', 1e-5, 0.1)
+    substeps: int = _field(2, 'Steps of the integrator per step', 1, 100)
+    integrator: str = _field('auto', 'Integrator: auto, rk4 or velocity_verlet')
+    method: str = _field('auto', 'Forward dynamics: auto or a name from pfd_core.METHODS')
+    gravity: tuple[float, ...] = _field(
+        (0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2; zeros switch it off'
+    )
+    damping: bool = _field(False, 'Viscous damping of the joints as the model states it')
+    armature: bool = _field(False, 'Rotor inertia of the joints as the model states it')
+    initial_positions: tuple[float, ...] = _field(
+        (), 'Where the joints start, rad or m, in the order of `joints`; empty is zero'
+    )
+    start_time: float = _field(0.0, 'Simulated time before the first step, s', 0.0, 1e9)
+    real_time_factor: float = _field(
+        1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0
+    )
+    publish_rate: float = _field(
+        0.0, 'joint_states per simulated second, Hz; 0 is every step', 0.0, 1e5
+    )
+    publish_clock: bool = _field(True, 'Publish /clock; only one node of a system may')
+    clock_rate: float = _field(
+        0.0, '/clock ticks per simulated second, Hz; 0 is every step', 0.0, 1e5
+    )
+    frame_id: str = _field('', 'header.frame_id of joint_states')
+    recording: str = _field('', "MCAP file to write, never over another; '' records nothing")
+
+    def __post_init__(self) -> None:
+        """Check every value, so that whoever holds settings can rely on them."""
+        for field in dataclasses.fields(self):
+            _check_finite(field.name, getattr(self, field.name))
+            _check_range(field.name, getattr(self, field.name), field.metadata['range'])
+        if len(self.gravity) != 3:
+            raise ValueError(f'gravity needs 3 numbers (x, y, z), got {len(self.gravity)}')
+        if not self.robot:
+            raise ValueError('robot is empty; name one that `pfd robots` lists, or a file')
+        if abs(self.step_ns / NANOSECONDS - self.step_size) > WHOLE * self.step_size:
+            raise ValueError(
+                f'step_size is {self.step_size!r} s, expected a whole number of nanoseconds'
+            )
+        _ = self.publish_every, self.clock_every
+
+    @property
+    def step_ns(self) -> int:
+        """Simulated time per step in nanoseconds."""
+        return round(self.step_size * NANOSECONDS)
+
+    @property
+    def start_ns(self) -> int:
+        """Simulated time before the first step in nanoseconds."""
+        return round(self.start_time * NANOSECONDS)
+
+    @property
+    def publish_every(self) -> int:
+        """Steps from one `joint_states` to the next."""
+        return self._steps_per('publish_rate', self.publish_rate)
+
+    @property
+    def clock_every(self) -> int:
+        """Steps from one `/clock` tick to the next."""
+        return self._steps_per('clock_rate', self.clock_rate)
+
+    def _steps_per(self, name: str, rate: float) -> int:
+        if rate == 0.0:
+            return 1
+        steps = 1.0 / (rate * self.step_size)
+        whole = round(steps)
+        if whole < 1 or abs(steps - whole) > WHOLE * steps:
+            raise ValueError(
+                f'{name} is {rate!r} Hz, which is one in {steps:.6g} steps of '
+                f'{self.step_size!r} s; expected a whole number of steps, or 0 for every step'
+            )
+        return whole
+
+
+def _check_finite(name: str, value: Any) -> None:
+    numbers = value if isinstance(value, tuple) else (value,)
+    for number in numbers:
+        if isinstance(number, float) and not math.isfinite(number):
+            raise ValueError(f'{name} holds {number!r}, expected finite numbers')
+
+
+def _check_range(name: str, value: Any, span: tuple[float, float] | None) -> None:
+    if span is not None and not span[0] <= value <= span[1]:
+        raise ValueError(f'{name} is {value!r}, expected {span[0]!r} to {span[1]!r}')
+
+
+def to_json(settings: Settings) -> str:
+    """Return the settings as JSON text; every number comes back with the same bits."""
+    return json.dumps(dataclasses.asdict(settings), sort_keys=True)
+
+
+def from_json(text: str) -> Settings:
+    """Return the settings that `to_json` wrote.
+
+    Raises
+    ------
+    ValueError
+        If the text is no JSON object, names an unknown setting, or a value is refused.
+    """
+    values = json.loads(text)
+    if not isinstance(values, dict):
+        raise ValueError(f'the settings are {type(values).__name__}, expected a JSON object')
+    return from_values(values)
+
+
+def from_values(values: Mapping[str, Any]) -> Settings:
+    """Return settings from a mapping; what is not named keeps its default."""
+    known = {field.name for field in dataclasses.fields(Settings)}
+    unknown = sorted(set(values) - known)
+    if unknown:
+        raise ValueError(f'unknown settings {unknown}; the file is from another version of pfd')
+    return Settings(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})

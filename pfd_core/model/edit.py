@@ -1,0 +1,158 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Robots made from robots: a joint locked, a payload carried."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pfd_core.model.geometry import Array, merged, rotation_z, snapped
+from pfd_core.model.robot import Robot, check_inertia
+
+# Fields of a Robot with one entry for each joint, that go with the joint when it is locked.
+_OF_A_JOINT = (
+    *('armature', 'position_lower', 'position_upper', 'velocity_limit', 'effort_limit'),
+    *('damping', 'friction'),
+)
+_OF_A_LINK = ('rotations', 'translations', 'masses', 'centers', 'inertias')
+
+
+@dataclass(frozen=True)
+class Payload:
+    """
+    A body held rigidly by the last link.
+
+    Attributes
+    ----------
+    mass : float
+        Mass [kg].
+    center : array_like
+        Centre of mass, (3,) [m], from the origin of the tip's frame, in its axes.
+    inertia : array_like
+        (3, 3) [kg m^2], about the centre of mass, in the axes of the tip's frame.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite, the mass is negative or no body can have the inertia.
+
+    """
+
+    mass: float
+    center: ArrayLike = (0.0, 0.0, 0.0)
+    inertia: ArrayLike = ((0.0, 0.0, 0.0),) * 3
+
+    def __post_init__(self) -> None:
+        # Tuples, so that a payload and the scene that holds it can be compared and hashed.
+        mass = numbers('payload mass', self.mass, ())
+        center = numbers('payload center', self.center, (3,))
+        inertia = numbers('payload inertia', self.inertia, (3, 3))
+        if mass < 0:
+            raise ValueError(f'payload mass must not be negative, got {self.mass!r} kg')
+        check_inertia('payload inertia', inertia)
+        object.__setattr__(self, 'mass', float(mass))
+        object.__setattr__(self, 'center', tuple(center.tolist()))
+        object.__setattr__(self, 'inertia', tuple(map(tuple, inertia.tolist())))
+
+
+def numbers(label: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Return a value as an array of finite numbers of a shape, or raise ValueError."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{label} must be numbers, got {value!r}') from error
+    if array.shape != shape:
+        raise ValueError(f'{label} must have shape {shape}, got {array.shape}')
+    if not np.isfinite(array).all():
+        raise ValueError(f'{label} must be finite, got {array.tolist()}')
+    return array + 0.0
+
+
+def with_payload(robot: Robot, payload: Payload) -> Robot:
+    """Return the robot with a payload welded to its last link."""
+    body = (payload.mass, np.asarray(payload.center), np.asarray(payload.inertia))
+    changed = {key: getattr(robot, key).copy() for key in ('masses', 'centers', 'inertias')}
+    _set_body(changed, robot.n - 1, merged(_body(robot, robot.n - 1), body))
+    return replace(robot, **changed)
+
+
+def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
+    """
+    Return the robot with joints fixed and the links they moved welded together.
+
+    Parameters
+    ----------
+    robot : Robot
+        The chain.
+    positions : mapping
+        Name of each joint to lock -> its position [rad, m].
+
+    Raises
+    ------
+    ValueError
+        If a joint is unknown, a position is not a finite number, or no joint would move.
+
+    """
+    for name, position in positions.items():
+        if name not in robot.joint_names:
+            raise ValueError(
+                f'cannot lock {name!r}: {robot.name!r} has no such joint, only '
+                f'{", ".join(robot.joint_names)}'
+            )
+        numbers(f'position at which joint {name!r} is locked', position, ())
+    if len(positions) == robot.n:
+        raise ValueError(
+            f'cannot lock all {robot.n} joints of {robot.name!r}; leave at least one free'
+        )
+    for name, position in positions.items():
+        robot = _lock_one(robot, robot.joint_names.index(name), float(position))
+    return robot
+
+
+def placement_at(robot: Robot, index: int, position: float) -> tuple[Array, Array]:
+    """Return R_i, (3, 3), and p_i, (3,) [m], of joint index + 1 at a position [rad, m]."""
+    A, a = robot.rotations[index], robot.translations[index]
+    if robot.joint_types[index] == 'prismatic':
+        return A, a + position * np.array([0.0, 0.0, 1.0])
+    turn = snapped(rotation_z(float(np.cos(position)), float(np.sin(position))))
+    return turn @ A, turn @ a
+
+
+def _lock_one(robot: Robot, index: int, position: float) -> Robot:
+    """Return the robot without one joint; frame i takes the place of frame i-1."""
+    R, p = placement_at(robot, index, position)
+    changed: dict[str, Any] = {key: getattr(robot, key).copy() for key in _OF_A_LINK}
+    if index == 0:
+        # The link is welded to the base, which does not move: only its frame remains.
+        changed['base_rotation'] = robot.base_rotation @ R
+        changed['base_position'] = robot.base_position + robot.base_rotation @ p
+    else:
+        mass, center, J = _body(robot, index - 1)
+        inner = (mass, R.T @ (center - p), R.T @ J @ R)
+        _set_body(changed, index, merged(inner, _body(robot, index)))
+        A, a = robot.rotations[index - 1], robot.translations[index - 1]
+        changed['rotations'][index] = A @ R
+        changed['translations'][index] = a + A @ p
+    for key in _OF_A_LINK:
+        changed[key] = np.delete(changed[key], max(index - 1, 0), axis=0)
+    for key in _OF_A_JOINT:
+        changed[key] = np.delete(getattr(robot, key), index, axis=0)
+    for key in ('joint_names', 'joint_types'):
+        entries = getattr(robot, key)
+        changed[key] = entries[:index] + entries[index + 1 :]
+    if index > 0 and robot.joint_names[index] in robot.accepted:
+        changed['accepted'] = (*robot.accepted, robot.joint_names[index - 1])
+    return replace(robot, **changed)
+
+
+def _body(robot: Robot, index: int) -> tuple[float, Array, Array]:
+    return float(robot.masses[index]), robot.centers[index], robot.inertias[index]
+
+
+def _set_body(arrays: dict[str, Any], index: int, body: tuple[float, Array, Array]) -> None:
+    arrays['masses'][index], arrays['centers'][index], arrays['inertias'][index] = body

@@ -1,0 +1,122 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Rotations and rigid bodies as plain arrays, with zeros and ones that stay exact.
+
+A kernel folds a factor of exactly 0 or 1 away, so a twist of 90 degrees must not become
+6e-17: angles that are multiples of 90 degrees give exact matrices here.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+# Sine and cosine of the double nearest a multiple of pi/2 miss 0 and 1 by at most 1 ulp of
+# the angle; two products of such matrices add a few more. Anything larger was meant.
+RIGHT_ANGLE_TOLERANCE = 8 * np.finfo(float).eps
+# What is left after snapping must be as orthonormal as rounding leaves any rotation.
+ORTHONORMAL_TOLERANCE = 16 * np.finfo(float).eps
+
+_QUARTERS = {0: (1.0, 0.0), 1: (0.0, 1.0), 2: (-1.0, 0.0), 3: (0.0, -1.0)}
+# The third column is the axis; every matrix is a right-handed signed permutation.
+_ALIGNED: dict[tuple[float, ...], list[list[float]]] = {
+    (0.0, 0.0, 1.0): [[1, 0, 0], [0, 1, 0], [0, 0, 1]],
+    (0.0, 0.0, -1.0): [[1, 0, 0], [0, -1, 0], [0, 0, -1]],
+    (1.0, 0.0, 0.0): [[0, 0, 1], [1, 0, 0], [0, 1, 0]],
+    (-1.0, 0.0, 0.0): [[0, 0, -1], [-1, 0, 0], [0, 1, 0]],
+    (0.0, 1.0, 0.0): [[0, 1, 0], [0, 0, 1], [1, 0, 0]],
+    (0.0, -1.0, 0.0): [[0, -1, 0], [0, 0, -1], [1, 0, 0]],
+}
+
+
+def cos_sin_degrees(angle: float) -> tuple[float, float]:
+    """Return cosine and sine of an angle in degrees, exact for multiples of 90."""
+    quarters, rest = divmod(angle, 90.0)
+    if rest == 0.0:
+        return _QUARTERS[int(quarters) % 4]
+    return math.cos(math.radians(angle)), math.sin(math.radians(angle))
+
+
+def rotation_x(cosine: float, sine: float) -> Array:
+    """Return the rotation about x, (3, 3), from the cosine and sine of its angle."""
+    return np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]], dtype=float)
+
+
+def rotation_z(cosine: float, sine: float) -> Array:
+    """Return the rotation about z, (3, 3), from the cosine and sine of its angle."""
+    return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]], dtype=float)
+
+
+def snapped(rotation: Array) -> Array:
+    """
+    Return a rotation, (3, 3), with elements that rounding moved off 0 and 1 put back.
+
+    It comes back unchanged where that would leave it less orthonormal than rounding does.
+    """
+    result = rotation.copy()
+    for value in (0.0, 1.0, -1.0):
+        result[np.abs(result - value) <= RIGHT_ANGLE_TOLERANCE] = value
+    error = np.abs(result.T @ result - np.eye(3)).max()
+    return result if error <= ORTHONORMAL_TOLERANCE else rotation
+
+
+def axis_rotation(axis: ArrayLike) -> Array:
+    """
+    Return a rotation, (3, 3), whose third column is the given axis, (3,), made unit length.
+
+    The identity for z, a signed permutation for the other coordinate axes, and otherwise the
+    rotation that turns z to the axis by the shortest way.
+    """
+    # The largest component is divided out first: a long or short axis neither over- nor
+    # underflows, and an aligned one comes out exact.
+    v = np.asarray(axis, dtype=float)
+    v = v / np.abs(v).max()
+    v = v / np.sqrt(v @ v) + 0.0
+    aligned = _ALIGNED.get(tuple(v.tolist()))
+    if aligned is not None:
+        return np.array(aligned, dtype=float)
+    if v[2] < 0:
+        # From -z instead, after half a turn about x: the formula below divides by 1 + z.
+        half_turn = np.diag([1.0, -1.0, -1.0])
+        return half_turn @ axis_rotation(half_turn @ v) + 0.0
+    x, y, z = v
+    k = 1.0 / (1.0 + z)
+    return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]])
+
+
+def symmetric(xx: float, yy: float, zz: float, xy: float, yz: float, xz: float) -> Array:
+    """Return the symmetric matrix, (3, 3), with these elements."""
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], dtype=float)
+
+
+def steiner(mass: float, offset: Array) -> Array:
+    """Return what a mass at an offset, (3,), adds to the inertia, (3, 3), by parallel axes."""
+    return mass * ((offset @ offset) * np.eye(3) - np.outer(offset, offset))
+
+
+def merged(
+    first: tuple[float, Array, Array], second: tuple[float, Array, Array]
+) -> tuple[float, Array, Array]:
+    """
+    Return two bodies, welded together, as one.
+
+    Parameters
+    ----------
+    first, second : tuple
+        Mass [kg], centre of mass (3,) [m], inertia about it (3, 3) [kg m^2]; all in one frame.
+
+    """
+    (m1, c1, J1), (m2, c2, J2) = first, second
+    mass = m1 + m2
+    if m2 == 0:
+        return mass, c1, J1 + J2
+    if m1 == 0:
+        return mass, c2, J1 + J2
+    # The two centres lie on one line with the common one: a single reduced mass describes it.
+    center = (m1 * c1 + m2 * c2) / mass
+    return mass, center, J1 + J2 + steiner(m1 * m2 / mass, c2 - c1)

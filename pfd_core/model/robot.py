@@ -1,0 +1,292 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A serial chain in the frames of Lee and Chang (1987), checked once.
+
+Frame 0 is fixed to the base link, frame i to link i. The axis of joint i is z of frame i-1;
+the origin of frame i lies on the axis of joint i+1, and its z axis is that axis. Frame n is
+the frame of the tip link. At joint position q_i, frame i stands in frame i-1 at
+
+    revolute, continuous    R_i = Rz(q_i) A_i    p_i = Rz(q_i) a_i
+    prismatic               R_i = A_i            p_i = a_i + q_i z
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+import hashlib
+import warnings
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pfd_core.model.geometry import Array
+
+JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
+
+# A rotation written with 16 digits, or multiplied up from a few, misses orthonormality by some
+# 1e-15; one written with 6 digits misses by 1e-6 and would make every link stretch.
+ROTATION_TOLERANCE = 1e-12
+# Rotating an inertia rounds at 1e-16 of its largest element, several times over.
+INERTIA_TOLERANCE = 1e-12
+# A flat body reaches the triangle rule exactly; 1e-9 is far above rounding of that and below
+# the last digit anybody publishes.
+TRIANGLE_TOLERANCE = 1e-9
+
+
+def _zero() -> Array:
+    return np.zeros(())
+
+
+def _infinity() -> Array:
+    return np.full((), np.inf)
+
+
+def _minus_infinity() -> Array:
+    return np.full((), -np.inf)
+
+
+class PhysicsWarning(UserWarning):
+    """Numbers that can be computed with, but that no rigid body can have."""
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """
+    A chain of n joints; joint i and link i stand at index i-1.
+
+    Two robots are equal when their numbers and names are (their `digest`).
+
+    Attributes
+    ----------
+    name : str
+        Name of the robot.
+    joint_names, joint_types : tuple of str
+        Names, and "revolute", "continuous" or "prismatic".
+    rotations, translations : ndarray
+        A_i, (n, 3, 3), and a_i, (n, 3) [m]: axes and origin of frame i in frame i-1 at q_i = 0.
+    masses : ndarray
+        (n,) [kg].
+    centers : ndarray
+        s_i, (n, 3) [m]: centre of mass from the origin of frame i, in the axes of frame i.
+    inertias : ndarray
+        J_i, (n, 3, 3) [kg m^2]: about the centre of mass, in the axes of frame i.
+    base_rotation, base_position : ndarray
+        (3, 3) and (3,) [m]: frame 0 in the frame of the base link.
+    armature : ndarray
+        (n,) [kg m^2, prismatic kg]: rotor inertia times the square of the gear ratio.
+    position_lower, position_upper, velocity_limit, effort_limit : ndarray
+        (n,) [rad, rad/s, N m; prismatic m, m/s, N]: infinite where the model is silent.
+    damping, friction : ndarray
+        (n,) [N m s/rad, N m; prismatic N s/m, N]: viscous and Coulomb; 0 where it is silent.
+    base, tip : str
+        Names of the link that is held and of the link whose frame is frame n.
+    source : str
+        Where the numbers come from.
+    accepted : tuple of str
+        Joints whose links are known to break the triangle rule, which then needs no warning.
+
+    Raises
+    ------
+    ValueError
+        If a shape, a name or a number is wrong; the text names it.
+
+    Warns
+    -----
+    PhysicsWarning
+        If principal moments of inertia break the triangle rule, which no body's do.
+
+    """
+
+    name: str
+    joint_names: tuple[str, ...]
+    joint_types: tuple[str, ...]
+    rotations: Array
+    translations: Array
+    masses: Array
+    centers: Array
+    inertias: Array
+    base_rotation: Array = field(default_factory=lambda: np.eye(3))
+    base_position: Array = field(default_factory=lambda: np.zeros(3))
+    armature: Array = field(default_factory=_zero)
+    position_lower: Array = field(default_factory=_minus_infinity)
+    position_upper: Array = field(default_factory=_infinity)
+    velocity_limit: Array = field(default_factory=_infinity)
+    effort_limit: Array = field(default_factory=_infinity)
+    damping: Array = field(default_factory=_zero)
+    friction: Array = field(default_factory=_zero)
+    base: str = 'base'
+    tip: str = 'tip'
+    source: str = ''
+    accepted: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        for key in ('joint_names', 'joint_types', 'accepted'):
+            object.__setattr__(self, key, tuple(getattr(self, key)))
+        _check_joints(self)
+        for key, shape in _shapes(self.n).items():
+            object.__setattr__(self, key, _array(self, key, shape))
+        _check_numbers(self)
+        # Symmetric to rounding becomes symmetric to the bit: half of a file's text suffices.
+        J = self.inertias
+        object.__setattr__(self, 'inertias', _read_only((J + J.transpose(0, 2, 1)) / 2))
+        _warn_of_impossible_bodies(self)
+
+    @property
+    def n(self) -> int:
+        """Number of joints, and of links that move."""
+        return len(self.joint_names)
+
+    @cached_property
+    def digest(self) -> str:
+        """SHA-256 of all numbers and names, as 64 hexadecimal digits."""
+        state = hashlib.sha256()
+        for item in fields(self):
+            if item.name in ('source', 'accepted'):
+                continue
+            value = getattr(self, item.name)
+            text = value.astype('<f8').tobytes() if isinstance(value, np.ndarray) else repr(value)
+            state.update(f'{item.name}='.encode())
+            state.update(text if isinstance(text, bytes) else text.encode())
+        return state.hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Robot) and self.digest == other.digest
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
+
+    def __repr__(self) -> str:
+        pairs = zip(self.joint_names, self.joint_types, strict=True)
+        joints = ', '.join(f'{name} ({kind})' for name, kind in pairs)
+        return f'<Robot {self.name!r}, n={self.n}: {joints}>'
+
+
+def link_label(robot: Robot, index: int) -> str:
+    """Return how an error names link index + 1."""
+    return f'link {index + 1} of {robot.name!r} (moved by joint {robot.joint_names[index]!r})'
+
+
+def _shapes(n: int) -> dict[str, tuple[int, ...]]:
+    joint = dict.fromkeys(
+        (
+            *('masses', 'armature', 'position_lower', 'position_upper', 'velocity_limit'),
+            *('effort_limit', 'damping', 'friction'),
+        ),
+        (n,),
+    )
+    matrix = dict.fromkeys(('rotations', 'inertias'), (n, 3, 3))
+    vector = dict.fromkeys(('translations', 'centers'), (n, 3))
+    return {**matrix, **vector, **joint, 'base_rotation': (3, 3), 'base_position': (3,)}
+
+
+def _read_only(values: ArrayLike) -> Array:
+    # Adding 0.0 copies, and turns -0.0 into 0.0: equal robots have equal bits.
+    copy = np.asarray(values, dtype=np.float64) + 0.0
+    copy.setflags(write=False)
+    return copy
+
+
+def _array(robot: Robot, key: str, shape: tuple[int, ...]) -> Array:
+    """Return a read-only copy of a field, broadcast from a scalar where it is one per joint."""
+    value = getattr(robot, key)
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{robot.name!r}: {key} must be numbers: {error}') from error
+    if array.ndim == 0 and shape == (robot.n,):
+        array = np.full(shape, array)
+    if array.shape != shape:
+        raise ValueError(
+            f'{robot.name!r}: {key} must have shape {shape} for {robot.n} joints, '
+            f'got {array.shape}'
+        )
+    return _read_only(array)
+
+
+def _check_joints(robot: Robot) -> None:
+    if not isinstance(robot.name, str) or not robot.name:
+        raise ValueError(f'a robot needs a name, got {robot.name!r}')
+    if robot.n == 0:
+        raise ValueError(f'{robot.name!r} has no moving joint; a chain needs at least one')
+    if len(robot.joint_types) != robot.n:
+        raise ValueError(
+            f'{robot.name!r}: joint_types must have {robot.n} entries, one for each joint, '
+            f'got {len(robot.joint_types)}'
+        )
+    for name, kind in zip(robot.joint_names, robot.joint_types, strict=True):
+        if not isinstance(name, str) or not name:
+            raise ValueError(f'{robot.name!r}: every joint needs a name, got {name!r}')
+        if robot.joint_names.count(name) > 1:
+            raise ValueError(f'{robot.name!r}: joint name {name!r} occurs more than once')
+        if kind not in JOINT_TYPES:
+            raise ValueError(f'joint {name!r}: type must be one of {JOINT_TYPES}, got {kind!r}')
+
+
+def _check_numbers(robot: Robot) -> None:
+    limits = {'position_lower', 'position_upper', 'velocity_limit', 'effort_limit'}
+    for key in _shapes(robot.n):
+        array = getattr(robot, key)
+        wrong = np.isnan(array) if key in limits else ~np.isfinite(array)
+        _refuse(robot, key, wrong, 'must be a number' if key in limits else 'must be finite')
+    not_negative = ('masses', 'armature', 'velocity_limit', 'effort_limit', 'damping', 'friction')
+    for key in not_negative:
+        _refuse(robot, key, getattr(robot, key) < 0, 'must not be negative')
+    crossed = robot.position_lower > robot.position_upper
+    _refuse(robot, 'position_lower', crossed, 'must not exceed position_upper')
+    _check_rotation(f'base_rotation of {robot.name!r}', robot.base_rotation)
+    for i in range(robot.n):
+        _check_rotation(f'rotation of joint {robot.joint_names[i]!r}', robot.rotations[i])
+        check_inertia(f'inertia of {link_label(robot, i)}', robot.inertias[i])
+
+
+def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None:
+    """Raise an error that names the first joint where a rule is broken."""
+    if not wrong.any():
+        return
+    index = int(np.argwhere(wrong)[0][0])
+    value = getattr(robot, key)
+    if key.startswith('base_'):
+        raise ValueError(f'{robot.name!r}: {key} {rule}, got {value.tolist()}')
+    raise ValueError(
+        f'{robot.name!r}: {key} of joint {robot.joint_names[index]!r} {rule}, '
+        f'got {value[index].tolist()}'
+    )
+
+
+def _check_rotation(label: str, R: Array) -> None:
+    error = float(np.abs(R.T @ R - np.eye(3)).max())
+    if error > ROTATION_TOLERANCE:
+        raise ValueError(
+            f'{label} must be orthonormal to {ROTATION_TOLERANCE:g}, it is off by {error:.1e}; '
+            'write its elements with 16 digits'
+        )
+    if np.linalg.det(R) < 0:
+        raise ValueError(f'{label} must be right-handed, its determinant is -1')
+
+
+def check_inertia(label: str, J: Array) -> None:
+    """Raise ValueError unless an inertia, (3, 3), is symmetric and has no negative moment."""
+    scale = float(np.abs(J).max())
+    if np.abs(J - J.T).max() > INERTIA_TOLERANCE * scale:
+        raise ValueError(f'{label} must be symmetric, got {J.tolist()}')
+    moments = np.linalg.eigvalsh(J)
+    if moments[0] < -INERTIA_TOLERANCE * scale:
+        raise ValueError(
+            f'{label} must not be negative in any direction, but its principal moments are '
+            f'{moments.tolist()} kg m^2'
+        )
+
+
+def _warn_of_impossible_bodies(robot: Robot) -> None:
+    for i in range(robot.n):
+        x, y, z = np.linalg.eigvalsh(robot.inertias[i]).tolist()
+        if z > (x + y) * (1 + TRIANGLE_TOLERANCE) and robot.joint_names[i] not in robot.accepted:
+            warnings.warn(
+                f'{link_label(robot, i)}: principal moments {x:.4g}, {y:.4g}, {z:.4g} kg m^2 '
+                'break the triangle rule (no body has one above the sum of the others); '
+                'they are computed with as given',
+                PhysicsWarning,
+                stacklevel=4,
+            )

@@ -1,0 +1,193 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Which effects are on.
+
+A scene is a plain description that fits any robot; `resolve` turns it and a robot into the
+numbers that an algorithm records. The default is rigid links and gravity, nothing else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import hashlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pfd_core.model.edit import Payload, numbers, with_payload
+from pfd_core.model.geometry import Array
+from pfd_core.model.robot import Robot
+
+MODEL = 'model'
+
+
+@dataclass(frozen=True)
+class Scene:
+    """
+    What acts on a robot, and what does not and so costs nothing.
+
+    Attributes
+    ----------
+    gravity : array_like or None
+        Acceleration of free fall, (3,) [m/s^2], in the frame of the base link; None for none.
+    damping : None, "model" or array_like
+        Viscous friction of the joints, (n,) [N m s/rad, N s/m]; "model" for the robot's own.
+    armature : None, "model" or array_like
+        Rotor inertia seen at the joints, (n,) [kg m^2, kg]; "model" for the robot's own.
+    payload : Payload or None
+        A body held by the last link.
+    external_wrench : bool
+        Whether a force and a moment on the last link are an input.
+    brakes : bool
+        Whether each joint can be held at run time; a held joint does not accelerate.
+    friction, joint_limits : None
+        Dry friction and end stops are not modelled; only None is accepted.
+
+    Raises
+    ------
+    ValueError
+        If a value is not of these kinds, or a number is negative or not finite.
+
+    """
+
+    gravity: ArrayLike | None = (0.0, 0.0, -9.81)
+    damping: ArrayLike | str | None = None
+    armature: ArrayLike | str | None = None
+    payload: Payload | None = None
+    external_wrench: bool = False
+    brakes: bool = False
+    friction: None = None
+    joint_limits: None = None
+
+    def __post_init__(self) -> None:
+        if self.gravity is not None:
+            gravity = numbers('gravity', self.gravity, (3,))
+            object.__setattr__(self, 'gravity', tuple(gravity.tolist()))
+        for key in ('damping', 'armature'):
+            object.__setattr__(self, key, _per_joint(key, getattr(self, key)))
+        if self.payload is not None and not isinstance(self.payload, Payload):
+            raise ValueError(f'payload must be a Payload or None, got {self.payload!r}')
+        for key in ('external_wrench', 'brakes'):
+            if not isinstance(getattr(self, key), (bool, np.bool_)):
+                raise ValueError(f'{key} must be True or False, got {getattr(self, key)!r}')
+            object.__setattr__(self, key, bool(getattr(self, key)))
+        for key in ('friction', 'joint_limits'):
+            if getattr(self, key) is not None:
+                raise ValueError(f'{key} is not modelled yet: leave it None')
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything in the scene, as 64 hexadecimal digits."""
+        # The fields are None, bool, str and tuples of floats, whose repr is exact.
+        return hashlib.sha256(repr(self).encode()).hexdigest()
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """
+    A scene brought to numbers for one robot.
+
+    Attributes
+    ----------
+    robot : Robot
+        The chain, with the payload welded on.
+    gravity : ndarray
+        (3,) [m/s^2], in the axes of frame 0; zeros where there is none.
+    damping, armature : ndarray or None
+        (n,) [N m s/rad, N s/m] and [kg m^2, kg]; None where they play no part.
+    external_wrench, brakes : bool
+        Whether a wrench on the last link, and joints held at run time, are inputs.
+
+    """
+
+    robot: Robot
+    gravity: Array
+    damping: Array | None
+    armature: Array | None
+    external_wrench: bool
+    brakes: bool
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of everything that decides what a program computes."""
+        state = hashlib.sha256(self.robot.digest.encode())
+        for values in (self.gravity, self.damping, self.armature):
+            state.update(b'none' if values is None else values.astype('<f8').tobytes())
+        state.update(repr((self.external_wrench, self.brakes)).encode())
+        return state.hexdigest()
+
+
+def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
+    """
+    Return the numbers of a scene for a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        The chain.
+    scene : Scene, optional
+        Which effects are on; gravity alone if not given.
+
+    Raises
+    ------
+    ValueError
+        If the scene gives damping or armature for another number of joints.
+
+    """
+    if not isinstance(robot, Robot):
+        raise ValueError(f'robot must be a Robot, got {robot!r}; load_robot() makes one')
+    scene = Scene() if scene is None else scene
+    if not isinstance(scene, Scene):
+        raise ValueError(f'scene must be a Scene or None, got {scene!r}')
+    carrying = robot if scene.payload is None else with_payload(robot, scene.payload)
+    gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
+    return Plant(
+        robot=carrying,
+        gravity=_frozen(robot.base_rotation.T @ gravity),
+        damping=_values(robot, 'damping', scene.damping),
+        armature=_values(robot, 'armature', scene.armature),
+        external_wrench=scene.external_wrench,
+        brakes=scene.brakes,
+    )
+
+
+def _per_joint(key: str, value: Any) -> tuple[float, ...] | str | None:
+    """Return a switch as None, "model" or a tuple of numbers."""
+    if value is None:
+        return None
+    if isinstance(value, str):
+        if value == MODEL:
+            return value
+        raise ValueError(f'{key} must be None, {MODEL!r} or one number a joint, got {value!r}')
+    try:
+        length = len(value)
+    except TypeError:
+        raise ValueError(
+            f'{key} must be None, {MODEL!r} or one number a joint, got {value!r}'
+        ) from None
+    array = numbers(key, value, (length,))
+    if (array < 0).any():
+        raise ValueError(f'{key} must not be negative, got {array.tolist()}')
+    return tuple(array.tolist())
+
+
+def _values(robot: Robot, key: str, switch: Any) -> Array | None:
+    """Return one number a joint, or None if the effect plays no part."""
+    if switch is None:
+        return None
+    values = getattr(robot, key) if switch == MODEL else np.asarray(switch, dtype=np.float64)
+    if values.shape != (robot.n,):
+        raise ValueError(
+            f'{key} of the scene has {len(values)} numbers, but {robot.name!r} has '
+            f'{robot.n} joints: {", ".join(robot.joint_names)}'
+        )
+    # Zeros would be an effect that is on and does nothing.
+    return _frozen(values) if values.any() else None
+
+
+def _frozen(values: Array) -> Array:
+    copy = values + 0.0
+    copy.setflags(write=False)
+    return copy

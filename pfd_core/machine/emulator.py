@@ -11,8 +11,8 @@ reference that every other answer is measured against.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ def run(
     inputs: Mapping[str, ArrayLike],
     dtype: str = 'float64',
     digits: int | None = None,
+    functions: Mapping[str, Callable[[Any, Any], Any]] | None = None,
 ) -> dict[str, Any]:
     """
     Run a program and return its outputs.
@@ -42,6 +43,8 @@ def run(
         Numbers of the machine.
     digits : int, optional
         Compute with mpmath numbers of this many decimal digits instead.
+    functions : mapping, optional
+        What the program calls: functions of two rows, (lanes, ...), that return one.
 
     Returns
     -------
@@ -64,7 +67,11 @@ def run(
     registers: list[Any] = []
     with arithmetic.context():
         for instruction in program.instructions:
-            registers.append(_execute(instruction, registers, values, batch, arithmetic))
+            if instruction.op == 'call':
+                rows = (registers[a] for a in instruction.args)
+                registers.append((functions or {})[instruction.data](*rows))
+            else:
+                registers.append(_execute(instruction, registers, values, batch, arithmetic))
     return {
         name: np.stack([registers[r][lane] for r, lane in output.places], axis=-1).reshape(
             *batch, *output.shape
@@ -157,4 +164,5 @@ class _Mpmath:
         return self._functions.get(op, OPERATIONS[op].meaning)
 
     def context(self) -> AbstractContextManager[Any]:
-        return self.mp.workdps(self.digits) if self.digits else nullcontext()
+        context: AbstractContextManager[Any] = self.mp.workdps(self.digits)
+        return context

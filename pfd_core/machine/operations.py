@@ -36,7 +36,8 @@ class Operation:
     meaning : callable or None
         The operation on NumPy arrays; None where the emulator supplies it (data movement).
     llvm : str or None
-        LLVM instruction on operands `{0}`, `{1}`, ... of type `{type}`; None where the kernel
+        LLVM instruction on operands `{0}`, `{1}`, ... of type `{type}`, `{suffix}` being its
+        name in intrinsics; None where the kernel
         writer supplies it or the operation never reaches a kernel.
 
     """
@@ -66,9 +67,13 @@ OPERATIONS = {
         Operation('mul', 2, 'multiplications', np.multiply, 'fmul {type} {0}, {1}'),
         Operation('div', 2, 'divisions', np.divide, 'fdiv {type} {0}, {1}'),
         Operation('neg', 1, None, np.negative, 'fneg {type} {0}'),
-        Operation('sqrt', 1, 'square_roots', np.sqrt, 'call {type} @llvm.sqrt({type} {0})'),
+        Operation(
+            'sqrt', 1, 'square_roots', np.sqrt, 'call {type} @llvm.sqrt.{suffix}({type} {0})'
+        ),
         Operation('sin', 1, 'sines', np.sin),
         Operation('cos', 1, 'sines', np.cos),
+        # The rows of a function that is recorded elsewhere: accelerations, for an integrator.
+        Operation('call', 2),
     )
 }
 

@@ -200,6 +200,13 @@ class Recorder:
         ]
         return Lanes(self, tuple(registers), defined)
 
+    def call(self, function: str, first: Lanes, second: Lanes) -> Lanes:
+        """Record a call of a function of two rows, which is recorded elsewhere."""
+        if not self.parallel:
+            raise ValueError('a call takes whole rows: record it with the parallel schedule')
+        args = (first.registers[0], second.registers[0])
+        return Lanes(self, (self._write('call', args, function, self.all),), self.all)
+
     def route(self, value: Lanes, sources: Sequence[int | None], fill: Lanes | None) -> Lanes:
         """Return lane i of `value[sources[i]]`, or of `fill` where there is no such value."""
         taken = [
@@ -216,7 +223,7 @@ class Recorder:
                 for i, source in enumerate(taken)
             )
             return Lanes(self, registers, defined)
-        args = (value.registers[0], (fill or value).registers[0])
+        args = (value.registers[0], (value if fill is None else fill).registers[0])
         return Lanes(self, (self._write('route', args, tuple(taken), defined),), defined)
 
     def output(

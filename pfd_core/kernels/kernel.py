@@ -1,0 +1,351 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Kernels: a robot, a scene and a method as a native function of arrays.
+
+    kernel = compile_kernel(robot)
+    qdd = kernel(q, qd, tau)         (n,) one state, (B, n) a batch
+
+A kernel is recorded, lowered and compiled once and may then be called from any thread. A batch
+runs without Python's lock. One state in contiguous arrays takes a short way in native code
+(pfd_core.kernels.entry); every other call is checked and converted here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import ctypes
+from functools import cached_property, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pfd_core.algorithms.dynamics import (
+    METHODS,
+    record_forward_dynamics,
+    record_inverse_dynamics,
+)
+from pfd_core.kernels import llvm
+from pfd_core.kernels.engine import Native, compile_ir, simd_width
+from pfd_core.kernels.entry import check_layout, entry_ir, python_function
+from pfd_core.kernels.lower import lower, operations
+from pfd_core.machine.program import Program
+from pfd_core.model import Plant, Robot, Scene, resolve
+
+DTYPES = ('float64', 'float32')
+# What method='auto' stands for, until there is more than one to choose from.
+DEFAULT_METHOD = 'pcrbm'
+
+check_layout()
+
+
+class Kernel:
+    """
+    Native code of one program for one robot and scene.
+
+    Attributes
+    ----------
+    robot, scene : Robot, Scene
+        What it computes for.
+    method : str
+        The text it was recorded from.
+    dtype : str
+        Number format of its arrays, 'float64' or 'float32'.
+    program : Program
+        The lowered program: run by the emulator it gives the same bits.
+    operations : dict
+        Operations of the lowered program by name, sine and cosine included.
+
+    The code of a batch is compiled at its first call.
+
+    """
+
+    def __init__(
+        self, robot: Robot, scene: Scene, method: str, dtype: str, program: Program
+    ) -> None:
+        self.robot = robot
+        self.scene = scene
+        self.method = method
+        self.dtype = dtype
+        self.program = program
+        self.operations = operations(program)
+        self._angles = tuple(
+            i for i, kind in enumerate(robot.joint_types) if kind != 'prismatic'
+        )
+        self._angles = turned_joints(robot)
+        self._names = llvm.arguments(program)
+        self._single = self._compile(1)
+        self._fast = python_function(self._single)
+
+    @property
+    def ir(self) -> str:
+        """LLVM text of the kernel of one state."""
+        return self._single.ir
+
+    @property
+    def compile_seconds(self) -> float:
+        """Time spent in the compiler so far [s]."""
+        batch = self.__dict__.get('_batch')
+        return self._single.seconds + (batch.seconds if batch else 0.0)
+
+    @cached_property
+    def _batch(self) -> Native:
+        return self._compile(simd_width(self.dtype))
+
+    @cached_property
+    def _run_batch(self) -> Callable[[int, int], int]:
+        signature = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
+        return signature(self._batch.address('batch'))
+
+    def _compile(self, width: int) -> Native:
+        form = llvm.Format(self.dtype, width)
+        size = self.robot.n
+        parts = [
+            llvm.body(self.program, form),
+            llvm.evaluate(self.program, form, self._angles),
+        ]
+        if width == 1:
+            parts.append(entry_ir(self.program, self.dtype, size))
+        else:
+            parts.append(llvm.batch(self.program, form, size))
+        return compile_ir(llvm.module(parts, self.dtype, [width], self._angles))
+
+    def __call__(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        wrench: ArrayLike | None = None,
+        out: NDArray[Any] | None = None,
+        *,
+        brakes: ArrayLike | None = None,
+    ) -> NDArray[Any]:
+        """
+        Return qdd of forward dynamics, or tau of inverse dynamics.
+
+        Parameters
+        ----------
+        q, qd : array_like
+            Joint positions [rad or m] and velocities [rad/s or m/s], (n,) or (B, n).
+        tau : array_like
+            Torques [N m or N]; accelerations for a kernel of inverse dynamics.
+        wrench : array_like
+            Force and moment on the last link, (6,) or (B, 6); exactly if the scene has one.
+        out : numpy.ndarray, optional
+            Where to put the result.
+        brakes : array_like of bool
+            Joints that are held, (n,) or (B, n); exactly if the scene has brakes.
+
+        Raises
+        ------
+        ValueError
+            If an argument has the wrong shape or type, is missing, or is not finite.
+
+        """
+        if brakes is None:
+            target = np.empty(self.robot.n, self.dtype) if out is None else out
+            if wrench is None:
+                result = self._fast(q, qd, tau, target)
+            else:
+                result = self._fast(q, qd, tau, wrench, target)
+            if result is not None:
+                return result  # type: ignore[no-any-return]
+        return self._checked(q, qd, tau, wrench, out, brakes)
+
+    def bind(
+        self,
+        q: NDArray[Any],
+        qd: NDArray[Any],
+        tau: NDArray[Any],
+        out: NDArray[Any],
+        wrench: NDArray[Any] | None = None,
+    ) -> Callable[[], NDArray[Any]]:
+        """
+        Return a function without arguments that evaluates in place on these arrays.
+
+        It reads q, qd, tau (and wrench) and writes out, (n,) or (B, n), each time it is
+        called; the arrays are checked here, once, and must be ones that need no conversion.
+        """
+        given = {'q': q, 'qd': qd, self._names[2]: tau, 'out': out}
+        extra = () if wrench is None else (wrench,)
+        given |= dict(zip(('wrench',), extra, strict=False))
+        for name, value in given.items():
+            if not isinstance(value, np.ndarray) or value.dtype != self.dtype:
+                raise ValueError(
+                    f'{name} must be an array of {self.dtype} to be bound, '
+                    f'got {getattr(value, "dtype", type(value).__name__)}'
+                )
+        self(q, qd, tau, wrench, out)
+        if self._fast(q, qd, tau, *extra, out) is not None:
+            return partial(self._fast, q, qd, tau, *extra, out)
+        return partial(self._checked, q, qd, tau, wrench, out, None)
+
+    def _checked(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        wrench: ArrayLike | None,
+        out: NDArray[Any] | None,
+        brakes: ArrayLike | None,
+    ) -> NDArray[Any]:
+        """Evaluate after converting and checking every argument."""
+        given = dict(zip(self._names, (q, qd, tau), strict=False))
+        given |= self._optional('wrench', wrench, self.scene.external_wrench)
+        if brakes is not None:
+            brakes = 1.0 - np.asarray(brakes, dtype=bool)
+        given |= self._optional('free', brakes, self.scene.brakes, 'brakes')
+        arrays = {
+            name: _array(name, given[name], self.program.inputs[name], self.dtype)
+            for name in self._names
+        }
+        shape = _common_shape(arrays)
+        target = self._target(out, (*shape, self.robot.n), arrays)
+        rows = [
+            np.broadcast_to(value, (*shape, value.shape[-1])).reshape(-1, value.shape[-1])
+            for value in arrays.values()
+        ]
+        flat = target.reshape(-1, self.robot.n) if target.ndim != 2 else target
+        table = np.array(
+            [item for a in (*rows, flat) for item in (a.ctypes.data, *a.strides)], np.int64
+        )
+        if flat.shape[0] and self._run_batch(flat.shape[0], table.ctypes.data):
+            _raise_not_finite(arrays)
+        if out is None:
+            return target
+        if target is not out:
+            out[...] = target
+        return out
+
+    def _optional(
+        self, name: str, value: ArrayLike | None, wanted: bool, public: str | None = None
+    ) -> dict[str, ArrayLike]:
+        public = public or name
+        field = {'wrench': 'external_wrench'}.get(public, public)
+        if wanted and value is None:
+            raise ValueError(f'the scene has {field}=True, so the call needs {public}=')
+        if not wanted and value is not None:
+            raise ValueError(
+                f'{public} was given, but the kernel was made for a scene without: '
+                f'compile it with Scene({field}=True)'
+            )
+        return {} if value is None else {name: value}
+
+    def _target(
+        self, out: NDArray[Any] | None, shape: tuple[int, ...], inputs: dict[str, NDArray[Any]]
+    ) -> NDArray[Any]:
+        """Return the array to compute into: `out` unless it lies over an input."""
+        if out is None:
+            return np.empty(shape, self.dtype)
+        if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != self.dtype:
+            found = (
+                f'{out.dtype} {out.shape}' if isinstance(out, np.ndarray) else type(out).__name__
+            )
+            raise ValueError(f'out must be an array of {self.dtype} {shape}, got {found}')
+        if not out.flags.writeable:
+            raise ValueError('out must be writeable, got a read-only array')
+        apart = not any(np.may_share_memory(out, value) for value in inputs.values())
+        return out if apart and out.ndim <= 2 else np.empty(shape, self.dtype)
+
+
+def _array(name: str, value: ArrayLike, size: int, dtype: str) -> NDArray[Any]:
+    """Return an input as an array (..., size) of the kernel's numbers."""
+    try:
+        array = np.asarray(value, dtype=dtype)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{name} must be an array of numbers, got {value!r}') from error
+    if array.ndim == 0 or array.shape[-1] != size:
+        raise ValueError(f'{name} must have shape ({size},) or (B, {size}), got {array.shape}')
+    return array
+
+
+def _common_shape(arrays: dict[str, NDArray[Any]]) -> tuple[int, ...]:
+    try:
+        return np.broadcast_shapes(*(value.shape[:-1] for value in arrays.values()))
+    except ValueError as error:
+        shapes = ', '.join(f'{name} {value.shape}' for name, value in arrays.items())
+        raise ValueError(f'the arguments must agree in their batch, got {shapes}') from error
+
+
+def _raise_not_finite(arrays: dict[str, NDArray[Any]]) -> None:
+    for name, value in arrays.items():
+        wrong = np.argwhere(~np.isfinite(value))
+        if len(wrong):
+            index = tuple(int(i) for i in wrong[0])
+            raise ValueError(
+                f'{name} must be finite, got {value[index]} at index {list(index)} '
+                f'({len(wrong)} of {value.size} elements)'
+            )
+
+
+def compile_kernel(
+    robot: Robot,
+    *,
+    method: str = 'auto',
+    scene: Scene | None = None,
+    dtype: str = 'float64',
+    refine: int = 0,
+) -> Kernel:
+    """
+    Compile forward dynamics of a robot in a scene.
+
+    Parameters
+    ----------
+    robot : Robot
+        The chain.
+    method : str
+        A name in METHODS, or 'auto'.
+    scene : Scene, optional
+        Which effects are on; default: rigid links and gravity.
+    dtype : {'float64', 'float32'}
+        Number format of the kernel and its arrays.
+    refine : int
+        Steps of iterative refinement; only 0 yet.
+
+    Returns
+    -------
+    Kernel
+        qdd = kernel(q, qd, tau).
+
+    Raises
+    ------
+    ValueError
+        If an argument is not one of these, or does not fit the robot.
+
+    """
+    plant, scene = plant_of(robot, scene, dtype)
+    method = choose(method, refine)
+    program = record_forward_dynamics(plant, method, 'sequential')
+    return Kernel(robot, scene, method, dtype, lower(program, dtype, ['qdd']))
+
+
+def compile_inverse_kernel(
+    robot: Robot, *, scene: Scene | None = None, dtype: str = 'float64'
+) -> Kernel:
+    """Compile inverse dynamics, tau = kernel(q, qd, qdd); arguments as in compile_kernel."""
+    plant, scene = plant_of(robot, scene, dtype)
+    program = record_inverse_dynamics(plant, 'sequential')
+    return Kernel(robot, scene, 'newton_euler', dtype, lower(program, dtype))
+
+
+def choose(method: str, refine: int) -> str:
+    """Return the method to record, of which 'auto' may be any; ValueError for an unknown one."""
+    if refine != 0:
+        raise ValueError(f'refine must be 0: refinement is not available yet, got {refine!r}')
+    if method != 'auto' and method not in METHODS:
+        raise ValueError(f"method must be 'auto' or one of {METHODS}, got {method!r}")
+    return DEFAULT_METHOD if method == 'auto' else method
+
+
+def turned_joints(robot: Robot) -> tuple[int, ...]:
+    """Return the joints whose position is an angle."""
+    return tuple(i for i, kind in enumerate(robot.joint_types) if kind != 'prismatic')
+
+
+def plant_of(robot: Robot, scene: Scene | None, dtype: str) -> tuple[Plant, Scene]:
+    """Return the robot in its scene, and the scene; ValueError if they do not fit."""
+    if dtype not in DTYPES:
+        raise ValueError(f'dtype must be one of {DTYPES}, got {dtype!r}')
+    scene = Scene() if scene is None else scene
+    return resolve(robot, scene), scene

@@ -1,0 +1,260 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The simulator: an arm in time, advanced by native code.
+
+    sim = Simulator(robot)
+    sim.step(tau)               one step, the torque held
+    sim.rollout(taus)           many, without returning to Python
+
+A step of `step_size` seconds holds the torque as a real arm's controller does between two
+samples, and integrates in `substeps` equal parts. The same robot, scene, settings and torques
+give the same bits, step by step or in one rollout.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pfd_core.kernels.rollout import compile_rollout
+from pfd_core.model import Robot, Scene
+from pfd_core.simulation.integrators import record_step
+
+Array = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """
+    States after each of a number of steps.
+
+    Attributes
+    ----------
+    time : numpy.ndarray
+        (steps,) [s].
+    q, qd, qdd : numpy.ndarray
+        (steps, n), positions, velocities and accelerations [rad or m, s].
+    status : str
+        'ok', or 'not_finite' if a state overflowed.
+    sound : int
+        Steps from the first on after which the state was finite.
+
+    """
+
+    time: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    status: str
+    sound: int
+
+
+class Simulator:
+    """
+    A robot in a scene, in time.
+
+    Parameters
+    ----------
+    robot : Robot
+        The chain.
+    scene : Scene, optional
+        Which effects are on; default: rigid links and gravity.
+    step_size : float
+        Seconds per step, for which the torque is held.
+    substeps : int
+        Steps of the integrator in one step.
+    integrator : str
+        'auto' or a name in pfd_core.INTEGRATORS.
+    method, dtype, refine
+        As for compile_kernel.
+
+    Attributes
+    ----------
+    status : str
+        'ok', or 'not_finite' once a state has overflowed; `reset` clears it.
+
+    Raises
+    ------
+    ValueError
+        If an argument is not one of these, or does not fit the robot.
+
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene | None = None,
+        *,
+        step_size: float = 1e-3,
+        substeps: int = 2,
+        integrator: str = 'auto',
+        method: str = 'auto',
+        dtype: str = 'float64',
+        refine: int = 0,
+    ) -> None:
+        if not (math.isfinite(step_size) and step_size > 0):
+            raise ValueError(f'step_size must be above zero seconds, got {step_size!r}')
+        if not isinstance(substeps, int) or substeps < 1:
+            raise ValueError(f'substeps must be an integer of at least 1, got {substeps!r}')
+        self.robot = robot
+        self.scene = Scene() if scene is None else scene
+        self.step_size = step_size
+        self.substeps = substeps
+        self.dtype = dtype
+        step = record_step(integrator, robot.n, step_size / substeps)
+        self._native = compile_rollout(
+            robot, step, scene=self.scene, method=method, dtype=dtype, refine=refine
+        )
+        n = robot.n
+        self._state = [np.zeros(n, dtype) for _ in range(3)]
+        self._row = [np.zeros((1, n), dtype) for _ in range(3)]
+        self._tau = np.zeros((1, n), dtype)
+        self._wrench, self._free = np.zeros(6, dtype), np.ones(n, dtype)
+        self.reset()
+
+    @property
+    def method(self) -> str:
+        """The method that 'auto' stood for."""
+        return self._native.method
+
+    @property
+    def q(self) -> Array:
+        """Joint positions, (n,) [rad or m]; a copy."""
+        return self._state[0].copy()
+
+    @property
+    def qd(self) -> Array:
+        """Joint velocities, (n,) [rad/s or m/s]; a copy."""
+        return self._state[1].copy()
+
+    @property
+    def qdd(self) -> Array:
+        """Accelerations at the end of the last step, (n,) [rad/s^2 or m/s^2]; a copy."""
+        return self._state[2].copy()
+
+    @property
+    def time(self) -> float:
+        """Time of the state [s]: the start plus whole steps, so that it does not drift."""
+        return self._start + self._steps * self.step_size
+
+    def reset(
+        self, q: ArrayLike | None = None, qd: ArrayLike | None = None, time: float = 0.0
+    ) -> None:
+        """Set positions and velocities, (n,), default zero, and the time [s]."""
+        if not math.isfinite(time):
+            raise ValueError(f'time must be finite, got {time!r}')
+        values = [
+            np.zeros(self.robot.n) if value is None else self._vector(name, value)
+            for name, value in (('q', q), ('qd', qd))
+        ]
+        for target, value in zip(self._state, [*values, np.zeros(self.robot.n)], strict=True):
+            target[:] = value
+        self._start = time
+        self._steps = 0
+        self.status = 'ok'
+
+    def step(
+        self, tau: ArrayLike, wrench: ArrayLike | None = None, *, brakes: ArrayLike | None = None
+    ) -> None:
+        """
+        Advance the state by one step.
+
+        Parameters
+        ----------
+        tau : array_like
+            Torques [N m or N], (n,), held for the step.
+        wrench : array_like
+            Force and moment on the last link, (6,); exactly if the scene has one.
+        brakes : array_like of bool
+            Joints that stay where they are, (n,); only if the scene has brakes, default none.
+
+        """
+        self._tau[0] = self._vector('tau', tau)
+        self._advance(self._tau, self._row, wrench, brakes)
+
+    def rollout(
+        self, taus: ArrayLike, wrench: ArrayLike | None = None, *, brakes: ArrayLike | None = None
+    ) -> Trajectory:
+        """
+        Advance the state by one step for each row of torques.
+
+        Parameters
+        ----------
+        taus : array_like
+            (steps, n) [N m or N].
+        wrench, brakes
+            As for `step`, the same for all steps.
+
+        Returns
+        -------
+        Trajectory
+            Row k is the state after step k + 1.
+
+        """
+        rows = np.ascontiguousarray(_numbers('taus', taus, self.dtype))
+        if rows.ndim != 2 or rows.shape[1] != self.robot.n:
+            raise ValueError(f'taus must have shape (steps, {self.robot.n}), got {rows.shape}')
+        if not np.isfinite(rows).all():
+            raise ValueError('taus must be finite')
+        start = self._steps
+        out = [np.empty_like(rows) for _ in range(3)]
+        sound = self._advance(rows, out, wrench, brakes) if len(rows) else 0
+        time = self._start + self.step_size * np.arange(start + 1, start + len(rows) + 1)
+        status = 'ok' if sound == len(rows) else 'not_finite'
+        return Trajectory(time, *out, status, sound)
+
+    def _advance(
+        self,
+        taus: Array,
+        out: list[Array],
+        wrench: ArrayLike | None,
+        brakes: ArrayLike | None,
+    ) -> int:
+        held = self._held(wrench, brakes)
+        arrays = [*self._state, taus, *held, *out]
+        pointers = [array.ctypes.data for array in arrays]
+        sound = self._native.run(len(taus), self.substeps, *pointers)
+        self._steps += len(taus)
+        if sound < len(taus):
+            self.status = 'not_finite'
+        return sound
+
+    def _held(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> list[Array]:
+        """Return what the native code takes after the torques."""
+        held = []
+        if (wrench is not None) != self.scene.external_wrench:
+            raise ValueError(
+                'wrench is given exactly when the scene has external_wrench=True: '
+                f'external_wrench={self.scene.external_wrench}, wrench={wrench!r}'
+            )
+        if wrench is not None:
+            self._wrench[:] = self._vector('wrench', wrench, 6)
+            held.append(self._wrench)
+        if brakes is not None and not self.scene.brakes:
+            raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
+        if self.scene.brakes:
+            self._free[:] = 1.0 if brakes is None else 1.0 - np.asarray(brakes, dtype=bool)
+            held.append(self._free)
+        return held
+
+    def _vector(self, name: str, value: ArrayLike, size: int | None = None) -> Array:
+        """Return a finite vector of the right length; ValueError if it is not one."""
+        size = self.robot.n if size is None else size
+        array = _numbers(name, value, self.dtype)
+        if array.shape != (size,):
+            raise ValueError(f'{name} must have shape ({size},), got {array.shape}')
+        if not np.isfinite(array).all():
+            raise ValueError(f'{name} must be finite, got {array}')
+        return array
+
+
+def _numbers(name: str, value: ArrayLike, dtype: str) -> Array:
+    try:
+        return np.asarray(value, dtype=dtype)
+    except (TypeError, ValueError) as error:
+        raise ValueError(f'{name} must be an array of numbers, got {value!r}') from error

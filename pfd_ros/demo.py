@@ -1,0 +1,146 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd demo`: the arm and a controller under test as two real processes, then the proof.
+
+Leaves the recording, the node's parameters, both processes' output and a plot in one folder;
+a later run adds its own files beside them.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from typing import Any
+
+import yaml
+
+import pfd_core as pfd
+from pfd_ros import demo_results
+from pfd_ros.demo_motion import motion_of
+from pfd_ros.log import LogError
+
+# Finding each other and compiling the robot, with a busy machine in mind.
+START_SECONDS = 60.0
+STOP_SECONDS = 20.0
+
+
+def environment() -> dict[str, str]:
+    """Return the environment of the two processes: a domain of their own on this machine."""
+    chosen = dict(os.environ)
+    # Domains up to 101 stay clear of the ports that Linux hands out itself.
+    chosen.setdefault('ROS_DOMAIN_ID', str(10 + os.getpid() % 90))
+    chosen.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    return chosen
+
+
+def free_name(folder: Path) -> Path:
+    """Return the first of folder/arm_0, arm_1, ... that has no recording yet."""
+    names = (folder / f'arm_{number}' for number in itertools.count())
+    return next(name for name in names if not name.with_suffix('.mcap').exists())
+
+
+def _start(command: list[str], output: Path, env: dict[str, str]) -> subprocess.Popen[bytes]:
+    with output.open('wb') as stream:
+        return subprocess.Popen(
+            [sys.executable, '-m', *command],
+            stdin=subprocess.DEVNULL,
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+            env=env,
+        )
+
+
+def _stop(process: subprocess.Popen[bytes]) -> int:
+    """End a process the way Ctrl-C does and return its exit status."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        return process.wait(STOP_SECONDS)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
+
+
+def run(robot_name: str, seconds: float, folder: Path) -> int:
+    """Run the demo and print what it did; 0 only if all of it worked.
+
+    Parameters
+    ----------
+    robot_name
+        A robot that `pfd robots` lists.
+    seconds
+        Simulated length of the motion, s.
+    folder
+        Where the files go; made if it is not there.
+
+    Raises
+    ------
+    ValueError
+        If the robot is not known or the length is not positive.
+    OSError
+        If the files cannot be written.
+    """
+    if not 0 < seconds < float('inf'):
+        raise ValueError(f'--seconds is {seconds!r}, expected a positive number')
+    robot = pfd.load_robot(robot_name)
+    folder.mkdir(parents=True, exist_ok=True)
+    base = free_name(folder)
+    parameters = {
+        'robot': robot_name,
+        'initial_positions': motion_of(robot).start.tolist(),
+        'recording': str(base.with_suffix('.mcap')),
+    }
+    base.with_suffix('.yaml').write_text(
+        yaml.safe_dump({'/**': {'ros__parameters': parameters}}), encoding='utf-8'
+    )
+    print(f'{robot_name}: arm and controller for {seconds:g} s, recorded to {base}.mcap')
+    told, problems = _run_processes(robot_name, seconds, base)
+    if told is not None:
+        try:
+            problems += demo_results.show(base, robot, told)
+        except (LogError, OSError) as error:
+            problems.append(str(error))
+    for problem in problems:
+        print(f'FAILED: {problem}', file=sys.stderr)
+    if not problems:
+        print('everything worked')
+    return 1 if problems else 0
+
+
+def _run_processes(
+    robot_name: str, seconds: float, base: Path
+) -> tuple[dict[str, Any] | None, list[str]]:
+    """Run both processes; return what the controller said and what went wrong."""
+    env = environment()
+    arm_output, output = (Path(f'{base}.{name}.txt') for name in ('sim_arm', 'controller'))
+    arm = _start(['pfd_ros.node', '--ros-args', '--params-file', f'{base}.yaml'], arm_output, env)
+    controller = None
+    try:
+        controller = _start(
+            ['pfd_ros.demo_controller', '--robot', robot_name, '--seconds', str(seconds)],
+            output,
+            env,
+        )
+        controller.wait(START_SECONDS + 4 * seconds)
+    except subprocess.TimeoutExpired:
+        pass
+    finally:
+        controller_status = None if controller is None else _stop(controller)
+        arm_status = _stop(arm)
+    problems = [
+        f'the {name} ended with status {status}, see {path}'
+        for name, status, path in (
+            ('controller', controller_status, output),
+            ('arm', arm_status, arm_output),
+        )
+        if status != 0
+    ]
+    told: dict[str, Any] | None = None
+    if not problems:
+        told = json.loads(output.read_text(encoding='utf-8').splitlines()[-1])
+    return told, problems

@@ -15,6 +15,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import time
 from typing import Any
 
 import yaml
@@ -27,6 +28,7 @@ from pfd_ros.log import LogError
 # Finding each other and compiling the robot, with a busy machine in mind.
 START_SECONDS = 60.0
 STOP_SECONDS = 20.0
+POLL_SECONDS = 0.05
 
 
 def environment() -> dict[str, str]:
@@ -126,9 +128,10 @@ def _run_processes(
             output,
             env,
         )
-        controller.wait(START_SECONDS + 4 * seconds)
-    except subprocess.TimeoutExpired:
-        pass
+        deadline = time.monotonic() + START_SECONDS + 4 * seconds
+        # If the arm is gone, the controller would wait for it in vain.
+        while controller.poll() is None and arm.poll() is None and time.monotonic() < deadline:
+            time.sleep(POLL_SECONDS)
     finally:
         controller_status = None if controller is None else _stop(controller)
         arm_status = _stop(arm)

@@ -77,15 +77,17 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('--robot', default='puma560')
     parser.add_argument('--seconds', type=float, default=5.0)
     chosen = parser.parse_args(remove_ros_args(['', *given])[1:])
-    with rclpy.init(args=given):
-        node = Controller(chosen.robot, chosen.seconds)
-        executor = EventsExecutor()
-        executor.add_node(node)
-        executor.spin_until_future_complete(node.ended, LONGEST_SECONDS)
-        node.publisher.wait_for_all_acked(Duration(seconds=1))
-        assert node.found_ns is not None
-        told = {'sent': node.sent, 'start_ns': node.found_ns + SETTLE_NS}
-        node.destroy_node()
+    rclpy.init(args=given)
+    node = Controller(chosen.robot, chosen.seconds)
+    executor = EventsExecutor()
+    executor.add_node(node)
+    executor.spin_until_future_complete(node.ended, LONGEST_SECONDS)
+    node.publisher.wait_for_all_acked(Duration(seconds=1))
+    assert node.found_ns is not None
+    start_ns = node.found_ns + SETTLE_NS
+    told = {'sent': node.sent, 'start_ns': start_ns, 'end_ns': start_ns + node.length_ns}
+    node.destroy_node()
+    rclpy.try_shutdown()
     print(json.dumps(told), flush=True)
     return 0
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from pfd_ros.convert import decode_joint_state
-from pfd_ros.demo_motion import Motion, motion_of
+from pfd_ros.demo_motion import motion_of
 from pfd_ros.log import Log
 from pfd_ros.replay import Summary, read
 from pfd_ros.settings import NANOSECONDS
@@ -63,7 +63,8 @@ def show(base: Path, robot: Any, told: Mapping[str, int]) -> list[str]:
     robot
         The robot of the demo.
     told
-        What the controller said: `sent` commands, motion from `start_ns` of simulated time on.
+        What the controller said: `sent` commands, motion from `start_ns` to `end_ns` of
+        simulated time.
 
     Raises
     ------
@@ -74,16 +75,21 @@ def show(base: Path, robot: Any, told: Mapping[str, int]) -> list[str]:
     states = read_states(path)
     if not len(states.position):
         return [f'{path} holds no states']
+    motion = motion_of(robot)
+    moving = (states.stamp_ns >= told['start_ns']) & (states.stamp_ns < told['end_ns'])
+    t = (states.stamp_ns[moving] - told['start_ns']) / NANOSECONDS
+    wanted, shown = motion.at(t)[0], states.position[moving]
     problems = _show_rate(states)
-    problems += _show_tracking(states, motion_of(robot), told['start_ns'])
+    problems += _show_tracking(states.names, wanted, shown)
     recorded = states.messages['joint_commands']
     print(
-        f'commands   sent {told["sent"]}, recorded {recorded}, lost {told["sent"] - recorded}\n'
+        f'commands   sent {told["sent"]}, recorded {recorded}, lost {told["sent"] - recorded} '
+        '(a newer one came first)\n'
         f'file       {path}, {path.stat().st_size / 1e6:.2f} MB, '
         f'{states.messages.total()} messages'
     )
     problems += _show_replay(read(path, verify=True))
-    _plot(base.with_suffix('.png'), states, motion_of(robot), told['start_ns'])
+    _plot(base.with_suffix('.png'), states.names, t, wanted, shown)
     return problems
 
 
@@ -102,20 +108,13 @@ def _show_rate(states: States) -> list[str]:
     return [] if off <= RATE_TOLERANCE else [f'the rate is {off:.1%} off']
 
 
-def _moving(states: States, start_ns: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return which states belong to the motion, and their times since its start in s."""
-    moving = states.stamp_ns >= start_ns
-    return moving, (states.stamp_ns[moving] - start_ns) / NANOSECONDS
-
-
-def _show_tracking(states: States, motion: Motion, start_ns: int) -> list[str]:
-    moving, t = _moving(states, start_ns)
-    if not len(t):
+def _show_tracking(names: tuple[str, ...], wanted: np.ndarray, shown: np.ndarray) -> list[str]:
+    if not len(shown):
         return ['the arm never moved']
-    error = states.position[moving] - motion.at(t)[0]
+    error = shown - wanted
     rms, most = np.sqrt((error**2).mean(axis=0)), np.abs(error).max(axis=0)
     print('tracking   joint                    rms          max')
-    for name, one, other in zip(states.names, rms, most, strict=True):
+    for name, one, other in zip(names, rms, most, strict=True):
         print(f'           {name:18s} {one:12.3e} {other:12.3e}')
     if not most.max() <= TRACKING_LIMIT:
         return [f'the arm was {most.max():.3g} off its motion, expected {TRACKING_LIMIT} at most']
@@ -132,21 +131,21 @@ def _show_replay(summary: Summary) -> list[str]:
     return problems
 
 
-def _plot(path: Path, states: States, motion: Motion, start_ns: int) -> None:
+def _plot(
+    path: Path, names: tuple[str, ...], t: np.ndarray, wanted: np.ndarray, shown: np.ndarray
+) -> None:
     """Plot commanded and simulated joints, if there is something to plot with."""
     try:
         from matplotlib.figure import Figure
     except ImportError:
         print("plot       none: needs matplotlib, pip install 'pfd_ros[report]'")
         return
-    moving, t = _moving(states, start_ns)
-    wanted, shown = motion.at(t)[0], states.position[moving]
-    count = len(states.names)
+    count = len(names)
     figure = Figure(figsize=(8, 1.5 * count), layout='constrained')
     for i, axes in enumerate(np.atleast_1d(figure.subplots(count, 1, sharex=True))):
         axes.plot(t, wanted[:, i], color='0.6', linewidth=3, label='commanded')
         axes.plot(t, shown[:, i], color='C0', linewidth=1, label='simulated')
-        axes.set_ylabel(states.names[i])
+        axes.set_ylabel(names[i])
         if i == 0:
             axes.legend(loc='upper right')
     axes.set_xlabel('simulated time, s')

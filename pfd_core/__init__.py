@@ -1,3 +1,54 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """Parallel forward dynamics after Lee and Chang (1987): counted, emulated and compiled."""
+
+from importlib.metadata import PackageNotFoundError, version
+
+from pfd_core.algorithms.dynamics import METHODS
+from pfd_core.algorithms.emulation import Run, emulate
+from pfd_core.kernels.dynamics import forward_dynamics, inverse_dynamics
+from pfd_core.kernels.kernel import Kernel, compile_kernel
+from pfd_core.machine.program import Program, Steps
+from pfd_core.model import (
+    Payload,
+    PhysicsWarning,
+    Robot,
+    Scene,
+    known_robots,
+    load_robot,
+    lock,
+    robot_to_yaml,
+    with_payload,
+)
+from pfd_core.simulation.integrators import INTEGRATORS
+from pfd_core.simulation.simulator import Simulator, Trajectory
+
+try:
+    __version__ = version('pfd_ros')
+except PackageNotFoundError:  # a checkout that was never installed
+    __version__ = '0.1.0'
+
+__all__ = [
+    'INTEGRATORS',
+    'METHODS',
+    'Kernel',
+    'Payload',
+    'PhysicsWarning',
+    'Program',
+    'Robot',
+    'Run',
+    'Scene',
+    'Simulator',
+    'Steps',
+    'Trajectory',
+    '__version__',
+    'compile_kernel',
+    'emulate',
+    'forward_dynamics',
+    'inverse_dynamics',
+    'known_robots',
+    'load_robot',
+    'lock',
+    'robot_to_yaml',
+    'with_payload',
+]

@@ -70,9 +70,7 @@ class Kernel:
         self.dtype = dtype
         self.program = program
         self.operations = operations(program)
-        self._angles = tuple(
-            i for i, kind in enumerate(robot.joint_types) if kind != 'prismatic'
-        )
+        self._angles = tuple(i for i, kind in enumerate(robot.joint_types) if kind != 'prismatic')
         self._angles = turned_joints(robot)
         self._names = llvm.arguments(program)
         self._single = self._compile(1)

@@ -111,10 +111,14 @@ class Simulator:
             robot, step, scene=self.scene, method=method, dtype=dtype, refine=refine
         )
         n = robot.n
-        self._state = [np.zeros(n, dtype) for _ in range(3)]
-        self._row = [np.zeros((1, n), dtype) for _ in range(3)]
+        self._state: list[Array] = [np.zeros(n, dtype) for _ in range(3)]
+        self._row: list[Array] = [np.zeros((1, n), dtype) for _ in range(3)]
         self._tau = np.zeros((1, n), dtype)
         self._wrench, self._free = np.zeros(6, dtype), np.ones(n, dtype)
+        # NumPy takes longer to tell an address than an arm takes to move.
+        self._state_at = _addresses(self._state)
+        self._step_at = _addresses([self._tau]), _addresses(self._row)
+        self._wrench_at, self._free_at = _addresses([self._wrench]), _addresses([self._free])
         self.reset()
 
     @property
@@ -175,7 +179,7 @@ class Simulator:
 
         """
         self._tau[0] = self._vector('tau', tau)
-        self._advance(self._tau, self._row, wrench, brakes)
+        self._advance(1, *self._step_at, wrench, brakes)
 
     def rollout(
         self, taus: ArrayLike, wrench: ArrayLike | None = None, *, brakes: ArrayLike | None = None
@@ -203,30 +207,33 @@ class Simulator:
             raise ValueError('taus must be finite')
         start = self._steps
         out = [np.empty_like(rows) for _ in range(3)]
-        sound = self._advance(rows, out, wrench, brakes) if len(rows) else 0
+        sound = 0
+        if len(rows):
+            sound = self._advance(len(rows), _addresses([rows]), _addresses(out), wrench, brakes)
         time = self._start + self.step_size * np.arange(start + 1, start + len(rows) + 1)
         status = 'ok' if sound == len(rows) else 'not_finite'
-        return Trajectory(time, *out, status, sound)
+        q, qd, qdd = out
+        return Trajectory(time, q, qd, qdd, status, sound)
 
     def _advance(
         self,
-        taus: Array,
-        out: list[Array],
+        steps: int,
+        taus: list[int],
+        out: list[int],
         wrench: ArrayLike | None,
         brakes: ArrayLike | None,
     ) -> int:
+        """Run the native code; return after how many steps the state was finite."""
         held = self._held(wrench, brakes)
-        arrays = [*self._state, taus, *held, *out]
-        pointers = [array.ctypes.data for array in arrays]
-        sound = self._native.run(len(taus), self.substeps, *pointers)
-        self._steps += len(taus)
-        if sound < len(taus):
+        sound = self._native.run(steps, self.substeps, *self._state_at, *taus, *held, *out)
+        self._steps += steps
+        if sound < steps:
             self.status = 'not_finite'
         return sound
 
-    def _held(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> list[Array]:
-        """Return what the native code takes after the torques."""
-        held = []
+    def _held(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> list[int]:
+        """Return the addresses that the native code takes after the torques."""
+        held: list[int] = []
         if (wrench is not None) != self.scene.external_wrench:
             raise ValueError(
                 'wrench is given exactly when the scene has external_wrench=True: '
@@ -234,12 +241,12 @@ class Simulator:
             )
         if wrench is not None:
             self._wrench[:] = self._vector('wrench', wrench, 6)
-            held.append(self._wrench)
+            held += self._wrench_at
         if brakes is not None and not self.scene.brakes:
             raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
         if self.scene.brakes:
             self._free[:] = 1.0 if brakes is None else 1.0 - np.asarray(brakes, dtype=bool)
-            held.append(self._free)
+            held += self._free_at
         return held
 
     def _vector(self, name: str, value: ArrayLike, size: int | None = None) -> Array:
@@ -251,6 +258,10 @@ class Simulator:
         if not np.isfinite(array).all():
             raise ValueError(f'{name} must be finite, got {array}')
         return array
+
+
+def _addresses(arrays: list[Array]) -> list[int]:
+    return [array.ctypes.data for array in arrays]
 
 
 def _numbers(name: str, value: ArrayLike, dtype: str) -> Array:

@@ -1,0 +1,133 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Forward dynamics on the emulated machine: the answer of a method, and what it took.
+
+The same text that the kernels compile runs here in lock-step on n processors. With `digits`
+it runs on mpmath numbers and gives the reference that errors are measured against.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pfd_core.algorithms.dynamics import record_forward_dynamics
+from pfd_core.machine.emulator import run
+from pfd_core.machine.program import Program, Steps
+from pfd_core.model import Robot, Scene, resolve
+
+
+@dataclass(frozen=True)
+class Run:
+    """
+    What an emulated run gave.
+
+    Attributes
+    ----------
+    qdd : numpy.ndarray
+        Accelerations, (..., n) [rad/s^2 or m/s^2]; mpmath numbers when digits were asked for.
+    steps : Steps
+        Lock-step counts of the program as written.
+    utilisation : float
+        Share of the processors' arithmetic steps that did useful work, 0 to 1.
+    status : str
+        'ok', 'not_positive_definite' if a pivot of H was not above zero, or 'not_finite'.
+    iterations, cycles : int or None
+        For iterative methods and for the array; None for the others.
+    program : Program
+        What was run; `print(run.program)` shows it.
+
+    """
+
+    qdd: NDArray[Any]
+    steps: Steps
+    utilisation: float
+    status: str
+    iterations: int | None
+    cycles: int | None
+    program: Program
+
+
+def emulate(
+    robot: Robot,
+    q: ArrayLike,
+    qd: ArrayLike,
+    tau: ArrayLike,
+    *,
+    method: str = 'pcrbm',
+    scene: Scene | None = None,
+    wrench: ArrayLike | None = None,
+    processors: int | None = None,
+    dtype: str = 'float64',
+    digits: int | None = None,
+) -> Run:
+    """
+    Run forward dynamics on the emulated SIMD computer.
+
+    Parameters
+    ----------
+    robot : Robot
+        The chain.
+    q, qd, tau : array_like
+        Positions, velocities and torques, (..., n) [rad or m, s, N m or N].
+    method : str
+        A name in METHODS.
+    scene : Scene, optional
+        Which effects are on; default: rigid links and gravity.
+    wrench : array_like, optional
+        Force and moment exerted on the last link, (..., 6), in its frame.
+    processors : int, optional
+        Default n.
+    dtype : {'float64', 'float32'}
+        Numbers of the machine.
+    digits : int, optional
+        Compute with mpmath numbers of this many decimal digits instead.
+
+    Raises
+    ------
+    ValueError
+        If an argument has the wrong shape, is unknown, or is not finite.
+
+    """
+    scene = Scene() if scene is None else scene
+    if wrench is not None:
+        scene = replace(scene, external_wrench=True)
+    program = record_forward_dynamics(resolve(robot, scene), method, 'parallel')
+    given: dict[str, ArrayLike] = {'q': q, 'qd': qd, 'tau': tau}
+    if wrench is not None:
+        given['wrench'] = wrench
+    inputs = _checked(program, given, digits)
+    steps, utilisation = program.count(processors), program.utilisation(processors)
+    result = run(program, inputs, dtype, digits)
+    return Run(result['qdd'], steps, utilisation, _status(result), None, None, program)
+
+
+def _checked(program: Program, given: dict[str, ArrayLike], digits: int | None) -> dict[str, Any]:
+    """Return the inputs as arrays of one batch shape; ValueError for what cannot be one."""
+    if 'free' in program.inputs:
+        given = {**given, 'free': np.ones(program.inputs['free'])}
+    arrays = {}
+    for name, size in program.inputs.items():
+        if name not in given:
+            raise ValueError(f'the scene has an external wrench, so the call needs {name}=')
+        array = np.asarray(given[name], dtype=object if digits else np.float64)
+        if array.shape[-1:] != (size,):
+            raise ValueError(f'{name} must have shape (..., {size}), got {array.shape}')
+        if not np.isfinite(array.astype(np.float64)).all():
+            raise ValueError(f'{name} must be finite, got {array}')
+        arrays[name] = array
+    shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
+    return {
+        name: np.broadcast_to(array, (*shape, array.shape[-1])) for name, array in arrays.items()
+    }
+
+
+def _status(result: dict[str, Any]) -> str:
+    qdd = np.asarray(result['qdd'], dtype=np.float64)
+    if not (np.asarray(result['pivots'], dtype=np.float64) > 0).all():
+        return 'not_positive_definite'
+    return 'ok' if np.isfinite(qdd).all() else 'not_finite'

@@ -3,8 +3,10 @@
 """What is simulated: a serial chain and the effects a scene switches on."""
 
 from pfd_core.model.edit import Payload, lock, with_payload
+from pfd_core.model.loading import known_robots, load_robot
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.scene import Plant, Scene, resolve
+from pfd_core.model.storage import robot_to_yaml
 
 __all__ = [
     'Payload',
@@ -12,7 +14,10 @@ __all__ = [
     'Plant',
     'Robot',
     'Scene',
+    'known_robots',
+    'load_robot',
     'lock',
     'resolve',
+    'robot_to_yaml',
     'with_payload',
 ]

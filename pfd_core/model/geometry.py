@@ -10,6 +10,7 @@ A kernel folds a factor of exactly 0 or 1 away, so a twist of 90 degrees must no
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -120,3 +121,43 @@ def merged(
     # The two centres lie on one line with the common one: a single reduced mass describes it.
     center = (m1 * c1 + m2 * c2) / mass
     return mass, center, J1 + J2 + steiner(m1 * m2 / mass, c2 - c1)
+
+
+def welded_frames(
+    placements: list[tuple[Array, Array]], bodies: list[tuple[float, Array, Array]]
+) -> dict[str, Any]:
+    """
+    Return a chain given by the frames of its joints in the frames of Lee and Chang.
+
+    Joint i turns about, or slides along, z of a frame of its own, which stands at
+    `placements[i-1]` in the frame of joint i-1; frame 0 is that of the first joint. The link
+    moves with its joint's frame; frame i of the paper is where the next joint stands on it.
+
+    Parameters
+    ----------
+    placements : list of tuple
+        n + 1 rotations (3, 3) and origins (3,) [m]: joint 1 in the base link, joint 2 in joint 1,
+        ..., the tip in joint n.
+    bodies : list of tuple
+        n masses, centres and inertias, each in the frame of its joint.
+
+    Returns
+    -------
+    dict
+        The fields of `Robot` that say where frames are and what links weigh.
+
+    """
+    kept: dict[str, list[Array]] = {
+        key: [] for key in ('rotations', 'translations', 'centers', 'inertias')
+    }
+    for (A, a), (_, center, J) in zip(placements[1:], bodies, strict=True):
+        kept['rotations'].append(A)
+        kept['translations'].append(a)
+        kept['centers'].append(A.T @ (center - a))
+        kept['inertias'].append(A.T @ J @ A)
+    return {
+        **{key: np.array(values) for key, values in kept.items()},
+        'masses': np.array([mass for mass, _, _ in bodies]),
+        'base_rotation': placements[0][0],
+        'base_position': placements[0][1],
+    }

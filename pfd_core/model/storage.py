@@ -1,0 +1,279 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Robots as YAML: tables typed in from papers, and robots stored to the last bit.
+
+A file holds `robot` (its name), `joints` (a list), and optionally `source`, `base`, `tip`.
+Each joint has `name`, `type` and `mass` [kg]; `center` [m] and `inertia` [kg m^2], about the
+centre of mass, with the elements `xx yy zz xy yz xz`, are zero where left out. Where its link
+stands is given by one of
+
+    dh           {a, d, alpha_deg, theta_deg}, the standard row: turn theta + q about z, move d
+                 along it, a along x, turn alpha about x. Body in the frame at the end.
+    modified_dh  {a, alpha_deg, d, theta_deg}, after Craig: turn alpha about x, move a along
+                 it, turn theta + q about z, move d along it. Body in the frame at the end.
+    frame        {rotation, translation}: the end of the link seen from its joint at q = 0, as
+                 `Robot` has them. Body in the frame at the end.
+
+and all joints of a file by the same. Optional for a joint: `limits` {lower, upper, velocity,
+effort}; `damping`, `friction`, `armature` at the joint; `rotor` {inertia, gear_ratio, damping,
+friction} at the motor, carried to the joint by the gear; `accept_unphysical_inertia`, if the
+published numbers break the triangle rule.
+
+`base` and `tip` are names of links, or {link, rotation, translation}: where frame 0 stands in
+the base link; for modified_dh also where the tip stands on the last joint's frame.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import math
+from typing import Any
+
+import numpy as np
+import yaml
+
+from pfd_core.model.geometry import (
+    Array,
+    cos_sin_degrees,
+    rotation_x,
+    rotation_z,
+    symmetric,
+    welded_frames,
+)
+from pfd_core.model.robot import Robot
+
+ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}
+LIMITS = {
+    'lower': ('position_lower', -math.inf),
+    'upper': ('position_upper', math.inf),
+    'velocity': ('velocity_limit', math.inf),
+    'effort': ('effort_limit', math.inf),
+}
+PLACED_BY = ('dh', 'modified_dh', 'frame')
+ROW = ('a', 'd', 'alpha_deg', 'theta_deg')
+FRAME = ('rotation', 'translation')
+
+
+def robot_to_yaml(robot: Robot) -> str:
+    """Return a robot as YAML, from which `load_robot` makes the same robot to the last bit."""
+    joints = []
+    for i, name in enumerate(robot.joint_names):
+        joint = {
+            'name': name,
+            'type': robot.joint_types[i],
+            'frame': {
+                'rotation': robot.rotations[i].tolist(),
+                'translation': robot.translations[i].tolist(),
+            },
+            'mass': float(robot.masses[i]),
+            'center': robot.centers[i].tolist(),
+            'inertia': {key: float(robot.inertias[i][at]) for key, at in ELEMENTS.items()},
+            'limits': {key: float(getattr(robot, at)[i]) for key, (at, _) in LIMITS.items()},
+        }
+        joint |= {k: float(getattr(robot, k)[i]) for k in ('damping', 'friction', 'armature')}
+        if name in robot.accepted:
+            joint['accept_unphysical_inertia'] = True
+        joints.append(joint)
+    base = {
+        'link': robot.base,
+        'rotation': robot.base_rotation.tolist(),
+        'translation': robot.base_position.tolist(),
+    }
+    document = {'robot': robot.name, 'source': robot.source, 'base': base, 'tip': robot.tip}
+    # YAML 1.1 has no short form for a float: PyYAML writes the shortest digits that read back.
+    text: str = yaml.safe_dump(
+        {**document, 'joints': joints}, sort_keys=False, default_flow_style=None, width=99
+    )
+    return text
+
+
+def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
+    """
+    Return the robot that a YAML text describes.
+
+    Parameters
+    ----------
+    text : str
+        The text, in the format of this module.
+    source : str
+        Where it comes from, for robots that do not say so themselves.
+
+    Raises
+    ------
+    ValueError
+        If it is no YAML, or a key is missing, unknown or has a wrong value; the text names it.
+
+    """
+    try:
+        document = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        raise ValueError(f'{source} is not YAML: {error}') from error
+    document = _table(source, document, ('robot', 'joints'), ('source', 'base', 'tip'))
+    name = document['robot']
+    rows = document['joints']
+    if not isinstance(rows, list):
+        raise ValueError(f'joints of {name!r} must be a list, got {rows!r}')
+    joints = [_joint(i, row) for i, row in enumerate(rows)]
+    fields: dict[str, Any] = {key: np.array([j[key] for j in joints]) for key in _PER_JOINT}
+    base, base_rotation, base_position = _end('base', document.get('base', 'base'))
+    return Robot(
+        name=name,
+        joint_names=tuple(j['name'] for j in joints),
+        joint_types=tuple(j['type'] for j in joints),
+        base=base,
+        tip=_end('tip', document.get('tip', 'tip'))[0],
+        source=str(document.get('source', source)),
+        accepted=tuple(j['name'] for j in joints if j['accepted']),
+        **_frames(name, joints, (base_rotation, base_position), document.get('tip', 'tip')),
+        **fields,
+    )
+
+
+_PER_JOINT = (*(at for at, _ in LIMITS.values()), 'damping', 'friction', 'armature')
+
+
+def _frames(
+    name: str, joints: list[dict[str, Any]], base: tuple[Array, Array], tip: Any
+) -> dict[str, Any]:
+    """Return the fields of `Robot` that say where frames are and what links weigh."""
+    ways = {j['placed_by'] for j in joints}
+    if len(ways) > 1:
+        raise ValueError(f'joints of {name!r} must all be placed the same way, got {sorted(ways)}')
+    if ways == {'modified_dh'}:
+        _, tip_rotation, tip_position = _end('tip', tip)
+        frames = [j['frame'] for j in joints]
+        R, p = frames[0]
+        first = (base[0] @ R, base[1] + base[0] @ p)
+        placements = [first, *frames[1:], (tip_rotation, tip_position)]
+        return welded_frames(placements, [j['body'] for j in joints])
+    if isinstance(tip, Mapping) and set(tip) != {'link'}:
+        raise ValueError(
+            f'tip of {name!r} must be the name of a link: where it stands is given by the last '
+            f"joint's {next(iter(ways), 'frame')}"
+        )
+    return {
+        'rotations': np.array([j['frame'][0] for j in joints]),
+        'translations': np.array([j['frame'][1] for j in joints]),
+        'masses': np.array([j['body'][0] for j in joints]),
+        'centers': np.array([j['body'][1] for j in joints]),
+        'inertias': np.array([j['body'][2] for j in joints]),
+        'base_rotation': base[0],
+        'base_position': base[1],
+    }
+
+
+def _joint(index: int, row: Any) -> dict[str, Any]:
+    """Return the numbers of one joint, with everything left out filled in."""
+    name = row.get('name', f'number {index + 1}') if isinstance(row, Mapping) else index + 1
+    label = f'joint {name!r}'
+    optional = ('center', 'inertia', 'limits', 'damping', 'friction', 'armature', 'rotor')
+    row = _table(
+        label, row, ('name', 'type', 'mass'), (*optional, *PLACED_BY, 'accept_unphysical_inertia')
+    )
+    ways = [key for key in PLACED_BY if key in row]
+    if len(ways) != 1:
+        raise ValueError(f'{label} must have exactly one of {", ".join(PLACED_BY)}, got {ways}')
+    if 'rotor' in row and 'armature' in row:
+        raise ValueError(f'{label} has both rotor and armature; armature is what rotor becomes')
+    limits = _table(f'limits of {label}', row.get('limits', {}), (), tuple(LIMITS))
+    inertia = _table(f'inertia of {label}', row.get('inertia', {}), (), tuple(ELEMENTS))
+    elements = [_number(f'inertia {k} of {label}', inertia.get(k, 0.0)) for k in ELEMENTS]
+    return {
+        'name': str(row['name']),
+        'type': row['type'],
+        'placed_by': ways[0],
+        'frame': _placed(label, ways[0], row[ways[0]]),
+        'body': (
+            _number(f'mass of {label}', row['mass']),
+            _numbers(f'center of {label}', row.get('center', [0, 0, 0]), (3,)),
+            symmetric(*elements),
+        ),
+        'accepted': row.get('accept_unphysical_inertia', False) is True,
+        **{
+            at: _number(f'limit {key} of {label}', limits.get(key, silent))
+            for key, (at, silent) in LIMITS.items()
+        },
+        **_drive(label, row),
+    }
+
+
+def _placed(label: str, way: str, value: Any) -> tuple[Array, Array]:
+    """Return axes and origin of a frame in the one before it, at q = 0."""
+    what = f'{way} of {label}'
+    if way == 'frame':
+        return _placement(what, _table(what, value, FRAME, ()))
+    row = {k: _number(f'{k} in {what}', v) for k, v in _table(what, value, ROW, ()).items()}
+    turn = rotation_z(*cos_sin_degrees(row['theta_deg']))
+    twist = rotation_x(*cos_sin_degrees(row['alpha_deg']))
+    if way == 'dh':
+        return turn @ twist, turn @ np.array([row['a'], 0.0, 0.0]) + [0.0, 0.0, row['d']]
+    return twist @ turn, np.array([row['a'], 0.0, 0.0]) + twist[:, 2] * row['d']
+
+
+def _drive(label: str, row: Mapping[str, Any]) -> dict[str, float]:
+    """Return damping, friction and armature at the joint, those of the rotor carried there."""
+    own = {k: _number(f'{k} of {label}', row.get(k, 0.0)) for k in _PER_JOINT[-3:]}
+    if 'rotor' not in row:
+        return own
+    what = f'rotor of {label}'
+    given = _table(what, row['rotor'], ('inertia', 'gear_ratio'), ('damping', 'friction'))
+    rotor = {key: _number(f'{key} of {what}', value) for key, value in given.items()}
+    gear = abs(rotor['gear_ratio'])
+    return {
+        'damping': own['damping'] + rotor.get('damping', 0.0) * gear**2,
+        'friction': own['friction'] + rotor.get('friction', 0.0) * gear,
+        'armature': rotor['inertia'] * gear**2,
+    }
+
+
+def _end(role: str, value: Any) -> tuple[str, Array, Array]:
+    """Return the name of an end link, and axes and origin of the chain's frame in it."""
+    if isinstance(value, str):
+        return value, np.eye(3), np.zeros(3)
+    table = _table(role, value, ('link',), FRAME)
+    return (str(table['link']), *_placement(role, table))
+
+
+def _placement(label: str, table: Mapping[str, Any]) -> tuple[Array, Array]:
+    rotation = table.get('rotation', np.eye(3))
+    translation = table.get('translation', np.zeros(3))
+    return (
+        _numbers(f'rotation in {label}', rotation, (3, 3)),
+        _numbers(f'translation in {label}', translation, (3,)),
+    )
+
+
+def _table(
+    label: str, value: Any, required: tuple[str, ...], optional: tuple[str, ...]
+) -> Mapping[str, Any]:
+    """Return a value that must be a mapping with these keys and no others."""
+    if not isinstance(value, Mapping):
+        raise ValueError(f'{label} must be a mapping with {", ".join(required + optional)}')
+    for key in required:
+        if key not in value:
+            raise ValueError(f'{label} has no {key!r}; it must have {", ".join(required)}')
+    for key in value:
+        if key not in required + optional:
+            known = ', '.join(required + optional)
+            raise ValueError(f'{label} has an unknown key {key!r}; known keys are {known}')
+    return value
+
+
+def _number(label: str, value: Any) -> float:
+    # A string is taken too: YAML 1.1 reads 1e-3, without a point, as one.
+    try:
+        if not isinstance(value, bool):
+            return float(value)
+    except (TypeError, ValueError):
+        pass
+    raise ValueError(f'{label} must be a number, got {value!r}')
+
+
+def _numbers(label: str, value: Any, shape: tuple[int, ...]) -> Array:
+    """Return nested lists as an array of a shape, element by element."""
+    array = np.asarray(value, dtype=object)
+    if array.shape != shape:
+        raise ValueError(f'{label} must have shape {shape}, got {value!r}')
+    flat = [_number(label, item) for item in array.ravel()]
+    return np.array(flat, dtype=np.float64).reshape(shape)

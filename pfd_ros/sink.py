@@ -26,7 +26,14 @@ class Sink:
         self._waiting = bytearray()
         self._written = 0
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, 'O_CLOEXEC', 0)
-        self._file = os.open(path, flags, 0o644)
+        try:
+            self._file = os.open(path, flags, 0o644)
+        except FileExistsError as error:
+            raise FileExistsError(
+                f'{path} exists and is never written over; name another'
+            ) from error
+        except OSError as error:
+            raise OSError(f'{path} cannot be written: {error.strerror}') from error
 
     def write(self, data: bytes) -> int:
         """Take bytes for the next flush."""

@@ -1,0 +1,147 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a command does and when it does nothing: the table of cases, without ROS."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pfd_ros.commands import Command, Verdict, held, judge_array, judge_named, merge
+from pfd_ros.convert import JointMessage
+
+INDEX = {'a': 0, 'b': 1, 'c': 2}
+START_NS = 5_000_000_000
+NAN, INF = float('nan'), float('inf')
+
+
+def message(names, effort=(), position=(), velocity=(), stamp_ns: int = 0) -> JointMessage:
+    arrays = [np.array(values, float) for values in (position, velocity, effort)]
+    return JointMessage(stamp_ns, '', tuple(names), *arrays)
+
+
+def judge(*args, **other) -> Command:
+    return judge_named(message(*args, **other), INDEX, START_NS)
+
+
+@pytest.mark.parametrize(
+    ('command', 'verdict'),
+    [
+        (message('ab', [1, 2]), Verdict.ACCEPTED),
+        (message('abx', [1, 2, 3]), Verdict.ACCEPTED),
+        (message('ab', [1, NAN]), Verdict.ACCEPTED),
+        (message('ab', [1, 2], position=[0, 0]), Verdict.ACCEPTED),
+        (message('ab', [1, 2], stamp_ns=START_NS), Verdict.ACCEPTED),
+        (message('', []), Verdict.NO_NAMES),
+        (message('', [1, 2, 3]), Verdict.NO_NAMES),
+        (message('ab', [1]), Verdict.RAGGED),
+        (message('ab', [1, 2], velocity=[0]), Verdict.RAGGED),
+        (message('ab', [1, 2], position=[0, 0, 0]), Verdict.RAGGED),
+        (message('ab', [1, INF]), Verdict.INFINITE),
+        (message('ab', [-INF, NAN]), Verdict.INFINITE),
+        (message('ab', [1, 2], velocity=[INF, 0]), Verdict.INFINITE),
+        (message('xb', [INF, 1]), Verdict.INFINITE),
+        (message('ab', [1, 2], stamp_ns=START_NS - 1), Verdict.STALE),
+        (message('ab', [1, 2], stamp_ns=-1), Verdict.STALE),
+        (message('aa', [1, 2]), Verdict.DUPLICATE_NAMES),
+        (message('ab', position=[1, 2]), Verdict.NO_EFFORT),
+        (message('ab', velocity=[1, 2]), Verdict.NO_EFFORT),
+        (message('ab'), Verdict.NO_EFFORT),
+        (message('xy', [1, 2]), Verdict.UNKNOWN_NAMES),
+        (message('ab', [NAN, NAN]), Verdict.ALL_NAN),
+        (message('ax', [NAN, 1]), Verdict.ALL_NAN),
+    ],
+)
+def test_each_case_has_its_verdict_and_only_accepted_commands_act(
+    command: JointMessage, verdict: Verdict
+) -> None:
+    got = judge_named(command, INDEX, START_NS)
+    before = held(3)
+    after = merge(before, got)
+    assert got.verdict is verdict
+    assert (after is before) == (verdict is not Verdict.ACCEPTED)
+    assert bool(got.detail) == (verdict is not Verdict.ACCEPTED)
+
+
+def test_nobody_has_commanded_a_held_arm() -> None:
+    drive = held(3)
+    assert drive.effort.tolist() == [0, 0, 0]
+    assert drive.braked.tolist() == [True, True, True]
+
+
+def test_a_command_changes_the_joints_it_names_and_keeps_the_others() -> None:
+    drive = merge(held(3), judge('ca', [3.0, 1.0]))
+    assert drive.effort.tolist() == [1, 0, 3]
+    assert drive.braked.tolist() == [False, True, False]
+    drive = merge(drive, judge('bc', [2.0, 4.0]))
+    assert drive.effort.tolist() == [1, 2, 4]
+    assert not drive.braked.any()
+
+
+def test_nan_keeps_the_last_effort_and_leaves_a_held_joint_held() -> None:
+    drive = merge(held(3), judge('a', [1.0]))
+    drive = merge(drive, judge('abc', [NAN, NAN, 3.0]))
+    assert drive.effort.tolist() == [1, 0, 3]
+    assert drive.braked.tolist() == [False, True, False]
+
+
+def test_merging_leaves_the_drive_before_it_alone() -> None:
+    before = held(3)
+    merge(before, judge('a', [1.0]))
+    assert before.braked.all()
+    assert not before.effort.any()
+
+
+def test_unknown_names_are_told_and_the_known_ones_act() -> None:
+    command = judge('xay', [1.0, 2.0, 3.0])
+    assert command.unknown == ('x', 'y')
+    assert (command.joints, command.efforts) == ((0,), (2.0,))
+
+
+def test_the_details_say_what_came() -> None:
+    assert judge('ab', [1]).detail == '2 names and 1 numbers in effort'
+    assert judge('ab', position=[1, 2], velocity=[1, 2]).detail == (
+        'holds position and velocity but no effort'
+    )
+    assert judge('ab').detail == 'holds nothing but no effort'
+
+
+def test_an_array_goes_to_the_joints_in_their_published_order() -> None:
+    command = judge_array(np.array([10.0, 20.0, 30.0]), (2, 0, 1))
+    assert merge(held(3), command).effort.tolist() == [20, 30, 10]
+
+
+@pytest.mark.parametrize(
+    ('values', 'verdict'),
+    [
+        ([1.0, 2.0], Verdict.WRONG_SIZE),
+        ([], Verdict.WRONG_SIZE),
+        ([1.0, 2.0, 3.0, 4.0], Verdict.WRONG_SIZE),
+        ([1.0, NAN, 3.0], Verdict.NOT_FINITE),
+        ([1.0, 2.0, -INF], Verdict.NOT_FINITE),
+    ],
+)
+def test_an_array_that_breaks_a_rule_is_dropped_whole(
+    values: list[float], verdict: Verdict
+) -> None:
+    command = judge_array(np.array(values), (0, 1, 2))
+    assert command.verdict is verdict
+    assert merge(held(3), command).braked.all()
+
+
+def test_recorded_verdicts_keep_their_numbers() -> None:
+    # Written into files: a new verdict goes to the end.
+    assert [verdict.name for verdict in Verdict] == [
+        'ACCEPTED',
+        'MALFORMED',
+        'NO_NAMES',
+        'RAGGED',
+        'INFINITE',
+        'STALE',
+        'DUPLICATE_NAMES',
+        'NO_EFFORT',
+        'UNKNOWN_NAMES',
+        'ALL_NAN',
+        'WRONG_SIZE',
+        'NOT_FINITE',
+    ]

@@ -1,0 +1,88 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The schedule, on a clock that the test moves."""
+
+from __future__ import annotations
+
+from pfd_ros.schedule import CATCH_UP_NS, LONGEST_SLEEP_NS, Schedule
+
+MILLISECOND = 1_000_000
+
+
+class Time:
+    """A clock that only sleeping and working move."""
+
+    def __init__(self) -> None:
+        self.now = 123
+        self.sleeps: list[float] = []
+
+    def clock(self) -> int:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.sleeps.append(seconds)
+        self.now += round(seconds * 1e9)
+
+
+def schedule(time: Time, period_ns: float = MILLISECOND) -> Schedule:
+    made = Schedule(period_ns, time.clock, time.sleep)
+    made.start()
+    return made
+
+
+def never() -> bool:
+    return False
+
+
+def test_steps_are_due_at_whole_periods_however_long_they_take() -> None:
+    time = Time()
+    chosen = schedule(time)
+    for k in range(1, 100):
+        chosen.wait(never)
+        assert time.now == 123 + k * MILLISECOND
+        time.now += (k % 10) * MILLISECOND // 10
+    assert (chosen.late, chosen.missed) == (0, 0)
+
+
+def test_a_period_of_part_nanoseconds_does_not_drift() -> None:
+    time = Time()
+    chosen = schedule(time, MILLISECOND / 3)
+    for _ in range(3000):
+        chosen.wait(never)
+    assert time.now == 123 + 1000 * MILLISECOND
+
+
+def test_a_short_delay_is_made_up_for() -> None:
+    time = Time()
+    chosen = schedule(time)
+    time.now += 10 * MILLISECOND
+    for _ in range(20):
+        chosen.wait(never)
+    assert time.now == 123 + 20 * MILLISECOND
+    assert (chosen.late, chosen.missed) == (8, 0)
+
+
+def test_a_long_stall_is_counted_and_not_rushed_through() -> None:
+    time = Time()
+    chosen = schedule(time)
+    time.now += CATCH_UP_NS + 10 * MILLISECOND
+    stalled = time.now
+    chosen.wait(never)
+    assert (chosen.late, chosen.missed) == (1, 59)
+    chosen.wait(never)
+    assert time.now == stalled + MILLISECOND
+
+
+def test_as_fast_as_possible_never_waits() -> None:
+    time = Time()
+    chosen = schedule(time, 0)
+    for _ in range(5):
+        chosen.wait(never)
+    assert time.now == 123
+    assert (chosen.late, chosen.missed) == (0, 0)
+
+
+def test_a_slow_arm_stops_promptly() -> None:
+    time = Time()
+    schedule(time, 1000 * MILLISECOND).wait(lambda: len(time.sleeps) == 3)
+    assert time.now == 123 + 3 * LONGEST_SLEEP_NS

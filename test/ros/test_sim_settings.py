@@ -1,0 +1,78 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Settings: checked once, the same in code, file and recording."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+import yaml
+
+from pfd_ros import settings as settings_file
+from pfd_ros.settings import Settings
+
+CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'sim_arm.yaml'
+
+
+def test_the_shipped_file_holds_every_setting_at_its_default() -> None:
+    given = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))['/**']['ros__parameters']
+    assert set(given) == {field.name for field in dataclasses.fields(Settings)}
+    assert settings_file.from_values(given) == Settings()
+
+
+def test_settings_come_back_from_json_with_the_same_bits() -> None:
+    awkward = Settings(
+        robot='/tmp/a b.urdf',
+        joints=('ä', 'b'),
+        gravity=(0.1, -0.0, 5e-324),
+        initial_positions=(1 / 3, -2e300),
+        step_size=0.0003,
+        start_time=1.1,
+    )
+    again = settings_file.from_json(settings_file.to_json(awkward))
+    assert again == awkward
+    assert str(again.gravity[1]) == '-0.0'
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'text'),
+    [
+        ({'step_size': 0.0}, 'step_size is 0.0, expected 1e-05 to 0.1'),
+        ({'step_size': float('nan')}, 'step_size holds nan, expected finite'),
+        ({'step_size': 1 / 30000}, 'whole number of nanoseconds'),
+        ({'substeps': 0}, 'substeps is 0, expected 1 to 100'),
+        ({'gravity': (9.81,)}, 'gravity needs 3 numbers'),
+        ({'gravity': (0.0, 0.0, float('inf'))}, 'gravity holds inf'),
+        ({'initial_positions': (float('nan'),)}, 'initial_positions holds nan'),
+        ({'start_time': -1.0}, 'start_time is -1.0'),
+        ({'real_time_factor': -1.0}, 'real_time_factor is -1.0'),
+        ({'publish_rate': 300.0}, 'publish_rate is 300.0 Hz, which is one in 3.33333 steps'),
+        ({'clock_rate': 2000.0}, 'clock_rate is 2000.0 Hz'),
+        ({'robot': ''}, 'robot is empty'),
+        ({'colour': 'red'}, r"unknown settings \['colour'\]"),
+    ],
+)
+def test_a_wrong_setting_is_refused_and_named(wrong: dict, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        settings_file.from_values(wrong)
+
+
+def test_text_that_is_no_object_is_refused() -> None:
+    with pytest.raises(ValueError, match='expected a JSON object'):
+        settings_file.from_json('[]')
+
+
+@pytest.mark.parametrize(
+    ('step_size', 'rate', 'every'),
+    [(0.001, 0.0, 1), (0.001, 1000.0, 1), (0.001, 100.0, 10), (0.0003, 1 / 0.0009, 3)],
+)
+def test_a_rate_is_a_whole_number_of_steps(step_size: float, rate: float, every: int) -> None:
+    chosen = Settings(step_size=step_size, publish_rate=rate, clock_rate=rate)
+    assert (chosen.publish_every, chosen.clock_every) == (every, every)
+
+
+def test_times_are_whole_nanoseconds() -> None:
+    chosen = Settings(step_size=0.0001, start_time=0.3)
+    assert (chosen.step_ns, chosen.start_ns) == (100_000, 300_000_000)

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 import json
+import os
 from pathlib import Path
 import struct
 from typing import Any, BinaryIO
@@ -15,6 +16,7 @@ import zlib
 from mcap.exceptions import EndOfFile, McapError
 from mcap.records import Attachment, Channel, Footer, Message, Metadata
 from mcap.stream_reader import StreamReader
+from mcap.writer import MCAP0_MAGIC
 
 try:
     from zstandard import ZstdError
@@ -28,6 +30,25 @@ ROBOT = 'robot.yaml'
 # No chunk or attachment of ours comes near; a damaged length must not take all the memory.
 RECORD_LIMIT = 1 << 28
 _DAMAGE = (McapError, ZstdError, ValueError, KeyError, struct.error, zlib.error, MemoryError)
+
+
+class _Whole:
+    """A stream that ends where it cannot give all that is asked for, as a cut-off file does."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+
+    def read(self, size: int = -1) -> bytes:
+        """Return exactly `size` bytes; EndOfFile if there are fewer."""
+        data = self._stream.read(size)
+        if len(data) < size:
+            raise EndOfFile
+        return data
+
+
+def _ends_with_magic(stream: BinaryIO) -> bool:
+    stream.seek(-min(len(MCAP0_MAGIC), stream.seek(0, os.SEEK_END)), os.SEEK_END)
+    return stream.read() == MCAP0_MAGIC
 
 
 class LogError(ValueError):
@@ -92,13 +113,18 @@ class Log:
             yield from self._entries(stream)
 
     def _entries(self, stream: BinaryIO) -> Iterator[Entry]:
-        reader = StreamReader(stream, validate_crcs=True, record_size_limit=RECORD_LIMIT)
+        reader = StreamReader(_Whole(stream), validate_crcs=True, record_size_limit=RECORD_LIMIT)
         records = iter(reader.records)
         topics: dict[int, str] = {}
         while True:
             try:
                 record = next(records)
-            except (StopIteration, EndOfFile):
+            except StopIteration:
+                break
+            except EndOfFile as error:
+                # A file that was closed does not end early, unless a length in it is wrong.
+                if _ends_with_magic(stream):
+                    raise LogError(f'{self.path} is damaged after byte {self.position}') from error
                 break
             except _DAMAGE as error:
                 raise LogError(

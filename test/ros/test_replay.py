@@ -1,0 +1,239 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A real run, replayed: the same bits, and every change of the file found and placed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from pathlib import Path
+import struct
+import subprocess
+import sys
+
+from conftest import environment
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
+import numpy as np
+import pytest
+
+from pfd_ros import command_line
+from pfd_ros.commands import Verdict
+from pfd_ros.convert import decode_joint_state
+from pfd_ros.log import Log, LogError
+from pfd_ros.replay import DifferenceError, read
+
+pytestmark = pytest.mark.ros
+
+
+def rewrite(source: Path, target: Path, change: Callable[[str, Message], Message | None]) -> None:
+    """Copy a recording message by message; `change` gets topic and message, None drops it."""
+    topics: dict[int, str] = {}
+    with source.open('rb') as old, target.open('wb') as new:
+        writer = Writer(new)
+        writer.start('ros2')
+        for record in StreamReader(old).records:
+            if isinstance(record, Metadata):
+                writer.add_metadata(record.name, record.metadata)
+            elif isinstance(record, Attachment):
+                writer.add_attachment(0, 0, record.name, record.media_type, record.data)
+            elif isinstance(record, Schema) and record.id > len(topics):
+                writer.register_schema(record.name, record.encoding, record.data)
+            elif isinstance(record, Channel) and record.id not in topics:
+                topics[record.id] = record.topic
+                writer.register_channel(
+                    record.topic, 'cdr', record.schema_id, dict(record.metadata)
+                )
+            elif isinstance(record, Message):
+                kept = change(topics[record.channel_id], record)
+                if kept is not None:
+                    writer.add_message(
+                        kept.channel_id, kept.log_time, kept.data, kept.publish_time, kept.sequence
+                    )
+        writer.finish()
+
+
+def flipped(message: Message, at: int) -> Message:
+    data = bytearray(message.data)
+    data[at] ^= 1
+    message.data = bytes(data)
+    return message
+
+
+def only(topic: str, sequences: Iterable[int]) -> Callable[[str, Message], bool]:
+    wanted = set(sequences)
+    return lambda name, message: name == topic and message.sequence in wanted
+
+
+def test_the_replay_of_a_run_has_the_same_bits(recorded: Path) -> None:
+    summary = read(recorded, verify=True)
+    assert summary.complete
+    assert summary.missing == 0
+    assert summary.states == summary.steps > 200
+    assert summary.verdicts == {Verdict.ACCEPTED: 21, Verdict.UNKNOWN_NAMES: 1}
+
+
+def test_the_run_really_moved_and_was_held_before(recorded: Path) -> None:
+    # Otherwise equal bits would prove nothing.
+    states = [
+        decode_joint_state(entry.data)
+        for entry in Log(recorded).entries()
+        if entry.role == 'joint_states'
+    ]
+    assert not any(states[50].velocity)
+    assert np.abs(states[-1].position).max() > 1e-3
+    assert states[-1].effort.tolist() == [0.0, 1.0, 0.0, 0.1, 0.0, 0.1]
+
+
+def test_copying_a_recording_changes_nothing(recorded: Path, tmp_path: Path) -> None:
+    rewrite(recorded, tmp_path / 'a.mcap', lambda topic, message: message)
+    assert read(tmp_path / 'a.mcap', verify=True).states == read(recorded).states
+
+
+@pytest.mark.parametrize('field', ['position', 'velocity', 'effort'])
+def test_one_flipped_bit_is_found_and_placed(
+    recorded: Path, tmp_path: Path, field: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    hit = only('/joint_states', [123])
+
+    def change(topic: str, message: Message) -> Message:
+        if not hit(topic, message):
+            return message
+        # The last joint's number in the array, counted from the end: three arrays of a count,
+        # perhaps padding, and six doubles.
+        arrays = decode_joint_state(message.data)
+        values = getattr(arrays, field).tobytes()
+        at = {'position': 0, 'velocity': 1, 'effort': 2}[field]
+        start = len(message.data) - len(values) - (2 - at) * (len(values) + 8)
+        assert message.data[start : start + len(values)] == values
+        return flipped(message, start + 5 * 8)
+
+    rewrite(recorded, tmp_path / 'a.mcap', change)
+    status = command_line.main(['replay', str(tmp_path / 'a.mcap'), '--verify'])
+    told = capsys.readouterr().err
+    assert status == 1
+    assert 'step 123' in told
+    assert f', {field}: recorded ' in told
+    joint = Log(recorded)
+    names = decode_joint_state(
+        next(entry.data for entry in joint.entries() if entry.role == 'joint_states')
+    ).names
+    assert repr(names[5]) in told
+    assert told.count('0x') == 2
+
+
+def test_a_changed_stamp_is_found(recorded: Path, tmp_path: Path) -> None:
+    hit = only('/joint_states', [7])
+    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: flipped(m, 8) if hit(t, m) else m)
+    with pytest.raises(DifferenceError, match=r'step 7: stamp_ns: recorded 700000[01]'):
+        read(tmp_path / 'a.mcap', verify=True)
+
+
+def test_a_changed_command_is_found_by_what_it_does(recorded: Path, tmp_path: Path) -> None:
+    hit = only('/joint_commands', [20])
+    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: flipped(m, -2) if hit(t, m) else m)
+    with pytest.raises(DifferenceError, match=r'step \d+: joint .*, (position|velocity|effort)'):
+        read(tmp_path / 'a.mcap', verify=True)
+
+
+def test_a_command_that_is_judged_otherwise_is_found(recorded: Path, tmp_path: Path) -> None:
+    hit = only('/joint_commands', [3])
+
+    def change(topic: str, message: Message) -> Message:
+        if hit(topic, message):
+            message.data = message.data[:-8] + struct.pack('<d', float('inf'))
+        return message
+
+    rewrite(recorded, tmp_path / 'a.mcap', change)
+    with pytest.raises(DifferenceError, match='recorded as ACCEPTED, replayed as INFINITE'):
+        read(tmp_path / 'a.mcap', verify=True)
+
+
+def test_a_lost_command_is_named(recorded: Path, tmp_path: Path) -> None:
+    hit = only('/joint_commands', [3])
+    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: None if hit(t, m) else m)
+    with pytest.raises(LogError, match=r'lacks command 3 of joint_commands, taken before step'):
+        read(tmp_path / 'a.mcap', verify=True)
+
+
+def test_a_lost_record_of_taken_commands_is_named(recorded: Path, tmp_path: Path) -> None:
+    # The 21st command was for a joint that nobody has: without it no state differs.
+    hit = only('/sim_arm/applied_commands', [21])
+    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: None if hit(t, m) else m)
+    with pytest.raises(LogError, match='lacks 1 records of commands taken before step'):
+        read(tmp_path / 'a.mcap', verify=True)
+
+
+def test_a_lost_record_of_a_command_that_moved_the_arm_is_found(
+    recorded: Path, tmp_path: Path
+) -> None:
+    hit = only('/sim_arm/applied_commands', [2])
+    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: None if hit(t, m) else m)
+    with pytest.raises(DifferenceError, match=r'step \d+: joint'):
+        read(tmp_path / 'a.mcap', verify=True)
+
+
+def test_lost_states_are_counted_and_the_others_still_equal(
+    recorded: Path, tmp_path: Path
+) -> None:
+    hit = only('/joint_states', range(50, 90))
+    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: None if hit(t, m) else m)
+    summary = read(tmp_path / 'a.mcap', verify=True)
+    assert (summary.missing, summary.states) == (40, read(recorded).states - 40)
+
+
+def test_a_cut_off_recording_verifies_up_to_the_cut(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    data = recorded.read_bytes()
+    (tmp_path / 'a.mcap').write_bytes(data[: int(0.7 * len(data))])
+    assert command_line.main(['replay', str(tmp_path / 'a.mcap'), '--verify']) == 0
+    told = capsys.readouterr().out
+    assert 'cut off' in told
+    assert 'every bit equal' in told
+    assert 0 < read(tmp_path / 'a.mcap').states < read(recorded).states
+
+
+def test_a_recording_without_states_cannot_be_verified(recorded: Path, tmp_path: Path) -> None:
+    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: None if t == '/joint_states' else m)
+    with pytest.raises(LogError, match='holds no states'):
+        read(tmp_path / 'a.mcap', verify=True)
+    assert read(tmp_path / 'a.mcap').states == 0
+
+
+def test_a_summary_says_what_is_in_the_file(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command_line.main(['replay', str(recorded)]) == 0
+    told = capsys.readouterr().out
+    assert '21 accepted, 1 not' in told
+    assert '1 unknown_names' in told
+    assert 'cut off' not in told
+    assert 'equal' not in told
+
+
+def test_the_progress_runs_from_start_to_end(recorded: Path) -> None:
+    parts: list[float] = []
+    read(recorded, progress=parts.append)
+    assert parts == sorted(parts)
+    assert 0 < parts[0] <= parts[-1] <= 1
+
+
+def test_a_recording_is_verified_where_there_is_no_ros(recorded: Path, tmp_path: Path) -> None:
+    program = (
+        'import sys\n'
+        "for name in ('rclpy', 'sensor_msgs', 'std_msgs'): sys.modules[name] = None\n"
+        'from pfd_ros.command_line import main\n'
+        'raise SystemExit(main(sys.argv[1:]))\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', program, 'replay', str(recorded), '--verify'],
+        cwd=tmp_path,
+        env=environment(1),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 0, done.stderr
+    assert 'every bit equal' in done.stdout

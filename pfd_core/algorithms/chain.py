@@ -12,7 +12,7 @@ A serial chain on lanes: the constants of its links, and where they are at joint
 Lee and Chang 1987, section 2.5, steps 1 to 3. Base axes are those of frame 0. Lane i holds
 link i + 1 (the paper counts from 1): its frame, its joint's axis and its inertia.
 
-Parallel cost: 27 L + 78 multiplications and 18 L + 48 additions for n lanes, L = ceil(log2 n);
+Parallel cost: 27 L + 75 multiplications and 18 L + 48 additions for n lanes, L = ceil(log2 n);
 a prismatic joint anywhere in the chain adds 3 and 3. The paper prints 27 L - 19 and 18 L - 14
 for the recurrence alone, which assumes twists of 0 and 90 degrees; this holds for any chain.
 """

@@ -18,8 +18,8 @@ Lee and Chang 1987, section 2.5. Corrected: (19) is used in the reduced-mass for
 cheaper; step 6 has the translational branch that it lacks; the type in (26) is joint i's; a
 massless end of the chain (M_j = 0) divides by one instead of zero, since c_j is then unused.
 
-Parallel cost for rotational joints, L = ceil(log2 n), n > 1: 4 L + 12 n + 27 multiplications,
-13 L + 11 n + 24 additions and 2 divisions.
+Parallel cost for rotational joints, L = ceil(log2 n), n > 1: 4 L + 9 n + 33 multiplications,
+10 L + 8 n + 27 additions and 2 divisions.
 
 Lane j holds the composite body of links j + 1..n, and column j of H: h_ij with i <= j.
 """

@@ -74,7 +74,7 @@ def run(
                 registers.append(_execute(instruction, registers, values, batch, arithmetic))
     return {
         name: np.stack([registers[r][lane] for r, lane in output.places], axis=-1).reshape(
-            *batch, *output.shape
+            (*batch, *output.shape)
         )
         for name, output in program.outputs.items()
     }

@@ -129,17 +129,17 @@ class Simulator:
     @property
     def q(self) -> Array:
         """Joint positions, (n,) [rad or m]; a copy."""
-        return self._state[0].copy()
+        return np.array(self._state[0])
 
     @property
     def qd(self) -> Array:
         """Joint velocities, (n,) [rad/s or m/s]; a copy."""
-        return self._state[1].copy()
+        return np.array(self._state[1])
 
     @property
     def qdd(self) -> Array:
         """Accelerations at the end of the last step, (n,) [rad/s^2 or m/s^2]; a copy."""
-        return self._state[2].copy()
+        return np.array(self._state[2])
 
     @property
     def time(self) -> float:

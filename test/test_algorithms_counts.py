@@ -1,0 +1,141 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Step counts of the recorded texts are closed forms in n, beside those the paper prints."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from zoo import random_chain
+
+from pfd_core.algorithms.dynamics import record_inverse_dynamics, record_pcrbm, record_terms
+from pfd_core.machine.program import Steps
+from pfd_core.model import Robot, Scene, resolve
+
+SIZES = range(1, 33)
+
+
+def chain(n: int, prismatic: bool = False) -> Robot:
+    """Return a skew chain; with `prismatic`, the last joint slides."""
+    types = ['revolute'] * n
+    if prismatic:
+        types[-1] = 'prismatic'
+    return random_chain(np.random.default_rng(n), n, joint_types=types)
+
+
+def levels(n: int) -> int:
+    return math.ceil(math.log2(n))
+
+
+def arithmetic(steps: Steps) -> tuple[int, int, int, int]:
+    return steps.multiplications, steps.additions, steps.divisions, steps.square_roots
+
+
+@pytest.mark.parametrize('n', SIZES)
+def test_ne1_takes_87_multiplications_and_15_levels_and_65_additions(n: int) -> None:
+    # The paper prints 84 and 15 L + 63 (section 2.5 (d)). A single link has no w x zq.
+    program = record_terms(resolve(chain(n)), 'parallel')
+    single = n == 1
+    assert arithmetic(program.count(section='newton_euler')) == (
+        87 - 6 * single,
+        15 * levels(n) + 65 - 3 * single,
+        0,
+        0,
+    )
+
+
+@pytest.mark.parametrize('n', SIZES[1:])
+def test_ne1_with_a_sliding_joint_takes_six_additions_more(n: int) -> None:
+    program = record_terms(resolve(chain(n, prismatic=True)), 'parallel')
+    assert arithmetic(program.count(section='newton_euler'))[:2] == (87, 15 * levels(n) + 71)
+
+
+@pytest.mark.parametrize('n', SIZES[1:])
+def test_ne1_with_a_wrench_takes_six_additions_more(n: int) -> None:
+    program = record_terms(resolve(chain(n), Scene(external_wrench=True)), 'parallel')
+    assert arithmetic(program.count(section='newton_euler'))[:2] == (87, 15 * levels(n) + 71)
+    assert arithmetic(program.count(section='wrench'))[:2] == (18, 12)
+
+
+@pytest.mark.parametrize('n', SIZES[1:])
+def test_ne1_without_gravity_saves_its_three_additions(n: int) -> None:
+    program = record_terms(resolve(chain(n), Scene(gravity=None)), 'parallel')
+    assert arithmetic(program.count(section='newton_euler'))[:2] == (87, 15 * levels(n) + 62)
+
+
+@pytest.mark.parametrize('n', SIZES[1:])
+def test_inverse_dynamics_takes_three_multiplications_and_additions_more(n: int) -> None:
+    program = record_inverse_dynamics(resolve(chain(n)), 'parallel')
+    assert arithmetic(program.count(section='newton_euler'))[:2] == (90, 15 * levels(n) + 68)
+
+
+@pytest.mark.parametrize('n', SIZES)
+def test_the_orientation_recurrence_takes_27_and_18_a_level(n: int) -> None:
+    # The paper prints 27 L - 19 and 18 L - 14, which holds for twists of 0 and 90 degrees.
+    program = record_terms(resolve(chain(n)), 'parallel')
+    assert arithmetic(program.count(section='orientation')) == (
+        27 * levels(n) + 12,
+        18 * levels(n) + 6,
+        0,
+        0,
+    )
+    assert program.count(section='orientation').sines == 2
+    assert arithmetic(program.count(section='link vectors'))[:2] == (63, 42)
+
+
+@pytest.mark.parametrize('n', SIZES[1:])
+def test_composite_bodies_take_4_levels_and_42_multiplications(n: int) -> None:
+    program = record_terms(resolve(chain(n)), 'parallel')
+    L = levels(n)
+    assert arithmetic(program.count(section='composite bodies')) == (
+        4 * L + 42,
+        10 * L + 35,
+        2,
+        0,
+    )
+
+
+@pytest.mark.parametrize('n', SIZES)
+def test_the_row_sweep_takes_three_additions_a_row(n: int) -> None:
+    program = record_terms(resolve(chain(n)), 'parallel')
+    assert arithmetic(program.count(section='row sweep')) == (0, 3 * (n - 1), 0, 0)
+    assert arithmetic(program.count(section='moments of the row sweep'))[:2] == (
+        6 * (n - 1),
+        3 * (n - 1),
+    )
+    assert arithmetic(program.count(section='elements of H'))[:2] == (3 * (n - 1), 2 * (n - 1))
+
+
+@pytest.mark.parametrize('n', SIZES)
+def test_the_linear_solve_needs_no_square_root(n: int) -> None:
+    program = record_pcrbm(resolve(chain(n)), 'parallel')
+    factor, back = (
+        arithmetic(program.count(section=s)) for s in ('factorisation', 'column sweep')
+    )
+    pairs = n * (n - 1) // 2
+    assert factor == (pairs + 2 * (n - 1), pairs + n - 1, n, 0)
+    assert back == (n, n - 1, 0, 0)
+
+
+@pytest.mark.parametrize('n', SIZES[1:])
+def test_pcrbm_as_a_whole_is_the_sum_of_its_parts(n: int) -> None:
+    steps = record_pcrbm(resolve(chain(n)), 'parallel').count()
+    L, pairs = levels(n), n * (n - 1) // 2
+    assert arithmetic(steps) == (
+        31 * L + pairs + 12 * n + 193,
+        43 * L + pairs + 10 * n + 139,
+        n + 2,
+        0,
+    )
+
+
+def test_the_speed_up_of_n_processors_lies_between_one_and_n() -> None:
+    for n in (2, 6, 12):
+        plant = resolve(chain(n))
+        serial = record_pcrbm(plant, 'sequential').count().multiplications
+        parallel = record_pcrbm(plant, 'parallel')
+        assert serial <= parallel.count(processors=1).multiplications
+        assert parallel.count().multiplications < serial < n * parallel.count().multiplications
+        assert 0.3 < parallel.utilisation() < 1

@@ -1,0 +1,115 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The emulator: numbers of every kind, batches, and what it refuses."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import mpmath
+import numpy as np
+import pytest
+
+from pfd_core.machine.emulator import run
+from pfd_core.machine.operations import COSTS, OPERATIONS
+from pfd_core.machine.program import Program, Steps
+from pfd_core.machine.recorder import SCHEDULES, Recorder, cos, merge, shift, sin, sqrt, where
+
+
+def sample(n: int, schedule: str) -> Program:
+    """Record a text that uses every operation but `call`."""
+    recorder = Recorder(n, schedule)
+    x = recorder.input('x', range(n))
+    y = sqrt(x * x + 1.0) / (2.0 - sin(x)) - cos(x)
+    y = merge(y - shift(y, 1), -y)
+    y = where(y, y, 3.0 * x)
+    recorder.output('y', (n,), [(y, lane) for lane in range(n)])
+    return recorder.program()
+
+
+def expected(x, ns):  # type: ignore[no-untyped-def]
+    """Return what the sample computes, in the numbers of a module."""
+    y = [ns.sqrt(v * v + 1) / (2 - ns.sin(v)) - ns.cos(v) for v in x]
+    y = [-y[0], *(b - a for a, b in pairwise(y))]
+    return [a if a > 0 else 3 * v for a, v in zip(y, x, strict=True)]
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_float64_follows_numpy_bit_for_bit(schedule: str) -> None:
+    x = np.random.default_rng(1).normal(size=7)
+    np.testing.assert_array_equal(run(sample(7, schedule), {'x': x})['y'], expected(x, np))
+
+
+def test_float32_stays_in_float32() -> None:
+    x = np.random.default_rng(2).normal(size=5).astype(np.float32)
+    y = run(sample(5, 'parallel'), {'x': x}, dtype='float32')['y']
+    assert y.dtype == np.float32
+    np.testing.assert_array_equal(y, expected(list(x), np))
+
+
+def test_digits_compute_in_mpmath() -> None:
+    x = np.random.default_rng(3).normal(size=4)
+    y = run(sample(4, 'parallel'), {'x': x}, digits=50)['y']
+    with mpmath.workdps(50):
+        reference = expected([mpmath.mpf(v) for v in x], mpmath)
+        assert max(abs(a - b) for a, b in zip(y, reference, strict=True)) < mpmath.mpf('1e-48')
+        assert mpmath.nstr(y[0], 40) == mpmath.nstr(reference[0], 40)
+
+
+def test_a_batch_gives_the_bits_of_its_members() -> None:
+    program = sample(6, 'parallel')
+    x = np.random.default_rng(4).normal(size=(3, 5, 6))
+    y = run(program, {'x': x})['y']
+    assert y.shape == (3, 5, 6)
+    for index in np.ndindex(3, 5):
+        np.testing.assert_array_equal(y[index], run(program, {'x': x[index]})['y'])
+
+
+def test_both_schedules_give_the_same_bits_where_no_recurrence_is_involved() -> None:
+    x = np.random.default_rng(5).normal(size=9)
+    a, b = (run(sample(9, schedule), {'x': x})['y'] for schedule in SCHEDULES)
+    np.testing.assert_array_equal(a, b)
+
+
+def test_lanes_that_are_off_cannot_make_a_nan() -> None:
+    recorder = Recorder(3)
+    x = recorder.input('x', [0, 1, 2])
+    y = merge(1.0 / shift(x, 1), x)  # lane 0 has nothing to divide by
+    recorder.output('y', (3,), [(y, lane) for lane in range(3)])
+    y = run(recorder.program(), {'x': [4.0, 2.0, 1.0]})['y']
+    np.testing.assert_array_equal(y, [4.0, 0.25, 0.5])
+
+
+def test_overflow_is_a_result_and_no_warning() -> None:
+    recorder = Recorder(1)
+    x = recorder.input('x', [0])
+    recorder.output('y', (1,), [(x * x, 0)])
+    assert run(recorder.program(), {'x': [1e200]})['y'] == np.inf
+
+
+def test_a_called_function_gets_rows_and_returns_one() -> None:
+    recorder = Recorder(2)
+    x = recorder.input('x', [0, 1])
+    y = recorder.call('f', x, x + 1.0)
+    recorder.output('y', (2,), [(y, 0), (y, 1)])
+    y = run(recorder.program(), {'x': [1.0, 5.0]}, functions={'f': lambda a, b: a * b})['y']
+    np.testing.assert_array_equal(y, [2.0, 30.0])
+
+
+def test_the_table_and_the_columns_of_the_counts_agree() -> None:
+    columns = {operation.cost for operation in OPERATIONS.values()} - {None}
+    assert columns == set(COSTS) == set(Steps.__dataclass_fields__)
+
+
+@pytest.mark.parametrize(
+    ('inputs', 'options', 'message'),
+    [
+        ({}, {}, r"needs the inputs \['x'\]"),
+        ({'x': np.zeros(3)}, {}, r'x must have shape \(..., 4\), got \(3,\)'),
+        ({'x': np.zeros(4)}, {'dtype': 'float16'}, "'float64' or 'float32', got 'float16'"),
+        ({'x': np.zeros(4)}, {'digits': 0}, 'digits must be at least 1, got 0'),
+    ],
+)
+def test_wrong_inputs_are_named(inputs, options, message: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ValueError, match=message):
+        run(sample(4, 'parallel'), inputs, **options)

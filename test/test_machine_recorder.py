@@ -1,0 +1,216 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recording: what a text leaves in a program, and what it refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from pfd_core.machine.emulator import run
+from pfd_core.machine.program import Program, Steps
+from pfd_core.machine.recorder import (
+    SCHEDULES,
+    Lanes,
+    Recorder,
+    broadcast,
+    merge,
+    on,
+    shift,
+    sqrt,
+    where,
+)
+from pfd_core.machine.vectors import (
+    array,
+    cross,
+    dot,
+    parallel_axis,
+    rotated_symmetric,
+    symmetric_times,
+)
+
+UPPER = np.triu_indices(3)
+
+
+def recorded(n: int, schedule: str, text) -> Program:  # type: ignore[no-untyped-def]
+    """Record text(recorder, x) with one input x of n elements and one output y."""
+    recorder = Recorder(n, schedule)
+    y = text(recorder, recorder.input('x', range(n)))
+    lanes = [lane for lane in range(n) if y.defined >> lane & 1]
+    recorder.output('y', (len(lanes),), [(y, lane) for lane in lanes])
+    return recorder.program()
+
+
+def vectors(schedule: str, text, sizes: dict[str, int]) -> Program:  # type: ignore[no-untyped-def]
+    """Record text over one lane, whose inputs are small vectors and whose result is one."""
+    recorder = Recorder(1, schedule)
+    inputs = [array([recorder.input(k, [i]) for i in range(m)]) for k, m in sizes.items()]
+    result = np.ravel(text(*inputs))
+    recorder.output('y', result.shape, [(value, 0) for value in result])
+    return recorder.program()
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_lanes_without_an_operand_take_no_part(schedule: str) -> None:
+    def text(recorder: Recorder, x: Lanes) -> Lanes:
+        return merge(x + shift(x, 2), x) * 2.0
+
+    x = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
+    program = recorded(5, schedule, text)
+    np.testing.assert_array_equal(run(program, {'x': x})['y'], 2 * np.array([1, 2, 5, 10, 20]))
+    assert program.count(processors=1).additions == 3
+
+
+def test_one_instruction_serves_all_lanes_in_parallel_and_one_lane_in_sequence() -> None:
+    def text(recorder: Recorder, x: Lanes) -> Lanes:
+        return on(x, range(3)) * x
+
+    assert recorded(4, 'parallel', text).count() == Steps(multiplications=1)
+    assert recorded(4, 'sequential', text).count() == Steps(multiplications=3)
+
+
+def test_fewer_processors_than_lanes_take_more_steps() -> None:
+    program = recorded(5, 'parallel', lambda recorder, x: x * x + x)
+    counts = [program.count(p) for p in (1, 2, 3, 5, 9)]
+    assert [c.multiplications for c in counts] == [5, 3, 2, 1, 1]
+    assert [c.additions for c in counts] == [5, 3, 2, 1, 1]
+    assert program.utilisation(5) == 1
+    assert program.utilisation(2) == pytest.approx(5 / 6)
+    assert program.utilisation(10) == pytest.approx(1 / 2)
+
+
+def test_data_that_stays_on_its_lane_costs_no_route() -> None:
+    program = recorded(4, 'parallel', lambda recorder, x: merge(on(x * x, [1, 2]), x))
+    assert program.count().routes == 0
+    program = recorded(4, 'parallel', lambda recorder, x: broadcast(x, 1))
+    assert program.count().routes == 1
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_where_takes_the_first_above_zero_and_the_second_elsewhere(schedule: str) -> None:
+    program = recorded(4, schedule, lambda recorder, x: where(x, x * 10.0, -1.0))
+    y = run(program, {'x': [2.0, 0.0, -3.0, 1e-300]})['y']
+    np.testing.assert_array_equal(y, [20.0, -1.0, -1.0, 1e-299])
+
+
+@pytest.mark.parametrize(
+    ('text', 'sizes', 'expected', 'multiplications', 'additions'),
+    [
+        (cross, {'a': 3, 'b': 3}, np.cross, 6, 3),
+        (dot, {'a': 3, 'b': 3}, np.dot, 3, 2),
+        (
+            lambda R, v: R.reshape(3, 3) @ v,
+            {'R': 9, 'v': 3},
+            lambda R, v: R.reshape(3, 3) @ v,
+            9,
+            6,
+        ),
+        (
+            lambda A, B: A.reshape(3, 3) @ B.reshape(3, 3),
+            {'A': 9, 'B': 9},
+            lambda A, B: (A.reshape(3, 3) @ B.reshape(3, 3)).ravel(),
+            27,
+            18,
+        ),
+        (
+            symmetric_times,
+            {'s': 6, 'v': 3},
+            lambda s, v: (
+                np.array([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], s[5]]]) @ v
+            ),
+            9,
+            6,
+        ),
+        (
+            lambda R, s: rotated_symmetric(R.reshape(3, 3), s),
+            {'R': 9, 's': 6},
+            lambda R, s: (
+                R.reshape(3, 3)
+                @ np.array([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], s[5]]])
+                @ R.reshape(3, 3).T
+            )[UPPER],
+            45,
+            30,
+        ),
+        (
+            parallel_axis,
+            {'d': 3},
+            lambda d: (d @ d * np.eye(3) - np.outer(d, d))[UPPER],
+            6,
+            3,
+        ),
+    ],
+    ids=['cross', 'dot', 'R v', 'A B', 'S v', 'R S R^T', 'parallel axis'],
+)
+def test_products_cost_what_they_say_and_agree_with_numpy(  # type: ignore[no-untyped-def]
+    text, sizes: dict[str, int], expected, multiplications: int, additions: int
+) -> None:
+    program = vectors('parallel', text, sizes)
+    steps = program.count()
+    assert (steps.multiplications, steps.additions) == (multiplications, additions)
+    rng = np.random.default_rng(1)
+    inputs = {name: rng.normal(size=size) for name, size in sizes.items()}
+    y = run(program, inputs)['y']
+    np.testing.assert_allclose(y, np.ravel(expected(*inputs.values())), rtol=1e-14, atol=1e-15)
+
+
+def test_programs_print_one_instruction_a_line() -> None:
+    recorder = Recorder(3)
+    x = recorder.input('x', [0, 1, 2])
+    with recorder.section('squares'):
+        y = on(x, [1, 2]) * x + 0.5
+    recorder.output('y', (2,), [(y, 1), (y, 2)])
+    assert str(recorder.program()).splitlines() == [
+        "%0 = input (('x' 0) ('x' 1) ('x' 2))".replace("'", ''),
+        '; squares',
+        '%1 = mul %0 %0 on 1,2',
+        '%2 = constant (0.5 0.5 0.5)',
+        '%3 = add %1 %2 on 1,2',
+        'output y[2] = %3.1 %3.2',
+    ]
+
+
+def test_a_value_over_lanes_cannot_be_branched_on() -> None:
+    x = Recorder(2).input('x', [0, 1])
+    with pytest.raises(TypeError, match='no truth while recording'):
+        bool(x)
+
+
+@pytest.mark.parametrize(
+    ('act', 'message'),
+    [
+        (lambda: Recorder(0), 'lanes must be at least 1, got 0'),
+        (lambda: Recorder(2, 'serial'), "schedule must be one of .* got 'serial'"),
+        (
+            lambda: Recorder(2).input('x', [0, 1]) + Recorder(2).input('x', [0, 1]),
+            'two recordings',
+        ),
+        (lambda: on(Recorder(2).input('x', [0, 1]), []) * 2.0, 'mul: no lane has a value'),
+        (
+            lambda: Recorder(2).apply('add', Recorder(2).constant(1.0)),
+            'add takes 2 operands, got 1',
+        ),
+        (lambda: recorded(2, 'parallel', lambda r, x: x).count(0), 'at least 1, got 0'),
+    ],
+)
+def test_misuse_is_named(act, message: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ValueError, match=message):
+        act()
+
+
+def test_an_output_needs_a_value_on_its_lane() -> None:
+    recorder = Recorder(2)
+    x = on(recorder.input('x', [0, 1]), [0])
+    with pytest.raises(ValueError, match='output y: lane 1 has no value'):
+        recorder.output('y', (2,), [(x, 0), (x, 1)])
+
+
+def test_only_numbers_and_lanes_are_operands() -> None:
+    with pytest.raises(TypeError, match='expected a value over lanes or a number, got str'):
+        Recorder(1).input('x', [0]) + 'one'
+
+
+def test_sqrt_is_counted_in_its_own_column() -> None:
+    assert recorded(3, 'parallel', lambda r, x: sqrt(x) / x).count() == Steps(
+        divisions=1, square_roots=1
+    )

@@ -1,0 +1,318 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Kernels: the emulator's bits, however they are called; and clear words for bad input."""
+
+from __future__ import annotations
+
+import gc
+import threading
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from tolerances import DYNAMICS, SINGLE
+from zoo import random_chain, random_state, to_pinocchio
+
+import pfd_core as pfd
+from pfd_core.kernels.entry import check_layout
+from pfd_core.kernels.kernel import compile_inverse_kernel
+from pfd_core.machine.emulator import run
+
+ARMS = ('puma560', 'ur5', 'planar2', 'panda')
+DTYPES = ('float64', 'float32')
+BATCHES = (1, 2, 7, 8, 9, 16, 33)
+
+
+def states(n: int, count: int, dtype: str = 'float64', seed: int = 1) -> list[np.ndarray]:
+    """Return positions, velocities and torques, (count, n) each."""
+    rng = np.random.default_rng(seed)
+    rows = [random_state(rng, n) for _ in range(count)]
+    return [np.array([row[k] for row in rows], dtype) for k in range(3)]
+
+
+@pytest.mark.parametrize('dtype', DTYPES)
+@pytest.mark.parametrize('name', ARMS)
+def test_kernel_and_emulator_give_the_same_bits(name: str, dtype: str) -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot(name), dtype=dtype)
+    q, qd, tau = states(kernel.robot.n, 33, dtype)
+    emulated = run(kernel.program, {'q': q, 'qd': qd, 'tau': tau}, dtype)['qdd']
+    np.testing.assert_array_equal(kernel(q, qd, tau), emulated)
+    singles = [kernel(*rows) for rows in zip(q, qd, tau, strict=True)]
+    np.testing.assert_array_equal(singles, emulated)
+    assert kernel(q, qd, tau).dtype == dtype
+
+
+@pytest.mark.parametrize('dtype', DTYPES)
+def test_random_chains_give_the_same_bits_with_wrench_and_brakes(dtype: str) -> None:
+    rng = np.random.default_rng(2)
+    scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
+    for n in (1, 2, 3, 5, 8):
+        kernel = pfd.compile_kernel(random_chain(rng, n), scene=scene, dtype=dtype)
+        q, qd, tau = states(n, 5, dtype)
+        wrench = rng.normal(size=(5, 6)).astype(dtype)
+        brakes = rng.random((5, n)) < 0.3
+        inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': 1.0 - brakes}
+        emulated = run(kernel.program, inputs, dtype)['qdd']
+        np.testing.assert_array_equal(kernel(q, qd, tau, wrench, brakes=brakes), emulated)
+        one = kernel(q[2], qd[2], tau[2], wrench[2], brakes=brakes[2])
+        np.testing.assert_array_equal(one, emulated[2])
+
+
+@pytest.mark.parametrize('dtype', DTYPES)
+def test_batch_size_and_memory_order_leave_the_bits_alone(dtype: str) -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), dtype=dtype)
+    whole = kernel(*states(6, 33, dtype))
+    for size in BATCHES:
+        arrays = [x[:size] for x in states(6, 33, dtype)]
+        np.testing.assert_array_equal(kernel(*arrays), whole[:size])
+        fortran = [np.asfortranarray(x) for x in arrays]
+        np.testing.assert_array_equal(kernel(*fortran), whole[:size])
+        out = np.empty((size, 6), dtype, order='F')
+        assert kernel(*fortran, out=out) is out
+        np.testing.assert_array_equal(out, whole[:size])
+    strided = [np.repeat(x, 2, axis=0)[::2] for x in states(6, 33, dtype)]
+    np.testing.assert_array_equal(kernel(*strided), whole)
+    backward = [x[::-1] for x in states(6, 33, dtype)]
+    np.testing.assert_array_equal(kernel(*backward), whole[::-1])
+
+
+def test_an_empty_batch_gives_an_empty_answer() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    assert kernel(*[np.empty((0, 2))] * 3).shape == (0, 2)
+
+
+def test_one_state_is_broadcast_over_a_batch() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    q, qd, tau = states(2, 5)
+    expected = [kernel(row, qd[0], tau[0]) for row in q]
+    np.testing.assert_array_equal(kernel(q, qd[0], tau[0]), expected)
+
+
+def test_the_result_may_take_the_place_of_an_input() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
+    for shape in ((), (20,)):
+        q, qd, tau = (x if shape else x[0].copy() for x in states(6, 20))
+        expected = kernel(q, qd, tau)
+        np.testing.assert_array_equal(kernel(q, qd, tau, out=tau), expected)
+        np.testing.assert_array_equal(tau, expected)
+    buffer = np.zeros(7)
+    buffer[:6] = states(6, 1)[0][0]
+    qd, tau = states(6, 1)[1][0], states(6, 1)[2][0]
+    expected = kernel(buffer[:6], qd, tau)
+    np.testing.assert_array_equal(kernel(buffer[:6], qd, tau, out=buffer[1:]), expected)
+
+
+@pytest.mark.parametrize('name', ARMS)
+def test_kernels_agree_with_pinocchio(name: str) -> None:
+    robot = pfd.load_robot(name)
+    model = to_pinocchio(robot)
+    data = model.createData()
+    double = pfd.compile_kernel(robot)
+    single = pfd.compile_kernel(robot, dtype='float32')
+    for q, qd, tau in zip(*states(robot.n, 25, 'float32'), strict=True):
+        q64, qd64, tau64 = (x.astype(float) for x in (q, qd, tau))
+        wanted = pin.aba(model, data, q64, qd64, tau64)
+        H = pin.crba(model, data, q64)
+        H = np.triu(H) + np.triu(H, 1).T
+        scale = 1 / np.sqrt(np.diag(H))
+        condition = np.linalg.cond(H * scale * scale[:, None])
+        size = np.abs(wanted).max()
+        assert np.abs(double(q64, qd64, tau64) - wanted).max() < DYNAMICS * condition * size
+        assert np.abs(single(q, qd, tau) - wanted).max() < SINGLE * condition * size
+
+
+def test_angles_far_beyond_the_range_of_the_sine_are_brought_back() -> None:
+    robot = pfd.load_robot('panda')
+    kernel = pfd.compile_kernel(robot)
+    _, qd, tau = states(7, 20)
+    rng = np.random.default_rng(3)
+    q = rng.uniform(-1, 1, (20, 7)) * 10.0 ** rng.integers(0, 300, (20, 7))
+    model = to_pinocchio(robot)
+    data = model.createData()
+    found = kernel(q, qd, tau)
+    for k in range(20):
+        # The C library reduces exactly: its sine and cosine give the angle Pinocchio takes.
+        angle = np.arctan2(np.sin(q[k]), np.cos(q[k]))
+        wanted = pin.aba(model, data, angle, qd[k], tau[k])
+        assert np.abs(found[k] - wanted).max() < 1e-10 * np.abs(wanted).max()
+        np.testing.assert_array_equal(kernel(q[k], qd[k], tau[k]), found[k])
+
+
+def test_a_prismatic_joint_is_never_wrapped() -> None:
+    robot = random_chain(np.random.default_rng(4), 2, joint_types=['prismatic', 'prismatic'])
+    kernel = pfd.compile_kernel(robot)
+    q = np.array([3e5, -2e7])
+    emulated = run(kernel.program, {'q': q, 'qd': q, 'tau': q})['qdd']
+    np.testing.assert_array_equal(kernel(q, q, q), emulated)
+
+
+def test_bound_arrays_are_read_and_written_in_place() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
+    for shape in ((6,), (10, 6)):
+        q, qd, tau = (x[0].copy() if shape == (6,) else x for x in states(6, 10))
+        out = np.empty(shape)
+        step = kernel.bind(q, qd, tau, out)
+        q += 0.25
+        step()
+        np.testing.assert_array_equal(out, kernel(q, qd, tau))
+    with pytest.raises(ValueError, match='q must be an array of float64 to be bound, got list'):
+        kernel.bind([0.0] * 6, qd, tau, out)
+
+
+def test_a_bound_function_outlives_its_kernel() -> None:
+    q, qd, tau = (x[0] for x in states(2, 1))
+    out = np.empty(2)
+    robot = pfd.load_robot('planar2')
+    step = pfd.compile_kernel(robot).bind(q, qd, tau, out)
+    gc.collect()
+    for _ in range(1000):
+        step()
+    np.testing.assert_array_equal(out, pfd.compile_kernel(robot)(q, qd, tau))
+
+
+def test_calls_leave_no_references_behind() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    q, qd, tau = (x[0] for x in states(2, 1))
+    out = np.empty(2)
+
+    class Marked(np.ndarray):
+        pass
+
+    marked = out.view(Marked)
+    for target in (out, marked):
+        before = [gc.get_referrers(target), len(gc.get_objects())]
+        for _ in range(1000):
+            kernel(q, qd, tau, out=target)
+        assert len(gc.get_objects()) < before[1] + 100
+
+
+def test_a_batch_runs_without_the_lock_of_python() -> None:
+    # While one thread is inside a long batch, this one goes on counting.
+    kernel = pfd.compile_kernel(pfd.load_robot('puma560'))
+    arrays = [np.tile(x, (20_000, 1)) for x in states(6, 10)]
+    kernel(*[x[:10] for x in arrays])
+    running = threading.Event()
+    done = threading.Event()
+
+    def work() -> None:
+        running.set()
+        kernel(*arrays)
+        done.set()
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    running.wait(10)
+    turns = 0
+    while not done.is_set():
+        turns += 1
+    thread.join()
+    # With the lock held, the count would stop at what fits into one switch of threads; the
+    # batch takes some ten milliseconds, a turn well under a microsecond.
+    assert turns > 1000
+
+
+def test_threads_share_a_kernel() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
+    arrays = states(6, 4000)
+    expected = kernel(*arrays)
+    found = [np.empty_like(expected) for _ in range(4)]
+    threads = [threading.Thread(target=kernel, args=(*arrays, None, out)) for out in found]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    for out in found:
+        np.testing.assert_array_equal(out, expected)
+
+
+def test_inverse_dynamics_gives_the_torques_back() -> None:
+    rng = np.random.default_rng(5)
+    for n in (1, 4, 9):
+        robot = random_chain(rng, n)
+        scene = pfd.Scene(damping='model', armature='model')
+        q, qd, tau = states(n, 7)
+        wrench = rng.normal(size=(7, 6))
+        qdd = pfd.forward_dynamics(robot, q, qd, tau, scene=scene, wrench=wrench)
+        found = pfd.inverse_dynamics(robot, q, qd, qdd, scene=scene, wrench=wrench)
+        # Torques that large accelerations make cancel to tau: relative to them.
+        scale = np.abs(qdd).max() * 100
+        np.testing.assert_allclose(found, tau, rtol=0, atol=DYNAMICS * scale)
+        kernel = compile_inverse_kernel(robot, scene=scene)
+        emulated = run(kernel.program, {'q': q, 'qd': qd, 'qdd': qdd})['tau']
+        np.testing.assert_array_equal(kernel(q, qd, qdd), emulated)
+
+
+def test_plain_functions_take_any_number_of_leading_axes() -> None:
+    robot = pfd.load_robot('ur5')
+    q, qd, tau = states(6, 12)
+    expected = pfd.forward_dynamics(robot, q, qd, tau)
+    folded = [x.reshape(2, 3, 2, 6) for x in (q, qd, tau)]
+    np.testing.assert_array_equal(
+        pfd.forward_dynamics(robot, *folded), expected.reshape(2, 3, 2, 6)
+    )
+    listed = pfd.forward_dynamics(robot, *(x[0].tolist() for x in (q, qd, tau)))
+    np.testing.assert_array_equal(listed, expected[0])
+
+
+def test_a_kernel_tells_what_it_is() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('puma560'))
+    assert kernel.method in pfd.METHODS
+    assert kernel.operations['div'] == 6
+    assert 'sin' not in kernel.operations
+    assert kernel.compile_seconds > 0
+    # Nothing that would let the compiler change a result.
+    for flag in ('fast', 'contract', 'reassoc', 'fmuladd', 'llvm.fma'):
+        assert flag not in kernel.ir
+    check_layout()
+
+
+KERNEL = pfd.compile_kernel(pfd.load_robot('planar2'))
+TWO = np.zeros(2)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'options', 'message'),
+    [
+        ((np.zeros(3), TWO, TWO), {}, r'q must have shape \(2,\) or \(B, 2\), got \(3,\)'),
+        ((TWO, 1.0, TWO), {}, r'qd must have shape \(2,\) or \(B, 2\), got \(\)'),
+        ((TWO, TWO, [0.0, np.nan]), {}, r'tau must be finite, got nan at index \[1\]'),
+        ((np.full((9, 2), np.inf), TWO, TWO), {}, r'q must be finite, got inf at index \[0, 0\]'),
+        (('one', TWO, TWO), {}, "q must be an array of numbers, got 'one'"),
+        ((np.zeros((2, 2)), np.zeros((3, 2)), TWO), {}, 'must agree in their batch, got q'),
+        ((TWO, TWO, TWO), {'out': np.zeros(3)}, r'out must be an array of float64 \(2,\), got'),
+        ((TWO, TWO, TWO), {'out': np.zeros(2, 'f4')}, r'out must be .* got float32 \(2,\)'),
+        ((TWO, TWO, TWO), {'out': [0, 0]}, 'out must be .* got list'),
+        ((TWO, TWO, TWO, np.zeros(6)), {}, 'wrench was given, but .*external_wrench=True'),
+        ((TWO, TWO, TWO), {'brakes': [True, False]}, 'brakes was given, but .*brakes=True'),
+    ],
+)
+def test_bad_arguments_are_named(arguments, options, message: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ValueError, match=message):
+        KERNEL(*arguments, **options)
+
+
+def test_a_read_only_result_is_refused() -> None:
+    out = np.zeros(2)
+    out.setflags(write=False)
+    with pytest.raises(ValueError, match='out must be writeable'):
+        KERNEL(TWO, TWO, TWO, out=out)
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'method': 'euler'}, "method must be 'auto' or one of .* got 'euler'"),
+        ({'dtype': 'float16'}, "dtype must be one of .* got 'float16'"),
+        ({'refine': 1}, 'refine must be 0: .* got 1'),
+        ({'scene': pfd.Scene(damping=[1.0])}, 'damping .* 1 numbers, .* 2 joints'),
+    ],
+)
+def test_bad_options_are_named(options, message: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ValueError, match=message):
+        pfd.compile_kernel(pfd.load_robot('planar2'), **options)
+
+
+def test_a_missing_wrench_is_asked_for() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=pfd.Scene(external_wrench=True))
+    with pytest.raises(ValueError, match='external_wrench=True, so the call needs wrench='):
+        kernel(TWO, TWO, TWO)

@@ -1,0 +1,155 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Lowering: each pass does what it says and no result changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from zoo import random_chain, random_state
+
+from pfd_core.algorithms.dynamics import record_pcrbm
+from pfd_core.kernels.lower import drop, expand, fold, lower, operations
+from pfd_core.machine.emulator import run
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder, cos, sin, sqrt, where
+from pfd_core.model import Scene, load_robot, resolve
+
+Text = Callable[[Lanes, Lanes], Any]
+
+
+def recorded(text: Text) -> Program:
+    """Record text(x, y) over one lane; its result is the output."""
+    recorder = Recorder(1, 'sequential')
+    x, y = recorder.input('x', [0]), recorder.input('y', [0])
+    recorder.output('out', (1,), [(recorder.lift(text(x, y)), 0)])
+    return recorder.program()
+
+
+@pytest.mark.parametrize(
+    ('text', 'left'),
+    [
+        (lambda x, y: x + 0.0, {}),
+        (lambda x, y: 0.0 + x, {}),
+        (lambda x, y: x - 0.0, {}),
+        (lambda x, y: 0.0 - x, {'neg': 1}),
+        (lambda x, y: x - x, {}),
+        (lambda x, y: x * 1.0, {}),
+        (lambda x, y: 1.0 * x, {}),
+        (lambda x, y: x * 0.0, {}),
+        (lambda x, y: x / 1.0, {}),
+        (lambda x, y: 0.0 / x, {}),
+        (lambda x, y: 0.0 - (0.0 - x), {}),
+        (lambda x, y: x * -1.0 + y, {'sub': 1}),
+        (lambda x, y: (-x) * y, {'mul': 1, 'neg': 1}),
+        (lambda x, y: (-x) * (-y), {'mul': 1}),
+        (lambda x, y: x + (-y), {'sub': 1}),
+        (lambda x, y: (-x) + y, {'sub': 1}),
+        (lambda x, y: x - (-y), {'add': 1}),
+        (lambda x, y: (-x) - y, {'add': 1, 'neg': 1}),
+        (lambda x, y: x * y + y * x, {'mul': 1, 'add': 1}),
+        (lambda x, y: x * y - y * x, {}),
+        (lambda x, y: (x * -0.5) + (x * 0.5), {}),
+        (lambda x, y: where(x, y, y), {}),
+        (lambda x, y: where(x.recorder.constant(1.0), x, y), {}),
+        (lambda x, y: where(x.recorder.constant(0.0), x, y), {}),
+        (lambda x, y: sqrt(x.recorder.constant(4.0)) * x, {'mul': 1}),
+        (lambda x, y: cos(x.recorder.constant(0.0)) * x, {}),
+        (lambda x, y: (x.recorder.constant(3.0) * 2.0 - 5.0) * x, {}),
+        (lambda x, y: (x + y) * 2.0 + (y + x), {'add': 2, 'mul': 1}),
+    ],
+)
+def test_folding_leaves_only_what_is_needed(text: Text, left: dict[str, int]) -> None:
+    program = recorded(text)
+    folded = drop(fold(program))
+    assert operations(folded) == left
+    for x, y in [(2.0, 3.0), (-0.75, 0.3), (1e-3, -7.0)]:
+        inputs = {'x': [x], 'y': [y]}
+        kept = {name: inputs[name] for name in program.inputs}
+        np.testing.assert_array_equal(run(folded, kept)['out'], run(program, kept)['out'])
+
+
+def test_nothing_is_reassociated() -> None:
+    program = recorded(lambda x, y: (x + y) + 1.0)
+    assert operations(fold(program)) == {'add': 2}
+    # 1e16 + 1 is 1e16: another order gives another sum.
+    assert run(fold(program), {'x': [1e16], 'y': [1.0]})['out'] == 1e16
+    rotated = recorded(lambda x, y: x + (y + 1.0))
+    assert run(fold(rotated), {'x': [1e16], 'y': [1.0]})['out'] == 1e16 + 2
+
+
+def test_a_division_by_a_zero_constant_is_left_to_run_time() -> None:
+    program = fold(recorded(lambda x, y: x.recorder.constant(1.0) / 0.0 + x))
+    assert run(program, {'x': [1.0], 'y': [0.0]})['out'] == np.inf
+
+
+def test_dropping_keeps_the_asked_outputs_only() -> None:
+    recorder = Recorder(1, 'sequential')
+    x = recorder.input('x', [0])
+    recorder.output('a', (1,), [(x * x, 0)])
+    recorder.output('b', (1,), [(x + x, 0)])
+    program = drop(recorder.program(), ['b'])
+    assert operations(program) == {'add': 1}
+    assert set(program.outputs) == {'b'}
+    with pytest.raises(ValueError, match=r"no output of \['a', 'b'\] is in \['c'\]"):
+        drop(recorder.program(), ['c'])
+
+
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+def test_one_expansion_serves_the_sine_and_the_cosine_of_an_angle(dtype: str) -> None:
+    both = expand(recorded(lambda x, y: sin(x) * y + cos(x)), dtype)
+    counts = operations(both)
+    assert not {'sin', 'cos'} & counts.keys()
+    one = operations(expand(recorded(lambda x, y: sin(x)), dtype))
+    assert sum(counts.values()) == sum(one.values()) + 2
+    x = np.linspace(-7, 7, 101)[:, None]
+    inputs = {'x': x, 'y': np.ones_like(x)}
+    y = run(both, inputs, dtype)['out']
+    np.testing.assert_allclose(y, np.sin(x) + np.cos(x), atol=4 * np.finfo(dtype).eps)
+
+
+@pytest.mark.parametrize('name', ['puma560', 'planar2'])
+def test_a_lowered_program_agrees_with_the_program_as_written(name: str) -> None:
+    robot = load_robot(name)
+    program = record_pcrbm(resolve(robot, Scene(external_wrench=True)), 'sequential')
+    lowered = lower(program, 'float64', ['qdd'])
+    rng = np.random.default_rng(1)
+    q, qd, tau = random_state(rng, robot.n)
+    inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6)}
+    a, b = run(lowered, inputs)['qdd'], run(program, inputs)['qdd']
+    # Another sine, and sums that lost their zeros: some roundings of H qdd, solved.
+    np.testing.assert_allclose(a, b, rtol=0, atol=1e-12 * np.abs(b).max())
+
+
+def test_a_scene_pays_only_for_what_it_models() -> None:
+    robot = load_robot('ur5')
+
+    def cost(scene: Scene) -> int:
+        program = record_pcrbm(resolve(robot, scene), 'sequential')
+        return sum(operations(lower(program, 'float64', ['qdd'])).values())
+
+    bare = cost(Scene(gravity=None))
+    # Damping takes one product and one addition a joint, a rotor one addition.
+    assert bare < cost(Scene()) < cost(Scene(gravity=(1.0, 2.0, 3.0)))
+    assert cost(Scene(damping=[0.5] * 6)) == cost(Scene()) + 12
+    assert cost(Scene(armature=[1.0] * 6)) == cost(Scene()) + 6
+    assert cost(Scene(damping=[0.0] * 6, armature=[0.0] * 6)) == cost(Scene())
+
+
+def test_right_angles_cost_less_than_skew_ones() -> None:
+    skew = random_chain(np.random.default_rng(2), 6, 0.0)
+    square = load_robot('ur5')
+    costs = [
+        sum(operations(lower(record_pcrbm(resolve(r), 'sequential'), 'float64')).values())
+        for r in (square, skew)
+    ]
+    assert costs[0] < 0.8 * costs[1]
+
+
+def test_a_parallel_program_is_not_lowered() -> None:
+    program = record_pcrbm(resolve(load_robot('planar2')), 'parallel')
+    with pytest.raises(ValueError, match='only a sequential program is lowered, got 2 lanes'):
+        lower(program, 'float64')

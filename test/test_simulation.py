@@ -1,0 +1,251 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Time: the same bits step by step, in a rollout and on the emulator; energy; convergence."""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import pairwise
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from zoo import random_chain, to_pinocchio
+
+import pfd_core as pfd
+from pfd_core.machine.emulator import run
+from pfd_core.simulation.integrators import STEPS, record_step
+
+INTEGRATORS = tuple(STEPS)
+
+# What the project promises for the unforced two-link arm at 1 ms over 10 s; RK4's
+# own error there is 1e-10 of the peak kinetic energy.
+ENERGY_DRIFT = 1e-9
+
+
+def energies(robot: pfd.Robot, q: np.ndarray, qd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return kinetic and potential energy of each row [J], by Pinocchio."""
+    model = to_pinocchio(robot)
+    data = model.createData()
+    kinetic = [pin.computeKineticEnergy(model, data, *row) for row in zip(q, qd, strict=True)]
+    potential = [pin.computePotentialEnergy(model, data, row) for row in q]
+    return np.array(kinetic), np.array(potential)
+
+
+@pytest.mark.parametrize('integrator', INTEGRATORS)
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+def test_steps_and_rollout_give_the_same_bits(integrator: str, dtype: str) -> None:
+    robot = pfd.load_robot('puma560')
+    taus = np.random.default_rng(1).normal(size=(50, 6)).astype(dtype) * 10
+    make = partial(pfd.Simulator, robot, integrator=integrator, dtype=dtype, substeps=3)
+    one, other = make(), make()
+    trajectory = one.rollout(taus)
+    for k, tau in enumerate(taus):
+        other.step(tau)
+        np.testing.assert_array_equal(other.q, trajectory.q[k])
+        np.testing.assert_array_equal(other.qd, trajectory.qd[k])
+        np.testing.assert_array_equal(other.qdd, trajectory.qdd[k])
+        assert other.time == trajectory.time[k]
+    np.testing.assert_array_equal(one.q, other.q)
+    assert trajectory.status == one.status == 'ok'
+    assert trajectory.sound == 50
+
+
+@pytest.mark.parametrize('integrator', INTEGRATORS)
+def test_native_steps_are_the_integrators_text_on_numpy_bit_for_bit(integrator: str) -> None:
+    robot = random_chain(np.random.default_rng(2), 3)
+    kernel = pfd.compile_kernel(robot)
+    step_size, substeps = 2e-3, 2
+    sim = pfd.Simulator(robot, step_size=step_size, substeps=substeps, integrator=integrator)
+    program = record_step(integrator, 3, step_size / substeps)
+    q, qd = np.zeros(3), np.zeros(3)
+    for tau in np.random.default_rng(3).normal(size=(20, 3)):
+        f = partial(kernel, tau=tau)
+        sim.step(tau)
+        a = emulated = f(q, qd)
+        x = {'q': q, 'qd': qd, 'qdd': emulated}
+        for _ in range(substeps):
+            q, qd, a = STEPS[integrator](f, q, qd, a, step_size / substeps)
+            x = run(program, x, functions={'qdd': f})
+        np.testing.assert_array_equal(sim.q, q)
+        np.testing.assert_array_equal(sim.qd, qd)
+        np.testing.assert_array_equal(sim.qdd, a)
+        np.testing.assert_array_equal(sim.q, x['q'])
+        np.testing.assert_array_equal(sim.qd, x['qd'])
+
+
+def test_rk4_keeps_the_energy_of_the_two_link_arm() -> None:
+    robot = pfd.load_robot('planar2')
+    sim = pfd.Simulator(robot, step_size=1e-3, substeps=1, integrator='rk4')
+    sim.reset(q=[0.5, 0.2])
+    trajectory = sim.rollout(np.zeros((10_000, 2)))
+    kinetic, potential = energies(robot, trajectory.q, trajectory.qd)
+    start = energies(robot, np.array([[0.5, 0.2]]), np.zeros((1, 2)))
+    drift = np.abs(kinetic + potential - start[0] - start[1]).max()
+    assert kinetic.max() > 1  # it does swing
+    assert drift < ENERGY_DRIFT * kinetic.max()
+
+
+@pytest.mark.parametrize(('integrator', 'order'), [('rk4', 4), ('velocity_verlet', 2)])
+def test_the_error_falls_with_the_order_of_the_integrator(integrator: str, order: int) -> None:
+    robot = pfd.load_robot('planar2')
+
+    def end(substeps: int, name: str = integrator) -> np.ndarray:
+        sim = pfd.Simulator(robot, step_size=0.02, substeps=substeps, integrator=name)
+        sim.reset(q=[0.5, 0.2])
+        return sim.rollout(np.full((50, 2), 0.3)).q[-1]
+
+    # 64 RK4 steps where the coarsest takes one: its error is 4^8 times below what is measured.
+    reference = end(64, 'rk4')
+    errors = [np.abs(end(substeps) - reference).max() for substeps in (1, 2, 4)]
+    for coarse, fine in pairwise(errors):
+        # Within 15 % of the order: the next term of the error is still seen at these steps.
+        assert coarse / fine == pytest.approx(2.0**order, rel=0.15 * order)
+
+
+def test_a_pendulum_swings_as_its_equation_says() -> None:
+    # A small swing of the first link with the second held: theta'' = -g m l / I theta.
+    robot = pfd.load_robot('planar2')
+    sim = pfd.Simulator(robot, pfd.Scene(brakes=True), step_size=1e-3, substeps=1)
+    model = to_pinocchio(robot)
+    data = model.createData()
+    hanging = next(
+        q
+        for q in np.arange(4) * np.pi / 2
+        if np.allclose(
+            pin.computeGeneralizedGravity(model, data, np.array([q, 0.0])), 0, atol=1e-9
+        )
+        and pin.computeGeneralizedGravity(model, data, np.array([q + 0.1, 0.0]))[0] > 0
+    )
+    swing = 1e-4
+    stiffness = pin.computeGeneralizedGravity(model, data, np.array([hanging + swing, 0.0]))[0]
+    inertia = pin.crba(model, data, np.array([hanging, 0.0]))[0, 0]
+    omega = np.sqrt(stiffness / swing / inertia)
+    sim.reset(q=[hanging + swing, 0.0])
+    trajectory = sim.rollout(np.zeros((2000, 2)), brakes=[False, True])
+    expected = hanging + swing * np.cos(omega * trajectory.time)
+    # The period of a pendulum grows by swing^2 / 16.
+    np.testing.assert_allclose(trajectory.q[:, 0], expected, rtol=0, atol=swing**2)
+    np.testing.assert_array_equal(trajectory.q[:, 1], 0.0)
+    np.testing.assert_array_equal(trajectory.qd[:, 1], 0.0)
+
+
+def test_a_held_joint_stops_at_once_and_stays() -> None:
+    robot = pfd.load_robot('puma560')
+    sim = pfd.Simulator(robot, pfd.Scene(brakes=True))
+    q0, qd0 = np.full(6, 0.3), np.full(6, 0.5)
+    sim.reset(q=q0, qd=qd0)
+    held = np.array([True, False, True, False, False, True])
+    sim.step(np.zeros(6), brakes=held)
+    np.testing.assert_array_equal(sim.q[held], q0[held])
+    np.testing.assert_array_equal(sim.qd[held], 0.0)
+    assert np.all(sim.q[~held] != q0[~held])
+    sim.step(np.zeros(6), brakes=np.ones(6, dtype=bool))
+    np.testing.assert_array_equal(sim.qd, 0.0)
+    np.testing.assert_array_equal(sim.qdd, 0.0)
+
+
+def test_brakes_default_to_none_held() -> None:
+    robot = pfd.load_robot('planar2')
+    free = pfd.Simulator(robot)
+    braked = pfd.Simulator(robot, pfd.Scene(brakes=True))
+    for _ in range(5):
+        free.step([0.1, 0.2])
+        braked.step([0.1, 0.2])
+    np.testing.assert_array_equal(free.q, braked.q)
+
+
+def test_a_wrench_at_the_tip_does_the_work_of_its_torques() -> None:
+    # A force f along z of the last link's frame is the torque J' f.
+    robot = pfd.load_robot('ur5')
+    model = to_pinocchio(robot)
+    data = model.createData()
+    q = np.array([0.1, -0.7, 0.9, 0.3, 0.2, 0.5])
+    frame = model.nframes - 1
+    jacobian = pin.computeFrameJacobian(model, data, q, frame, pin.LOCAL)
+    wrench = np.array([1.0, -2.0, 3.0, 0.1, 0.2, -0.3])
+    pushed = pfd.Simulator(robot, pfd.Scene(external_wrench=True), step_size=1e-5)
+    driven = pfd.Simulator(robot, step_size=1e-5)
+    for sim in (pushed, driven):
+        sim.reset(q=q)
+    pushed.step(np.zeros(6), wrench)
+    driven.step(jacobian.T @ wrench)
+    # The torque J' f is held for the step while J moves on: 1e-5 s of it.
+    np.testing.assert_allclose(pushed.qd, driven.qd, rtol=1e-4)
+
+
+def test_time_does_not_drift() -> None:
+    sim = pfd.Simulator(pfd.load_robot('planar2'), step_size=1e-3)
+    sim.reset(time=5.0)
+    sim.rollout(np.zeros((700, 2)))
+    for _ in range(300):
+        sim.step([0.0, 0.0])
+    assert sim.time == 5.0 + 1000 * 1e-3
+
+
+def test_an_overflow_is_a_status_and_the_sound_steps_are_counted() -> None:
+    sim = pfd.Simulator(pfd.load_robot('planar2'), step_size=0.5, substeps=1)
+    taus = np.zeros((40, 2))
+    taus[3:] = 1e200
+    trajectory = sim.rollout(taus)
+    assert trajectory.status == sim.status == 'not_finite'
+    assert 3 <= trajectory.sound < 40
+    assert np.isfinite(trajectory.q[: trajectory.sound]).all()
+    assert not np.isfinite(trajectory.qdd[trajectory.sound]).all()
+    sim.reset()
+    assert sim.status == 'ok'
+
+
+def test_no_steps_give_an_empty_trajectory() -> None:
+    trajectory = pfd.Simulator(pfd.load_robot('planar2')).rollout(np.zeros((0, 2)))
+    assert trajectory.q.shape == (0, 2)
+    assert trajectory.status == 'ok'
+
+
+def test_the_state_handed_out_is_a_copy() -> None:
+    sim = pfd.Simulator(pfd.load_robot('planar2'))
+    sim.q[:] = 7.0
+    np.testing.assert_array_equal(sim.q, 0.0)
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'step_size': 0.0}, 'step_size must be above zero seconds, got 0.0'),
+        ({'step_size': np.nan}, 'step_size must be above zero seconds, got nan'),
+        ({'substeps': 0}, 'substeps must be an integer of at least 1, got 0'),
+        ({'substeps': 1.5}, 'substeps must be an integer of at least 1, got 1.5'),
+        ({'integrator': 'euler'}, "integrator must be one of .* got 'euler'"),
+        ({'method': 'aba'}, "method must be 'auto' or one of .* got 'aba'"),
+        ({'dtype': 'float16'}, "dtype must be one of .* got 'float16'"),
+        ({'refine': 2}, 'refine must be 0'),
+    ],
+)
+def test_bad_settings_are_named(options, message: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ValueError, match=message):
+        pfd.Simulator(pfd.load_robot('planar2'), **options)
+
+
+@pytest.mark.parametrize(
+    ('act', 'message'),
+    [
+        (lambda s: s.reset(q=[0.0]), r'q must have shape \(2,\), got \(1,\)'),
+        (lambda s: s.reset(qd=[0.0, np.inf]), 'qd must be finite'),
+        (lambda s: s.reset(time=np.nan), 'time must be finite, got nan'),
+        (lambda s: s.step([0.0]), r'tau must have shape \(2,\), got \(1,\)'),
+        (lambda s: s.step('push'), "tau must be an array of numbers, got 'push'"),
+        (lambda s: s.step([0.0, 0.0], np.zeros(6)), 'external_wrench=False'),
+        (lambda s: s.step([0.0, 0.0], brakes=[True, True]), r'Scene\(brakes=True\)'),
+        (lambda s: s.rollout(np.zeros(2)), r'taus must have shape \(steps, 2\), got \(2,\)'),
+        (lambda s: s.rollout([[0.0, np.nan]]), 'taus must be finite'),
+    ],
+)
+def test_bad_calls_are_named_and_change_nothing(act, message: str) -> None:  # type: ignore[no-untyped-def]
+    sim = pfd.Simulator(pfd.load_robot('planar2'))
+    sim.step([1.0, 1.0])
+    before = sim.q, sim.qd, sim.time
+    with pytest.raises(ValueError, match=message):
+        act(sim)
+    np.testing.assert_array_equal(sim.q, before[0])
+    np.testing.assert_array_equal(sim.qd, before[1])
+    assert sim.time == before[2]

@@ -39,6 +39,8 @@ class Controller(Node):
         super().__init__('demo_controller')
         self.robot = pfd.load_robot(robot_name)
         self.motion = motion_of(self.robot)
+        # The first call compiles the robot, which takes longer than an arm can wait.
+        pfd.inverse_dynamics(self.robot, *self.motion.at(0.0))
         self.length_ns = round(seconds * NANOSECONDS)
         self.ended: Future = Future()
         self.sent = 0

@@ -1,6 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Robots for tests, and the same robots in Pinocchio, which is the oracle."""
+"""
+Robots for tests, and the same robots in Pinocchio, which is the oracle.
+
+URDF texts: ODD_ARM (six joints of all kinds on odd axes, with fixed joints between), STRAIGHT_ARM
+(every axis and angle aligned, so that zeros and ones must be exact), FORK (a tree) and TWO_ARMS
+(two chains on one moving column).
+"""
 
 from __future__ import annotations
 
@@ -13,6 +19,116 @@ import pinocchio as pin
 from pfd_core.model import Robot
 
 Array = NDArray[np.float64]
+
+
+def link(name: str, mass: float = 0.0, xyz: str = '0 0 0', rpy: str = '0 0 0', J: str = '') -> str:
+    """Return a <link>; J holds ixx iyy izz ixy iyz ixz, and without it there is no <inertial>."""
+    if not J:
+        return f'<link name="{name}"/>'
+    keys = ('ixx', 'iyy', 'izz', 'ixy', 'iyz', 'ixz')
+    elements = ' '.join(f'{key}="{value}"' for key, value in zip(keys, J.split(), strict=True))
+    return (
+        f'<link name="{name}"><inertial><origin xyz="{xyz}" rpy="{rpy}"/>'
+        f'<mass value="{mass}"/><inertia {elements}/></inertial></link>'
+    )
+
+
+def joint(
+    name: str,
+    kind: str,
+    parent: str,
+    child: str,
+    xyz: str = '0 0 0',
+    rpy: str = '0 0 0',
+    axis: str = '0 0 1',
+    extra: str = '<limit lower="-2" upper="2.5" velocity="3" effort="40"/>',
+) -> str:
+    """Return a <joint>."""
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}" rpy="{rpy}"/><axis xyz="{axis}"/>{extra}</joint>'
+    )
+
+
+def urdf(name: str, *parts: str) -> str:
+    """Return a URDF text."""
+    return f'<?xml version="1.0"?>\n<robot name="{name}">\n' + '\n'.join(parts) + '\n</robot>'
+
+
+BODY = '0.02 0.03 0.025 0.001 -0.002 0.0015'
+DRIVE = (
+    '<limit lower="-1" upper="1.5" velocity="2" effort="60"/>'
+    '<dynamics damping="0.7" friction="0.3"/>'
+)
+
+ODD_ARM = urdf(
+    'odd_arm',
+    link('world'),
+    link('pedestal', 9.0, '0 0 0.2', '0 0 0', BODY),
+    link('turret', 4.0, '0.01 -0.02 0.1', '0.3 -0.2 0.5', BODY),
+    link('box', 0.6, '0.05 0.01 0.02', '0 0.4 0', BODY),
+    link('upper', 3.0, '0.2 0.01 0.02', '0 0 0', BODY),
+    link('slide', 1.5, '-0.02 0 0.1', '0.1 0.2 0.3', BODY),
+    link('elbow', 0.0, '0 0 0', '0 0 0', '0 0 0 0 0 0'),
+    link('fore', 2.0, '0.1 0.02 -0.01', '0 0 0', BODY),
+    link('bracket'),
+    link('camera', 0.2, '0.01 0 0.03', '0 0 0.2', '0.0002 0.0003 0.00025 0 0 0'),
+    link('wrist', 0.8, '0 0.02 0.01', '0 0 0', BODY),
+    link('hand', 0.5, '0 0 0.06', '0 0 0', BODY),
+    link('tool'),
+    joint('mount', 'fixed', 'world', 'pedestal', '0.3 -0.1 0.4', '0.1 -0.4 0.7'),
+    joint('j1', 'revolute', 'pedestal', 'turret', '0.02 0 0.3', '0 0 0.2', '0 0 -1', DRIVE),
+    joint('box_mount', 'fixed', 'turret', 'box', '0.1 0.05 0', '0.2 0 0.9'),
+    joint('j2', 'continuous', 'turret', 'upper', '0 0.1 0.1', '0.5 0 0', '0.3 -0.5 0.8', ''),
+    joint('j3', 'prismatic', 'upper', 'slide', '0.4 0 0.05', '0 0.3 0', '1 0 0'),
+    joint('j4', 'revolute', 'slide', 'elbow', '0.02 -0.03 0.2', '0 0 1.1', '0 -2 0'),
+    joint('j5', 'continuous', 'elbow', 'fore', '0 0 0', '0.7 0.1 0', '-1 0 0', ''),
+    joint('bracket_mount', 'fixed', 'fore', 'bracket', '0.1 0 0.05', '0 0.5 0'),
+    joint('camera_mount', 'fixed', 'bracket', 'camera', '0 0.02 0', '0.6 0 0'),
+    joint('j6', 'revolute', 'fore', 'wrist', '0.3 0 0', '-0.4 0 0.2', '0 1 1'),
+    joint('hand_mount', 'fixed', 'wrist', 'hand', '0 0 0.05', '0 0.2 0.1'),
+    joint('tool_mount', 'fixed', 'hand', 'tool', '0.01 0.02 0.12', '0.3 0.1 -0.2'),
+)
+
+# The angles are truncated as writers of URDF truncate them.
+STRAIGHT_ARM = urdf(
+    'straight_arm',
+    link('base'),
+    link('a', 2.0, '0 0 0.1', '0 0 0', '0.02 0.03 0.025 0 0 0'),
+    link('b', 1.5, '0.1 0 0', '0 0 0', '0.02 0.03 0.025 0 0 0'),
+    link('c', 1.0, '0 0.1 0', '0 0 0', '0.02 0.03 0.025 0 0 0'),
+    link('flange', 0.5, '0 0 0.1', '0 0 0', '0.02 0.03 0.025 0 0 0'),
+    joint('j1', 'revolute', 'base', 'a', '0 0 0.3'),
+    joint('j2', 'revolute', 'a', 'b', '0 0.1 0', '1.57079632679 0 0', '0 1 0'),
+    joint('j3', 'revolute', 'b', 'c', '0.4 0 0', '0 3.14159265359 -1.5707963267949', '-1 0 0'),
+    joint('flange_mount', 'fixed', 'c', 'flange', '0 0 0.2', '-1.57079632679 0 1.57079632679'),
+)
+
+FORK = urdf(
+    'fork',
+    link('base'),
+    link('arm', 2.0, '0 0 0.1', '0 0 0', BODY),
+    link('palm', 1.0, '0 0 0.1', '0 0 0', BODY),
+    link('left', 0.1, '0 0.02 0', '0 0 0', BODY),
+    link('right', 0.2, '0 -0.02 0', '0 0 0', BODY),
+    joint('shoulder', 'revolute', 'base', 'arm', axis='0 1 0'),
+    joint('wrist', 'revolute', 'arm', 'palm', '0 0 0.4', axis='1 0 0'),
+    joint('left_finger', 'prismatic', 'palm', 'left', '0 0.05 0.1', axis='0 1 0'),
+    joint('right_finger', 'prismatic', 'palm', 'right', '0 -0.05 0.1', '0 0 0.3', '0 -1 0'),
+)
+
+TWO_ARMS = urdf(
+    'two_arms',
+    link('floor'),
+    link('column', 20.0, '0 0 0.5', '0 0 0', BODY),
+    *(link(f'{side}_upper', 2.0, '0.1 0 0.1', '0 0 0', BODY) for side in ('left', 'right')),
+    *(link(f'{side}_fore', 1.0, '0 0.1 0.1', '0 0 0', BODY) for side in ('left', 'right')),
+    joint('lift', 'prismatic', 'floor', 'column', '0.1 0.2 0.1', '0.2 0.1 0.3'),
+    joint('left_shoulder', 'revolute', 'column', 'left_upper', '0 0.2 1', '0.4 0 0', '0 1 0'),
+    joint('left_elbow', 'revolute', 'left_upper', 'left_fore', '0.3 0 0', '0 0 0', '1 1 0'),
+    joint('right_shoulder', 'continuous', 'column', 'right_upper', '0 -0.2 1', extra=''),
+    joint('right_elbow', 'revolute', 'right_upper', 'right_fore', '0.3 0 0', axis='0 1 0'),
+)
 
 
 def random_rotation(rng: np.random.Generator) -> Array:

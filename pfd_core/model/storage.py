@@ -81,7 +81,7 @@ def robot_to_yaml(robot: Robot) -> str:
         'translation': robot.base_position.tolist(),
     }
     document = {'robot': robot.name, 'source': robot.source, 'base': base, 'tip': robot.tip}
-    # YAML 1.1 has no short form for a float: PyYAML writes the shortest digits that read back.
+    # PyYAML writes the shortest digits that read back as the same float.
     text: str = yaml.safe_dump(
         {**document, 'joints': joints}, sort_keys=False, default_flow_style=None, width=99
     )

@@ -83,10 +83,12 @@ def read_tree(text: str) -> tuple[Tree, str]:
                 f'{joint.name!r}: closed loops are not supported; cut one of them'
             )
         joints[joint.child] = joint
+    if not links:
+        raise ValueError('the URDF has no <link>; if it is xacro, expand it first')
     roots = [name for name in links if name not in joints]
     if len(roots) != 1:
         raise ValueError(
-            f'a URDF must have one link without a parent, this one has {_listed(roots) or "none"}'
+            f'a URDF must have one link without a parent, got {_listed(roots) or "a loop"}'
         )
     for origin in root.iter('origin'):
         if 'rpy' in origin.attrib:
@@ -123,14 +125,14 @@ def find_chain(
     _check_locked(tree, locked)
     base = base or tree.root
     free = [j for j in tree.joints.values() if j.kind != 'fixed' and j.name not in locked]
-    below = [j for j in free if base in _links_above(tree, j.child)]
-    if tip is None:
-        tip = _last_link(tree, base, below)
-    elif base != tip and base not in _links_above(tree, tip):
+    # The base may be a leaf: what matters is the link at the top of all that is welded to it.
+    above = [base, *_links_above(tree, base)]
+    held = next(k for k in above if k not in tree.joints or tree.joints[k] in free)
+    below = [j for j in free if held in _links_above(tree, j.child)]
+    tip = _last_link(tree, base, below) if tip is None else tip
+    if held not in (tip, *_links_above(tree, tip)):
         raise ValueError(f'tip {tip!r} is not below base {base!r} in {tree.name!r}')
-    above_tip = [tip, *_links_above(tree, tip)]
-    on_path = set(above_tip[: above_tip.index(base)])
-    chain = [j for j in reversed(_joints_above(tree, tip)) if j in below and j.child in on_path]
+    chain = [j for j in reversed(_joints_above(tree, tip)) if j in below]
     if not chain:
         raise ValueError(f'no joint moves between {base!r} and {tip!r} in {tree.name!r}')
     moved = {joint.child for joint in chain}

@@ -1,0 +1,270 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""URDF chains are the ones Pinocchio computes with, and what is no chain is refused by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from zoo import BODY, FORK, ODD_ARM, STRAIGHT_ARM, TWO_ARMS, joint, link, to_pinocchio, urdf
+
+from pfd_core.model import Robot, load_robot, lock
+
+# Sums of some hundred products, in another order: each rounds at 1e-16 of the largest.
+SAME_PHYSICS = 1e-12
+# Files whose angles are cut off after 11 digits are compared with angles made exact.
+TRUNCATED = {'1.57079632679': '1.5707963267948966', '3.14159265359': '3.141592653589793'}
+STATES = 5
+GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+def example(name: str) -> str:
+    """Return the text of a URDF of the package example-robot-data."""
+    folders = Path(pin.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
+    return (folders / name).read_text(encoding='utf-8')
+
+
+def exact_angles(text: str) -> str:
+    """Return a URDF with truncated right angles written out."""
+    for short, long in TRUNCATED.items():
+        text = re.sub(rf'{re.escape(short)}(?=[\s"])', long, text)
+    return text
+
+
+def assert_same_physics(robot: Robot, text: str, locked: Mapping[str, float]) -> None:
+    """Compare a loaded chain with Pinocchio on the whole file, joints off the chain at rest."""
+    whole = pin.buildModelFromXML(exact_angles(text))
+    ours = to_pinocchio(robot)
+    data, own = whole.createData(), ours.createData()
+    rng = np.random.default_rng(7)
+    ids = [whole.getJointId(name) for name in robot.joint_names]
+    v_at = [whole.joints[i].idx_v for i in ids]
+    for _ in range(STATES):
+        q, qd, qdd = rng.uniform(-1.5, 1.5, (3, robot.n))
+        whole_q = pin.neutral(whole)
+        for name, value in {**locked, **dict(zip(robot.joint_names, q, strict=True))}.items():
+            place = whole.joints[whole.getJointId(name)]
+            angle = [np.cos(value), np.sin(value)] if place.nq == 2 else [value]
+            whole_q[place.idx_q : place.idx_q + place.nq] = angle
+        pin.framesForwardKinematics(whole, data, whole_q)
+        base = data.oMf[whole.getFrameId(robot.base, pin.FrameType.BODY)]
+        tip = data.oMf[whole.getFrameId(robot.tip, pin.FrameType.BODY)]
+        pin.framesForwardKinematics(ours, own, q)
+        reach = (base.inverse() * tip).homogeneous
+        assert np.abs(own.oMf[-1].homogeneous - reach).max() <= SAME_PHYSICS * np.abs(reach).max()
+
+        whole.gravity.linear = base.rotation @ GRAVITY
+        velocity, acceleration = np.zeros((2, whole.nv))
+        velocity[v_at], acceleration[v_at] = qd, qdd
+        tau = pin.rnea(whole, data, whole_q, velocity, acceleration)[v_at]
+        assert np.abs(pin.rnea(ours, own, q, qd, qdd) - tau).max() <= SAME_PHYSICS * max(
+            1.0, np.abs(tau).max()
+        )
+        H = np.triu(pin.crba(whole, data, whole_q))[np.ix_(v_at, v_at)]
+        assert np.abs(np.triu(pin.crba(ours, own, q)) - H).max() <= SAME_PHYSICS * H.max()
+
+
+CHAINS = [
+    pytest.param(ODD_ARM, {}, 6, id='odd axes'),
+    pytest.param(ODD_ARM, {'tip': 'tool'}, 6, id='tip on a fixed joint'),
+    pytest.param(ODD_ARM, {'base': 'turret', 'tip': 'camera', 'locked': {'j6': 0.4}}, 4, id='cut'),
+    pytest.param(ODD_ARM, {'base': 'box', 'tip': 'hand'}, 5, id='base on a fixed joint'),
+    pytest.param(ODD_ARM, {'locked': {'j2': 0.7, 'j3': -0.1}}, 4, id='locked inside'),
+    pytest.param(ODD_ARM, {'locked': {'j1': 1.0, 'j6': -0.5}}, 4, id='locked at the ends'),
+    pytest.param(STRAIGHT_ARM, {'tip': 'flange'}, 3, id='aligned'),
+    pytest.param(FORK, {'locked': {'left_finger': 0.02, 'right_finger': 0.03}}, 2, id='gripper'),
+    pytest.param(TWO_ARMS, {'base': 'column', 'tip': 'right_fore'}, 2, id='one of two arms'),
+]
+
+
+@pytest.mark.parametrize(('text', 'choice', 'n'), CHAINS)
+def test_a_chain_has_the_inertia_the_torques_and_the_reach_of_pinocchio(
+    text: str, choice: dict[str, object], n: int
+) -> None:
+    robot = load_robot(text, **choice)
+    assert robot.n == n
+    assert_same_physics(robot, text, choice.get('locked', {}))
+
+
+@pytest.mark.parametrize(
+    ('name', 'choice', 'n'),
+    [
+        ('ur_description/urdf/ur5_robot.urdf', {'tip': 'ee_link'}, 6),
+        ('kinova_description/robots/kinova.urdf', {}, 6),
+        ('xarm_description/urdf/xarm7.urdf', {}, 7),
+        ('z1_description/urdf/z1.urdf', {'locked': {'jointGripper': -0.3}}, 6),
+        (
+            'panda_description/urdf/panda.urdf',
+            {'locked': {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}},
+            7,
+        ),
+        ('double_pendulum_description/urdf/double_pendulum_continuous.urdf', {}, 2),
+    ],
+)
+def test_published_arms_have_the_physics_of_pinocchio(
+    name: str, choice: dict[str, object], n: int
+) -> None:
+    text = example(name)
+    robot = load_robot(text, **choice)
+    assert robot.n == n
+    assert_same_physics(robot, text, choice.get('locked', {}))
+
+
+def test_right_angles_leave_exact_zeros_and_ones() -> None:
+    robot = load_robot(STRAIGHT_ARM, tip='flange')
+    elements = np.concatenate([robot.rotations.ravel(), robot.base_rotation.ravel()])
+    assert set(np.abs(elements).tolist()) == {0.0, 1.0}
+    # Each link lies along one coordinate axis, and each body but the last, which has two parts.
+    assert ((robot.translations != 0).sum(axis=1) == 1).all()
+    assert (robot.inertias[:2, [0, 0, 1], [1, 2, 2]] == 0).all()
+
+
+def test_an_axis_along_z_adds_no_turn() -> None:
+    text = urdf(
+        'plain', link('base'), link('arm', 1, J=BODY), joint('j', 'revolute', 'base', 'arm')
+    )
+    robot = load_robot(text)
+    np.testing.assert_array_equal(robot.base_rotation, np.eye(3))
+    np.testing.assert_array_equal(robot.rotations[0], np.eye(3))
+
+
+def test_limits_and_friction_come_from_the_file() -> None:
+    robot = load_robot(ODD_ARM)
+    assert robot.joint_types == (
+        *('revolute', 'continuous', 'prismatic', 'revolute', 'continuous', 'revolute'),
+    )
+    free = np.inf
+    np.testing.assert_array_equal(robot.position_lower, [-1, -free, -2, -2, -free, -2])
+    np.testing.assert_array_equal(robot.position_upper, [1.5, free, 2.5, 2.5, free, 2.5])
+    np.testing.assert_array_equal(robot.velocity_limit, [2, free, 3, 3, free, 3])
+    np.testing.assert_array_equal(robot.effort_limit, [60, free, 40, 40, free, 40])
+    np.testing.assert_array_equal(robot.damping, [0.7, 0, 0, 0, 0, 0])
+    np.testing.assert_array_equal(robot.friction, [0.3, 0, 0, 0, 0, 0])
+    np.testing.assert_array_equal(robot.armature, np.zeros(6))
+
+
+def test_locking_in_the_file_and_in_the_robot_is_the_same() -> None:
+    positions = {'j2': 0.7, 'j3': -0.1, 'j5': 2.0}
+    ours = lock(load_robot(ODD_ARM), positions)
+    assert_same_physics(ours, ODD_ARM, positions)
+    assert ours.joint_names == load_robot(ODD_ARM, locked=positions).joint_names
+
+
+def test_what_hangs_rigidly_beyond_the_tip_keeps_its_mass() -> None:
+    whole, cut = load_robot(ODD_ARM, tip='hand'), load_robot(ODD_ARM, tip='wrist')
+    assert cut.masses[-1] == whole.masses[-1] == pytest.approx(0.8 + 0.5, rel=SAME_PHYSICS)
+
+
+def test_a_mimic_joint_may_be_locked() -> None:
+    text = FORK.replace('<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 0"/><mimic joint="left_finger"/>')
+    assert load_robot(text, locked={'left_finger': 0.0, 'right_finger': 0.0}).n == 2
+
+
+ARM = (link('base'), link('arm', 1, J=BODY))
+BAD = [
+    pytest.param(FORK, {}, "'left_finger', 'right_finger'.*tip='left'.*locked=", id='tree'),
+    pytest.param(
+        FORK, {'tip': 'palm'}, "'left_finger', 'right_finger' also move.*lock", id='beyond the tip'
+    ),
+    pytest.param(
+        TWO_ARMS, {'tip': 'left_fore'}, "'right_shoulder', 'right_elbow' also move", id='two arms'
+    ),
+    pytest.param(ODD_ARM, {'base': 'nowhere'}, "base 'nowhere'.*'world'", id='unknown base'),
+    pytest.param(ODD_ARM, {'tip': 'nowhere'}, "tip 'nowhere'.*'world'", id='unknown tip'),
+    pytest.param(ODD_ARM, {'base': 'hand', 'tip': 'upper'}, 'not below base', id='upside down'),
+    pytest.param(ODD_ARM, {'base': 'hand', 'tip': 'tool'}, 'no joint moves', id='rigid'),
+    pytest.param(ODD_ARM, {'base': 'hand'}, "no joint moves below 'hand'", id='nothing below'),
+    pytest.param(ODD_ARM, {'locked': {'j9': 0.0}}, "'j9'.*no such joint.*'j1'", id='lock unknown'),
+    pytest.param(ODD_ARM, {'locked': {'mount': 0.0}}, "'mount'.*fixed joint", id='lock a weld'),
+    pytest.param(ODD_ARM, {'locked': {'j1': np.nan}}, "'j1'.*finite number", id='lock at nan'),
+    pytest.param('<robot name="x"><link', {}, 'not well-formed XML', id='malformed'),
+    pytest.param('<model/>', {}, 'starts with <robot>', id='not a robot'),
+    pytest.param('<robot name="x"/>', {}, 'no <link>', id='empty'),
+    pytest.param(
+        urdf('x', *ARM, joint('hinge', 'floating', 'base', 'arm')),
+        *({}, "'hinge' is floating.*base='arm'"),
+        id='floating',
+    ),
+    pytest.param(
+        urdf('x', *ARM, joint('hinge', 'planar', 'base', 'arm')),
+        {},
+        "'hinge' is planar",
+        id='plane',
+    ),
+    pytest.param(
+        urdf('x', *ARM, joint('hinge', 'ball', 'base', 'arm')),
+        {},
+        "'hinge' has type 'ball'",
+        id='b',
+    ),
+    pytest.param(
+        FORK.replace('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="shoulder"/>'),
+        *({'locked': {'left_finger': 0, 'right_finger': 0}}, "'wrist' mimics 'shoulder'.*lock"),
+        id='mimic',
+    ),
+    pytest.param(
+        urdf('x', link('base'), link('arm'), joint('j', 'continuous', 'base', 'arm', extra='')),
+        *({}, "link 'arm', moved by joint 'j', has no <inertial>"),
+        id='weightless',
+    ),
+    pytest.param(
+        urdf('x', *ARM, joint('j', 'revolute', 'base', 'arm', extra='')), {}, '<limit>', id='limit'
+    ),
+    pytest.param(
+        urdf('x', *ARM, joint('j', 'revolute', 'base', 'arm', axis='0 0 0')),
+        {},
+        '<axis>',
+        id='axis',
+    ),
+    pytest.param(
+        urdf('x', *ARM, joint('j', 'revolute', 'base', 'leg')), {}, "link 'leg'", id='no such link'
+    ),
+    pytest.param(urdf('x', *ARM), {}, "one link without a parent.*'base', 'arm'", id='two roots'),
+    pytest.param(
+        urdf(
+            *('x', *ARM, link('c', 1, J=BODY), joint('j', 'revolute', 'base', 'arm')),
+            *(joint('k', 'revolute', 'arm', 'c'), joint('l', 'revolute', 'base', 'c')),
+        ),
+        *({}, "'c' hangs on joints 'k' and 'l'"),
+        id='loop',
+    ),
+    pytest.param(
+        urdf(
+            'x', link('base'), link('arm', 1, J='a 1 1 0 0 0'), joint('j', 'fixed', 'base', 'arm')
+        ),
+        *({}, "<inertia ixx> of link 'arm'.*'a'"),
+        id='inertia of letters',
+    ),
+    pytest.param(
+        urdf('x', link('base'), link('arm', -1, J=BODY), joint('j', 'revolute', 'base', 'arm')),
+        *({}, "masses of joint 'j' must not be negative"),
+        id='negative mass',
+    ),
+]
+
+
+@pytest.mark.parametrize(('text', 'choice', 'message'), BAD)
+def test_what_is_no_chain_is_refused_and_named(
+    text: str, choice: dict[str, object], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        load_robot(text, **choice)
+
+
+def test_a_floating_joint_above_the_base_is_cut_off() -> None:
+    text = urdf(
+        *('x', *ARM, link('fore', 1, J=BODY), joint('free', 'floating', 'base', 'arm')),
+        joint('j', 'revolute', 'arm', 'fore', '0.1 0 0'),
+    )
+    assert load_robot(text, base='arm').joint_names == ('j',)
+
+
+def test_the_physics_check_sees_a_wrong_robot() -> None:
+    robot = lock(load_robot(ODD_ARM), {'j2': 0.7})
+    with pytest.raises(AssertionError):
+        assert_same_physics(robot, ODD_ARM, {'j2': 0.7001})

@@ -6,10 +6,10 @@ Print the constants of pfd_core/kernels/elementary.py: parts of pi/2 and two pol
     python benchmarks/fit_sine.py
 
 A part is cut where k times it is exact for every k up to 65535, and where zeros follow if it
-can be. All parts but the last are positive: -0 would lose its sign. The polynomials are minimax (Remez exchange
-in 50 digits) in the relative error of the result. A coefficient that has been rounded can be
-compensated by those after it, so they are rounded one at a time, lowest power first, and the
-rest is fitted again.
+can be. All parts but the last are positive: -0 would lose its sign. The polynomials are minimax
+(Remez exchange in 50 digits) in the relative error of the result. A coefficient that has been
+rounded can be compensated by those after it, so they are rounded one at a time, lowest power
+first, and the rest is fitted again.
 """
 
 from __future__ import annotations
@@ -44,6 +44,13 @@ def parts_of_half_pi(dtype: str) -> list[float]:
     return [*parts, float(np.dtype(dtype).type(rest))]
 
 
+def polynomial(c: list[Any], h: Any) -> Any:
+    value = mp.mpf(0)
+    for coefficient in reversed(c):
+        value = value * h + coefficient
+    return value
+
+
 def minimax(target: Function, weight: Function, terms: int, largest: Any) -> list[Any]:
     """Return c minimising max |weight(h) (sum c[j] h**j - target(h))| for 0 < h <= largest."""
     grid = [largest * (1 - mp.cos(mp.pi * (i + 1) / GRID)) / 2 for i in range(GRID)]
@@ -56,9 +63,7 @@ def minimax(target: Function, weight: Function, terms: int, largest: Any) -> lis
         ]
         solution = mp.lu_solve(mp.matrix(rows), mp.matrix([wanted[i] for i in picked]))
         c = list(solution)[:terms]
-        error = [
-            w * (mp.polyval(c[::-1], h) - t) for h, w, t in zip(grid, weights, wanted, strict=True)
-        ]
+        error = [w * (polynomial(c, h) - t) for h, w, t in zip(grid, weights, wanted, strict=True)]
         picked = extrema(error, terms + 1)
     return c
 
@@ -85,7 +90,7 @@ def fit(target: Function, weight: Function, dtype: str) -> tuple[list[float], An
         done = len(fixed)
 
         def rest(h: Any, done: int = done) -> Any:
-            return (target(h) - mp.polyval(fixed[::-1], h)) / h**done
+            return (target(h) - polynomial(fixed, h)) / h**done
 
         def scaled(h: Any, done: int = done) -> Any:
             return weight(h) * h**done
@@ -93,7 +98,7 @@ def fit(target: Function, weight: Function, dtype: str) -> tuple[list[float], An
         c = minimax(rest, scaled, terms, largest)
         fixed.append(mp.mpf(float(np.dtype(dtype).type(c[0]))))
     points = [largest * (i + 1) / GRID for i in range(GRID)]
-    error = max(abs(weight(h) * (mp.polyval(fixed[::-1], h) - target(h))) for h in points)
+    error = max(abs(weight(h) * (polynomial(fixed, h) - target(h))) for h in points)
     return [float(c) for c in fixed], error
 
 

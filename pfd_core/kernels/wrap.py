@@ -77,7 +77,7 @@ def wrap_angle(x: ArrayLike) -> NDArray[np.floating]:
     angle = np.asarray(x)
     if angle.dtype not in (np.float64, np.float32):
         raise ValueError(f'x must be float64 or float32, got {angle.dtype}: convert it first')
-    result = angle.copy()
+    result: NDArray[np.floating] = angle.copy()
     far = ~(np.abs(angle) <= WRAP_LIMIT)
     result[far] = [_remainder(float(value)) for value in angle[far]]
     return result

@@ -210,6 +210,7 @@ def to_pinocchio(robot: Robot, armature: ArrayLike | None = None) -> pin.Model:
     for i in range(robot.n):
         axis = pin.JointModelPZ() if robot.joint_types[i] == 'prismatic' else pin.JointModelRZ()
         joint = model.addJoint(i, axis, placement, robot.joint_names[i])
+        model.addJointFrame(joint)
         placement = pin.SE3(robot.rotations[i], robot.translations[i])
         body = pin.Inertia(float(robot.masses[i]), robot.centers[i], robot.inertias[i])
         model.appendBodyToJoint(joint, body, placement)

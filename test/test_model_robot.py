@@ -1,0 +1,246 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A robot is checked once, cannot change, and its edits are rigid-body mechanics."""
+
+from __future__ import annotations
+
+from dataclasses import FrozenInstanceError, replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from zoo import random_chain, random_inertia, random_rotation, random_state, to_pinocchio
+
+from pfd_core.model import Payload, PhysicsWarning, Robot, load_robot, lock, with_payload
+from pfd_core.model.geometry import axis_rotation, cos_sin_degrees, merged, snapped
+
+# Sums of some hundred products, in another order: each rounds at 1e-16 of the largest.
+SAME_PHYSICS = 1e-12
+# One square root and three products.
+ROUNDING = 4 * np.finfo(float).eps
+SEEDS = range(5)
+
+
+def rod(**changes: object) -> Robot:
+    """Return a robot of one joint, with fields changed."""
+    fields: dict[str, object] = {
+        'name': 'rod',
+        'joint_names': ('hinge',),
+        'joint_types': ('revolute',),
+        'rotations': [np.eye(3)],
+        'translations': [[1.0, 0, 0]],
+        'masses': [1.0],
+        'centers': [[-0.5, 0, 0]],
+        'inertias': [np.diag([0.0, 1 / 12, 1 / 12])],
+    }
+    return Robot(**{**fields, **changes})
+
+
+def assert_same_dynamics(model: pin.Model, other: pin.Model, seed: int) -> None:
+    """Compare mass matrix, torques and tip of two models of the same joints."""
+    q, qd, qdd = random_state(np.random.default_rng(seed), model.nv)
+    data, more = model.createData(), other.createData()
+    tau, expected = pin.rnea(model, data, q, qd, qdd), pin.rnea(other, more, q, qd, qdd)
+    assert np.abs(tau - expected).max() <= SAME_PHYSICS * np.abs(expected).max()
+    H, expected = np.triu(pin.crba(model, data, q)), np.triu(pin.crba(other, more, q))
+    assert np.abs(H - expected).max() <= SAME_PHYSICS * expected.max()
+    pin.framesForwardKinematics(model, data, q)
+    pin.framesForwardKinematics(other, more, q)
+    tip, expected = (
+        d.oMf[m.getFrameId('tip')].homogeneous for m, d in ((model, data), (other, more))
+    )
+    assert np.abs(tip - expected).max() <= SAME_PHYSICS * np.abs(expected).max()
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+@pytest.mark.parametrize('indices', [[0], [2], [6], [0, 1], [3, 5, 6], [0, 1, 2, 4, 5, 6]])
+def test_locking_agrees_with_the_reduced_model_of_pinocchio(seed: int, indices: list[int]) -> None:
+    rng = np.random.default_rng(seed)
+    robot = random_chain(rng, 7)
+    q = rng.uniform(-2, 2, 7)
+    less = lock(robot, {robot.joint_names[i]: q[i] for i in indices})
+    kept = [i for i in range(7) if i not in indices]
+    assert less.joint_names == tuple(robot.joint_names[i] for i in kept)
+    np.testing.assert_array_equal(less.effort_limit, robot.effort_limit[kept])
+    whole = to_pinocchio(robot)
+    reduced = pin.buildReducedModel(whole, [i + 1 for i in indices], q)
+    assert_same_dynamics(to_pinocchio(less), reduced, seed)
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_a_payload_agrees_with_a_body_added_in_pinocchio(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    robot = random_chain(rng, 4)
+    payload = Payload(2.0, rng.uniform(-0.2, 0.2, 3), random_inertia(rng, 2.0))
+    model = to_pinocchio(robot)
+    body = pin.Inertia(payload.mass, np.array(payload.center), np.array(payload.inertia))
+    model.appendBodyToJoint(4, body, model.frames[-1].placement)
+    assert_same_dynamics(to_pinocchio(with_payload(robot, payload)), model, seed)
+
+
+def test_bodies_weld_as_in_pinocchio() -> None:
+    rng = np.random.default_rng(3)
+    for m1, m2 in ((1.0, 2.0), (0.0, 3.0), (3.0, 0.0), (1e-9, 1.0)):
+        bodies = [(m, rng.normal(size=3), random_inertia(rng, m)) for m in (m1, m2)]
+        mass, center, J = merged(*bodies)
+        sum_ = pin.Inertia(*bodies[0]) + pin.Inertia(*bodies[1])
+        assert mass == sum_.mass
+        np.testing.assert_allclose(center, sum_.lever, rtol=SAME_PHYSICS)
+        np.testing.assert_allclose(J, sum_.inertia, rtol=0, atol=SAME_PHYSICS * J.max())
+
+
+def test_a_payload_of_nothing_changes_no_bit() -> None:
+    robot = random_chain(np.random.default_rng(0), 3)
+    assert with_payload(robot, Payload(0.0)) == robot
+
+
+def test_arrays_are_copies_that_cannot_change() -> None:
+    masses = np.array([1.0])
+    robot = rod(masses=masses)
+    masses[0] = 2.0
+    assert robot.masses[0] == 1.0
+    for name in ('masses', 'rotations', 'damping', 'base_position'):
+        with pytest.raises(ValueError, match='read-only'):
+            getattr(robot, name)[...] = 0
+    with pytest.raises(FrozenInstanceError):
+        robot.name = 'other'
+
+
+def test_equal_numbers_make_equal_robots() -> None:
+    robot = rod()
+    assert robot == rod(source='elsewhere')
+    assert hash(robot) == hash(rod(translations=[[1.0, -0.0, 0]]))
+    assert len(robot.digest) == 64
+
+
+@pytest.mark.parametrize(
+    'changes',
+    [
+        {'name': 'rud'},
+        {'joint_names': ('elbow',)},
+        {'joint_types': ('prismatic',)},
+        {'masses': [np.nextafter(1.0, 2)]},
+        {'damping': 1e-300},
+        {'base': 'floor'},
+        {'position_upper': 3.0},
+    ],
+)
+def test_any_other_number_or_name_makes_another_robot(changes: dict[str, object]) -> None:
+    assert rod(**changes) != rod()
+    assert rod(**changes).digest != rod().digest
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'name': ''}, 'needs a name'),
+        ({'joint_names': (), 'joint_types': ()}, 'no moving joint'),
+        ({'joint_types': ()}, 'joint_types must have 1'),
+        ({'joint_types': ('ball',)}, "joint 'hinge': type must be one of .*'ball'"),
+        ({'joint_names': ('a', 'a'), 'joint_types': ('revolute',) * 2}, "'a' occurs more than"),
+        ({'masses': [1.0, 2.0]}, r'masses must have shape \(1,\) for 1 joints, got \(2,\)'),
+        ({'masses': ['heavy']}, 'masses must be numbers'),
+        ({'masses': [-1.0]}, "masses of joint 'hinge' must not be negative, got -1.0"),
+        ({'masses': [np.nan]}, "masses of joint 'hinge' must be finite"),
+        ({'centers': [[0, np.inf, 0]]}, "centers of joint 'hinge' must be finite"),
+        ({'position_lower': [np.nan]}, "position_lower of joint 'hinge' must be a number"),
+        ({'position_lower': 1.0, 'position_upper': 0.5}, 'must not exceed position_upper'),
+        ({'effort_limit': -1.0}, 'effort_limit .* must not be negative'),
+        ({'damping': -1.0}, 'damping .* must not be negative'),
+        ({'base_position': [0, 0, np.nan]}, 'base_position must be finite'),
+        ({'rotations': [np.diag([1, 1, 1.001])]}, "joint 'hinge' must be orthonormal"),
+        ({'rotations': [np.diag([1, 1, -1])]}, "joint 'hinge' must be right-handed"),
+        ({'base_rotation': np.diag([1, 1, -1])}, "base_rotation of 'rod' must be right-handed"),
+        ({'inertias': [[[1, 0.1, 0], [0, 1, 0], [0, 0, 1]]]}, "'hinge'.* must be symmetric"),
+        ({'inertias': [np.diag([1, 1, -0.1])]}, "'hinge'.* must not be negative in any direction"),
+    ],
+)
+def test_a_wrong_robot_is_refused_and_the_cause_named(
+    changes: dict[str, object], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        rod(**changes)
+
+
+def test_a_broken_triangle_rule_is_warned_of_and_the_link_named() -> None:
+    with pytest.warns(PhysicsWarning, match="link 1 of 'rod' .*'hinge'.* triangle rule"):
+        robot = rod(inertias=[np.diag([1.0, 1.0, 2.1])])
+    assert robot.inertias[0, 2, 2] == 2.1
+
+
+def test_the_published_puma_breaks_the_triangle_rule_where_its_file_says_so() -> None:
+    puma = load_robot('puma560')
+    assert puma.accepted == ('joint1', 'joint3')
+    with pytest.warns(PhysicsWarning) as warned:
+        replace(puma, accepted=())
+    assert [str(w.message).split(' (')[0] for w in warned] == [
+        "link 1 of 'puma560'",
+        "link 3 of 'puma560'",
+    ]
+
+
+@pytest.mark.parametrize(
+    ('positions', 'message'),
+    [
+        (
+            {'j9': 0.0},
+            "cannot lock 'j9': 'random3' has no such joint, only joint1, joint2, joint3",
+        ),
+        ({'joint1': np.inf}, "joint 'joint1' is locked must be finite"),
+        ({'joint1': 0, 'joint2': 0, 'joint3': 0}, 'cannot lock all 3 joints'),
+    ],
+)
+def test_a_lock_that_cannot_be_is_refused(positions: dict[str, float], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        lock(random_chain(np.random.default_rng(0), 3), positions)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        ((-1.0,), 'payload mass must not be negative'),
+        ((np.nan,), 'payload mass must be finite'),
+        ((1.0, (0, 0)), r'payload center must have shape \(3,\), got \(2,\)'),
+        ((1.0, (0, 0, 0), np.diag([1, 1, -1])), 'payload inertia must not be negative'),
+        ((1.0, (0, 0, 0), 1.0), r'payload inertia must have shape \(3, 3\), got \(\)'),
+    ],
+)
+def test_a_wrong_payload_is_refused(arguments: tuple[object, ...], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Payload(*arguments)
+
+
+def test_right_angles_in_degrees_are_exact() -> None:
+    expected = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1), -90: (0, -1), 720: (1, 0)}
+    assert {angle: cos_sin_degrees(angle) for angle in expected} == expected
+    assert cos_sin_degrees(30) == (np.cos(np.radians(30)), np.sin(np.radians(30)))
+
+
+def test_coordinate_axes_give_signed_permutations() -> None:
+    for axis in (*np.eye(3), *-np.eye(3)):
+        R = axis_rotation(2.5 * axis)
+        np.testing.assert_array_equal(R[:, 2], axis)
+        np.testing.assert_array_equal(R.T @ R, np.eye(3))
+        assert np.linalg.det(R) == 1
+    np.testing.assert_array_equal(axis_rotation([0, 0, 3.0]), np.eye(3))
+
+
+def test_any_axis_becomes_the_third_column_of_a_rotation() -> None:
+    rng = np.random.default_rng(0)
+    nearly = [(1e-9, 0, -1), (0, 1e-200, 1), (1e300, 1e300, 0), (1e-300, -2e-300, -1e-300)]
+    for axis in [*rng.normal(size=(50, 3)), *nearly]:
+        R = axis_rotation(axis)
+        unit = np.array(axis) / np.abs(axis).max()
+        np.testing.assert_allclose(R[:, 2], unit / np.linalg.norm(unit), atol=ROUNDING)
+        np.testing.assert_allclose(R.T @ R, np.eye(3), atol=ROUNDING)
+        assert np.linalg.det(R) > 0
+
+
+def test_snapping_leaves_a_slightly_turned_frame_alone() -> None:
+    turn = np.eye(3)
+    turn[0, 1], turn[1, 0] = -1e-9, 1e-9
+    np.testing.assert_array_equal(snapped(turn), turn)
+    some = random_rotation(np.random.default_rng(0))
+    np.testing.assert_array_equal(snapped(some), some)
+    right = pin.rpy.rpyToMatrix(np.pi / 2, -np.pi, np.pi / 2)
+    assert set(np.abs(snapped(right)).ravel().tolist()) == {0.0, 1.0}

@@ -1,0 +1,288 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Robots in YAML: the ones that come along are the published ones, and storing loses no bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from zoo import ODD_ARM, random_chain, random_state, to_pinocchio
+
+from pfd_core.model import Robot, known_robots, load_robot, lock, robot_to_yaml
+
+# Sums of some hundred products, in another order: each rounds at 1e-16 of the largest.
+SAME_PHYSICS = 1e-12
+# The book prints four digits after the point.
+PRINTED = 0.5e-4 * 1.001
+
+ROWS = """
+robot: two
+joints:
+- {name: a, type: revolute, mass: 1, dh: {a: 0.5, d: 0.1, alpha_deg: 90, theta_deg: 30}}
+- {name: b, type: prismatic, mass: 2, center: [0, 0, 1e-3],
+   inertia: {xx: 1, yy: 1, zz: 1, xy: 0.1}, dh: {a: 0, d: 0.2, alpha_deg: -20, theta_deg: 90}}
+"""
+
+
+def mass_matrix(robot: Robot, q: np.ndarray, armature: np.ndarray | None = None) -> np.ndarray:
+    model = to_pinocchio(robot, armature)
+    H = np.triu(pin.crba(model, model.createData(), q))
+    return H + np.triu(H, 1).T
+
+
+def tip_at(robot: Robot, q: np.ndarray) -> np.ndarray:
+    model = to_pinocchio(robot)
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    return data.oMf[-1].homogeneous
+
+
+@pytest.mark.parametrize('name', ['panda', 'planar2', 'puma560', 'ur5'])
+def test_known_robots_load_without_a_warning_and_say_their_source(name: str) -> None:
+    robot = load_robot(name)
+    assert name in known_robots()
+    assert robot.name == name
+    assert f'{name}.yaml' in robot.source
+    assert np.isfinite(robot.effort_limit).all()
+    assert np.isfinite(robot.velocity_limit).all()
+
+
+def test_every_known_robot_is_listed() -> None:
+    folder = Path(__file__).resolve().parent.parent / 'config' / 'robots'
+    assert known_robots() == sorted(path.stem for path in folder.glob('*.yaml'))
+
+
+def test_the_puma_has_the_inertia_and_gravity_load_that_corke_prints() -> None:
+    # Corke, Robotics, Vision and Control (2011), sections 9.1.1 and 9.1.3, at pose qn.
+    puma = load_robot('puma560')
+    q = np.pi * np.array([0, 1 / 4, 1, 0, 1 / 4, 0])
+    upper = [
+        *([3.6594, -0.4044, 0.1006, -0.0025, 0, 0], [4.4137, 0.3509, 0, 0.0024, 0]),
+        *([0.9378, 0, 0.0015, 0], [0.1925, 0, 0], [0.1713, 0], [0.1941]),
+    ]
+    H = mass_matrix(puma, q, puma.armature)
+    printed = np.concatenate(upper)
+    np.testing.assert_allclose(H[np.triu_indices(6)], printed, rtol=0, atol=PRINTED)
+    model = to_pinocchio(puma)
+    load = pin.rnea(model, model.createData(), q, np.zeros(6), np.zeros(6))
+    np.testing.assert_allclose(load, [0, 31.6399, 6.0351, 0, 0.0283, 0], rtol=0, atol=PRINTED)
+
+
+def test_the_puma_wrist_is_made_of_exact_right_angles() -> None:
+    assert set(np.abs(load_robot('puma560').rotations).ravel().tolist()) == {0.0, 1.0}
+
+
+def test_the_ur5_reaches_where_its_table_says() -> None:
+    # All angles zero: a2 + a3 along x, d4 + d6 along -y, d1 - d5 up.
+    expected = [-0.425 - 0.39225, -0.10915 - 0.0823, 0.089159 - 0.09465]
+    tip = tip_at(load_robot('ur5'), np.zeros(6))
+    np.testing.assert_allclose(tip[:3, 3], expected, rtol=SAME_PHYSICS)
+
+
+def test_the_panda_is_the_urdf_without_its_hand() -> None:
+    folder = Path(pin.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
+    text = (folder / 'panda_description/urdf/panda.urdf').read_text(encoding='utf-8')
+    cut = text.index('<joint name="panda_hand_joint"')
+    arm = text[:cut] + '</robot>'
+    urdf, ours = load_robot(arm, tip='panda_link8'), load_robot('panda')
+    assert urdf.joint_names == ours.joint_names
+    keys = ('position_lower', 'position_upper', 'velocity_limit', 'effort_limit', 'damping')
+    for key in keys:
+        np.testing.assert_array_equal(getattr(ours, key), getattr(urdf, key))
+    for key in ('rotations', 'translations', 'masses', 'centers', 'inertias', 'base_position'):
+        np.testing.assert_allclose(getattr(ours, key), getattr(urdf, key), atol=SAME_PHYSICS)
+
+
+def test_planar2_is_the_double_pendulum_of_the_textbook() -> None:
+    # Two rods of mass m and length l from the horizontal: H and gravity in closed form.
+    robot, m, l, g = load_robot('planar2'), 1.0, 0.5, 9.81  # noqa: E741
+    q = np.array([0.3, -1.1])
+    c2, c1, c12 = np.cos(q[1]), np.cos(q[0]), np.cos(q[0] + q[1])
+    H12 = m * l**2 * (1 / 3 + c2 / 2)
+    expected = [[m * l**2 * (5 / 3 + c2), H12], [H12, m * l**2 / 3]]
+    np.testing.assert_allclose(mass_matrix(robot, q), expected, rtol=SAME_PHYSICS)
+    model = to_pinocchio(robot)
+    load = pin.rnea(model, model.createData(), q, np.zeros(2), np.zeros(2))
+    outer = m * g * l * c12 / 2
+    np.testing.assert_allclose(load, [1.5 * m * g * l * c1 + outer, outer], rtol=SAME_PHYSICS)
+
+
+@pytest.mark.parametrize('seed', range(3))
+def test_storing_and_loading_a_robot_loses_no_bit(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    robot = random_chain(rng, 6)
+    again = load_robot(robot_to_yaml(robot))
+    assert again.digest == robot.digest
+    for name, value in vars(robot).items():
+        if isinstance(value, np.ndarray):
+            assert value.tobytes() == getattr(again, name).tobytes(), name
+        elif name != 'digest':
+            assert value == getattr(again, name), name
+
+
+@pytest.mark.parametrize('name', ['puma560', 'panda', 'planar2', ODD_ARM])
+def test_stored_known_robots_come_back_whole(name: str, tmp_path: Path) -> None:
+    robot = load_robot(name)
+    path = tmp_path / 'stored.yaml'
+    path.write_text(robot_to_yaml(robot), encoding='utf-8')
+    again = load_robot(path)
+    assert again == robot
+    assert (again.source, again.accepted) == (robot.source, robot.accepted)
+
+
+def test_extreme_numbers_are_stored_exactly() -> None:
+    tiny, huge = np.nextafter(0, 1), 1.7976931348623157e308
+    robot = random_chain(np.random.default_rng(0), 2)
+    fields = {**vars(robot), 'damping': [tiny, 1e-5], 'effort_limit': [huge, np.inf]}
+    fields.pop('digest', None)
+    robot = Robot(**fields)
+    assert load_robot(robot_to_yaml(robot)) == robot
+
+
+def dh(a: float, d: float, alpha: float, theta: float) -> np.ndarray:
+    """Return the homogeneous matrix of a standard DH row, angles in degrees."""
+    turn = pin.SE3(pin.rpy.rpyToMatrix(0, 0, np.radians(theta)), np.array([0, 0, d]))
+    twist = pin.SE3(pin.rpy.rpyToMatrix(np.radians(alpha), 0, 0), np.array([a, 0, 0]))
+    return (turn * twist).homogeneous
+
+
+def test_standard_rows_are_turn_shift_shift_twist() -> None:
+    robot = load_robot(ROWS)
+    q = np.array([0.7, -0.4])
+    expected = dh(0.5, 0.1, 90, 30 + np.degrees(0.7)) @ dh(0, 0.2 - 0.4, -20, 90)
+    np.testing.assert_allclose(tip_at(robot, q), expected, atol=SAME_PHYSICS)
+    assert robot.inertias[1].tolist() == [[1, 0.1, 0], [0.1, 1, 0], [0, 0, 1]]
+    assert robot.centers[1, 2] == 1e-3
+    assert robot.position_lower.tolist() == [-np.inf, -np.inf]
+
+
+def test_modified_rows_are_twist_shift_turn_shift() -> None:
+    # The same joints and bodies written both ways: Craig's row i holds the twist of row i-1.
+    common = 'joints:\n- {name: a, type: revolute, mass: 1, center: [0.1, 0.2, 0.3]'
+    second = '- {name: b, type: prismatic, mass: 2, center: [0.3, 0, 0.1]'
+    modified = load_robot(
+        'robot: m\nbase: {link: floor, translation: [0, 0, 0.3]}\n'
+        'tip: {link: hand, rotation: [[1, 0, 0], [0, 0, -1], [0, 1, 0]]}\n'
+        f'{common}, modified_dh: {{a: 0, d: 0.1, alpha_deg: 0, theta_deg: 30}}}}\n'
+        f'{second}, modified_dh: {{a: 0.5, d: 0.2, alpha_deg: 35, theta_deg: 90}}}}\n'
+    )
+    q, qd, qdd = random_state(np.random.default_rng(2), 2)
+    model = pin.Model()
+    placement = pin.SE3(pin.rpy.rpyToMatrix(0, 0, np.pi / 6), np.array([0, 0, 0.4]))
+    model.addJoint(0, pin.JointModelRZ(), placement, 'a')
+    model.appendBodyToJoint(
+        1, pin.Inertia(1.0, np.array([0.1, 0.2, 0.3]), np.zeros((3, 3))), pin.SE3.Identity()
+    )
+    twist = pin.SE3(pin.rpy.rpyToMatrix(np.radians(35), 0, 0), np.array([0.5, 0, 0]))
+    shift = pin.SE3(pin.rpy.rpyToMatrix(0, 0, np.pi / 2), np.array([0, 0, 0.2]))
+    model.addJoint(1, pin.JointModelPZ(), twist * shift, 'b')
+    model.appendBodyToJoint(
+        2, pin.Inertia(2.0, np.array([0.3, 0, 0.1]), np.zeros((3, 3))), pin.SE3.Identity()
+    )
+    ours = to_pinocchio(modified)
+    tau = pin.rnea(ours, ours.createData(), q, qd, qdd)
+    expected = pin.rnea(model, model.createData(), q, qd, qdd)
+    np.testing.assert_allclose(tau, expected, rtol=SAME_PHYSICS)
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    tip = data.oMi[2] * pin.SE3(pin.rpy.rpyToMatrix(np.pi / 2, 0, 0), np.zeros(3))
+    np.testing.assert_allclose(tip_at(modified, q), tip.homogeneous, atol=SAME_PHYSICS)
+    assert (modified.base, modified.tip) == ('floor', 'hand')
+
+
+def test_a_rotor_is_carried_through_its_gear() -> None:
+    rotor = 'rotor: {inertia: 2e-4, gear_ratio: -50, damping: 1e-3, friction: 0.1}'
+    robot = load_robot(ROWS.replace('mass: 1,', f'mass: 1, damping: 0.5, {rotor},'))
+    np.testing.assert_allclose(robot.armature, [0.5, 0], rtol=SAME_PHYSICS)
+    np.testing.assert_allclose(robot.damping, [0.5 + 2.5, 0], rtol=SAME_PHYSICS)
+    np.testing.assert_allclose(robot.friction, [5, 0], rtol=SAME_PHYSICS)
+
+
+def test_locking_while_loading_is_locking_after() -> None:
+    assert load_robot('ur5', locked={'elbow_joint': 0.5}) == lock(
+        load_robot('ur5'), {'elbow_joint': 0.5}
+    )
+    assert load_robot('ur5', base='base_link', tip='tool0') == load_robot('ur5')
+
+
+def changed(old: str, new: str) -> str:
+    assert old in ROWS
+    return ROWS.replace(old, new)
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('robot: [\n', 'is not YAML'),
+        ('- a\n- b\n', 'must be a mapping with robot, joints'),
+        ('robot: x\n', "has no 'joints'"),
+        ('robot: x\njoints: []\n', 'no moving joint'),
+        ('robot: x\njoints: {}\n', "joints of 'x' must be a list"),
+        ('robot: x\njoints: [3]\n', 'joint 1 must be a mapping'),
+        (changed('robot: two', 'robot: two\ncolour: red'), "unknown key 'colour'; known"),
+        (changed('mass: 1, ', ''), "joint 'a' has no 'mass'"),
+        (changed('mass: 1', 'mass: heavy'), "mass of joint 'a' must be a number, got 'heavy'"),
+        (changed('mass: 1', 'mass: true'), "mass of joint 'a' must be a number, got True"),
+        (changed('mass: 1', 'weight: 1'), "joint 'a' has no 'mass'"),
+        (changed('mass: 1', 'mass: 1, colour: red'), "joint 'a' has an unknown key 'colour'"),
+        (changed('xy: 0.1', 'yx: 0.1'), "inertia of joint 'b' has an unknown key 'yx'"),
+        (changed('xy: 0.1', 'xy: z'), "inertia xy of joint 'b' must be a number"),
+        (changed('[0, 0, 1e-3]', '[0, 0]'), r"center of joint 'b' must have shape \(3,\)"),
+        (changed('alpha_deg: 90', 'alpha: 90'), "dh of joint 'a' has no 'alpha_deg'"),
+        (changed('dh: {a: 0.5', 'craig: {a: 0.5'), "joint 'a' has an unknown key 'craig'"),
+        (changed(', dh: {a: 0.5, d: 0.1, alpha_deg: 90, theta_deg: 30}', ''), 'exactly one of dh'),
+        (changed('dh: {a: 0.5', 'modified_dh: {a: 0.5'), 'all be placed the same way'),
+        (changed('name: a', 'name: b'), "joint name 'b' occurs more than once"),
+        (changed('type: revolute', 'type: ball'), "joint 'a': type must be one of"),
+        (changed('robot: two', 'robot: two\ntip: {link: t, translation: [0, 0, 1]}'), 'tip of'),
+        (changed('mass: 1', 'mass: 1, armature: 1, rotor: {}'), "'a' has both rotor and armature"),
+        (changed('mass: 1', 'mass: 1, rotor: {inertia: 1}'), "rotor of joint 'a' has no 'gear_"),
+        (
+            changed('mass: 1', 'mass: 1, limits: {max: 1}'),
+            "limits of joint 'a' has an unknown key",
+        ),
+    ],
+)
+def test_a_wrong_file_is_refused_and_the_key_named(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        load_robot(text)
+
+
+def test_an_unknown_name_lists_the_known_ones() -> None:
+    known = ', '.join(known_robots())
+    with pytest.raises(ValueError, match=f"unknown robot 'puma': known are {re.escape(known)}"):
+        load_robot('puma')
+
+
+def test_missing_and_wrong_files_are_named(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"no robot file '.*arm\.urdf'"):
+        load_robot(tmp_path / 'arm.urdf')
+    with pytest.raises(ValueError, match=r"no robot file 'arm\.yaml'"):
+        load_robot('arm.yaml')
+    (tmp_path / 'arm.xacro').write_text('<robot/>')
+    with pytest.raises(ValueError, match='run `xacro'):
+        load_robot(tmp_path / 'arm.xacro')
+    (tmp_path / 'arm.txt').write_text('robot: x')
+    with pytest.raises(ValueError, match=r'must end in \.urdf'):
+        load_robot(tmp_path / 'arm.txt')
+    (tmp_path / 'arm.yaml').write_bytes(b'\xff\xfe\x00')
+    with pytest.raises(ValueError, match='cannot read'):
+        load_robot(tmp_path / 'arm.yaml')
+    with pytest.raises(ValueError, match='source must be a name, a path or text, got 3'):
+        load_robot(3)
+
+
+def test_a_urdf_file_remembers_its_path(tmp_path: Path) -> None:
+    path = tmp_path / 'arm.urdf'
+    path.write_text(ODD_ARM, encoding='utf-8')
+    assert load_robot(str(path)).source == str(path)
+    assert load_robot(path) == load_robot(ODD_ARM)
+
+
+def test_base_and_tip_cannot_be_chosen_in_yaml() -> None:
+    with pytest.raises(ValueError, match="tip='wrist' cannot be chosen for 'ur5'"):
+        load_robot('ur5', tip='wrist')

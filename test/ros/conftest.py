@@ -47,7 +47,7 @@ def environment(domain: int) -> dict[str, str]:
 class Process:
     """A process of ours and what it prints."""
 
-    def __init__(self, command: Sequence[str], folder: Path, domain: int, **options: Any) -> None:
+    def __init__(self, command: Sequence[str], folder: Path, domain: int) -> None:
         self.output = folder / f'output_{time.monotonic_ns()}.txt'
         with self.output.open('wb') as stream:
             self.process = subprocess.Popen(
@@ -57,7 +57,6 @@ class Process:
                 stdin=subprocess.DEVNULL,
                 stdout=stream,
                 stderr=subprocess.STDOUT,
-                **options,
             )
 
     def text(self) -> str:
@@ -86,13 +85,13 @@ class Processes:
         self.domain = 10 + next(_domains) % 90
         self.started: list[Process] = []
 
-    def python(self, *command: str, **options: Any) -> Process:
-        self.started.append(Process(command, self.folder, self.domain, **options))
+    def python(self, *command: str) -> Process:
+        self.started.append(Process(command, self.folder, self.domain))
         return self.started[-1]
 
-    def arm(self, *ros_args: str, ready: bool = True, **options: Any) -> Process:
+    def arm(self, *ros_args: str, ready: bool = True) -> Process:
         """Start a node; with `ready`, return once it steps."""
-        process = self.python(*NODE, '--ros-args', *ros_args, **options)
+        process = self.python(*NODE, '--ros-args', *ros_args)
         if ready:
             process.wait_for_text('joints, held')
         return process

@@ -1,0 +1,85 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The command `pfd`: exit statuses, and what works without ROS."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+from conftest import Processes, environment
+import pytest
+
+import pfd_core as pfd
+from pfd_ros import command_line
+
+WITHOUT_ROS = (
+    'import importlib.util, sys\n'
+    'find = importlib.util.find_spec\n'
+    "importlib.util.find_spec = lambda name, *a: None if name == 'rclpy' else find(name, *a)\n"
+    "sys.modules['rclpy'] = None\n"
+    'from pfd_ros.command_line import main\n'
+    'raise SystemExit(main(sys.argv[1:]))\n'
+)
+
+
+def without_ros(tmp_path: Path, *args: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, '-c', WITHOUT_ROS, *args],
+        cwd=tmp_path,
+        env=environment(1),
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+def test_robots_lists_each_robot_with_its_joints(capsys: pytest.CaptureFixture[str]) -> None:
+    assert command_line.main(['robots']) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(pfd.known_robots())
+    assert any('6 joints: joint1, joint2' in line for line in lines)
+
+
+def test_a_file_that_is_not_there_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert command_line.main(['replay', str(tmp_path / 'nix.mcap')]) == 1
+    assert 'nix.mcap' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('args', [[], ['dance'], ['replay'], ['replay', 'a', '--ros-args']])
+def test_a_command_that_makes_no_sense_has_status_2(
+    args: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        status = command_line.main(args)
+    except SystemExit as error:
+        status = error.code
+    assert status == 2
+    assert capsys.readouterr().err
+
+
+@pytest.mark.parametrize('command', ['demo', 'sim'])
+def test_without_ros_the_message_says_how_to_get_it(tmp_path: Path, command: str) -> None:
+    done = without_ros(tmp_path, command)
+    assert done.returncode == 1
+    assert "pip install 'pfd_ros[ros]'" in done.stderr
+    assert 'Traceback' not in done.stderr
+
+
+def test_robots_and_help_work_without_ros(tmp_path: Path) -> None:
+    assert 'puma560' in without_ros(tmp_path, 'robots').stdout
+    assert 'replay' in without_ros(tmp_path, '--help').stdout
+
+
+@pytest.mark.ros
+def test_pfd_sim_is_the_node(processes: Processes) -> None:
+    arm = processes.python(
+        '-m', 'pfd_ros.command_line', 'sim', '--robot', 'planar2', '--ros-args', '-r', '__ns:=/x'
+    )
+    arm.wait_for_text('planar2: 2 joints, held')
+    assert arm.end(signal.SIGINT) == 0

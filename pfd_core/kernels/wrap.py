@@ -12,7 +12,7 @@ are enough for every e; m times them, modulo one, is the fraction of a turn that
 Error: the result is the remainder rounded to nearest, except where the remainder lies within
 2^-70 of its last place of the middle between two neighbours; that is, at most 0.5 + 2^-70 units
 in the last place. The fraction of a turn is off by less than 2^-203; that is little because no
-double in reach comes closer to a multiple of 2 pi than 2^-64 turns, which the tests prove.
+double in reach comes closer to a multiple of 2 pi than 2^-62 turns, which the tests prove.
 """
 
 from __future__ import annotations

@@ -12,7 +12,7 @@ import pytest
 from zoo import random_chain, random_inertia, random_rotation, random_state, to_pinocchio
 
 from pfd_core.model import Payload, PhysicsWarning, Robot, load_robot, lock, with_payload
-from pfd_core.model.geometry import axis_rotation, cos_sin_degrees, merged, snapped
+from pfd_core.model.geometry import axis_rotation, cos_sin_degrees, merged, product, snapped
 
 # Sums of some hundred products, in another order: each rounds at 1e-16 of the largest.
 SAME_PHYSICS = 1e-12
@@ -208,6 +208,20 @@ def test_a_lock_that_cannot_be_is_refused(positions: dict[str, float], message: 
 def test_a_wrong_payload_is_refused(arguments: tuple[object, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Payload(*arguments)
+
+
+def test_products_are_summed_in_one_order_on_every_machine() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        A, B, v = rng.normal(size=(3, 3)), rng.normal(size=(3, 3)), rng.normal(size=3)
+        a, b = A.tolist(), B.tolist()
+        expected = [
+            [a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j] for j in range(3)]
+            for i in range(3)
+        ]
+        assert product(A, B).tolist() == expected
+        assert product(A, v).tolist() == product(A, np.tile(v, (3, 1)).T)[:, 0].tolist()
+        assert product(A, B, v).tolist() == product(product(A, B), v).tolist()
 
 
 def test_right_angles_in_degrees_are_exact() -> None:

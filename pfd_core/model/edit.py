@@ -6,12 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.geometry import Array, merged, rotation_z, snapped
+from pfd_core.model.geometry import Array, merged, product, rotation_z, snapped
 from pfd_core.model.robot import Robot, check_inertia
 
 # Fields of a Robot with one entry for each joint, that go with the joint when it is locked.
@@ -119,8 +120,8 @@ def placement_at(robot: Robot, index: int, position: float) -> tuple[Array, Arra
     A, a = robot.rotations[index], robot.translations[index]
     if robot.joint_types[index] == 'prismatic':
         return A, a + position * np.array([0.0, 0.0, 1.0])
-    turn = snapped(rotation_z(float(np.cos(position)), float(np.sin(position))))
-    return turn @ A, turn @ a
+    turn = snapped(rotation_z(math.cos(position), math.sin(position)))
+    return product(turn, A), product(turn, a)
 
 
 def _lock_one(robot: Robot, index: int, position: float) -> Robot:
@@ -129,15 +130,15 @@ def _lock_one(robot: Robot, index: int, position: float) -> Robot:
     changed: dict[str, Any] = {key: getattr(robot, key).copy() for key in _OF_A_LINK}
     if index == 0:
         # The link is welded to the base, which does not move: only its frame remains.
-        changed['base_rotation'] = robot.base_rotation @ R
-        changed['base_position'] = robot.base_position + robot.base_rotation @ p
+        changed['base_rotation'] = product(robot.base_rotation, R)
+        changed['base_position'] = robot.base_position + product(robot.base_rotation, p)
     else:
         mass, center, J = _body(robot, index - 1)
-        inner = (mass, R.T @ (center - p), R.T @ J @ R)
+        inner = (mass, product(R.T, center - p), product(R.T, J, R))
         _set_body(changed, index, merged(inner, _body(robot, index)))
         A, a = robot.rotations[index - 1], robot.translations[index - 1]
-        changed['rotations'][index] = A @ R
-        changed['translations'][index] = a + A @ p
+        changed['rotations'][index] = product(A, R)
+        changed['translations'][index] = a + product(A, p)
     for key in _OF_A_LINK:
         changed[key] = np.delete(changed[key], max(index - 1, 0), axis=0)
     for key in _OF_A_JOINT:

@@ -35,6 +35,22 @@ _ALIGNED: dict[tuple[float, ...], list[list[float]]] = {
 }
 
 
+def product(first: Array, *others: Array) -> Array:
+    """
+    Return the matrix product of a matrix, (3, 3), with matrices, (3, 3), or vectors, (3,).
+
+    NumPy's own product calls a BLAS, which rounds differently from one processor to another; this
+    one gives the same bits everywhere, as a replay needs.
+    """
+    result = first
+    for other in others:
+        # Multiplied, then summed over the inner index, in its order.
+        terms = result[:, :, None] * (other[None, :, None] if other.ndim == 1 else other[None])
+        summed = terms[:, 0] + terms[:, 1] + terms[:, 2]
+        result = summed[:, 0] if other.ndim == 1 else summed
+    return result
+
+
 def cos_sin_degrees(angle: float) -> tuple[float, float]:
     """Return cosine and sine of an angle in degrees, exact for multiples of 90."""
     quarters, rest = divmod(angle, 90.0)
@@ -77,14 +93,14 @@ def axis_rotation(axis: ArrayLike) -> Array:
     # underflows, and an aligned one comes out exact.
     v = np.asarray(axis, dtype=float)
     v = v / np.abs(v).max()
-    v = v / np.sqrt(v @ v) + 0.0
+    v = v / np.sqrt((v * v).sum()) + 0.0
     aligned = _ALIGNED.get(tuple(v.tolist()))
     if aligned is not None:
         return np.array(aligned, dtype=float)
     if v[2] < 0:
         # From -z instead, after half a turn about x: the formula below divides by 1 + z.
         half_turn = np.diag([1.0, -1.0, -1.0])
-        return half_turn @ axis_rotation(half_turn @ v) + 0.0
+        return product(half_turn, axis_rotation(product(half_turn, v))) + 0.0
     x, y, z = v
     k = 1.0 / (1.0 + z)
     return np.array([[1 - k * x * x, -k * x * y, x], [-k * x * y, 1 - k * y * y, y], [-x, -y, z]])
@@ -97,7 +113,9 @@ def symmetric(xx: float, yy: float, zz: float, xy: float, yz: float, xz: float) 
 
 def steiner(mass: float, offset: Array) -> Array:
     """Return what a mass at an offset, (3,), adds to the inertia, (3, 3), by parallel axes."""
-    return mass * ((offset @ offset) * np.eye(3) - np.outer(offset, offset))
+    x, y, z = offset * offset
+    inertia: Array = mass * ((x + y + z) * np.eye(3) - np.outer(offset, offset))
+    return inertia
 
 
 def merged(
@@ -153,8 +171,8 @@ def welded_frames(
     for (A, a), (_, center, J) in zip(placements[1:], bodies, strict=True):
         kept['rotations'].append(A)
         kept['translations'].append(a)
-        kept['centers'].append(A.T @ (center - a))
-        kept['inertias'].append(A.T @ J @ A)
+        kept['centers'].append(product(A.T, center - a))
+        kept['inertias'].append(product(A.T, J, A))
     return {
         **{key: np.array(values) for key, values in kept.items()},
         'masses': np.array([mass for mass, _, _ in bodies]),

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.model.edit import Payload, numbers, with_payload
-from pfd_core.model.geometry import Array
+from pfd_core.model.geometry import Array, product
 from pfd_core.model.robot import Robot
 
 MODEL = 'model'
@@ -145,7 +145,7 @@ def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
     gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
     return Plant(
         robot=carrying,
-        gravity=_frozen(robot.base_rotation.T @ gravity),
+        gravity=_frozen(product(robot.base_rotation.T, gravity)),
         damping=_values(robot, 'damping', scene.damping),
         armature=_values(robot, 'armature', scene.armature),
         external_wrench=scene.external_wrench,

@@ -36,6 +36,7 @@ import yaml
 from pfd_core.model.geometry import (
     Array,
     cos_sin_degrees,
+    product,
     rotation_x,
     rotation_z,
     symmetric,
@@ -144,7 +145,7 @@ def _frames(
         _, tip_rotation, tip_position = _end('tip', tip)
         frames = [j['frame'] for j in joints]
         R, p = frames[0]
-        first = (base[0] @ R, base[1] + base[0] @ p)
+        first = (product(base[0], R), base[1] + product(base[0], p))
         placements = [first, *frames[1:], (tip_rotation, tip_position)]
         return welded_frames(placements, [j['body'] for j in joints])
     if isinstance(tip, Mapping) and set(tip) != {'link'}:
@@ -206,9 +207,10 @@ def _placed(label: str, way: str, value: Any) -> tuple[Array, Array]:
     row = {k: _number(f'{k} in {what}', v) for k, v in _table(what, value, ROW, ()).items()}
     turn = rotation_z(*cos_sin_degrees(row['theta_deg']))
     twist = rotation_x(*cos_sin_degrees(row['alpha_deg']))
+    along_x, along_z = np.array([row['a'], 0.0, 0.0]), np.array([0.0, 0.0, row['d']])
     if way == 'dh':
-        return turn @ twist, turn @ np.array([row['a'], 0.0, 0.0]) + [0.0, 0.0, row['d']]
-    return twist @ turn, np.array([row['a'], 0.0, 0.0]) + twist[:, 2] * row['d']
+        return product(turn, twist), along_z + product(turn, along_x)
+    return product(twist, turn), along_x + product(twist, along_z)
 
 
 def _drive(label: str, row: Mapping[str, Any]) -> dict[str, float]:

@@ -14,6 +14,7 @@ from pfd_core.model.geometry import (
     RIGHT_ANGLE_TOLERANCE,
     Array,
     axis_rotation,
+    product,
     snapped,
     welded_frames,
 )
@@ -110,14 +111,14 @@ def _joint_frames(
     before = [(start[0], start[1]), *((turn, np.zeros(3)) for turn in turns)]
     after = [*(_pair(model.jointPlacements[k]) for k in indices), end]
     for (R0, p0), (R1, p1), turn in zip(before, after, [*turns, np.eye(3)], strict=True):
-        placements.append((snapped(R0.T @ R1 @ turn), R0.T @ (p1 - p0)))
+        placements.append((snapped(product(R0.T, R1, turn)), product(R0.T, p1 - p0)))
     length = max(float(np.abs(p).max()) for _, p in placements)
     placements = [(R, _without_dust(p, length)) for R, p in placements]
     bodies = []
     for k, turn in zip(indices, turns, strict=True):
         inertia = model.inertias[k]
-        J = turn.T @ inertia.inertia @ turn
-        center = _without_dust(turn.T @ inertia.lever, length)
+        J = product(turn.T, np.array(inertia.inertia), turn)
+        center = _without_dust(product(turn.T, np.array(inertia.lever)), length)
         bodies.append((float(inertia.mass), center, _without_dust(J, float(np.abs(J).max()))))
     return placements, bodies
 

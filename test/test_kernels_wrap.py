@@ -12,6 +12,7 @@ import mpmath
 import numpy as np
 import pytest
 
+from pfd_core.kernels import wrap
 from pfd_core.kernels.wrap import WRAP_ANGLE_IR, WRAP_LIMIT, wrap_angle
 
 DIGITS = 1200  # of the reference: x has up to 309 before the point, the remainder 20 zeros after
@@ -61,11 +62,17 @@ def native() -> Callable[[float], float]:
 
 
 def test_the_remainder_is_rounded_to_nearest() -> None:
-    x = np.concatenate([far_angles(1000), FAR])
+    x = np.concatenate([far_angles(10_000), FAR])
     with mpmath.workdps(DIGITS):
         for angle, value in zip(x, wrap_angle(x), strict=True):
             error = abs(mpmath.mpf(float(value)) - remainder(angle))
             assert error <= ULPS * mpmath.mpf(float(np.spacing(abs(value)))), angle
+
+
+def test_the_tables_hold_pi_to_their_last_bit() -> None:
+    with mpmath.workdps(DIGITS):
+        assert wrap._TURNS == int(mpmath.floor(mpmath.ldexp(1 / (2 * mpmath.pi), 1280)))
+        assert wrap._TWO_PI == int(mpmath.nint(mpmath.ldexp(2 * mpmath.pi, 125)))
 
 
 def test_no_float64_comes_closer_to_a_turn_than_the_error_bound_assumes() -> None:

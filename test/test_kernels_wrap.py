@@ -71,8 +71,8 @@ def test_the_remainder_is_rounded_to_nearest() -> None:
 
 def test_the_tables_hold_pi_to_their_last_bit() -> None:
     with mpmath.workdps(DIGITS):
-        assert wrap._TURNS == int(mpmath.floor(mpmath.ldexp(1 / (2 * mpmath.pi), 1280)))
-        assert wrap._TWO_PI == int(mpmath.nint(mpmath.ldexp(2 * mpmath.pi, 125)))
+        assert int(mpmath.floor(mpmath.ldexp(1 / (2 * mpmath.pi), 1280))) == wrap._TURNS
+        assert int(mpmath.nint(mpmath.ldexp(2 * mpmath.pi, 125))) == wrap._TWO_PI
 
 
 def test_no_float64_comes_closer_to_a_turn_than_the_error_bound_assumes() -> None:

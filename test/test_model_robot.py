@@ -9,13 +9,12 @@ from dataclasses import FrozenInstanceError, replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from tolerances import DYNAMICS
 from zoo import random_chain, random_inertia, random_rotation, random_state, to_pinocchio
 
 from pfd_core.model import Payload, PhysicsWarning, Robot, load_robot, lock, with_payload
 from pfd_core.model.geometry import axis_rotation, cos_sin_degrees, merged, product, snapped
 
-# Sums of some hundred products, in another order: each rounds at 1e-16 of the largest.
-SAME_PHYSICS = 1e-12
 # One square root and three products.
 ROUNDING = 4 * np.finfo(float).eps
 SEEDS = range(5)
@@ -41,15 +40,15 @@ def assert_same_dynamics(model: pin.Model, other: pin.Model, seed: int) -> None:
     q, qd, qdd = random_state(np.random.default_rng(seed), model.nv)
     data, more = model.createData(), other.createData()
     tau, expected = pin.rnea(model, data, q, qd, qdd), pin.rnea(other, more, q, qd, qdd)
-    assert np.abs(tau - expected).max() <= SAME_PHYSICS * np.abs(expected).max()
+    assert np.abs(tau - expected).max() <= DYNAMICS * np.abs(expected).max()
     H, expected = np.triu(pin.crba(model, data, q)), np.triu(pin.crba(other, more, q))
-    assert np.abs(H - expected).max() <= SAME_PHYSICS * expected.max()
+    assert np.abs(H - expected).max() <= DYNAMICS * expected.max()
     pin.framesForwardKinematics(model, data, q)
     pin.framesForwardKinematics(other, more, q)
     tip, expected = (
         d.oMf[m.getFrameId('tip')].homogeneous for m, d in ((model, data), (other, more))
     )
-    assert np.abs(tip - expected).max() <= SAME_PHYSICS * np.abs(expected).max()
+    assert np.abs(tip - expected).max() <= DYNAMICS * np.abs(expected).max()
 
 
 @pytest.mark.parametrize('seed', SEEDS)
@@ -85,8 +84,8 @@ def test_bodies_weld_as_in_pinocchio() -> None:
         mass, center, J = merged(*bodies)
         sum_ = pin.Inertia(*bodies[0]) + pin.Inertia(*bodies[1])
         assert mass == sum_.mass
-        np.testing.assert_allclose(center, sum_.lever, rtol=SAME_PHYSICS)
-        np.testing.assert_allclose(J, sum_.inertia, rtol=0, atol=SAME_PHYSICS * J.max())
+        np.testing.assert_allclose(center, sum_.lever, rtol=DYNAMICS)
+        np.testing.assert_allclose(J, sum_.inertia, rtol=0, atol=DYNAMICS * J.max())
 
 
 def test_a_payload_of_nothing_changes_no_bit() -> None:

@@ -11,12 +11,11 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
+from tolerances import DYNAMICS
 from zoo import BODY, FORK, ODD_ARM, STRAIGHT_ARM, TWO_ARMS, joint, link, to_pinocchio, urdf
 
 from pfd_core.model import Robot, load_robot, lock
 
-# Sums of some hundred products, in another order: each rounds at 1e-16 of the largest.
-SAME_PHYSICS = 1e-12
 # Files whose angles are cut off after 11 digits are compared with angles made exact.
 TRUNCATED = {'1.57079632679': '1.5707963267948966', '3.14159265359': '3.141592653589793'}
 STATES = 5
@@ -56,17 +55,17 @@ def assert_same_physics(robot: Robot, text: str, locked: Mapping[str, float]) ->
         tip = data.oMf[whole.getFrameId(robot.tip, pin.FrameType.BODY)]
         pin.framesForwardKinematics(ours, own, q)
         reach = (base.inverse() * tip).homogeneous
-        assert np.abs(own.oMf[-1].homogeneous - reach).max() <= SAME_PHYSICS * np.abs(reach).max()
+        assert np.abs(own.oMf[-1].homogeneous - reach).max() <= DYNAMICS * np.abs(reach).max()
 
         whole.gravity.linear = base.rotation @ GRAVITY
         velocity, acceleration = np.zeros((2, whole.nv))
         velocity[v_at], acceleration[v_at] = qd, qdd
         tau = pin.rnea(whole, data, whole_q, velocity, acceleration)[v_at]
-        assert np.abs(pin.rnea(ours, own, q, qd, qdd) - tau).max() <= SAME_PHYSICS * max(
+        assert np.abs(pin.rnea(ours, own, q, qd, qdd) - tau).max() <= DYNAMICS * max(
             1.0, np.abs(tau).max()
         )
         H = np.triu(pin.crba(whole, data, whole_q))[np.ix_(v_at, v_at)]
-        assert np.abs(np.triu(pin.crba(ours, own, q)) - H).max() <= SAME_PHYSICS * H.max()
+        assert np.abs(np.triu(pin.crba(ours, own, q)) - H).max() <= DYNAMICS * H.max()
 
 
 CHAINS = [
@@ -157,7 +156,7 @@ def test_locking_in_the_file_and_in_the_robot_is_the_same() -> None:
 
 def test_what_hangs_rigidly_beyond_the_tip_keeps_its_mass() -> None:
     whole, cut = load_robot(ODD_ARM, tip='hand'), load_robot(ODD_ARM, tip='wrist')
-    assert cut.masses[-1] == whole.masses[-1] == pytest.approx(0.8 + 0.5, rel=SAME_PHYSICS)
+    assert cut.masses[-1] == whole.masses[-1] == pytest.approx(0.8 + 0.5, rel=DYNAMICS)
 
 
 def test_a_mimic_joint_may_be_locked() -> None:

@@ -10,12 +10,11 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
+from tolerances import DYNAMICS
 from zoo import ODD_ARM, random_chain, random_state, to_pinocchio
 
 from pfd_core.model import Robot, known_robots, load_robot, lock, robot_to_yaml
 
-# Sums of some hundred products, in another order: each rounds at 1e-16 of the largest.
-SAME_PHYSICS = 1e-12
 # The book prints four digits after the point.
 PRINTED = 0.5e-4 * 1.001
 
@@ -57,7 +56,7 @@ def test_every_known_robot_is_listed() -> None:
 
 
 def test_the_puma_has_the_inertia_and_gravity_load_that_corke_prints() -> None:
-    # Corke, Robotics, Vision and Control (2011), sections 9.1.1 and 9.1.3, at pose qn.
+    # Corke, Robotics, Vision and Control (2011), section 9.1, at pose qn.
     puma = load_robot('puma560')
     q = np.pi * np.array([0, 1 / 4, 1, 0, 1 / 4, 0])
     upper = [
@@ -80,7 +79,7 @@ def test_the_ur5_reaches_where_its_table_says() -> None:
     # All angles zero: a2 + a3 along x, d4 + d6 along -y, d1 - d5 up.
     expected = [-0.425 - 0.39225, -0.10915 - 0.0823, 0.089159 - 0.09465]
     tip = tip_at(load_robot('ur5'), np.zeros(6))
-    np.testing.assert_allclose(tip[:3, 3], expected, rtol=SAME_PHYSICS)
+    np.testing.assert_allclose(tip[:3, 3], expected, rtol=DYNAMICS)
 
 
 def test_the_panda_is_the_urdf_without_its_hand() -> None:
@@ -94,7 +93,7 @@ def test_the_panda_is_the_urdf_without_its_hand() -> None:
     for key in keys:
         np.testing.assert_array_equal(getattr(ours, key), getattr(urdf, key))
     for key in ('rotations', 'translations', 'masses', 'centers', 'inertias', 'base_position'):
-        np.testing.assert_allclose(getattr(ours, key), getattr(urdf, key), atol=SAME_PHYSICS)
+        np.testing.assert_allclose(getattr(ours, key), getattr(urdf, key), atol=DYNAMICS)
 
 
 def test_planar2_is_the_double_pendulum_of_the_textbook() -> None:
@@ -104,11 +103,11 @@ def test_planar2_is_the_double_pendulum_of_the_textbook() -> None:
     c2, c1, c12 = np.cos(q[1]), np.cos(q[0]), np.cos(q[0] + q[1])
     H12 = m * l**2 * (1 / 3 + c2 / 2)
     expected = [[m * l**2 * (5 / 3 + c2), H12], [H12, m * l**2 / 3]]
-    np.testing.assert_allclose(mass_matrix(robot, q), expected, rtol=SAME_PHYSICS)
+    np.testing.assert_allclose(mass_matrix(robot, q), expected, rtol=DYNAMICS)
     model = to_pinocchio(robot)
     load = pin.rnea(model, model.createData(), q, np.zeros(2), np.zeros(2))
     outer = m * g * l * c12 / 2
-    np.testing.assert_allclose(load, [1.5 * m * g * l * c1 + outer, outer], rtol=SAME_PHYSICS)
+    np.testing.assert_allclose(load, [1.5 * m * g * l * c1 + outer, outer], rtol=DYNAMICS)
 
 
 @pytest.mark.parametrize('seed', range(3))
@@ -154,7 +153,7 @@ def test_standard_rows_are_turn_shift_shift_twist() -> None:
     robot = load_robot(ROWS)
     q = np.array([0.7, -0.4])
     expected = dh(0.5, 0.1, 90, 30 + np.degrees(0.7)) @ dh(0, 0.2 - 0.4, -20, 90)
-    np.testing.assert_allclose(tip_at(robot, q), expected, atol=SAME_PHYSICS)
+    np.testing.assert_allclose(tip_at(robot, q), expected, atol=DYNAMICS)
     assert robot.inertias[1].tolist() == [[1, 0.1, 0], [0.1, 1, 0], [0, 0, 1]]
     assert robot.centers[1, 2] == 1e-3
     assert robot.position_lower.tolist() == [-np.inf, -np.inf]
@@ -186,20 +185,20 @@ def test_modified_rows_are_twist_shift_turn_shift() -> None:
     ours = to_pinocchio(modified)
     tau = pin.rnea(ours, ours.createData(), q, qd, qdd)
     expected = pin.rnea(model, model.createData(), q, qd, qdd)
-    np.testing.assert_allclose(tau, expected, rtol=SAME_PHYSICS)
+    np.testing.assert_allclose(tau, expected, rtol=DYNAMICS)
     data = model.createData()
     pin.forwardKinematics(model, data, q)
     tip = data.oMi[2] * pin.SE3(pin.rpy.rpyToMatrix(np.pi / 2, 0, 0), np.zeros(3))
-    np.testing.assert_allclose(tip_at(modified, q), tip.homogeneous, atol=SAME_PHYSICS)
+    np.testing.assert_allclose(tip_at(modified, q), tip.homogeneous, atol=DYNAMICS)
     assert (modified.base, modified.tip) == ('floor', 'hand')
 
 
 def test_a_rotor_is_carried_through_its_gear() -> None:
     rotor = 'rotor: {inertia: 2e-4, gear_ratio: -50, damping: 1e-3, friction: 0.1}'
     robot = load_robot(ROWS.replace('mass: 1,', f'mass: 1, damping: 0.5, {rotor},'))
-    np.testing.assert_allclose(robot.armature, [0.5, 0], rtol=SAME_PHYSICS)
-    np.testing.assert_allclose(robot.damping, [0.5 + 2.5, 0], rtol=SAME_PHYSICS)
-    np.testing.assert_allclose(robot.friction, [5, 0], rtol=SAME_PHYSICS)
+    np.testing.assert_allclose(robot.armature, [0.5, 0], rtol=DYNAMICS)
+    np.testing.assert_allclose(robot.damping, [0.5 + 2.5, 0], rtol=DYNAMICS)
+    np.testing.assert_allclose(robot.friction, [5, 0], rtol=DYNAMICS)
 
 
 def test_locking_while_loading_is_locking_after() -> None:

@@ -27,6 +27,7 @@ from pfd_core.machine.patterns import prefix
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, cos, merge, on, shift, sin
 from pfd_core.machine.vectors import array, rotated_symmetric
 from pfd_core.model import Robot
+from pfd_core.model.geometry import product
 
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
@@ -107,10 +108,10 @@ def links(recorder: Recorder, robot: Robot, keep_tip: bool) -> Links:
     A, a, s, J = robot.rotations, robot.translations, robot.centers, robot.inertias
     if not keep_tip:
         A, a, s, J = A.copy(), a.copy(), s.copy(), J.copy()
-        s[-1] = a[-1] + A[-1] @ s[-1]
-        J[-1] = A[-1] @ J[-1] @ A[-1].T
+        s[-1] = a[-1] + product(A[-1], s[-1])
+        J[-1] = product(A[-1], J[-1], A[-1].T)
         A[-1], a[-1] = np.eye(3), 0.0
-    p = np.einsum('nji,nj->ni', A, a)
+    p = np.array([product(A[i].T, a[i]) for i in range(robot.n)])
     n = range(robot.n)
     row = recorder.constant
     return Links(

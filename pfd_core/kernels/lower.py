@@ -24,6 +24,9 @@ from pfd_core.machine.program import Instruction, Output, Program
 from pfd_core.machine.recorder import Lanes, Recorder, where
 
 COMMUTATIVE = ('add', 'mul')
+# What has no value to simplify. A loop runs at least once, so that an expression inside it may
+# serve again after it, as one from before it may serve inside.
+KEPT = ('input', 'loop', 'state', 'end', 'result')
 
 
 def lower(program: Program, dtype: str, outputs: Collection[str] | None = None) -> Program:
@@ -78,7 +81,8 @@ def expand(program: Program, dtype: str) -> Program:
     recorder = Recorder(1, 'sequential')
     values: list[Lanes] = []
     pairs: dict[int, tuple[Lanes, Lanes]] = {}
-    for op, args, data, _, section in program.instructions:
+    for instruction in program.instructions:
+        op, args, data, _, section = instruction
         with recorder.section(section):
             if op in ('sin', 'cos'):
                 if args[0] not in pairs:
@@ -86,10 +90,8 @@ def expand(program: Program, dtype: str) -> Program:
                 values.append(pairs[args[0]][op == 'cos'])
             elif op == 'constant':
                 values.append(recorder.constant(data[0]))
-            elif op == 'input':
-                values.append(recorder.input(data[0][0], [data[0][1]]))
             else:
-                values.append(recorder.apply(op, *(values[a] for a in args)))
+                values.append(recorder.copy(instruction, [values[a] for a in args]))
     for name, (shape, places) in program.outputs.items():
         recorder.output(name, shape, [(values[register], 0) for register, _ in places])
     expanded = recorder.program()
@@ -100,7 +102,7 @@ def operations(program: Program) -> dict[str, int]:
     """Return how many of each operation a program holds, inputs and constants left out."""
     counts: dict[str, int] = {}
     for instruction in program.instructions:
-        if instruction.op not in ('input', 'constant'):
+        if instruction.op not in ('constant', *KEPT):
             counts[instruction.op] = counts.get(instruction.op, 0) + 1
     return counts
 
@@ -127,10 +129,9 @@ class _Folder:
         op, args, data, _, self._section = instruction
         if op == 'constant':
             register = self.constant(data[0])
-        elif op == 'input':
-            register = self.write(op, (), data)
         else:
-            register = self.simplify(op, tuple(self.names[a] for a in args))
+            new = tuple(self.names[a] for a in args)
+            register = self.write(op, new, data) if op in KEPT else self.simplify(op, new)
         self.names.append(register)
 
     def constant(self, value: float) -> int:

@@ -64,14 +64,10 @@ def run(
                 f'input {name} must have shape (..., {size}), got {values[name].shape}'
             )
     batch = next(iter(values.values())).shape[:-1]
-    registers: list[Any] = []
+    machine = _Machine(program, values, batch, arithmetic, functions or {})
     with arithmetic.context():
-        for instruction in program.instructions:
-            if instruction.op == 'call':
-                rows = (registers[a] for a in instruction.args)
-                registers.append((functions or {})[instruction.data](*rows))
-            else:
-                registers.append(_execute(instruction, registers, values, batch, arithmetic))
+        machine.run()
+    registers = machine.registers
     return {
         name: np.stack([registers[r][lane] for r, lane in output.places], axis=-1).reshape(
             (*batch, *output.shape)
@@ -80,42 +76,93 @@ def run(
     }
 
 
-def _execute(
-    instruction: Instruction,
-    registers: list[Any],
-    inputs: Mapping[str, Any],
-    batch: tuple[int, ...],
-    arithmetic: Any,
-) -> Any:
-    """Return the row that one instruction leaves in its register."""
-    op, args, data, active, _ = instruction
-    if op == 'constant':
-        return _row([np.full(batch, arithmetic.number(value)) for value in data])
-    if op == 'input':
-        zero = np.full(batch, arithmetic.number(0.0))
-        return _row([zero if k is None else inputs[name][..., k] for name, k in data])
-    if op == 'route':
-        value, fill = registers[args[0]], registers[args[1]]
+class _Machine:
+    """The registers of one run, and the loop it may be in."""
+
+    def __init__(
+        self,
+        program: Program,
+        inputs: Mapping[str, Any],
+        batch: tuple[int, ...],
+        arithmetic: Any,
+        functions: Mapping[str, Callable[[Any, Any], Any]],
+    ) -> None:
+        self.program = program
+        self.inputs = inputs
+        self.batch = batch
+        self.arithmetic = arithmetic
+        self.functions = functions
+        self.registers: list[Any] = [None] * len(program.instructions)
+        self.rows: list[Any] = []  # the state of the loop, its `go` last
+        self.trips: Any = None
+        self.turn = 0
+
+    def run(self) -> None:
+        """Execute the instructions in order, going back where a loop says so."""
+        at = 0
+        while at < len(self.registers):
+            instruction = self.program.instructions[at]
+            if instruction.op == 'loop':
+                self.rows = [self.registers[a] for a in instruction.args]
+                self.trips = np.zeros(self.batch)
+                self.turn = 0
+            elif instruction.op == 'end':
+                if self._turn(instruction):
+                    at = instruction.args[0]
+            else:
+                self.registers[at] = self._execute(instruction)
+            at += 1
+
+    def _turn(self, end: Instruction) -> bool:
+        """Take over the next state of those problems that go on; tell whether any does."""
+        going = np.asarray(self.rows[-1][0] > 0, dtype=bool)
+        following = [self.registers[a] for a in end.args[1:]]
+        self.rows = [
+            np.where(going, after, before)
+            for before, after in zip(self.rows, following, strict=True)
+        ]
+        self.trips = self.trips + going
+        self.turn += 1
+        at_most = self.program.instructions[end.args[0]].data
+        return bool(np.any(self.rows[-1][0] > 0)) and self.turn < at_most
+
+    def _execute(self, instruction: Instruction) -> Any:
+        """Return the row that one instruction leaves in its register."""
+        op, args, data, active, _ = instruction
+        number = self.arithmetic.number
+        if op == 'constant':
+            return np.stack([np.full(self.batch, number(value)) for value in data])
+        if op == 'input':
+            zero = np.full(self.batch, number(0.0))
+            return np.stack([zero if k is None else self.inputs[name][..., k] for name, k in data])
+        if op == 'route':
+            return self._route(self.registers[args[0]], self.registers[args[1]], data, active)
+        if op == 'call':
+            return self.functions[data](*(self.registers[a] for a in args))
+        if op in ('state', 'result'):
+            return self.rows[data] if data >= 0 else self._trips()
+        meaning = self.arithmetic.meaning(op)
+        operands = [self.registers[a] for a in args]
+        lanes = len(operands[0])
+        if active == (1 << lanes) - 1:
+            return meaning(*operands)
+        on = [lane for lane in range(lanes) if active >> lane & 1]
+        row = np.zeros_like(operands[0])
+        row[on] = meaning(*(operand[on] for operand in operands))
+        return row
+
+    def _route(self, value: Any, fill: Any, sources: Any, active: int) -> Any:
         row = fill.copy()
-        for lane, source in enumerate(data):
+        for lane, source in enumerate(sources):
             if source is not None:
                 row[lane] = value[source]
             elif not active >> lane & 1:
-                row[lane] = arithmetic.number(0.0)
+                row[lane] = self.arithmetic.number(0.0)
         return row
-    meaning = arithmetic.meaning(op)
-    operands = [registers[a] for a in args]
-    lanes = len(operands[0])
-    if active == (1 << lanes) - 1:
-        return meaning(*operands)
-    on = [lane for lane in range(lanes) if active >> lane & 1]
-    row = np.zeros_like(operands[0])
-    row[on] = meaning(*(operand[on] for operand in operands))
-    return row
 
-
-def _row(values: list[Any]) -> Any:
-    return np.stack(values)
+    def _trips(self) -> Any:
+        one = self.arithmetic.array(self.trips)
+        return np.stack([one] * self.program.lanes)
 
 
 class _Floats:

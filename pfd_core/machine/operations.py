@@ -29,7 +29,7 @@ class Operation:
     name : str
         What a program calls it.
     arity : int
-        Number of registers it reads.
+        Number of registers it reads; -1 if that varies.
     cost : str or None
         The column of the step counts it is entered under; None is free (moving data
         within a lane, switching a lane off, changing a sign bit).
@@ -74,6 +74,12 @@ OPERATIONS = {
         Operation('cos', 1, 'sines', np.cos),
         # The rows of a function that is recorded elsewhere: accelerations, for an integrator.
         Operation('call', 2),
+        # A repeated part: `loop` (its initial rows), `state` (a row as this trip finds it),
+        # `end` (the rows for the next trip), `result` (a row after the last one).
+        Operation('loop', -1),
+        Operation('state', 1),
+        Operation('end', -1),
+        Operation('result', 1),
     )
 }
 

@@ -31,7 +31,8 @@ class Instruction(NamedTuple):
     data : object
         input: (name, flat index or None per lane); constant: one float per lane;
         route: the lane each lane takes its value from, None for its own lane of the second
-        operand; otherwise None.
+        operand; call: the function's name; loop: the most trips it takes; state, result: which
+        row of the loop, -1 for the number of trips; otherwise None.
     active : int
         Bit i is set when lane i takes part.
     section : str
@@ -116,7 +117,9 @@ class Program:
             words.append('on ' + _ranges(instruction.active))
         return ' '.join(words)
 
-    def count(self, processors: int | None = None, section: str | None = None) -> Steps:
+    def count(
+        self, processors: int | None = None, section: str | None = None, trips: int = 1
+    ) -> Steps:
         """
         Return the steps that the program takes, without running it.
 
@@ -127,27 +130,39 @@ class Program:
             steps. Default: one per lane.
         section : str, optional
             Count only this part of the program.
+        trips : int
+            How often the repeated part, if there is one, is run.
 
         """
         processors = check_processors(processors, self.lanes)
         totals = dict.fromkeys(COSTS, 0)
-        for instruction in self.instructions:
+        for instruction, times in self._repeated(trips):
             cost = OPERATIONS[instruction.op].cost
             if cost and (section is None or instruction.section == section):
-                totals[cost] += math.ceil(busy_lanes(instruction) / processors)
+                totals[cost] += times * math.ceil(busy_lanes(instruction) / processors)
         return Steps(**totals)
 
-    def utilisation(self, processors: int | None = None) -> float:
+    def utilisation(self, processors: int | None = None, trips: int = 1) -> float:
         """Return the share of processor-steps of arithmetic that do useful work, 0 to 1."""
         processors = check_processors(processors, self.lanes)
         busy = total = 0
-        for instruction in self.instructions:
+        for instruction, times in self._repeated(trips):
             cost = OPERATIONS[instruction.op].cost
             if cost and cost != 'routes':
                 lanes = busy_lanes(instruction)
-                busy += lanes
-                total += math.ceil(lanes / processors) * processors
+                busy += times * lanes
+                total += times * math.ceil(lanes / processors) * processors
         return busy / total if total else 0.0
+
+    def _repeated(self, trips: int) -> Iterator[tuple[Instruction, int]]:
+        """Yield each instruction and how often it runs."""
+        times = 1
+        for instruction in self.instructions:
+            if instruction.op == 'loop':
+                times = trips
+            yield instruction, times
+            if instruction.op == 'end':
+                times = 1
 
 
 def busy_lanes(instruction: Instruction) -> int:

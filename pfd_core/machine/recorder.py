@@ -200,12 +200,97 @@ class Recorder:
         ]
         return Lanes(self, tuple(registers), defined)
 
+    def copy(self, instruction: Instruction, operands: Sequence[Lanes]) -> Lanes:
+        """Record an instruction of another program of one lane, on operands of this one."""
+        args = tuple(operand.registers[0] for operand in operands)
+        register = self._write(instruction.op, args, instruction.data, instruction.active)
+        return Lanes(self, (register,), 1)
+
     def call(self, function: str, first: Lanes, second: Lanes) -> Lanes:
         """Record a call of a function of two rows, which is recorded elsewhere."""
         if not self.parallel:
             raise ValueError('a call takes whole rows: record it with the parallel schedule')
         args = (first.registers[0], second.registers[0])
         return Lanes(self, (self._write('call', args, function, self.all),), self.all)
+
+    def iterate(
+        self,
+        step: Callable[..., tuple[tuple[Lanes, ...], Lanes]],
+        state: tuple[Lanes, ...],
+        go: Lanes,
+        at_most: int,
+    ) -> tuple[tuple[Lanes, ...], Lanes]:
+        """
+        Record a part that is repeated while a number on lane 0 is above zero.
+
+        Parameters
+        ----------
+        step : callable
+            step(*state) returns the next state and the next `go`; it is recorded once.
+        state : tuple of Lanes
+            What the first trip finds; every lane must have a value.
+        go : Lanes
+            The control unit reads lane 0 before each trip: at zero or below, or NaN, the
+            problem is finished and keeps its state, whatever others in its batch still do.
+        at_most : int
+            Trips after which it ends in any case, at least 1.
+
+        Returns
+        -------
+        state : tuple of Lanes
+            What the last trip left.
+        trips : Lanes
+            Number of trips that were taken, on every lane.
+
+        """
+        if at_most < 1:
+            raise ValueError(f'at_most must be at least 1, got {at_most}')
+        loop = self._write('loop', (*self._flat(state), self._lane0(go)), at_most, self.all)
+        held = self._renamed(state, 'state', loop)
+        following, again = step(*held)
+        for k, (before, after) in enumerate(zip(state, following, strict=True)):
+            if before.defined & ~after.defined:
+                raise ValueError(f'iterate: row {k} of the next state lacks lanes of the first')
+        following = tuple(
+            Lanes(self, after.registers, before.defined)
+            for before, after in zip(state, following, strict=True)
+        )
+        end = self._write(
+            'end', (loop, *self._flat(following), self._lane0(again)), None, self.all
+        )
+        trips = self._write('result', (end,), -1, self.all)
+        count = Lanes(self, (trips,) * len(go.registers), self.all)
+        return self._renamed(state, 'result', end), count
+
+    def _lane0(self, go: Lanes) -> int:
+        if not go.defined & 1:
+            raise ValueError('iterate: lane 0 has no value to go on by')
+        return go.registers[0]
+
+    def _flat(self, rows: Sequence[Lanes]) -> list[int]:
+        """Return the registers of some rows, lane by lane where they have one each."""
+        return [
+            register
+            for row in rows
+            for i, register in enumerate(row.registers)
+            if self.parallel or row.defined >> i & 1
+        ]
+
+    def _renamed(self, rows: Sequence[Lanes], op: str, marker: int) -> tuple[Lanes, ...]:
+        """Return rows like these whose registers are members of a loop marker."""
+        renamed = []
+        member = 0
+        for row in rows:
+            registers = []
+            for i in range(len(row.registers)):
+                if self.parallel or row.defined >> i & 1:
+                    active = row.defined if self.parallel else 1
+                    registers.append(self._write(op, (marker,), member, active))
+                    member += 1
+                else:
+                    registers.append(-1)
+            renamed.append(Lanes(self, tuple(registers), row.defined))
+        return tuple(renamed)
 
     def route(self, value: Lanes, sources: Sequence[int | None], fill: Lanes | None) -> Lanes:
         """Return lane i of `value[sources[i]]`, or of `fill` where there is no such value."""

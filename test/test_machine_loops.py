@@ -1,0 +1,122 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The repeated part of a program: on the emulator, lowered, and in native code."""
+
+from __future__ import annotations
+
+import ctypes
+
+import numpy as np
+import pytest
+
+from pfd_core.kernels.engine import compile_ir
+from pfd_core.kernels.llvm import Format, batch, body, evaluate, module
+from pfd_core.kernels.lower import lower
+from pfd_core.machine.emulator import run
+from pfd_core.machine.patterns import total
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import SCHEDULES, Lanes, Recorder, on
+
+AT_MOST = 12
+
+
+def roots(n: int, schedule: str, at_most: int = AT_MOST) -> Program:
+    """
+    Record square roots by Newton's iteration x <- (x + q / x) / 2 on every lane.
+
+    It goes on while the largest change on lane 0, the sum of squares, is above 1e-20.
+    """
+    recorder = Recorder(n, schedule)
+    q = recorder.input('q', range(n))
+
+    def step(x: Lanes) -> tuple[tuple[Lanes, ...], Lanes]:
+        following = 0.5 * (x + q / x)
+        change = following - x
+        return (following,), total(change * change) - 1e-20
+
+    (x,), trips = recorder.iterate(step, (q,), on(q, [0]), at_most)
+    # What follows a loop may use what was computed before and inside it.
+    y = x + 0.0 * q
+    recorder.output('y', (n + 1,), [*((y, lane) for lane in range(n)), (trips, 0)])
+    return recorder.program()
+
+
+def newton(q: np.ndarray, at_most: int = AT_MOST) -> tuple[np.ndarray, int]:
+    """Return the same by a plain loop."""
+    x = q.copy()
+    for trips in range(1, at_most + 1):
+        x, before = 0.5 * (x + q / x), x
+        if ((x - before) ** 2).sum() <= 1e-20:
+            return x, trips
+    return x, at_most
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_a_loop_ends_when_its_number_falls_to_zero(schedule: str) -> None:
+    q = np.array([2.0, 9.0, 1e4, 0.5])
+    y = run(roots(4, schedule), {'q': q})['y']
+    x, trips = newton(q)
+    np.testing.assert_allclose(y[:4], np.sqrt(q), rtol=1e-15)
+    np.testing.assert_allclose(y[:4], x, rtol=1e-15)
+    assert y[4] == trips
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_a_loop_ends_at_its_limit(schedule: str) -> None:
+    q = np.array([1e8])
+    y = run(roots(1, schedule, at_most=3), {'q': q})['y']
+    np.testing.assert_array_equal(y, [newton(q, 3)[0][0], 3])
+
+
+def test_a_problem_that_is_finished_keeps_its_bits_while_others_go_on() -> None:
+    q = np.array([[4.0], [1e6], [2.0], [1e-6], [-1.0]])
+    together = run(roots(1, 'sequential'), {'q': q})['y']
+    for row, alone in zip(together, q, strict=True):
+        np.testing.assert_array_equal(row, run(roots(1, 'sequential'), {'q': alone})['y'])
+    assert len(set(together[:4, 1])) > 1
+    # Nothing to do: not one trip is taken over.
+    np.testing.assert_array_equal(together[4], [-1.0, 0.0])
+
+
+def test_counts_follow_the_trips() -> None:
+    program = roots(4, 'parallel')
+    one, five = program.count(), program.count(trips=5)
+    assert (one.divisions, five.divisions) == (1, 5)
+    # In a trip: sum, change, its two levels of a total, minus the tolerance; one after it.
+    assert (one.additions, five.additions) == (5 + 1, 25 + 1)
+
+
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('width', [1, 4])
+def test_native_code_takes_the_same_trips_and_leaves_the_same_bits(dtype: str, width: int) -> None:
+    program = lower(roots(3, 'sequential'), dtype)
+    form = Format(dtype, width)
+    parts = [body(program, form), evaluate(program, form, ()), batch(program, form, 4)]
+    native = compile_ir(module(parts, dtype, [width], ()))
+    call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
+    q = np.random.default_rng(1).uniform(1e-4, 1e6, (9, 3)).astype(dtype)
+    q[4] = -1.0
+    out = np.empty((9, 4), dtype)
+    table = np.array([k for a in (q, out) for k in (a.ctypes.data, *a.strides)], np.int64)
+    assert call(native.address('batch'))(9, table.ctypes.data) == 0
+    np.testing.assert_array_equal(out, run(program, {'q': q}, dtype)['y'])
+
+
+def test_printing_shows_the_markers() -> None:
+    text = str(roots(1, 'parallel'))
+    for word in ('loop', 'state', 'end', 'result'):
+        assert f'= {word} ' in text
+
+
+@pytest.mark.parametrize(
+    ('act', 'message'),
+    [
+        (lambda r, q: r.iterate(lambda x: ((x,), x), (q,), q, 0), 'at_most must be at least 1'),
+        (lambda r, q: r.iterate(lambda x: ((x,), x), (q,), on(q, [1]), 1), 'lane 0 has no value'),
+        (lambda r, q: r.iterate(lambda x: ((on(x, [1]),), x), (q,), q, 1), 'row 0 .* lacks lanes'),
+    ],
+)
+def test_a_loop_that_cannot_run_is_refused(act, message: str) -> None:  # type: ignore[no-untyped-def]
+    recorder = Recorder(2)
+    with pytest.raises(ValueError, match=message):
+        act(recorder, recorder.input('q', [0, 1]))

@@ -44,6 +44,8 @@ setup(
         'report': REPORT,
         'test': [
             *REPORT,
+            'colcon-common-extensions',
+            'colcon-ros',
             'example-robot-data',
             'mcap-ros2-support',
             'mypy',

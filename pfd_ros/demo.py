@@ -29,6 +29,7 @@ from pfd_ros.log import LogError
 START_SECONDS = 60.0
 STOP_SECONDS = 20.0
 POLL_SECONDS = 0.05
+COMMAND_DEPTH = 10
 
 
 def environment() -> dict[str, str]:
@@ -96,6 +97,8 @@ def run(robot_name: str, seconds: float, folder: Path) -> int:
         'robot': robot_name,
         'initial_positions': motion_of(robot).start.tolist(),
         'recording': str(base.with_suffix('.mcap')),
+        # At depth 1 a newer command may replace one that waits; the demo counts every one.
+        'qos_overrides': {'/joint_commands': {'subscription': {'depth': COMMAND_DEPTH}}},
     }
     base.with_suffix('.yaml').write_text(
         yaml.safe_dump({'/**': {'ros__parameters': parameters}}), encoding='utf-8'

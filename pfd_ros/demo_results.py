@@ -83,8 +83,7 @@ def show(base: Path, robot: Any, told: Mapping[str, int]) -> list[str]:
     problems += _show_tracking(states.names, wanted, shown)
     recorded = states.messages['joint_commands']
     print(
-        f'commands   sent {told["sent"]}, recorded {recorded}, lost {told["sent"] - recorded} '
-        '(a newer one came first)\n'
+        f'commands   sent {told["sent"]}, recorded {recorded}, lost {told["sent"] - recorded}\n'
         f'file       {path}, {path.stat().st_size / 1e6:.2f} MB, '
         f'{states.messages.total()} messages'
     )

@@ -144,8 +144,8 @@ class Plant:
         order = list(self.order)
         self._q = self._simulator.q[order]
         self._qd = self._simulator.qd[order]
-        # The actuator of a joint on its brake applies nothing.
-        self._tau = np.where(self._drive.braked, 0.0, self._drive.effort)[order]
+        # Zero for a joint on its brake: it has never been commanded.
+        self._tau = self._drive.effort[order]
 
     def state(self) -> bytes:
         """Return the last finite state as a JointState; effort is the torque applied."""

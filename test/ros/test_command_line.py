@@ -9,8 +9,8 @@ import signal
 import subprocess
 import sys
 
-from conftest import Processes, environment
 import pytest
+from ros_processes import Processes, environment
 
 import pfd_core as pfd
 from pfd_ros import command_line

@@ -9,9 +9,9 @@ import re
 import subprocess
 import sys
 
-from conftest import PATIENCE, environment
 import numpy as np
 import pytest
+from ros_processes import PATIENCE, environment
 
 import pfd_core as pfd
 from pfd_ros import demo
@@ -56,6 +56,12 @@ def test_a_run_takes_a_name_of_its_own(tmp_path: Path) -> None:
 def test_a_length_that_is_none_is_refused(tmp_path: Path, seconds: float) -> None:
     with pytest.raises(ValueError, match='--seconds is'):
         demo.run('puma560', seconds, tmp_path)
+
+
+def test_an_unknown_robot_is_named_before_anything_starts(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match='r2d2'):
+        demo.run('r2d2', 1.0, tmp_path / 'out')
+    assert not (tmp_path / 'out').exists()
 
 
 @pytest.mark.ros

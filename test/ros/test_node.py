@@ -10,10 +10,10 @@ import resource
 import signal
 import time
 
-from conftest import JOINTS, PATIENCE, Processes
 from mcap.reader import make_reader
 import numpy as np
 import pytest
+from ros_processes import JOINTS, PATIENCE, Processes
 
 from pfd_ros.commands import Verdict
 from pfd_ros.convert import decode_rows

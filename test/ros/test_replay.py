@@ -5,23 +5,25 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+import io
 from pathlib import Path
 import struct
 import subprocess
 import sys
 
-from conftest import environment
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import Writer
 import numpy as np
 import pytest
+from ros_processes import environment
 
 from pfd_ros import command_line
 from pfd_ros.commands import Verdict
-from pfd_ros.convert import decode_joint_state
+from pfd_ros.convert import decode_clock, decode_joint_state
 from pfd_ros.log import Log, LogError
 from pfd_ros.replay import DifferenceError, read
+from pfd_ros.replay_text import progress_on
 
 pytestmark = pytest.mark.ros
 
@@ -83,6 +85,13 @@ def test_the_run_really_moved_and_was_held_before(recorded: Path) -> None:
     assert not any(states[50].velocity)
     assert np.abs(states[-1].position).max() > 1e-3
     assert states[-1].effort.tolist() == [0.0, 1.0, 0.0, 0.1, 0.0, 0.1]
+
+
+def test_each_clock_tick_follows_the_state_of_its_time(recorded: Path) -> None:
+    entries = [e for e in Log(recorded).entries() if e.role in ('joint_states', 'clock')]
+    assert [e.role for e in entries] == ['joint_states', 'clock'] * (len(entries) // 2)
+    for state, tick in zip(entries[::2], entries[1::2], strict=True):
+        assert decode_joint_state(state.data).stamp_ns == decode_clock(tick.data) > 0
 
 
 def test_copying_a_recording_changes_nothing(recorded: Path, tmp_path: Path) -> None:
@@ -217,6 +226,22 @@ def test_the_progress_runs_from_start_to_end(recorded: Path) -> None:
     read(recorded, progress=parts.append)
     assert parts == sorted(parts)
     assert 0 < parts[0] <= parts[-1] <= 1
+
+
+def test_the_progress_is_drawn_on_a_terminal_and_nowhere_else(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    class Terminal:
+        def isatty(self) -> bool:
+            return True
+
+    draw = progress_on(Terminal())
+    assert draw is not None
+    draw(0.5)
+    draw(0.501)
+    assert capsys.readouterr().err.count('50 %') == 1
+    assert progress_on(None) is None
+    assert progress_on(io.StringIO()) is None
 
 
 def test_a_recording_is_verified_where_there_is_no_ros(recorded: Path, tmp_path: Path) -> None:

@@ -1,0 +1,169 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Real processes and a peer to talk to them, on a ROS domain of each test's own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import importlib.util
+import itertools
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+# Longest wait for anything a process should do: discovery alone may take three seconds, and
+# compiling a robot on a busy machine some more. Nothing is measured against it.
+PATIENCE = 60.0
+HAS_ROS = importlib.util.find_spec('rclpy') is not None
+NODE = ('-m', 'pfd_ros.node')
+JOINTS = tuple(f'joint{i}' for i in range(1, 7))
+_domains = itertools.count(os.getpid())
+
+
+def environment(domain: int) -> dict[str, str]:
+    path = [os.environ.get('PYTHONPATH', ''), str(ROOT)]
+    return os.environ | {
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'ROS_PYTHON_CHECK_FIELDS': '1',
+        'PYTHONPATH': os.pathsep.join(part for part in path if part),
+    }
+
+
+class Process:
+    """A process of ours and what it prints."""
+
+    def __init__(self, command: Sequence[str], folder: Path, domain: int) -> None:
+        self.output = folder / f'output_{time.monotonic_ns()}.txt'
+        with self.output.open('wb') as stream:
+            self.process = subprocess.Popen(
+                [sys.executable, *command],
+                cwd=folder,
+                env=environment(domain),
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+            )
+
+    def text(self) -> str:
+        return self.output.read_text(encoding='utf-8', errors='replace')
+
+    def wait_for_text(self, wanted: str) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while wanted not in self.text():
+            assert self.process.poll() is None, self.text()
+            assert time.monotonic() < deadline, self.text()
+            time.sleep(0.02)
+
+    def end(self, *signals: signal.Signals, apart: float = 0.005) -> int:
+        """Send signals and return the exit status."""
+        for number in signals:
+            self.process.send_signal(number)
+            time.sleep(apart)
+        return self.process.wait(PATIENCE)
+
+
+class Processes:
+    """Starts processes and leaves none behind."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.domain = 10 + next(_domains) % 90
+        self.started: list[Process] = []
+
+    def python(self, *command: str) -> Process:
+        self.started.append(Process(command, self.folder, self.domain))
+        return self.started[-1]
+
+    def arm(self, *ros_args: str, ready: bool = True) -> Process:
+        """Start a node; with `ready`, return once it steps."""
+        process = self.python(*NODE, '--ros-args', *ros_args)
+        if ready:
+            process.wait_for_text('joints, held')
+        return process
+
+    def close(self) -> None:
+        for started in self.started:
+            if started.process.poll() is None:
+                started.process.kill()
+                started.process.wait(PATIENCE)
+
+
+class Peer:
+    """Another node of the system, in this process."""
+
+    def __init__(self, domain: int, namespace: str = '') -> None:
+        import rclpy
+        from rclpy.executors import SingleThreadedExecutor
+        from rosgraph_msgs.msg import Clock
+        from sensor_msgs.msg import JointState
+        from std_msgs.msg import Float64MultiArray
+
+        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+        self.context = rclpy.Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self.node = rclpy.create_node(
+            'peer', context=self.context, namespace=namespace, enable_rosout=False
+        )
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.states: list[Any] = []
+        self.clocks: list[Any] = []
+        self.order: list[str] = []
+        self.node.create_subscription(JointState, 'joint_states', self._on_state, 10)
+        self.node.create_subscription(Clock, '/clock', self._on_clock, 10)
+        self.named = self.node.create_publisher(JointState, 'joint_commands', 10)
+        self.plain = self.node.create_publisher(Float64MultiArray, 'sim_arm/commands', 10)
+
+    def _on_state(self, message: Any) -> None:
+        self.states.append(message)
+
+    def _on_clock(self, message: Any) -> None:
+        self.clocks.append(message)
+
+    def wait(self, done: Callable[[], Any]) -> None:
+        deadline = time.monotonic() + PATIENCE
+        while not done():
+            assert time.monotonic() < deadline, f'waited in vain; {len(self.states)} states came'
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def connect(self) -> None:
+        """Wait until both directions work."""
+        self.wait(
+            lambda: (
+                self.states
+                and self.named.get_subscription_count()
+                and self.plain.get_subscription_count()
+            )
+        )
+
+    def let_pass(self, count: int = 30) -> None:
+        """Wait for some states more: what was sent has been taken by then, or never came."""
+        target = len(self.states) + count
+        self.wait(lambda: len(self.states) >= target)
+
+    def command(self, names: Sequence[str], effort: Sequence[float], **other: Any) -> None:
+        from sensor_msgs.msg import JointState
+
+        message = JointState(name=list(names), effort=list(effort))
+        for field, value in other.items():
+            if field == 'stamp':
+                message.header.stamp.sec = value
+            else:
+                setattr(message, field, value)
+        self.named.publish(message)
+
+    def plain_command(self, effort: Sequence[float]) -> None:
+        from std_msgs.msg import Float64MultiArray
+
+        self.plain.publish(Float64MultiArray(data=list(effort)))
+
+    def close(self) -> None:
+        self.executor.shutdown()
+        self.node.destroy_node()
+        self.context.try_shutdown()

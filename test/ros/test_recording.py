@@ -16,9 +16,10 @@ from mcap.writer import CompressionType, Writer
 import numpy as np
 import pytest
 
-from pfd_ros import convert, definitions, log, recording
+from pfd_ros import convert, definitions, log
 from pfd_ros.provenance import qos_text
 from pfd_ros.recording import Contents, Recorder, TimeBase, Topic
+from pfd_ros.sink import Sink
 
 STATES = Topic('/joint_states', convert.JOINT_STATE, qos_text(10))
 COMMANDS = Topic('/joint_commands', convert.JOINT_STATE, qos_text(1), vital=True)
@@ -198,6 +199,37 @@ def test_a_disk_that_fills_up_is_said_once_and_leaves_a_readable_file(tmp_path: 
     assert len(entries) > 0
 
 
+def test_a_flush_that_fails_is_taken_back_whole(tmp_path: Path) -> None:
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    sink = Sink(tmp_path / 'a')
+    sink.write(b'x' * 1000)
+    sink.flush()
+    sink.write(b'y' * 5000)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (3000, limits[1]))
+        with pytest.raises(OSError, match='File too large'):
+            sink.flush()
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    sink.close()
+    assert (tmp_path / 'a').read_bytes() == b'x' * 1000
+
+
+def test_two_threads_that_overtake_each_other_leave_the_times_in_order(tmp_path: Path) -> None:
+    class Overtaken(TimeBase):
+        def now_ns(self) -> int:
+            return next(times)
+
+    times = iter([10, 30, 20, 40])
+    told = Contents('test', contents().metadata, {}, Overtaken())
+    recorder = Recorder(tmp_path / 'a.mcap', (STATES,), told, Reports())
+    for k in range(1, 5):
+        recorder.record(0, k, state(k))
+    recorder.close()
+    _, entries = read(tmp_path / 'a.mcap')
+    assert [(e.sequence, e.log_ns) for e in entries] == [(1, 10), (2, 30), (3, 30), (4, 40)]
+
+
 def test_an_error_of_the_disk_when_closing_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -207,7 +239,7 @@ def test_an_error_of_the_disk_when_closing_is_said(
     reports = Reports()
     recorder = Recorder(tmp_path / 'a.mcap', (STATES,), contents(), reports.append)
     recorder.record(0, 1, state(1))
-    monkeypatch.setattr(recording.Sink, 'sync', refuse)
+    monkeypatch.setattr(Sink, 'sync', refuse)
     recorder.close()
     assert recorder.failed
     assert 'Input/output error' in reports[0]

@@ -131,6 +131,21 @@ def test_one_flipped_bit_is_found_and_placed(
     assert told.count('0x') == 2
 
 
+def test_the_sign_of_a_zero_is_a_bit_like_any_other(recorded: Path, tmp_path: Path) -> None:
+    hit = only('/joint_states', [5])
+
+    def change(topic: str, message: Message) -> Message:
+        # The last number is the effort of a held joint; its sign is the top bit of its last byte.
+        if hit(topic, message):
+            assert message.data[-8:] == bytes(8)
+            message.data = message.data[:-1] + b'\x80'
+        return message
+
+    rewrite(recorded, tmp_path / 'a.mcap', change)
+    with pytest.raises(DifferenceError, match=r'step 5: .*effort: recorded -0\.0 .*replayed 0\.0'):
+        read(tmp_path / 'a.mcap', verify=True)
+
+
 def test_a_changed_stamp_is_found(recorded: Path, tmp_path: Path) -> None:
     hit = only('/joint_states', [7])
     rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: flipped(m, 8) if hit(t, m) else m)

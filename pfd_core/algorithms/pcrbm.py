@@ -62,6 +62,14 @@ def inertia_matrix(
         Row i holds h_ij on lane j for j >= i.
 
     """
+    F, n_jj, diagonal = composite_forces(recorder, chain, pose, armature)
+    return _rows(recorder, chain, pose, F, n_jj, diagonal)
+
+
+def composite_forces(
+    recorder: Recorder, chain: Links, pose: Pose, armature: Lanes | None = None
+) -> tuple[LaneArray, LaneArray, Lanes]:
+    """Return F_j and n_jj, (3,) each, and h_jj, the diagonal of H, on lane j."""
     with recorder.section('composite bodies'):
         M, c, E = _composite_bodies(chain, pose)
         F, N = _forces(chain, pose, M, c, E)
@@ -70,9 +78,7 @@ def inertia_matrix(
             n_jj = array(merge(N + n_jj, n_jj))
         felt = array(merge(on(F, chain.translational), n_jj)) if chain.translational else n_jj
         diagonal = dot(pose.z, felt)
-        if armature is not None:
-            diagonal = diagonal + armature
-    return _rows(recorder, chain, pose, F, n_jj, diagonal)
+        return F, n_jj, diagonal if armature is None else diagonal + armature
 
 
 def _composite_bodies(chain: Links, pose: Pose) -> tuple[Lanes, LaneArray, LaneArray]:

@@ -75,7 +75,7 @@ def newton_euler(
         w, wd, a = _motion(recorder, chain, pose, qd, qdd, gravity)
         F = chain.m * (a + cross(wd, pose.s) + cross(w, cross(w, pose.s)))
         N = symmetric_times(pose.J, wd) + cross(w, symmetric_times(pose.J, w))
-        return _torques(chain, pose, F, N, wrench)
+        return torques_of(chain, pose, F, N, wrench)
 
 
 def _motion(
@@ -90,21 +90,21 @@ def _motion(
     zero = array([recorder.constant(0.0)] * 3)
     zq = pose.z * qd
     zqdd = None if qdd is None else pose.z * qdd
-    w = _sum(prefix, _rotational(chain, zq, zero))
+    w = summed(prefix, rotational_part(chain, zq, zero))
     c = zero
     if recorder.lanes > 1:
         c = array(merge(cross(shift(w, 1), on(zq, range(1, recorder.lanes))), zero))
-    wd = _sum(prefix, _rotational(chain, c if zqdd is None else c + zqdd, zero))
+    wd = summed(prefix, rotational_part(chain, c if zqdd is None else c + zqdd, zero))
     t = cross(wd, pose.p_star) + cross(w, cross(w, pose.p_star))
     if chain.translational:
         slide = on(c + c if zqdd is None else c + c + zqdd, chain.translational)
         t = merge(t + slide, t)
     if gravity.any():
         t = merge(on(t, [0]) - array([recorder.constant(float(g)) for g in gravity]), t)
-    return w, wd, _sum(prefix, t)
+    return w, wd, summed(prefix, t)
 
 
-def _torques(
+def torques_of(
     chain: Links,
     pose: Pose,
     F: LaneArray,
@@ -113,11 +113,11 @@ def _torques(
 ) -> Lanes:
     """Return the joint torques of forces F on the centres of mass and moments N."""
     f = F if wrench is None else merge(F - wrench[0], F)
-    f = _sum(suffix, f)
+    f = summed(suffix, f)
     n = cross(pose.s, F) + N + cross(pose.p_star, f)
     if wrench is not None:
         n = merge(n - wrench[1], n)
-    n = _sum(suffix, n)
+    n = summed(suffix, n)
     if not chain.translational:
         return dot(pose.z, n)
     # One dot product on all lanes: each takes the vector that its joint feels.
@@ -135,12 +135,13 @@ def wrench_in_base_axes(
         return R @ wrench[:3], R @ wrench[3:]
 
 
-def _sum(recurrence: Callable[..., Any], x: LaneArray) -> LaneArray:
+def summed(recurrence: Callable[..., Any], x: LaneArray) -> LaneArray:
+    """Return the sums of vectors over lanes, by `prefix` or by `suffix`."""
     result: LaneArray = recurrence(lambda left, right: left + right, x)
     return result
 
 
-def _rotational(chain: Links, x: LaneArray, zero: LaneArray) -> LaneArray:
+def rotational_part(chain: Links, x: LaneArray, zero: LaneArray) -> LaneArray:
     """Return x on the lanes of rotational joints and zero elsewhere."""
     if not chain.translational:
         return x

@@ -1,0 +1,261 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A systolic array: cells on a grid, a latch on every link between neighbours, one clock.
+
+    cycle t, first phase     every cell that finds something in a latch of its own computes its
+                             next state and what it sends, from the latches as cycle t - 1 left
+                             them
+    cycle t, second phase    all states and all latches change at once
+
+A place is (row, column); the row above is row + 1. A link joins two neighbouring places, has
+a direction and one latch: what is sent in cycle t is read in cycle t + 1, or lost. One end of
+a link may lie outside: streams enter there, and results leave. A cell reads the latches of
+its own links and no others.
+
+This is the array of Lee and Chang 1987, section 2.6, as a machine; what its cells do is in
+pfd_core.algorithms.triangular_array. An item on a link may be anything, and nothing here looks
+into one: numbers of any kind, or values over lanes, so that running the array records it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+Place = tuple[int, int]
+
+DIRECTIONS = {'left': (0, -1), 'right': (0, 1), 'up': (1, 0), 'down': (-1, 0)}
+OPPOSITE = {'left': 'right', 'right': 'left', 'up': 'down', 'down': 'up'}
+
+
+class LinkError(ValueError):
+    """A cell uses a link that the array does not have."""
+
+
+class Link(NamedTuple):
+    """A way from one place to a neighbouring one, with a latch."""
+
+    source: Place
+    target: Place
+
+
+class Ports:
+    """
+    What one cell finds in its latches in one cycle.
+
+    `ports['left']` is the item that came from the left, None if nothing did, and a LinkError
+    if there is no such link; `'left' in ports` tells whether there is.
+    """
+
+    __slots__ = ('_items', '_linked', '_place')
+
+    def __init__(
+        self, place: Place, linked: frozenset[str], items: Mapping[str, Any] | None = None
+    ) -> None:
+        self._place = place
+        self._linked = linked
+        self._items = items or {}
+
+    def __contains__(self, direction: object) -> bool:
+        return direction in self._linked
+
+    def __getitem__(self, direction: str) -> Any:
+        if direction not in self._linked:
+            raise LinkError(
+                f'cell {self._place} reads from {direction!r}, but only has links from '
+                f'{sorted(self._linked)}: declare the link, or read another one'
+            )
+        return self._items.get(direction)
+
+
+@dataclass(frozen=True)
+class Step:
+    """
+    What a cell does in one cycle.
+
+    Attributes
+    ----------
+    state : object
+        What it keeps for the next cycle.
+    sent : mapping
+        Direction to the item that it puts into the latch there.
+    action : str
+        Name of what it computed or stored; empty if it only passed items on.
+
+    """
+
+    state: Any
+    sent: Mapping[str, Any] = field(default_factory=dict)
+    action: str = ''
+
+
+# A cell's program: from its state (None at first) and its latches to what it does.
+Cell = Callable[[Any, Ports], Step]
+
+
+class Emission(NamedTuple):
+    """An item that left the array: the cycle it was sent in, by which cell, which way."""
+
+    cycle: int
+    place: Place
+    direction: str
+    item: Any
+
+
+@dataclass(frozen=True)
+class Trace:
+    """
+    What an array did.
+
+    Attributes
+    ----------
+    actions : tuple of dict
+        actions[t - 1] holds the place and the action of every cell that acted in cycle t.
+    emitted : tuple of Emission
+        What left the array, in order of time.
+    states : dict
+        What each cell holds at the end.
+
+    """
+
+    actions: tuple[dict[Place, str], ...]
+    emitted: tuple[Emission, ...]
+    states: dict[Place, Any]
+
+    @property
+    def cycles(self) -> int:
+        """The last cycle in which a cell acted."""
+        return max((t + 1 for t, acting in enumerate(self.actions) if acting), default=0)
+
+    @property
+    def utilisation(self) -> float:
+        """Share of the cells' cycles in which they acted, 0 to 1."""
+        return sum(map(len, self.actions)) / max(len(self.states) * self.cycles, 1)
+
+    def cycles_with(self, *names: str) -> int:
+        """Return the number of cycles in which some cell did one of the named actions."""
+        return sum(any(action in names for action in acting.values()) for acting in self.actions)
+
+    def leaving(self, place: Place, direction: str) -> list[Any]:
+        """Return the items that a cell sent out of the array that way, in order of time."""
+        return [e.item for e in self.emitted if (e.place, e.direction) == (place, direction)]
+
+
+class Array:
+    """
+    Cells and the links between them.
+
+    Parameters
+    ----------
+    cells : mapping
+        Place to the cell's program.
+    links : iterable of Link
+        Which neighbours are joined, and which way; one end at least is a cell.
+
+    Raises
+    ------
+    LinkError
+        If a link does not join neighbours, or touches no cell.
+
+    """
+
+    def __init__(self, cells: Mapping[Place, Cell], links: Iterable[Link]) -> None:
+        self.cells = dict(cells)
+        self.links = frozenset(links)  # equal links are one link: there is one latch on it
+        linked: dict[Place, set[str]] = {place: set() for place in self.cells}
+        for link in self.links:
+            came_from = OPPOSITE[_direction(link)]
+            if link.target in linked:
+                linked[link.target].add(came_from)
+            elif link.source not in linked:
+                raise LinkError(f'link {_show(link)} touches no cell of the array')
+        self._linked = {place: frozenset(found) for place, found in linked.items()}
+
+    def run(self, streams: Mapping[Link, Mapping[int, Any]], at_most: int = 100_000) -> Trace:
+        """
+        Run the clock until nothing is on its way any more.
+
+        Parameters
+        ----------
+        streams : mapping
+            For a link that comes from outside, the item that its cell finds in each cycle;
+            cycles count from 1.
+        at_most : int
+            Cycles after which a run that does not come to rest is given up.
+
+        Raises
+        ------
+        LinkError
+            If a stream or a cell uses a link that is not there.
+        ValueError
+            If the array is still busy after `at_most` cycles.
+
+        """
+        self._check(streams)
+        arriving = _by_cycle(streams)
+        states: dict[Place, Any] = dict.fromkeys(self.cells)
+        latches: dict[Place, dict[str, Any]] = {}
+        actions: list[dict[Place, str]] = []
+        emitted: list[Emission] = []
+        while latches or arriving:
+            cycle = len(actions) + 1
+            if cycle > at_most:
+                raise ValueError(f'the array is still busy after {at_most} cycles')
+            for link, item in arriving.pop(cycle, []):
+                latches.setdefault(link.target, {})[OPPOSITE[_direction(link)]] = item
+            steps = {
+                place: self.cells[place](states[place], Ports(place, self._linked[place], items))
+                for place, items in latches.items()
+            }
+            latches = {}
+            for place, step in steps.items():
+                states[place] = step.state
+                for direction, item in step.sent.items():
+                    target = self._target(place, direction)
+                    if target in self.cells:
+                        latches.setdefault(target, {})[OPPOSITE[direction]] = item
+                    else:
+                        emitted.append(Emission(cycle, place, direction, item))
+            actions.append({place: step.action for place, step in steps.items() if step.action})
+        return Trace(tuple(actions), tuple(emitted), states)
+
+    def _target(self, place: Place, direction: str) -> Place:
+        """Return where a cell's item goes; LinkError if it has no link that way."""
+        if direction not in DIRECTIONS:
+            raise LinkError(f'cell {place} sends {direction!r}, expected one of {[*DIRECTIONS]}')
+        up, right = DIRECTIONS[direction]
+        target = (place[0] + up, place[1] + right)
+        if Link(place, target) not in self.links:
+            raise LinkError(f'cell {place} sends {direction}, but has no link to {target}')
+        return target
+
+    def _check(self, streams: Mapping[Link, Mapping[int, Any]]) -> None:
+        for link, items in streams.items():
+            if link not in self.links or link.source in self.cells:
+                raise LinkError(f'stream on {_show(link)}: there is no such link from outside')
+            if items and min(items) < 1:
+                raise ValueError(f'stream on {_show(link)}: cycles count from 1, got {min(items)}')
+
+
+def _direction(link: Link) -> str:
+    """Return which way a link leads; LinkError if its ends are not neighbours."""
+    way = (link.target[0] - link.source[0], link.target[1] - link.source[1])
+    for name, step in DIRECTIONS.items():
+        if way == step:
+            return name
+    raise LinkError(f'link {_show(link)} does not join neighbours: links go one place at a time')
+
+
+def _by_cycle(streams: Mapping[Link, Mapping[int, Any]]) -> dict[int, list[tuple[Link, Any]]]:
+    """Return the items of all streams by the cycle in which they are found."""
+    arriving: dict[int, list[tuple[Link, Any]]] = {}
+    for link, items in streams.items():
+        for cycle, item in items.items():
+            arriving.setdefault(cycle, []).append((link, item))
+    return arriving
+
+
+def _show(link: Link) -> str:
+    return f'{link.source} -> {link.target}'

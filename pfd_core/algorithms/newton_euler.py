@@ -72,21 +72,18 @@ def newton_euler(
 
     """
     with recorder.section('newton_euler'):
-        w, wd, a = _motion(recorder, chain, pose, qd, qdd, gravity)
+        w, wd, slide = rotation(recorder, chain, pose, qd, qdd)
+        t = cross(wd, pose.p_star) + cross(w, cross(w, pose.p_star))
+        a = acceleration(recorder, t, slide, gravity)
         F = chain.m * (a + cross(wd, pose.s) + cross(w, cross(w, pose.s)))
         N = symmetric_times(pose.J, wd) + cross(w, symmetric_times(pose.J, w))
         return torques_of(chain, pose, F, N, wrench)
 
 
-def _motion(
-    recorder: Recorder,
-    chain: Links,
-    pose: Pose,
-    qd: Lanes,
-    qdd: Lanes | None,
-    gravity: NDArray[np.float64],
-) -> tuple[LaneArray, LaneArray, LaneArray]:
-    """Return angular velocity, angular acceleration and acceleration of the frame origins."""
+def rotation(
+    recorder: Recorder, chain: Links, pose: Pose, qd: Lanes, qdd: Lanes | None
+) -> tuple[LaneArray, LaneArray, LaneArray | None]:
+    """Return w, wd and, on the lanes of translational joints, what their sliding adds to a."""
     zero = array([recorder.constant(0.0)] * 3)
     zq = pose.z * qd
     zqdd = None if qdd is None else pose.z * qdd
@@ -95,13 +92,20 @@ def _motion(
     if recorder.lanes > 1:
         c = array(merge(cross(shift(w, 1), on(zq, range(1, recorder.lanes))), zero))
     wd = summed(prefix, rotational_part(chain, c if zqdd is None else c + zqdd, zero))
-    t = cross(wd, pose.p_star) + cross(w, cross(w, pose.p_star))
-    if chain.translational:
-        slide = on(c + c if zqdd is None else c + c + zqdd, chain.translational)
+    if not chain.translational:
+        return w, wd, None
+    return w, wd, array(on(c + c if zqdd is None else c + c + zqdd, chain.translational))
+
+
+def acceleration(
+    recorder: Recorder, t: LaneArray, slide: LaneArray | None, gravity: NDArray[np.float64]
+) -> LaneArray:
+    """Return the accelerations of the frame origins, link i adding t, sliding and -g."""
+    if slide is not None:
         t = merge(t + slide, t)
     if gravity.any():
         t = merge(on(t, [0]) - array([recorder.constant(float(g)) for g in gravity]), t)
-    return w, wd, summed(prefix, t)
+    return summed(prefix, t)
 
 
 def torques_of(

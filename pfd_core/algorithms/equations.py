@@ -10,6 +10,8 @@ for a joint that moves and zero for one that its brake holds.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from pfd_core.algorithms.chain import Links, Pose, links, pose
 from pfd_core.algorithms.newton_euler import newton_euler, wrench_in_base_axes
 from pfd_core.machine.program import Program
@@ -50,13 +52,23 @@ def armature(recorder: Recorder, plant: Plant) -> Lanes | None:
 
 
 def torque(
-    recorder: Recorder, plant: Plant, chain: Links, at: Pose, qd: Lanes, qdd: Lanes | None
+    recorder: Recorder,
+    plant: Plant,
+    chain: Links,
+    at: Pose,
+    qd: Lanes,
+    qdd: Lanes | None,
+    of_links: Callable[..., Lanes] = newton_euler,
 ) -> Lanes:
-    """Return the torques of the links, of the wrench and of viscous friction."""
+    """
+    Return the torques of the links, of the wrench and of viscous friction.
+
+    The torques of links and wrench are left to a function with the arguments of newton_euler.
+    """
     wrench = None
     if plant.external_wrench:
         wrench = wrench_in_base_axes(recorder, at, wrench_input(recorder))
-    tau = newton_euler(recorder, chain, at, qd, qdd, plant.gravity, wrench)
+    tau = of_links(recorder, chain, at, qd, qdd, plant.gravity, wrench)
     if plant.damping is not None:
         tau = tau + recorder.constant(plant.damping) * qd
     return tau

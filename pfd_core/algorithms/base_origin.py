@@ -22,6 +22,8 @@ multiplications and 13 L + 5 K + 33 additions, no division. What H u shares: 15 
 and 3 L + 15 additions; a product then 36 and 12 L + 23. Rotor inertia adds 1 addition to H, and
 1 multiplication and 1 addition to a product.
 
+As forward dynamics, with the bias of pfd_core.algorithms.omega, this is the PCRBM of fewest steps.
+
 What it costs in digits: terms as large as the whole mass at the whole reach cancel in the rows of
 a light wrist. The last diagonal element of a 6 or 7 axis arm is wrong by 5e-14 to 8e-13 of itself
 in double precision and by up to 2e-3 in single. The base must be at the origin, as frame 0 is.
@@ -34,10 +36,34 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pfd_core.algorithms.chain import Links, Pose
+from pfd_core.algorithms.cholesky import solve
+from pfd_core.algorithms.equations import (
+    armature,
+    begin,
+    finish,
+    held_joints,
+    joint_input,
+    torque,
+)
 from pfd_core.algorithms.newton_euler import rotational_part, summed
+from pfd_core.algorithms.omega import bias_omega
 from pfd_core.machine.patterns import prefix, suffix
+from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, each, merge, on, shift
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
+from pfd_core.model import Plant
+
+
+def record_pcrbm_base_origin(plant: Plant, schedule: str) -> Program:
+    """Return the program of qdd, (n,), from q, qd and tau; its pivots show whether H was sound."""
+    recorder, chain, at = begin(plant, schedule)
+    qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
+    y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
+    rows = inertia_matrix_base_origin(recorder, chain, at, armature(recorder, plant))
+    if plant.brakes:
+        rows, y = held_joints(recorder, rows, y)
+    qdd, pivots = solve(recorder, rows, y)
+    return finish(recorder, qdd=qdd, pivots=pivots)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,10 @@ The parallel patterns of the paper, as text over lanes. L = ceil(log2 n).
                 X(i) = a(i) X(i-1) + b(i)        FOIHRA, eqs (3), (4)    L levels
     total       sum of x(i) on lane 0            tree                    L levels
     row_sweep   x(i,j) = x(i+1,j) + a(i,j)       eqs (5) to (7)          n - 1 steps
+    column_sweep
+                T x = b, T triangular            section 2.4, [10]       n - 1 steps
+    gather, collect
+                data from any lane to any lane                           routes only
 
 Lane i holds element i. `*` is any associative operation, given as a function of its left and
 right operand, each whatever the caller keeps per lane (a value, a vector, a matrix, a tuple of
@@ -21,10 +25,10 @@ order for x(i) = x(i-1) a(i); with matrix coefficients on the left it must be X(
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from pfd_core.machine.recorder import Lanes, Recorder, merge, on, shift
+from pfd_core.machine.recorder import Lanes, Recorder, broadcast, merge, on, shift
 
 Combine = Callable[[Any, Any], Any]
 
@@ -134,3 +138,82 @@ def row_sweep(terms: Sequence[Any], x0: Any) -> list[Any]:
         swept = on(rows[-1], range(i + 1, n)) + terms[i]
         rows.append(merge(swept, x0))
     return rows[::-1]
+
+
+def column_sweep(
+    columns: Sequence[Lanes | None],
+    b: Lanes,
+    diagonal: Lanes | None = None,
+    downward: bool = False,
+) -> Lanes:
+    """
+    Return the solution of T x = b for a triangular T: x_i <- x_i - t_ij x_j, column by column.
+
+    Each step takes one multiplication and one subtraction on the lanes that are left, and a
+    division on one lane where T has a diagonal.
+
+    Parameters
+    ----------
+    columns : sequence of Lanes or None
+        columns[j] holds t_ij on lane i for i > j, or for i < j if the sweep goes downward; the
+        last column swept has none.
+    b : Lanes
+        Right-hand side, b_i on lane i.
+    diagonal : Lanes or None
+        t_ii on lane i; None stands for ones.
+    downward : bool
+        Whether T is upper triangular, and x is found from the last element to the first.
+
+    """
+    n = b.recorder.lanes
+    x = b
+    for j in range(n - 1, -1, -1) if downward else range(n):
+        if diagonal is not None:
+            x = merge(on(x, [j]) / diagonal, x)
+        left = range(j) if downward else range(j + 1, n)
+        column = columns[j] if left else None
+        if column is not None:
+            x = merge(on(x, left) - column * on(broadcast(x, j), left), x)
+    return x
+
+
+def collect(values: Mapping[int, Lanes]) -> Lanes:
+    """Return on each lane of `values` its own element of the value given there; this is free."""
+    groups: dict[Lanes, list[int]] = {}
+    for lane, value in values.items():
+        groups.setdefault(value, []).append(lane)
+    parts = [on(value, lanes) for value, lanes in groups.items()]
+    result: Lanes = parts[0]
+    for part in parts[1:]:
+        result = merge(part, result)
+    return result
+
+
+def gather(places: Mapping[int, tuple[Lanes, int]]) -> Lanes:
+    """
+    Return on each lane of `places` the element that lies where the mapping says.
+
+    A lane can read any register of its own, so a step of routing takes one element from each
+    lane and gives it to all that want it: as many steps as one lane has elements to send.
+
+    Parameters
+    ----------
+    places : mapping
+        Lane to (value, lane whose element of that value is wanted); at least one.
+
+    """
+    staying = {lane: value for lane, (value, source) in places.items() if source == lane}
+    result = collect(staying) if staying else None
+    moving = {lane: place for lane, place in places.items() if place[1] != lane}
+    while moving:
+        sent: dict[int, Lanes] = {}
+        for value, source in moving.values():
+            sent.setdefault(source, value)
+        taken = {lane: source for lane, (value, source) in moving.items() if sent[source] is value}
+        row = collect(sent)
+        sources = [taken.get(lane) for lane in range(row.recorder.lanes)]
+        result = row.recorder.route(row, sources, result)
+        moving = {lane: place for lane, place in moving.items() if lane not in taken}
+    if result is None:
+        raise ValueError('gather: no lane is named')
+    return result

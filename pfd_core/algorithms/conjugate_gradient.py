@@ -26,7 +26,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from pfd_core.machine.patterns import total
-from pfd_core.machine.recorder import Lanes, Recorder, broadcast, on, where
+from pfd_core.machine.recorder import Lanes, Recorder, broadcast, where
 
 # The stop of a run in double precision: the recursive residual has fallen to rounding.
 TOLERANCE = 1e-15
@@ -109,11 +109,11 @@ def conjugate_gradient(
             v = w if inverse_diagonal is None else w * inverse_diagonal
             after = total(w * v)
             u = v + broadcast(after / e, 0) * u
-            return (x, w, u, after), where(ut, after - limit, 0.0)
+            return (x, w, u, after), where(ut, after, 0.0)
 
     trips_limit = default_limit(recorder.lanes) if at_most is None else at_most
-    state = (x, w, v, on(e0, [0]))
-    (x, _, _, e), trips = recorder.iterate(step, state, on(e0 - limit, [0]), trips_limit)
+    state = (x, w, v, e0)
+    (x, _, _, e), trips = recorder.iterate(step, state, e0, trips_limit, floor=limit)
     with recorder.section('verdict'):
         # Met the stop, or had nothing to do.
         return Solution(x, trips, where(e - limit, 0.0, 1.0))

@@ -18,8 +18,9 @@ Lee and Chang 1987, section 2.5. Corrected: (19) is used in the reduced-mass for
 cheaper; step 6 has the translational branch that it lacks; the type in (26) is joint i's; a
 massless end of the chain (M_j = 0) divides by one instead of zero, since c_j is then unused.
 
-Parallel cost for rotational joints, L = ceil(log2 n), n > 1: 4 L + 9 n + 33 multiplications,
-10 L + 8 n + 27 additions and 2 divisions.
+Parallel cost for rotational joints, L = ceil(log2 n), h = ceil((n-1)/2), n > 1: 4 L + 9 h + 42
+multiplications, 10 L + 5 h + 3 n + 32 additions and 2 divisions. The n(n-1)/2 pairs i < j are
+packed onto full rows of lanes, h rounds of them, as the counts of the paper assume.
 
 Lane j holds the composite body of links j + 1..n, and column j of H: h_ij with i <= j.
 """
@@ -27,6 +28,7 @@ Lane j holds the composite body of links j + 1..n, and column j of H: h_ij with 
 from __future__ import annotations
 
 from pfd_core.algorithms.chain import Links, Pose
+from pfd_core.machine.packing import packed
 from pfd_core.machine.patterns import row_sweep, suffix, suffix_affine
 from pfd_core.machine.recorder import (
     LaneArray,
@@ -123,14 +125,19 @@ def _rows(
 ) -> list[Lanes]:
     """Return the rows of H from the moments n_jj on the diagonal, by the row sweep."""
     n = recorder.lanes
+    if n == 1:
+        return [diagonal]
+    beyond = [range(i + 1, n) for i in range(n - 1)]
     with recorder.section('moments of the row sweep'):
-        terms = [cross(broadcast(pose.p_star, i), on(F, range(i + 1, n))) for i in range(n - 1)]
+        terms = packed(
+            cross, [(broadcast(pose.p_star, i), on(F, lanes)) for i, lanes in enumerate(beyond)]
+        )
     with recorder.section('row sweep'):
         moments = row_sweep(terms, n_jj)
-    rows = []
     with recorder.section('elements of H'):
-        for i in range(n - 1):
-            felt = F if i in chain.translational else moments[i]
-            z = broadcast(pose.z, i)
-            rows.append(merge(dot(z, on(felt, range(i + 1, n))), on(diagonal, [i])))
+        felt = [F if i in chain.translational else moments[i] for i in range(n - 1)]
+        elements = packed(
+            dot, [(broadcast(pose.z, i), on(felt[i], lanes)) for i, lanes in enumerate(beyond)]
+        )
+    rows = [merge(h, on(diagonal, [i])) for i, h in enumerate(elements)]
     return [*rows, on(diagonal, [n - 1])]

@@ -79,11 +79,13 @@ def body(program: Program, form: Format, name: str = 'body') -> str:
         elif op in ('state', 'result'):
             operands[-1] = f'%{op[0]}{args[0]}.{data if data >= 0 else "trips"}'
         elif op == 'loop':
-            lines += _loop(register, [operands[a] for a in args], block, form)
+            lines += _loop(register, [operands[a] for a in args[:-1]], block, form)
             block = f'loop{register}'
         elif op == 'end':
-            at_most = program.instructions[args[0]].data
-            lines += _end(register, args[0], [operands[a] for a in args[1:]], at_most, form)
+            head = program.instructions[args[0]]
+            floor = operands[head.args[-1]]
+            following = [operands[a] for a in args[1:]]
+            lines += _end(register, args[0], following, floor, head.data, form)
             block = f'done{register}'
         else:
             lines += spell(instruction, register, [operands[a] for a in args], form)
@@ -107,19 +109,19 @@ def _loop(loop: int, initial: Sequence[str], block: str, form: Format) -> Iterat
 
 
 def _end(
-    end: int, loop: int, following: Sequence[str], at_most: int, form: Format
+    end: int, loop: int, following: Sequence[str], floor: str, at_most: int, form: Format
 ) -> Iterator[str]:
     """Yield the foot of a loop: problems that are finished keep their rows."""
     T, zero, go = form.type, form.constant(0.0), len(following) - 1
     yield f'  br label %tail{loop}'
     yield f'tail{loop}:'
-    yield f'  %on{loop} = fcmp ogt {T} %s{loop}.{go}, {zero}'
+    yield f'  %on{loop} = fcmp ogt {T} %s{loop}.{go}, {floor}'
     for k, value in enumerate(following):
         chosen = f'{form.flag} %on{loop}, {T} {value}, {T} %s{loop}.{k}'
         yield f'  %next{loop}.{k} = select {chosen}'
     yield f'  %one{loop} = select {form.flag} %on{loop}, {T} {form.constant(1.0)}, {T} {zero}'
     yield f'  %next{loop}.t = fadd {T} %trips{loop}, %one{loop}'
-    yield f'  %again{loop} = fcmp ogt {T} %next{loop}.{go}, {zero}'
+    yield f'  %again{loop} = fcmp ogt {T} %next{loop}.{go}, {floor}'
     again = f'%again{loop}'
     if form.width > 1:
         reduce = f'@llvm.vector.reduce.or.v{form.width}i1'

@@ -94,6 +94,7 @@ class _Machine:
         self.functions = functions
         self.registers: list[Any] = [None] * len(program.instructions)
         self.rows: list[Any] = []  # the state of the loop, its `go` last
+        self.floor: Any = None
         self.trips: Any = None
         self.turn = 0
 
@@ -103,7 +104,7 @@ class _Machine:
         while at < len(self.registers):
             instruction = self.program.instructions[at]
             if instruction.op == 'loop':
-                self.rows = [self.registers[a] for a in instruction.args]
+                *self.rows, self.floor = (self.registers[a] for a in instruction.args)
                 self.trips = np.zeros(self.batch)
                 self.turn = 0
             elif instruction.op == 'end':
@@ -115,7 +116,7 @@ class _Machine:
 
     def _turn(self, end: Instruction) -> bool:
         """Take over the next state of those problems that go on; tell whether any does."""
-        going = np.asarray(self.rows[-1][0] > 0, dtype=bool)
+        going = self._going()
         following = [self.registers[a] for a in end.args[1:]]
         self.rows = [
             np.where(going, after, before)
@@ -124,7 +125,10 @@ class _Machine:
         self.trips = self.trips + going
         self.turn += 1
         at_most = self.program.instructions[end.args[0]].data
-        return bool(np.any(self.rows[-1][0] > 0)) and self.turn < at_most
+        return bool(np.any(self._going())) and self.turn < at_most
+
+    def _going(self) -> Any:
+        return np.asarray(self.rows[-1][0] > self.floor[0], dtype=bool)
 
     def _execute(self, instruction: Instruction) -> Any:
         """Return the row that one instruction leaves in its register."""

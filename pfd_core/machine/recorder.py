@@ -219,9 +219,10 @@ class Recorder:
         state: tuple[Lanes, ...],
         go: Lanes,
         at_most: int,
+        floor: Lanes | None = None,
     ) -> tuple[tuple[Lanes, ...], Lanes]:
         """
-        Record a part that is repeated while a number on lane 0 is above zero.
+        Record a part that is repeated while a number on lane 0 is above another.
 
         Parameters
         ----------
@@ -230,10 +231,12 @@ class Recorder:
         state : tuple of Lanes
             What the first trip finds; every lane must have a value.
         go : Lanes
-            The control unit reads lane 0 before each trip: at zero or below, or NaN, the
+            The control unit reads lane 0 before each trip: at the floor or below, or NaN, the
             problem is finished and keeps its state, whatever others in its batch still do.
         at_most : int
             Trips after which it ends in any case, at least 1.
+        floor : Lanes, optional
+            What `go` is compared with, on lane 0; default zero.
 
         Returns
         -------
@@ -245,7 +248,9 @@ class Recorder:
         """
         if at_most < 1:
             raise ValueError(f'at_most must be at least 1, got {at_most}')
-        loop = self._write('loop', (*self._flat(state), self._lane0(go)), at_most, self.all)
+        floor = self.constant(0.0) if floor is None else floor
+        first = (*self._flat(state), self._lane0(go), self._lane0(floor))
+        loop = self._write('loop', first, at_most, self.all)
         held = self._renamed(state, 'state', loop)
         following, again = step(*held)
         for k, (before, after) in enumerate(zip(state, following, strict=True)):

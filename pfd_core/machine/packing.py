@@ -1,0 +1,137 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Packing: many partly filled rows of the same work, done on full rows.
+
+A step of n processors costs the same whether all of them work or one. Where a text has rows of
+independent work that leave lanes idle (the pairs i < j of a triangle, a late level of a
+recurrence), their lanes can be laid side by side: k rows with m filled lanes in all take
+ceil(m / n) steps instead of k. What that costs is data moved between lanes, which the counts
+show as routes. On one processor there is nothing to pack.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from pfd_core.machine.patterns import prefix, suffix
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, each, merge, shift
+
+Slot = tuple[int, int]  # a row of work, and the lane of it
+
+
+def packed(function: Callable[..., Any], rows: Sequence[tuple[Any, ...]]) -> list[Any]:
+    """
+    Return function(*operands) for each row, with as few steps as its lanes allow.
+
+    Parameters
+    ----------
+    function : callable
+        Work that each lane does by itself, on values or vectors of them.
+    rows : sequence of tuple
+        Operands; a row is filled where all its operands have a value.
+
+    Returns
+    -------
+    list
+        The results, each with a value on the lanes that its row fills.
+
+    """
+    recorder = _first(rows[0][0]).recorder
+    if not recorder.parallel:
+        return [function(*operands) for operands in rows]
+    slots = [(k, lane) for k, operands in enumerate(rows) for lane in _filled(recorder, operands)]
+    results: list[Any] = [None] * len(rows)
+    for start in range(0, len(slots), recorder.lanes):
+        places = _places(recorder, slots[start : start + recorder.lanes])
+        value = function(
+            *(_gather([operands[p] for operands in rows], places) for p in range(len(rows[0])))
+        )
+        for k in sorted({row for row, _ in places.values()}):
+            results[k] = _scatter(value, results[k], places, k)
+    return results
+
+
+def prefix_sum(x: LaneArray) -> LaneArray:
+    """Return the sums of each component of x over lanes 0..i, on lane i: packed FOHRA."""
+    return _sums(x, downward=False)
+
+
+def suffix_sum(x: LaneArray) -> LaneArray:
+    """Return the sums of each component of x over lanes i..n-1, on lane i: packed FOHRA."""
+    return _sums(x, downward=True)
+
+
+def _sums(x: LaneArray, downward: bool) -> LaneArray:
+    recorder = _first(x).recorder
+    if not recorder.parallel:
+        swept: LaneArray = (suffix if downward else prefix)(lambda a, b: a + b, x)
+        return swept
+    values = np.ravel(x)
+    stride = 1
+    while stride < recorder.lanes:
+        step = -stride if downward else stride
+        sums = packed(lambda a, b: a + b, [(shift(value, step), value) for value in values])
+        values = np.array([merge(a, b) for a, b in zip(sums, values, strict=True)], dtype=object)
+        stride *= 2
+    return values.reshape(x.shape)
+
+
+def _first(value: Any) -> Lanes:
+    while not isinstance(value, Lanes):
+        value = value[0]
+    return value
+
+
+def _filled(recorder: Recorder, operands: tuple[Any, ...]) -> list[int]:
+    defined = recorder.all
+    for operand in operands:
+        defined &= _first(operand).defined
+    return [lane for lane in range(recorder.lanes) if defined >> lane & 1]
+
+
+def _places(recorder: Recorder, group: Sequence[Slot]) -> dict[int, Slot]:
+    """Return which slot each lane takes: its own where it can, so that less data moves."""
+    places: dict[int, Slot] = {}
+    homeless = []
+    for slot in group:
+        if slot[1] in places:
+            homeless.append(slot)
+        else:
+            places[slot[1]] = slot
+    free = (lane for lane in range(recorder.lanes) if lane not in places)
+    places.update(zip(free, homeless, strict=False))
+    return places
+
+
+def _gather(values: Sequence[Any], places: dict[int, Slot]) -> Any:
+    """Return one value whose lanes hold what the places say."""
+
+    def collect(*members: Lanes) -> Lanes:
+        row: Lanes | None = None
+        for k in sorted({slot[0] for slot in places.values()}):
+            sources = [None] * members[k].recorder.lanes
+            for lane, (which, source) in places.items():
+                if which == k:
+                    sources[lane] = source  # type: ignore[call-overload]
+            row = members[k].recorder.route(members[k], sources, row)
+        assert row is not None
+        return row
+
+    return each(collect, *values)
+
+
+def _scatter(value: Any, known: Any, places: dict[int, Slot], k: int) -> Any:
+    """Return the result of row k, of which some lanes may be known, with those in `places`."""
+
+    def spread(x: Lanes, *before: Lanes) -> Lanes:
+        sources: list[int | None] = [None] * x.recorder.lanes
+        for lane, (which, target) in places.items():
+            if which == k:
+                sources[target] = lane
+        return x.recorder.route(x, sources, before[0] if before else None)
+
+    return each(spread, value) if known is None else each(spread, value, known)

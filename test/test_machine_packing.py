@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from pfd_core.machine.emulator import run
-from pfd_core.machine.packing import packed, prefix_sum, suffix_sum
+from pfd_core.machine.packing import packed, prefix_product, prefix_sum, suffix_sum
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import SCHEDULES, LaneArray, Recorder, broadcast, on
 from pfd_core.machine.vectors import array, cross
@@ -79,3 +79,25 @@ def test_packed_sums_take_the_steps_that_their_lanes_need(n: int) -> None:
     assert sums(n, 'parallel', True).count().additions == expected
     assert expected <= 3 * len(strides)
     assert sums(n, 'sequential', True).count().additions == 3 * (n - 1)
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_packed_products_are_the_products_in_order(schedule: str) -> None:
+    rng = np.random.default_rng(2)
+    for n in SIZES:
+        recorder = Recorder(n, schedule)
+        rows = [recorder.input('R', [9 * i + k for i in range(n)]) for k in range(9)]
+        product = prefix_product(array(rows).reshape(3, 3))
+        recorder.output('y', (n, 9), [(x, i) for i in range(n) for x in np.ravel(product)])
+        program = recorder.program()
+        R = np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
+        y = run(program, {'R': R.ravel()})['y'].reshape(n, 3, 3)
+        expected = [R[0]]
+        for matrix in R[1:]:
+            expected.append(expected[-1] @ matrix)
+        # Up to 32 orthogonal factors, multiplied in another order.
+        np.testing.assert_allclose(y, expected, rtol=0, atol=1e-14)
+        if schedule == 'parallel':
+            strides = [2**k for k in range(math.ceil(math.log2(n)))]
+            rounds = sum(math.ceil(9 * (n - stride) / n) for stride in strides)
+            assert program.count().multiplications == 3 * rounds

@@ -19,6 +19,7 @@ import numpy as np
 
 from pfd_core.machine.patterns import prefix, suffix
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, each, merge, shift
+from pfd_core.machine.vectors import dot
 
 Slot = tuple[int, int]  # a row of work, and the lane of it
 
@@ -63,6 +64,23 @@ def prefix_sum(x: LaneArray) -> LaneArray:
 def suffix_sum(x: LaneArray) -> LaneArray:
     """Return the sums of each component of x over lanes i..n-1, on lane i: packed FOHRA."""
     return _sums(x, downward=True)
+
+
+def prefix_product(R: LaneArray) -> LaneArray:
+    """Return the matrix products R(0) R(1) .. R(i), (3, 3), on lane i: packed FOHRA."""
+    recorder = _first(R).recorder
+    if not recorder.parallel:
+        swept: LaneArray = prefix(lambda left, right: left @ right, R)
+        return swept
+    stride = 1
+    while stride < recorder.lanes:
+        left = shift(R, stride)
+        elements = packed(dot, [(left[i], R[:, j]) for i in range(3) for j in range(3)])
+        R = np.array(
+            [merge(new, old) for new, old in zip(elements, np.ravel(R), strict=True)], dtype=object
+        ).reshape(3, 3)
+        stride *= 2
+    return R
 
 
 def _sums(x: LaneArray, downward: bool) -> LaneArray:

@@ -179,6 +179,8 @@ def column_sweep(
 
 def collect(values: Mapping[int, Lanes]) -> Lanes:
     """Return on each lane of `values` its own element of the value given there; this is free."""
+    if not values:
+        raise ValueError('collect: no lane is named, and a value needs at least one')
     groups: dict[Lanes, list[int]] = {}
     for lane, value in values.items():
         groups.setdefault(value, []).append(lane)
@@ -202,6 +204,8 @@ def gather(places: Mapping[int, tuple[Lanes, int]]) -> Lanes:
         Lane to (value, lane whose element of that value is wanted); at least one.
 
     """
+    if not places:
+        raise ValueError('gather: no lane is named, and a value needs at least one')
     staying = {lane: value for lane, (value, source) in places.items() if source == lane}
     result = collect(staying) if staying else None
     moving = {lane: place for lane, place in places.items() if place[1] != lane}
@@ -214,6 +218,5 @@ def gather(places: Mapping[int, tuple[Lanes, int]]) -> Lanes:
         sources = [taken.get(lane) for lane in range(row.recorder.lanes)]
         result = row.recorder.route(row, sources, result)
         moving = {lane: place for lane, place in moving.items() if lane not in taken}
-    if result is None:
-        raise ValueError('gather: no lane is named')
+    assert result is not None
     return result

@@ -69,6 +69,10 @@ class Ports:
             )
         return self._items.get(direction)
 
+    def get(self, direction: str) -> Any:
+        """Return the item that came from a direction; None also where there is no link."""
+        return self._items.get(direction)
+
 
 @dataclass(frozen=True)
 class Step:

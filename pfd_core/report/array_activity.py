@@ -1,0 +1,139 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A picture of what a systolic array does: one small array for every cycle, in SVG or in text.
+
+Every cell that acts in a cycle has the colour, or the letter, of its action; the others are
+outlines, or dots. Row 1 is at the bottom, as in Figure 1 of Lee and Chang 1987, and cells on
+the diagonal are circles. The SVG is plain text that depends on nothing, so that it is the same
+on every machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from html import escape
+
+from pfd_core.algorithms.array_solver import solve
+from pfd_core.machine.systolic import Place, Trace
+
+# Colours that people who see few can tell apart, on white and in print.
+COLOURS = ('#0072b2', '#e69f00', '#d55e00', '#009e73', '#cc79a7', '#56b4e9')
+LETTERS = {
+    'multiply and subtract': 'x',
+    'divide': '/',
+    'square root': 'r',
+    'store': 's',
+}
+CELL = 14
+GAP = 18
+MARGIN = 20
+LINE = 20
+PER_ROW = 7
+
+
+def activity_svg(trace: Trace, title: str, per_row: int = PER_ROW) -> str:
+    """
+    Return an SVG picture of a run of a square or triangular array.
+
+    Parameters
+    ----------
+    trace : Trace
+        What the array did.
+    title : str
+        Heading of the picture.
+    per_row : int
+        Cycles side by side, at least 1.
+
+    """
+    if per_row < 1:
+        raise ValueError(f'per_row must be at least 1, got {per_row}')
+    n = max(row for row, _ in trace.states)
+    names = _actions(trace)
+    side = n * CELL + GAP
+    frame_height = side + LINE
+    frames = max(trace.cycles, 1)
+    width = 2 * MARGIN + max(per_row * side, 170 * len(names))
+    height = 2 * MARGIN + 2 * LINE + -(-frames // per_row) * frame_height
+    body = [
+        f'<title>{escape(title)}</title>',
+        f'<rect width="{width}" height="{height}" fill="white"/>',
+        f'<text x="{MARGIN}" y="{MARGIN + 4}" font-size="14">{escape(title)}</text>',
+        *_legend(names),
+    ]
+    for t in range(frames):
+        x = MARGIN + t % per_row * side
+        y = MARGIN + 2 * LINE + t // per_row * frame_height
+        acting = trace.actions[t] if t < len(trace.actions) else {}
+        body += [
+            f'<g transform="translate({x} {y})">',
+            f'<text y="12">cycle {t + 1}</text>',
+            *(_cell(place, n, acting.get(place), names) for place in sorted(trace.states)),
+            '</g>',
+        ]
+    lines = '\n'.join(body)
+    head = f'width="{width}" height="{height}" viewBox="0 0 {width} {height}"'
+    font = 'font-family="sans-serif" font-size="11"'
+    return f'<svg xmlns="http://www.w3.org/2000/svg" {head} {font}>\n{lines}\n</svg>\n'
+
+
+def _actions(trace: Trace) -> list[str]:
+    """Return the names of the actions, in the order in which they first occur."""
+    return list(dict.fromkeys(name for acting in trace.actions for name in acting.values()))
+
+
+def _legend(names: list[str]) -> Iterator[str]:
+    y = MARGIN + LINE
+    for k, name in enumerate(names):
+        x = MARGIN + 170 * k
+        yield f'<rect x="{x}" y="{y - 9}" width="10" height="10" fill="{_colour(k)}"/>'
+        yield f'<text x="{x + 15}" y="{y}">{escape(name)}</text>'
+
+
+def _cell(place: Place, n: int, action: str | None, names: list[str]) -> str:
+    """Return one cell: a circle on the diagonal and a square elsewhere."""
+    row, column = place
+    x, y = (column - 1) * CELL, LINE + (n - row) * CELL
+    fill = 'none' if action is None else _colour(names.index(action))
+    style = f'fill="{fill}" stroke="#999999" stroke-width="0.7"'
+    if row == column:
+        r = CELL / 2 - 1
+        return f'<circle cx="{x + CELL / 2:g}" cy="{y + CELL / 2:g}" r="{r:g}" {style}/>'
+    return f'<rect x="{x + 1}" y="{y + 1}" width="{CELL - 2}" height="{CELL - 2}" {style}/>'
+
+
+def _colour(k: int) -> str:
+    return COLOURS[k % len(COLOURS)]
+
+
+def activity_text(trace: Trace, per_row: int = PER_ROW) -> str:
+    """Return the same as text: for every cycle the cells, a letter for what each does."""
+    places = sorted(trace.states)
+    n = places[-1][0]
+    width = max(2 * n, 10)
+    bands = []
+    for start in range(0, trace.cycles, per_row):
+        frames = trace.actions[start : min(start + per_row, trace.cycles)]
+        lines = [''.join(f'cycle {start + t + 1}'.ljust(width) for t in range(len(frames)))]
+        for row in range(n, 0, -1):
+            cells = [place for place in places if place[0] == row]
+            texts = (' '.join(_letter(acting.get(place)) for place in cells) for acting in frames)
+            lines.append(''.join(text.ljust(width) for text in texts))
+        bands.append('\n'.join(line.rstrip() for line in lines))
+    letters = ', '.join(f'{_letter(name)} {name}' for name in _actions(trace))
+    return '\n\n'.join([letters, *bands]) + '\n'
+
+
+def _letter(action: str | None) -> str:
+    return '.' if action is None else LETTERS.get(action, action[:1])
+
+
+def solve_picture(n: int) -> str:
+    """Return the SVG of a whole solve of n equations by the triangular array."""
+    # Which numbers it solves does not matter to what the cells do; these are positive definite.
+    H = [[n + 1.0 if i == j else 1.0 for j in range(n)] for i in range(n)]
+    trace = solve(H, [1.0] * n).trace
+    title = (
+        f'Triangular array, n = {n}: factorisation and both substitutions, {trace.cycles} cycles'
+    )
+    return activity_svg(trace, title)

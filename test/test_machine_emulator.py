@@ -87,6 +87,16 @@ def test_overflow_is_a_result_and_no_warning() -> None:
     assert run(recorder.program(), {'x': [1e200]})['y'] == np.inf
 
 
+def test_a_root_or_a_quotient_without_a_number_is_nan_or_infinity_in_mpmath_too() -> None:
+    recorder = Recorder(1)
+    x, y = recorder.input('x', [0]), recorder.input('x', [1])
+    values = sqrt(x), x / y, y / y, sqrt(y)
+    recorder.output('y', (4,), [(value, 0) for value in values])
+    for digits in (None, 50):
+        found = run(recorder.program(), {'x': [-4.0, 0.0]}, digits=digits)['y']
+        np.testing.assert_array_equal(found.astype(float), [np.nan, -np.inf, np.nan, 0.0])
+
+
 def test_a_called_function_gets_rows_and_returns_one() -> None:
     recorder = Recorder(2)
     x = recorder.input('x', [0, 1])

@@ -204,8 +204,12 @@ class _Mpmath:
         self.mp = mpmath
         self.digits = digits
         self.number = mpmath.mpf
+        # Where mpmath raises or leaves the real numbers, the machine has NaN and infinity.
         self._functions = {
-            name: np.frompyfunc(getattr(mpmath, name), 1, 1) for name in ('sqrt', 'sin', 'cos')
+            'sqrt': np.frompyfunc(lambda x: mpmath.sqrt(x) if x >= 0 else mpmath.nan, 1, 1),
+            'div': np.frompyfunc(lambda x, y: x / y if y else x * mpmath.inf, 2, 1),
+            'sin': np.frompyfunc(mpmath.sin, 1, 1),
+            'cos': np.frompyfunc(mpmath.cos, 1, 1),
         }
 
     def array(self, values: ArrayLike) -> Any:

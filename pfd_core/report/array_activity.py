@@ -17,14 +17,14 @@ from html import escape
 from pfd_core.algorithms.array_solver import solve
 from pfd_core.machine.systolic import Place, Trace
 
-# Colours that people who see few can tell apart, on white and in print.
-COLOURS = ('#0072b2', '#e69f00', '#d55e00', '#009e73', '#cc79a7', '#56b4e9')
-LETTERS = {
-    'multiply and subtract': 'x',
-    'divide': '/',
-    'square root': 'r',
-    'store': 's',
+# Letter and colour of each action; colours that people who see few of them can tell apart.
+ACTIONS = {
+    'square root': ('r', '#0072b2'),
+    'divide': ('/', '#e69f00'),
+    'multiply and subtract': ('x', '#d55e00'),
+    'store': ('s', '#009e73'),
 }
+OTHER = ('o', '#666666')
 CELL = 14
 GAP = 18
 MARGIN = 20
@@ -68,7 +68,7 @@ def activity_svg(trace: Trace, title: str, per_row: int = PER_ROW) -> str:
         body += [
             f'<g transform="translate({x} {y})">',
             f'<text y="12">cycle {t + 1}</text>',
-            *(_cell(place, n, acting.get(place), names) for place in sorted(trace.states)),
+            *(_cell(place, n, acting.get(place)) for place in sorted(trace.states)),
             '</g>',
         ]
     lines = '\n'.join(body)
@@ -86,24 +86,21 @@ def _legend(names: list[str]) -> Iterator[str]:
     y = MARGIN + LINE
     for k, name in enumerate(names):
         x = MARGIN + 170 * k
-        yield f'<rect x="{x}" y="{y - 9}" width="10" height="10" fill="{_colour(k)}"/>'
+        colour = ACTIONS.get(name, OTHER)[1]
+        yield f'<rect x="{x}" y="{y - 9}" width="10" height="10" fill="{colour}"/>'
         yield f'<text x="{x + 15}" y="{y}">{escape(name)}</text>'
 
 
-def _cell(place: Place, n: int, action: str | None, names: list[str]) -> str:
+def _cell(place: Place, n: int, action: str | None) -> str:
     """Return one cell: a circle on the diagonal and a square elsewhere."""
     row, column = place
     x, y = (column - 1) * CELL, LINE + (n - row) * CELL
-    fill = 'none' if action is None else _colour(names.index(action))
+    fill = 'none' if action is None else ACTIONS.get(action, OTHER)[1]
     style = f'fill="{fill}" stroke="#999999" stroke-width="0.7"'
     if row == column:
         r = CELL / 2 - 1
         return f'<circle cx="{x + CELL / 2:g}" cy="{y + CELL / 2:g}" r="{r:g}" {style}/>'
     return f'<rect x="{x + 1}" y="{y + 1}" width="{CELL - 2}" height="{CELL - 2}" {style}/>'
-
-
-def _colour(k: int) -> str:
-    return COLOURS[k % len(COLOURS)]
 
 
 def activity_text(trace: Trace, per_row: int = PER_ROW) -> str:
@@ -125,7 +122,7 @@ def activity_text(trace: Trace, per_row: int = PER_ROW) -> str:
 
 
 def _letter(action: str | None) -> str:
-    return '.' if action is None else LETTERS.get(action, action[:1])
+    return '.' if action is None else ACTIONS.get(action, OTHER)[0]
 
 
 def solve_picture(n: int) -> str:

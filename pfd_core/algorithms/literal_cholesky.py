@@ -1,7 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The triangular array as the paper describes it, which does not yield the Cholesky factor.
+The paper's Cholesky factorisation as printed, on n processors and on the triangular array.
+
+Neither yields the Cholesky factor; both say what they yield. The equations (11), (12) in the
+order of Procedure Set-Ordering are in pfd_core.algorithms.set_ordering, and here is the array:
 
     C_ki^(1) = h_ki,  C_ki^(m+1) = C_ki^(m) - h_im h_km      eqs (29), (30)
     l_kk = sqrt(C_kk^(k)),  l_ki = C_ki^(i) / h_ii           eq. (31)
@@ -44,7 +47,7 @@ from pfd_core.algorithms.triangular_array import (
     triangle,
 )
 from pfd_core.machine.emulator import run
-from pfd_core.machine.systolic import Cell, Link, Ports, Step, Trace
+from pfd_core.machine.systolic import Link, Ports, Step, Trace
 
 STORE = 'store'
 
@@ -138,7 +141,7 @@ class LiteralRun:
     trace: Trace
 
 
-def literal_array(H: ArrayLike, square: Cell = literal_square) -> LiteralRun:
+def literal_array(H: ArrayLike) -> LiteralRun:
     """
     Run the literal design on a matrix and say what it yields.
 
@@ -146,8 +149,6 @@ def literal_array(H: ArrayLike, square: Cell = literal_square) -> LiteralRun:
     ----------
     H : array_like
         (n, n), symmetric: floats or mpmath numbers; the lower triangle is read.
-    square : Cell
-        Program of the square cells, for a look at other readings of Figure 2.
 
     Raises
     ------
@@ -157,17 +158,24 @@ def literal_array(H: ArrayLike, square: Cell = literal_square) -> LiteralRun:
     """
     H = square_matrix(H)
     n = len(H)
-    streams: dict[Link, dict[int, Item]] = {}
-    for k in range(n):
-        below = [Item(H[m, k]) for m in range(k, n)] + [Item(None, FLAG)]
-        left = [Item(H[m, k]) for m in range(k + 1, n)] + [Item(H[k, k])]
-        streams[into((k + 1, k + 1), 'down')] = dict(enumerate(below, 3 * k + 1))
-        streams[into((k + 1, 1), 'left')] = dict(enumerate(left, 2 * k + 2))
+    array = triangle(n, literal_circular, literal_square, back=False)
     with np.errstate(all='ignore'):
-        trace = triangle(n, literal_circular, square, back=False).run(streams)
+        trace = array.run(literal_streams(H))
     L = np.zeros_like(H)
     for k in range(n):
         *off_diagonal, diagonal = trace.leaving((k + 1, k + 1), 'right')
         L[k + 1 :, k] = [item.value for item in off_diagonal]
         L[k, k] = diagonal.value
     return LiteralRun(judged(H, L), trace)
+
+
+def literal_streams(H: NDArray[Any]) -> dict[Link, dict[int, Item]]:
+    """Return what enters the columns from below and the rows from the left, by cycle."""
+    n = len(H)
+    streams: dict[Link, dict[int, Item]] = {}
+    for k in range(n):
+        below = [Item(H[m, k]) for m in range(k, n)] + [Item(None, FLAG)]
+        left = [Item(H[m, k]) for m in range(k + 1, n)] + [Item(H[k, k])]
+        streams[into((k + 1, k + 1), 'down')] = dict(enumerate(below, 3 * k + 1))
+        streams[into((k + 1, 1), 'left')] = dict(enumerate(left, 2 * k + 2))
+    return streams

@@ -26,7 +26,7 @@ Each 3 x 3 matrix is rotated by two planar rotations (12 multiplications and 11 
 
 Serial cost, rotational joints, no wrench, n > 1:
 
-    rotations            4n            2n
+    joint rotation       4n            2n
     velocities           26n - 28      13n - 15
     articulated bodies   226n - 177    216n - 188     n divisions
     accelerations        28n - 21      26n - 24

@@ -14,14 +14,15 @@ translational one; the constant is added to the angle by its sine and cosine, so
 q_i loses nothing.
 
 A vector is then rotated by two planar rotations, 8 multiplications and 4 additions where a full
-matrix takes 9 and 6. The paper's formulas for the serial methods assume such frames too. Between
+matrix takes 9 and 6. Walker and Orin have frames of this kind. Between
 the two lie the axes of joint i: fixed to link i, with z along the joint's axis.
 
 Cost: 4 multiplications, 2 additions, a sine and a cosine for a rotational joint; 2 and 2 for a
 translational one that is not the last.
 
 None stands for a vector that is known to be zero while recording, and costs nothing. Without an
-external wrench frame n is laid on the last joint's axis: its twist and offset are such zeros.
+external wrench frame n is laid on the last joint's axis: its twist is such a zero, and so is its
+offset unless the joint is translational.
 """
 
 from __future__ import annotations
@@ -119,30 +120,31 @@ def begin(plant: Plant, schedule: str) -> Chain:
     q = joint_inputs(recorder, 'q', robot.n)
     links = []
     last = (1.0, 0.0)
-    with recorder.section('rotations'):
-        for i in range(robot.n):
-            first, twist, following = zxz(A[i])
-            Z = rotation_z(*following)
-            slides = robot.joint_types[i] == 'prismatic'
-            turn = _constants(recorder, _sum_of_angles(last, first))
-            tilt = p = None
-            if i < robot.n - 1 or plant.external_wrench:
-                tilt = _constants(recorder, twist)
-                p = _row(recorder, product(Z, product(A[i].T, a[i])))
-                if slides:
-                    p = array([p[0], p[1] + tilt[1] * q[i], p[2] + tilt[0] * q[i]])
-            links.append(
-                Link(
-                    slides=slides,
-                    turn=turn if slides else _turned_by(q[i], turn),
-                    tilt=tilt,
-                    p=p,
-                    m=recorder.constant(robot.masses[i]),
-                    s=_row(recorder, product(Z, s[i])),
-                    J=_row(recorder, product(Z, J[i], Z.T)),
-                )
+    for i in range(robot.n):
+        first, twist, following = zxz(A[i])
+        Z = rotation_z(*following)
+        slides = robot.joint_types[i] == 'prismatic'
+        turn = _constants(recorder, _sum_of_angles(last, first))
+        tilt = p = None
+        if i < robot.n - 1 or plant.external_wrench:
+            tilt = _constants(recorder, twist)
+            p = _row(recorder, product(Z, product(A[i].T, a[i])))
+            if slides:
+                p = _slid(p, tilt, q[i])
+        elif slides:
+            p = array([recorder.constant(0.0), recorder.constant(0.0), q[i]])
+        links.append(
+            Link(
+                slides=slides,
+                turn=turn if slides else _turned_by(q[i], turn),
+                tilt=tilt,
+                p=p,
+                m=recorder.constant(robot.masses[i]),
+                s=_row(recorder, product(Z, s[i])),
+                J=_row(recorder, product(Z, J[i], Z.T)),
             )
-            last = following
+        )
+        last = following
     gravity = _row(recorder, -plant.gravity) if plant.gravity.any() else None
     return Chain(recorder, links, gravity, _wrench(recorder, plant, last))
 
@@ -153,7 +155,7 @@ def zxz(
     """
     Return cosine and sine of the three angles of a rotation A = Rz Rx Rz, (3, 3).
 
-    Any matrix of exact zeros and ones gives exact zeros and ones. The third angle is measured
+    A matrix of exact zeros and ones gives exact zeros and ones. The third angle is measured
     after the first is taken away, so that their sum is right where the second is nearly zero
     and neither is well defined alone.
     """
@@ -174,8 +176,15 @@ def _sum_of_angles(a: tuple[float, float], b: tuple[float, float]) -> tuple[floa
 
 def _turned_by(q: Lanes, start: Planar) -> Planar:
     """Return cosine and sine of q plus the angle of a joint at zero."""
-    (c0, s0), c, s = start, cos(q), sin(q)
-    return c * c0 - s * s0, s * c0 + c * s0
+    with q.recorder.section('joint rotation'):
+        (c0, s0), c, s = start, cos(q), sin(q)
+        return c * c0 - s * s0, s * c0 + c * s0
+
+
+def _slid(p: LaneArray, tilt: Planar, q: Lanes) -> LaneArray:
+    """Return p + q z, z the joint's axis, which has no x component in the link's axes."""
+    with q.recorder.section('link vectors'):
+        return array([p[0], p[1] + tilt[1] * q, p[2] + tilt[0] * q])
 
 
 def _constants(recorder: Recorder, values: tuple[float, float]) -> Planar:

@@ -16,7 +16,7 @@ of the solve among the multiplications and its n square roots left out (L D L' n
 Serial cost, rotational joints, no wrench, n > 1; k trips in method 4:
 
     part      multiplications               additions                   the paper's
-    rotations 4n                            2n                          within the parts
+    rotation  4n                            2n                          taken as given
     bias      117n - 95                     89n - 78                    137n - 22, 101n - 11
     tau - b   0                             n                           within the parts
     H of 1    68n^2 - 56n                   53n^2 - 45n                 74n^2 - 23n, 54n^2 - 17n

@@ -1,0 +1,135 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Forward dynamics whose linear system the triangular array solves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_algorithms_physics import WRENCH, Oracle, chains, jacobi_condition, relative
+from tolerances import ACCELERATION, FIFTY_DIGITS
+from zoo import random_chain, random_state
+
+from pfd_core.algorithms.dynamics import record_pcrbm, record_terms
+from pfd_core.algorithms.triangular_array import SECTION, record_pcrbm_array
+from pfd_core.kernels.lower import lower
+from pfd_core.machine.emulator import run
+from pfd_core.machine.program import Steps
+from pfd_core.machine.recorder import SCHEDULES
+from pfd_core.model import Robot, Scene, resolve
+
+SIZES = range(1, 33)
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_forward_dynamics_by_the_array_agrees_with_pinocchio(schedule: str) -> None:
+    for rng, robot in chains(48, seed=21):
+        oracle = Oracle(robot)
+        q, qd, qdd = random_state(rng, robot.n)
+        wrench = rng.normal(size=6) * 10
+        tau = oracle.tau(q, qd, qdd, wrench)
+        inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench}
+        found = run(record_pcrbm_array(resolve(robot, WRENCH), schedule), inputs)
+        wanted = oracle.qdd(q, qd, tau, wrench)
+        H = oracle.H(q)
+        assert relative(found['qdd'], wanted) < ACCELERATION * jacobi_condition(H), robot
+        assert (found['pivots'] > 0).all()
+
+
+@pytest.mark.parametrize('n', [20, 32])
+def test_long_chains_agree_with_pinocchio(n: int) -> None:
+    rng = np.random.default_rng(n)
+    robot = random_chain(rng, n)
+    oracle = Oracle(robot)
+    q, qd, qdd = random_state(rng, n)
+    tau = oracle.tau(q, qd, qdd)
+    inputs = {'q': q, 'qd': qd, 'tau': tau}
+    found = run(record_pcrbm_array(resolve(robot), 'parallel'), inputs)['qdd']
+    wanted = oracle.qdd(q, qd, tau)
+    assert relative(found, wanted) < ACCELERATION * jacobi_condition(oracle.H(q))
+
+
+def test_fifty_digits_by_the_array_are_those_by_elimination() -> None:
+    for rng, robot in chains(6, seed=22):
+        plant = resolve(robot, Scene(damping='model', armature='model', gravity=None))
+        q, qd, tau = random_state(rng, robot.n)
+        inputs = {'q': q, 'qd': qd, 'tau': tau}
+        a, b = (
+            run(record(plant, 'parallel'), inputs, digits=50)['qdd']
+            for record in (record_pcrbm, record_pcrbm_array)
+        )
+        scale = max(abs(x) for x in a)
+        assert max(abs(x - y) for x, y in zip(a, b, strict=True)) < FIFTY_DIGITS * scale
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_held_joints_do_not_move_and_the_others_do_not_feel_them(schedule: str) -> None:
+    for rng, robot in chains(12, seed=23):
+        q, qd, tau = random_state(rng, robot.n)
+        held = rng.random(robot.n) < 0.4
+        inputs = {'q': q, 'qd': qd, 'tau': tau, 'free': 1.0 - held}
+        plant = resolve(robot, Scene(brakes=True))
+        found = run(record_pcrbm_array(plant, schedule), inputs)['qdd']
+        np.testing.assert_array_equal(found[held], 0.0)
+        oracle, free = Oracle(robot), ~held
+        if free.any():
+            H, bias = oracle.H(q)[np.ix_(free, free)], oracle.tau(q, qd, 0 * q)
+            wanted = np.linalg.solve(H, (tau - bias)[free])
+            assert relative(found[free], wanted) < ACCELERATION * jacobi_condition(H)
+
+
+@pytest.mark.parametrize('digits', [None, 30])
+def test_an_arm_without_inertia_shows_in_the_pivots(digits: int | None) -> None:
+    whole = random_chain(np.random.default_rng(24), 3)
+    robot = Robot(
+        'ghost',
+        whole.joint_names,
+        whole.joint_types,
+        whole.rotations,
+        whole.translations,
+        np.zeros(3),
+        whole.centers,
+        np.zeros((3, 3, 3)),
+    )
+    inputs = {name: np.ones(3) for name in ('q', 'qd', 'tau')}
+    found = run(record_pcrbm_array(resolve(robot), 'parallel'), inputs, digits=digits)
+    assert not (found['pivots'].astype(float) > 0).any()
+    assert not np.isfinite(found['qdd'].astype(float)).any()
+
+
+@pytest.mark.parametrize(
+    ('n', 'schedule'),
+    [*((n, 'parallel') for n in SIZES), *((n, 'sequential') for n in (1, 2, 6, 12))],
+)
+def test_the_cells_do_a_cholesky_solve_and_the_lanes_pcrbm_and_ne1(n: int, schedule: str) -> None:
+    plant = resolve(random_chain(np.random.default_rng(n), n, 0.0))
+    work = (n**3 - n) // 6 + n * (n - 1)
+    program = record_pcrbm_array(plant, schedule)
+    cells, whole = program.count(section=SECTION), program.count()
+    assert cells == Steps(work, work, n * (n - 1) // 2 + 2 * n, n)
+    terms = record_terms(plant, schedule).count()
+    # Beside H and the bias one subtraction, tau - bias, on each lane.
+    subtractions = 1 if schedule == 'parallel' else n
+    assert whole.multiplications == terms.multiplications + work
+    assert whole.additions == terms.additions + work + subtractions
+    assert whole.divisions == terms.divisions + cells.divisions
+    streams = program.count(section=f'streams of the {SECTION}').routes
+    elements = n * (n + 1) // 2 + n
+    # h_11 and y_1 are on lane 0 anyway.
+    assert streams == (elements - 2 if schedule == 'parallel' else 0)
+
+
+@pytest.mark.parametrize('n', [1, 2, 6])
+def test_the_sequential_program_can_be_lowered_and_keeps_its_answer(n: int) -> None:
+    rng = np.random.default_rng(n)
+    robot = random_chain(rng, n)
+    plant = resolve(robot, Scene(brakes=True, external_wrench=True))
+    program = record_pcrbm_array(plant, 'sequential')
+    short = lower(program, 'float64', ['qdd'])
+    q, qd, tau = random_state(rng, n)
+    inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6), 'free': np.ones(n)}
+    found = run(short, inputs)['qdd']
+    # Sines of the kernel are its own, within two units of rounding of the library's.
+    H = Oracle(robot).H(q)
+    assert relative(found, run(program, inputs)['qdd']) < ACCELERATION * jacobi_condition(H)
+    assert len(short.instructions) > n

@@ -1,0 +1,47 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The picture of the array: every cell, every cycle, and text that anyone can read."""
+
+from __future__ import annotations
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from pfd_core.algorithms.array_solver import factor
+from pfd_core.algorithms.triangular_array import solve_cycles
+from pfd_core.report.array_activity import activity_svg, activity_text, solve_picture
+
+SVG = '{http://www.w3.org/2000/svg}'
+
+
+@pytest.mark.parametrize('n', [1, 2, 6])
+def test_the_picture_shows_every_cell_in_every_cycle(n: int) -> None:
+    root = ElementTree.fromstring(solve_picture(n))
+    frames = root.findall(f'{SVG}g')
+    assert len(frames) == solve_cycles(n)
+    assert all(len(frame.findall(f'{SVG}circle')) == n for frame in frames)
+    assert all(len(frame.findall(f'{SVG}rect')) == n * (n - 1) // 2 for frame in frames)
+    cells = [shape for frame in frames for shape in frame if 'stroke' in shape.attrib]
+    acting = [shape for shape in cells if shape.attrib['fill'] != 'none']
+    assert len(acting) == n * (n + 1) * (n + 2) // 6 + n * (n + 1)
+    assert f'{solve_cycles(n)} cycles' in root.findtext(f'{SVG}title', '')
+
+
+def test_the_text_shows_the_factorisation_of_two_rows() -> None:
+    # By hand: root, divide, multiply and subtract, root.
+    assert activity_text(factor(np.array([[4.0, 2.0], [2.0, 5.0]])).trace) == (
+        'r square root, / divide, x multiply and subtract\n\n'
+        'cycle 1   cycle 2   cycle 3   cycle 4\n'
+        '. .       . .       x .       . r\n'
+        'r         /         .         .\n'
+    )
+
+
+def test_the_title_of_the_picture_is_quoted() -> None:
+    trace = factor(np.eye(2)).trace
+    root = ElementTree.fromstring(activity_svg(trace, 'n < 3 & "more"'))
+    assert root.findtext(f'{SVG}title') == 'n < 3 & "more"'
+    with pytest.raises(ValueError, match='per_row must be at least 1, got 0'):
+        activity_svg(trace, 'x', per_row=0)

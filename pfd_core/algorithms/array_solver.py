@@ -155,8 +155,8 @@ def _sorted(trace: Trace, p: int, n: int, dtype: Any, forward: bool, turn: bool)
 def square_matrix(H: ArrayLike, name: str = 'H') -> NDArray[Any]:
     """Return a matrix of floats or mpmath numbers; ValueError if it is not (n, n) and finite."""
     matrix = np.asarray(H)
-    if matrix.dtype != object:
-        matrix = matrix.astype(np.result_type(matrix.dtype, np.float32))
+    if matrix.dtype not in (np.dtype(object), np.dtype(np.float32)):
+        matrix = matrix.astype(np.float64)
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not len(matrix):
         raise ValueError(f'{name} must have shape (n, n) with n at least 1, got {matrix.shape}')
     if not np.isfinite(matrix.astype(np.float64)).all():

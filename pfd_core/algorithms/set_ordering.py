@@ -12,14 +12,14 @@ processor does one addition in the l-th longest set. The procedure is right, and
 the best there is for independent sums. The sums are of the wrong products: L L' = H needs
 l_ij l_kj and l_ii where (11) and (12) have h_ij h_kj and h_ii. What they yield is H for a
 diagonal H; otherwise a wrong matrix, or the root of a negative number, which for the inertia
-matrix of a six-joint arm is the rule. pfd_core.algorithms.literal_cholesky
-says which; pfd_core.algorithms.cholesky is what works.
+matrix of a six-joint arm is the rule. pfd_core.algorithms.literal_cholesky says which;
+pfd_core.algorithms.cholesky is what works.
 
 Misprints. Procedure: the sum in the text runs over j from 1 to i - 1, and over k from i; Step 4
-of the factorisation must leave out k = 1. Appendix C: S_42^(2) is S_42^(4), a_33^(1,0) begins
-with a_33^(1), NS is NA, S_32^(1,0) is a_32^(1,0), and the sets left for the last iteration are
-S_44 and S_22. Without a number: equal sets keep the order they have, at first that of
-decreasing i, then k; with it Appendix C comes out set by set.
+of the factorisation must leave out k = 1. Appendix C: S_42^(2) is S_42^(4), the a_32^(1) in the
+sums of S_33 is a_33^(1), NS is NA, S_32^(1,0) is a_32^(1,0), and the sets left for the last
+iteration are S_44 and S_22. What neither says: sets of the same length keep the order they
+have, at first that of decreasing i, then k; so Appendix C comes out set by set.
 
 Parallel cost: ceil((n^2 - 1)/6) multiplications and as many additions, ceil((n - 1)/2)
 divisions and one square root on n lanes. The paper counts n(n - 1)/2 additions in the text and

@@ -3,12 +3,13 @@
 """
 The triangular array: n(n+1)/2 cells that factor H = L L' and solve H x = y in 5n - 2 cycles.
 
-    (P_44)               row 4 at the top: streams enter from the left, results leave to the
-    P_ki, i < k          right, columns run upward
-    (P_kk)
+    row 4 ->  P_41   P_42   P_43  (P_44) ->     P_kk  circular cell: divides and takes roots
+    row 3 ->  P_31   P_32  (P_33) ->            P_ki  square cell: multiplies and subtracts
+    row 2 ->  P_21  (P_22) ->
+    row 1 -> (P_11) ->                          columns run upward, P_ii to P_ni
 
-    P_kk  circular cell    (C, *): u <- sqrt(C)                 C: l_mk = C/u goes right and up
-    P_ki  square cell      (C, *): u <- u_in, C - u^2 right     C: C - u u_in right, u_in up
+    P_kk   (C, *): u <- sqrt(C), u goes right           C: l_mk = C/u goes right and up
+    P_ki   (C, *): u <- u_in, C - u^2 goes right        C: C - u u_in goes right, u_in goes up
 
 Row k gets (h_kk, *), h_(k+1)k ... h_nk from cycle 2k - 1. Element m is a sum C that meets
 l_m1, l_m2 ... on its way; it is in P_ki in cycle m + k + i - 2, and so is l_mi, without
@@ -19,11 +20,11 @@ of z_i runs down column i and becomes x_i in P_ii.
     factorisation 3n - 2 cycles, with z 3n - 1, with x 5n - 2
     a new matrix every n cycles, with a right-hand side every n + 1
 
-Lee and Chang 1987, section 2.6. Corrected: the paper's design (literal_array) sends h_mi up
-column i where l_mi is needed, which makes equations (29) to (31), not Cholesky's. Here P_ii sends
-its own result, so that the streams from below and their memories disappear; and the diagonal
-element and its flag come first, because l_mk needs l_kk. The paper leaves both substitutions
-to n other processors.
+Lee and Chang 1987, section 2.6. Corrected: the paper's design, which literal_cholesky runs, sends
+h_mi up column i where l_mi is needed, and makes the matrix of equations (29) to (31) instead of
+Cholesky's. Here P_ii sends its own result, so that the streams from below and their memories
+disappear; and the diagonal element and its flag come first, because l_mk needs l_kk. The paper
+leaves both substitutions to n other processors.
 
 Cost of the whole solve, all cells together: (n^3 - n)/6 + n(n - 1) multiplications and as many
 additions, n(n - 1)/2 + 2n divisions, n square roots. A cell multiplies and subtracts, divides
@@ -200,10 +201,15 @@ def clock(problems: Sequence[Problem], interval: int | None = None, turn: bool =
     Raises
     ------
     ValueError
-        If the interval is shorter than the longest stream.
+        If the interval is shorter than the longest stream, or it cannot turn round.
 
     """
     n, length = len(problems[0]), len(problems[0][0])
+    if turn and (len(problems), length) != (1, n + 1):
+        raise ValueError(
+            'the array turns round for one problem with one right-hand side, got '
+            f'{len(problems)} with {length - n}'
+        )
     interval = length if interval is None else interval
     if interval < length:
         raise ValueError(f'interval must be at least {length} cycles, got {interval}')

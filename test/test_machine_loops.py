@@ -9,8 +9,10 @@ import ctypes
 import numpy as np
 import pytest
 
+from pfd_core.kernels.batch import batch
 from pfd_core.kernels.engine import compile_ir
-from pfd_core.kernels.llvm import Format, batch, body, evaluate, module
+from pfd_core.kernels.evaluate import evaluate
+from pfd_core.kernels.llvm import Format, body, module
 from pfd_core.kernels.lower import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.patterns import total
@@ -90,7 +92,7 @@ def test_counts_follow_the_trips() -> None:
 @pytest.mark.parametrize('width', [1, 4])
 def test_native_code_takes_the_same_trips_and_leaves_the_same_bits(dtype: str, width: int) -> None:
     program = lower(roots(3, 'sequential'), dtype)
-    form = Format(dtype, width)
+    form = Format(dtype, width, strided=True)
     parts = [body(program, form), evaluate(program, form, ()), batch(program, form, 4)]
     native = compile_ir(module(parts, dtype, [width], ()))
     call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)

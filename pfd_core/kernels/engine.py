@@ -56,6 +56,11 @@ def compile_ir(ir: str) -> Native:
     return Native(ir, time.perf_counter() - start, engine)
 
 
+def add_symbol(name: str, address: int) -> None:
+    """Let modules refer to something of this process by name."""
+    llvm.add_symbol(name, address)
+
+
 def simd_width(dtype: str) -> int:
     """Return how many numbers one vector register of this processor holds."""
     features = _features()

@@ -1,16 +1,17 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A Python function in native code: one state, checked and evaluated in well under a microsecond.
+Python functions in native code: one state, or a batch, checked in well under a microsecond.
 
 The ctypes of Python spend longer on handing over four arrays than a kernel spends on the arm.
 This module writes, in LLVM IR, a function that Python calls directly (METH_FASTCALL of its
 C API) and that looks at the arrays itself, through the fields that NumPy's C API publishes.
-It evaluates when every argument is an aligned, contiguous array of the right type and length
-and every input is finite. In any other case it does nothing and returns None, and the caller
-takes the way that converts what can be converted and says what is wrong with the rest.
+It evaluates when every argument is an aligned array of the right type and shape (for one state,
+contiguous) and every input is finite. In any other case it returns None, and the caller takes the
+way that converts what can be converted and says what is wrong with the rest.
 
-The interpreter's lock is kept: giving it away and back costs a good part of one evaluation.
+A batch runs without the interpreter's lock. One state keeps it: giving it away and back costs a
+good part of an evaluation.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.kernels.engine import Native
+from pfd_core.kernels.engine import Native, add_symbol
 from pfd_core.kernels.llvm import Format, arguments
 from pfd_core.machine.program import Program
 
@@ -45,80 +46,140 @@ class _MethodDef(ctypes.Structure):
 
 def entry_ir(program: Program, dtype: str, size: int) -> str:
     """Return `@entry(self, args, count)`, the Python function around @evaluate."""
-    names = arguments(program)
     form = Format(dtype, 1)
-    sizes = [*(program.inputs[name] for name in names), size]
-    lines = [
-        'define ptr @entry(ptr %self, ptr %args, i64 %count) {',
-        f'  %enough = icmp eq i64 %count, {len(sizes)}',
-        '  br i1 %enough, label %check0, label %refuse',
-    ]
+    sizes = [*(program.inputs[name] for name in arguments(program)), size]
+    lines = _checks(sizes, form, ndim=1)
+    terms = []
     for k, elements in enumerate(sizes):
-        lines += _check(k, elements, form, last=k == len(sizes) - 1)
-    lines += [f'check{len(sizes)}:']
-    odd = form.constant(0.0)
-    for k, elements in enumerate(sizes[:-1]):
-        for i in range(elements):
+        lines += _dense(k, elements, form)
+        for i in range(elements if k < len(sizes) - 1 else 0):
             tag = f'{k}.{i}'
             lines += [
                 f'  %p{tag} = getelementptr {form.type}, ptr %data{k}, i64 {i}',
                 f'  %x{tag} = load {form.type}, ptr %p{tag}',
                 f'  %z{tag} = fsub {form.type} %x{tag}, %x{tag}',
-                f'  %o{tag} = fadd {form.type} {odd}, %z{tag}',
             ]
-            odd = f'%o{tag}'
+            terms.append(f'%z{tag}')
+    # In pairs: one after the other they would wait for each other longer than they work.
+    while len(terms) > 1:
+        total = f'%odd{len(lines)}'
+        lines.append(f'  {total} = fadd {form.type} {terms.pop(0)}, {terms.pop(0)}')
+        terms.append(total)
     data = ', '.join(f'ptr %data{k}' for k in range(len(sizes)))
     lines += [
-        f'  %finite = fcmp ord {form.type} {odd}, {odd}',
+        f'  %finite = fcmp ord {form.type} {terms[0]}, {terms[0]}',
         '  br i1 %finite, label %go, label %refuse',
         'go:',
         f'  call void @evaluate({data})',
-        f'  call void {_pointer("Py_IncRef")}(ptr %object{len(sizes) - 1})',
-        f'  ret ptr %object{len(sizes) - 1}',
-        'refuse:',
-        f'  call void {_pointer("Py_IncRef")}(ptr {_constant(id(None))})',
-        f'  ret ptr {_constant(id(None))}',
-        '}',
     ]
-    return '\n'.join(lines)
+    return '\n'.join([*lines, *_return(len(sizes) - 1)])
 
 
-def _check(k: int, elements: int, form: Format, last: bool) -> list[str]:
-    """Return the lines that let argument k pass, or refuse; its data pointer is %data{k}."""
-    flags = ALIGNED | (WRITEABLE if last else 0)
-    fields = (
-        ('type', TYPE, 'ptr', _constant(id(np.ndarray))),
-        ('descr', DESCR, 'ptr', _constant(id(np.dtype(form.dtype)))),
-        ('ndim', NDIM, 'i32', '1'),
-    )
-    lines = [
-        f'check{k}:',
-        f'  %slot{k} = getelementptr ptr, ptr %args, i64 {k}',
-        f'  %object{k} = load ptr, ptr %slot{k}',
-    ]
-    for field, offset, kind, wanted in fields:
-        tag = f'{field}{k}'
+def batch_entry_ir(program: Program, dtype: str, size: int) -> str:
+    """Return `@entry(self, args, count)`, the Python function around @batch."""
+    form = Format(dtype, 1)
+    sizes = [*(program.inputs[name] for name in arguments(program)), size]
+    lines = _checks(sizes, form, ndim=2)
+    lines.append(f'  %table = alloca [{3 * len(sizes)} x i64]')
+    for k, elements in enumerate(sizes):
         lines += [
-            *_load(tag, f'%object{k}', offset, kind),
-            f'  %is.{tag} = icmp eq {kind} %{tag}, {wanted}',
-            f'  br i1 %is.{tag}, label %has.{tag}, label %refuse',
-            f'has.{tag}:',
+            *_load(f'shape{k}', f'%object{k}', DIMENSIONS, 'ptr'),
+            f'  %states{k} = load i64, ptr %shape{k}',
+            f'  %columns{k}.at = getelementptr i64, ptr %shape{k}, i64 1',
+            f'  %columns{k} = load i64, ptr %columns{k}.at',
+            f'  %fits{k} = icmp eq i64 %columns{k}, {elements}',
+            f'  %same{k} = icmp eq i64 %states{k}, %states0',
+            f'  %both{k} = and i1 %fits{k}, %same{k}',
+            f'  br i1 %both{k}, label %row{k}, label %refuse',
+            f'row{k}:',
+            *_load(f'data{k}', f'%object{k}', DATA, 'ptr'),
+            *_load(f'strides{k}', f'%object{k}', STRIDES, 'ptr'),
+            f'  %slot{k}.to = getelementptr i64, ptr %table, i64 {3 * k}',
+            f'  store ptr %data{k}, ptr %slot{k}.to',
+            f'  %rest{k}.to = getelementptr i64, ptr %table, i64 {3 * k + 1}',
+            f'  %rest{k} = load <2 x i64>, ptr %strides{k}, align 8',
+            f'  store <2 x i64> %rest{k}, ptr %rest{k}.to, align 8',
         ]
+    lines += [
+        '  %some = icmp ne i64 %states0, 0',
+        '  br i1 %some, label %go, label %refuse',
+        'go:',
+        '  %thread = call ptr @pfd.save()',
+        '  %bad = call i64 @batch(i64 %states0, ptr %table)',
+        '  call void @pfd.restore(ptr %thread)',
+        '  %failed = icmp ne i64 %bad, 0',
+        '  br i1 %failed, label %refuse, label %done',
+        'done:',
+    ]
+    return '\n'.join([*lines, *_return(len(sizes) - 1)])
+
+
+def _checks(sizes: list[int], form: Format, ndim: int) -> list[str]:
+    """Return the head, up to where every argument is an array of the right kind."""
+    lines = [
+        '@pfd.none = external global i8',
+        '@pfd.ndarray = external global i8',
+        f'@pfd.{form.dtype} = external global i8',
+        'declare void @pfd.incref(ptr)',
+        'declare ptr @pfd.save()',
+        'declare void @pfd.restore(ptr)',
+        'define ptr @entry(ptr %self, ptr %args, i64 %count) {',
+        f'  %enough = icmp eq i64 %count, {len(sizes)}',
+        '  br i1 %enough, label %check0, label %refuse',
+    ]
+    for k in range(len(sizes)):
+        flags = ALIGNED | (WRITEABLE if k == len(sizes) - 1 else 0)
+        lines += [
+            f'check{k}:',
+            f'  %slot{k} = getelementptr ptr, ptr %args, i64 {k}',
+            f'  %object{k} = load ptr, ptr %slot{k}',
+        ]
+        for field, offset, kind, wanted in (
+            ('type', TYPE, 'ptr', '@pfd.ndarray'),
+            ('descr', DESCR, 'ptr', f'@pfd.{form.dtype}'),
+            ('ndim', NDIM, 'i32', str(ndim)),
+        ):
+            tag = f'{field}{k}'
+            lines += [
+                *_load(tag, f'%object{k}', offset, kind),
+                f'  %is.{tag} = icmp eq {kind} %{tag}, {wanted}',
+                f'  br i1 %is.{tag}, label %has.{tag}, label %refuse',
+                f'has.{tag}:',
+            ]
+        lines += [
+            *_load(f'flags{k}', f'%object{k}', FLAGS, 'i32'),
+            f'  %masked{k} = and i32 %flags{k}, {flags}',
+            f'  %fit{k} = icmp eq i32 %masked{k}, {flags}',
+            f'  br i1 %fit{k}, label %check{k + 1}, label %refuse',
+        ]
+    return [*lines, f'check{len(sizes)}:']
+
+
+def _dense(k: int, elements: int, form: Format) -> list[str]:
+    """Return the lines that let argument k pass if it is contiguous and long enough."""
     return [
-        *lines,
-        *_load(f'flags{k}', f'%object{k}', FLAGS, 'i32'),
-        f'  %masked{k} = and i32 %flags{k}, {flags}',
-        f'  %fit{k} = icmp eq i32 %masked{k}, {flags}',
         *_load(f'shape{k}', f'%object{k}', DIMENSIONS, 'ptr'),
         f'  %length{k} = load i64, ptr %shape{k}',
         f'  %long{k} = icmp eq i64 %length{k}, {elements}',
         *_load(f'strides{k}', f'%object{k}', STRIDES, 'ptr'),
         f'  %stride{k} = load i64, ptr %strides{k}',
-        f'  %dense{k} = icmp eq i64 %stride{k}, {form.bytes}',
-        f'  %both{k} = and i1 %fit{k}, %long{k}',
-        f'  %all{k} = and i1 %both{k}, %dense{k}',
+        f'  %beside{k} = icmp eq i64 %stride{k}, {form.bytes}',
+        f'  %both{k} = and i1 %long{k}, %beside{k}',
+        f'  br i1 %both{k}, label %dense{k}, label %refuse',
+        f'dense{k}:',
         *_load(f'data{k}', f'%object{k}', DATA, 'ptr'),
-        f'  br i1 %all{k}, label %check{k + 1}, label %refuse',
+    ]
+
+
+def _return(out: int) -> list[str]:
+    """Return the ways out: the last argument, or None."""
+    return [
+        f'  call void @pfd.incref(ptr %object{out})',
+        f'  ret ptr %object{out}',
+        'refuse:',
+        '  call void @pfd.incref(ptr @pfd.none)',
+        '  ret ptr @pfd.none',
+        '}',
     ]
 
 
@@ -129,14 +190,20 @@ def _load(name: str, base: str, offset: int, kind: str) -> tuple[str, str]:
     )
 
 
-def _constant(address: int) -> str:
-    return f'inttoptr (i64 {address} to ptr)'
-
-
-def _pointer(function: str) -> str:
-    address = ctypes.cast(getattr(ctypes.pythonapi, function), ctypes.c_void_p).value
-    assert address is not None
-    return _constant(address)
+def register_symbols() -> None:
+    """Tell the compiler where this process has what the text names."""
+    for name, function in (
+        ('incref', 'Py_IncRef'),
+        ('save', 'PyEval_SaveThread'),
+        ('restore', 'PyEval_RestoreThread'),
+    ):
+        address = ctypes.cast(getattr(ctypes.pythonapi, function), ctypes.c_void_p).value
+        assert address is not None
+        add_symbol(f'pfd.{name}', address)
+    add_symbol('pfd.none', id(None))
+    add_symbol('pfd.ndarray', id(np.ndarray))
+    for dtype in ('float64', 'float32'):
+        add_symbol(f'pfd.{dtype}', id(np.dtype(dtype)))
 
 
 def python_function(native: Native) -> Callable[..., Any]:

@@ -27,8 +27,16 @@ from pfd_core.algorithms.dynamics import (
     record_inverse_dynamics,
 )
 from pfd_core.kernels import llvm
+from pfd_core.kernels.batch import batch
 from pfd_core.kernels.engine import Native, compile_ir, simd_width
-from pfd_core.kernels.entry import check_layout, entry_ir, python_function
+from pfd_core.kernels.entry import (
+    batch_entry_ir,
+    check_layout,
+    entry_ir,
+    python_function,
+    register_symbols,
+)
+from pfd_core.kernels.evaluate import evaluate
 from pfd_core.kernels.lower import lower, operations
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, resolve
@@ -38,6 +46,7 @@ DTYPES = ('float64', 'float32')
 DEFAULT_METHOD = 'pcrbm'
 
 check_layout()
+register_symbols()
 
 
 class Kernel:
@@ -92,21 +101,26 @@ class Kernel:
         return self._compile(simd_width(self.dtype))
 
     @cached_property
+    def _fast_batch(self) -> Callable[..., Any]:
+        return python_function(self._batch)
+
+    @cached_property
     def _run_batch(self) -> Callable[[int, int], int]:
         signature = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
         return signature(self._batch.address('batch'))
 
     def _compile(self, width: int) -> Native:
-        form = llvm.Format(self.dtype, width)
+        form = llvm.Format(self.dtype, width, strided=width > 1)
         size = self.robot.n
         parts = [
             llvm.body(self.program, form),
-            llvm.evaluate(self.program, form, self._angles),
+            evaluate(self.program, form, self._angles),
         ]
         if width == 1:
             parts.append(entry_ir(self.program, self.dtype, size))
         else:
-            parts.append(llvm.batch(self.program, form, size))
+            parts.append(batch(self.program, form, size))
+            parts.append(batch_entry_ir(self.program, self.dtype, size))
         return compile_ir(llvm.module(parts, self.dtype, [width], self._angles))
 
     def __call__(
@@ -142,14 +156,24 @@ class Kernel:
 
         """
         if brakes is None:
-            target = np.empty(self.robot.n, self.dtype) if out is None else out
-            if wrench is None:
-                result = self._fast(q, qd, tau, target)
+            given = (q, qd, tau) if wrench is None else (q, qd, tau, wrench)
+            if isinstance(q, np.ndarray) and q.ndim == 2:
+                result = self._quick_batch(given, out)
             else:
-                result = self._fast(q, qd, tau, wrench, target)
+                target = np.empty(self.robot.n, self.dtype) if out is None else out
+                result = self._fast(*given, target)
             if result is not None:
                 return result  # type: ignore[no-any-return]
         return self._checked(q, qd, tau, wrench, out, brakes)
+
+    def _quick_batch(self, given: tuple[ArrayLike, ...], out: NDArray[Any] | None) -> Any:
+        """Return the result for arrays that need no conversion, or None."""
+        if out is None:
+            return self._fast_batch(*given, np.empty(np.shape(given[0]), self.dtype))
+        for array in given:
+            if isinstance(array, np.ndarray) and np.may_share_memory(array, out):
+                return None
+        return self._fast_batch(*given, out)
 
     def bind(
         self,

@@ -4,14 +4,13 @@
 LLVM IR of a lowered program, as text.
 
     @body      the straight-line program on pointers to its inputs and to its output
-    @evaluate  @body with angles beyond the range of the sine brought back first
-    @batch     @evaluate over many states at any strides, `width` states at a time
 
 One writer serves a single state (width 1, scalars) and a batch (one state per SIMD lane): the
 text and the order of operations are the same, and no flag lets LLVM change either, so that a
 state gives the same bits alone, in any batch, and on the emulator.
 
-Layout of an argument: element k of the input lies at index k * width + lane.
+Element k of an argument holds `width` numbers that lie side by side, one per state. Elements
+follow one another, or lie `stride` bytes apart where the format is strided.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 import struct
 
-from pfd_core.kernels.wrap import WRAP_ANGLE_IR, WRAP_LIMIT
+from pfd_core.kernels.wrap import WRAP_ANGLE_IR
 from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Instruction, Program
 
@@ -42,9 +41,10 @@ def arguments(program: Program) -> tuple[str, ...]:
 class Format:
     """Spelling of types and constants for one number format and width."""
 
-    def __init__(self, dtype: str, width: int) -> None:
+    def __init__(self, dtype: str, width: int, strided: bool = False) -> None:
         self.dtype = dtype
         self.width = width
+        self.strided = strided
         self.scalar = SCALAR[dtype]
         # Also the alignment: arguments come from NumPy, which promises no more.
         self.bytes = BYTES[dtype]
@@ -64,11 +64,24 @@ class Format:
             return self.number(value)
         return f'splat ({self.scalar} {self.number(value)})'
 
+    def pointers(self, names: Sequence[str]) -> str:
+        """Return some arrays as parameters or, spelled alike, as arguments."""
+        stride = ', i64 %{0}.stride' if self.strided else ''
+        return ', '.join(('ptr %{0}' + stride).format(name) for name in names)
 
-def body(program: Program, form: Format, name: str = 'body') -> str:
-    """Return `void @name(inputs..., out)`: the first output of the program."""
-    parameters = ', '.join(f'ptr %{argument}' for argument in arguments(program))
-    lines = [f'define internal void @{name}({parameters}, ptr %out) {{', 'entry:']
+    def element(self, prefix: str, name: str, k: int) -> Iterator[str]:
+        """Yield the lines that leave the address of element k of an array in `prefix`k."""
+        if not self.strided:
+            yield f'  {prefix}{k} = getelementptr {self.type}, ptr %{name}, i64 {k}'
+        else:
+            yield f'  {prefix}{k}.far = mul i64 %{name}.stride, {k}'
+            yield f'  {prefix}{k} = getelementptr i8, ptr %{name}, i64 {prefix}{k}.far'
+
+
+def body(program: Program, form: Format) -> str:
+    """Return `void @body(inputs..., out)`: the first output of the program."""
+    names = (*arguments(program), 'out')
+    lines = [f'define internal void @body({form.pointers(names)}) {{', 'entry:']
     operands: list[str] = []
     block = 'entry'
     for register, instruction in enumerate(program.instructions):
@@ -91,7 +104,7 @@ def body(program: Program, form: Format, name: str = 'body') -> str:
             lines += spell(instruction, register, [operands[a] for a in args], form)
     (output,) = program.outputs.values()
     for k, (register, _) in enumerate(output.places):
-        lines.append(f'  %o{k} = {_element("out", k, form)}')
+        lines += form.element('%o', 'out', k)
         lines.append(f'  store {form.type} {operands[register]}, ptr %o{k}, align {form.bytes}')
     return '\n'.join([*lines, '  ret void', '}'])
 
@@ -143,8 +156,8 @@ def spell(
     """Yield the lines of one instruction."""
     if instruction.op == 'input':
         name, k = instruction.data[0]
-        yield f'  %p{register} = {_element(name, k, form)}'
-        yield f'  %v{register} = load {form.type}, ptr %p{register}, align {form.bytes}'
+        yield from form.element(f'%p{register}.', name, k)
+        yield f'  %v{register} = load {form.type}, ptr %p{register}.{k}, align {form.bytes}'
     elif instruction.op == 'select':
         yield f'  %c{register} = fcmp ogt {form.type} {args[0]}, {form.constant(0.0)}'
         chosen, other = (f'{form.type} {a}' for a in args[1:])
@@ -155,204 +168,6 @@ def spell(
             raise ValueError(f'{instruction.op} is not an operation that a kernel has')
         text = spelling.format(*args, type=form.type, suffix=form.suffix)
         yield f'  %v{register} = {text}'
-
-
-def _element(name: str, k: int, form: Format) -> str:
-    return f'getelementptr {form.type}, ptr %{name}, i64 {k}'
-
-
-def evaluate(program: Program, form: Format, angles: Sequence[int]) -> str:
-    """Return `void @evaluate(inputs..., out)`; `angles` are the elements of q that are turned."""
-    names = arguments(program)
-    parameters = ', '.join(f'ptr %{name}' for name in names)
-    n, width, T, S = program.inputs['q'], form.width, form.type, form.scalar
-    if not angles:
-        call = ', '.join(f'ptr %{name}' for name in (*names, 'out'))
-        return (
-            f'define void @evaluate({parameters}, ptr %out) {{\n'
-            f'  call void @body({call})\n  ret void\n}}'
-        )
-    lines = [
-        f'define void @evaluate({parameters}, ptr %out) {{',
-        'entry:',
-        f'  %copy = alloca [{n * width} x {S}], align 64',
-    ]
-    far = ''
-    for k in angles:
-        lines += [
-            f'  %p{k} = {_element("q", k, form)}',
-            f'  %x{k} = load {T}, ptr %p{k}, align {form.bytes}',
-            f'  %a{k} = call {T} @llvm.fabs.{form.suffix}({T} %x{k})',
-            f'  %f{k} = fcmp ogt {T} %a{k}, {form.constant(WRAP_LIMIT)}',
-        ]
-        if far:
-            lines.append(f'  %any{k} = or {form.flag} {far}, %f{k}')
-        far = f'%any{k}' if far else f'%f{k}'
-    if width > 1:
-        lines.append(f'  %far = call i1 @llvm.vector.reduce.or.v{width}i1({form.flag} {far})')
-        far = '%far'
-    lines += [f'  br i1 {far}, label %wrap, label %go, !prof !0', 'wrap:']
-    lines += [
-        f'  call void @llvm.memcpy.p0.p0.i64(ptr %copy, ptr %q, i64 '
-        f'{n * width * form.bytes}, i1 false)'
-    ]
-    for k in angles:
-        start = k * width
-        lines.append(f'  %r{k} = getelementptr {S}, ptr %copy, i64 {start}')
-        lines.append(f'  call void @wrap_row(ptr %r{k})')
-    call = ', '.join(f'ptr %{"use" if name == "q" else name}' for name in (*names, 'out'))
-    lines += [
-        '  br label %go',
-        'go:',
-        '  %use = phi ptr [ %q, %entry ], [ %copy, %wrap ]',
-        f'  call void @body({call})',
-        '  ret void',
-        '}',
-    ]
-    return '\n'.join([*lines, _wrap_row(form)])
-
-
-def _wrap_row(form: Format) -> str:
-    """Return `void @wrap_row(ptr)`: bring back those of `width` angles that are beyond range."""
-    S = form.scalar
-    widen, narrow = '%x', '%y'
-    extra = ['', '']
-    if S == 'float':
-        widen, narrow = '%wide', '%narrow'
-        extra = [
-            '  %wide = fpext float %x to double\n',
-            '  %narrow = fptrunc double %y to float\n',
-        ]
-    return f"""define internal void @wrap_row(ptr %row) cold noinline {{
-entry:
-  br label %loop
-loop:
-  %i = phi i64 [ 0, %entry ], [ %next, %tail ]
-  %p = getelementptr {S}, ptr %row, i64 %i
-  %x = load {S}, ptr %p
-  %a = call {S} @llvm.fabs.{SUFFIX[form.dtype]}({S} %x)
-  %far = fcmp ogt {S} %a, {form.number(WRAP_LIMIT)}
-  br i1 %far, label %wrap, label %tail
-wrap:
-{extra[0]}  %y = call double @wrap_angle(double {widen})
-{extra[1]}  store {S} {narrow}, ptr %p
-  br label %tail
-tail:
-  %next = add i64 %i, 1
-  %more = icmp ult i64 %next, {form.width}
-  br i1 %more, label %loop, label %done
-done:
-  ret void
-}}"""
-
-
-def batch(program: Program, form: Format, size: int) -> str:
-    """
-    Return `i64 @batch(count, table)`, which runs @evaluate on `count` states.
-
-    `table` holds, for each input and then for the output (`size` elements), a pointer, the
-    stride between states and the stride between elements, in bytes. The result is 0, or 1 if
-    some input number is not finite.
-    """
-    names = arguments(program)
-    sizes = {name: program.inputs[name] for name in names} | {'out': size}
-    T, S, width = form.type, form.scalar, form.width
-    lines = ['define i64 @batch(i64 %count, ptr %table) {', 'entry:']
-    for slot, (name, elements) in enumerate(sizes.items()):
-        lines.append(f'  %{name} = alloca [{elements * width} x {S}], align 64')
-        for column, part in enumerate(('base', 'row', 'column')):
-            index = 3 * slot + column
-            kind = 'ptr' if part == 'base' else 'i64'
-            lines += [
-                f'  %{name}.{part}.at = getelementptr i64, ptr %table, i64 {index}',
-                f'  %{name}.{part} = load {kind}, ptr %{name}.{part}.at',
-            ]
-    lines += [
-        '  %last = sub i64 %count, 1',
-        '  br label %block',
-        'block:',
-        '  %b = phi i64 [ 0, %entry ], [ %b.next, %stored ]',
-        f'  %odd = phi {T} [ {form.constant(0.0)}, %entry ], [ %odd.next, %stored ]',
-    ]
-    for name in names:
-        lines += [
-            f'  call void @copy_in(ptr %{name}, ptr %{name}.base, i64 %{name}.row, '
-            f'i64 %{name}.column, i64 %b, i64 %last, i64 {sizes[name]})'
-        ]
-    odd = '%odd'
-    for name in names:
-        for k in range(sizes[name]):
-            lines += [
-                f'  %{name}.p{k} = {_element(name, k, form)}',
-                f'  %{name}.x{k} = load {T}, ptr %{name}.p{k}, align {form.bytes}',
-                # Zero for a finite number, NaN for any other; NaN stays NaN in the sum.
-                f'  %{name}.z{k} = fsub {T} %{name}.x{k}, %{name}.x{k}',
-                f'  %{name}.o{k} = fadd {T} {odd}, %{name}.z{k}',
-            ]
-            odd = f'%{name}.o{k}'
-    call = ', '.join(f'ptr %{name}' for name in (*names, 'out'))
-    lines += [
-        f'  call void @evaluate({call})',
-        f'  call void @copy_out(ptr %out, ptr %out.base, i64 %out.row, i64 %out.column, '
-        f'i64 %b, i64 %last, i64 {size})',
-        '  br label %stored',
-        'stored:',
-        f'  %odd.next = fadd {T} {odd}, {form.constant(0.0)}',
-        f'  %b.next = add i64 %b, {width}',
-        '  %more = icmp ult i64 %b.next, %count',
-        '  br i1 %more, label %block, label %done',
-        'done:',
-        f'  %nan = fcmp uno {T} %odd.next, %odd.next',
-    ]
-    flag = '%nan'
-    if width > 1:
-        lines.append(f'  %bad = call i1 @llvm.vector.reduce.or.v{width}i1({form.flag} %nan)')
-        flag = '%bad'
-    lines += [f'  %result = zext i1 {flag} to i64', '  ret i64 %result', '}']
-    return '\n'.join([*lines, _copy(form, inward=True), _copy(form, inward=False)])
-
-
-def _copy(form: Format, inward: bool) -> str:
-    """Return the transposition between `width` states of an array and one argument's layout."""
-    S, width = form.scalar, form.width
-    name = 'copy_in' if inward else 'copy_out'
-    move = (
-        (f'  %x = load {S}, ptr %there', f'  store {S} %x, ptr %here')
-        if inward
-        else (f'  %x = load {S}, ptr %here', f'  store {S} %x, ptr %there')
-    )
-    # Lanes beyond the last state repeat it: computed like any other, and written as equal bits.
-    return f"""define internal void @{name}(ptr %local, ptr %base, i64 %row, i64 %column, i64 %b, \
-i64 %last, i64 %size) {{
-entry:
-  br label %lanes
-lanes:
-  %lane = phi i64 [ 0, %entry ], [ %lane.next, %lane.done ]
-  %state = add i64 %b, %lane
-  %beyond = icmp ugt i64 %state, %last
-  %index = select i1 %beyond, i64 %last, i64 %state
-  %offset = mul i64 %index, %row
-  %start = getelementptr i8, ptr %base, i64 %offset
-  br label %elements
-elements:
-  %k = phi i64 [ 0, %lanes ], [ %k.next, %elements ]
-  %far = mul i64 %k, %column
-  %there = getelementptr i8, ptr %start, i64 %far
-  %near = mul i64 %k, {width}
-  %slot = add i64 %near, %lane
-  %here = getelementptr {S}, ptr %local, i64 %slot
-{move[0]}
-{move[1]}
-  %k.next = add i64 %k, 1
-  %k.more = icmp ult i64 %k.next, %size
-  br i1 %k.more, label %elements, label %lane.done
-lane.done:
-  %lane.next = add i64 %lane, 1
-  %lane.more = icmp ult i64 %lane.next, {width}
-  br i1 %lane.more, label %lanes, label %done
-done:
-  ret void
-}}"""
 
 
 def module(parts: Sequence[str], dtype: str, widths: Sequence[int], angles: Sequence[int]) -> str:
@@ -371,7 +186,7 @@ def module(parts: Sequence[str], dtype: str, widths: Sequence[int], angles: Sequ
         Elements of q that are turned; without any, nothing is brought back into range.
 
     """
-    declarations = ['declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)']
+    declarations = []
     for form in (Format(dtype, width) for width in {1, *widths}):
         declarations += [
             f'declare {form.type} @llvm.{name}.{form.suffix}({form.type})' for name in INTRINSICS
@@ -379,6 +194,12 @@ def module(parts: Sequence[str], dtype: str, widths: Sequence[int], angles: Sequ
         if form.width > 1:
             reduce = f'@llvm.vector.reduce.or.v{form.width}i1'
             declarations.append(f'declare i1 {reduce}({form.flag})')
+            places, on = f'<{form.width} x ptr>', f'<{form.width} x i1>'
+            gather = f'{form.suffix}.v{form.width}p0'
+            declarations += [
+                f'declare {form.type} @llvm.masked.gather.{gather}({places}, {on}, {form.type})',
+                f'declare void @llvm.masked.scatter.{gather}({form.type}, {places}, {on})',
+            ]
     # Going round a circle that often is rare: keep it out of the way.
     metadata = '!0 = !{!"branch_weights", i32 1, i32 10000}'
     wrap = [WRAP_ANGLE_IR] if angles else []

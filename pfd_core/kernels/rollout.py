@@ -17,8 +17,9 @@ from typing import Any
 
 from pfd_core.algorithms.dynamics import record_forward_dynamics
 from pfd_core.kernels.engine import Native, compile_ir
+from pfd_core.kernels.evaluate import evaluate
 from pfd_core.kernels.kernel import choose, plant_of, turned_joints
-from pfd_core.kernels.llvm import Format, arguments, body, evaluate, module, spell
+from pfd_core.kernels.llvm import Format, arguments, body, module, spell
 from pfd_core.kernels.lower import lower
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene

@@ -69,7 +69,7 @@ def record_pcrbm_base_origin(plant: Plant, schedule: str) -> Program:
 @dataclass(frozen=True)
 class Bodies:
     """
-    Rigid bodies, one a lane, about the origin of the base.
+    Rigid bodies, one a lane, about a point, here the origin of the base.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Bodies:
     h : LaneArray
         (3,), first moment of mass [kg m].
     inertia : LaneArray
-        (6,), about the origin [kg m^2].
+        (6,), about the point [kg m^2].
 
     """
 
@@ -90,6 +90,14 @@ class Bodies:
         """Return I w + h x v and m v + w x h (24 multiplications, 18 additions)."""
         moment = symmetric_times(self.inertia, w) + cross(self.h, v)
         return moment, self.m * v + cross(w, self.h)
+
+
+def bodies(chain: Links, pose: Pose, c: LaneArray) -> Bodies:
+    """Return the links about points from which their centres of mass are c, (3,) [m]."""
+    h = chain.m * c
+    x, y, z = h[0] * c[0], h[1] * c[1], h[2] * c[2]
+    xy, xz, yz = -(h[0] * c[1]), -(h[0] * c[2]), -(h[1] * c[2])
+    return Bodies(chain.m, h, pose.J + array([y + z, xy, xz, x + z, yz, x + y]))
 
 
 @dataclass(frozen=True)
@@ -126,9 +134,7 @@ def prepare(
             v = cross(array(merge(shift(o, 1), zero)), pose.z)
         if chain.translational:
             v = array(merge(on(pose.z, chain.translational), v))
-        c = o + pose.s
-        h = chain.m * c
-        links = Bodies(chain.m, h, pose.J + _moments(h, c))
+        links = bodies(chain, pose, o + pose.s)
         return BaseOrigin(rotational_part(chain, pose.z, zero), v, links, armature)
 
 
@@ -173,12 +179,6 @@ def inertia_matrix_base_origin(
         if armature is not None:
             around[0] = around[0] + armature
         return _rows(around)
-
-
-def _moments(h: LaneArray, c: LaneArray) -> LaneArray:
-    """Return the six elements of h.c 1 - h c' for parallel h, c (6 multiplications, 3 adds)."""
-    x, y, z = h[0] * c[0], h[1] * c[1], h[2] * c[2]
-    return array([y + z, -(h[0] * c[1]), -(h[0] * c[2]), x + z, -(h[1] * c[2]), x + y])
 
 
 def _power(w: LaneArray, v: LaneArray, n: LaneArray, f: LaneArray) -> Lanes:

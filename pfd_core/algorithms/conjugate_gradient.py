@@ -115,5 +115,5 @@ def conjugate_gradient(
     state = (x, w, v, e0)
     (x, _, _, e), trips = recorder.iterate(step, state, e0, trips_limit, floor=limit)
     with recorder.section('verdict'):
-        # Met the stop, or had nothing to do.
-        return Solution(x, trips, where(e - limit, 0.0, 1.0))
+        # Met the stop, or had nothing to do; NaN is above nothing, not even minus one.
+        return Solution(x, trips, where(e - limit, 0.0, where(e + 1.0, 1.0, 0.0)))

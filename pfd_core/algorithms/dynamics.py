@@ -5,8 +5,11 @@ Whole programs: inverse dynamics, and forward dynamics by each method.
 
     H(q) qdd + C(q, qd) qd + G(q) = tau        Lee and Chang 1987, eqs (1), (2)
 
-    inverse_dynamics   tau from q, qd, qdd     NE1
-    pcrbm              qdd from q, qd, tau     H by PCRBM, bias by NE1, H qdd = tau - bias
+    inverse_dynamics   tau from q, qd, qdd, by NE1
+    walker_orin_1 .. 4, articulated_body       serial, as their authors have them
+    pcrbm, pcrbm_array, pcgm                   the paper's, on n lanes
+    pcrbm_base_origin, divide_and_conquer      beyond the paper, on n lanes
+    composite_body                             the serial method at its cheapest, for kernels
 
 The inputs are described in pfd_core.algorithms.equations.
 """
@@ -15,7 +18,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from pfd_core.algorithms.articulated_body import record_articulated_body
+from pfd_core.algorithms.base_origin import record_pcrbm_base_origin
 from pfd_core.algorithms.cholesky import solve
+from pfd_core.algorithms.composite_body import record_composite_body
+from pfd_core.algorithms.divide_and_conquer import record_divide_and_conquer
 from pfd_core.algorithms.equations import (
     armature,
     begin,
@@ -24,7 +31,15 @@ from pfd_core.algorithms.equations import (
     joint_input,
     torque,
 )
+from pfd_core.algorithms.pcgm import record_pcgm
 from pfd_core.algorithms.pcrbm import inertia_matrix
+from pfd_core.algorithms.triangular_array import record_pcrbm_array
+from pfd_core.algorithms.walker_orin import (
+    record_walker_orin_1,
+    record_walker_orin_2,
+    record_walker_orin_3,
+    record_walker_orin_4,
+)
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant
 
@@ -63,12 +78,41 @@ def record_terms(plant: Plant, schedule: str) -> Program:
     return finish(recorder, bias=bias)
 
 
-FORWARD: dict[str, Callable[[Plant, str], Program]] = {'pcrbm': record_pcrbm}
+FORWARD: dict[str, Callable[[Plant, str], Program]] = {
+    'walker_orin_1': record_walker_orin_1,
+    'walker_orin_2': record_walker_orin_2,
+    'walker_orin_3': record_walker_orin_3,
+    'walker_orin_4': record_walker_orin_4,
+    'articulated_body': record_articulated_body,
+    'pcrbm': record_pcrbm,
+    'pcrbm_array': record_pcrbm_array,
+    'pcgm': record_pcgm,
+    'pcrbm_base_origin': record_pcrbm_base_origin,
+    'divide_and_conquer': record_divide_and_conquer,
+    'composite_body': record_composite_body,
+}
 METHODS = tuple(FORWARD)
+# Methods for one processor; the others have a lane for each joint.
+SERIAL = (
+    'walker_orin_1',
+    'walker_orin_2',
+    'walker_orin_3',
+    'walker_orin_4',
+    'articulated_body',
+    'composite_body',
+)
+# Methods whose programs repeat a part, and say how often and whether it sufficed.
+ITERATIVE = ('walker_orin_4', 'pcgm')
 
 
 def record_forward_dynamics(plant: Plant, method: str, schedule: str) -> Program:
-    """Return the program of a method; its outputs are `qdd` and `pivots`, (n,)."""
+    """
+    Return the program of a method.
+
+    Its outputs are `qdd`, (n,), and what tells whether that is sound: `pivots`, (n,), of which
+    one at zero or below says that H was not positive definite, or, for an iterative method,
+    `trips` and `converged`, (1,).
+    """
     if method not in FORWARD:
         raise ValueError(f'method must be one of {METHODS}, got {method!r}')
     return FORWARD[method](plant, schedule)

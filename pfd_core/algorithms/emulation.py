@@ -9,15 +9,16 @@ it runs on mpmath numbers and gives the reference that errors are measured again
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.algorithms.dynamics import record_forward_dynamics
+from pfd_core.algorithms.triangular_array import SECTION, solve_cycles, solve_steps
 from pfd_core.machine.emulator import run
-from pfd_core.machine.program import Program, Steps
+from pfd_core.machine.program import Program, Steps, check_processors
 from pfd_core.model import Robot, Scene, resolve
 
 
@@ -35,9 +36,11 @@ class Run:
     utilisation : float
         Share of the processors' arithmetic steps that did useful work, 0 to 1.
     status : str
-        'ok', 'not_positive_definite' if a pivot of H was not above zero, or 'not_finite'.
+        'ok'; 'not_positive_definite' if a pivot of H was not above zero; 'not_converged' if an
+        iterative method ran into its limit; 'not_finite'.
     iterations, cycles : int or None
-        For iterative methods and for the array; None for the others.
+        Iterations of an iterative method (of a batch, the most), cycles of the array; None for
+        the others.
     program : Program
         What was run; `print(run.program)` shows it.
 
@@ -101,9 +104,36 @@ def emulate(
     if wrench is not None:
         given['wrench'] = wrench
     inputs = _checked(program, given, digits)
-    steps, utilisation = program.count(processors), program.utilisation(processors)
+    check_processors(processors, program.lanes)
     result = run(program, inputs, dtype, digits)
-    return Run(result['qdd'], steps, utilisation, _status(result), None, None, program)
+    trips = _trips(result)
+    return Run(
+        qdd=result['qdd'],
+        steps=steps_of(method, robot.n, program, processors, trips or 1),
+        utilisation=program.utilisation(processors, trips=trips or 1),
+        status=_status(result),
+        iterations=trips,
+        cycles=solve_cycles(robot.n) if method == 'pcrbm_array' else None,
+        program=program,
+    )
+
+
+def steps_of(
+    method: str, n: int, program: Program, processors: int | None = None, trips: int = 1
+) -> Steps:
+    """
+    Return the steps that a method's program takes on its machine.
+
+    The cells of the triangular array work side by side: there the steps of the solve are the
+    cycles in which some cell does an operation of a kind, not the operations of all cells.
+    """
+    steps = program.count(processors, trips=trips)
+    if method != 'pcrbm_array':
+        return steps
+    cells, side_by_side = program.count(processors, section=SECTION), solve_steps(n)
+    return Steps(
+        **{k: v - getattr(cells, k) + getattr(side_by_side, k) for k, v in asdict(steps).items()}
+    )
 
 
 def _checked(program: Program, given: dict[str, ArrayLike], digits: int | None) -> dict[str, Any]:
@@ -126,8 +156,21 @@ def _checked(program: Program, given: dict[str, ArrayLike], digits: int | None) 
     }
 
 
+def _trips(result: dict[str, Any]) -> int | None:
+    """Return the iterations of an iterative method: of a batch, the most that one took."""
+    if 'trips' not in result:
+        return None
+    return int(np.max(np.asarray(result['trips'], dtype=np.float64), initial=0))
+
+
 def _status(result: dict[str, Any]) -> str:
-    qdd = np.asarray(result['qdd'], dtype=np.float64)
-    if not (np.asarray(result['pivots'], dtype=np.float64) > 0).all():
+    def values(name: str) -> NDArray[np.float64]:
+        return np.asarray(result[name], dtype=np.float64)
+
+    if 'pivots' in result and not (values('pivots') > 0).all():
         return 'not_positive_definite'
-    return 'ok' if np.isfinite(qdd).all() else 'not_finite'
+    if not np.isfinite(values('qdd')).all():
+        return 'not_finite'
+    if 'converged' in result and not (values('converged') > 0).all():
+        return 'not_converged'
+    return 'ok'

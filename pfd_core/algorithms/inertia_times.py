@@ -26,9 +26,11 @@ Lane i holds the quantities of link i + 1, vectors in base axes.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 from pfd_core.algorithms.chain import Links, Pose
 from pfd_core.algorithms.newton_euler import rotational_part, summed, torques_of
+from pfd_core.machine.packing import prefix_sum, suffix_sum
 from pfd_core.machine.patterns import prefix
 from pfd_core.machine.recorder import Lanes, Recorder, merge, on
 from pfd_core.machine.vectors import array, cross, symmetric_times
@@ -45,19 +47,27 @@ class InertiaTimes:
         The links and where they are.
     armature : Lanes or None
         Inertia that each joint's rotor adds to the diagonal [kg m^2 or kg].
+    packed : bool
+        Whether the levels of the sums over links are packed onto full rows of lanes: fewer
+        additions (at n = 6 the sums take 24 instead of 36) for more routes.
 
     """
 
     chain: Links
     pose: Pose
     armature: Lanes | None
+    packed: bool
 
 
 def prepare(
-    recorder: Recorder, chain: Links, pose: Pose, armature: Lanes | None = None
+    recorder: Recorder,
+    chain: Links,
+    pose: Pose,
+    armature: Lanes | None = None,
+    packed: bool = False,
 ) -> InertiaTimes:
     """Return what `times` needs of links, their pose and the rotors' inertia."""
-    return InertiaTimes(chain, pose, armature)
+    return InertiaTimes(chain, pose, armature, packed)
 
 
 def times(prepared: InertiaTimes, u: Lanes) -> Lanes:
@@ -65,11 +75,13 @@ def times(prepared: InertiaTimes, u: Lanes) -> Lanes:
     chain, pose = prepared.chain, prepared.pose
     zero = array([u.recorder.constant(0.0)] * 3)
     zu = pose.z * u
-    wd = summed(prefix, rotational_part(chain, zu, zero))
+    from_base = prefix_sum if prepared.packed else partial(summed, prefix)
+    wd = from_base(rotational_part(chain, zu, zero))
     t = cross(wd, pose.p_star)
     if chain.translational:
         t = merge(t + on(zu, chain.translational), t)
-    a = summed(prefix, array(t))
+    a = from_base(array(t))
     F = chain.m * (a + cross(wd, pose.s))
-    product = torques_of(chain, pose, F, symmetric_times(pose.J, wd), None)
+    N = symmetric_times(pose.J, wd)
+    product = torques_of(chain, pose, F, N, None, suffix_sum if prepared.packed else None)
     return product if prepared.armature is None else product + prepared.armature * u

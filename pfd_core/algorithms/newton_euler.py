@@ -26,6 +26,7 @@ Lane i holds the quantities of link i + 1, vectors in base axes.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -114,14 +115,19 @@ def torques_of(
     F: LaneArray,
     N: LaneArray,
     wrench: tuple[LaneArray, LaneArray] | None,
+    from_tip: Callable[[LaneArray], LaneArray] | None = None,
 ) -> Lanes:
-    """Return the joint torques of forces F on the centres of mass and moments N."""
-    f = F if wrench is None else merge(F - wrench[0], F)
-    f = summed(suffix, f)
+    """
+    Return the joint torques of forces F on the centres of mass and moments N.
+
+    `from_tip` is another way to sum over the links from the tip, such as suffix_sum.
+    """
+    from_tip = from_tip or partial(summed, suffix)
+    f = from_tip(F if wrench is None else merge(F - wrench[0], F))
     n = cross(pose.s, F) + N + cross(pose.p_star, f)
     if wrench is not None:
         n = merge(n - wrench[1], n)
-    n = summed(suffix, n)
+    n = from_tip(n)
     if not chain.translational:
         return dot(pose.z, n)
     # One dot product on all lanes: each takes the vector that its joint feels.

@@ -1,0 +1,273 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The faster variants: Omega-matrix NE1, H about the base origin, H times a vector."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import ModuleType
+
+import numpy as np
+import pytest
+from test_algorithms_counts import arithmetic, chain, elimination, levels, rounds
+from test_algorithms_physics import ARMS, WRENCH, Oracle, chains, jacobi_condition, relative
+from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
+from zoo import Array, random_chain, random_state
+
+from pfd_core.algorithms import base_origin, inertia_times
+from pfd_core.algorithms.base_origin import inertia_matrix_base_origin, record_pcrbm_base_origin
+from pfd_core.algorithms.dynamics import record_inverse_dynamics, record_pcrbm
+from pfd_core.algorithms.equations import armature, begin, finish, joint_input, torque
+from pfd_core.algorithms.omega import bias_omega
+from pfd_core.algorithms.pcrbm import inertia_matrix
+from pfd_core.machine.emulator import run
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import SCHEDULES, Lanes
+from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
+
+SIZES = range(1, 33)
+PRODUCTS = pytest.mark.parametrize('product', [inertia_times, base_origin])
+
+# Diagonal elements of H about each joint's own point: a few roundings (seen 9e-16).
+OWN_POINT = 1e-14
+# The same about the base origin: as many times their rounding as the reach of the arm, squared,
+# exceeds that of the last links (seen up to 5e-13).
+LOST_AT_THE_WRIST = 1e-11
+
+
+def record_H(plant: Plant, schedule: str) -> Program:
+    recorder, links, at = begin(plant, schedule)
+    rows = inertia_matrix_base_origin(recorder, links, at, armature(recorder, plant))
+    n = recorder.lanes
+    elements = [(rows[min(i, j)], max(i, j)) for i in range(n) for j in range(n)]
+    recorder.output('H', (n, n), elements)
+    return recorder.program()
+
+
+def record_product(product: ModuleType, plant: Plant, schedule: str) -> Program:
+    """Return the program of H u, with sections for what is prepared and for the product."""
+    recorder, links, at = begin(plant, schedule)
+    u = joint_input(recorder, 'u')
+    prepared = product.prepare(recorder, links, at, armature(recorder, plant))
+    with recorder.section('H u'):
+        Hu = product.times(prepared, u)
+    return finish(recorder, Hu=Hu)
+
+
+def record_torque(plant: Plant, schedule: str, with_qdd: bool) -> Program:
+    recorder, links, at = begin(plant, schedule)
+    qd = joint_input(recorder, 'qd')
+    qdd = joint_input(recorder, 'qdd') if with_qdd else None
+    tau = torque(recorder, plant, links, at, qd, qdd, bias_omega)
+    return finish(recorder, tau=tau)
+
+
+def record_diagonal(robot: Robot, method: Callable[..., list[Lanes]]) -> Program:
+    recorder, links, at = begin(resolve(robot), 'parallel')
+    rows = method(recorder, links, at, None)
+    recorder.output('diagonal', (robot.n,), [(row, i) for i, row in enumerate(rows)])
+    return recorder.program()
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_h_about_the_base_origin_agrees_with_pinocchio(schedule: str) -> None:
+    for rng, robot in chains(24, seed=21):
+        q, _, _ = random_state(rng, robot.n)
+        for scene, rotors in ((Scene(), None), (Scene(armature='model'), robot.armature)):
+            H = run(record_H(resolve(robot, scene), schedule), {'q': q})['H']
+            assert relative(H, Oracle(robot, rotors).H(q)) < DYNAMICS, robot
+
+
+@PRODUCTS
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_h_times_a_vector_agrees_with_pinocchio(product: ModuleType, schedule: str) -> None:
+    for rng, robot in chains(24, seed=22):
+        q, _, u = random_state(rng, robot.n)
+        for scene, rotors in ((Scene(), None), (Scene(armature='model'), robot.armature)):
+            program = record_product(product, resolve(robot, scene), schedule)
+            H = Oracle(robot, rotors).H(q)
+            found = run(program, {'q': q, 'u': u})['Hu']
+            # A product is rounded as its terms are, however much they cancel.
+            assert np.abs(found - H @ u).max() < DYNAMICS * (np.abs(H) @ np.abs(u)).max(), robot
+
+
+@PRODUCTS
+def test_h_times_unit_vectors_is_h_on_thirty_two_joints(product: ModuleType) -> None:
+    rng = np.random.default_rng(23)
+    robot = random_chain(rng, 32)
+    q = random_state(rng, 32)[0]
+    program = record_product(product, resolve(robot), 'parallel')
+    columns = run(program, {'q': np.tile(q, (32, 1)), 'u': np.eye(32)})['Hu']
+    H = Oracle(robot).H(q)
+    assert relative(columns, H) < DYNAMICS
+    assert relative(run(record_H(resolve(robot), 'parallel'), {'q': q})['H'], H) < DYNAMICS
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_omega_torques_agree_with_pinocchio(schedule: str) -> None:
+    for rng, robot in chains(48, seed=24):
+        plant, oracle = resolve(robot, WRENCH), Oracle(robot)
+        q, qd, qdd = random_state(rng, robot.n)
+        inputs = {'q': q, 'qd': qd, 'qdd': qdd, 'wrench': rng.normal(size=6) * 10}
+        for with_qdd in (False, True):
+            found = run(record_torque(plant, schedule, with_qdd), inputs)['tau']
+            wanted = oracle.tau(q, qd, qdd * with_qdd, inputs['wrench'])
+            assert relative(found, wanted) < DYNAMICS, robot
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_the_pcrbm_of_fewest_steps_agrees_with_pinocchio(schedule: str) -> None:
+    for rng, robot in chains(24, seed=25):
+        plant, oracle = resolve(robot, WRENCH), Oracle(robot)
+        q, qd, qdd = random_state(rng, robot.n)
+        wrench = rng.normal(size=6) * 10
+        tau = oracle.tau(q, qd, qdd, wrench)
+        inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench}
+        found = run(record_pcrbm_base_origin(plant, schedule), inputs)['qdd']
+        wanted = oracle.qdd(q, qd, tau, wrench)
+        assert relative(found, wanted) < ACCELERATION * jacobi_condition(oracle.H(q)), robot
+
+
+def fifty_digits(program: Program, inputs: dict[str, Array]) -> Array:
+    found: Array = run(program, inputs, digits=50)['qdd']
+    return found
+
+
+def test_fifty_digits_of_the_variants_are_those_of_pcrbm() -> None:
+    scene = Scene(external_wrench=True, brakes=True, damping='model', armature='model')
+    for rng, robot in chains(6, seed=26):
+        plant = resolve(robot, scene)
+        q, qd, tau = random_state(rng, robot.n)
+        free = (rng.random(robot.n) > 0.3).astype(float)
+        inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6), 'free': free}
+        a, b = (
+            fifty_digits(record(plant, 'parallel'), inputs)
+            for record in (record_pcrbm_base_origin, record_pcrbm)
+        )
+        assert max(abs(a - b)) <= FIFTY_DIGITS * max(abs(b)), robot
+        assert not a[free == 0].any()
+
+
+@pytest.mark.parametrize('name', ARMS)
+def test_sums_about_the_base_origin_lose_digits_of_a_light_wrist(name: str) -> None:
+    robot = load_robot(name)
+    rng = np.random.default_rng(27)
+    q = np.array([random_state(rng, robot.n)[0] for _ in range(10)])
+    own = record_diagonal(robot, inertia_matrix)
+    exact = run(own, {'q': q}, digits=50)['diagonal'].astype(float)
+    far = record_diagonal(robot, inertia_matrix_base_origin)
+    errors = [abs(run(p, {'q': q})['diagonal'] / exact - 1).max() for p in (own, far)]
+    assert errors[0] < OWN_POINT
+    assert errors[1] < LOST_AT_THE_WRIST
+    assert errors[1] > 10 * errors[0] or name == 'planar2'
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_a_link_without_inertia_leaves_a_pivot_that_is_not_above_zero(schedule: str) -> None:
+    whole = chain(1)
+    robot = Robot(
+        'nothing',
+        whole.joint_names,
+        whole.joint_types,
+        whole.rotations,
+        whole.translations,
+        np.zeros(1),
+        whole.centers,
+        np.zeros((1, 3, 3)),
+    )
+    inputs = dict.fromkeys(('q', 'qd', 'tau'), np.ones(1))
+    result = run(record_pcrbm_base_origin(resolve(robot), schedule), inputs)
+    assert not result['pivots'][0] > 0
+
+
+def test_a_position_that_is_no_number_shows_in_every_pivot_it_reaches() -> None:
+    robot = chain(4)
+    q = np.array([0.1, np.nan, 0.2, 0.3])
+    result = run(
+        record_pcrbm_base_origin(resolve(robot), 'parallel'),
+        {'q': q, 'qd': np.ones(4), 'tau': np.ones(4)},
+    )
+    assert np.isnan(result['pivots']).any()
+    assert np.isnan(result['qdd']).any()
+
+
+@pytest.mark.parametrize('n', SIZES)
+def test_omega_takes_66_multiplications_and_15_levels_and_62_additions(n: int) -> None:
+    # newton_euler: 87 and 15 L + 65; the paper prints 84 and 15 L + 63.
+    steps = record_torque(resolve(chain(n)), 'parallel', False).count(section='omega')
+    single = n == 1
+    assert arithmetic(steps) == (66 - 6 * single, 15 * levels(n) + 62 - 3 * single, 0, 0)
+
+
+@pytest.mark.parametrize('n', SIZES[1:])
+def test_sliding_joints_and_a_wrench_add_to_omega_what_they_add_to_ne1(n: int) -> None:
+    slides, pushed = resolve(chain(n, prismatic=True)), resolve(chain(n), WRENCH)
+    for plant in (slides, pushed):
+        steps = record_torque(plant, 'parallel', False).count(section='omega')
+        assert arithmetic(steps) == (66, 15 * levels(n) + 68, 0, 0)
+
+
+@pytest.mark.parametrize('prismatic', [False, True])
+@pytest.mark.parametrize('n', SIZES)
+def test_h_about_the_base_origin_takes_half_a_row_for_each_joint(n: int, prismatic: bool) -> None:
+    program = record_H(resolve(chain(n, prismatic and n > 1)), 'parallel')
+    L, K = levels(n), n // 2 + 1
+    prepared, composite, elements = (
+        arithmetic(program.count(section=s))
+        for s in ('base origin', 'composite bodies', 'elements of H')
+    )
+    assert prepared == (15, 3 * L + 15, 0, 0)
+    assert composite == (24, 10 * L + 18, 0, 0)
+    assert elements == (6 * K, 5 * K, 0, 0)
+
+
+@pytest.mark.parametrize('n', SIZES)
+def test_h_times_a_vector_takes_42_or_36_multiplications(n: int) -> None:
+    # The paper prints 42 and 12 L + 26, which leaves out one sum of vectors.
+    plant = resolve(chain(n))
+    direct = record_product(inertia_times, plant, 'parallel').count(section='H u')
+    assert arithmetic(direct) == (42, 12 * levels(n) + 29, 0, 0)
+    spatial = record_product(base_origin, plant, 'parallel')
+    assert arithmetic(spatial.count(section='H u')) == (36, 12 * levels(n) + 23, 0, 0)
+    assert arithmetic(spatial.count(section='base origin')) == (15, 3 * levels(n) + 15, 0, 0)
+
+
+@pytest.mark.parametrize('n', SIZES[1:])
+def test_rotors_and_sliding_joints_add_to_a_product_what_is_written(n: int) -> None:
+    plain, rotors = resolve(chain(n)), resolve(chain(n), Scene(armature='model'))
+    slides = resolve(chain(n, prismatic=True))
+    for product in (inertia_times, base_origin):
+        bare, more, sliding = (
+            arithmetic(record_product(product, plant, 'parallel').count(section='H u'))
+            for plant in (plain, rotors, slides)
+        )
+        assert more == (bare[0] + 1, bare[1] + 1, 0, 0)
+        assert sliding == (bare[0], bare[1] + 3 * (product is inertia_times), 0, 0)
+
+
+@pytest.mark.parametrize('n', SIZES[1:])
+def test_ne_as_a_whole_is_pose_and_ne1(n: int) -> None:
+    # Joint rotations, orientations, link vectors and inertias in base axes, then NE1 with qdd.
+    steps = record_inverse_dynamics(resolve(chain(n)), 'parallel').count()
+    L, products = levels(n), rounds(n)
+    assert arithmetic(steps) == (3 * products + 165, 2 * products + 15 * L + 116, 0, 0)
+    assert steps.sines == 2
+
+
+@pytest.mark.parametrize('n', SIZES[1:])
+def test_the_pcrbm_of_fewest_steps_is_the_sum_of_its_parts(n: int) -> None:
+    steps = record_pcrbm_base_origin(resolve(chain(n)), 'parallel').count()
+    L, K, e, products = levels(n), n // 2 + 1, elimination(n), rounds(n)
+    assert arithmetic(steps) == (
+        3 * products + 75 + 66 + 6 * K + 39 + e + n - 1,
+        2 * products + 48 + 15 * L + 63 + 13 * L + 5 * K + 33 + e + n - 1,
+        n,
+        0,
+    )
+
+
+def test_six_joints_take_fewer_steps_than_the_paper_prints() -> None:
+    steps = record_pcrbm_base_origin(resolve(chain(6)), 'parallel').count()
+    assert steps.multiplications < 334
+    assert steps.additions < 328
+    assert steps.square_roots == 0

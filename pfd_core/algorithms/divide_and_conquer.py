@@ -35,10 +35,9 @@ number known from the model; where it is zero or next to it the joint gets a rot
 back at the end (pfd_core.algorithms.lent_rotors), at the cost of one more column in every vector.
 
 Parallel cost without such joints, beside pose and bias, L = ceil(log2 n): 135 multiplications and
-53 additions for single links, 1276 L - 1026 and 1114 L - 882 for joining (L > 1; 358 and 306 for
+53 additions for single links, 1276 L - 1026 and 1114 L - 882 for joining (L > 1; 358 and 322 for
 L = 1), 72 (L - 1) each for parting, 13 and 12 for the accelerations; 6 L + 1 divisions. PCRBM with
-its 1/6 n^2 takes fewer multiplications up to some 230
-joints.
+its n^2/6 takes fewer multiplications up to some 230 joints.
 
 Lane i holds joint and link i + 1; of a piece, its first lane holds N, nu and A, its last C, beta.
 """

@@ -1,0 +1,285 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Divide and conquer: right for any chain, massless links too, in steps that grow as log2 n."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import islice
+
+import numpy as np
+import pytest
+from test_algorithms_counts import arithmetic, chain, levels
+from test_algorithms_physics import ARMS, WRENCH, Oracle, chains, jacobi_condition, relative
+from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
+from zoo import Array, random_chain, random_state
+
+from pfd_core.algorithms.divide_and_conquer import record_divide_and_conquer
+from pfd_core.algorithms.dynamics import record_inverse_dynamics, record_pcrbm
+from pfd_core.algorithms.lent_rotors import lent_rotors
+from pfd_core.algorithms.pivoting import solve_pivoted
+from pfd_core.kernels.lower import lower
+from pfd_core.machine.emulator import run
+from pfd_core.machine.recorder import SCHEDULES, Recorder
+from pfd_core.machine.vectors import array
+from pfd_core.model import Robot, Scene, load_robot, resolve
+
+SIZES = range(1, 33)
+MASSLESS = ((4, (1,)), (5, (1, 2)), (6, (0, 2, 4)), (8, (1, 2, 5, 6)))
+
+# A power of two times the inertia, added and taken back, leaves its own rounding in the pivots.
+LENT = 1e-13
+
+
+def without_mass(robot: Robot, links: tuple[int, ...]) -> Robot:
+    """Return the robot with the mass and the inertia of some links taken away."""
+    masses, inertias = robot.masses.copy(), robot.inertias.copy()
+    masses[list(links)] = 0.0
+    inertias[list(links)] = 0.0
+    return replace(robot, masses=masses, inertias=inertias)
+
+
+def solution(oracle: Oracle, q: Array, qd: Array, tau: Array) -> Array:
+    """Return qdd by NumPy from Pinocchio's H and bias."""
+    return np.linalg.solve(oracle.H(q), tau - oracle.tau(q, qd, 0 * q))
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_random_chains_agree_with_pinocchio(schedule: str) -> None:
+    # Every chain on n lanes, and every fifth, of another length and kind, as a serial program.
+    for rng, robot in islice(chains(48, seed=31), 0, None, 1 if schedule == 'parallel' else 5):
+        plant, oracle = resolve(robot, WRENCH), Oracle(robot)
+        q, qd, qdd = random_state(rng, robot.n)
+        wrench = rng.normal(size=6) * 10
+        tau = oracle.tau(q, qd, qdd, wrench)
+        inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench}
+        found = run(record_divide_and_conquer(plant, schedule), inputs)
+        wanted = oracle.qdd(q, qd, tau, wrench)
+        tolerance = ACCELERATION * jacobi_condition(oracle.H(q))
+        assert relative(found['qdd'], wanted) < tolerance, robot
+        assert (found['pivots'] > 0).all()
+
+
+@pytest.mark.parametrize('n', [16, 27, 32])
+def test_long_chains_agree_with_pinocchio(n: int) -> None:
+    rng = np.random.default_rng(n)
+    robot = random_chain(rng, n, 0.2)
+    oracle = Oracle(robot)
+    q, qd, qdd = random_state(rng, n)
+    inputs = {'q': q, 'qd': qd, 'tau': oracle.tau(q, qd, qdd)}
+    found = run(record_divide_and_conquer(resolve(robot), 'parallel'), inputs)['qdd']
+    wanted = oracle.qdd(q, qd, inputs['tau'])
+    assert relative(found, wanted) < ACCELERATION * jacobi_condition(oracle.H(q))
+
+
+@pytest.mark.parametrize('name', ARMS)
+def test_the_arms_agree_with_pinocchio_with_and_without_rotors(name: str) -> None:
+    # The first link of the PUMA has no mass, as Armstrong measured it.
+    robot = load_robot(name)
+    rng = np.random.default_rng(32)
+    rows = [random_state(rng, robot.n) for _ in range(10)]
+    states = [np.array([row[k] for row in rows]) for k in range(3)]
+    for scene, rotors in ((Scene(), None), (Scene(armature='model'), robot.armature)):
+        oracle = Oracle(robot, rotors)
+        inputs = dict(zip(('q', 'qd', 'tau'), states, strict=True))
+        found = run(record_divide_and_conquer(resolve(robot, scene), 'parallel'), inputs)['qdd']
+        for x, q, qd, tau in zip(found, *states, strict=True):
+            H = oracle.H(q)
+            assert relative(x, oracle.qdd(q, qd, tau)) < ACCELERATION * jacobi_condition(H)
+
+
+def test_fifty_digits_are_those_of_pcrbm_with_everything_on() -> None:
+    scene = Scene(external_wrench=True, brakes=True, damping='model', armature='model')
+    for rng, robot in chains(7, seed=33):
+        plant = resolve(robot, scene)
+        q, qd, tau = random_state(rng, robot.n)
+        free = (rng.random(robot.n) > 0.3).astype(float)
+        inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6), 'free': free}
+        a, b = (
+            run(record(plant, 'parallel'), inputs, digits=50)['qdd']
+            for record in (record_divide_and_conquer, record_pcrbm)
+        )
+        assert max(abs(a - b)) <= FIFTY_DIGITS * max(abs(b)), robot
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_held_joints_do_not_accelerate_and_weld_their_links(schedule: str) -> None:
+    for rng, robot in chains(12, seed=34):
+        q, qd, tau = random_state(rng, robot.n)
+        held = rng.random(robot.n) < 0.4
+        inputs = {'q': q, 'qd': qd, 'tau': tau, 'free': 1.0 - held}
+        plant = resolve(robot, Scene(brakes=True))
+        found = run(record_divide_and_conquer(plant, schedule), inputs)['qdd']
+        np.testing.assert_array_equal(found[held], 0.0)
+        free, oracle = ~held, Oracle(robot)
+        if free.any():
+            H = oracle.H(q)[np.ix_(free, free)]
+            wanted = np.linalg.solve(H, (tau - oracle.tau(q, qd, 0 * q))[free])
+            assert relative(found[free], wanted) < ACCELERATION * jacobi_condition(H)
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize(('n', 'links'), MASSLESS)
+def test_massless_links_are_carried_by_those_beyond_them(
+    n: int, links: tuple[int, ...], schedule: str
+) -> None:
+    rng = np.random.default_rng(n)
+    for types in (['revolute'] * n, (['prismatic', 'revolute'] * n)[:n]):
+        robot = without_mass(random_chain(rng, n, joint_types=types), links)
+        plant, oracle = resolve(robot), Oracle(robot)
+        assert tuple(np.flatnonzero(lent_rotors(plant))) == links
+        q, qd, tau = random_state(rng, n)
+        inputs = {'q': q, 'qd': qd, 'tau': tau}
+        found = run(record_divide_and_conquer(plant, schedule), inputs)
+        tolerance = ACCELERATION * jacobi_condition(oracle.H(q))
+        assert relative(found['qdd'], solution(oracle, q, qd, tau)) < tolerance
+        assert (found['pivots'] > 0).all()
+
+
+def test_lent_rotors_are_taken_back_to_fifty_digits() -> None:
+    rng = np.random.default_rng(35)
+    robot = without_mass(random_chain(rng, 5, 0.3), (1, 2))
+    scene = Scene(brakes=True)
+    q, qd, tau = random_state(rng, 5)
+    for free in (np.ones(5), np.array([1.0, 0.0, 1.0, 1.0, 1.0])):
+        inputs = {'q': q, 'qd': qd, 'tau': tau, 'free': free}
+        a, b = (
+            run(record(resolve(robot, scene), 'parallel'), inputs, digits=50)['qdd']
+            for record in (record_divide_and_conquer, record_pcrbm)
+        )
+        assert max(abs(a - b)) <= FIFTY_DIGITS * max(abs(b))
+        np.testing.assert_array_equal(a[free == 0].astype(float), 0.0)
+
+
+def test_links_a_millionth_of_what_they_carry_are_lent_rotors_and_keep_their_digits() -> None:
+    rng = np.random.default_rng(36)
+    whole = random_chain(rng, 6, 0.0)
+    light = np.where(np.arange(6) < 5, 1e-7, 1.0)
+    robot = replace(
+        whole, masses=whole.masses * light, inertias=whole.inertias * light[:, None, None]
+    )
+    assert lent_rotors(resolve(robot)).any()
+    q, qd, tau = random_state(rng, 6)
+    inputs = {'q': q, 'qd': qd, 'tau': tau}
+    exact = run(record_pcrbm(resolve(robot), 'parallel'), inputs, digits=50)['qdd']
+    found = run(record_divide_and_conquer(resolve(robot), 'parallel'), inputs)['qdd']
+    tolerance = ACCELERATION * jacobi_condition(Oracle(robot).H(q))
+    assert relative(found, exact.astype(float)) < tolerance
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('n', [1, 2, 3, 6])
+def test_a_chain_that_ends_in_nothing_has_a_pivot_at_zero(n: int, schedule: str) -> None:
+    robot = without_mass(chain(n), (n - 1,))
+    rng = np.random.default_rng(n)
+    inputs = dict(zip(('q', 'qd', 'tau'), random_state(rng, n), strict=True))
+    pivots = run(record_divide_and_conquer(resolve(robot), schedule), inputs)['pivots']
+    assert abs(pivots[-1]) < LENT * lent_rotors(resolve(robot))[-1]
+    rotor = resolve(robot, Scene(armature=[0.1] * n))
+    assert (run(record_divide_and_conquer(rotor, schedule), inputs)['pivots'] > 0).all()
+
+
+@pytest.mark.parametrize('name', ['q', 'qd', 'tau'])
+def test_what_is_no_number_is_never_hidden(name: str) -> None:
+    robot = chain(5)
+    rng = np.random.default_rng(37)
+    inputs = dict(zip(('q', 'qd', 'tau'), random_state(rng, 5), strict=True))
+    inputs[name][2] = np.nan
+    for schedule in SCHEDULES:
+        found = run(record_divide_and_conquer(resolve(robot), schedule), inputs)
+        assert np.isnan(found['qdd']).all()
+
+
+def test_torque_is_recovered_from_the_accelerations_it_causes() -> None:
+    rng = np.random.default_rng(38)
+    robot = random_chain(rng, 7)
+    q, qd, tau = random_state(rng, 7)
+    qdd = run(
+        record_divide_and_conquer(resolve(robot), 'parallel'), {'q': q, 'qd': qd, 'tau': tau}
+    )['qdd']
+    found = run(
+        record_inverse_dynamics(resolve(robot), 'parallel'), {'q': q, 'qd': qd, 'qdd': qdd}
+    )['tau']
+    H = Oracle(robot).H(q)
+    # A residual is as large as the rounding of H qdd, not of tau.
+    scale = np.abs(H) @ np.abs(qdd) + np.abs(tau)
+    assert np.all(np.abs(found - tau) < ACCELERATION * scale * jacobi_condition(H))
+
+
+def test_the_lowered_program_says_the_same() -> None:
+    # Folding drops zeros and shares expressions; nothing is reassociated.
+    robot = without_mass(random_chain(np.random.default_rng(39), 3), (1,))
+    program = record_divide_and_conquer(resolve(robot), 'sequential')
+    inputs = dict(zip(('q', 'qd', 'tau'), random_state(np.random.default_rng(40), 3), strict=True))
+    short = lower(program, 'float64', ['qdd'])
+    assert len(short.instructions) < len(program.instructions)
+    # Sine and cosine are written out, and differ from NumPy's in the last bit.
+    tolerance = DYNAMICS * jacobi_condition(Oracle(robot).H(inputs['q']))
+    assert relative(run(short, inputs)['qdd'], run(program, inputs)['qdd']) < tolerance
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('m', [1, 2, 6])
+def test_elimination_with_exchanges_solves_what_has_no_leading_element(
+    m: int, schedule: str
+) -> None:
+    # Cyclic shifts, each lane another, times a number: every column needs an exchange.
+    recorder = Recorder(3, schedule)
+    rng = np.random.default_rng(m)
+    T = np.array([np.roll(np.eye(m), lane, axis=0) * (lane + 2.0) for lane in range(3)])
+    B = rng.normal(size=(3, m, 2))
+    X = solve_pivoted(
+        array([[recorder.constant(T[:, i, j]) for j in range(m)] for i in range(m)]),
+        array([[recorder.constant(B[:, i, j]) for j in range(2)] for i in range(m)]),
+    )
+    recorder.input('unused', [0, 0, 0])
+    elements = [(X[i, j], lane) for lane in range(3) for i in range(m) for j in range(2)]
+    recorder.output('X', (3, m, 2), elements)
+    found = run(recorder.program(), {'unused': np.zeros(1)})['X']
+    np.testing.assert_allclose(found, np.linalg.solve(T, B), rtol=DYNAMICS, atol=0)
+
+
+@pytest.mark.parametrize('m', range(1, 8))
+def test_elimination_with_exchanges_takes_what_is_written(m: int) -> None:
+    recorder = Recorder(2)
+    entry = recorder.input('a', [0, 1])
+    solve_pivoted(array([[entry] * m] * m), array([[entry] * 3] * m))
+    own = m * (m * m - 1) // 3
+    steps = recorder.program().count()
+    assert arithmetic(steps) == (own + 3 * m * m, own + 3 * m * (m - 1), m, 0)
+
+
+@pytest.mark.parametrize('n', SIZES)
+def test_steps_grow_as_the_logarithm_of_the_joints(n: int) -> None:
+    program = record_divide_and_conquer(resolve(chain(n)), 'parallel')
+    L = levels(n)
+    single, joining, parting, last = (
+        arithmetic(program.count(section=s))
+        for s in ('single links', 'joining', 'parting', 'accelerations')
+    )
+    assert single == (135, 53, 1, 0)
+    assert joining == {0: (0, 0, 0, 0), 1: (358, 322, 6, 0)}.get(
+        L, (1276 * L - 1026, 1114 * L - 882, 6 * L, 0)
+    )
+    assert parting == (72 * max(L - 1, 0), 72 * max(L - 1, 0), 0, 0)
+    assert last == (13, 12, 0, 0)
+
+
+def test_twice_the_joints_take_one_level_more() -> None:
+    # The joining alone, whose levels depend on n by their number only.
+    counts = []
+    for n in (31, 32, 33, 64):
+        program = record_divide_and_conquer(resolve(chain(n)), 'parallel')
+        counts.append(program.count(section='joining').multiplications)
+    assert counts[0] == counts[1] == counts[2] - 1276 == counts[3] - 1276
+
+
+def test_a_massless_link_costs_one_column_more() -> None:
+    plain = record_divide_and_conquer(resolve(chain(8)), 'parallel')
+    light = record_divide_and_conquer(resolve(without_mass(chain(8), (3,))), 'parallel')
+    more = [
+        light.count(section=s).multiplications - plain.count(section=s).multiplications
+        for s in ('single links', 'joining', 'parting', 'accelerations')
+    ]
+    # Right-hand sides of the elimination 36, P r and B g 36 each; the last level has no B g.
+    assert more == [12, 3 * 72 + 2 * 36, 2 * 72, 13]

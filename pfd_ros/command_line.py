@@ -10,6 +10,7 @@ import importlib.util
 from pathlib import Path
 import sys
 
+REPORTS = {'counts': 'counts: steps of every method beside what the paper claims'}
 NO_ROS = (
     'this needs ROS 2 (rclpy), which this Python does not have; '
     "install it with: pip install 'pfd_ros[ros]'"
@@ -37,6 +38,12 @@ def _parser() -> argparse.ArgumentParser:
         '--verify', action='store_true', help='simulate it again; fail at the first differing bit'
     )
     replay.set_defaults(run=_replay)
+    report = commands.add_parser('report', help='tables and plots, measured here and now')
+    report.add_argument('what', choices=REPORTS, help='; '.join(REPORTS.values()))
+    report.add_argument(
+        '--out', type=Path, help='folder for the pages; default ./pfd_report', metavar='DIR'
+    )
+    report.set_defaults(run=_report)
     robots = commands.add_parser('robots', help='the robots it knows')
     robots.set_defaults(run=_robots)
     return parser
@@ -88,6 +95,14 @@ def _replay(chosen: argparse.Namespace) -> int:
     from pfd_ros import replay_text
 
     return replay_text.run(chosen.log, verify=chosen.verify)
+
+
+def _report(chosen: argparse.Namespace) -> int:
+    from pfd_core.report import counts_pages
+
+    pages = counts_pages.run(chosen.out or Path('pfd_report'))
+    print('\n'.join(str(page) for page in pages))
+    return 0
 
 
 def _robots(chosen: argparse.Namespace) -> int:

@@ -141,8 +141,8 @@ def test_pcrbm_as_a_whole_is_the_sum_of_its_parts(n: int) -> None:
     steps = record_pcrbm(resolve(chain(n)), 'parallel').count()
     L, s, h = levels(n), elimination(n), math.ceil((n - 1) / 2)
     assert arithmetic(steps) == (
-        4 * L + 3 * rounds(n) + s + 9 * h + n + 203,
-        25 * L + 2 * rounds(n) + s + 5 * h + 4 * n + 145,
+        4 * L + 3 * rounds(n) + s + 9 * h + n + 182,
+        25 * L + 2 * rounds(n) + s + 5 * h + 4 * n + 142,
         n + 2,
         0,
     )

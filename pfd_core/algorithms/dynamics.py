@@ -31,6 +31,7 @@ from pfd_core.algorithms.equations import (
     joint_input,
     torque,
 )
+from pfd_core.algorithms.omega import bias_omega
 from pfd_core.algorithms.pcgm import record_pcgm
 from pfd_core.algorithms.pcrbm import inertia_matrix
 from pfd_core.algorithms.triangular_array import record_pcrbm_array
@@ -55,10 +56,14 @@ def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
 
 
 def record_pcrbm(plant: Plant, schedule: str) -> Program:
-    """Return the program of qdd, (n,), from q, qd and tau; its pivots show whether H was sound."""
+    """
+    Return the program of qdd, (n,), from q, qd and tau; its pivots show whether H was sound.
+
+    The bias comes from the form of NE1 with fewest steps.
+    """
     recorder, chain, at = begin(plant, schedule)
     qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
-    y = tau - torque(recorder, plant, chain, at, qd, None)
+    y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
     rows = inertia_matrix(recorder, chain, at, armature(recorder, plant))
     if plant.brakes:
         rows, y = held_joints(recorder, rows, y)

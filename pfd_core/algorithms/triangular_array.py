@@ -42,6 +42,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pfd_core.algorithms.equations import armature, begin, held_joints, joint_input, torque
+from pfd_core.algorithms.omega import bias_omega
 from pfd_core.algorithms.pcrbm import inertia_matrix
 from pfd_core.machine.patterns import gather
 from pfd_core.machine.program import Program, Steps
@@ -233,7 +234,7 @@ def record_pcrbm_array(plant: Plant, schedule: str) -> Program:
     """
     recorder, chain, at = begin(plant, schedule)
     qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
-    y = tau - torque(recorder, plant, chain, at, qd, None)
+    y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
     rows = inertia_matrix(recorder, chain, at, armature(recorder, plant))
     if plant.brakes:
         rows, y = held_joints(recorder, rows, y)

@@ -7,8 +7,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 import json
 from pathlib import Path
+import sys
 
-from pfd_core.report.counts import KINDS, PRINTED_AT, Cell, Row, as_data
+from pfd_core.report.array_activity import solve_picture
+from pfd_core.report.counts import KINDS, PRINTED_AT, SIZES, Cell, Row, as_data, measure
 
 COMMAND = 'pfd report counts'
 INTRODUCTION = f"""# Step counts of every system
@@ -97,14 +99,30 @@ def _number(value: float | None) -> str:
     return f'{value:.0f}' if value == int(value) else f'{value:.1f}'
 
 
+def run(folder: Path) -> list[Path]:
+    """Measure every method, telling on the way, and write the report into a folder."""
+    rows = []
+    for n in SIZES:
+        if sys.stderr.isatty():
+            print(f'counting at n = {n} of {max(SIZES)}', file=sys.stderr)
+        rows += measure([n])
+    return write(rows, folder)
+
+
 def write(rows: Sequence[Row], folder: Path) -> list[Path]:
-    """Write counts.md, counts.json and, where matplotlib is installed, counts.png."""
+    """
+    Write counts.md, counts.json, the activity of the array, array.svg, and a plot, counts.png.
+
+    The plot is left out where matplotlib (extra `report`) is not installed.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     page, data = folder / 'counts.md', folder / 'counts.json'
     page.write_text(markdown(rows), encoding='utf-8')
     data.write_text(json.dumps(as_data(rows), indent=1) + '\n', encoding='utf-8')
+    activity = folder / 'array.svg'
+    activity.write_text(solve_picture(PRINTED_AT), encoding='utf-8')
     picture = folder / 'counts.png'
-    return [page, data, *([picture] if plot(rows, picture) else [])]
+    return [page, data, activity, *([picture] if plot(rows, picture) else [])]
 
 
 def plot(rows: Sequence[Row], path: Path) -> bool:
@@ -120,7 +138,7 @@ def plot(rows: Sequence[Row], path: Path) -> bool:
         for k, system in enumerate(dict.fromkeys(row.system for row in rows)):
             own = [row for row in rows if row.system == system]
             n = [row.n for row in own]
-            color = f'C{k % 10}'
+            color = f'C{k}' if k < 10 else 'black'
             axes.loglog(
                 n,
                 [row.cells[kind].measured for row in own],
@@ -136,6 +154,9 @@ def plot(rows: Sequence[Row], path: Path) -> bool:
                     linestyle='--',
                     lw=0.8,
                 )
+        ticks = [2**k for k in range(1, 7)]
+        axes.set_xticks(ticks, [str(tick) for tick in ticks])
+        axes.minorticks_off()
         axes.set_xlabel('joints n')
         axes.set_title(f'{kind}: measured, and claimed in 1987 (dashed)')
         axes.grid(which='both', alpha=0.25)

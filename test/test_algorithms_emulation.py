@@ -1,0 +1,121 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`emulate` and the kernels by every method: one answer, the same bits, a status for trouble."""
+
+from __future__ import annotations
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from tolerances import ACCELERATION
+from zoo import random_chain, random_state, to_pinocchio
+
+import pfd_core as pfd
+from pfd_core.algorithms.dynamics import ITERATIVE, SERIAL
+from pfd_core.machine.emulator import run
+
+STRUCTURE = ['revolute', 'prismatic', 'revolute', 'continuous', 'revolute']
+
+
+@pytest.mark.parametrize('method', pfd.METHODS)
+def test_every_method_gives_pinocchios_accelerations(method: str) -> None:
+    rng = np.random.default_rng(1)
+    for robot in (random_chain(rng, 5, joint_types=STRUCTURE), pfd.load_robot('panda')):
+        n = robot.n
+        q, qd, tau = random_state(rng, n)
+        wrench = rng.normal(size=6)
+        model = to_pinocchio(robot)
+        data = model.createData()
+        forces = pin.StdVec_Force([pin.Force.Zero() for _ in range(n + 1)])
+        forces[n] = model.frames[model.nframes - 1].placement.act(pin.Force(wrench))
+        wanted = pin.aba(model, data, q, qd, tau, forces)
+        H = pin.crba(model, data, q)
+        condition = np.linalg.cond(np.triu(H) + np.triu(H, 1).T)
+        tolerance = ACCELERATION * condition * np.abs(wanted).max()
+        result = pfd.emulate(robot, q, qd, tau, method=method, wrench=wrench)
+        assert np.abs(result.qdd - wanted).max() < tolerance
+        assert result.status == 'ok'
+        assert (result.iterations is not None) == (method in ITERATIVE)
+        assert result.cycles == (5 * n - 2 if method == 'pcrbm_array' else None)
+        assert result.program.lanes == (1 if method in SERIAL else n)
+        assert 0 < result.utilisation <= 1
+        found = pfd.forward_dynamics(robot, q, qd, tau, method=method, wrench=wrench)
+        assert np.abs(found - wanted).max() < tolerance
+
+
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('method', pfd.METHODS)
+def test_kernels_of_every_method_give_the_emulators_bits(method: str, dtype: str) -> None:
+    rng = np.random.default_rng(2)
+    robot = random_chain(rng, 3, joint_types=STRUCTURE[:3])
+    scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
+    kernel = pfd.compile_kernel(robot, method=method, scene=scene, dtype=dtype)
+    q, qd, tau = (np.array(x, dtype) for x in rng.normal(size=(3, 9, 3)))
+    wrench = rng.normal(size=(9, 6)).astype(dtype)
+    brakes = rng.random((9, 3)) < 0.3
+    inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': 1.0 - brakes}
+    emulated = run(kernel.program, inputs, dtype)['qdd']
+    np.testing.assert_array_equal(kernel(q, qd, tau, wrench, brakes=brakes), emulated)
+    assert np.isfinite(emulated).all()
+
+
+@pytest.mark.parametrize('method', pfd.METHODS)
+def test_an_arm_without_inertia_is_a_status(method: str) -> None:
+    whole = random_chain(np.random.default_rng(3), 2, 0.0)
+    robot = pfd.Robot(
+        'massless',
+        whole.joint_names,
+        whole.joint_types,
+        whole.rotations,
+        whole.translations,
+        np.zeros(2),
+        whole.centers,
+        np.zeros((2, 3, 3)),
+    )
+    result = pfd.emulate(robot, [0.1, 0.2], [0.3, 0.4], [1.0, 2.0], method=method)
+    assert result.status in ('not_positive_definite', 'not_converged', 'not_finite')
+
+
+def test_a_batch_is_emulated_at_once() -> None:
+    robot = pfd.load_robot('planar2')
+    q = np.random.default_rng(4).normal(size=(2, 3, 2))
+    together = pfd.emulate(robot, q, 0 * q, 0 * q, method='pcgm')
+    assert together.qdd.shape == (2, 3, 2)
+    for index in np.ndindex(2, 3):
+        alone = pfd.emulate(robot, q[index], [0, 0], [0, 0], method='pcgm')
+        np.testing.assert_array_equal(together.qdd[index], alone.qdd)
+        assert alone.iterations <= together.iterations
+
+
+def test_fewer_processors_take_more_steps() -> None:
+    robot = pfd.load_robot('ur5')
+    state = np.zeros((3, 6))
+    counts = [pfd.emulate(robot, *state, processors=p).steps.additions for p in (1, 2, 3, 6, 9)]
+    assert counts[0] > counts[1] > counts[2] > counts[3] == counts[4]
+
+
+def test_fifty_digits_of_two_methods_agree() -> None:
+    # Base axes and the array: no rounding of a twist's sine between them.
+    robot = pfd.load_robot('puma560')
+    state = np.random.default_rng(5).normal(size=(3, 6))
+    a, b = (pfd.emulate(robot, *state, method=m, digits=50).qdd for m in ('pcrbm', 'pcrbm_array'))
+    scale = max(abs(x) for x in a)
+    assert max(abs(x - y) for x, y in zip(a, b, strict=True)) < 1e-45 * scale
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'method': 'aba'}, "method must be one of .* got 'aba'"),
+        ({'processors': 0}, 'processors must be at least 1, got 0'),
+        ({'q': np.zeros(3)}, r'q must have shape \(..., 2\), got \(3,\)'),
+        ({'tau': [np.nan, 0.0]}, 'tau must be finite'),
+        ({'wrench': np.zeros(5)}, r'wrench must have shape \(..., 6\), got \(5,\)'),
+        ({'dtype': 'float16'}, "'float64' or 'float32', got 'float16'"),
+        ({'scene': pfd.Scene(external_wrench=True)}, 'the call needs wrench='),
+    ],
+)
+def test_bad_arguments_are_named(options, message: str) -> None:  # type: ignore[no-untyped-def]
+    given = {'q': np.zeros(2), 'qd': np.zeros(2), 'tau': np.zeros(2), **options}
+    with pytest.raises(ValueError, match=message):
+        pfd.emulate(pfd.load_robot('planar2'), **given)

@@ -1,0 +1,170 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""PCGM: its answers, its start, stop, guard and scaling, and its counts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from test_algorithms_physics import Oracle, chains, jacobi_condition, relative
+from tolerances import ACCELERATION
+from zoo import random_chain, random_state
+
+from pfd_core.algorithms.conjugate_gradient import default_limit
+from pfd_core.algorithms.pcgm import record_pcgm
+from pfd_core.machine.emulator import run
+from pfd_core.machine.recorder import SCHEDULES
+from pfd_core.model import Robot, Scene, resolve
+
+SIZES = range(2, 33)
+
+
+def revolute(n: int) -> Robot:
+    return random_chain(np.random.default_rng(n), n, 0.0)
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.parametrize('jacobi', [False, True])
+def test_random_chains_agree_with_pinocchio(schedule: str, jacobi: bool) -> None:
+    for rng, robot in chains(48, seed=21):
+        plant = resolve(robot, Scene(external_wrench=True))
+        q, qd, tau = random_state(rng, robot.n)
+        wrench = rng.normal(size=6) * 10
+        program = record_pcgm(plant, schedule, jacobi=jacobi)
+        found = run(program, {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench})
+        oracle = Oracle(robot)
+        H = oracle.H(q)
+        # The stop is on the residual: the plain condition number brings it to the solution.
+        tolerance = ACCELERATION * max(jacobi_condition(H), float(np.linalg.cond(H)))
+        assert relative(found['qdd'], oracle.qdd(q, qd, tau, wrench)) < tolerance
+        assert found['converged'] == 1
+        assert 1 <= found['trips'] <= default_limit(robot.n)
+
+
+@pytest.mark.parametrize('n', [20, 32])
+def test_long_chains_need_more_than_n_trips_and_agree(n: int) -> None:
+    robot = revolute(n)
+    q, qd, tau = random_state(np.random.default_rng(1), n)
+    found = run(record_pcgm(resolve(robot), 'parallel'), {'q': q, 'qd': qd, 'tau': tau})
+    oracle = Oracle(robot)
+    tolerance = ACCELERATION * float(np.linalg.cond(oracle.H(q)))
+    assert relative(found['qdd'], oracle.qdd(q, qd, tau)) < tolerance
+    assert found['trips'] > n
+
+
+def test_fifty_digits_need_no_more_than_n_trips() -> None:
+    # Orthogonality is lost to rounding, not by the method: section 3 of the paper is right there.
+    for n in (1, 2, 4, 6):
+        robot = revolute(n)
+        q, qd, tau = random_state(np.random.default_rng(2), n)
+        program = record_pcgm(resolve(robot), 'parallel', tolerance=1e-20)
+        found = run(program, {'q': q, 'qd': qd, 'tau': tau}, digits=60)
+        assert found['trips'] <= n
+        oracle = Oracle(robot)
+        wanted = oracle.qdd(q, qd, tau)
+        tolerance = ACCELERATION * jacobi_condition(oracle.H(q))
+        assert relative(np.array(found['qdd'], dtype=float), wanted) < tolerance
+
+
+@pytest.mark.parametrize('schedule', SCHEDULES)
+def test_a_start_other_than_zero_leads_to_the_same_answer(schedule: str) -> None:
+    # As printed, with w_0 = y, the iteration ends at the answer plus the start.
+    robot = revolute(5)
+    rng = np.random.default_rng(3)
+    q, qd, tau = random_state(rng, 5)
+    inputs = {'q': q, 'qd': qd, 'tau': tau}
+    oracle = Oracle(robot)
+    wanted = oracle.qdd(q, qd, tau)
+    tolerance = ACCELERATION * float(np.linalg.cond(oracle.H(q)))
+    program = record_pcgm(resolve(robot), schedule, start=True)
+    far = run(program, {**inputs, 'start': rng.normal(size=5) * 10})
+    assert relative(far['qdd'], wanted) < tolerance
+    near = run(program, {**inputs, 'start': wanted * (1 + 1e-9)})
+    assert near['trips'] <= far['trips']
+    assert relative(near['qdd'], wanted) < tolerance
+
+
+def test_nothing_to_do_takes_no_trip() -> None:
+    robot = revolute(3)
+    q = np.zeros(3)
+    program = record_pcgm(resolve(robot, Scene(gravity=None)), 'parallel')
+    found = run(program, {'q': q, 'qd': q, 'tau': q})
+    np.testing.assert_array_equal(found['qdd'], q)
+    assert (found['trips'], found['converged']) == (0, 1)
+
+
+def test_a_limit_that_is_too_low_is_told() -> None:
+    robot = revolute(6)
+    q, qd, tau = random_state(np.random.default_rng(4), 6)
+    program = record_pcgm(resolve(robot), 'parallel', at_most=3)
+    found = run(program, {'q': q, 'qd': qd, 'tau': tau})
+    assert (found['trips'], found['converged']) == (3, 0)
+    assert np.isfinite(found['qdd']).all()
+
+
+def test_a_direction_without_inertia_ends_the_iteration_soundly() -> None:
+    # A chain without any mass: u' H u = 0 for every u.
+    whole = revolute(3)
+    robot = Robot(
+        'massless',
+        whole.joint_names,
+        whole.joint_types,
+        whole.rotations,
+        whole.translations,
+        np.zeros(3),
+        whole.centers,
+        np.zeros((3, 3, 3)),
+    )
+    program = record_pcgm(resolve(robot), 'parallel')
+    q, qd, tau = random_state(np.random.default_rng(5), 3)
+    found = run(program, {'q': q, 'qd': qd, 'tau': tau})
+    assert found['converged'] == 0
+    np.testing.assert_array_equal(found['qdd'], 0.0)
+
+
+def test_nan_is_not_called_converged() -> None:
+    program = record_pcgm(resolve(revolute(3)), 'parallel')
+    found = run(program, {'q': np.full(3, np.nan), 'qd': np.zeros(3), 'tau': np.ones(3)})
+    assert found['converged'] == 0
+
+
+def test_held_joints_do_not_accelerate() -> None:
+    for rng, robot in chains(12, seed=22):
+        held = rng.random(robot.n) < 0.4
+        q, qd, tau = random_state(rng, robot.n)
+        program = record_pcgm(resolve(robot, Scene(brakes=True)), 'parallel')
+        found = run(program, {'q': q, 'qd': qd, 'tau': tau, 'free': 1.0 - held})['qdd']
+        np.testing.assert_array_equal(found[held], 0.0)
+        oracle = Oracle(robot)
+        free = ~held
+        if free.any():
+            H = oracle.H(q)[np.ix_(free, free)]
+            wanted = np.linalg.solve(H, (tau - oracle.tau(q, qd, 0 * q))[free])
+            assert relative(found[free], wanted) < ACCELERATION * float(np.linalg.cond(H))
+
+
+def packed_sums(n: int) -> int:
+    """Return the additions of the four sums of vectors in a product with H, packed."""
+    return sum(4 * math.ceil(3 * (n - 2**k) / n) for k in range(math.ceil(math.log2(n))))
+
+
+@pytest.mark.parametrize('n', SIZES)
+def test_a_trip_takes_47_multiplications(n: int) -> None:
+    # The paper counts 49 multiplications, divisions among them, and 14 L + 30 additions.
+    program = record_pcgm(resolve(revolute(n)), 'parallel')
+    one, two = program.count(trips=1), program.count(trips=2)
+    L = math.ceil(math.log2(n))
+    assert two.multiplications - one.multiplications == 47
+    assert two.divisions - one.divisions == 2
+    assert two.additions - one.additions == 29 + packed_sums(n) + 2 * L + 3
+
+
+def test_six_trips_of_six_joints_stay_below_the_papers_count() -> None:
+    program = record_pcgm(resolve(revolute(6)), 'parallel')
+    steps, given = program.count(trips=6), program.count(section='joint rotation')
+    multiplications = steps.multiplications + steps.divisions - given.multiplications
+    assert (multiplications, steps.additions - given.additions) == (476, 561)
+    assert multiplications < 499
+    assert steps.additions < 621

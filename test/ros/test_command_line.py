@@ -37,6 +37,19 @@ def without_ros(tmp_path: Path, *args: str) -> subprocess.CompletedProcess[str]:
     )
 
 
+def test_report_counts_writes_its_pages_without_ros(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr('pfd_core.report.counts_pages.SIZES', (2, 6))
+    assert command_line.main(['report', 'counts', '--out', str(tmp_path / 'pages')]) == 0
+    told = capsys.readouterr().out.split()
+    assert {Path(page).name for page in told} >= {'counts.md', 'counts.json', 'array.svg'}
+    assert all(Path(page).stat().st_size for page in told)
+    done = without_ros(tmp_path, 'report', 'nothing')
+    assert done.returncode == 2
+    assert 'choose from' in done.stderr
+
+
 def test_robots_lists_each_robot_with_its_joints(capsys: pytest.CaptureFixture[str]) -> None:
     assert command_line.main(['robots']) == 0
     lines = capsys.readouterr().out.splitlines()

@@ -6,6 +6,9 @@ Compiling: LLVM IR text becomes the address of native code for this processor.
 The code generator is told nothing that lets it change a result: no fast-math flags, no
 contraction of a multiplication and an addition into one. What one processor computes, another
 computes bit for bit.
+
+Objects are kept on disk (pfd_core.kernels.cache) under everything that decides them. A fresh one
+and a kept one are brought into the process in the same way.
 """
 
 from __future__ import annotations
@@ -15,7 +18,10 @@ from functools import cache
 import time
 from typing import Any
 
+import llvmlite
 import llvmlite.binding as llvm
+
+from pfd_core.kernels import cache as disk
 
 
 @dataclass(frozen=True)
@@ -28,7 +34,9 @@ class Native:
     ir : str
         The text it was made of.
     seconds : float
-        Time the compiler took.
+        Time it took to compile it, or to find it on disk.
+    engine : object
+        What holds the code, which lives as long as this.
 
     """
 
@@ -44,16 +52,102 @@ class Native:
         return address
 
 
-def compile_ir(ir: str) -> Native:
-    """Return the native code of a module of LLVM IR."""
+@dataclass(frozen=True)
+class Target:
+    """
+    A processor to compile for.
+
+    Attributes
+    ----------
+    triple : str
+        Architecture, vendor and system, as LLVM writes them.
+    cpu, features : str
+        Name of the processor and its extensions, as LLVM writes them.
+
+    """
+
+    triple: str
+    cpu: str = ''
+    features: str = ''
+
+    @property
+    def vector_bits(self) -> int:
+        """Bits in one vector register: AVX-512, AVX, or NEON and SSE2."""
+        on = set(self.features.split(','))
+        return 512 if '+avx512f' in on else 256 if '+avx' in on else 128
+
+
+@dataclass(frozen=True)
+class Optimisation:
+    """
+    How hard LLVM tries; the bits of a result do not depend on it.
+
+    Every choice is a field, because the fields are part of an object's name on disk. The
+    default cleans up around the straight-line code, which is already as short as it gets.
+
+    Attributes
+    ----------
+    passes, code : int
+        Levels of the passes over the text and of the code generator.
+    slp_vectorization, loop_vectorization : bool
+        Whether scalars and loops are turned into vectors.
+
+    """
+
+    passes: int = 1
+    code: int = 2
+    slp_vectorization: bool = False
+    loop_vectorization: bool = False
+
+
+USUAL = Optimisation()
+
+
+def compile_ir(ir: str, optimisation: Optimisation = USUAL) -> Native:
+    """Return the native code of a module of LLVM IR, from disk if it was compiled before."""
     start = time.perf_counter()
-    machine = _machine()
-    module = llvm.parse_assembly(ir)
-    module.verify()
-    _optimise(module, machine)
-    engine = llvm.create_mcjit_compiler(module, machine)
-    engine.finalize_object()
+    target = host()
+    name = object_key(ir, target, optimisation)
+    code = disk.read(name)
+    if code is None:
+        code = emit(ir, target, optimisation)
+        disk.write(name, code)
+    engine = _load(code, target)
     return Native(ir, time.perf_counter() - start, engine)
+
+
+def object_key(ir: str, target: Target, optimisation: Optimisation) -> str:
+    """Return the name of an object on disk: a digest of all that decides its bytes."""
+    versions = f'llvmlite {llvmlite.__version__} LLVM {llvm.llvm_version_info}'
+    return disk.digest('object', versions, repr(target), repr(optimisation), ir)
+
+
+def emit(ir: str, target: Target, optimisation: Optimisation = USUAL) -> bytes:
+    """
+    Return the object file of a module of LLVM IR.
+
+    Parameters
+    ----------
+    ir : str
+        The module.
+    target : Target
+        The processor, which need not be the one at hand.
+    optimisation : Optimisation
+        How hard to try.
+
+    Raises
+    ------
+    RuntimeError
+        If the text is no sound module, or this LLVM cannot compile for the target.
+
+    """
+    machine = _machine(target, optimisation)
+    module = llvm.parse_assembly(ir)
+    module.triple = target.triple
+    module.data_layout = str(machine.target_data)
+    module.verify()
+    _optimise(module, machine, optimisation)
+    return bytes(machine.emit_object(module))
 
 
 def add_symbol(name: str, address: int) -> None:
@@ -61,38 +155,60 @@ def add_symbol(name: str, address: int) -> None:
     llvm.add_symbol(name, address)
 
 
-def simd_width(dtype: str) -> int:
-    """Return how many numbers one vector register of this processor holds."""
-    features = _features()
-    bits = 512 if features.get('avx512f') else 256 if features.get('avx') else 128
+def simd_width(dtype: str, target: Target | None = None) -> int:
+    """Return how many numbers one vector register of a processor, by default this one, holds."""
+    bits = (host() if target is None else target).vector_bits
     return bits // (64 if dtype == 'float64' else 32)
 
 
 @cache
+def host() -> Target:
+    """Return the processor at hand."""
+    features = _features()
+    if features.get('avx512f'):
+        features['prefer-256-bit'] = False
+    flat = ','.join(f'{"+" if on else "-"}{name}' for name, on in sorted(features.items()))
+    return Target(llvm.get_process_triple(), llvm.get_host_cpu_name(), flat)
+
+
 def _features() -> dict[str, bool]:
-    return dict(llvm.get_host_cpu_features())
+    try:
+        return dict(llvm.get_host_cpu_features())
+    except RuntimeError:  # LLVM cannot ask every processor; then its name has to do
+        return {}
 
 
 @cache
-def _initialise() -> None:
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
+def _initialise(triple: str) -> None:
+    """Make LLVM know how to compile for a target."""
+    if triple == llvm.get_process_triple():
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+    else:
+        llvm.initialize_all_targets()
+        llvm.initialize_all_asmprinters()
 
 
-def _machine() -> Any:
-    _initialise()
-    target = llvm.Target.from_default_triple()
-    features = llvm.get_host_cpu_features()
-    features['prefer-256-bit'] = False
-    return target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=features.flatten(), opt=2
+def _machine(target: Target, optimisation: Optimisation) -> Any:
+    _initialise(target.triple)
+    return llvm.Target.from_triple(target.triple).create_target_machine(
+        cpu=target.cpu, features=target.features, opt=optimisation.code
     )
 
 
-def _optimise(module: Any, machine: Any) -> None:
-    """Clean up around the straight-line code, which is already as short as it gets."""
-    options = llvm.create_pipeline_tuning_options(speed_level=1)
-    options.slp_vectorization = False
-    options.loop_vectorization = False
+def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
+    options = llvm.create_pipeline_tuning_options(speed_level=optimisation.passes)
+    options.slp_vectorization = optimisation.slp_vectorization
+    options.loop_vectorization = optimisation.loop_vectorization
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
+
+
+def _load(code: bytes, target: Target) -> Any:
+    """Return an engine that holds the code of an object file, ready to run."""
+    # An engine has to begin with a module; this one is empty.
+    module = llvm.parse_assembly('')
+    engine = llvm.create_mcjit_compiler(module, _machine(target, USUAL))
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return engine

@@ -220,7 +220,7 @@ def test_the_state_handed_out_is_a_copy() -> None:
         ({'integrator': 'euler'}, "integrator must be one of .* got 'euler'"),
         ({'method': 'aba'}, "method must be 'auto' or one of .* got 'aba'"),
         ({'dtype': 'float16'}, "dtype must be one of .* got 'float16'"),
-        ({'refine': 2}, 'refine must be 0'),
+        ({'refine': 0.5}, 'refine must be an integer of at least 0, got 0.5'),
     ],
 )
 def test_bad_settings_are_named(options, message: str) -> None:  # type: ignore[no-untyped-def]

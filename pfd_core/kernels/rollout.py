@@ -15,7 +15,7 @@ import ctypes
 from dataclasses import dataclass
 from typing import Any
 
-from pfd_core.algorithms.dynamics import record_forward_dynamics
+from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.engine import Native, compile_ir
 from pfd_core.kernels.evaluate import evaluate
 from pfd_core.kernels.kernel import choose, plant_of, turned_joints
@@ -183,7 +183,7 @@ def compile_rollout(
     """Compile the simulation of a robot by an integrator's step; errors as compile_kernel."""
     plant, scene = plant_of(robot, scene, dtype)
     method = choose(method, refine)
-    dynamics = lower(record_forward_dynamics(plant, method, 'sequential'), dtype, ['qdd'])
+    dynamics = lower(record_refined(plant, method, refine), dtype, ['qdd'])
     angles = turned_joints(robot)
     form = Format(dtype, 1)
     parts = [

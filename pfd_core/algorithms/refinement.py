@@ -1,0 +1,173 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Iterative refinement: how far the torques of an answer miss the ones asked for, solved for again.
+
+    qdd    = a method's answer
+    r      = tau - ID(q, qd, qdd)                     link by link, in the same number format
+    delta  = the same method at q, for r, at rest, without gravity and wrench:  H delta = r
+    qdd    = qdd + delta,   error = max |delta| / max |qdd|
+
+The last three lines are a step. `error` is what the answer was wrong by before the last of them.
+
+The text of a method is recorded once more for delta. What of it depends on q alone, which is the
+inertia matrix and its factors or the articulated inertias, is the same expressions as before, and
+lowering keeps one of them: of the second recording only a solve with the factors is left.
+
+The residual is that of Luh, Walker and Paul, each link about its own centre of mass in its own
+axes, with the parameters the robot is given by. Torques summed about the base, or from grouped
+parameters, would have just the rounding that is to be removed (docs/decisions/0005-refinement.md).
+
+Wilkinson 1963; Skeel 1980: one step in the same precision is enough if the residual is accurate
+relative to its own terms.
+
+One register holds one number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+import math
+
+import numpy as np
+
+from pfd_core.algorithms.dynamics import record_forward_dynamics
+from pfd_core.algorithms.link_coordinates import begin, finish, joint_inputs, known
+from pfd_core.algorithms.luh_walker_paul import newton_euler
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder, where
+from pfd_core.model import Plant
+
+
+def record_refined(plant: Plant, method: str, steps: int) -> Program:
+    """
+    Return the sequential program of a method with steps of refinement.
+
+    Parameters
+    ----------
+    plant : Plant
+        Robot and scene.
+    method : str
+        A name in METHODS.
+    steps : int
+        Steps of refinement; 0 is the method alone.
+
+    Returns
+    -------
+    Program
+        The method's own outputs, of which qdd is refined, and with one step or more `error`,
+        (1,): the size of the last correction relative to the answer. It is infinite where the
+        answer is not finite or the method itself says that it is not sound.
+
+    """
+    method_program = record_forward_dynamics(plant, method, 'sequential')
+    if steps == 0:
+        return method_program
+    at_rest = replace(plant, gravity=np.zeros(3), damping=None)
+    solve = record_forward_dynamics(at_rest, method, 'sequential')
+    torques = record_link_torques(plant)
+    recorder = Recorder(1, 'sequential')
+    n = plant.robot.n
+    tau = joint_inputs(recorder, 'tau', n)
+    zero = recorder.constant(0.0)
+    results = inline(recorder, method_program, {})
+    qdd = results['qdd']
+    for _ in range(steps):
+        needed = inline(recorder, torques, {'qdd': qdd})['tau']
+        with recorder.section('residual'):
+            r = [given - t for given, t in zip(tau, needed, strict=True)]
+        rest = {'qd': [zero] * n, 'tau': r, 'wrench': [zero] * 6}
+        delta = inline(recorder, solve, rest)['qdd']
+        with recorder.section('correction'):
+            qdd = [a + d for a, d in zip(qdd, delta, strict=True)]
+    with recorder.section('error estimate'):
+        results['error'] = [_estimate(recorder, qdd, delta, results)]
+    return finish(recorder, **results | {'qdd': qdd})
+
+
+def record_link_torques(plant: Plant) -> Program:
+    """Return the program of tau, (n,), from q, qd and qdd, each link in its own axes."""
+    chain = begin(plant, 'sequential')
+    n = len(chain.links)
+    qd, qdd = (joint_inputs(chain.recorder, name, n) for name in ('qd', 'qdd'))
+    with chain.recorder.section('torques'):
+        tau = known(chain, newton_euler(chain.links, qd, qdd, chain.gravity, chain.wrench))
+        if plant.damping is not None:
+            tau = [t + float(d) * v for t, d, v in zip(tau, plant.damping, qd, strict=True)]
+        if plant.armature is not None:
+            tau = [t + float(m) * a for t, m, a in zip(tau, plant.armature, qdd, strict=True)]
+    return finish(chain.recorder, tau=tau)
+
+
+def inline(
+    recorder: Recorder, program: Program, inputs: Mapping[str, Sequence[Lanes]]
+) -> dict[str, list[Lanes]]:
+    """
+    Record a sequential program into another recording.
+
+    Parameters
+    ----------
+    recorder : Recorder
+        Of one lane.
+    program : Program
+        Sequential.
+    inputs : mapping
+        Values for some of the program's inputs; the others stay inputs.
+
+    Returns
+    -------
+    dict
+        Name of each output to its elements.
+
+    """
+    values: list[Lanes] = []
+    for instruction in program.instructions:
+        op, args, data, _, section = instruction
+        with recorder.section(section):
+            if op == 'constant':
+                values.append(recorder.constant(data[0]))
+            elif op == 'input':
+                name, k = data[0]
+                given = inputs.get(name)
+                values.append(recorder.input(name, [k]) if given is None else given[k])
+            else:
+                values.append(recorder.copy(instruction, [values[a] for a in args]))
+    return {
+        name: [values[register] for register, _ in output.places]
+        for name, output in program.outputs.items()
+    }
+
+
+def _estimate(
+    recorder: Recorder,
+    qdd: Sequence[Lanes],
+    delta: Sequence[Lanes],
+    results: Mapping[str, Sequence[Lanes]],
+) -> Lanes:
+    """Return max |delta| / max |qdd|, or infinity without a sound answer."""
+    infinity = recorder.constant(math.inf)
+    sizes = [_absolute(d) for d in delta]
+    change, scale = _largest(sizes), _largest([_absolute(a) for a in qdd])
+    error = where(change, change / scale, 0.0)
+    # Comparisons lose NaN, a sum keeps it: one over the sum is zero or NaN for the rest.
+    total = sizes[0]
+    for size in sizes[1:]:
+        total = total + size
+    error = where(1.0 / (1.0 + total), error, infinity)
+    for name in ('pivots', 'converged'):
+        for sound in results.get(name, ()):
+            error = where(sound, error, infinity)
+    return error
+
+
+def _absolute(x: Lanes) -> Lanes:
+    result: Lanes = where(x, x, -x)
+    return result
+
+
+def _largest(values: Sequence[Lanes]) -> Lanes:
+    result = values[0]
+    for value in values[1:]:
+        result = where(value - result, value, result)
+    return result

@@ -167,7 +167,7 @@ def _absolute(x: Lanes) -> Lanes:
 
 
 def _largest(values: Sequence[Lanes]) -> Lanes:
-    result = values[0]
+    result: Lanes = values[0]
     for value in values[1:]:
         result = where(value - result, value, result)
     return result

@@ -205,7 +205,9 @@ class Kernel:
     def _quick_batch(self, given: tuple[ArrayLike, ...], out: NDArray[Any] | None) -> Any:
         """Return the result for arrays that need no conversion, or None."""
         if out is None:
-            return self._fast_batch(*given, np.empty((len(given[0]), self._size), self.dtype))
+            return self._fast_batch(
+                *given, np.empty((np.shape(given[0])[0], self._size), self.dtype)
+            )
         for array in given:
             if isinstance(array, np.ndarray) and np.may_share_memory(array, out):
                 return None

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import ctypes
-from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -36,8 +35,9 @@ from pfd_core.kernels.entry import (
     register_symbols,
 )
 from pfd_core.kernels.evaluate import evaluate
-from pfd_core.kernels.lower import lower, operations
-from pfd_core.machine.program import Output, Program
+from pfd_core.kernels.lower import lower
+from pfd_core.kernels.recipe import Recipe, joined
+from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, resolve
 
 DTYPES = ('float64', 'float32')
@@ -60,12 +60,11 @@ class Kernel:
         The text it was recorded from.
     dtype : str
         Number format of its arrays, 'float64' or 'float32'.
-    program : Program
-        The lowered program: run by the emulator it gives the same bits.
     operations : dict
         Operations of the lowered program by name, sine and cosine included.
 
-    The code of a batch is compiled at its first call.
+    Where all is on disk, the program is recorded only when somebody asks for it. The code of a
+    batch is compiled at its first call.
 
     """
 
@@ -75,22 +74,26 @@ class Kernel:
         scene: Scene,
         method: str,
         dtype: str,
-        program: Program,
+        recipe: Recipe,
         estimating: Callable[[], Kernel] | None = None,
     ) -> None:
         self.robot = robot
         self.scene = scene
         self.method = method
         self.dtype = dtype
-        self.program = program
-        self.operations = operations(program)
+        self.operations = recipe.operations
+        self._recipe = recipe
         self._estimating = estimating
-        (output,) = program.outputs.values()
-        self._size = len(output.places)
+        self._size = recipe.elements
         self._angles = turned_joints(robot)
-        self._names = llvm.arguments(program)
+        self._names = tuple(recipe.inputs)
         self._single = self._compile(1)
         self._fast = python_function(self._single)
+
+    @property
+    def program(self) -> Program:
+        """The lowered program: run by the emulator it gives the same bits."""
+        return self._recipe.program
 
     @property
     def ir(self) -> str:
@@ -117,18 +120,18 @@ class Kernel:
         return signature(self._batch.address('batch'))
 
     def _compile(self, width: int) -> Native:
+        return compile_ir(self._recipe.remember(f'kernel {width}', partial(self._text, width)))
+
+    def _text(self, width: int) -> str:
         form = llvm.Format(self.dtype, width, strided=width > 1)
-        size = self._size
-        parts = [
-            llvm.body(self.program, form),
-            evaluate(self.program, form, self._angles),
-        ]
+        program, size = self.program, self._size
+        parts = [llvm.body(program, form), evaluate(program, form, self._angles)]
         if width == 1:
-            parts.append(entry_ir(self.program, self.dtype, size))
+            parts.append(entry_ir(program, self.dtype, size))
         else:
-            parts.append(batch(self.program, form, size))
-            parts.append(batch_entry_ir(self.program, self.dtype, size))
-        return compile_ir(llvm.module(parts, self.dtype, [width], self._angles))
+            parts.append(batch(program, form, size))
+            parts.append(batch_entry_ir(program, self.dtype, size))
+        return llvm.module(parts, self.dtype, [width], self._angles)
 
     def __call__(
         self,
@@ -257,7 +260,7 @@ class Kernel:
             brakes = 1.0 - np.asarray(brakes, dtype=bool)
         given |= self._optional('free', brakes, self.scene.brakes, 'brakes')
         arrays = {
-            name: as_numbers(name, given[name], self.program.inputs[name], self.dtype)
+            name: as_numbers(name, given[name], self._recipe.inputs[name], self.dtype)
             for name in self._names
         }
         shape = common_shape(arrays)
@@ -350,17 +353,13 @@ def compile_kernel(
     method = choose(method, refine)
 
     def make(names: tuple[str, ...], estimating: Callable[[], Kernel] | None = None) -> Kernel:
-        program = lower(record_refined(plant, method, refine), dtype, names)
-        return Kernel(robot, scene, method, dtype, _joined(program), estimating)
+        def record() -> Program:
+            return joined(lower(record_refined(plant, method, refine), dtype, names))
+
+        key = ('forward', plant.digest, method, str(refine), dtype, *names)
+        return Kernel(robot, scene, method, dtype, Recipe(record, key), estimating)
 
     return make(('qdd',), partial(make, ('qdd', 'error')) if refine else None)
-
-
-def _joined(program: Program) -> Program:
-    """Return a program with its outputs one after the other, as a kernel writes them."""
-    name = next(iter(program.outputs))
-    places = tuple(place for output in program.outputs.values() for place in output.places)
-    return replace(program, outputs={name: Output((len(places),), places)})
 
 
 def compile_inverse_kernel(
@@ -368,8 +367,12 @@ def compile_inverse_kernel(
 ) -> Kernel:
     """Compile inverse dynamics, tau = kernel(q, qd, qdd); arguments as in compile_kernel."""
     plant, scene = plant_of(robot, scene, dtype)
-    program = record_inverse_dynamics(plant, 'sequential')
-    return Kernel(robot, scene, 'newton_euler', dtype, lower(program, dtype))
+
+    def record() -> Program:
+        return lower(record_inverse_dynamics(plant, 'sequential'), dtype)
+
+    recipe = Recipe(record, ('inverse', plant.digest, dtype))
+    return Kernel(robot, scene, 'newton_euler', dtype, recipe)
 
 
 def choose(method: str, refine: int) -> str:

@@ -9,7 +9,7 @@ Whole programs: inverse dynamics, and forward dynamics by each method.
     walker_orin_1 .. 4, articulated_body       serial, as their authors have them
     pcrbm, pcrbm_array, pcgm                   the paper's, on n lanes
     pcrbm_base_origin, divide_and_conquer      beyond the paper, on n lanes
-    composite_body                             the serial method at its cheapest, for kernels
+    composite_body, grouped_articulated_body   serial methods at their cheapest, for kernels
 
 The inputs are described in pfd_core.algorithms.equations.
 """
@@ -32,6 +32,7 @@ from pfd_core.algorithms.equations import (
     torque,
 )
 from pfd_core.algorithms.omega import bias_omega
+from pfd_core.algorithms.grouped_articulated_body import record_grouped_articulated_body
 from pfd_core.algorithms.pcgm import record_pcgm
 from pfd_core.algorithms.pcrbm import inertia_matrix
 from pfd_core.algorithms.triangular_array import record_pcrbm_array
@@ -95,6 +96,7 @@ FORWARD: dict[str, Callable[[Plant, str], Program]] = {
     'pcrbm_base_origin': record_pcrbm_base_origin,
     'divide_and_conquer': record_divide_and_conquer,
     'composite_body': record_composite_body,
+    'grouped_articulated_body': record_grouped_articulated_body,
 }
 METHODS = tuple(FORWARD)
 # Methods for one processor; the others have a lane for each joint.
@@ -105,6 +107,7 @@ SERIAL = (
     'walker_orin_4',
     'articulated_body',
     'composite_body',
+    'grouped_articulated_body',
 )
 # Methods whose programs repeat a part, and say how often and whether it sufficed.
 ITERATIVE = ('walker_orin_4', 'pcgm')

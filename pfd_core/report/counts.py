@@ -34,6 +34,7 @@ BEYOND = {
     'pcrbm_base_origin': 'PCRBM about the base origin, bias by one matrix',
     'divide_and_conquer': 'Divide and conquer, Featherstone 1999',
     'composite_body': 'Composite bodies with grouped parameters, for kernels',
+    'grouped_articulated_body': 'Articulated bodies with grouped parameters, for kernels',
 }
 KINDS = ('multiplications', 'additions', 'square_roots')
 

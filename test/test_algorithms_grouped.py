@@ -1,0 +1,92 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The texts with grouped parameters: physics in every scene, held joints, counts per joint."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_algorithms_physics import Oracle, chains, jacobi_condition, relative
+from tolerances import ACCELERATION
+from zoo import random_state
+
+from pfd_core.algorithms.dynamics import FORWARD
+from pfd_core.kernels.lower import drop, fold, operations
+from pfd_core.machine.emulator import run
+from pfd_core.model import Robot, Scene, load_robot, resolve
+from pfd_core.report.counts import uniform_chain as uniform
+
+METHODS = ('composite_body', 'grouped_articulated_body')
+EVERYTHING = Scene(external_wrench=True, damping='model', armature='model', brakes=True)
+# Operations that folding may leave, sine and cosine apart: what is promised for composite bodies,
+# and what throw-away prototypes of articulated bodies took.
+MOST = {
+    ('composite_body', 'ur5'): 582,
+    ('composite_body', 'panda'): 1300,
+    ('grouped_articulated_body', 'ur5'): 676,
+    ('grouped_articulated_body', 'panda'): 1458,
+}
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_random_chains_agree_with_pinocchio_in_a_scene_with_everything(method: str) -> None:
+    for rng, robot in chains(48, seed=51):
+        oracle = Oracle(robot, robot.armature)
+        q, qd, qdd = random_state(rng, robot.n)
+        wrench = rng.normal(size=6) * 10
+        tau = oracle.tau(q, qd, qdd, wrench)
+        given = {'q': q, 'qd': qd, 'tau': tau + robot.damping * qd, 'wrench': wrench}
+        given['free'] = np.ones(robot.n)
+        found = run(FORWARD[method](resolve(robot, EVERYTHING), 'sequential'), given)['qdd']
+        wanted = oracle.qdd(q, qd, tau, wrench)
+        assert relative(found, wanted) < ACCELERATION * jacobi_condition(oracle.H(q)), robot
+
+
+@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('armature', [None, 'model'])
+def test_held_joints_do_not_accelerate_and_the_others_do_not_feel_their_torque(
+    method: str, armature: str | None
+) -> None:
+    # Rows and columns of held joints struck out of H qdd = tau - bias, by NumPy.
+    for rng, robot in chains(24, seed=52):
+        scene = Scene(brakes=True, armature=armature)
+        oracle = Oracle(robot, robot.armature if armature else None)
+        q, qd, tau = random_state(rng, robot.n)
+        held = rng.random(robot.n) < 0.4
+        given = {'q': q, 'qd': qd, 'tau': tau, 'free': 1.0 - held}
+        found = run(FORWARD[method](resolve(robot, scene), 'sequential'), given)['qdd']
+        np.testing.assert_array_equal(found[held], 0.0)
+        free = ~held
+        if free.any():
+            H = oracle.H(q)[np.ix_(free, free)]
+            wanted = np.linalg.solve(H, (tau - oracle.tau(q, qd, 0 * q))[free])
+            assert relative(found[free], wanted) < ACCELERATION * jacobi_condition(H)
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_pivots_multiply_to_the_determinant_of_the_inertia_matrix(method: str) -> None:
+    for rng, robot in chains(12, seed=53):
+        q, qd, tau = random_state(rng, robot.n)
+        program = FORWARD[method](resolve(robot), 'sequential')
+        pivots = run(program, {'q': q, 'qd': qd, 'tau': tau})['pivots']
+        H = Oracle(robot).H(q)
+        assert (pivots > 0).all()
+        tolerance = ACCELERATION * jacobi_condition(H)
+        assert abs(np.prod(pivots) / np.linalg.det(H) - 1) < tolerance
+
+
+def folded(method: str, robot: Robot) -> int:
+    """Return the operations that are left, changes of sign, sine and cosine apart."""
+    program = drop(fold(FORWARD[method](resolve(robot), 'sequential')), ['qdd'])
+    counts = operations(program)
+    return sum(count for op, count in counts.items() if op not in ('sin', 'cos', 'neg'))
+
+
+@pytest.mark.parametrize(('method', 'name'), list(MOST))
+def test_the_arms_take_no_more_operations_than_promised(method: str, name: str) -> None:
+    assert folded(method, load_robot(name)) <= MOST[method, name]
+
+
+def test_a_joint_more_takes_articulated_bodies_the_same_anywhere_in_the_chain() -> None:
+    counts = [folded('grouped_articulated_body', uniform(n)) for n in (5, 6, 7, 12, 13)]
+    assert counts[1] - counts[0] == counts[2] - counts[1] == counts[4] - counts[3]

@@ -1,0 +1,350 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled kernels on disk: the same bits, from any state of the folder."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import errno
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+import llvmlite
+import numpy as np
+import pytest
+from zoo import random_chain, random_state
+
+import pfd_core as pfd
+from pfd_core.kernels import cache, engine
+from pfd_core.kernels.kernel import compile_inverse_kernel
+
+ROOT = Path(__file__).resolve().parent.parent
+LIFETIME = 120  # [s] of a child; far above what it takes
+CHILD = """
+import json, sys, time
+start = time.perf_counter()
+import numpy as np
+import pfd_core as pfd
+from pfd_core.kernels import cache, engine
+cache.IMPORTED = np.inf  # whoever edits the package while its tests run knows what he does
+emitted, emit = [], engine.emit
+engine.emit = lambda *args: emitted.append(1) or emit(*args)
+robot = pfd.load_robot(sys.argv[1])
+before = time.perf_counter()
+kernel = pfd.compile_kernel(robot)
+after = time.perf_counter()
+rows = np.random.default_rng(1).uniform(-1, 1, (3, 9, robot.n))
+first = kernel(*rows[:, 0])
+answer = time.perf_counter()
+print(json.dumps({
+    'single': first.tobytes().hex(), 'batch': kernel(*rows).tobytes().hex(),
+    'operations': kernel.operations, 'ir': kernel.ir, 'emitted': len(emitted),
+    'recorded': 'program' in kernel._recipe.__dict__,
+    'compile': after - before, 'answer': answer - start,
+}))
+"""
+IR = 'define double @f(double %x) {\n  %y = fmul double %x, %x\n  ret double %y\n}'
+HOST = engine.Target('x86_64-unknown-linux-gnu', 'haswell', '+avx,+avx2')
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return an empty cache folder, which is in use."""
+    where = tmp_path / 'cache'
+    monkeypatch.setenv(cache.VARIABLE, str(where))
+    monkeypatch.setattr(cache, 'IMPORTED', np.inf)
+    cache.sources.cache_clear()
+    cache._warn.cache_clear()
+    cache._held.clear()
+    return where
+
+
+@pytest.fixture
+def emitted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return the list of what the compiler was run on, which grows."""
+    texts: list[str] = []
+    emit = engine.emit
+
+    def counted(ir: str, *rest: Any) -> bytes:
+        texts.append(ir)
+        return emit(ir, *rest)
+
+    monkeypatch.setattr(engine, 'emit', counted)
+    return texts
+
+
+def start_child(robot: str) -> subprocess.Popen[str]:
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    command = [sys.executable, '-c', CHILD, robot]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+
+
+def result(child: subprocess.Popen[str]) -> dict[str, Any]:
+    text, _ = child.communicate(timeout=LIFETIME)
+    assert child.returncode == 0
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def answers(kernel: pfd.Kernel) -> bytes:
+    """Return the bits of one state and of a batch."""
+    n = kernel.robot.n
+    q, qd, tau = (np.array(x, kernel.dtype) for x in random_state(np.random.default_rng(3), n))
+    rows = [np.tile(x, (9, 1)) for x in (q, qd, tau)]
+    return kernel(q, qd, tau).tobytes() + kernel(*rows).tobytes()
+
+
+def test_a_second_process_gets_the_same_bits_without_recording_or_compiling(folder: Path) -> None:
+    fresh, kept = result(start_child('ur5')), result(start_child('ur5'))
+    assert (fresh['recorded'], fresh['emitted']) == (True, 2)
+    assert (kept['recorded'], kept['emitted']) == (False, 0)
+    for key in ('single', 'batch', 'operations', 'ir'):
+        assert kept[key] == fresh[key], key
+    for name, times in (('fresh', fresh), ('kept', kept)):
+        print(
+            f'{name}: compile_kernel {1e3 * times["compile"]:.1f} ms, from the start of the '
+            f'imports to the first answer {1e3 * times["answer"]:.0f} ms'
+        )
+
+
+def test_two_processes_at_once_leave_one_sound_copy(folder: Path) -> None:
+    children = [start_child('planar2'), start_child('planar2')]
+    first, second = (result(child) for child in children)
+    assert (first['single'], first['batch']) == (second['single'], second['batch'])
+    written = contents(folder)
+    # Facts, two texts and two objects; nothing unfinished.
+    assert len(written) == 5
+    assert all(cache.read(Path(name).stem) for name in written)
+    assert result(start_child('planar2'))['emitted'] == 0
+
+
+@pytest.mark.parametrize(
+    'damage',
+    [
+        lambda data: b'',
+        lambda data: data[: len(data) // 2],
+        lambda data: data[:-1],
+        lambda data: data + b'\0',
+        lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:],
+        lambda data: data.replace(cache.HEAD, b'pfd_ros cache 0\n'),
+    ],
+    ids=['empty', 'half', 'one byte short', 'one byte more', 'one bit', 'another format'],
+)
+def test_a_damaged_file_is_made_again(folder: Path, emitted: list[str], damage: Any) -> None:
+    robot = pfd.load_robot('planar2')
+    wanted = answers(pfd.compile_kernel(robot))
+    sound = contents(folder)
+    for name, data in sound.items():
+        (folder / name).write_bytes(damage(data))
+    before = len(emitted)
+    assert answers(pfd.compile_kernel(robot)) == wanted
+    assert len(emitted) == before + 2
+    assert contents(folder) == sound
+
+
+def test_every_robot_scene_method_and_precision_is_kept_apart(
+    folder: Path, emitted: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(4)
+    arm = random_chain(rng, 2)
+    heavier = replace(arm, masses=arm.masses * 2)
+
+    def seen(kernel: pfd.Kernel) -> tuple[str, bytes]:
+        return kernel.ir, answers(kernel)
+
+    choices: list[dict[str, Any]] = [
+        {'robot': arm},
+        {'robot': heavier},
+        {'robot': arm, 'scene': pfd.Scene(gravity=None)},
+        {'robot': arm, 'method': 'walker_orin_3'},
+        {'robot': arm, 'dtype': 'float32'},
+        {'robot': arm, 'refine': 1},
+    ]
+    monkeypatch.setenv(cache.VARIABLE, '')
+    wanted = [seen(pfd.compile_kernel(**choice)) for choice in choices]
+    torques = seen(compile_inverse_kernel(arm))
+    # They differ at all, so that one taken for another would show.
+    assert len({*wanted, torques}) == len(choices) + 1
+    monkeypatch.setenv(cache.VARIABLE, str(folder))
+    for _ in range(2):
+        count = len(emitted)
+        assert [seen(pfd.compile_kernel(**choice)) for choice in choices] == wanted
+        assert seen(compile_inverse_kernel(arm)) == torques
+    assert len(emitted) == count
+
+
+def test_a_kernel_from_disk_still_has_its_program(folder: Path) -> None:
+    robot = pfd.load_robot('planar2')
+    fresh, kept = pfd.compile_kernel(robot), pfd.compile_kernel(robot)
+    assert kept.operations == fresh.operations
+    assert str(kept.program) == str(fresh.program)
+    assert kept.compile_seconds > 0
+
+
+def test_the_name_of_an_object_depends_on_all_that_decides_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    key = engine.object_key
+    usual = engine.USUAL
+    names = [
+        key(IR, HOST, usual),
+        key(IR + '\n', HOST, usual),
+        key(IR, replace(HOST, cpu='skylake'), usual),
+        key(IR, replace(HOST, features='+avx'), usual),
+        key(IR, replace(HOST, triple='aarch64-linux-gnu'), usual),
+        key(IR, HOST, replace(usual, passes=2)),
+        key(IR, HOST, replace(usual, code=3)),
+    ]
+    monkeypatch.setattr(llvmlite, '__version__', '0.0')
+    names.append(key(IR, HOST, usual))
+    assert len(set(names)) == len(names)
+    assert key(IR, HOST, usual) == names[-1]
+
+
+def test_no_two_lists_of_texts_share_a_name() -> None:
+    lists = [('ab', 'c'), ('a', 'bc'), ('abc',), ('abc', ''), ('', 'abc'), ('2:ab', 'c')]
+    assert len({cache.digest(*parts) for parts in lists}) == len(lists)
+
+
+def refuse(*_: object) -> None:
+    raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+
+def in_the_way(folder: Path, _: pytest.MonkeyPatch) -> None:
+    folder.write_text('not a folder')
+
+
+def read_only(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Permissions do not hold back root, as which tests often run.
+    monkeypatch.setattr('tempfile.mkstemp', refuse)
+
+
+def full(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, 'replace', refuse)
+
+
+@pytest.mark.parametrize('obstacle', [in_the_way, read_only, full])
+def test_where_nothing_can_be_written_kernels_work_and_one_warning_says_so(
+    folder: Path,
+    obstacle: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    robot = pfd.load_robot('planar2')
+    wanted = answers(pfd.compile_kernel(robot))
+    for name in contents(folder):
+        (folder / name).unlink()
+    folder.rmdir()
+    obstacle(folder, monkeypatch)
+    caplog.clear()
+    for _ in range(2):
+        assert answers(pfd.compile_kernel(robot)) == wanted
+    (record,) = caplog.records
+    assert (record.name, record.levelname) == ('pfd_core', 'WARNING')
+    assert f'cannot be kept in {str(folder)!r}' in record.message
+    assert cache.VARIABLE in record.message
+    assert folder.is_file() or not contents(folder)
+
+
+def test_a_folder_that_anybody_may_write_to_is_not_used(
+    folder: Path, emitted: list[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    native = engine.compile_ir(IR)
+    folder.chmod(0o777)
+    before = contents(folder)
+    for text in (IR, IR + '\n'):
+        assert engine.compile_ir(text).address('f') != native.address('f')
+    assert len(emitted) == 3
+    assert contents(folder) == before
+    (record,) = caplog.records
+    assert 'is writable by everybody (mode drwxrwxrwx)' in record.message
+
+
+def test_the_folder_belongs_to_the_user_alone(folder: Path) -> None:
+    engine.compile_ir(IR)
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert all(path.stat().st_mode & 0o777 == 0o600 for path in folder.iterdir())
+
+
+def test_the_variable_moves_the_cache_and_switches_it_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('HOME', str(tmp_path))
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'xdg'))
+    monkeypatch.setenv(cache.VARIABLE, str(tmp_path / 'here'))
+    assert cache.folder() == tmp_path / 'here'
+    monkeypatch.delenv(cache.VARIABLE)
+    assert cache.folder() == tmp_path / 'xdg' / 'pfd_ros'
+    monkeypatch.setenv('XDG_CACHE_HOME', 'relative')
+    assert cache.folder() == tmp_path / '.cache' / 'pfd_ros'
+    monkeypatch.setenv(cache.VARIABLE, '')
+    assert cache.folder() is None
+    engine.compile_ir(IR)
+    assert cache.remember(('key',), lambda: 1) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_was_not_used_for_longest_is_removed_first_and_nothing_else(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cache, 'LIMIT', 4000)
+    monkeypatch.setattr(cache, 'TRIMMED', 3000)
+    names = [cache.digest(str(k)) for k in range(5)]
+    folder.mkdir(mode=0o700)
+    (folder / 'notes.txt').write_bytes(bytes(10_000))
+    abandoned = folder / f'{cache.UNFINISHED}0{cache.SUFFIX}'
+    abandoned.write_bytes(bytes(100))
+    os.utime(abandoned, (1, 1))
+    for age, name in enumerate(names[:4]):
+        cache.write(name, bytes(900))
+        os.utime(folder / f'{name}{cache.SUFFIX}', (2 + age, 2 + age))
+    assert cache.read(names[0]) == bytes(900)
+    cache.write(names[4], bytes(900))
+    left = {path.name for path in folder.iterdir()}
+    assert left == {'notes.txt', *(f'{names[k]}{cache.SUFFIX}' for k in (0, 3, 4))}
+
+
+def remembered(value: int) -> int:
+    """Return what one key stands for, having it made from a value if it is not known."""
+    cache.sources.cache_clear()
+    found = cache.remember(('key',), lambda: value)
+    cache.sources.cache_clear()
+    return found
+
+
+def test_a_process_does_not_remember_what_other_source_than_its_own_would_make(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert [remembered(k) for k in (1, 2)] == [1, 1]
+    # As if a source file had been edited after the import.
+    newest = max(path.stat().st_mtime for path in cache.PACKAGE.rglob('*.py'))
+    monkeypatch.setattr(cache, 'IMPORTED', newest)
+    assert [remembered(k) for k in (3, 4)] == [3, 4]
+    monkeypatch.setattr(cache, 'IMPORTED', newest + 2 * cache.IMPORTING)
+    assert remembered(5) == 1
+
+
+def test_what_is_kept_depends_on_the_source_and_on_the_versions(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert remembered(1) == 1
+    package = tmp_path / 'package'
+    package.mkdir()
+    (package / 'a.py').write_text('x = 1\n')
+    monkeypatch.setattr(cache, 'PACKAGE', package)
+    assert remembered(2) == 2
+    (package / 'a.py').write_text('x = 2\n')
+    assert remembered(3) == 3
+    (package / 'a.py').rename(package / 'b.py')
+    assert remembered(4) == 4
+    monkeypatch.setattr(np, '__version__', '0.0')
+    assert remembered(5) == 5
+    assert remembered(6) == 5

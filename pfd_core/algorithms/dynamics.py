@@ -31,8 +31,8 @@ from pfd_core.algorithms.equations import (
     joint_input,
     torque,
 )
-from pfd_core.algorithms.omega import bias_omega
 from pfd_core.algorithms.grouped_articulated_body import record_grouped_articulated_body
+from pfd_core.algorithms.omega import bias_omega
 from pfd_core.algorithms.pcgm import record_pcgm
 from pfd_core.algorithms.pcrbm import inertia_matrix
 from pfd_core.algorithms.triangular_array import record_pcrbm_array

@@ -101,7 +101,7 @@ def _number(value: float | None) -> str:
 
 def run(folder: Path) -> list[Path]:
     """Measure every method, telling on the way, and write the report into a folder."""
-    rows = []
+    rows: list[Row] = []
     for n in SIZES:
         if sys.stderr.isatty():
             print(f'counting at n = {n} of {max(SIZES)}', file=sys.stderr)

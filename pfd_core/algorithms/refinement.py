@@ -149,7 +149,7 @@ def _estimate(
     infinity = recorder.constant(math.inf)
     sizes = [_absolute(d) for d in delta]
     change, scale = _largest(sizes), _largest([_absolute(a) for a in qdd])
-    error = where(change, change / scale, 0.0)
+    error: Lanes = where(change, change / scale, 0.0)
     # Comparisons lose NaN, a sum keeps it: one over the sum is zero or NaN for the rest.
     total = sizes[0]
     for size in sizes[1:]:

@@ -1,0 +1,334 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Refinement: hard cases against 50 digits, the estimate, all scenes and methods, its cost."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+import pytest
+from zoo import random_chain
+
+import pfd_core as pfd
+from pfd_core.algorithms.dynamics import record_forward_dynamics
+from pfd_core.algorithms.refinement import record_refined
+from pfd_core.kernels.lower import lower
+from pfd_core.machine.emulator import run
+from pfd_core.model import Plant, Robot, Scene, resolve
+
+Array = NDArray[np.float64]
+
+ROUNDING = {'float64': 2.0**-53, 'float32': 2.0**-24}
+
+# What a refined answer is off by, in units of rounding: the last addition, and the change of the
+# answer with its inputs' last digits, which is 1 to 20 of them in these cases. Seen up to 18.
+LAST_DIGITS = 100.0
+
+# A step multiplies the error by that of a solve with the same factors, in the direction of the
+# residual. The error of the first answer shows it in another direction. Seen up to 28.
+CONTRACTION = 100.0
+
+# The correction is the error of the first answer up to its own relative error, which is below
+# one as long as the step helps at all; asked for is an order of magnitude. Seen up to 2.
+ESTIMATE = 10.0
+
+# An answer this far off is of no use.
+LOST = 0.1
+
+# Below so many units of rounding the correction is as much noise as the error it estimates.
+NOISE = 16.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A robot in a scene, and states it is hard to accelerate at."""
+
+    plant: Plant
+    states: dict[str, Array]
+
+    def rounded(self, dtype: str) -> dict[str, Array]:
+        """Return the states as numbers of a format, so that all answers are for the same ones."""
+        return {k: x.astype(dtype).astype(np.float64) for k, x in self.states.items()}
+
+
+def rods(n: int, last_mass: float = 1.0) -> Robot:
+    """Return rods of 1 m and 1 kg, the last of any mass, that swing in one vertical plane."""
+    masses = np.append(np.ones(n - 1), last_mass)
+    J = np.array([m * np.diag([1e-3, 1 / 12, 1 / 12]) for m in masses])
+    return Robot(
+        name='rods',
+        joint_names=tuple(f'joint{i + 1}' for i in range(n)),
+        joint_types=('continuous',) * n,
+        rotations=np.array([np.eye(3)] * n),
+        translations=np.array([[1.0, 0.0, 0.0]] * n),
+        masses=masses,
+        centers=np.array([[-0.5, 0.0, 0.0]] * n),
+        inertias=J,
+        base_rotation=np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
+        base_position=np.zeros(3),
+        position_lower=np.full(n, -np.inf),
+        position_upper=np.full(n, np.inf),
+        **{key: np.full(n, np.inf) for key in ('velocity_limit', 'effort_limit')},
+        **{key: np.zeros(n) for key in ('armature', 'damping', 'friction')},
+    )
+
+
+def case(robot: Robot, scene: Scene | None, reach: float, count: int = 3) -> Case:
+    """Return a case of `count` states with joints up to `reach` [rad] from straight."""
+    rng = np.random.default_rng(7)
+    scale = {'q': reach, 'qd': 1.0, 'tau': 1.0}
+    return Case(
+        resolve(robot, scene), {k: rng.uniform(-s, s, (count, robot.n)) for k, s in scale.items()}
+    )
+
+
+PAYLOAD = pfd.Payload(mass=1e6, center=(0.0, 0.0, 0.1), inertia=1e3 * np.eye(3))
+HARD = {
+    'stretched_12': lambda: case(rods(12), None, 1e-2),
+    'heavy_tip_1e8_planar': lambda: case(rods(6, 1e8), None, np.pi),
+    'payload_1e6': lambda: case(pfd.load_robot('panda'), Scene(payload=PAYLOAD), np.pi),
+    'heavy_tip_1e8': lambda: case(
+        pfd.load_robot('puma560'),
+        Scene(payload=pfd.Payload(1e8, (0.05, 0.0, 0.1), np.zeros((3, 3)))),
+        np.pi,
+    ),
+}
+# What the first answer of composite bodies is off by, at least: without that, nothing is shown.
+HARDNESS = {
+    'stretched_12': 1e-13,
+    'heavy_tip_1e8_planar': 1e-9,
+    'payload_1e6': 1e-13,
+    'heavy_tip_1e8': 1e-9,
+}
+
+
+@cache
+def answers(name: str, method: str, dtype: str, steps: int) -> tuple[Array, Array]:
+    """Return relative errors (B,) of a method, by 50 digits of another, and its estimates."""
+    hard = HARD[name]()
+    program = lower(record_refined(hard.plant, method, steps), dtype)
+    result = run(program, hard.rounded(dtype), dtype)
+    other = 'pcrbm' if method == 'articulated_body' else 'articulated_body'
+    errors = relative_error(result['qdd'], expected(name, other, dtype))
+    estimates = result['error'][:, 0] if steps else np.zeros(len(errors))
+    return errors, estimates.astype(np.float64)
+
+
+@cache
+def expected(name: str, method: str, dtype: str) -> Any:
+    """Return qdd of a hard case to 50 digits."""
+    hard = HARD[name]()
+    return reference(hard.plant, hard.rounded(dtype), method)
+
+
+def reference(plant: Plant, inputs: dict[str, Array], method: str) -> Any:
+    """Return qdd to 50 digits."""
+    return run(record_forward_dynamics(plant, method, 'sequential'), inputs, digits=50)['qdd']
+
+
+def relative_error(found: Array, right: Any) -> Array:
+    """Return max |difference| / max |reference| of each state; infinity for NaN."""
+    sound = np.isfinite(found).all(axis=-1)
+    difference = np.abs(np.where(sound[:, None], found, 0.0).astype(object) - right)
+    errors = (difference.max(axis=-1) / np.abs(right).max(axis=-1)).astype(np.float64)
+    return np.where(sound, errors, np.inf)
+
+
+METHODS = ('composite_body', 'articulated_body', 'pcrbm')
+
+
+@pytest.mark.parametrize('name', HARD)
+def test_the_cases_are_hard_without_refinement(name: str) -> None:
+    errors, _ = answers(name, 'composite_body', 'float64', 0)
+    assert errors.max() > HARDNESS[name]
+
+
+@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('name', HARD)
+def test_one_step_squares_the_error_down_to_the_last_digits(name: str, method: str) -> None:
+    for dtype, unit in ROUNDING.items():
+        before, estimates = answers(name, method, dtype, 0)[0], answers(name, method, dtype, 1)[1]
+        after, _ = answers(name, method, dtype, 1)
+        # In float32 some of these matrices are not positive definite any more.
+        sound = np.isfinite(estimates) & (before < LOST)
+        if dtype == 'float64':
+            assert sound.all()
+        bound = CONTRACTION * before[sound] ** 2 + LAST_DIGITS * unit
+        assert (after[sound] <= bound).all(), (dtype, before, after)
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_two_steps_leave_the_last_digits_in_every_case(method: str) -> None:
+    for name in HARD:
+        errors, _ = answers(name, method, 'float64', 2)
+        assert errors.max() <= LAST_DIGITS * ROUNDING['float64'], name
+
+
+@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('name', HARD)
+def test_the_estimate_is_the_error_the_answer_had(name: str, method: str) -> None:
+    for dtype, unit in ROUNDING.items():
+        errors, _ = answers(name, method, dtype, 0)
+        _, estimates = answers(name, method, dtype, 1)
+        shown = (errors > NOISE * unit) & np.isfinite(estimates)
+        ratio = estimates[shown] / errors[shown]
+        assert ((ratio < ESTIMATE) & (ratio > 1 / ESTIMATE)).all(), (dtype, errors, estimates)
+        # Where there is no number for it, the answer was of no use.
+        assert (errors[np.isinf(estimates)] > LOST).all(), (dtype, errors, estimates)
+
+
+def test_an_answer_that_is_lost_in_float32_has_an_infinite_estimate() -> None:
+    errors, estimates = answers('heavy_tip_1e8_planar', 'composite_body', 'float32', 1)
+    assert np.isinf(estimates).any()
+    assert (errors[np.isinf(estimates)] > LOST).all()
+
+
+EVERYTHING = Scene(
+    damping='model',
+    armature='model',
+    external_wrench=True,
+    brakes=True,
+    payload=pfd.Payload(2.0, (0.1, 0.0, 0.1)),
+)
+
+
+@pytest.mark.parametrize('method', pfd.METHODS)
+def test_every_method_is_refined_in_a_scene_with_everything(method: str) -> None:
+    rng = np.random.default_rng(3)
+    n = 4
+    kinds = ['revolute', 'prismatic', 'continuous', 'revolute']
+    plant = resolve(random_chain(rng, n, joint_types=kinds), EVERYTHING)
+    inputs = {k: rng.uniform(-2, 2, (3, n)) for k in ('q', 'qd', 'tau')}
+    inputs |= {
+        'wrench': rng.normal(size=(3, 6)),
+        'free': np.array([[1, 1, 1, 1], [1, 0, 1, 1]])[[0, 1, 1]],
+    }
+    other = 'pcrbm' if method == 'articulated_body' else 'articulated_body'
+    right = reference(plant, inputs, other)
+    result = run(lower(record_refined(plant, method, 1), 'float64'), inputs)
+    errors = relative_error(result['qdd'], right)
+    assert errors.max() <= LAST_DIGITS * ROUNDING['float64']
+    assert (result['qdd'][1:, 1] == 0).all()
+    assert (result['error'] < 1e-12).all()
+
+
+def test_thirty_stretched_links_get_their_digits_back() -> None:
+    plant = resolve(rods(30))
+    rng = np.random.default_rng(1)
+    inputs = {k: rng.uniform(-s, s, (1, 30)) for k, s in (('q', 1e-2), ('qd', 1), ('tau', 1))}
+    right = reference(plant, inputs, 'articulated_body')
+    result = [
+        run(lower(record_refined(plant, 'composite_body', steps), 'float64'), inputs)
+        for steps in (0, 1)
+    ]
+    before, after = (relative_error(r['qdd'], right)[0] for r in result)
+    assert before > 1e-12
+    assert after < LAST_DIGITS * ROUNDING['float64']
+    assert 1 / ESTIMATE < result[1]['error'][0, 0] / before < ESTIMATE
+
+
+def test_a_residual_link_by_link_saves_what_sums_about_the_base_have_lost() -> None:
+    # The wrist is light, and its inertia a small difference of sums about the base.
+    plant = resolve(pfd.load_robot('puma560'))
+    rng = np.random.default_rng(5)
+    inputs = {k: rng.uniform(-2, 2, (5, 6)).astype('f4').astype('f8') for k in ('q', 'qd', 'tau')}
+    right = reference(plant, inputs, 'articulated_body')
+    errors = []
+    for steps in (0, 1):
+        program = lower(record_refined(plant, 'pcrbm_base_origin', steps), 'float32')
+        found = run(program, inputs, 'float32')['qdd']
+        errors.append(relative_error(found, right).max())
+    unit = ROUNDING['float32']
+    assert errors[0] > LAST_DIGITS * unit
+    assert errors[1] < LAST_DIGITS * unit
+
+
+@pytest.mark.parametrize('dtype', ROUNDING)
+def test_kernel_batch_emulator_and_estimate_give_the_same_bits(dtype: str) -> None:
+    robot = pfd.load_robot('ur5')
+    kernel = pfd.compile_kernel(robot, method='composite_body', dtype=dtype, refine=1)
+    rng = np.random.default_rng(2)
+    q, qd, tau = (rng.uniform(-3, 3, (21, 6)).astype(dtype) for _ in range(3))
+    found = kernel(q, qd, tau)
+    emulated = run(kernel.program, {'q': q, 'qd': qd, 'tau': tau}, dtype)
+    np.testing.assert_array_equal(found, next(iter(emulated.values())))
+    again, errors = kernel.error_estimate(q, qd, tau)
+    np.testing.assert_array_equal(again, found)
+    assert errors.shape == (21,)
+    assert errors.dtype == dtype
+    for k in range(3):
+        np.testing.assert_array_equal(kernel(q[k], qd[k], tau[k]), found[k])
+        one, error = kernel.error_estimate(q[k], qd[k], tau[k])
+        np.testing.assert_array_equal(one, found[k])
+        assert error == errors[k]
+    assert (errors < NOISE * LAST_DIGITS * ROUNDING[dtype]).all()
+
+
+def test_forward_dynamics_and_the_simulator_pass_refinement_on() -> None:
+    hard = HARD['stretched_12']()
+    robot = hard.plant.robot
+    q, qd, tau = (hard.states[k][0].astype('f4') for k in ('q', 'qd', 'tau'))
+    results = {}
+    for refine in (0, 1):
+        options: dict[str, Any] = {'method': 'articulated_body', 'dtype': 'float32'}
+        options['refine'] = refine
+        sim = pfd.Simulator(robot, **options)
+        sim.reset(q, qd)
+        sim.step(tau)
+        results[refine] = sim.qdd
+        at = sim.q, sim.qd
+        kernel = pfd.compile_kernel(robot, **options)
+        found = pfd.forward_dynamics(robot, *at, tau, **options)
+        np.testing.assert_array_equal(found, kernel(*at, tau))
+    assert (results[0] != results[1]).any()
+
+
+def test_a_step_costs_one_recursion_and_one_solve() -> None:
+    # Luh, Walker and Paul as Lee and Chang 1987 count them, 137 n - 22 and 101 n - 11, and the
+    # factors once forward and once back, n (n - 1) each way, n products with the pivots; n
+    # differences, n additions. Signs are free, and nothing is divided again.
+    for name in ('ur5', 'panda', 'puma560'):
+        robot = pfd.load_robot(name)
+        n = robot.n
+        first, second, third = (
+            pfd.compile_kernel(robot, method='composite_body', refine=k).operations
+            for k in range(3)
+        )
+        recursion, solve = (137 * n - 22) + (101 * n - 11), 2 * n * (n - 1) + n
+        assert first['div'] == second['div'] == third['div'] <= n
+        for before, after in ((first, second), (second, third)):
+            work = sum(after.values()) - sum(before.values())
+            assert 0 < work - (after['neg'] - before['neg']) <= recursion + solve + 2 * n
+
+
+def test_an_arm_at_rest_without_load_has_no_error() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), scene=Scene(gravity=None), refine=1)
+    zero = np.zeros(6)
+    qdd, error = kernel.error_estimate(zero, zero, zero)
+    assert not qdd.any()
+    assert error == 0
+
+
+def test_a_massless_end_has_an_infinite_estimate() -> None:
+    plant = resolve(rods(3, 0.0))
+    inputs = {k: np.full((1, 3), 0.3) for k in ('q', 'qd', 'tau')}
+    for method in METHODS:
+        result = run(lower(record_refined(plant, method, 1), 'float64'), inputs)
+        assert result['error'][0, 0] == np.inf
+
+
+def test_a_kernel_without_refinement_has_no_estimate() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    zero = np.zeros(2)
+    with pytest.raises(ValueError, match='no error estimate: compile it with refine=1 or more'):
+        kernel.error_estimate(zero, zero, zero)
+
+
+@pytest.mark.parametrize('refine', [-1, 0.5, '1', None])
+def test_a_number_of_steps_that_is_none_is_refused(refine: object) -> None:
+    with pytest.raises(ValueError, match='refine must be an integer of at least 0, got'):
+        pfd.compile_kernel(pfd.load_robot('planar2'), refine=refine)  # type: ignore[arg-type]

@@ -9,6 +9,8 @@ NAME = 'pfd_ros'
 ROBOTS = glob('config/robots/*')
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 REPORT = ['matplotlib', 'mpmath']
+# What `pfd report speed` compares with, besides Pinocchio.
+PEERS = ['casadi', 'mujoco']
 
 setup(
     name=NAME,
@@ -42,6 +44,7 @@ setup(
         # Not in install_requires: on a machine with its own ROS 2 these wheels would lie over it.
         'ros': ROS,
         'report': REPORT,
+        'peers': PEERS,
         'test': [
             *REPORT,
             'colcon-common-extensions',

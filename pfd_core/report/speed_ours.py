@@ -1,0 +1,88 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The kernels of this package as contenders: every method and precision, on one thread."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from pfd_core.kernels.kernel import Kernel, compile_kernel
+from pfd_core.model import Robot
+from pfd_core.report.timing import STEP, LeftOutError, Side, Work
+from pfd_core.simulation.simulator import Simulator
+
+# Methods, and up to how many joints: straight-line code of the O(n^2) and O(n^3) methods grows
+# until it takes minutes to compile.
+LARGEST = {'composite_body': 30, 'articulated_body': 1000, 'pcrbm': 12}
+DTYPES = ('float64', 'float32')
+
+
+@dataclass(frozen=True)
+class Ours:
+    """The kernels of one robot, by one method in one precision."""
+
+    kernel: Kernel
+    simulators: list[Simulator]
+    name: str
+
+    def sides(self, work: Work) -> Iterator[Side]:
+        """Return the ways in which users call a kernel."""
+        return {'call': self._calls, 'rollout': self._rollouts, 'batch': self._batches}[work.kind](
+            work
+        )
+
+    def _calls(self, work: Work) -> Iterator[Side]:
+        q, qd, tau = (x.astype(self.kernel.dtype) for x in work.arrays)
+        out = np.empty_like(q)
+        yield Side(
+            f'{self.name}: kernel(q, qd, tau)',
+            partial(self.kernel, q, qd, tau),
+            partial(self.kernel, q, qd, tau),
+        )
+        target = np.empty_like(q)
+        yield Side(
+            f'{self.name}: kernel(..., out=)',
+            partial(self.kernel, q, qd, tau, out=target),
+            lambda: target,
+        )
+        yield Side(f'{self.name}: bound', self.kernel.bind(q, qd, tau, out), lambda: out)
+
+    def _batches(self, work: Work) -> Iterator[Side]:
+        for order, laid in (('F', np.asfortranarray), ('C', np.ascontiguousarray)):
+            q, qd, tau = (laid(x).astype(self.kernel.dtype) for x in work.arrays)
+            out = np.empty_like(q)
+            run = partial(self.kernel, q, qd, tau, out=out)
+            # `out` would be the last one by the time of the call.
+            yield Side(f'{self.name}, {order} order', run, partial(np.asarray, out))
+
+    def _rollouts(self, work: Work) -> Iterator[Side]:
+        if not self.simulators:
+            self.simulators.append(
+                Simulator(
+                    self.kernel.robot,
+                    step_size=STEP,
+                    substeps=1,
+                    integrator='rk4',
+                    method=self.kernel.method,
+                    dtype=self.kernel.dtype,
+                )
+            )
+        (sim,) = self.simulators
+        taus = np.tile(work.tau, (work.steps, 1)).astype(self.kernel.dtype)
+
+        def run() -> None:
+            sim.reset(work.q, work.qd)
+            sim.rollout(taus)
+
+        yield Side(self.name, run, lambda: sim.q)
+
+
+def make(method: str, dtype: str, robot: Robot) -> Ours:
+    """Compile a method for a robot; LeftOutError where that would take minutes."""
+    if robot.n > LARGEST[method]:
+        raise LeftOutError(f'not measured beyond {LARGEST[method]} joints: too long to compile')
+    return Ours(compile_kernel(robot, method=method, dtype=dtype), [], f'{method} {dtype}')

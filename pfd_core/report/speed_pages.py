@@ -1,0 +1,206 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report of the speed: Markdown, JSON and a plot over n."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+import json
+from pathlib import Path
+from typing import Any
+
+from pfd_core.report.first_results import FROM_DISK, PROCESS, WORKS
+from pfd_core.report.speed import QUICK, Findings, Survey, survey
+from pfd_core.report.timing import Row
+
+COMMAND = 'pfd report speed'
+INTRODUCTION = f"""# Speed, against peers
+
+Written by `{COMMAND}`; the numbers are those of one machine on one day.
+
+{{machine}}.
+
+All ways of doing one work take turns in one process, in chunks of a few milliseconds. A cell holds
+minimum / median of the time per state, or per step of a rollout, and in brackets how many times
+faster than the first row that is: the median over the turns of the ratio of two times taken next
+to each other. Everything but the fresh process runs on one thread unless the row says otherwise.
+
+- Sine and cosine are included everywhere, and so is what Python does around a call. *bound* is
+  `kernel.bind(q, qd, tau, out)`. MuJoCo's state is in place before `mj_forward`, and CasADi's
+  before `buffer()`.
+- A rollout is the classical Runge-Kutta method with the torques held. Ours evaluates five times a
+  step, because it also returns the acceleration that each step ends with; the others four times.
+- MuJoCo has contacts and constraints switched off. Its batch is `mujoco.rollout` over one step.
+- *CasADi C* is the articulated-body algorithm of Featherstone's textbook (2008, table 7.1) written
+  with casadi.SX, and its generated C compiled with `cc -O3 -march=native`.
+- *chainN* has N equal rods, each axis at right angles to the one before; *dense6* has six joints
+  with skew axes, and no number of it is zero. All sides compute with the same numbers.
+- Method names are ours, with the number format. Not every method is compiled for long chains.
+"""
+
+
+def markdown(findings: Findings) -> str:
+    """Return the whole page."""
+    rows = findings.rows
+    parts = [INTRODUCTION.format(machine=_machine(findings.machine)), _summary(rows)]
+    prepared = [*WORKS, *(work + FROM_DISK for work in WORKS), PROCESS]
+    for work in dict.fromkeys(row.work for row in rows if row.work not in prepared):
+        parts.append(f'## {work.capitalize()} [ns]\n')
+        parts.append(_grid([row for row in rows if row.work == work], _cell))
+    parts.append('## Until the first result [ms]\n')
+    parts.append(
+        'From a robot in memory to one result, then on to the first of a batch; from nothing, and '
+        f'with what an earlier process left on the disk. The {PROCESS} imports NumPy first.\n'
+    )
+    for work in prepared:
+        found = [row for row in rows if row.work == work]
+        if found:
+            parts += [f'### {work.capitalize()}\n', _grid(found, _milliseconds)]
+    parts.append('## Difference from the first row of each table\n')
+    parts.append('max|difference| / max|reference| of a state, the largest of all states.\n')
+    parts.append(_grid(_largest_differences(rows), lambda row: f'{row.difference:.0e}'))
+    parts.append('## Left out\n')
+    parts.append('\n'.join(f'- {text}' for text in findings.left_out) or 'Nothing.')
+    return '\n'.join(parts).rstrip() + '\n'
+
+
+def _machine(machine: dict[str, Any]) -> str:
+    versions = ', '.join(f'{name} {number}' for name, number in machine['versions'].items())
+    told = [f'{machine["processor"]}, {machine["cores"]} cores, vectors of {machine["vector"]}']
+    told += [machine['system'], versions, machine['compiler'], machine['date']]
+    return '; '.join(told)
+
+
+def _summary(rows: Sequence[Row]) -> str:
+    """Return a table of the best of ours over Pinocchio, robot by robot."""
+    size = max((row.work for row in rows if row.work.startswith('batch')), key=_near_4096)
+    ours = ('composite_body', 'articulated_body', 'pcrbm')
+    columns: dict[str, Callable[[Row], bool]] = {
+        'call with out=': lambda row: (
+            row.work == 'call' and 'float64: kernel(..., out=)' in row.way
+        ),
+        'bound call': lambda row: row.work == 'call' and 'float64: bound' in row.way,
+        'rollout': lambda row: row.work == 'rollout' and 'float64' in row.way,
+        f'{size}, F order': lambda row: row.work == size and 'float64, F' in row.way,
+        f'{size}, C order': lambda row: row.work == size and 'float64, C' in row.way,
+        f'{size}, F order, float32': lambda row: row.work == size and 'float32, F' in row.way,
+    }
+    lines = [
+        '## The best of ours, in times the speed of Pinocchio\n',
+        'Against `pinocchio.aba`, a Python loop over it, and `abaInParallel` on one thread.\n',
+        '| robot | ' + ' | '.join(columns) + ' |',
+        '|---' * (len(columns) + 1) + '|',
+    ]
+    for robot in dict.fromkeys(row.robot for row in rows):
+        own = [row for row in rows if row.robot == robot and row.way.startswith(ours)]
+        best = [
+            max((row.times for row in own if fits(row) and row.times), default=None)
+            for fits in columns.values()
+        ]
+        cells = ['-' if value is None else f'{value:.1f}' for value in best]
+        lines.append(f'| {robot} | ' + ' | '.join(cells) + ' |')
+    return '\n'.join([*lines, ''])
+
+
+def _near_4096(work: str) -> int:
+    return -abs(int(work.split()[-1]) - 4096)
+
+
+def _grid(rows: Sequence[Row], text: Callable[[Row], str]) -> str:
+    """Return a table of ways over robots."""
+    robots = list(dict.fromkeys(row.robot for row in rows))
+    known = {(row.way, row.robot): text(row) for row in rows}
+    lines = ['| | ' + ' | '.join(robots) + ' |', '|---' * (len(robots) + 1) + '|']
+    for way in dict.fromkeys(row.way for row in rows):
+        cells = [known.get((way, robot), '-') for robot in robots]
+        lines.append(f'| {way} | ' + ' | '.join(cells) + ' |')
+    return '\n'.join([*lines, ''])
+
+
+def _cell(row: Row) -> str:
+    times = '' if row.times is None else f' ({_short(row.times)})'
+    return f'{_short(row.minimum * 1e9)} / {_short(row.median * 1e9)}{times}'
+
+
+def _milliseconds(row: Row) -> str:
+    return f'{_short(row.minimum * 1e3)} / {_short(row.median * 1e3)}'
+
+
+def _short(value: float) -> str:
+    """Return a number with three digits, or all those before the point."""
+    return f'{value:.0f}' if value >= 99.5 else f'{value:.3g}'
+
+
+def _largest_differences(rows: Sequence[Row]) -> list[Row]:
+    """Return, of each way and robot, the row whose results are furthest from the reference's."""
+    found: dict[tuple[str, str], Row] = {}
+    for row in rows:
+        if row.difference is not None:
+            key = (row.way, row.robot)
+            before = found.setdefault(key, row).difference
+            if before is not None and row.difference > before:
+                found[key] = row
+    return list(found.values())
+
+
+def run(folder: Path, quick: bool = False, plan: Survey | None = None) -> int:
+    """Measure, write the report into a folder, print its files and return the exit status, 0."""
+    findings = survey(plan or (QUICK if quick else Survey()))
+    print('\n'.join(str(path) for path in write(findings, folder)))
+    return 0
+
+
+def write(findings: Findings, folder: Path) -> list[Path]:
+    """
+    Write speed.md, speed.json and a plot, speed.png, and return their paths.
+
+    The plot is left out where matplotlib (extra `report`) is not installed.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    page, data, picture = (folder / f'speed.{suffix}' for suffix in ('md', 'json', 'png'))
+    page.write_text(markdown(findings), encoding='utf-8')
+    data.write_text(json.dumps(asdict(findings), indent=1) + '\n', encoding='utf-8')
+    return [page, data, *([picture] if plot(findings.rows, picture) else [])]
+
+
+def plot(rows: Sequence[Row], path: Path) -> bool:
+    """Draw the time of a call and of a state in a batch over n, for the chains."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        return False
+    figure = Figure(figsize=(12, 5.5), layout='constrained')
+    FigureCanvasAgg(figure)
+    batches = {row.work for row in rows if row.work.startswith('batch')}
+    size = max(batches, key=_near_4096, default='')
+    for axes, work in zip(figure.subplots(1, 2), ('call', size), strict=True):
+        chains = [row for row in rows if row.work == work and row.robot.startswith('chain')]
+        ways = [way for way in dict.fromkeys(row.way for row in chains) if _drawn(way)]
+        for k, way in enumerate(ways):
+            own = [row for row in chains if row.way == way]
+            style = '--' if 'float32' in way else '-'
+            axes.loglog(
+                [row.n for row in own],
+                [row.median * 1e9 for row in own],
+                style,
+                color=f'C{k % 10}',
+                marker='.',
+                label=way,
+            )
+        ticks = sorted({row.n for row in chains})
+        axes.set_xticks(ticks, [str(tick) for tick in ticks])
+        axes.minorticks_off()
+        axes.set_xlabel('joints n')
+        axes.set_ylabel('median time of a state [ns]')
+        axes.set_title(f'chains of n joints: {work}')
+        axes.grid(which='both', alpha=0.25)
+        axes.legend(fontsize=7)
+    figure.savefig(path, dpi=110)
+    return True
+
+
+def _drawn(way: str) -> bool:
+    """Return whether a way is one of the fastest of its kind, as drawn."""
+    return not way.endswith((': kernel(q, qd, tau)', 'out=)', ', C order'))

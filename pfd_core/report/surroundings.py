@@ -1,0 +1,63 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a measured time depends on besides the code: processor, versions, date."""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError, version
+import os
+from pathlib import Path
+import platform
+import shutil
+import subprocess
+import time
+from typing import Any
+
+from pfd_core.kernels.engine import simd_width
+
+PACKAGES = {
+    'pfd_ros': 'pfd_ros',
+    'NumPy': 'numpy',
+    'llvmlite': 'llvmlite',
+    'Pinocchio': 'pin',
+    'MuJoCo': 'mujoco',
+    'CasADi': 'casadi',
+}
+
+
+def surroundings() -> dict[str, Any]:
+    """Return the processor, the system, the versions of all that is measured, and the date."""
+    return {
+        'processor': _processor(),
+        'cores': os.cpu_count(),
+        'vector': f'{64 * simd_width("float64")} bits',
+        'system': f'{platform.system()} {platform.machine()}',
+        'compiler': _compiler(),
+        'versions': {'Python': platform.python_version()}
+        | {name: _version(package) for name, package in PACKAGES.items()},
+        'date': time.strftime('%Y-%m-%d'),
+    }
+
+
+def _processor() -> str:
+    try:
+        text = Path('/proc/cpuinfo').read_text(encoding='utf-8')
+    except OSError:
+        text = ''
+    names = [line.split(':', 1)[1].strip() for line in text.splitlines() if 'model name' in line]
+    return names[0] if names else platform.processor() or platform.machine()
+
+
+def _compiler() -> str:
+    path = shutil.which('cc')
+    if path is None:
+        return 'absent'
+    done = subprocess.run([path, '--version'], capture_output=True, text=True, check=False)
+    return (done.stdout.splitlines() or ['unknown'])[0]
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return 'absent' if package != 'pfd_ros' else 'a checkout'

@@ -1,0 +1,206 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Ways of doing the same work, timed against each other in one process.
+
+The sides take turns, in chunks of a few milliseconds, forwards and then backwards. What is quoted
+is the median over the turns of the ratio of two times that were taken next to each other: a
+machine that slows down slows both. The minimum says what the code can do, the median what it did.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+import statistics
+import time
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+KINDS = ('call', 'rollout', 'batch')
+STEP = 1e-4  # seconds of a rollout's step; the time that it costs does not depend on it
+
+
+class LeftOutError(Exception):
+    """A way that cannot be measured here; the text says why."""
+
+
+@dataclass(frozen=True)
+class Work:
+    """
+    What every side is to compute: accelerations, or where an arm is after some time.
+
+    Attributes
+    ----------
+    kind : {'call', 'rollout', 'batch'}
+        One state, the steps of a simulation with the torques held, or many states at once.
+    q, qd, tau : ndarray
+        Positions [rad or m], velocities and torques, (n,), or (B, n) for a batch.
+    steps : int
+        Steps of a rollout of STEP seconds, classical Runge-Kutta.
+
+    """
+
+    kind: str
+    q: Array
+    qd: Array
+    tau: Array
+    steps: int = 1
+
+    @property
+    def units(self) -> int:
+        """Evaluations, or steps of a rollout, that are done at once."""
+        return len(self.q) if self.kind == 'batch' else self.steps
+
+    @property
+    def arrays(self) -> tuple[Array, Array, Array]:
+        """Positions, velocities and torques."""
+        return self.q, self.qd, self.tau
+
+    @property
+    def title(self) -> str:
+        """What a table calls it."""
+        return f'batch of {self.units}' if self.kind == 'batch' else self.kind
+
+
+@dataclass(frozen=True)
+class Side:
+    """
+    One way of doing a work.
+
+    Attributes
+    ----------
+    way : str
+        What a table calls it.
+    run : callable
+        Does the work once, without arguments.
+    result : callable
+        Returns what `run` computed last: accelerations, (n,) or (B, n), or the positions after
+        a rollout, (n,).
+    reference : bool
+        The others are compared with this one.
+
+    """
+
+    way: str
+    run: Callable[[], object]
+    result: Callable[[], NDArray[np.floating]]
+    reference: bool = False
+
+
+class Contender(Protocol):
+    """A program made for one robot."""
+
+    def sides(self, work: Work) -> Iterable[Side]:
+        """Return the ways in which it can do a work; none if it cannot."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """
+    What was measured of one way.
+
+    Attributes
+    ----------
+    robot, work, way : str
+        Who did what, and how.
+    n : int
+        Joints of the robot.
+    minimum, median : float
+        Seconds for each state, or step of a rollout.
+    times : float or None
+        Median over the turns of the reference's time over this one.
+    difference : float or None
+        From the reference's result: max|difference| / max|reference| of a state, the largest.
+
+    """
+
+    robot: str
+    n: int
+    work: str
+    way: str
+    minimum: float
+    median: float
+    times: float | None = None
+    difference: float | None = None
+
+
+@dataclass(frozen=True)
+class Pace:
+    """
+    How long to measure.
+
+    Attributes
+    ----------
+    chunk : float
+        Seconds for which one side works in its turn: long against the clock, short against the
+        moods of a machine.
+    turns, fewest : int
+        Turns that each side has; where the works are long, fewer, but never below the second.
+    budget : float
+        Seconds for all turns of one work.
+    repeats : int
+        How often to prepare what can only be prepared anew, unless it takes a second.
+
+    """
+
+    chunk: float = 3e-3
+    turns: int = 40
+    fewest: int = 3
+    budget: float = 4.0
+    repeats: int = 3
+
+
+def take_turns(robot: str, work: Work, sides: Sequence[Side], pace: Pace) -> list[Row]:
+    """Measure the sides of one work against each other."""
+    for side in sides:
+        side.run()
+    differences = _differences(sides)
+    once = [_chunk(side.run, 1) for side in sides]
+    calls = [max(1, round(pace.chunk / seconds)) for seconds in once]
+    turn = sum(seconds * count for seconds, count in zip(once, calls, strict=True))
+    turns = min(pace.turns, max(pace.fewest, round(pace.budget / turn)))
+    times = np.empty((turns, len(sides)))
+    for t in range(turns):
+        for k in range(len(sides)) if t % 2 == 0 else reversed(range(len(sides))):
+            times[t, k] = _chunk(sides[k].run, calls[k]) / work.units
+    reference = next((k for k, side in enumerate(sides) if side.reference), None)
+    return [
+        Row(
+            robot,
+            work.q.shape[-1],
+            work.title,
+            side.way,
+            float(times[:, k].min()),
+            statistics.median(times[:, k].tolist()),
+            None if reference is None else float(np.median(times[:, reference] / times[:, k])),
+            differences[k],
+        )
+        for k, side in enumerate(sides)
+    ]
+
+
+def _chunk(run: Callable[[], object], calls: int) -> float:
+    """Return the seconds that one call takes, over a number of them."""
+    start = time.perf_counter()
+    for _ in range(calls):
+        run()
+    return (time.perf_counter() - start) / calls
+
+
+def _differences(sides: Sequence[Side]) -> list[float | None]:
+    reference = next((side for side in sides if side.reference), None)
+    if reference is None:
+        return [None] * len(sides)
+    wanted = np.array(reference.result(), float)
+    return [relative_difference(side.result(), wanted) for side in sides]
+
+
+def relative_difference(found: NDArray[np.floating], wanted: NDArray[np.floating]) -> float:
+    """Return max|found - wanted| / max|wanted| of a state, (n,), or the largest, (B, n)."""
+    off = np.abs(np.asarray(found, float) - wanted).max(axis=-1)
+    return float((off / np.abs(wanted).max(axis=-1)).max())

@@ -1,0 +1,238 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report of the speed compares equal work, and says what it could not compare."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import json
+import os
+from pathlib import Path
+import runpy
+import shutil
+import sys
+
+import numpy as np
+import pinocchio as pin
+import pytest
+import tolerances
+import zoo
+
+import pfd_core as pfd
+from pfd_core.report import peers, speed, speed_ours, speed_pages, textbook, timing
+from pfd_core.report.timing import LeftOutError, Pace, Row, Side, Work
+
+BENCHMARK = Path(__file__).resolve().parent.parent / 'benchmarks' / 'speed.py'
+# MuJoCo gets rotations as unit quaternions, which adds their rounding to that of the dynamics.
+QUATERNIONS = 10 * tolerances.DYNAMICS
+TINY = replace(speed.QUICK, robots=('planar2', 'chain3'))
+PAGES = speed.Findings(
+    rows=[
+        Row('chain3', 3, 'call', 'pinocchio.aba', 2e-6, 3e-6, 1.0, 0.0),
+        Row('chain3', 3, 'call', 'pcrbm float64: bound', 1e-7, 1.5e-7, 20.0, 3e-15),
+        Row('chain3', 3, 'batch of 64', 'pinocchio.abaInParallel, 1 thread', 1e-6, 1e-6, 1.0, 0.0),
+        Row('chain3', 3, 'batch of 64', 'pcrbm float64, F order', 1e-8, 2e-8, 50.0, 4e-15),
+        Row('chain3', 3, 'first result', 'pcrbm float64', 0.1, 0.2),
+    ],
+    left_out=['mujoco on chain3: it is absent'],
+    machine=speed.surroundings(),
+)
+
+
+@pytest.fixture(scope='module')
+def findings() -> speed.Findings:
+    return speed.survey(TINY)
+
+
+class Clock:
+    """Seconds that pass only when a side works; every third turn all is ten times slower."""
+
+    def __init__(self) -> None:
+        self.now = 0.0
+        self.slow = 1.0
+
+    def __call__(self) -> float:
+        return self.now
+
+    def side(self, way: str, seconds: float, value: float, reference: bool = False) -> Side:
+        def run() -> None:
+            self.now += seconds * self.slow
+
+        return Side(way, run, lambda: np.array([1.0, value]), reference)
+
+
+def test_times_are_per_state_and_compared_with_the_reference(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = Clock()
+    monkeypatch.setattr(timing.time, 'perf_counter', clock)
+    sides = [clock.side('peer', 8.0, 4.0, True), clock.side('ours', 0.5, 4.25)]
+    work = Work('batch', *np.zeros((3, 4, 2)))
+    peer, ours = timing.take_turns('arm', work, sides, Pace(chunk=16.0, turns=5, budget=1e9))
+    assert (peer.minimum, peer.median, peer.times, peer.difference) == (2.0, 2.0, 1.0, 0.0)
+    assert (ours.minimum, ours.median, ours.times, ours.difference) == (0.125, 0.125, 16.0, 0.0625)
+    assert (ours.work, ours.n) == ('batch of 4', 2)
+
+
+def test_a_machine_that_slows_down_changes_the_median_but_not_the_ratio(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = Clock()
+    monkeypatch.setattr(timing.time, 'perf_counter', clock)
+    sides = [clock.side('peer', 4.0, 1.0, True), clock.side('ours', 1.0, 1.0)]
+    turns = iter([1.0] * 4 + [1.0, 1.0, 8.0, 8.0, 8.0, 8.0])
+    pace = Pace(chunk=1e-9, turns=3, budget=1e9)
+    work = [
+        replace(s, run=lambda s=s: (setattr(clock, 'slow', next(turns)), s.run())) for s in sides
+    ]
+    peer, ours = timing.take_turns('arm', Work('call', *np.zeros((3, 2))), work, pace)
+    assert (ours.minimum, ours.median, peer.median) == (1.0, 8.0, 32.0)
+    assert ours.times == 4.0
+
+
+def test_a_long_work_has_fewer_turns_but_never_less_than_the_fewest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = Clock()
+    monkeypatch.setattr(timing.time, 'perf_counter', clock)
+    for seconds, turns in ((1.0, 10), (3.0, 4), (50.0, 2)):
+        clock.now = 0.0
+        side = clock.side('ours', seconds, 1.0, True)
+        pace = Pace(chunk=1e-9, turns=10, fewest=2, budget=12.0)
+        timing.take_turns('arm', Work('call', *np.zeros((3, 2))), [side], pace)
+        # Once to see that it works, once to see how long it takes.
+        assert clock.now == (turns + 2) * seconds
+
+
+def test_every_way_gives_what_pinocchio_gives(findings: speed.Findings) -> None:
+    compared = [row for row in findings.rows if row.difference is not None]
+    assert {row.work for row in compared} == {'call', 'rollout', 'batch of 1', 'batch of 64'}
+    for row in compared:
+        single = 'float32' in row.way
+        assert row.difference < (tolerances.SINGLE if single else QUATERNIONS), row
+
+
+def test_every_contender_that_is_installed_is_measured(findings: speed.Findings) -> None:
+    ways = '\n'.join(row.way for row in findings.rows)
+    left_out = '\n'.join(findings.left_out)
+    for name in TINY.makers:
+        assert (name in ways) != (name in left_out)
+    for row in findings.rows:
+        assert 0 < row.minimum <= row.median
+
+
+def test_results_that_lie_on_the_disk_are_measured_too(findings: speed.Findings) -> None:
+    works = {row.work for row in findings.rows if row.way == 'composite_body float64'}
+    assert {'first result', 'first result, from disk', 'first batch, from disk'} <= works
+    ways = {row.way for row in findings.rows if row.work == 'fresh process'}
+    assert ways == {'pfd.forward_dynamics', 'pfd.forward_dynamics, from disk'}
+
+
+def test_measuring_leaves_the_cache_of_the_user_as_it_is(findings: speed.Findings) -> None:
+    assert 'pfd_speed_' not in os.environ.get('PFD_CACHE', '')
+
+
+@pytest.mark.parametrize('maker', [peers.Pinocchio, peers.Mujoco, textbook.Casadi])
+def test_a_peer_made_of_our_numbers_is_the_same_arm(maker: type) -> None:
+    # Joints of all kinds on odd axes, on a base that is turned.
+    arm = pfd.load_robot(zoo.ODD_ARM, tip='tool')
+    q, qd, tau = np.random.default_rng(3).uniform(-1, 1, (3, 5, arm.n))
+    try:
+        peer = maker(arm)
+    except LeftOutError as reason:
+        pytest.skip(str(reason))
+    model = zoo.to_pinocchio(arm)
+    wanted = np.array(
+        [pin.aba(model, model.createData(), *x) for x in zip(q, qd, tau, strict=True)]
+    )
+    for work in (Work('batch', q, qd, tau), Work('call', q[0], qd[0], tau[0])):
+        for side in peer.sides(work):
+            side.run()
+            rows = wanted if work.kind == 'batch' else wanted[0]
+            assert timing.relative_difference(side.result(), rows) < QUATERNIONS
+
+
+def test_an_absent_peer_is_left_out_and_the_page_says_so(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for name in ('mujoco', 'casadi', 'pinocchio'):
+        monkeypatch.setitem(sys.modules, name, None)
+    kept = ('pinocchio', 'mujoco', 'CasADi C', 'composite_body float64')
+    plan = replace(TINY, robots=('chain2',), sizes=(3,), makers={k: TINY.makers[k] for k in kept})
+    found = speed.survey(plan)
+    assert [text.split(':')[0] for text in found.left_out] == [f'{k} on chain2' for k in kept[:3]]
+    assert all('install the extra `peers`' in text for text in found.left_out)
+    assert found.rows
+    assert all(row.times is None for row in found.rows)
+    assert 'mujoco on chain2: mujoco cannot be imported' in speed_pages.markdown(found)
+
+
+def test_without_a_compiler_casadi_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip('casadi')
+    monkeypatch.setattr(shutil, 'which', lambda name: None)
+    with pytest.raises(LeftOutError, match='no C compiler'):
+        textbook.Casadi(speed.chain(2))
+
+
+def test_what_the_compiler_says_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip('casadi')
+    if shutil.which('cc') is None:
+        pytest.skip('there is no C compiler')
+    monkeypatch.setattr(textbook, 'LOOPS', '#error "broken on purpose"')
+    with pytest.raises(LeftOutError, match='broken on purpose'):
+        textbook.Casadi(speed.chain(2))
+
+
+def test_a_method_that_would_take_minutes_to_compile_is_left_out() -> None:
+    with pytest.raises(LeftOutError, match='12 joints'):
+        speed_ours.make('pcrbm', 'float64', speed.chain(13))
+
+
+def test_a_dense_arm_has_no_zero_and_a_chain_only_right_angles() -> None:
+    dense = speed.robot('dense6')
+    for values in (dense.rotations, dense.translations, dense.centers, dense.inertias):
+        assert np.abs(values).min() > 1e-6  # metres, kg m^2: far above rounding
+    chain = speed.robot('chain5')
+    assert chain.n == 5
+    assert set(np.unique(chain.rotations)) == {-1.0, 0.0, 1.0}
+
+
+def test_an_unknown_robot_is_refused() -> None:
+    with pytest.raises(ValueError, match='chainsaw'):
+        speed.robot('chainsaw')
+
+
+def test_the_pages_hold_every_row(tmp_path: Path) -> None:
+    paths = speed_pages.write(PAGES, tmp_path)
+    assert [path.name for path in paths[:2]] == ['speed.md', 'speed.json']
+    page = paths[0].read_text()
+    assert '| pcrbm float64: bound | 100 / 150 (20) |' in page
+    assert '| pcrbm float64, F order | 10 / 20 (50) |' in page
+    assert '| pcrbm float64 | 100 / 200 |' in page  # milliseconds
+    assert '| pcrbm float64: bound | 3e-15 |' in page
+    assert '| chain3 | - | 20.0 | - | 50.0 | - | - |' in page
+    assert 'mujoco on chain3: it is absent' in page
+    assert PAGES.machine['versions']['NumPy'] in page
+    data = json.loads(paths[1].read_text())
+    assert [Row(**row) for row in data['rows']] == PAGES.rows
+
+
+def test_the_plot_is_left_out_without_matplotlib(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ('matplotlib', 'matplotlib.figure', 'matplotlib.backends.backend_agg'):
+        monkeypatch.setitem(sys.modules, name, None)
+    assert [path.name for path in speed_pages.write(PAGES, tmp_path)] == ['speed.md', 'speed.json']
+
+
+def test_the_benchmark_measures_the_robots_that_it_is_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = {}
+    monkeypatch.setattr(speed_pages, 'run', lambda out, plan: asked.update({out: plan}) or 0)
+    command = [str(BENCHMARK), 'puma560', 'chain7', '--quick', '--out', str(tmp_path)]
+    monkeypatch.setattr(sys, 'argv', command)
+    with pytest.raises(SystemExit) as stopped:
+        runpy.run_path(str(BENCHMARK), run_name='__main__')
+    assert stopped.value.code == 0
+    assert asked == {tmp_path: replace(speed.QUICK, robots=('puma560', 'chain7'))}

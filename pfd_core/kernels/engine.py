@@ -91,6 +91,8 @@ class Optimisation:
         Levels of the passes over the text and of the code generator.
     slp_vectorization, loop_vectorization : bool
         Whether scalars and loops are turned into vectors.
+    relocation, code_model : str
+        How code refers to its constants, and to what is outside.
 
     """
 
@@ -98,6 +100,8 @@ class Optimisation:
     code: int = 2
     slp_vectorization: bool = False
     loop_vectorization: bool = False
+    relocation: str = 'pic'
+    code_model: str = 'small'
 
 
 USUAL = Optimisation()
@@ -191,8 +195,14 @@ def _initialise(triple: str) -> None:
 
 def _machine(target: Target, optimisation: Optimisation) -> Any:
     _initialise(target.triple)
+    # Constants lie beside the code, so that an instruction reaches them by itself; only what is
+    # the process's own is reached through a table.
     return llvm.Target.from_triple(target.triple).create_target_machine(
-        cpu=target.cpu, features=target.features, opt=optimisation.code
+        cpu=target.cpu,
+        features=target.features,
+        opt=optimisation.code,
+        reloc=optimisation.relocation,
+        codemodel=optimisation.code_model,
     )
 
 
@@ -208,7 +218,8 @@ def _load(code: bytes, target: Target) -> Any:
     """Return an engine that holds the code of an object file, ready to run."""
     # An engine has to begin with a module; this one is empty.
     module = llvm.parse_assembly('')
-    engine = llvm.create_mcjit_compiler(module, _machine(target, USUAL))
+    # llvmlite's own memory manager, because it keeps code and constants next to each other.
+    engine = llvm.create_mcjit_compiler(module, _machine(target, USUAL), use_lmm=True)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     return engine

@@ -75,9 +75,10 @@ class Oracle:
         return pin.aba(self.model, self.data, q, qd, tau, self.forces(wrench)).copy()
 
 
-@pytest.mark.parametrize('schedule', SCHEDULES)
-def test_random_chains_agree_with_pinocchio(schedule: str) -> None:
-    for rng, robot in chains(CHAINS, seed=1):
+@pytest.mark.parametrize(('schedule', 'count'), [('parallel', CHAINS), ('sequential', 48)])
+def test_random_chains_agree_with_pinocchio(schedule: str, count: int) -> None:
+    # The emulator takes one processor's program scalar by scalar: fewer chains for that.
+    for rng, robot in chains(count, seed=1):
         plant, oracle = resolve(robot, WRENCH), Oracle(robot)
         q, qd, qdd = random_state(rng, robot.n)
         wrench = rng.normal(size=6) * 10
@@ -122,7 +123,7 @@ def test_without_a_wrench_the_frame_of_the_tip_plays_no_part() -> None:
 
 @pytest.mark.parametrize('schedule', SCHEDULES)
 def test_torque_is_recovered_from_the_accelerations_it_causes(schedule: str) -> None:
-    for rng, robot in chains(48, seed=4):
+    for rng, robot in chains(36, seed=4):
         plant = resolve(robot, Scene(external_wrench=True, damping='model', armature='model'))
         q, qd, tau = random_state(rng, robot.n)
         inputs = {'q': q, 'qd': qd, 'wrench': rng.normal(size=6)}

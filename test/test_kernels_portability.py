@@ -1,0 +1,216 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The same text on another processor: it compiles for 64-bit ARM and gives the same bits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import shutil
+import struct
+import subprocess
+
+import llvmlite.binding as llvm
+import numpy as np
+from numpy.typing import NDArray
+import pytest
+from zoo import random_chain, random_state
+
+import pfd_core as pfd
+from pfd_core.kernels import engine
+from pfd_core.kernels.batch import batch
+from pfd_core.kernels.engine import Target, emit, simd_width
+from pfd_core.kernels.evaluate import evaluate
+from pfd_core.kernels.kernel import Kernel, turned_joints
+from pfd_core.kernels.llvm import Format, arguments, body, module
+from pfd_core.model import Robot
+
+ARM64 = Target('aarch64-unknown-linux-gnu')
+NEON = {'float64': 2, 'float32': 4}
+ELF, ELF_MACHINE, EM_AARCH64 = b'\x7fELF', 18, 183
+COMPILER, LINKER = 'aarch64-linux-gnu-gcc', '-static'
+EMULATORS = ('qemu-aarch64', 'qemu-aarch64-static')
+LIFETIME = 120  # [s] of a compiler or an emulator; far above what it takes
+STATES = 7  # whole blocks and a rest, whatever the width
+SCENE = pfd.Scene(damping='model', armature='model', external_wrench=True, brakes=True)
+
+# Reads the bytes of a number, how many arguments there are, the elements of each and all inputs
+# (in hexadecimal); prints the results of a batch in C order, then those of one in Fortran order.
+MAIN = """
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+int64_t batch(int64_t count, int64_t *table);
+
+static unsigned char *place(int64_t *row, int64_t state, int64_t element) {
+    return (unsigned char *)row[0] + state * row[1] + element * row[2];
+}
+
+int main(void) {
+    int64_t bytes, count, slots, sizes[8], given[3 * 8], table[3 * 8];
+    if (scanf("%" SCNd64 " %" SCNd64 " %" SCNd64, &bytes, &count, &slots) != 3) return 2;
+    for (int64_t k = 0; k < slots; k++) {
+        if (scanf("%" SCNd64, &sizes[k]) != 1) return 2;
+        given[3 * k] = (int64_t)calloc(count * sizes[k], bytes);
+        given[3 * k + 1] = sizes[k] * bytes;
+        given[3 * k + 2] = bytes;
+    }
+    for (int64_t k = 0; k < slots - 1; k++)
+        for (int64_t i = 0; i < count * sizes[k]; i++) {
+            uint64_t number;
+            if (scanf("%" SCNx64, &number) != 1) return 2;
+            memcpy((unsigned char *)given[3 * k] + i * bytes, &number, bytes);
+        }
+    for (int order = 0; order < 2; order++) {
+        for (int64_t k = 0; k < slots; k++) {
+            int64_t *row = &table[3 * k];
+            row[0] = (int64_t)calloc(count * sizes[k], bytes);
+            row[1] = order ? bytes : sizes[k] * bytes;
+            row[2] = order ? count * bytes : bytes;
+            for (int64_t s = 0; s < count; s++)
+                for (int64_t e = 0; e < sizes[k]; e++)
+                    memcpy(place(row, s, e), place(&given[3 * k], s, e), bytes);
+        }
+        if (batch(count, table)) return 3;
+        for (int64_t s = 0; s < count; s++)
+            for (int64_t e = 0; e < sizes[slots - 1]; e++) {
+                uint64_t number = 0;
+                memcpy(&number, place(&table[3 * (slots - 1)], s, e), bytes);
+                printf("%" PRIx64 "\\n", number);
+            }
+    }
+    return 0;
+}
+"""
+
+
+def text(kernel: Kernel, width: int) -> str:
+    """Return the module of a kernel for batches, without the way in from Python."""
+    form = Format(kernel.dtype, width, strided=True)
+    program, angles = kernel.program, turned_joints(kernel.robot)
+    size = len(next(iter(program.outputs.values())).places)
+    parts = [body(program, form), evaluate(program, form, angles), batch(program, form, size)]
+    return module(parts, kernel.dtype, [width], angles)
+
+
+def for_arm(ir: str) -> bytes:
+    """Return an object for 64-bit ARM."""
+    llvm.initialize_all_targets()
+    try:
+        llvm.Target.from_triple(ARM64.triple)
+    except RuntimeError:
+        pytest.skip('this LLVM was built without 64-bit ARM')
+    return emit(ir, ARM64)
+
+
+def states(robot: Robot, dtype: str) -> list[NDArray[np.floating]]:
+    """Return positions, velocities, torques and wrenches, one of them with angles far out."""
+    rng = np.random.default_rng(6)
+    rows = [random_state(rng, robot.n) for _ in range(STATES)]
+    q, qd, tau = (np.array([row[k] for row in rows], dtype) for k in range(3))
+    q[2] *= 1e30
+    return [q, qd, tau, rng.normal(size=(STATES, 6)).astype(dtype)]
+
+
+def hexadecimal(array: NDArray[np.floating]) -> list[str]:
+    code = {'float64': 'Q', 'float32': 'I'}[array.dtype.name]
+    return [f'{bits:x}' for bits in struct.unpack(f'<{array.size}{code}', array.tobytes())]
+
+
+@pytest.fixture(scope='module')
+def emulator() -> str:
+    """Return the program that runs 64-bit ARM code."""
+    found = next((path for name in EMULATORS if (path := shutil.which(name))), None)
+    if found is None or shutil.which(COMPILER) is None:
+        pytest.skip(f'needs {COMPILER} and one of {EMULATORS} (qemu-user)')
+    return found
+
+
+@pytest.mark.parametrize('dtype', NEON)
+def test_every_module_of_a_kernel_compiles_for_64_bit_arm(dtype: str) -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=SCENE, dtype=dtype)
+    for ir in (kernel.ir, kernel._text(NEON[dtype]), kernel._text(2 * NEON[dtype])):
+        assert 'llvm.x86' not in ir
+        code = for_arm(ir)
+        assert code[:4] == ELF
+        assert int.from_bytes(code[ELF_MACHINE : ELF_MACHINE + 2], 'little') == EM_AARCH64
+
+
+@pytest.mark.parametrize(
+    ('name', 'dtype'), [('ur5', 'float64'), ('panda', 'float32'), ('skew', 'float64')]
+)
+def test_arm_and_this_processor_give_the_same_bits(
+    name: str, dtype: str, emulator: str, tmp_path: Path
+) -> None:
+    rng = np.random.default_rng(5)
+    robot = random_chain(rng, 4) if name == 'skew' else pfd.load_robot(name)
+    kernel = pfd.compile_kernel(robot, scene=SCENE, dtype=dtype)
+    arrays = states(robot, dtype)
+    brakes = rng.random((STATES, robot.n)) < 0.3
+    wanted = hexadecimal(kernel(*arrays, brakes=brakes))
+    (tmp_path / 'main.c').write_text(MAIN)
+    (tmp_path / 'kernel.o').write_bytes(for_arm(text(kernel, NEON[dtype])))
+    command = [COMPILER, '-O1', LINKER, 'main.c', 'kernel.o', '-o', 'main', '-lm']
+    subprocess.run(command, cwd=tmp_path, check=True, timeout=LIFETIME)
+    inputs = [*arrays, (1.0 - brakes).astype(dtype)]
+    assert arguments(kernel.program) == ('q', 'qd', 'tau', 'wrench', 'free')
+    words = [str(np.dtype(dtype).itemsize), str(STATES), str(len(inputs) + 1)]
+    words += [str(array.shape[1]) for array in inputs] + [str(robot.n)]
+    words += [word for array in inputs for word in hexadecimal(array)]
+    done = subprocess.run(
+        [emulator, str(tmp_path / 'main')],
+        input=' '.join(words),
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=LIFETIME,
+    )
+    assert done.stdout.split() == wanted * 2
+
+
+def test_every_vector_width_of_this_processor_gives_the_same_bits(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    robot = random_chain(np.random.default_rng(5), 3)
+    *arrays, _ = states(robot, 'float64')
+    found = []
+    widest = simd_width('float64')
+    for bits in (width * 64 for width in (2, 4, 8) if width <= widest):
+        monkeypatch.setattr(Target, 'vector_bits', bits)
+        kernel = pfd.compile_kernel(robot)
+        assert f'<{bits // 64} x double>' in kernel._batch.ir
+        found.append(kernel(*arrays).tobytes())
+    assert len(found) > 1 or widest == 2
+    assert set(found) == {found[0]}
+
+
+@pytest.mark.parametrize(
+    ('target', 'widths'),
+    [
+        (ARM64, NEON),
+        (Target('x86_64-unknown-linux-gnu'), {'float64': 2, 'float32': 4}),
+        (Target('x86_64-unknown-linux-gnu', '', '+avx,+sse2'), {'float64': 4, 'float32': 8}),
+        (Target('x86_64-unknown-linux-gnu', '', '+avx,-avx512f'), {'float64': 4, 'float32': 8}),
+        (Target('x86_64-unknown-linux-gnu', '', '+avx,+avx512f'), {'float64': 8, 'float32': 16}),
+    ],
+)
+def test_the_width_is_that_of_a_vector_register(target: Target, widths: dict[str, int]) -> None:
+    assert {dtype: simd_width(dtype, target) for dtype in widths} == widths
+
+
+def test_a_processor_that_llvm_cannot_ask_is_known_by_its_name(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def unknown() -> None:
+        raise RuntimeError('failed to get host cpu features')
+
+    monkeypatch.setattr(llvm, 'get_host_cpu_features', unknown)
+    engine.host.cache_clear()
+    assert engine.host() == Target(llvm.get_process_triple(), llvm.get_host_cpu_name(), '')
+    engine.host.cache_clear()
+
+
+def test_text_that_is_no_module_is_refused() -> None:
+    with pytest.raises(RuntimeError, match='expected value token'):
+        emit('define double @f(double %x) { ret double }', engine.host())

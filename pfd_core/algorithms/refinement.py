@@ -28,7 +28,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import groupby
 import math
+from operator import attrgetter
 
 import numpy as np
 
@@ -122,17 +124,17 @@ def inline(
 
     """
     values: list[Lanes] = []
-    for instruction in program.instructions:
-        op, args, data, _, section = instruction
+    for section, instructions in groupby(program.instructions, attrgetter('section')):
         with recorder.section(section):
-            if op == 'constant':
-                values.append(recorder.constant(data[0]))
-            elif op == 'input':
-                name, k = data[0]
-                given = inputs.get(name)
-                values.append(recorder.input(name, [k]) if given is None else given[k])
-            else:
-                values.append(recorder.copy(instruction, [values[a] for a in args]))
+            for instruction in instructions:
+                if instruction.op == 'constant':
+                    value = recorder.constant(instruction.data[0])
+                elif instruction.op == 'input':
+                    name, k = instruction.data[0]
+                    value = inputs[name][k] if name in inputs else recorder.input(name, [k])
+                else:
+                    value = recorder.copy(instruction, [values[a] for a in instruction.args])
+                values.append(value)
     return {
         name: [values[register] for register, _ in output.places]
         for name, output in program.outputs.items()

@@ -106,7 +106,8 @@ class Pinocchio:
 
     def _batches(self, work: Work) -> Iterator[Side]:
         columns = [np.asfortranarray(x.T) for x in work.arrays]
-        for threads in THREADS:
+        # One state cannot be shared out.
+        for threads in THREADS if work.units > 1 else THREADS[:1]:
             pool = self.pin.ModelPool(self.model, threads)
             out = np.empty_like(columns[0])
             yield Side(
@@ -114,7 +115,13 @@ class Pinocchio:
                 partial(self.pin.abaInParallel, threads, pool, *columns, out),
                 partial(np.transpose, out),
                 reference=threads == 1,
+                wanted=partial(self._one_by_one, work),
             )
+
+    def _one_by_one(self, work: Work) -> Array:
+        """Return what aba gives: abaInParallel takes its world frame, and loses digits there."""
+        aba = partial(self.pin.aba, self.model, self.data)
+        return np.array([aba(*state).copy() for state in zip(*work.arrays, strict=True)])
 
 
 # Every body is written with this, so that the compiler sets up for a general one; the numbers

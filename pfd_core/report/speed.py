@@ -76,7 +76,7 @@ QUICK = Survey(
     robots=('ur5', 'chain3'),
     sizes=(1, 64),
     steps=10,
-    makers={k: v for k, v in MAKERS.items() if not k.startswith(('articulated', 'pcrbm'))},
+    makers={k: v for k, v in MAKERS.items() if 'articulated' not in k and 'pcrbm' not in k},
     pace=Pace(chunk=1e-4, turns=3, repeats=1),
 )
 
@@ -144,6 +144,7 @@ def robot(name: str) -> Robot:
 
 def survey(plan: Survey) -> Findings:
     """Measure everything in a plan, telling on a terminal's stderr how far it is."""
+    before = surroundings()
     rows: list[Row] = []
     left_out: list[str] = []
     for name in plan.robots:
@@ -166,7 +167,7 @@ def survey(plan: Survey) -> Findings:
             _tell(f'{name}: fresh process')
             rows += fresh_process(arm, plan.pace.repeats)
     _tell('')
-    return Findings(rows, left_out, surroundings())
+    return Findings(rows, left_out, before)
 
 
 def works(arm: Robot, plan: Survey) -> Iterator[Work]:

@@ -5,13 +5,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 import json
 from pathlib import Path
+import re
 from typing import Any
 
 from pfd_core.report.first_results import FROM_DISK, PROCESS, WORKS
 from pfd_core.report.speed import QUICK, Findings, Survey, survey
+from pfd_core.report.speed_ours import LARGEST
 from pfd_core.report.timing import Row
 
 COMMAND = 'pfd report speed'
@@ -23,8 +25,8 @@ Written by `{COMMAND}`; the numbers are those of one machine on one day.
 
 All ways of doing one work take turns in one process, in chunks of a few milliseconds. A cell holds
 minimum / median of the time per state, or per step of a rollout, and in brackets how many times
-faster than the first row that is: the median over the turns of the ratio of two times taken next
-to each other. Everything but the fresh process runs on one thread unless the row says otherwise.
+faster than the first row that is: the median over the turns of the ratio of two times taken
+shortly after each other. All run on one thread unless the row says otherwise.
 
 - Sine and cosine are included everywhere, and so is what Python does around a call. *bound* is
   `kernel.bind(q, qd, tau, out)`. MuJoCo's state is in place before `mj_forward`, and CasADi's
@@ -57,8 +59,11 @@ def markdown(findings: Findings) -> str:
         found = [row for row in rows if row.work == work]
         if found:
             parts += [f'### {work.capitalize()}\n', _grid(found, _milliseconds)]
-    parts.append('## Difference from the first row of each table\n')
-    parts.append('max|difference| / max|reference| of a state, the largest of all states.\n')
+    parts.append('## Difference from `pinocchio.aba`\n')
+    parts.append(
+        'max|difference| / max|reference| of the accelerations of a state, or of the positions '
+        'after a rollout; the largest of all tables.\n'
+    )
     parts.append(_grid(_largest_differences(rows), lambda row: f'{row.difference:.0e}'))
     parts.append('## Left out\n')
     parts.append('\n'.join(f'- {text}' for text in findings.left_out) or 'Nothing.')
@@ -69,13 +74,14 @@ def _machine(machine: dict[str, Any]) -> str:
     versions = ', '.join(f'{name} {number}' for name, number in machine['versions'].items())
     told = [f'{machine["processor"]}, {machine["cores"]} cores, vectors of {machine["vector"]}']
     told += [machine['system'], versions, machine['compiler'], machine['date']]
+    told.append(f'load before the start {machine["load"]}')
     return '; '.join(told)
 
 
 def _summary(rows: Sequence[Row]) -> str:
     """Return a table of the best of ours over Pinocchio, robot by robot."""
     size = max((row.work for row in rows if row.work.startswith('batch')), key=_near_4096)
-    ours = ('composite_body', 'articulated_body', 'pcrbm')
+    ours = tuple(LARGEST)
     columns: dict[str, Callable[[Row], bool]] = {
         'call with out=': lambda row: (
             row.work == 'call' and 'float64: kernel(..., out=)' in row.way
@@ -94,11 +100,10 @@ def _summary(rows: Sequence[Row]) -> str:
     ]
     for robot in dict.fromkeys(row.robot for row in rows):
         own = [row for row in rows if row.robot == robot and row.way.startswith(ours)]
-        best = [
-            max((row.times for row in own if fits(row) and row.times), default=None)
-            for fits in columns.values()
-        ]
-        cells = ['-' if value is None else f'{value:.1f}' for value in best]
+        cells = []
+        for fits in columns.values():
+            best = min(filter(fits, own), key=lambda row: row.minimum, default=None)
+            cells.append('-' if best is None or best.times is None else f'{best.times:.1f}')
         lines.append(f'| {robot} | ' + ' | '.join(cells) + ' |')
     return '\n'.join([*lines, ''])
 
@@ -133,14 +138,15 @@ def _short(value: float) -> str:
 
 
 def _largest_differences(rows: Sequence[Row]) -> list[Row]:
-    """Return, of each way and robot, the row whose results are furthest from the reference's."""
+    """Return, of each contender and robot, the row that is furthest from its reference."""
     found: dict[tuple[str, str], Row] = {}
     for row in rows:
-        if row.difference is not None:
-            key = (row.way, row.robot)
-            before = found.setdefault(key, row).difference
-            if before is not None and row.difference > before:
-                found[key] = row
+        if row.difference is None:
+            continue
+        who = re.split('[:,]', row.way)[0]
+        before = found.get((who, row.robot))
+        if before is None or before.difference is None or row.difference > before.difference:
+            found[who, row.robot] = replace(row, way=who)
     return list(found.values())
 
 
@@ -189,6 +195,8 @@ def plot(rows: Sequence[Row], path: Path) -> bool:
                 marker='.',
                 label=way,
             )
+        if not chains:
+            continue
         ticks = sorted({row.n for row in chains})
         axes.set_xticks(ticks, [str(tick) for tick in ticks])
         axes.minorticks_off()

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a measured time depends on besides the code: processor, versions, date."""
+"""What a measured time depends on besides the code: processor, load, versions, date."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PACKAGES = {
 
 
 def surroundings() -> dict[str, Any]:
-    """Return the processor, the system, the versions of all that is measured, and the date."""
+    """Return the processor, its load (processes, of one minute), versions and the date."""
     return {
         'processor': _processor(),
         'cores': os.cpu_count(),
@@ -35,6 +35,7 @@ def surroundings() -> dict[str, Any]:
         'compiler': _compiler(),
         'versions': {'Python': platform.python_version()}
         | {name: _version(package) for name, package in PACKAGES.items()},
+        'load': round(os.getloadavg()[0], 1),
         'date': time.strftime('%Y-%m-%d'),
     }
 

@@ -3,14 +3,15 @@
 """
 Ways of doing the same work, timed against each other in one process.
 
-The sides take turns, in chunks of a few milliseconds, forwards and then backwards. What is quoted
-is the median over the turns of the ratio of two times that were taken next to each other: a
-machine that slows down slows both. The minimum says what the code can do, the median what it did.
+The sides take turns, in chunks of a few milliseconds, forwards and then backwards; the reference
+works again before every few others. What is quoted is the median over the turns of the ratio of
+two times taken shortly after each other: a machine that slows down slows both. The minimum says
+what the code can do, the median what it did.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 import statistics
 import time
@@ -21,7 +22,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-KINDS = ('call', 'rollout', 'batch')
+# So many others work after each turn of the reference.
+BETWEEN_REFERENCES = 3
 STEP = 1e-4  # seconds of a rollout's step; the time that it costs does not depend on it
 
 
@@ -82,7 +84,9 @@ class Side:
         Returns what `run` computed last: accelerations, (n,) or (B, n), or the positions after
         a rollout, (n,).
     reference : bool
-        The others are compared with this one.
+        The times of the others are compared with this one's.
+    wanted : callable, optional
+        Returns what all results are compared with, if that is not the reference's own.
 
     """
 
@@ -90,6 +94,7 @@ class Side:
     run: Callable[[], object]
     result: Callable[[], NDArray[np.floating]]
     reference: bool = False
+    wanted: Callable[[], Array] | None = None
 
 
 class Contender(Protocol):
@@ -115,7 +120,7 @@ class Row:
     times : float or None
         Median over the turns of the reference's time over this one.
     difference : float or None
-        From the reference's result: max|difference| / max|reference| of a state, the largest.
+        From the result wanted: max|difference| / max|wanted| of a state, the largest.
 
     """
 
@@ -164,24 +169,38 @@ def take_turns(robot: str, work: Work, sides: Sequence[Side], pace: Pace) -> lis
     calls = [max(1, round(pace.chunk / seconds)) for seconds in once]
     turn = sum(seconds * count for seconds, count in zip(once, calls, strict=True))
     turns = min(pace.turns, max(pace.fewest, round(pace.budget / turn)))
-    times = np.empty((turns, len(sides)))
+    times: list[list[float]] = [[] for _ in sides]
+    ratios: list[list[float]] = [[] for _ in sides]
     for t in range(turns):
-        for k in range(len(sides)) if t % 2 == 0 else reversed(range(len(sides))):
-            times[t, k] = _chunk(sides[k].run, calls[k]) / work.units
-    reference = next((k for k, side in enumerate(sides) if side.reference), None)
+        for k, near in _order(sides, backwards=t % 2 == 1):
+            times[k].append(_chunk(sides[k].run, calls[k]) / work.units)
+            if near is not None:
+                ratios[k].append(times[near][-1] / times[k][-1])
     return [
         Row(
             robot,
             work.q.shape[-1],
             work.title,
             side.way,
-            float(times[:, k].min()),
-            statistics.median(times[:, k].tolist()),
-            None if reference is None else float(np.median(times[:, reference] / times[:, k])),
+            min(times[k]),
+            statistics.median(times[k]),
+            statistics.median(ratios[k]) if ratios[k] else None,
             differences[k],
         )
         for k, side in enumerate(sides)
     ]
+
+
+def _order(sides: Sequence[Side], backwards: bool) -> Iterator[tuple[int, int | None]]:
+    """Yield whose turn it is, and the reference, whose last time was taken shortly before."""
+    reference = next((k for k, side in enumerate(sides) if side.reference), None)
+    others = [k for k in range(len(sides)) if k != reference]
+    for position, k in enumerate(reversed(others) if backwards else others):
+        if reference is not None and position % BETWEEN_REFERENCES == 0:
+            yield reference, reference
+        yield k, reference
+    if reference is not None and not others:
+        yield reference, reference
 
 
 def _chunk(run: Callable[[], object], calls: int) -> float:
@@ -196,7 +215,7 @@ def _differences(sides: Sequence[Side]) -> list[float | None]:
     reference = next((side for side in sides if side.reference), None)
     if reference is None:
         return [None] * len(sides)
-    wanted = np.array(reference.result(), float)
+    wanted = np.array((reference.wanted or reference.result)(), float)
     return [relative_difference(side.result(), wanted) for side in sides]
 
 

@@ -21,9 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.algorithms.dynamics import METHODS, record_inverse_dynamics
+from pfd_core.algorithms.dynamics import record_inverse_dynamics
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels import llvm
+from pfd_core.kernels.auto import choose
 from pfd_core.kernels.batch import batch
 from pfd_core.kernels.conversion import as_numbers, common_shape, raise_not_finite
 from pfd_core.kernels.engine import Native, compile_ir, simd_width
@@ -36,13 +37,12 @@ from pfd_core.kernels.entry import (
 )
 from pfd_core.kernels.evaluate import evaluate
 from pfd_core.kernels.lower import lower
+from pfd_core.kernels.parts import body
 from pfd_core.kernels.recipe import Recipe, joined
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, resolve
 
 DTYPES = ('float64', 'float32')
-# What method='auto' stands for, until there is more than one to choose from.
-DEFAULT_METHOD = 'pcrbm'
 
 check_layout()
 register_symbols()
@@ -125,7 +125,7 @@ class Kernel:
     def _text(self, width: int) -> str:
         form = llvm.Format(self.dtype, width, strided=width > 1)
         program, size = self.program, self._size
-        parts = [llvm.body(program, form), evaluate(program, form, self._angles)]
+        parts = [body(program, form), evaluate(program, form, self._angles)]
         if width == 1:
             parts.append(entry_ir(program, self.dtype, size))
         else:
@@ -350,7 +350,7 @@ def compile_kernel(
 
     """
     plant, scene = plant_of(robot, scene, dtype)
-    method = choose(method, refine)
+    method = choose(plant, method, refine)
 
     def make(names: tuple[str, ...], estimating: Callable[[], Kernel] | None = None) -> Kernel:
         def record() -> Program:
@@ -373,15 +373,6 @@ def compile_inverse_kernel(
 
     recipe = Recipe(record, ('inverse', plant.digest, dtype))
     return Kernel(robot, scene, 'newton_euler', dtype, recipe)
-
-
-def choose(method: str, refine: int) -> str:
-    """Return the method to record, of which 'auto' may be any; ValueError for an unknown one."""
-    if not isinstance(refine, int) or refine < 0:
-        raise ValueError(f'refine must be an integer of at least 0, got {refine!r}')
-    if method != 'auto' and method not in METHODS:
-        raise ValueError(f"method must be 'auto' or one of {METHODS}, got {method!r}")
-    return DEFAULT_METHOD if method == 'auto' else method
 
 
 def turned_joints(robot: Robot) -> tuple[int, ...]:

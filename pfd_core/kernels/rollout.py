@@ -16,11 +16,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from pfd_core.algorithms.refinement import record_refined
+from pfd_core.kernels.auto import choose
 from pfd_core.kernels.engine import Native, compile_ir
 from pfd_core.kernels.evaluate import evaluate
-from pfd_core.kernels.kernel import choose, plant_of, turned_joints
-from pfd_core.kernels.llvm import Format, arguments, body, module, spell
+from pfd_core.kernels.kernel import plant_of, turned_joints
+from pfd_core.kernels.llvm import Format, arguments, module, spell
 from pfd_core.kernels.lower import lower
+from pfd_core.kernels.parts import body
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
 
@@ -182,7 +184,7 @@ def compile_rollout(
 ) -> Rollout:
     """Compile the simulation of a robot by an integrator's step; errors as compile_kernel."""
     plant, scene = plant_of(robot, scene, dtype)
-    method = choose(method, refine)
+    method = choose(plant, method, refine)
     dynamics = lower(record_refined(plant, method, refine), dtype, ['qdd'])
     angles = turned_joints(robot)
     form = Format(dtype, 1)

@@ -1,0 +1,48 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+What method='auto' stands for: the serial text that leaves the fewest operations.
+
+The matrix of composite bodies grows with n^2 and its factors with n^3, articulated bodies with n,
+from a higher start. Ordinary arms of up to seven joints are cheaper by the former, chains of
+sixteen and more by the latter, by at least a tenth; in between it depends on the zeros of the
+chain, and both are recorded, lowered and counted.
+"""
+
+from __future__ import annotations
+
+from pfd_core.algorithms.dynamics import METHODS, record_forward_dynamics
+from pfd_core.kernels.cache import remember
+from pfd_core.kernels.lower import lower, operations
+from pfd_core.model import Plant
+
+FEW_JOINTS, MANY_JOINTS = 'composite_body', 'grouped_articulated_body'
+# The longest chain that always takes the one, and the shortest that always takes the other.
+SHORT, LONG = 7, 16
+
+
+def choose(plant: Plant, method: str, refine: int) -> str:
+    """Return the method to record, of which 'auto' may be any; ValueError for an unknown one."""
+    if not isinstance(refine, int) or refine < 0:
+        raise ValueError(f'refine must be an integer of at least 0, got {refine!r}')
+    if method != 'auto' and method not in METHODS:
+        raise ValueError(f"method must be 'auto' or one of {METHODS}, got {method!r}")
+    if method != 'auto':
+        return method
+    if plant.robot.n <= SHORT:
+        return FEW_JOINTS
+    if plant.robot.n >= LONG:
+        return MANY_JOINTS
+    return remember(('auto', plant.digest), lambda: _cheapest(plant))
+
+
+def _cheapest(plant: Plant) -> str:
+    few, many = (cost(plant, method) for method in (FEW_JOINTS, MANY_JOINTS))
+    return FEW_JOINTS if few <= many else MANY_JOINTS
+
+
+def cost(plant: Plant, method: str) -> int:
+    """Return the operations of a method's kernel, changes of sign apart."""
+    program = record_forward_dynamics(plant, method, 'sequential')
+    counts = operations(lower(program, 'float64', ['qdd']))
+    return sum(count for op, count in counts.items() if op != 'neg')

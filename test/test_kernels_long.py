@@ -1,0 +1,128 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Long chains: the O(n) text is chosen, its kernel is cut into parts, and both are right."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from test_algorithms_physics import Oracle, jacobi_condition, relative
+from tolerances import ACCELERATION
+from zoo import random_chain, random_state
+
+import pfd_core as pfd
+from pfd_core.kernels import auto, parts
+from pfd_core.kernels.llvm import Format
+from pfd_core.machine.emulator import run
+from pfd_core.machine.recorder import Recorder
+from pfd_core.model import resolve
+from pfd_core.report.counts import uniform_chain
+
+
+@pytest.fixture
+def cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    # What is on disk does not tell where it was cut.
+    monkeypatch.setenv('PFD_CACHE', '')
+    monkeypatch.setattr(parts, 'LONGEST', 0)
+    monkeypatch.setattr(parts, 'PART', 37)
+
+
+@pytest.mark.usefixtures('cut')
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('method', ['composite_body', 'grouped_articulated_body', 'pcgm'])
+def test_a_kernel_in_parts_gives_the_emulators_bits(method: str, dtype: str) -> None:
+    rng = np.random.default_rng(61)
+    scene = pfd.Scene(external_wrench=True, brakes=True, armature='model')
+    kernel = pfd.compile_kernel(random_chain(rng, 4), method=method, scene=scene, dtype=dtype)
+    # A loop is never cut.
+    assert ('@part1(' in kernel.ir) == (method != 'pcgm')
+    q, qd, tau = (np.array(x, dtype) for x in rng.normal(size=(3, 11, 4)))
+    wrench = rng.normal(size=(11, 6)).astype(dtype)
+    brakes = rng.random((11, 4)) < 0.3
+    inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': 1.0 - brakes}
+    emulated = run(kernel.program, inputs, dtype)['qdd']
+    np.testing.assert_array_equal(kernel(q, qd, tau, wrench, brakes=brakes), emulated)
+    one = kernel(q[3], qd[3], tau[3], wrench[3], brakes=brakes[3])
+    np.testing.assert_array_equal(one, emulated[3])
+
+
+def test_a_place_of_the_frame_is_used_again_once_it_has_been_read() -> None:
+    recorder = Recorder(1, 'sequential')
+    x = recorder.input('q', [0])
+    for _ in range(50):
+        x = x * x
+    recorder.output('qdd', (1,), [(x, 0)])
+    text = parts.in_parts(recorder.program(), Format('float64', 1), 5)
+    assert text.count('define') == 11
+    # A value passes from each part to the next; while it is read, another is written.
+    assert 'alloca [2 x double]' in text
+
+
+def test_a_result_may_be_an_input_a_constant_or_an_early_value() -> None:
+    recorder = Recorder(1, 'sequential')
+    q = [recorder.input('q', [k]) for k in range(2)]
+    early = q[0] + q[1]
+    late = early
+    for _ in range(20):
+        late = late * 0.5
+    values = [q[1], recorder.constant(3.0), early, late]
+    recorder.output('qdd', (4,), [(value, 0) for value in values])
+    text = parts.in_parts(recorder.program(), Format('float64', 1), 4)
+    final = text[text.index('@part5(') : text.index('define internal void @body')]
+    assert final.count('ptr %out, i64') == 4
+    assert text.count('ptr %out, i64') == 4
+
+
+@pytest.mark.parametrize('n', [30, 60])
+def test_a_long_chain_agrees_with_pinocchio(n: int) -> None:
+    rng = np.random.default_rng(n)
+    robot = random_chain(rng, n)
+    kernel = pfd.compile_kernel(robot)
+    assert kernel.method == auto.MANY_JOINTS
+    check(rng, kernel)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('n', [100, 200])
+def test_a_very_long_chain_agrees_with_pinocchio(n: int) -> None:
+    rng = np.random.default_rng(n)
+    check(rng, pfd.compile_kernel(random_chain(rng, n)))
+
+
+def check(rng: np.random.Generator, kernel: pfd.Kernel) -> None:
+    oracle = Oracle(kernel.robot)
+    for _ in range(3):
+        q, qd, tau = random_state(rng, kernel.robot.n)
+        wanted = oracle.qdd(q, qd, tau)
+        tolerance = ACCELERATION * jacobi_condition(oracle.H(q))
+        assert relative(kernel(q, qd, tau), wanted) < tolerance
+
+
+def test_the_operations_of_the_chosen_text_grow_linearly() -> None:
+    counts = [auto.cost(resolve(uniform_chain(n)), auto.MANY_JOINTS) for n in (16, 32, 64)]
+    assert counts[2] - counts[1] == 2 * (counts[1] - counts[0])
+
+
+def test_auto_takes_composite_bodies_for_arms_and_articulated_bodies_for_long_chains() -> None:
+    for name in ('puma560', 'ur5', 'panda'):
+        plant = resolve(pfd.load_robot(name))
+        assert auto.choose(plant, 'auto', 0) == 'composite_body'
+    assert auto.choose(resolve(uniform_chain(16)), 'auto', 0) == 'grouped_articulated_body'
+
+
+@pytest.mark.parametrize('n', [8, 11, 15])
+def test_auto_counts_in_between_and_takes_the_cheaper(n: int) -> None:
+    rng = np.random.default_rng(62)
+    for scene in (None, pfd.Scene(armature='model')):
+        plant = resolve(random_chain(rng, n), scene)
+        costs = {
+            method: auto.cost(plant, method) for method in (auto.FEW_JOINTS, auto.MANY_JOINTS)
+        }
+        assert costs[auto.choose(plant, 'auto', 0)] == min(costs.values())
+
+
+def test_what_is_asked_for_is_taken_at_any_length() -> None:
+    plant = resolve(uniform_chain(20))
+    assert auto.choose(plant, 'composite_body', 0) == 'composite_body'
+    with pytest.raises(ValueError, match=r"method must be 'auto' or one of .* got 'fastest'"):
+        auto.choose(plant, 'fastest', 0)

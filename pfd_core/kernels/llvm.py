@@ -27,7 +27,7 @@ ARGUMENTS = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free')
 SCALAR = {'float64': 'double', 'float32': 'float'}
 SUFFIX = {'float64': 'f64', 'float32': 'f32'}
 BYTES = {'float64': 8, 'float32': 4}
-INTRINSICS = ('sqrt', 'fabs')
+INTRINSICS = {'sqrt': 1, 'fabs': 1, 'fma': 3}  # and their operands
 
 
 def arguments(program: Program) -> tuple[str, ...]:
@@ -189,7 +189,8 @@ def module(parts: Sequence[str], dtype: str, widths: Sequence[int], angles: Sequ
     declarations = []
     for form in (Format(dtype, width) for width in {1, *widths}):
         declarations += [
-            f'declare {form.type} @llvm.{name}.{form.suffix}({form.type})' for name in INTRINSICS
+            f'declare {form.type} @llvm.{name}.{form.suffix}({", ".join([form.type] * operands)})'
+            for name, operands in INTRINSICS.items()
         ]
         if form.width > 1:
             reduce = f'@llvm.vector.reduce.or.v{form.width}i1'

@@ -210,6 +210,7 @@ class _Mpmath:
             'div': np.frompyfunc(lambda x, y: x / y if y else x * mpmath.inf, 2, 1),
             'sin': np.frompyfunc(mpmath.sin, 1, 1),
             'cos': np.frompyfunc(mpmath.cos, 1, 1),
+            'fma': lambda x, y, z: x * y + z,
         }
 
     def array(self, values: ArrayLike) -> Any:

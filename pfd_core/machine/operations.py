@@ -18,6 +18,8 @@ from typing import Any
 
 import numpy as np
 
+from pfd_core.machine.fused import fused
+
 
 @dataclass(frozen=True)
 class Operation:
@@ -67,6 +69,15 @@ OPERATIONS = {
         Operation('mul', 2, 'multiplications', np.multiply, 'fmul {type} {0}, {1}'),
         Operation('div', 2, 'divisions', np.divide, 'fdiv {type} {0}, {1}'),
         Operation('neg', 1, None, np.negative, 'fneg {type} {0}'),
+        # One rounding of a b + c. No text has it and no step counts it: kernels put it in the
+        # place of an addition and a multiplication (pfd_core.kernels.fuse).
+        Operation(
+            'fma',
+            3,
+            None,
+            fused,
+            'call {type} @llvm.fma.{suffix}({type} {0}, {type} {1}, {type} {2})',
+        ),
         Operation(
             'sqrt', 1, 'square_roots', np.sqrt, 'call {type} @llvm.sqrt.{suffix}({type} {0})'
         ),

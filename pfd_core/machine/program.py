@@ -165,6 +165,15 @@ class Program:
                 times = 1
 
 
+def renamed(program: Program, instructions: list[Instruction], names: list[int]) -> Program:
+    """Return a program of one lane rewritten; register k of the old one is now names[k]."""
+    outputs = {
+        name: Output(output.shape, tuple((names[register], 0) for register, _ in output.places))
+        for name, output in program.outputs.items()
+    }
+    return Program(1, tuple(instructions), program.inputs, outputs)
+
+
 def busy_lanes(instruction: Instruction) -> int:
     """Return the number of lanes an instruction works on; a route that moves nothing, none."""
     if instruction.op == 'route':

@@ -1,0 +1,163 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fused multiply-add is rounded once, whatever the numbers are."""
+
+from __future__ import annotations
+
+import ctypes
+from fractions import Fraction
+import math
+
+import llvmlite.binding as llvm
+import mpmath
+import numpy as np
+import pytest
+
+from pfd_core.machine.emulator import run
+from pfd_core.machine.fused import REACH, fused
+from pfd_core.machine.program import Instruction, Output, Program
+
+FORMATS = ('float64', 'float32')
+Triple = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def rounded(exact: Fraction, dtype: str) -> float:
+    """Return an exact number rounded to nearest, ties to even, by the definition."""
+    info = np.finfo(dtype)
+    if exact == 0:
+        return 0.0
+    size = abs(exact)
+    # The exponent e with 2^e <= size < 2^(e+1), and the spacing of numbers there.
+    e = size.numerator.bit_length() - size.denominator.bit_length()
+    e -= size < Fraction(2) ** e
+    spacing = Fraction(2) ** (max(e, info.minexp) - info.nmant)
+    result = round(size / spacing) * spacing  # a Fraction rounds ties to even
+    number = math.inf if result > Fraction(float(info.max)) else float(result)
+    return math.copysign(number, exact)
+
+
+def cancelling(dtype: str, count: int, rng: np.random.Generator) -> Triple:
+    """Return numbers whose product is all but taken away again, at every distance."""
+    info = np.finfo(dtype)
+    a, b = (rng.uniform(1, 2, count).astype(dtype) for _ in range(2))
+    off = rng.integers(-3, 4, count) * info.eps * 2.0 ** rng.integers(-4, 60, count)
+    return a, b, (-(a.astype(float) * b) * (1 + off)).astype(dtype)
+
+
+def midways(dtype: str, count: int, rng: np.random.Generator) -> Triple:
+    """Return sums that lie in the middle of two numbers but for a far smaller part."""
+    digits = np.finfo(dtype).nmant
+    i = rng.integers(2, digits, count)
+    # (1 + 2^-i) (1 + 2^-j) ends with half of the last digit of a number near one.
+    a, b = 1 + 2.0**-i, 1 + 2.0 ** (i - digits - 1)
+    c = rng.choice([-1, 1], count) * 2.0 ** -rng.integers(digits + 3, 3 * digits, count)
+    return a.astype(dtype), b.astype(dtype), c.astype(dtype)
+
+
+def everywhere(dtype: str, count: int, rng: np.random.Generator) -> Triple:
+    """Return numbers of all sizes, so that sums overflow and end below the normal ones."""
+    info = np.finfo(dtype)
+    low, high = info.minexp - info.nmant, info.maxexp
+    sign = rng.choice([-1.0, 1.0], (3, count))
+    e = rng.integers(low, high, (3, count))
+    e[1] = np.clip(rng.integers(low, high, count) - e[0], low, high - 1)
+    e[2] = np.clip(e[0] + e[1] + rng.integers(-60, 60, count), low, high - 1)
+    a, b, c = np.ldexp(sign * rng.uniform(1, 2, (3, count)), e).astype(dtype)
+    return a, b, c
+
+
+@pytest.mark.parametrize('kind', [cancelling, midways, everywhere])
+@pytest.mark.parametrize('dtype', FORMATS)
+def test_one_rounding_is_that_of_exact_fractions(dtype: str, kind) -> None:  # type: ignore[no-untyped-def]
+    with np.errstate(under='ignore'):
+        a, b, c = kind(dtype, 1500, np.random.default_rng(1))
+    found = fused(a, b, c)
+    assert found.dtype == dtype
+    for x, y, z, value in zip(*(v.tolist() for v in (a, b, c, found)), strict=True):
+        wanted = rounded(Fraction(x) * Fraction(y) + Fraction(z), dtype)
+        assert value == wanted, (x, y, z)
+        assert math.copysign(1, value) == math.copysign(1, wanted) or value == 0
+
+
+def test_most_of_these_are_wrong_when_rounded_twice() -> None:
+    # Otherwise the test above would not tell one rounding from two.
+    for kind in (cancelling, midways):
+        a, b, c = kind('float64', 1500, np.random.default_rng(1))
+        assert np.mean(fused(a, b, c) != a * b + c) > 0.1
+    a, b, c = midways('float32', 1500, np.random.default_rng(1))
+    twice = (a.astype(float) * b + c).astype('float32')
+    assert np.any(fused(a, b, c) != twice)
+
+
+def native(dtype: str) -> ctypes._FuncPointer:
+    """Return what LLVM makes of a fused multiply-add."""
+    t, suffix = {'float64': ('double', 'f64'), 'float32': ('float', 'f32')}[dtype]
+    ir = (
+        f'declare {t} @llvm.fma.{suffix}({t}, {t}, {t})\n'
+        f'define {t} @f({t} %a, {t} %b, {t} %c) {{\n'
+        f'%r = call {t} @llvm.fma.{suffix}({t} %a, {t} %b, {t} %c)\nret {t} %r }}'
+    )
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    target = llvm.Target.from_default_triple()
+    machine = target.create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten()
+    )
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(ir), machine)
+    engine.finalize_object()
+    number = {'double': ctypes.c_double, 'float': ctypes.c_float}[t]
+    function = ctypes.CFUNCTYPE(number, number, number, number)(engine.get_function_address('f'))
+    function.engine = engine
+    return function
+
+
+@pytest.mark.parametrize('dtype', FORMATS)
+def test_native_code_gives_the_same_bits(dtype: str) -> None:
+    function = native(dtype)
+    info = np.finfo(dtype)
+    tiny, large = float(info.smallest_subnormal), float(info.max)
+    special = [0.0, -0.0, 1.0, -1.0, math.inf, -math.inf, math.nan, tiny, -tiny, large, -large]
+    special += [float(info.tiny), 0.5, 3.0, REACH if dtype == 'float64' else 2.0**64]
+    grid = [axis.ravel() for axis in np.meshgrid(special, special, special)]
+    triples = [tuple(axis.astype(dtype) for axis in grid)]
+    with np.errstate(under='ignore'):
+        triples += [
+            kind(dtype, 1000, np.random.default_rng(2))
+            for kind in (cancelling, midways, everywhere)
+        ]
+    for a, b, c in triples:
+        wanted = np.array([function(*abc) for abc in zip(a, b, c, strict=True)], dtype)
+        found = fused(a, b, c)
+        np.testing.assert_array_equal(found, wanted)
+        known = ~np.isnan(wanted)
+        np.testing.assert_array_equal(np.signbit(found[known]), np.signbit(wanted[known]))
+
+
+def test_operands_are_broadcast() -> None:
+    a = np.arange(6.0).reshape(2, 3)
+    np.testing.assert_array_equal(fused(a, np.array(2.0), np.arange(3.0)), 2 * a + np.arange(3))
+    assert fused(np.array(2.0), np.array(3.0), np.array(4.0)) == 10
+
+
+def test_other_formats_and_mixtures_are_refused() -> None:
+    one = np.ones(1)
+    with pytest.raises(ValueError, match='got float64, float32 and float64: convert'):
+        fused(one, one.astype('float32'), one)
+    with pytest.raises(ValueError, match='got int64, int64 and int64: convert them first'):
+        fused(*[np.ones(1, 'int64')] * 3)
+
+
+@pytest.mark.parametrize('digits', [None, 50])
+def test_the_emulator_has_it_in_every_format(digits: int | None) -> None:
+    inputs = [Instruction('input', (), ((name, 0),)) for name in 'abc']
+    program = Program(
+        1,
+        (*inputs, Instruction('fma', (0, 1, 2))),
+        dict.fromkeys('abc', 1),
+        {'out': Output((1,), ((3, 0),))},
+    )
+    a = 1 + 2.0**-30
+    values = {'a': [a], 'b': [a], 'c': [-1 - 2.0**-29]}
+    # The square of 2^-30 is all that is left, and is gone where a product is rounded first.
+    assert run(program, values, digits=digits)['out'][0] == mpmath.mpf(2) ** -60
+    assert a * a - 1 - 2.0**-29 == 0

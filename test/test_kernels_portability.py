@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from pathlib import Path
 import shutil
 import struct
@@ -217,3 +218,20 @@ def test_a_processor_that_llvm_cannot_ask_is_known_by_its_name(
 def test_text_that_is_no_module_is_refused() -> None:
     with pytest.raises(RuntimeError, match='expected value token'):
         emit('define double @f(double %x) { ret double }', engine.host())
+
+
+def test_what_a_processor_lacks_is_found_in_the_c_library(monkeypatch: pytest.MonkeyPatch) -> None:
+    ir = (
+        'declare double @llvm.fma.f64(double, double, double)\n'
+        'define double @f(double %x, double %y, double %z) {\n'
+        '  %r = call double @llvm.fma.f64(double %x, double %y, double %z)\n  ret double %r\n}'
+    )
+    least = Target(engine.host().triple)
+    monkeypatch.setattr(engine, 'host', lambda: least)
+    native = engine.compile_ir(ir)
+    number = ctypes.c_double
+    fma = ctypes.CFUNCTYPE(number, number, number, number)(native.address('f'))
+    # The product is 1 - 2^-104, which a float64 does not tell from one.
+    assert fma(1 - 2.0**-52, 1 + 2.0**-52, -1.0) == -(2.0**-104)
+    with pytest.raises(KeyError):
+        native.address('g')

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+import re
 import time
 from typing import Any
 
@@ -22,6 +23,11 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from pfd_core.kernels import cache as disk
+
+# A function that a module shows to the outside.
+SHOWN = re.compile(r'^define (?!internal )[^@\n]*@([\w.]+)\(', re.MULTILINE)
+# What modules may name that lies in this process: addresses by name.
+_symbols: dict[str, int] = {}
 
 
 @dataclass(frozen=True)
@@ -35,21 +41,18 @@ class Native:
         The text it was made of.
     seconds : float
         Time it took to compile it, or to find it on disk.
-    engine : object
+    library : object
         What holds the code, which lives as long as this.
 
     """
 
     ir: str
     seconds: float
-    engine: Any
+    library: Any
 
     def address(self, name: str) -> int:
         """Return the address of a function."""
-        address = int(self.engine.get_function_address(name))
-        if not address:
-            raise KeyError(f'the module has no function {name}')
-        return address
+        return int(self.library[name])
 
 
 @dataclass(frozen=True)
@@ -116,8 +119,8 @@ def compile_ir(ir: str, optimisation: Optimisation = USUAL) -> Native:
     if code is None:
         code = emit(ir, target, optimisation)
         disk.write(name, code)
-    engine = _load(code, target)
-    return Native(ir, time.perf_counter() - start, engine)
+    library = _load(code, SHOWN.findall(ir), target)
+    return Native(ir, time.perf_counter() - start, library)
 
 
 def object_key(ir: str, target: Target, optimisation: Optimisation) -> str:
@@ -156,7 +159,7 @@ def emit(ir: str, target: Target, optimisation: Optimisation = USUAL) -> bytes:
 
 def add_symbol(name: str, address: int) -> None:
     """Let modules refer to something of this process by name."""
-    llvm.add_symbol(name, address)
+    _symbols[name] = address
 
 
 def simd_width(dtype: str, target: Target | None = None) -> int:
@@ -214,12 +217,14 @@ def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
     builder.getModulePassManager().run(module, builder)
 
 
-def _load(code: bytes, target: Target) -> Any:
-    """Return an engine that holds the code of an object file, ready to run."""
-    # An engine has to begin with a module; this one is empty.
-    module = llvm.parse_assembly('')
-    # llvmlite's own memory manager, because it keeps code and constants next to each other.
-    engine = llvm.create_mcjit_compiler(module, _machine(target, USUAL), use_lmm=True)
-    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-    engine.finalize_object()
-    return engine
+def _load(code: bytes, functions: list[str], target: Target) -> Any:
+    """Return a library that holds the code of an object file and knows where its functions are."""
+    # JITLink sees to it that code, constants and table come to lie next to each other. A linker
+    # of its own for each module, because one for all would not give back everything.
+    linker = llvm.create_lljit_compiler(_machine(target, USUAL), use_jit_link=True)
+    builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
+    for name, address in _symbols.items():
+        builder.import_symbol(name, address)
+    for name in functions:
+        builder.export_symbol(name)
+    return builder.link(linker, 'kernel')

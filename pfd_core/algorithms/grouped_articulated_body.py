@@ -184,8 +184,12 @@ def _moved(link: Link, body: Body) -> Body:
 def _inward_matrix(link: Link, X: LaneArray) -> LaneArray:
     """Return R X R', (3, 3), for any X of B_i."""
     (c, s), (ca, sa) = link.turn, link.twist
+    X = _turned(c, s, X)
+    if link.square:  # y and z change places, which takes no rounding
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = X
+        return array([[xx, -(sa * xz), sa * xy], [-(sa * zx), zz, -zy], [sa * yx, -yz, yy]])
     # About x: the same with y, z, x in place of x, y, z.
-    X = np.roll(_turned(c, s, X), (-1, -1), (0, 1))
+    X = np.roll(X, (-1, -1), (0, 1))
     return np.roll(_turned(ca, sa, X), (1, 1), (0, 1))
 
 

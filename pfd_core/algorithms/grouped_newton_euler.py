@@ -39,6 +39,8 @@ class Link:
         Whether its joint is translational.
     turn, twist : tuple of Lanes
         Cosine and sine of theta_i and of alpha_(i-1).
+    square : bool
+        Whether alpha_(i-1) is 90 degrees, one way or the other, exactly.
     r : LaneArray
         (3,), origin of B_i from that of B_(i-1), in axes B_(i-1) [m].
     m : Lanes
@@ -53,6 +55,7 @@ class Link:
     slides: bool
     turn: tuple[Lanes, Lanes]
     twist: tuple[Lanes, Lanes]
+    square: bool
     r: LaneArray
     m: Lanes
     h: LaneArray
@@ -91,6 +94,7 @@ def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
         slides=link.slides,
         turn=turn,
         twist=twist,
+        square=link.twist[0] == 0,
         r=r,
         m=recorder.constant(link.m),
         h=array([recorder.constant(value) for value in link.h]),
@@ -116,6 +120,8 @@ def inward_symmetric(link: Link, X: LaneArray) -> LaneArray:
     """Return a symmetric matrix of B_i, six elements, in the axes B_(i-1): R X R'."""
     (c, s), (ca, sa) = link.turn, link.twist
     xx, xy, xz, yy, yz, zz = _turned(c, s, X)
+    if link.square:  # y and z change places, which takes no rounding
+        return array([xx, -(sa * xz), sa * xy, zz, -yz, yy])
     # About x: the same with y, z, x in place of x, y, z.
     yy, yz, xy, zz, xz, xx = _turned(ca, sa, array([yy, yz, xy, zz, xz, xx]))
     return array([xx, xy, xz, yy, yz, zz])

@@ -23,11 +23,28 @@ def as_numbers(name: str, value: ArrayLike, size: int, dtype: str) -> NDArray[An
 
 def common_shape(arrays: dict[str, NDArray[Any]]) -> tuple[int, ...]:
     """Return the batch shape of some arrays; ValueError if they do not agree."""
+    own = {value.shape[:-1] for value in arrays.values()}
+    if len(own) == 1:
+        return own.pop()
     try:
-        return np.broadcast_shapes(*(value.shape[:-1] for value in arrays.values()))
+        return np.broadcast_shapes(*own)
     except ValueError as error:
         shapes = ', '.join(f'{name} {value.shape}' for name, value in arrays.items())
         raise ValueError(f'the arguments must agree in their batch, got {shapes}') from error
+
+
+def as_rows(value: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return an input broadcast to a batch shape, as one row for each state."""
+    if len(shape) == 1 and value.ndim == 2 and value.shape[:1] == shape:
+        return value
+    whole = np.broadcast_to(value, (*shape, value.shape[-1]))
+    return whole.reshape(-1, value.shape[-1])
+
+
+def address(array: NDArray[Any]) -> int:
+    """Return where an array lies; NumPy's own way takes three times as long."""
+    place: int = array.__array_interface__['data'][0]
+    return place
 
 
 def raise_not_finite(arrays: dict[str, NDArray[Any]]) -> None:

@@ -26,7 +26,13 @@ from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels import llvm
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.batch import batch
-from pfd_core.kernels.conversion import as_numbers, common_shape, raise_not_finite
+from pfd_core.kernels.conversion import (
+    address,
+    as_numbers,
+    as_rows,
+    common_shape,
+    raise_not_finite,
+)
 from pfd_core.kernels.engine import Native, compile_ir, simd_width
 from pfd_core.kernels.entry import (
     batch_entry_ir,
@@ -39,6 +45,7 @@ from pfd_core.kernels.evaluate import evaluate
 from pfd_core.kernels.lower import lower
 from pfd_core.kernels.parts import body
 from pfd_core.kernels.recipe import Recipe, joined
+from pfd_core.kernels.threads import block_size, count_of, run, shared_batch
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, resolve
 
@@ -115,9 +122,10 @@ class Kernel:
         return python_function(self._batch)
 
     @cached_property
-    def _run_batch(self) -> Callable[[int, int], int]:
-        signature = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
-        return signature(self._batch.address('batch'))
+    def _shared_batch(self) -> Callable[..., int]:
+        integer, pointer = ctypes.c_int64, ctypes.c_void_p
+        signature = ctypes.CFUNCTYPE(integer, integer, pointer, integer, pointer)
+        return signature(self._batch.address('shared_batch'))
 
     def _compile(self, width: int) -> Native:
         return compile_ir(self._recipe.remember(f'kernel {width}', partial(self._text, width)))
@@ -129,7 +137,7 @@ class Kernel:
         if width == 1:
             parts.append(entry_ir(program, self.dtype, size))
         else:
-            parts.append(batch(program, form, size))
+            parts += [batch(program, form, size), shared_batch(program)]
             parts.append(batch_entry_ir(program, self.dtype, size))
         return llvm.module(parts, self.dtype, [width], self._angles)
 
@@ -142,6 +150,7 @@ class Kernel:
         out: NDArray[Any] | None = None,
         *,
         brakes: ArrayLike | None = None,
+        threads: int = 1,
     ) -> NDArray[Any]:
         """
         Return qdd of forward dynamics, or tau of inverse dynamics.
@@ -158,6 +167,8 @@ class Kernel:
             Where to put the result.
         brakes : array_like of bool
             Joints that are held, (n,) or (B, n); exactly if the scene has brakes.
+        threads : int
+            The most that a batch is spread over; 0 is one per core. The bits are the same.
 
         Raises
         ------
@@ -165,7 +176,7 @@ class Kernel:
             If an argument has the wrong shape or type, is missing, or is not finite.
 
         """
-        if brakes is None:
+        if brakes is None and threads == 1:
             given = (q, qd, tau) if wrench is None else (q, qd, tau, wrench)
             if isinstance(q, np.ndarray) and q.ndim == 2:
                 result = self._quick_batch(given, out)
@@ -174,7 +185,7 @@ class Kernel:
                 result = self._fast(*given, target)
             if result is not None:
                 return result  # type: ignore[no-any-return]
-        return self._checked(q, qd, tau, wrench, out, brakes)
+        return self._checked(q, qd, tau, wrench, out, brakes, threads)
 
     def error_estimate(
         self,
@@ -223,6 +234,8 @@ class Kernel:
         tau: NDArray[Any],
         out: NDArray[Any],
         wrench: NDArray[Any] | None = None,
+        *,
+        threads: int = 1,
     ) -> Callable[[], NDArray[Any]]:
         """
         Return a function without arguments that evaluates in place on these arrays.
@@ -239,10 +252,10 @@ class Kernel:
                     f'{name} must be an array of {self.dtype} to be bound, '
                     f'got {getattr(value, "dtype", type(value).__name__)}'
                 )
-        self(q, qd, tau, wrench, out)
+        self(q, qd, tau, wrench, out, threads=threads)
         if self._fast(q, qd, tau, *extra, out) is not None:
             return partial(self._fast, q, qd, tau, *extra, out)
-        return partial(self._checked, q, qd, tau, wrench, out, None)
+        return partial(self._checked, q, qd, tau, wrench, out, None, threads)
 
     def _checked(
         self,
@@ -252,8 +265,10 @@ class Kernel:
         wrench: ArrayLike | None,
         out: NDArray[Any] | None,
         brakes: ArrayLike | None,
+        threads: int,
     ) -> NDArray[Any]:
         """Evaluate after converting and checking every argument."""
+        threads = count_of(threads)
         given = dict(zip(self._names, (q, qd, tau), strict=False))
         given |= self._optional('wrench', wrench, self.scene.external_wrench)
         if brakes is not None:
@@ -265,15 +280,11 @@ class Kernel:
         }
         shape = common_shape(arrays)
         target = self._target(out, (*shape, self._size), arrays)
-        rows = [
-            np.broadcast_to(value, (*shape, value.shape[-1])).reshape(-1, value.shape[-1])
-            for value in arrays.values()
-        ]
-        flat = target.reshape(-1, self._size) if target.ndim != 2 else target
-        table = np.array(
-            [item for a in (*rows, flat) for item in (a.ctypes.data, *a.strides)], np.int64
-        )
-        if flat.shape[0] and self._run_batch(flat.shape[0], table.ctypes.data):
+        flat = target if target.ndim == 2 else target.reshape(-1, self._size)
+        rows = [*(as_rows(value, shape) for value in arrays.values()), flat]
+        table = np.array([x for a in rows for x in (address(a), *a.strides)], np.int64)
+        block = block_size(len(flat), threads, simd_width(self.dtype), self.operations)
+        if len(flat) and run(self._shared_batch, len(flat), table, block, threads):
             raise_not_finite(arrays)
         if out is None:
             return target

@@ -13,6 +13,7 @@ and a kept one are brought into the process in the same way.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 import re
@@ -31,14 +32,30 @@ _symbols: dict[str, int] = {}
 
 
 @dataclass(frozen=True)
+class Outline:
+    """
+    What has to be known of a module of LLVM IR to use its object.
+
+    Attributes
+    ----------
+    digest : str
+        SHA-256 of the text.
+    functions : sequence of str
+        The functions that it shows to the outside.
+
+    """
+
+    digest: str
+    functions: Sequence[str]
+
+
+@dataclass(frozen=True)
 class Native:
     """
     Native code of one module.
 
     Attributes
     ----------
-    ir : str
-        The text it was made of.
     seconds : float
         Time it took to compile it, or to find it on disk.
     library : object
@@ -46,7 +63,6 @@ class Native:
 
     """
 
-    ir: str
     seconds: float
     library: Any
 
@@ -110,23 +126,35 @@ class Optimisation:
 USUAL = Optimisation()
 
 
+def outline(ir: str) -> Outline:
+    """Return what has to be known of a module."""
+    return Outline(disk.digest(ir), SHOWN.findall(ir))
+
+
 def compile_ir(ir: str, optimisation: Optimisation = USUAL) -> Native:
     """Return the native code of a module of LLVM IR, from disk if it was compiled before."""
+    return compile_outlined(outline(ir), lambda: ir, optimisation)
+
+
+def compile_outlined(
+    known: Outline, text: Callable[[], str], optimisation: Optimisation = USUAL
+) -> Native:
+    """Return the same of a module whose text is written only if its object is not on disk."""
     start = time.perf_counter()
     target = host()
-    name = object_key(ir, target, optimisation)
+    name = object_key(known.digest, target, optimisation)
     code = disk.read(name)
     if code is None:
-        code = emit(ir, target, optimisation)
+        code = emit(text(), target, optimisation)
         disk.write(name, code)
-    library = _load(code, SHOWN.findall(ir), target)
-    return Native(ir, time.perf_counter() - start, library)
+    library = _load(code, known.functions, target)
+    return Native(time.perf_counter() - start, library)
 
 
-def object_key(ir: str, target: Target, optimisation: Optimisation) -> str:
+def object_key(digest: str, target: Target, optimisation: Optimisation) -> str:
     """Return the name of an object on disk: a digest of all that decides its bytes."""
     versions = f'llvmlite {llvmlite.__version__} LLVM {llvm.llvm_version_info}'
-    return disk.digest('object', versions, repr(target), repr(optimisation), ir)
+    return disk.digest('object', versions, repr(target), repr(optimisation), digest)
 
 
 def emit(ir: str, target: Target, optimisation: Optimisation = USUAL) -> bytes:
@@ -217,7 +245,7 @@ def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
     builder.getModulePassManager().run(module, builder)
 
 
-def _load(code: bytes, functions: list[str], target: Target) -> Any:
+def _load(code: bytes, functions: Sequence[str], target: Target) -> Any:
     """Return a library that holds the code of an object file and knows where its functions are."""
     # JITLink sees to it that code, constants and table come to lie next to each other. A linker
     # of its own for each module, because one for all would not give back everything.

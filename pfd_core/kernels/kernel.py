@@ -33,7 +33,7 @@ from pfd_core.kernels.conversion import (
     common_shape,
     raise_not_finite,
 )
-from pfd_core.kernels.engine import Native, compile_ir, simd_width
+from pfd_core.kernels.engine import Native, simd_width
 from pfd_core.kernels.entry import (
     batch_entry_ir,
     check_layout,
@@ -105,7 +105,7 @@ class Kernel:
     @property
     def ir(self) -> str:
         """LLVM text of the kernel of one state."""
-        return self._single.ir
+        return self._text(1)
 
     @property
     def compile_seconds(self) -> float:
@@ -128,7 +128,7 @@ class Kernel:
         return signature(self._batch.address('shared_batch'))
 
     def _compile(self, width: int) -> Native:
-        return compile_ir(self._recipe.remember(f'kernel {width}', partial(self._text, width)))
+        return self._recipe.compile(f'kernel {width}', partial(self._text, width))
 
     def _text(self, width: int) -> str:
         form = llvm.Format(self.dtype, width, strided=width > 1)

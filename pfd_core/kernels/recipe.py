@@ -4,17 +4,18 @@
 Recipes: a lowered program that is recorded only where somebody needs it.
 
 Recording and lowering take longer than bringing a kept object into a process. What a kernel needs
-to know of its program, and the texts made of it, are therefore kept on disk, too.
+to know of its program and of the texts made of it is therefore kept on disk, too.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
-from functools import cached_property
+from dataclasses import asdict, replace
+from functools import cache, cached_property
 from typing import Any
 
 from pfd_core.kernels.cache import T, remember
+from pfd_core.kernels.engine import Native, Outline, compile_outlined, outline
 from pfd_core.kernels.llvm import arguments
 from pfd_core.kernels.lower import operations
 from pfd_core.machine.program import Output, Program
@@ -59,6 +60,12 @@ class Recipe:
     def remember(self, what: str, make: Callable[[], T]) -> T:
         """Return `make()`, which depends on the program and on `what` alone, or find it kept."""
         return remember((*self._key, what), make) if self._key else make()
+
+    def compile(self, what: str, text: Callable[[], str]) -> Native:
+        """Return the native code of a text, which depends on the program and on `what` alone."""
+        once = cache(text)
+        known = self.remember(what, lambda: asdict(outline(once())))
+        return compile_outlined(Outline(**known), once)
 
     def _facts(self) -> dict[str, Any]:
         (output,) = self.program.outputs.values()

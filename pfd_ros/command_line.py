@@ -10,7 +10,10 @@ import importlib.util
 from pathlib import Path
 import sys
 
-REPORTS = {'counts': 'counts: steps of every method beside what the paper claims'}
+REPORTS = {
+    'counts': 'counts: steps of every method beside what the paper claims',
+    'speed': 'speed: times beside those of other libraries, some ten minutes',
+}
 NO_ROS = (
     'this needs ROS 2 (rclpy), which this Python does not have; '
     "install it with: pip install 'pfd_ros[ros]'"
@@ -98,9 +101,12 @@ def _replay(chosen: argparse.Namespace) -> int:
 
 
 def _report(chosen: argparse.Namespace) -> int:
-    from pfd_core.report import counts_pages
+    from pfd_core.report import counts_pages, speed_pages
 
-    pages = counts_pages.run(chosen.out or Path('pfd_report'))
+    folder = chosen.out or Path('pfd_report')
+    if chosen.what == 'speed':
+        return speed_pages.run(folder)
+    pages = counts_pages.run(folder)
     print('\n'.join(str(page) for page in pages))
     return 0
 

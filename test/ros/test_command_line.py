@@ -96,3 +96,15 @@ def test_pfd_sim_is_the_node(processes: Processes) -> None:
     )
     arm.wait_for_text('planar2: 2 joints, held')
     assert arm.end(signal.SIGINT) == 0
+
+
+def test_report_speed_hands_the_folder_to_the_benchmark(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # The benchmark itself has tests of its own, and takes minutes.
+    asked: list[Path] = []
+    monkeypatch.setattr(
+        'pfd_core.report.speed_pages.run', lambda folder: asked.append(folder) or 0
+    )
+    assert command_line.main(['report', 'speed', '--out', str(tmp_path)]) == 0
+    assert asked == [tmp_path]

@@ -88,7 +88,7 @@ def _summary(rows: Sequence[Row]) -> str:
         ),
         'bound call': lambda row: row.work == 'call' and 'float64: bound' in row.way,
         'rollout': lambda row: row.work == 'rollout' and 'float64' in row.way,
-        f'{size}, F order': lambda row: row.work == size and 'float64, F' in row.way,
+        f'{size}, F order': lambda row: row.work == size and row.way.endswith('float64, F order'),
         f'{size}, C order': lambda row: row.work == size and 'float64, C' in row.way,
         f'{size}, F order, float32': lambda row: row.work == size and 'float32, F' in row.way,
     }
@@ -171,44 +171,49 @@ def write(findings: Findings, folder: Path) -> list[Path]:
 
 
 def plot(rows: Sequence[Row], path: Path) -> bool:
-    """Draw the time of a call and of a state in a batch over n, for the chains."""
+    """Draw the least time of a call and of a state in a batch over n; False without matplotlib."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
     except ImportError:
         return False
-    figure = Figure(figsize=(12, 5.5), layout='constrained')
+    figure = Figure(figsize=(13, 6.5), layout='constrained')
     FigureCanvasAgg(figure)
     batches = {row.work for row in rows if row.work.startswith('batch')}
     size = max(batches, key=_near_4096, default='')
     for axes, work in zip(figure.subplots(1, 2), ('call', size), strict=True):
         chains = [row for row in rows if row.work == work and row.robot.startswith('chain')]
-        ways = [way for way in dict.fromkeys(row.way for row in chains) if _drawn(way)]
-        for k, way in enumerate(ways):
-            own = [row for row in chains if row.way == way]
-            style = '--' if 'float32' in way else '-'
-            axes.loglog(
-                [row.n for row in own],
-                [row.median * 1e9 for row in own],
-                style,
-                color=f'C{k % 10}',
-                marker='.',
-                label=way,
-            )
-        if not chains:
-            continue
-        ticks = sorted({row.n for row in chains})
-        axes.set_xticks(ticks, [str(tick) for tick in ticks])
-        axes.minorticks_off()
+        axes.set_title(f'chains of n joints: {work}, least time of a state [ns]')
         axes.set_xlabel('joints n')
-        axes.set_ylabel('median time of a state [ns]')
-        axes.set_title(f'chains of n joints: {work}')
-        axes.grid(which='both', alpha=0.25)
-        axes.legend(fontsize=7)
+        if chains:
+            _draw(axes, [row for row in chains if _drawn(row.way)])
     figure.savefig(path, dpi=110)
     return True
 
 
+def _draw(axes: Any, rows: Sequence[Row]) -> None:
+    """Draw the ways over n: a colour for each method or peer, single precision dashed."""
+    names = [row.way.replace(' float32', ' float64') for row in rows]
+    colours = {name: f'C{k}' for k, name in enumerate(dict.fromkeys(names))}
+    for way in dict.fromkeys(row.way for row in rows):
+        own = [row for row in rows if row.way == way]
+        axes.loglog(
+            [row.n for row in own],
+            [row.minimum * 1e9 for row in own],
+            '--' if 'float32' in way else '-',
+            color=colours[way.replace(' float32', ' float64')],
+            marker='.',
+            label=way,
+        )
+    ticks = sorted({row.n for row in rows})
+    axes.set_xticks(ticks, [str(tick) for tick in ticks])
+    axes.minorticks_off()
+    axes.grid(which='both', alpha=0.25)
+    axes.legend(
+        fontsize=7, handlelength=3, loc='upper center', bbox_to_anchor=(0.5, -0.1), ncols=2
+    )
+
+
 def _drawn(way: str) -> bool:
     """Return whether a way is one of the fastest of its kind, as drawn."""
-    return not way.endswith((': kernel(q, qd, tau)', 'out=)', ', C order'))
+    return not way.endswith((': kernel(q, qd, tau)', 'out=)', ', C order', ' threads'))

@@ -20,6 +20,7 @@ from pfd_core.model import (
     robot_to_yaml,
     with_payload,
 )
+from pfd_core.simulation.ensemble import Ensemble, Feedback, Trajectories
 from pfd_core.simulation.integrators import INTEGRATORS
 from pfd_core.simulation.simulator import Simulator, Trajectory
 
@@ -31,6 +32,8 @@ except PackageNotFoundError:  # a checkout that was never installed
 __all__ = [
     'INTEGRATORS',
     'METHODS',
+    'Ensemble',
+    'Feedback',
     'Kernel',
     'Payload',
     'PhysicsWarning',
@@ -40,6 +43,7 @@ __all__ = [
     'Scene',
     'Simulator',
     'Steps',
+    'Trajectories',
     'Trajectory',
     '__version__',
     'compile_kernel',

@@ -55,8 +55,13 @@ def batch(program: Program, form: Format, size: int) -> str:
         lines.append(f'  %bad = call i1 @llvm.vector.reduce.or.v{width}i1({form.flag} %nan)')
         flag = '%bad'
     lines += [f'  %result = zext i1 {flag} to i64', '  ret i64 %result', '}']
-    copies = [way(form, inward) for inward in (True, False) for way in (_copy, _copy_tail)]
-    return '\n'.join([*lines, *copies])
+    return '\n'.join([*lines, copies(form)])
+
+
+def copies(form: Format) -> str:
+    """Return @copy_in and @copy_out, of PARAMETERS: `width` rows of an array and a buffer."""
+    ways = (_copy, _copy_tail)
+    return '\n'.join(way(form, inward) for inward in (True, False) for way in ways)
 
 
 def _argument(slot: int, name: str, elements: int, form: Format) -> list[str]:

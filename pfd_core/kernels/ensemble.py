@@ -1,0 +1,371 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+LLVM IR of many simulations at once: one arm per SIMD lane, all steps in native code.
+
+    @step        an integrator's step for `width` arms
+    @arms        all steps of `width` arms, with the torque that their law gives at each
+    @ensemble    blocks of arms, which any number of threads take by an atomic counter
+
+The torque of a step is taken from an array, or is tau + kp (q_ref - q) + kd (qd_ref - qd) of the
+state at its beginning, summed from the left; it is held for the step. Every operation on an arm
+is one that the simulation of a single arm does, in the same order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+import ctypes
+from dataclasses import dataclass
+
+from pfd_core.algorithms.refinement import record_refined
+from pfd_core.kernels.auto import choose
+from pfd_core.kernels.batch import copies
+from pfd_core.kernels.engine import Native, compile_ir, simd_width
+from pfd_core.kernels.evaluate import evaluate
+from pfd_core.kernels.kernel import plant_of, turned_joints
+from pfd_core.kernels.llvm import Format, arguments, module, spell
+from pfd_core.kernels.lower import lower, operations
+from pfd_core.kernels.parts import body
+from pfd_core.machine.program import Program
+from pfd_core.model import Robot, Scene
+
+STATE = ('q', 'qd', 'qdd')
+LAW = ('kp', 'kd', 'q.ref', 'qd.ref')
+# One row of the table for each of these: pointer, and strides from arm to arm, from element to
+# element and from step to step [bytes].
+SLOTS = (*STATE, 'tau', 'wrench', 'free', *LAW, *(f'{name}.out' for name in STATE))
+
+
+def step(program: Program, dynamics: Program, form: Format) -> str:
+    """Return `void @step(q, qd, qdd, held...)` for rows of `width` arms, in place."""
+    n = program.lanes
+    lines = [f'define internal void @step({_pointers(STATE)}{_held(dynamics)}) {{']
+    lines += [f'  %at.{name} = alloca [{n} x {form.type}], align 64' for name in STATE]
+    operands: list[list[str]] = []
+    for register, instruction in enumerate(program.instructions):
+        args = [operands[a] for a in instruction.args]
+        names = [f'%v{register * n + k}' for k in range(n)]
+        if instruction.op == 'constant':
+            names = [form.constant(instruction.data[k]) for k in range(n)]
+        elif instruction.op == 'call':
+            for k in range(n):
+                lines += _write('at.q', k, args[0][k], f'{register}.q{k}', form)
+                lines += _write('at.qd', k, args[1][k], f'{register}.qd{k}', form)
+            lines.append(
+                f'  call void @evaluate(ptr %at.q, ptr %at.qd{_held(dynamics)}, ptr %at.qdd)'
+            )
+            for k in range(n):
+                lines += _read(names[k], 'at.qdd', k, form)
+        elif instruction.op == 'input':
+            for k in range(n):
+                name, element = instruction.data[k]
+                lines += _read(names[k], name, element, form)
+        else:
+            for k in range(n):
+                own = [argument[k] for argument in args]
+                lines += spell(instruction, register * n + k, own, form)
+        operands.append(names)
+    for name, (_, places) in program.outputs.items():
+        for k, (register, _) in enumerate(places):
+            lines += _write(name, k, operands[register][k], f'{name}.{k}', form)
+    return '\n'.join([*lines, '  ret void', '}'])
+
+
+def _read(target: str, name: str, k: int, form: Format) -> Iterator[str]:
+    yield f'  {target}.at = getelementptr {form.type}, ptr %{name}, i64 {k}'
+    yield f'  {target} = load {form.type}, ptr {target}.at, align {form.bytes}'
+
+
+def _write(name: str, k: int, value: str, tag: str, form: Format) -> Iterator[str]:
+    yield f'  %to.{tag} = getelementptr {form.type}, ptr %{name}, i64 {k}'
+    yield f'  store {form.type} {value}, ptr %to.{tag}, align {form.bytes}'
+
+
+def arms(dynamics: Program, form: Format) -> str:
+    """
+    Return `void @arms(b, last, steps, substeps, every, law, table, sound)`.
+
+    It runs arms b to b + width - 1, of which those beyond `last` repeat it. `table` holds what
+    SLOTS says; each `every`-th state is written. `sound`, one number per arm, receives after how
+    many steps the arm's state was finite.
+    """
+    n, W = dynamics.inputs['q'], form.width
+    held = [name for name in arguments(dynamics) if name in ('wrench', 'free')]
+    lines = [
+        'define internal void @arms(i64 %b, i64 %last, i64 %steps, i64 %substeps, i64 %every, '
+        'i1 %law, ptr %table, ptr %sound) {',
+        *_prepare(n, held, form),
+        'outer:',
+        '  %t = phi i64 [ 0, %start ], [ %t.next, %counted ]',
+        '  %row = phi i64 [ 0, %start ], [ %row.next, %counted ]',
+        '  %wait = phi i64 [ 1, %start ], [ %wait.next, %counted ]',
+        f'  %good = phi <{W} x i64> [ zeroinitializer, %start ], [ %good.next, %counted ]',
+        *_torque(n, form),
+        *(line for k in range(n) if 'free' in held for line in _stop(k, form)),
+        f'  call void @evaluate(ptr %q, ptr %qd{_held(dynamics)}, ptr %qdd)',
+        '  br label %inner',
+        'inner:',
+        '  %s = phi i64 [ 0, %torque ], [ %s.next, %inner ]',
+        f'  call void @step({_pointers(STATE)}{_held(dynamics)})',
+        '  %s.next = add i64 %s, 1',
+        '  %s.more = icmp ult i64 %s.next, %substeps',
+        '  br i1 %s.more, label %inner, label %finished',
+        'finished:',
+        *_count(n, form),
+        *_write_row(n),
+        '  %t.next = add i64 %t, 1',
+        '  %t.more = icmp ult i64 %t.next, %steps',
+        '  br i1 %t.more, label %outer, label %done',
+        'done:',
+        *(_copied(False, name, n) for name in STATE),
+        *_report(W),
+        '  ret void',
+        '}',
+    ]
+    return '\n'.join(lines)
+
+
+def _prepare(n: int, held: Sequence[str], form: Format) -> Iterator[str]:
+    """Yield the entry: the table is read, and what stays the same for all steps."""
+    yield 'entry:'
+    yield f'  %lanes = alloca <{form.width} x i64>, align 64'
+    yield f'  %end = add i64 %b, {form.width - 1}'
+    yield '  %whole = icmp ule i64 %end, %last'
+    sizes = {name: 6 if name == 'wrench' else n for name in SLOTS}
+    for slot, name in enumerate(SLOTS):
+        yield from _slot(slot, name, sizes[name], form)
+    for name in (*STATE[:2], *held):
+        yield _copied(True, name, sizes[name])
+    yield '  br i1 %law, label %gains, label %start'
+    yield 'gains:'
+    for name in LAW[:2]:
+        yield _copied(True, name, n)
+    yield '  br label %start'
+    yield 'start:'
+    yield '  br label %outer'
+
+
+def _torque(n: int, form: Format) -> Iterator[str]:
+    """Yield the lines that find the torques of a step."""
+    yield from _at('tau', 't')
+    yield _copied(True, 'tau', n, 'tau.now')
+    yield '  br i1 %law, label %follow, label %torque'
+    yield 'follow:'
+    for name in LAW[2:]:
+        yield from _at(name, 't')
+        yield _copied(True, name, n, f'{name}.now')
+    for k in range(n):
+        yield from _law(k, form)
+    yield '  br label %torque'
+    yield 'torque:'
+
+
+def _write_row(n: int) -> Iterator[str]:
+    """Yield the lines that write the state after every so many steps."""
+    yield '  %due = icmp eq i64 %wait, %every'
+    yield '  br i1 %due, label %write, label %counted'
+    yield 'write:'
+    for name in STATE:
+        yield from _at(f'{name}.out', 'row')
+        yield _copied(False, f'{name}.out', n, f'{name}.out.now', buffer=name)
+    yield '  br label %counted'
+    yield 'counted:'
+    yield '  %one = zext i1 %due to i64'
+    yield '  %row.next = add i64 %row, %one'
+    yield '  %later = add i64 %wait, 1'
+    yield '  %wait.next = select i1 %due, i64 1, i64 %later'
+
+
+def _report(width: int) -> Iterator[str]:
+    """Yield the lines that say of each arm there is after how many steps it was finite."""
+    yield f'  store <{width} x i64> %good.next, ptr %lanes, align 64'
+    yield '  br label %lane'
+    yield 'lane:'
+    yield '  %i = phi i64 [ 0, %done ], [ %i.next, %kept ]'
+    yield '  %arm = add i64 %b, %i'
+    yield '  %there = icmp ule i64 %arm, %last'
+    yield '  br i1 %there, label %keep, label %kept'
+    yield 'keep:'
+    yield '  %i.at = getelementptr i64, ptr %lanes, i64 %i'
+    yield '  %i.good = load i64, ptr %i.at'
+    yield '  %arm.at = getelementptr i64, ptr %sound, i64 %arm'
+    yield '  store i64 %i.good, ptr %arm.at'
+    yield '  br label %kept'
+    yield 'kept:'
+    yield '  %i.next = add i64 %i, 1'
+    yield f'  %i.more = icmp ult i64 %i.next, {width}'
+    yield '  br i1 %i.more, label %lane, label %out'
+    yield 'out:'
+
+
+def _slot(slot: int, name: str, size: int, form: Format) -> Iterator[str]:
+    """Yield the lines that read one row of the table and make room for `width` arms."""
+    if not name.endswith('.out'):
+        yield f'  %{name} = alloca [{size} x {form.type}], align 64'
+    for column, part in enumerate(('base', 'arm', 'column', 'step')):
+        kind = 'ptr' if part == 'base' else 'i64'
+        yield f'  %{name}.{part}.at = getelementptr i64, ptr %table, i64 {4 * slot + column}'
+        yield f'  %{name}.{part} = load {kind}, ptr %{name}.{part}.at'
+
+
+def _at(name: str, index: str) -> tuple[str, str]:
+    """Return the lines that leave the address of a step's rows in `name`.now."""
+    return (
+        f'  %{name}.far = mul i64 %{index}, %{name}.step',
+        f'  %{name}.now = getelementptr i8, ptr %{name}.base, i64 %{name}.far',
+    )
+
+
+def _copied(
+    inward: bool, name: str, size: int, base: str | None = None, buffer: str | None = None
+) -> str:
+    way = 'copy_in' if inward else 'copy_out'
+    return (
+        f'  call void @{way}(i1 false, ptr %{buffer or name}, ptr %{base or name + ".base"}, '
+        f'i64 %{name}.arm, i64 %{name}.column, i64 %b, i1 %whole, i64 %last, i64 {size})'
+    )
+
+
+def _law(k: int, form: Format) -> Iterator[str]:
+    """Yield tau + kp (q_ref - q) + kd (qd_ref - qd) of one joint."""
+    T = form.type
+    for name in ('q', 'qd', 'tau', *LAW):
+        yield from _read(f'%{name}.x{k}', name, k, form)
+    yield f'  %e{k} = fsub {T} %q.ref.x{k}, %q.x{k}'
+    yield f'  %ed{k} = fsub {T} %qd.ref.x{k}, %qd.x{k}'
+    yield f'  %p{k} = fmul {T} %kp.x{k}, %e{k}'
+    yield f'  %d{k} = fmul {T} %kd.x{k}, %ed{k}'
+    yield f'  %sum{k} = fadd {T} %tau.x{k}, %p{k}'
+    yield f'  %law{k} = fadd {T} %sum{k}, %d{k}'
+    yield from _write('tau', k, f'%law{k}', f'tau{k}', form)
+
+
+def _stop(k: int, form: Format) -> Iterator[str]:
+    """Yield the lines that stop a joint whose element of `free` is zero."""
+    T, zero = form.type, form.constant(0.0)
+    yield from _read(f'%free.y{k}', 'free', k, form)
+    yield from _read(f'%qd.y{k}', 'qd', k, form)
+    yield f'  %moves{k} = fcmp ogt {T} %free.y{k}, {zero}'
+    yield f'  %qd.z{k} = select {form.flag} %moves{k}, {T} %qd.y{k}, {T} {zero}'
+    yield from _write('qd', k, f'%qd.z{k}', f'qd{k}', form)
+
+
+def _count(n: int, form: Format) -> Iterator[str]:
+    """Yield the lines that count a step for those arms that have been finite up to its end."""
+    T, W = form.type, form.width
+    odd = form.constant(0.0)
+    for name in STATE:
+        for k in range(n):
+            yield from _read(f'%{name}.w{k}', name, k, form)
+            # Zero for a finite number, NaN for any other; NaN stays NaN in the sum.
+            yield f'  %{name}.z{k}.0 = fsub {T} %{name}.w{k}, %{name}.w{k}'
+            yield f'  %{name}.odd{k} = fadd {T} {odd}, %{name}.z{k}.0'
+            odd = f'%{name}.odd{k}'
+    yield f'  %finite = fcmp ord {T} {odd}, {odd}'
+    yield f'  %t.one = insertelement <{W} x i64> poison, i64 %t, i64 0'
+    yield (
+        f'  %t.all = shufflevector <{W} x i64> %t.one, <{W} x i64> poison, '
+        f'<{W} x i32> zeroinitializer'
+    )
+    yield f'  %in.order = icmp eq <{W} x i64> %good, %t.all'
+    yield f'  %counts = and {form.flag} %in.order, %finite'
+    yield f'  %more = zext {form.flag} %counts to <{W} x i64>'
+    yield f'  %good.next = add <{W} x i64> %good, %more'
+
+
+def ensemble(form: Format) -> str:
+    """
+    Return `i64 @ensemble(count, table, block, next, steps, substeps, every, law, sound)`.
+
+    It runs @arms on blocks of `block` arms from the counter at `next` on, until `count`, and
+    returns zero; any number of threads may run it.
+    """
+    return f"""define i64 @ensemble(i64 %count, ptr %table, i64 %block, ptr %next, i64 %steps, \
+i64 %substeps, i64 %every, i64 %law, ptr %sound) {{
+entry:
+  %last = sub i64 %count, 1
+  %lawful = icmp ne i64 %law, 0
+  br label %take
+take:
+  %first = atomicrmw add ptr %next, i64 %block monotonic
+  %some = icmp ult i64 %first, %count
+  br i1 %some, label %work, label %done
+work:
+  %end = add i64 %first, %block
+  %over = icmp ugt i64 %end, %count
+  %until = select i1 %over, i64 %count, i64 %end
+  br label %rows
+rows:
+  %b = phi i64 [ %first, %work ], [ %b.next, %rows ]
+  call void @arms(i64 %b, i64 %last, i64 %steps, i64 %substeps, i64 %every, i1 %lawful, \
+ptr %table, ptr %sound)
+  %b.next = add i64 %b, {form.width}
+  %more = icmp ult i64 %b.next, %until
+  br i1 %more, label %rows, label %take
+done:
+  ret i64 0
+}}"""
+
+
+def _pointers(names: tuple[str, ...]) -> str:
+    return ', '.join(f'ptr %{name}' for name in names)
+
+
+def _held(dynamics: Program) -> str:
+    """Return what @evaluate takes besides q and qd, as arguments that follow others."""
+    names = [name for name in arguments(dynamics) if name not in ('q', 'qd')]
+    return ''.join(f', ptr %{name}' for name in names)
+
+
+@dataclass(frozen=True)
+class NativeEnsemble:
+    """
+    Many simulations in native code.
+
+    Attributes
+    ----------
+    run : callable
+        The function that `ensemble` describes; pointers are addresses.
+    method : str
+        The text it was recorded from.
+    width : int
+        Arms in a vector register.
+    operations : dict
+        Operations of one evaluation of the accelerations, by name.
+    native : Native
+        The code, which lives as long as this.
+
+    """
+
+    run: Callable[..., int]
+    method: str
+    width: int
+    operations: dict[str, int]
+    native: Native
+
+
+def compile_ensemble(
+    robot: Robot, step_program: Program, *, scene: Scene, method: str, dtype: str, refine: int
+) -> NativeEnsemble:
+    """Compile many simulations of a robot by an integrator's step; errors as compile_kernel."""
+    plant, scene = plant_of(robot, scene, dtype)
+    method = choose(plant, method, refine)
+    dynamics = lower(record_refined(plant, method, refine), dtype, ['qdd'])
+    angles = turned_joints(robot)
+    form = Format(dtype, simd_width(dtype))
+    texts = [
+        body(dynamics, form),
+        evaluate(dynamics, form, angles),
+        step(step_program, dynamics, form),
+        arms(dynamics, form),
+        ensemble(form),
+        copies(form),
+    ]
+    native = compile_ir(module(texts, dtype, [form.width], angles))
+    integer, pointer = ctypes.c_int64, ctypes.c_void_p
+    signature = ctypes.CFUNCTYPE(
+        integer, integer, pointer, integer, pointer, *[integer] * 4, pointer
+    )
+    run = signature(native.address('ensemble'))
+    return NativeEnsemble(run, method, form.width, operations(dynamics), native)

@@ -1,0 +1,226 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Ensembles: every arm moves by the bits of a simulator of its own, whatever steers it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from zoo import random_chain, random_state
+
+import pfd_core as pfd
+from pfd_core.kernels import threads
+
+STEPS = 7
+# A law sampled every millisecond against its own steady state after twenty time constants.
+SETTLED = 1e-8
+
+
+def sequences(n: int, size: int, dtype: str = 'float64') -> tuple[np.ndarray, ...]:
+    """Return positions and velocities, (size, n), and torques, (size, STEPS, n)."""
+    rng = np.random.default_rng(81)
+    rows = [random_state(rng, n) for _ in range(size)]
+    q, qd = (np.array([row[k] for row in rows], dtype) for k in range(2))
+    return q, qd, rng.uniform(-5, 5, (size, STEPS, n)).astype(dtype)
+
+
+def assert_same(runs: pfd.Trajectories, b: int, alone: pfd.Trajectory) -> None:
+    for name in ('q', 'qd', 'qdd'):
+        np.testing.assert_array_equal(getattr(runs, name)[b], getattr(alone, name))
+    np.testing.assert_array_equal(runs.time, alone.time)
+
+
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('integrator', pfd.INTEGRATORS)
+@pytest.mark.parametrize('size', [1, 19])
+def test_every_arm_moves_as_it_would_alone(size: int, integrator: str, dtype: str) -> None:
+    robot = pfd.load_robot('planar2')
+    options = {'integrator': integrator, 'dtype': dtype, 'substeps': 3}
+    many, one = pfd.Ensemble(robot, size, **options), pfd.Simulator(robot, **options)
+    q, qd, taus = sequences(2, size, dtype)
+    many.reset(q, qd, time=1.5)
+    runs = many.rollout(taus)
+    assert runs.status == 'ok'
+    np.testing.assert_array_equal(runs.sound, STEPS)
+    for b in range(size):
+        one.reset(q[b], qd[b], time=1.5)
+        assert_same(runs, b, one.rollout(taus[b]))
+    for name in ('q', 'qd', 'qdd'):
+        np.testing.assert_array_equal(getattr(many, name), getattr(runs, name)[:, -1])
+    assert many.time == one.time
+
+
+def test_wrench_brakes_and_sliding_joints_are_those_of_each_arm() -> None:
+    rng = np.random.default_rng(82)
+    robot = random_chain(rng, 4, joint_types=['revolute', 'prismatic', 'continuous', 'revolute'])
+    scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
+    many, one = pfd.Ensemble(robot, 11, scene), pfd.Simulator(robot, scene)
+    q, qd, taus = sequences(4, 11)
+    wrench, brakes = rng.normal(size=(11, 6)), rng.random((11, 4)) < 0.4
+    many.reset(q, qd)
+    runs = many.rollout(taus, wrench=wrench, brakes=brakes)
+    for b in range(11):
+        one.reset(q[b], qd[b])
+        assert_same(runs, b, one.rollout(taus[b], wrench[b], brakes=brakes[b]))
+    # What is the same for all arms need not be repeated.
+    many.reset(q[3], qd[3])
+    runs = many.rollout(taus[3], wrench=wrench[3], brakes=brakes[3])
+    one.reset(q[3], qd[3])
+    alone = one.rollout(taus[3], wrench[3], brakes=brakes[3])
+    for b in range(11):
+        assert_same(runs, b, alone)
+
+
+def test_a_second_rollout_goes_on_where_the_first_ended() -> None:
+    robot = pfd.load_robot('planar2')
+    q, qd, taus = sequences(2, 9)
+    many = pfd.Ensemble(robot, 9)
+    many.reset(q, qd)
+    whole = many.rollout(taus)
+    many.reset(q, qd)
+    parts = [many.rollout(taus[:, :3]), many.rollout(taus[:, 3:])]
+    for name in ('q', 'qd', 'qdd'):
+        joined = np.concatenate([getattr(part, name) for part in parts], axis=1)
+        np.testing.assert_array_equal(joined, getattr(whole, name))
+
+
+def test_the_law_is_that_of_a_loop_in_python() -> None:
+    rng = np.random.default_rng(83)
+    robot = random_chain(rng, 3)
+    q, qd, taus = sequences(3, 10)
+    kp, kd = rng.uniform(1, 10, (10, 3)), rng.uniform(0, 1, 3)
+    wanted, rate = rng.uniform(-1, 1, (10, STEPS, 3)), rng.uniform(-1, 1, (STEPS, 3))
+    many, one = pfd.Ensemble(robot, 10), pfd.Simulator(robot)
+    many.reset(q, qd)
+    runs = many.rollout(taus, feedback=pfd.Feedback(kp, kd, wanted, rate))
+    assert runs.status == 'ok'
+    for b in range(10):
+        one.reset(q[b], qd[b])
+        for t in range(STEPS):
+            pull = kp[b] * (wanted[b, t] - one.q)
+            one.step(taus[b, t] + pull + kd * (rate[t] - one.qd))
+            np.testing.assert_array_equal(runs.q[b, t], one.q)
+            np.testing.assert_array_equal(runs.qdd[b, t], one.qdd)
+
+
+def test_a_lifted_mass_comes_to_rest_where_the_law_carries_its_weight() -> None:
+    robot = pfd.Robot(
+        name='lift',
+        joint_names=('z',),
+        joint_types=('prismatic',),
+        rotations=np.eye(3)[None],
+        translations=np.zeros((1, 3)),
+        masses=np.array([2.0]),
+        centers=np.zeros((1, 3)),
+        inertias=np.zeros((1, 3, 3)),
+    )
+    # Critically damped: the slowest time constant is 2 m/kd = 0.05 s; twenty of them.
+    kp, kd = np.array([[800.0], [3200.0]]), np.array([[80.0], [160.0]])
+    many = pfd.Ensemble(robot, 2)
+    runs = many.rollout(steps=2000, feedback=pfd.Feedback(kp, kd, [0.3]), every=2000)
+    np.testing.assert_allclose(runs.q[:, 0], 0.3 - 2.0 * 9.81 / kp, rtol=0, atol=SETTLED)
+    np.testing.assert_allclose(runs.qdd[:, 0], 0.0, rtol=0, atol=SETTLED)
+
+
+@pytest.mark.parametrize('count', [0, 1, 2, 5])
+def test_the_bits_do_not_depend_on_the_threads(
+    count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(threads, 'LEAST', 1)
+    q, qd, taus = sequences(2, 100)
+    many = pfd.Ensemble(pfd.load_robot('planar2'), 100)
+    many.reset(q, qd)
+    wanted = many.rollout(taus)
+    many.reset(q, qd)
+    runs = many.rollout(taus, threads=count)
+    for name in ('q', 'qd', 'qdd', 'sound'):
+        np.testing.assert_array_equal(getattr(runs, name), getattr(wanted, name))
+
+
+def test_states_between_those_asked_for_are_left_out() -> None:
+    q, qd, taus = sequences(2, 10)
+    many = pfd.Ensemble(pfd.load_robot('planar2'), 10)
+    many.reset(q, qd)
+    whole = many.rollout(taus)
+    for every in (2, 3, 7, 8):
+        many.reset(q, qd)
+        runs = many.rollout(taus, every=every)
+        rows = slice(every - 1, None, every)
+        np.testing.assert_array_equal(runs.q, whole.q[:, rows])
+        np.testing.assert_array_equal(runs.qdd, whole.qdd[:, rows])
+        np.testing.assert_allclose(runs.time, whole.time[rows], rtol=1e-15)
+        np.testing.assert_array_equal(many.q, whole.q[:, -1])
+
+
+def test_an_arm_that_overflows_is_told_and_does_not_touch_the_others() -> None:
+    q, qd, taus = sequences(2, 10)
+    many = pfd.Ensemble(pfd.load_robot('planar2'), 10)
+    many.reset(q, qd)
+    whole = many.rollout(taus)
+    taus[6, 3] = 1e308
+    many.reset(q, qd)
+    runs = many.rollout(taus)
+    assert runs.status == 'not_finite'
+    assert runs.sound.tolist() == [STEPS] * 6 + [3] + [STEPS] * 3
+    others = np.arange(10) != 6
+    np.testing.assert_array_equal(runs.q[others], whole.q[others])
+
+
+def test_no_steps_give_no_states() -> None:
+    many = pfd.Ensemble(pfd.load_robot('planar2'), 3)
+    for runs in (many.rollout(steps=0), many.rollout(np.zeros((0, 2)))):
+        assert runs.q.shape == (3, 0, 2)
+        assert runs.status == 'ok'
+    assert many.time == 0.0
+
+
+ZEROS = np.zeros((5, 2))
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({}, 'steps is needed where taus does not say'),
+        ({'steps': -1}, 'steps must be an integer of at least 0, got -1'),
+        ({'taus': ZEROS, 'steps': 4}, 'taus holds 5 steps, but steps=4'),
+        ({'taus': np.zeros(2)}, r'taus must have shape \(steps, 2\) or \(3, steps, 2\), got \(2,'),
+        ({'taus': np.zeros((4, 5, 2))}, r'taus must have shape \(3, 5, 2\) or .* got \(4, 5, 2\)'),
+        ({'taus': ZEROS * np.nan}, 'taus must be finite'),
+        ({'taus': ZEROS, 'every': 0}, 'every must be an integer of at least 1, got 0'),
+        ({'taus': ZEROS, 'threads': -2}, 'threads must be an integer of at least 0'),
+        ({'taus': ZEROS, 'feedback': (1, 2)}, 'feedback must be a Feedback, got tuple'),
+        (
+            {'taus': ZEROS, 'feedback': pfd.Feedback(np.zeros(3), 0.0, 0.0)},
+            r'feedback.kp must have shape \(3, 2\) or \(2,\), got \(3,\)',
+        ),
+        ({'taus': ZEROS, 'wrench': np.zeros(6)}, 'wrench is given exactly when'),
+        ({'taus': ZEROS, 'brakes': [True, False]}, 'brakes were given, but the scene has none'),
+        ({'taus': [['a', 'b']]}, 'taus must be an array of numbers'),
+    ],
+)
+def test_bad_arguments_are_named(options, message: str) -> None:  # type: ignore[no-untyped-def]
+    many = pfd.Ensemble(pfd.load_robot('planar2'), 3)
+    with pytest.raises(ValueError, match=message):
+        many.rollout(**options)
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'size': 0}, 'size must be an integer of at least 1, got 0'),
+        ({'size': 2, 'substeps': 0}, 'substeps must be an integer of at least 1, got 0'),
+        ({'size': 2, 'step_size': -1.0}, 'step_size must be above zero seconds, got -1.0'),
+        ({'size': 2, 'integrator': 'euler'}, "integrator must be one of .* got 'euler'"),
+    ],
+)
+def test_bad_options_are_named(options, message: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ValueError, match=message):
+        pfd.Ensemble(pfd.load_robot('planar2'), **options)
+
+
+def test_a_state_that_does_not_fit_is_refused() -> None:
+    many = pfd.Ensemble(pfd.load_robot('planar2'), 3)
+    with pytest.raises(ValueError, match=r'q must have shape \(3, 2\) or \(2,\)'):
+        many.reset(np.zeros((2, 2)))
+    with pytest.raises(ValueError, match='qd must be finite'):
+        many.reset(None, [np.inf, 0.0])

@@ -7,6 +7,7 @@ Lowering: a sequential program becomes the shortest equal one that a kernel is m
     expand   sine and cosine become text over the other operations
     drop     what no output reads is left out
     fuse     additions take in the multiplications that they add
+    schedule operations change places, so that registers suffice and few wait
 
 This is where a scene pays only for what it models: a zero offset or a 90 degree twist is a
 constant of the program, and what it multiplies is gone here. Fusing alone changes roundings, by
@@ -21,6 +22,7 @@ from collections.abc import Collection
 from pfd_core.kernels.elementary import sincos
 from pfd_core.kernels.fold import KEPT, fold
 from pfd_core.kernels.fuse import fuse
+from pfd_core.kernels.schedule import schedule
 from pfd_core.machine.program import Instruction, Program, renamed
 from pfd_core.machine.recorder import Lanes, Recorder, where
 
@@ -46,7 +48,7 @@ def lower(
     if program.lanes != 1:
         raise ValueError(f'only a sequential program is lowered, got {program.lanes} lanes')
     lowered = drop(fold(expand(drop(fold(program), outputs), dtype)))
-    return drop(fuse(lowered)) if fma else lowered
+    return schedule(drop(fuse(lowered)) if fma else lowered)
 
 
 def drop(program: Program, outputs: Collection[str] | None = None) -> Program:

@@ -26,6 +26,8 @@ Text = Callable[[Lanes, Lanes, Lanes], Any]
 NAMES = 'xyz'
 # What pfd_core.kernels.elementary promises, in units in the last place.
 ULPS = 1.5
+# The largest of all float32 up to the limit, and less than a thousandth for the reference.
+ALL_FLOAT32 = 1.42
 
 
 def recorded(text: Callable[..., Any], names: str = NAMES) -> Program:
@@ -195,3 +197,13 @@ def test_a_fused_sine_is_odd_and_keeps_the_sign_of_zero(dtype: str) -> None:
     assert (-right[0]).tobytes() == left[0].tobytes()
     assert right[1].tobytes() == left[1].tobytes()
     np.testing.assert_array_equal(right[0, -2:], x[-2:])
+
+
+def test_a_sweep_of_float32_stays_below_the_promised_ulps() -> None:
+    first, last = np.array([1e-6, WRAP_LIMIT], 'float32').view('uint32')
+    x = np.arange(first, last + 1, 1511, dtype='uint32').view('float32')
+    found = run(pair('float32'), {'x': x[:, None]}, 'float32')['out']
+    for column, function in zip(found.T, (np.sin, np.cos), strict=True):
+        reference = function(x.astype(float))
+        unit = np.ldexp(1.0, np.frexp(reference)[1] - 1 - np.finfo('float32').nmant)
+        assert (np.abs(column - reference) / unit).max() <= ALL_FLOAT32

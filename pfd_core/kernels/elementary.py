@@ -27,6 +27,10 @@ Operations for sine and cosine together:
     float32   19       26    1      3     49
     =======  ===  =======  ===  =====  =====
 
+A kernel fuses additions and multiplications of these (pfd_core.kernels.fuse), which leaves 35
+operations in float64 and signs. The errors are then at most 1.42 in float32 (the largest of all
+its arguments) and have been seen up to 1.34 in float64 (4e7 arguments); the rest holds as well.
+
 The coefficients are printed by benchmarks/fit_sine.py.
 """
 

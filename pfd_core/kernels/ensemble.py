@@ -18,15 +18,14 @@ from collections.abc import Callable, Iterator, Sequence
 import ctypes
 from dataclasses import dataclass
 
-from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.batch import copies
-from pfd_core.kernels.engine import Native, compile_ir, simd_width
+from pfd_core.kernels.engine import Native, simd_width
 from pfd_core.kernels.evaluate import evaluate
 from pfd_core.kernels.kernel import plant_of, turned_joints
 from pfd_core.kernels.llvm import Format, arguments, module, spell
-from pfd_core.kernels.lower import lower, operations
 from pfd_core.kernels.parts import body
+from pfd_core.kernels.recipe import forward
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
 
@@ -351,21 +350,25 @@ def compile_ensemble(
     """Compile many simulations of a robot by an integrator's step; errors as compile_kernel."""
     plant, scene = plant_of(robot, scene, dtype)
     method = choose(plant, method, refine)
-    dynamics = lower(record_refined(plant, method, refine), dtype, ['qdd'])
-    angles = turned_joints(robot)
+    recipe = forward(plant, method, refine, dtype)
     form = Format(dtype, simd_width(dtype))
-    texts = [
-        body(dynamics, form),
-        evaluate(dynamics, form, angles),
-        step(step_program, dynamics, form),
-        arms(dynamics, form),
-        ensemble(form),
-        copies(form),
-    ]
-    native = compile_ir(module(texts, dtype, [form.width], angles))
+
+    def text() -> str:
+        dynamics, angles = recipe.program, turned_joints(robot)
+        texts = [
+            body(dynamics, form),
+            evaluate(dynamics, form, angles),
+            step(step_program, dynamics, form),
+            arms(dynamics, form),
+            ensemble(form),
+            copies(form),
+        ]
+        return module(texts, dtype, [form.width], angles)
+
+    native = recipe.compile(f'ensemble {form.width} {step_program}', text)
     integer, pointer = ctypes.c_int64, ctypes.c_void_p
     signature = ctypes.CFUNCTYPE(
         integer, integer, pointer, integer, pointer, *[integer] * 4, pointer
     )
     run = signature(native.address('ensemble'))
-    return NativeEnsemble(run, method, form.width, operations(dynamics), native)
+    return NativeEnsemble(run, method, form.width, recipe.operations, native)

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.algorithms.dynamics import record_inverse_dynamics
-from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels import llvm
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.batch import batch
@@ -44,7 +43,7 @@ from pfd_core.kernels.entry import (
 from pfd_core.kernels.evaluate import evaluate
 from pfd_core.kernels.lower import lower
 from pfd_core.kernels.parts import body
-from pfd_core.kernels.recipe import Recipe, joined
+from pfd_core.kernels.recipe import Recipe, forward
 from pfd_core.kernels.threads import block_size, count_of, run, shared_batch
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, resolve
@@ -364,11 +363,8 @@ def compile_kernel(
     method = choose(plant, method, refine)
 
     def make(names: tuple[str, ...], estimating: Callable[[], Kernel] | None = None) -> Kernel:
-        def record() -> Program:
-            return joined(lower(record_refined(plant, method, refine), dtype, names))
-
-        key = ('forward', plant.digest, method, str(refine), dtype, *names)
-        return Kernel(robot, scene, method, dtype, Recipe(record, key), estimating)
+        recipe = forward(plant, method, refine, dtype, names)
+        return Kernel(robot, scene, method, dtype, recipe, estimating)
 
     return make(('qdd',), partial(make, ('qdd', 'error')) if refine else None)
 

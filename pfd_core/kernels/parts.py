@@ -18,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from pfd_core.kernels import llvm
+from pfd_core.kernels.engine import USUAL, Optimisation
 from pfd_core.kernels.llvm import Format, arguments, spell
 from pfd_core.machine.program import Program
 
@@ -33,6 +34,11 @@ def body(program: Program, form: Format) -> str:
     if len(program.instructions) <= LONGEST or any(i.op in LOOPED for i in program.instructions):
         return llvm.body(program, form)
     return in_parts(program, form, PART)
+
+
+def effort(operations: dict[str, int]) -> Optimisation:
+    """Return how hard the compiler is to try: its passes find nothing to do in a long program."""
+    return Optimisation(passes=0) if sum(operations.values()) > LONGEST else USUAL
 
 
 def in_parts(program: Program, form: Format, size: int) -> str:

@@ -9,16 +9,21 @@ to know of its program and of the texts made of it is therefore kept on disk, to
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import cache, cached_property
+import gc
 from typing import Any
 
+from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.cache import T, remember
 from pfd_core.kernels.engine import Native, Outline, compile_outlined, outline
 from pfd_core.kernels.llvm import arguments
-from pfd_core.kernels.lower import operations
+from pfd_core.kernels.lower import lower, operations
+from pfd_core.kernels.parts import effort
 from pfd_core.machine.program import Output, Program
+from pfd_core.model import Plant
 
 
 class Recipe:
@@ -55,7 +60,8 @@ class Recipe:
     @cached_property
     def program(self) -> Program:
         """The program itself."""
-        return self._record()
+        with _uncollected():
+            return self._record()
 
     def remember(self, what: str, make: Callable[[], T]) -> T:
         """Return `make()`, which depends on the program and on `what` alone, or find it kept."""
@@ -65,7 +71,7 @@ class Recipe:
         """Return the native code of a text, which depends on the program and on `what` alone."""
         once = cache(text)
         known = self.remember(what, lambda: asdict(outline(once())))
-        return compile_outlined(Outline(**known), once)
+        return compile_outlined(Outline(**known), once, effort(self.operations))
 
     def _facts(self) -> dict[str, Any]:
         (output,) = self.program.outputs.values()
@@ -74,6 +80,33 @@ class Recipe:
             'elements': len(output.places),
             'operations': operations(self.program),
         }
+
+
+def forward(
+    plant: Plant, method: str, refine: int, dtype: str, names: Collection[str] = ('qdd',)
+) -> Recipe:
+    """Return the recipe of forward dynamics by a method, with some of its outputs."""
+
+    def record() -> Program:
+        return joined(lower(record_refined(plant, method, refine), dtype, names))
+
+    return Recipe(record, ('forward', plant.digest, method, str(refine), dtype, *names))
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """
+    Keep Python from looking for cycles, of which a recording has none.
+
+    It would go over all instructions again and again, for a third of the time of a long program.
+    """
+    running = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if running:
+            gc.enable()
 
 
 def joined(program: Program) -> Program:

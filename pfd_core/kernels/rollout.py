@@ -15,14 +15,13 @@ import ctypes
 from dataclasses import dataclass
 from typing import Any
 
-from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.auto import choose
-from pfd_core.kernels.engine import Native, compile_ir
+from pfd_core.kernels.engine import Native
 from pfd_core.kernels.evaluate import evaluate
 from pfd_core.kernels.kernel import plant_of, turned_joints
 from pfd_core.kernels.llvm import Format, arguments, module, spell
-from pfd_core.kernels.lower import lower
 from pfd_core.kernels.parts import body
+from pfd_core.kernels.recipe import forward
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
 
@@ -166,15 +165,14 @@ class Rollout:
     ----------
     run : callable
         The function that `rollout` describes; pointers are addresses.
-    dynamics : Program
-        The lowered program of the accelerations.
     native : Native
         The code, which lives as long as this.
+    method : str
+        The text it was recorded from.
 
     """
 
     run: Callable[..., int]
-    dynamics: Program
     native: Native
     method: str
 
@@ -185,16 +183,19 @@ def compile_rollout(
     """Compile the simulation of a robot by an integrator's step; errors as compile_kernel."""
     plant, scene = plant_of(robot, scene, dtype)
     method = choose(plant, method, refine)
-    dynamics = lower(record_refined(plant, method, refine), dtype, ['qdd'])
-    angles = turned_joints(robot)
-    form = Format(dtype, 1)
-    parts = [
-        body(dynamics, form),
-        evaluate(dynamics, form, angles),
-        step(step_program, dynamics, dtype),
-        rollout(dynamics, dtype),
-    ]
-    native = compile_ir(module(parts, dtype, [robot.n], angles))
-    pointers: list[Any] = [ctypes.c_void_p] * (2 * len(STATE) + len(arguments(dynamics)) - 2)
+    recipe = forward(plant, method, refine, dtype)
+
+    def text() -> str:
+        dynamics, angles, form = recipe.program, turned_joints(robot), Format(dtype, 1)
+        parts = [
+            body(dynamics, form),
+            evaluate(dynamics, form, angles),
+            step(step_program, dynamics, dtype),
+            rollout(dynamics, dtype),
+        ]
+        return module(parts, dtype, [robot.n], angles)
+
+    native = recipe.compile(f'rollout {step_program}', text)
+    pointers: list[Any] = [ctypes.c_void_p] * (2 * len(STATE) + len(recipe.inputs) - 2)
     signature = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, *pointers)
-    return Rollout(signature(native.address('rollout')), dynamics, native, method)
+    return Rollout(signature(native.address('rollout')), native, method)

@@ -267,3 +267,33 @@ def test_the_physics_check_sees_a_wrong_robot() -> None:
     robot = lock(load_robot(ODD_ARM), {'j2': 0.7})
     with pytest.raises(AssertionError):
         assert_same_physics(robot, ODD_ARM, {'j2': 0.7001})
+
+
+NEARLY = """<robot name="nearly">
+<link name="base"/>
+<link name="arm"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="hand"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
+<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="first" type="revolute"><parent link="base"/><child link="arm"/>
+<origin xyz="0 0 1" rpy="0 0 1.5707963267948966"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="second" type="revolute"><parent link="arm"/><child link="hand"/>
+<origin xyz="1 0 0" rpy="1.570796325 0 0"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+def test_a_nearly_right_angle_is_made_exact_and_its_joint_named() -> None:
+    robot = load_robot(NEARLY)
+    assert robot.squared == ('second',)
+    assert set(np.abs(robot.rotations[0]).ravel().tolist()) == {0.0, 1.0}
+
+
+def test_right_angles_can_be_left_as_written() -> None:
+    robot = load_robot(NEARLY, right_angle=-1.0)
+    assert robot.squared == ()
+    # 1.8e-9 short of a right angle: what is left of the cosine.
+    off = np.pi / 2 - 1.570796325
+    assert np.abs(robot.rotations[0]).max() <= 1
+    assert np.isclose(np.abs(robot.rotations[0][1, 1]), np.sin(off), rtol=1e-6)
+    assert load_robot(NEARLY, right_angle=1e-9).squared == ()

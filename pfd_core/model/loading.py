@@ -12,6 +12,7 @@ from pfd_core.model.edit import lock
 from pfd_core.model.robot import Robot
 from pfd_core.model.storage import robot_from_yaml
 from pfd_core.model.urdf import robot_from_urdf
+from pfd_core.model.urdf_tree import RIGHT_ANGLE_SLACK
 
 PACKAGE = Path(__file__).resolve().parent.parent
 # Installed, the configuration lies in the package; in a checkout, beside it.
@@ -30,6 +31,7 @@ def load_robot(
     base: str | None = None,
     tip: str | None = None,
     locked: Mapping[str, float] | None = None,
+    right_angle: float = RIGHT_ANGLE_SLACK,
 ) -> Robot:
     """
     Return a robot by name, from a file or from text.
@@ -45,6 +47,10 @@ def load_robot(
         beyond the tip, but joints there must be locked.
     locked : mapping, optional
         Name of a joint -> position [rad, m]. The joint becomes fixed, its link welded on.
+    right_angle : float
+        A rotation of a URDF that is this close to a multiple of 90 degrees [rad] is taken as
+        exactly that, since 1.570796325 means it, and exact zeros halve the work of a kernel; the
+        robot's `squared` names the joints that this changed. Negative: as written.
 
     Raises
     ------
@@ -60,7 +66,9 @@ def load_robot(
     """
     text, origin, is_urdf = _read(source)
     if is_urdf:
-        return robot_from_urdf(text, base=base, tip=tip, locked=locked, source=origin)
+        return robot_from_urdf(
+            text, base=base, tip=tip, locked=locked, source=origin, right_angle=right_angle
+        )
     robot = robot_from_yaml(text, source=origin)
     for role, asked, has in (('base', base, robot.base), ('tip', tip, robot.tip)):
         if asked not in (None, has):

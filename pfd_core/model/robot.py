@@ -86,6 +86,8 @@ class Robot:
         Where the numbers come from.
     accepted : tuple of str
         Joints whose links are known to break the triangle rule, which then needs no warning.
+    squared : tuple of str
+        Joints of the URDF, fixed ones too, of which a nearly right angle was taken as exact.
 
     Raises
     ------
@@ -120,9 +122,10 @@ class Robot:
     tip: str = 'tip'
     source: str = ''
     accepted: tuple[str, ...] = ()
+    squared: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for key in ('joint_names', 'joint_types', 'accepted'):
+        for key in ('joint_names', 'joint_types', 'accepted', 'squared'):
             object.__setattr__(self, key, tuple(getattr(self, key)))
         _check_joints(self)
         for key, shape in _shapes(self.n).items():
@@ -143,7 +146,7 @@ class Robot:
         """SHA-256 of all numbers and names, as 64 hexadecimal digits."""
         state = hashlib.sha256()
         for item in fields(self):
-            if item.name in ('source', 'accepted'):
+            if item.name in ('source', 'accepted', 'squared'):
                 continue
             value = getattr(self, item.name)
             text = value.astype('<f8').tobytes() if isinstance(value, np.ndarray) else repr(value)

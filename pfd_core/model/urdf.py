@@ -19,7 +19,14 @@ from pfd_core.model.geometry import (
     welded_frames,
 )
 from pfd_core.model.robot import Robot
-from pfd_core.model.urdf_tree import Chain, Joint, Tree, find_chain, read_tree
+from pfd_core.model.urdf_tree import (
+    RIGHT_ANGLE_SLACK,
+    Chain,
+    Joint,
+    Tree,
+    find_chain,
+    read_tree,
+)
 
 
 def robot_from_urdf(
@@ -29,6 +36,7 @@ def robot_from_urdf(
     tip: str | None = None,
     locked: Mapping[str, float] | None = None,
     source: str = 'URDF text',
+    right_angle: float = RIGHT_ANGLE_SLACK,
 ) -> Robot:
     """
     Return the chain between two links of a URDF.
@@ -45,6 +53,8 @@ def robot_from_urdf(
         Name of a joint -> position [rad, m] at which it is welded.
     source : str
         Where the text comes from.
+    right_angle : float
+        Rotations this close to a multiple of 90 degrees are taken as one [rad]; negative: none.
 
     Raises
     ------
@@ -52,7 +62,7 @@ def robot_from_urdf(
         If the text is no URDF, or these choices leave no single chain.
 
     """
-    tree, exact = read_tree(text)
+    tree, exact, touched = read_tree(text, right_angle)
     chain = find_chain(tree, base, tip, locked or {})
     model = _welded_model(exact, tree, chain, locked or {})
     placements, bodies = _joint_frames(model, chain)
@@ -63,6 +73,7 @@ def robot_from_urdf(
         base=chain.base,
         tip=chain.tip,
         source=source,
+        squared=touched,
         **welded_frames(placements, bodies),
         **_limits(model, chain),
     )

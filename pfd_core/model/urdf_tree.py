@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import math
 import xml.etree.ElementTree as ElementTree
 
-# Writers of URDF print pi/2 as 1.57079632679 or longer; with that many digits a right angle is
+# Writers of URDF print pi/2 as 1.570796325 or longer; with that many digits a right angle is
 # meant, and only an exact one leaves zeros for a kernel to drop. 1.5708 is taken as written.
-RIGHT_ANGLE_SLACK = 1e-9
+RIGHT_ANGLE_SLACK = 1e-8
 MOVING = ('revolute', 'continuous', 'prismatic')
 NOT_A_CHAIN = ('floating', 'planar')
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
@@ -54,9 +54,11 @@ class Chain:
     joints: tuple[Joint, ...]
 
 
-def read_tree(text: str) -> tuple[Tree, str]:
+def read_tree(text: str, slack: float = RIGHT_ANGLE_SLACK) -> tuple[Tree, str, tuple[str, ...]]:
     """
-    Return the shape of a URDF, and its text with right angles made exact.
+    Return the shape of a URDF, its text with right angles made exact, and the joints touched.
+
+    An angle within `slack` [rad] of a multiple of pi/2 is one; none is where slack is negative.
 
     Raises
     ------
@@ -90,11 +92,15 @@ def read_tree(text: str) -> tuple[Tree, str]:
         raise ValueError(
             f'a URDF must have one link without a parent, got {_listed(roots) or "a loop"}'
         )
+    touched = tuple(
+        _name(joint)
+        for joint in root.findall('joint')
+        if any(_square(origin, slack) for origin in joint.iter('origin'))
+    )
     for origin in root.iter('origin'):
-        if 'rpy' in origin.attrib:
-            origin.set('rpy', ' '.join(map(_right_angle, origin.attrib['rpy'].split())))
-    name = root.get('name') or 'robot'
-    return Tree(name, roots[0], links, joints), ElementTree.tostring(root, encoding='unicode')
+        _square(origin, slack)
+    tree = Tree(root.get('name') or 'robot', roots[0], links, joints)
+    return tree, ElementTree.tostring(root, encoding='unicode'), touched
 
 
 def find_chain(
@@ -284,7 +290,17 @@ def _joint(element: ElementTree.Element) -> Joint:
     return Joint(name, kind, parent, child, axis, None if mimic is None else mimic.get('joint'))
 
 
-def _right_angle(text: str) -> str:
+def _square(origin: ElementTree.Element, slack: float) -> bool:
+    """Make the right angles of an <origin> exact, and tell whether that changed a number."""
+    written = origin.attrib.get('rpy', '').split()
+    exact = [_right_angle(angle, slack) for angle in written]
+    if exact == written:
+        return False
+    origin.set('rpy', ' '.join(exact))
+    return [float(angle) for angle in exact] != [float(angle) for angle in written]
+
+
+def _right_angle(text: str, slack: float) -> str:
     """Return an angle [rad] as text, made exact if it is nearly a multiple of pi/2."""
     try:
         angle = float(text)
@@ -293,7 +309,7 @@ def _right_angle(text: str) -> str:
     if not math.isfinite(angle):
         return text
     exact = round(angle / (math.pi / 2)) * (math.pi / 2)
-    return repr(exact) if abs(angle - exact) <= RIGHT_ANGLE_SLACK else text
+    return repr(exact) if abs(angle - exact) <= slack else text
 
 
 def _how_to_lock(joints: Iterable[Joint]) -> str:

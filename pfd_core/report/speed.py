@@ -38,7 +38,7 @@ MAKERS: dict[str, Callable[[Robot], Contender]] = {
     'CasADi C': textbook.Casadi,
     **{
         f'{method} {dtype}': partial(speed_ours.make, method, dtype)
-        for method in speed_ours.LARGEST
+        for method in speed_ours.METHODS
         for dtype in speed_ours.DTYPES
     },
 }
@@ -146,7 +146,7 @@ def survey(plan: Survey) -> Findings:
     """Measure everything in a plan, telling on a terminal's stderr how far it is."""
     before = surroundings()
     rows: list[Row] = []
-    left_out: list[str] = []
+    left_out: dict[tuple[str, str], list[str]] = {}
     for name in plan.robots:
         arm = robot(name)
         contenders = []
@@ -155,7 +155,7 @@ def survey(plan: Survey) -> Findings:
             try:
                 contender, found = first_results(arm, who, make, *_firsts(arm), plan.pace.repeats)
             except LeftOutError as reason:
-                left_out.append(f'{who} on {name}: {reason}')
+                left_out.setdefault((who, str(reason)), []).append(name)
             else:
                 contenders.append(contender)
                 rows += found
@@ -167,7 +167,8 @@ def survey(plan: Survey) -> Findings:
             _tell(f'{name}: fresh process')
             rows += fresh_process(arm, plan.pace.repeats)
     _tell('')
-    return Findings(rows, left_out, before)
+    told = [f'{who} on {", ".join(on)}: {why}' for (who, why), on in left_out.items()]
+    return Findings(rows, told, before)
 
 
 def works(arm: Robot, plan: Survey) -> Iterator[Work]:

@@ -13,7 +13,7 @@ from typing import Any
 
 from pfd_core.report.first_results import FROM_DISK, PROCESS, WORKS
 from pfd_core.report.speed import QUICK, Findings, Survey, survey
-from pfd_core.report.speed_ours import LARGEST
+from pfd_core.report.speed_ours import METHODS
 from pfd_core.report.timing import Row
 
 COMMAND = 'pfd report speed'
@@ -59,12 +59,14 @@ def markdown(findings: Findings) -> str:
         found = [row for row in rows if row.work == work]
         if found:
             parts += [f'### {work.capitalize()}\n', _grid(found, _milliseconds)]
+    far = _largest_differences(rows)
     parts.append('## Difference from `pinocchio.aba`\n')
-    parts.append(
-        'max|difference| / max|reference| of the accelerations of a state, or of the positions '
-        'after a rollout; the largest of all tables.\n'
-    )
-    parts.append(_grid(_largest_differences(rows), lambda row: f'{row.difference:.0e}'))
+    for work, what in (
+        ('call', 'the accelerations of a state'),
+        ('rollout', 'the positions after a rollout'),
+    ):
+        parts.append(f'max|difference| / max|reference| of {what}; the largest seen.\n')
+        parts.append(_grid([row for row in far if row.work == work], _difference))
     parts.append('## Left out\n')
     parts.append('\n'.join(f'- {text}' for text in findings.left_out) or 'Nothing.')
     return '\n'.join(parts).rstrip() + '\n'
@@ -80,8 +82,10 @@ def _machine(machine: dict[str, Any]) -> str:
 
 def _summary(rows: Sequence[Row]) -> str:
     """Return a table of the best of ours over Pinocchio, robot by robot."""
-    size = max((row.work for row in rows if row.work.startswith('batch')), key=_near_4096)
-    ours = tuple(LARGEST)
+    size = max(
+        (row.work for row in rows if row.work.startswith('batch')), key=_near_4096, default=''
+    )
+    ours = tuple(METHODS)
     columns: dict[str, Callable[[Row], bool]] = {
         'call with out=': lambda row: (
             row.work == 'call' and 'float64: kernel(..., out=)' in row.way
@@ -138,16 +142,20 @@ def _short(value: float) -> str:
 
 
 def _largest_differences(rows: Sequence[Row]) -> list[Row]:
-    """Return, of each contender and robot, the row that is furthest from its reference."""
-    found: dict[tuple[str, str], Row] = {}
+    """Return, of each contender and robot, what is furthest off in rollouts and in the rest."""
+    found: dict[tuple[str, str, str], Row] = {}
     for row in rows:
-        if row.difference is None:
-            continue
-        who = re.split('[:,]', row.way)[0]
-        before = found.get((who, row.robot))
-        if before is None or before.difference is None or row.difference > before.difference:
-            found[who, row.robot] = replace(row, way=who)
+        if row.difference is not None:
+            who = re.split('[:,]', row.way)[0]
+            work = 'rollout' if row.work == 'rollout' else 'call'
+            before = found.setdefault((work, who, row.robot), row)
+            largest = max(row, before, key=lambda row: row.difference or 0.0)
+            found[work, who, row.robot] = replace(largest, way=who, work=work)
     return list(found.values())
+
+
+def _difference(row: Row) -> str:
+    return f'{row.difference:.0e}'
 
 
 def run(folder: Path, quick: bool = False, plan: Survey | None = None) -> int:

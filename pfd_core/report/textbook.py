@@ -149,7 +149,9 @@ class Casadi:
         if compiler is None:
             raise LeftOutError(f'there is no C compiler ({COMPILER[0]}) on this machine')
         if robot.n > LARGEST:
-            raise LeftOutError(f'not measured beyond {LARGEST} joints: too long to compile')
+            raise LeftOutError(
+                f'not measured beyond {LARGEST} joints: its C takes long to compile'
+            )
         function = articulated_body(self.casadi, robot)
         generator = self.casadi.CodeGenerator('arm.c')
         generator.add(function)

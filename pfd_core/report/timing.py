@@ -24,7 +24,9 @@ Array = NDArray[np.float64]
 
 # So many others work after each turn of the reference.
 BETWEEN_REFERENCES = 3
-STEP = 1e-4  # seconds of a rollout's step; the time that it costs does not depend on it
+# Seconds of a rollout's step. What a step costs does not depend on it, and a long chain that falls
+# is soon so chaotic that the results of no two programs can be compared.
+STEP = 1e-5
 
 
 class LeftOutError(Exception):

@@ -106,6 +106,11 @@ class Plant:
         return q
 
     @property
+    def method(self) -> str:
+        """The method that steps it, which 'auto' may have chosen."""
+        return self._simulator.method
+
+    @property
     def stamp_ns(self) -> int:
         """Simulated time, in nanoseconds; whole steps, so it never drifts."""
         return self.settings.start_ns + self.step * self.settings.step_ns

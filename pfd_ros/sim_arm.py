@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 import itertools
 import json
 from pathlib import Path
@@ -125,7 +126,9 @@ class SimArm(Node):
             qos = provenance.qos_text(1) if end is None else qos_of(end.qos_profile)
             topics.append(Topic(name, kind, qos, vital=role in VITAL))
             roles[role] = name
-        head = provenance.contents(self.settings, robot, roles, TimeBase())
+        # By name: another version may choose otherwise.
+        settings = replace(self.settings, method=self.plant.method)
+        head = provenance.contents(settings, robot, roles, TimeBase())
         return Recorder(
             Path(self.settings.recording), topics, head, lambda text: self.get_logger().error(text)
         )

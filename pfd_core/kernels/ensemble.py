@@ -26,6 +26,7 @@ from pfd_core.kernels.kernel import plant_of, turned_joints
 from pfd_core.kernels.llvm import Format, arguments, module, spell
 from pfd_core.kernels.parts import body
 from pfd_core.kernels.recipe import forward
+from pfd_core.kernels.threads import shared
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
 
@@ -275,36 +276,26 @@ def _count(n: int, form: Format) -> Iterator[str]:
 
 def ensemble(form: Format) -> str:
     """
-    Return `i64 @ensemble(count, table, block, next, steps, substeps, every, law, sound)`.
+    Return `@ensemble(..., steps, substeps, every, law, sound)`, shared work on arms.
 
-    It runs @arms on blocks of `block` arms from the counter at `next` on, until `count`, and
-    returns zero; any number of threads may run it.
+    Its other parameters are those of pfd_core.kernels.threads.shared; it runs @arms.
     """
-    return f"""define i64 @ensemble(i64 %count, ptr %table, i64 %block, ptr %next, i64 %steps, \
-i64 %substeps, i64 %every, i64 %law, ptr %sound) {{
-entry:
-  %last = sub i64 %count, 1
-  %lawful = icmp ne i64 %law, 0
-  br label %take
-take:
-  %first = atomicrmw add ptr %next, i64 %block monotonic
-  %some = icmp ult i64 %first, %count
-  br i1 %some, label %work, label %done
-work:
-  %end = add i64 %first, %block
-  %over = icmp ugt i64 %end, %count
-  %until = select i1 %over, i64 %count, i64 %end
-  br label %rows
-rows:
-  %b = phi i64 [ %first, %work ], [ %b.next, %rows ]
-  call void @arms(i64 %b, i64 %last, i64 %steps, i64 %substeps, i64 %every, i1 %lawful, \
-ptr %table, ptr %sound)
-  %b.next = add i64 %b, {form.width}
-  %more = icmp ult i64 %b.next, %until
-  br i1 %more, label %rows, label %take
-done:
-  ret i64 0
-}}"""
+    extra = ', i64 %steps, i64 %substeps, i64 %every, i64 %law, ptr %sound'
+    setup = ['  %last = sub i64 %count, 1', '  %lawful = icmp ne i64 %law, 0']
+    work = [
+        '  %until = add i64 %first, %size',
+        '  br label %rows',
+        'rows:',
+        '  %b = phi i64 [ %first, %work ], [ %b.next, %rows ]',
+        '  call void @arms(i64 %b, i64 %last, i64 %steps, i64 %substeps, i64 %every, '
+        'i1 %lawful, ptr %table, ptr %sound)',
+        f'  %b.next = add i64 %b, {form.width}',
+        '  %more = icmp ult i64 %b.next, %until',
+        '  br i1 %more, label %rows, label %ran',
+        'ran:',
+        '  %wrong = sub i64 0, 0',
+    ]
+    return shared('ensemble', extra, setup, work)
 
 
 def _pointers(names: tuple[str, ...]) -> str:
@@ -368,7 +359,7 @@ def compile_ensemble(
     native = recipe.compile(f'ensemble {form.width} {step_program}', text)
     integer, pointer = ctypes.c_int64, ctypes.c_void_p
     signature = ctypes.CFUNCTYPE(
-        integer, integer, pointer, integer, pointer, *[integer] * 4, pointer
+        integer, integer, pointer, integer, pointer, *[integer] * 5, pointer
     )
     run = signature(native.address('ensemble'))
     return NativeEnsemble(run, method, form.width, recipe.operations, native)

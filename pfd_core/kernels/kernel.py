@@ -93,6 +93,7 @@ class Kernel:
         self._size = recipe.elements
         self._angles = turned_joints(robot)
         self._names = tuple(recipe.inputs)
+        self._width = simd_width(dtype)
         self._single = self._compile(1)
         self._fast = python_function(self._single)
 
@@ -114,7 +115,7 @@ class Kernel:
 
     @cached_property
     def _batch(self) -> Native:
-        return self._compile(simd_width(self.dtype))
+        return self._compile(self._width)
 
     @cached_property
     def _fast_batch(self) -> Callable[..., Any]:
@@ -123,7 +124,7 @@ class Kernel:
     @cached_property
     def _shared_batch(self) -> Callable[..., int]:
         integer, pointer = ctypes.c_int64, ctypes.c_void_p
-        signature = ctypes.CFUNCTYPE(integer, integer, pointer, integer, pointer)
+        signature = ctypes.CFUNCTYPE(integer, integer, pointer, integer, pointer, integer)
         return signature(self._batch.address('shared_batch'))
 
     def _compile(self, width: int) -> Native:
@@ -282,7 +283,7 @@ class Kernel:
         flat = target if target.ndim == 2 else target.reshape(-1, self._size)
         rows = [*(as_rows(value, shape) for value in arrays.values()), flat]
         table = np.array([x for a in rows for x in (address(a), *a.strides)], np.int64)
-        block = block_size(len(flat), threads, simd_width(self.dtype), self.operations)
+        block = block_size(len(flat), threads, self._width, self.operations)
         if len(flat) and run(self._shared_batch, len(flat), table, block, threads):
             raise_not_finite(arrays)
         if out is None:

@@ -1,22 +1,23 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A batch on several threads.
+Work on many states, or many arms, by several threads.
 
-The states are cut into contiguous blocks of whole vector registers, and each thread takes a block
-when it has finished another, so that one that is held up by other work does not hold up the rest.
-A state is computed by the same code from the same numbers wherever it is computed: the bits of
-the result depend neither on the number of threads nor on who takes what.
+They are cut into contiguous blocks of whole vector registers, and each thread takes a block when
+it has finished another, so that one that is held up by other work does not hold up the rest. What
+becomes of one is computed by the same code from the same numbers wherever it is computed: the
+bits of the result depend neither on the number of threads nor on who takes what.
 
 A thread of Python enters native code once, which runs without the interpreter's lock and takes
-blocks by an atomic counter. Threads are started once and wait for the next batch.
+blocks by an atomic counter. Threads are started once and wait for the next batch. To be woken
+takes a thread longer than an arm takes for a thousand states, so that the one that called begins
+at once, and looks itself whether the others have finished.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
-import ctypes
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 import os
 import threading
 
@@ -29,8 +30,10 @@ from pfd_core.machine.program import Program
 # Operations of a block, at least: some twenty microseconds of one core. Waking a thread takes
 # about twice as long.
 LEAST = 500_000
+# Looks at a counter before somebody who waits for it goes to sleep: some hundred microseconds.
+LOOKS = 200_000
 # Blocks for each thread, where there are states enough.
-TURNS = 8
+TURNS = 32
 
 _lock = threading.Lock()
 _pools: dict[int, ThreadPoolExecutor] = {}
@@ -39,15 +42,69 @@ if hasattr(os, 'register_at_fork'):
     os.register_at_fork(after_in_child=_pools.clear)
 
 
-def shared_batch(program: Program) -> str:
+def shared(name: str, extra: str, setup: Sequence[str], work: Sequence[str]) -> str:
     """
-    Return `i64 @shared_batch(count, table, block, next)`, which any number of threads may run.
+    Return `i64 @name(count, table, block, state, wait, extra...)`, which many threads may run.
 
-    It runs @batch on blocks of `block` states from the counter at `next` on, until `count`; the
-    result is 0, or 1 if some input number in its own blocks is not finite.
+    It works on blocks from the counter state[0] on, until `count`; state[1] counts what is
+    finished, and state[2] collects what the work leaves in %wrong. With `wait` it stays until all
+    is finished. The result is 0, or 1 if others took so long that it did not stay.
+
+    Parameters
+    ----------
+    name : str
+        Of the function.
+    extra : str
+        Further parameters, each after a comma.
+    setup, work : sequence of str
+        Lines that run first, and those that work on %size members from %first on.
+
     """
+    return '\n'.join(
+        [
+            f'define i64 @{name}(i64 %count, ptr %table, i64 %block, ptr %state, '
+            f'i64 %wait{extra}) {{',
+            'entry:',
+            '  %finished.at = getelementptr i64, ptr %state, i64 1',
+            '  %wrong.at = getelementptr i64, ptr %state, i64 2',
+            *setup,
+            '  br label %take',
+            'take:',
+            '  %first = atomicrmw add ptr %state, i64 %block monotonic',
+            '  %some = icmp ult i64 %first, %count',
+            '  br i1 %some, label %work, label %empty',
+            'work:',
+            '  %left = sub i64 %count, %first',
+            '  %final = icmp ult i64 %left, %block',
+            '  %size = select i1 %final, i64 %left, i64 %block',
+            *work,
+            '  %wrong.before = atomicrmw or ptr %wrong.at, i64 %wrong monotonic',
+            '  %finished.before = atomicrmw add ptr %finished.at, i64 %size release',
+            '  br label %take',
+            'empty:',
+            '  %stay = icmp ne i64 %wait, 0',
+            '  br i1 %stay, label %look, label %done',
+            'look:',
+            '  %looks = phi i64 [ 0, %empty ], [ %looks.next, %again ]',
+            '  %finished = load atomic i64, ptr %finished.at acquire, align 8',
+            '  %all = icmp uge i64 %finished, %count',
+            '  br i1 %all, label %done, label %again',
+            'again:',
+            '  %looks.next = add i64 %looks, 1',
+            f'  %patient = icmp ult i64 %looks.next, {LOOKS}',
+            '  br i1 %patient, label %look, label %late',
+            'done:',
+            '  ret i64 0',
+            'late:',
+            '  ret i64 1',
+            '}',
+        ]
+    )
+
+
+def shared_batch(program: Program) -> str:
+    """Return `@shared_batch`, which runs @batch on blocks of states; see `shared`."""
     slots = len(arguments(program)) + 1
-    table = f'[{3 * slots} x i64]'
     lines = []
     for slot in range(slots):
         base, row, column = (3 * slot + part for part in range(3))
@@ -65,30 +122,8 @@ def shared_batch(program: Program) -> str:
                 f'  %to{k} = getelementptr i64, ptr %own, i64 {k}',
                 f'  store i64 {value}, ptr %to{k}',
             ]
-    return '\n'.join(
-        [
-            'define i64 @shared_batch(i64 %count, ptr %table, i64 %block, ptr %next) {',
-            'entry:',
-            f'  %own = alloca {table}',
-            '  br label %take',
-            'take:',
-            '  %bad = phi i64 [ 0, %entry ], [ %bad.next, %work ]',
-            '  %first = atomicrmw add ptr %next, i64 %block monotonic',
-            '  %some = icmp ult i64 %first, %count',
-            '  br i1 %some, label %work, label %done',
-            'work:',
-            *lines,
-            '  %left = sub i64 %count, %first',
-            '  %final = icmp ult i64 %left, %block',
-            '  %size = select i1 %final, i64 %left, i64 %block',
-            '  %wrong = call i64 @batch(i64 %size, ptr %own)',
-            '  %bad.next = or i64 %bad, %wrong',
-            '  br label %take',
-            'done:',
-            '  ret i64 %bad',
-            '}',
-        ]
-    )
+    lines.append('  %wrong = call i64 @batch(i64 %size, ptr %own)')
+    return shared('shared_batch', '', [f'  %own = alloca [{3 * slots} x i64]'], lines)
 
 
 def count_of(threads: int) -> int:
@@ -116,37 +151,46 @@ def block_size(count: int, threads: int, width: int, operations: dict[str, int])
 
 
 def run(
-    shared: Callable[..., int], count: int, table: NDArray[np.int64], block: int, threads: int
+    work: Callable[..., int], count: int, table: NDArray[np.int64], block: int, threads: int
 ) -> int:
     """
-    Run a batch on some threads, of which the caller's is one.
+    Run shared work on some threads, of which the caller's is one.
 
     Parameters
     ----------
-    shared : callable
-        What `shared_batch` describes; it gives the interpreter's lock away.
+    work : callable
+        What `shared` describes, without its extra parameters; it gives the interpreter's lock
+        away.
     count : int
-        States.
+        Members of the whole.
     table : ndarray
-        Pointer, stride of a state and of an element [bytes] of each argument, one after another.
+        Where the arrays are.
     block : int
-        States of a block.
+        Members of a block.
     threads : int
         The most that are used, at least 1.
 
     Returns
     -------
     int
-        Zero if all inputs are finite.
+        What the work leaves in %wrong.
 
     """
-    following = ctypes.c_int64(0)
-    given = count, table.ctypes.data, block, ctypes.addressof(following)
+    state = np.zeros(3, np.int64)
+    given = count, table.ctypes.data, block, state.ctypes.data
+
     helpers = min(threads, -(-count // block)) - 1
-    helping: list[Future[int]] = [_pool(helpers).submit(shared, *given) for _ in range(helpers)]
-    failed = shared(*given)
-    # Who has not begun by now has nothing left to do.
-    return failed + sum(helper.result() for helper in helping if not helper.cancel())
+    helping = [_pool(helpers).submit(_help, work, given, (table, state)) for _ in range(helpers)]
+    late = work(*given, 1)
+    for helper in helping:
+        if not helper.cancel() and late:
+            helper.result()
+    return int(state[2])
+
+
+def _help(work: Callable[..., int], given: tuple[int, ...], kept: tuple[object, ...]) -> None:
+    """Work on what is left; who begins late finds nothing, but looks, so that it is kept."""
+    work(*given, 0)
 
 
 def _pool(workers: int) -> ThreadPoolExecutor:

@@ -235,10 +235,8 @@ class Ensemble:
         table = np.array([_row(arrays.get(name)) for name in SLOTS], np.int64)
         native = self._native
 
-        def shared(count: int, table: int, block: int, following: int) -> int:
-            return native.run(
-                count, table, block, following, steps, self.substeps, every, law, sound.ctypes.data
-            )
+        def shared(*given: int) -> int:
+            return native.run(*given, steps, self.substeps, every, law, sound.ctypes.data)
 
         work = {'all': sum(native.operations.values()) * self._evaluations * steps}
         block = block_size(self.size, threads, native.width, work)

@@ -112,6 +112,16 @@ def test_many_callers_share_the_threads() -> None:
         np.testing.assert_array_equal(out, expected)
 
 
+def test_a_thread_that_comes_late_still_finds_the_code() -> None:
+    # Kernels are forgotten as soon as they have answered; memory of code that is gone is unmapped.
+    robot = pfd.load_robot('planar2')
+    q, qd, tau = states(2, 40)
+    expected = pfd.compile_kernel(robot)(q, qd, tau)
+    for _ in range(50):
+        found = pfd.compile_kernel(robot)(q, qd, tau, threads=4)
+        np.testing.assert_array_equal(found, expected)
+
+
 @pytest.mark.skipif(not hasattr(os, 'fork'), reason='this system does not fork')
 @pytest.mark.filterwarnings('ignore:.*fork.*:DeprecationWarning')
 def test_a_child_process_starts_threads_of_its_own() -> None:

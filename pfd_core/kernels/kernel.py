@@ -284,7 +284,8 @@ class Kernel:
         rows = [*(as_rows(value, shape) for value in arrays.values()), flat]
         table = np.array([x for a in rows for x in (address(a), *a.strides)], np.int64)
         block = block_size(len(flat), threads, self._width, self.operations)
-        if len(flat) and run(self._shared_batch, len(flat), table, block, threads):
+        spread = len(flat), table, block, threads, self._batch
+        if len(flat) and run(self._shared_batch, *spread):
             raise_not_finite(arrays)
         if out is None:
             return target

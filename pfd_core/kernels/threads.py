@@ -16,14 +16,16 @@ at once, and looks itself whether the others have finished.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterator, Sequence
 import os
 import threading
+import time
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.kernels.conversion import address
 from pfd_core.kernels.llvm import arguments
 from pfd_core.machine.program import Program
 
@@ -32,14 +34,59 @@ from pfd_core.machine.program import Program
 LEAST = 500_000
 # Looks at a counter before somebody who waits for it goes to sleep: some hundred microseconds.
 LOOKS = 200_000
+# Seconds that it then sleeps at a time.
+NAP = 1e-4
 # Blocks for each thread, where there are states enough.
 TURNS = 32
 
-_lock = threading.Lock()
-_pools: dict[int, ThreadPoolExecutor] = {}
+
+class _Helper(threading.Thread):
+    """A thread that runs what it is handed, and then waits to be handed more."""
+
+    idle: ClassVar[list[_Helper]] = []
+    started: ClassVar[int] = 0
+
+    def __init__(self) -> None:
+        super().__init__(name='pfd', daemon=True)
+        self._wake = threading.Lock()
+        self._wake.acquire()
+        self._job: tuple[Any, ...] = ()
+        self.start()
+
+    def run(self) -> None:
+        """Run one job after another."""
+        while self._wake.acquire():
+            work, given = self._job[:2]
+            work(*given, 0)
+            self._job = ()
+            del work
+            self.idle.append(self)
+
+    def hand(self, *job: Any) -> None:
+        """Hand over a function, its arguments, and what must live as long as it runs."""
+        self._job = job
+        self._wake.release()
+
+    @classmethod
+    def some(cls, wanted: int) -> Iterator[_Helper]:
+        """Yield idle helpers, no more than wanted, and new ones while there are too few."""
+        for _ in range(wanted):
+            try:
+                yield cls.idle.pop()
+            except IndexError:
+                if cls.started >= max(wanted, cores() - 1):
+                    return
+                cls.started += 1
+                yield cls()
+
+    @classmethod
+    def forget(cls) -> None:
+        """Begin anew: a child process has none of its parent's threads."""
+        cls.idle, cls.started = [], 0
+
+
 if hasattr(os, 'register_at_fork'):
-    # A child process has none of its parent's threads.
-    os.register_at_fork(after_in_child=_pools.clear)
+    os.register_at_fork(after_in_child=_Helper.forget)
 
 
 def shared(name: str, extra: str, setup: Sequence[str], work: Sequence[str]) -> str:
@@ -151,7 +198,12 @@ def block_size(count: int, threads: int, width: int, operations: dict[str, int])
 
 
 def run(
-    work: Callable[..., int], count: int, table: NDArray[np.int64], block: int, threads: int
+    work: Callable[..., int],
+    count: int,
+    table: NDArray[np.int64],
+    block: int,
+    threads: int,
+    code: object,
 ) -> int:
     """
     Run shared work on some threads, of which the caller's is one.
@@ -169,6 +221,9 @@ def run(
         Members of a block.
     threads : int
         The most that are used, at least 1.
+    code : object
+        What holds the native code. A helper that begins late finds nothing to do, but finds it
+        out in that code, perhaps after the caller has forgotten all about it.
 
     Returns
     -------
@@ -177,25 +232,11 @@ def run(
 
     """
     state = np.zeros(3, np.int64)
-    given = count, table.ctypes.data, block, state.ctypes.data
-
+    given = count, address(table), block, address(state)
     helpers = min(threads, -(-count // block)) - 1
-    helping = [_pool(helpers).submit(_help, work, given, (table, state)) for _ in range(helpers)]
+    for helper in _Helper.some(helpers):
+        helper.hand(work, given, (table, state, code))
     late = work(*given, 1)
-    for helper in helping:
-        if not helper.cancel() and late:
-            helper.result()
+    while late and state[1] < count:
+        time.sleep(NAP)
     return int(state[2])
-
-
-def _help(work: Callable[..., int], given: tuple[int, ...], kept: tuple[object, ...]) -> None:
-    """Work on what is left; who begins late finds nothing, but looks, so that it is kept."""
-    work(*given, 0)
-
-
-def _pool(workers: int) -> ThreadPoolExecutor:
-    """Return a pool of that many threads, which wait between batches."""
-    with _lock:
-        if workers not in _pools:
-            _pools[workers] = ThreadPoolExecutor(workers, thread_name_prefix='pfd')
-        return _pools[workers]

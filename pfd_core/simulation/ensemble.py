@@ -240,7 +240,7 @@ class Ensemble:
 
         work = {'all': sum(native.operations.values()) * self._evaluations * steps}
         block = block_size(self.size, threads, native.width, work)
-        run(shared, self.size, table, block, threads)
+        run(shared, self.size, table, block, threads, native)
 
     def _torques(self, taus: ArrayLike | None, steps: int | None) -> tuple[Array, int]:
         """Return the torques, (B, steps, n), and the number of steps."""

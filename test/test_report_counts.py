@@ -38,7 +38,7 @@ def test_the_formulas_at_six_joints_are_those_of_the_paper() -> None:
             assert claim.printed == claim.formula(PRINTED_AT) or claim.doubt
 
 
-def test_the_parts_of_the_paper_sum_to_what_the_audit_of_it_found() -> None:
+def test_the_parts_of_the_paper_sum_to_what_adding_them_by_hand_gives() -> None:
     parts = TABLE['pcrbm'].multiplications.parts, TABLE['pcrbm'].additions.parts
     assert [part(6) for part in parts if part] == [263, 305]
     parts = TABLE['pcrbm_array'].multiplications.parts, TABLE['pcrbm_array'].additions.parts

@@ -13,7 +13,7 @@ is e <= tolerance^2 e_0 (printed: e = 0, which is reached by underflow alone); t
 may exceed n, because rounding takes away the directions' orthogonality; a direction with
 u't <= 0 ends the iteration. The recursive residual that the stop reads is no measure of the error.
 
-Parallel cost, L = ceil(log2 n), beside that of H u: 5 multiplications, 2 L + 4 additions and
+Parallel cost, L = ceil(log2 n), beside that of H u: 5 multiplications, 2 L + 3 additions and
 2 divisions a trip (the paper: 7 multiplications, 2 L + 4 additions), Jacobi scaling 1 more
 multiplication.
 

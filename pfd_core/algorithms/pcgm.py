@@ -10,7 +10,7 @@ PCGM as a whole program: pose, bias, and conjugate gradients on H qdd = tau - bi
 Lee and Chang 1987, section 3; what is corrected there is said in conjugate_gradient.
 
 Parallel cost of k trips at n = 6, rotational joints, R_i given: 182 + 47 k multiplications, 2 k
-divisions and 187 + 62 k additions; the paper has 499 and 621 in all for k = 6.
+divisions and 189 + 62 k additions; the paper has 499 and 621 in all for k = 6.
 
 Lane i holds link i + 1 and component i + 1 of every vector.
 """

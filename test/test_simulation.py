@@ -14,7 +14,7 @@ from zoo import random_chain, to_pinocchio
 
 import pfd_core as pfd
 from pfd_core.machine.emulator import run
-from pfd_core.simulation.integrators import STEPS, record_step
+from pfd_core.simulation.integrators import CARRIED, STEPS, record_step
 
 INTEGRATORS = tuple(STEPS)
 
@@ -63,14 +63,16 @@ def test_native_steps_are_the_integrators_text_on_numpy_bit_for_bit(integrator: 
     for tau in np.random.default_rng(3).normal(size=(20, 3)):
         f = partial(kernel, tau=tau)
         sim.step(tau)
-        a = emulated = f(q, qd)
-        x = {'q': q, 'qd': qd, 'qdd': emulated}
+        state = {'q': q, 'qd': qd, 'qdd': f(q, qd)}
+        x = state = {name: state[name] for name in CARRIED[integrator]}
         for _ in range(substeps):
-            q, qd, a = STEPS[integrator](f, q, qd, a, step_size / substeps)
+            end = STEPS[integrator](f, step_size / substeps, *state.values())
+            state = dict(zip(state, end, strict=True))
             x = run(program, x, functions={'qdd': f})
+        q, qd = state['q'], state['qd']
         np.testing.assert_array_equal(sim.q, q)
         np.testing.assert_array_equal(sim.qd, qd)
-        np.testing.assert_array_equal(sim.qdd, a)
+        np.testing.assert_array_equal(sim.qdd, f(q, qd))
         np.testing.assert_array_equal(sim.q, x['q'])
         np.testing.assert_array_equal(sim.qd, x['qd'])
 
@@ -144,6 +146,23 @@ def test_a_held_joint_stops_at_once_and_stays() -> None:
     assert np.all(sim.q[~held] != q0[~held])
     sim.step(np.zeros(6), brakes=np.ones(6, dtype=bool))
     np.testing.assert_array_equal(sim.qd, 0.0)
+    np.testing.assert_array_equal(sim.qdd, 0.0)
+
+
+def test_accelerations_are_read_later_as_they_were() -> None:
+    robot = pfd.load_robot('planar2')
+    scene = pfd.Scene(external_wrench=True, brakes=True)
+    kernel = pfd.compile_kernel(robot, scene=scene)
+    sim = pfd.Simulator(robot, scene)
+    taus, wrench = np.full((4, 2), 0.5), np.full(6, 0.25)
+    given, pushed = taus.copy(), wrench.copy()
+    trajectory = sim.rollout(given, pushed, brakes=[True, False])
+    given[:], pushed[:] = 7.0, 8.0
+    sim.step([1.0, 2.0], np.zeros(6))
+    for k in range(4):
+        state = trajectory.q[k], trajectory.qd[k], taus[k], wrench
+        np.testing.assert_array_equal(trajectory.qdd[k], kernel(*state, brakes=[True, False]))
+    sim.reset()
     np.testing.assert_array_equal(sim.qdd, 0.0)
 
 

@@ -3,7 +3,7 @@
 """
 LLVM IR of many simulations at once: one arm per SIMD lane, all steps in native code.
 
-    @step        an integrator's step for `width` arms
+    @step        an integrator's step for `width` arms (pfd_core.kernels.steps)
     @arms        all steps of `width` arms, with the torque that their law gives at each
     @ensemble    blocks of arms, which any number of threads take by an atomic counter
 
@@ -23,102 +23,69 @@ from pfd_core.kernels.batch import copies
 from pfd_core.kernels.engine import Native, simd_width
 from pfd_core.kernels.evaluate import evaluate
 from pfd_core.kernels.kernel import plant_of, turned_joints
-from pfd_core.kernels.llvm import Format, arguments, module, spell
+from pfd_core.kernels.llvm import Format, arguments, module
 from pfd_core.kernels.parts import body
 from pfd_core.kernels.recipe import forward
+from pfd_core.kernels.steps import (
+    REPORT,
+    STATE,
+    finite,
+    goes_on,
+    held,
+    pointers,
+    read,
+    step,
+    stop,
+    write,
+)
 from pfd_core.kernels.threads import shared
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
 
-STATE = ('q', 'qd', 'qdd')
 LAW = ('kp', 'kd', 'q.ref', 'qd.ref')
 # One row of the table for each of these: pointer, and strides from arm to arm, from element to
 # element and from step to step [bytes].
-SLOTS = (*STATE, 'tau', 'wrench', 'free', *LAW, *(f'{name}.out' for name in STATE))
+SLOTS = (*REPORT, 'tau', 'wrench', 'free', *LAW, *(f'{name}.out' for name in REPORT))
 
 
-def step(program: Program, dynamics: Program, form: Format) -> str:
-    """Return `void @step(q, qd, qdd, held...)` for rows of `width` arms, in place."""
-    n = program.lanes
-    lines = [f'define internal void @step({_pointers(STATE)}{_held(dynamics)}) {{']
-    lines += [f'  %at.{name} = alloca [{n} x {form.type}], align 64' for name in STATE]
-    operands: list[list[str]] = []
-    for register, instruction in enumerate(program.instructions):
-        args = [operands[a] for a in instruction.args]
-        names = [f'%v{register * n + k}' for k in range(n)]
-        if instruction.op == 'constant':
-            names = [form.constant(instruction.data[k]) for k in range(n)]
-        elif instruction.op == 'call':
-            for k in range(n):
-                lines += _write('at.q', k, args[0][k], f'{register}.q{k}', form)
-                lines += _write('at.qd', k, args[1][k], f'{register}.qd{k}', form)
-            lines.append(
-                f'  call void @evaluate(ptr %at.q, ptr %at.qd{_held(dynamics)}, ptr %at.qdd)'
-            )
-            for k in range(n):
-                lines += _read(names[k], 'at.qdd', k, form)
-        elif instruction.op == 'input':
-            for k in range(n):
-                name, element = instruction.data[k]
-                lines += _read(names[k], name, element, form)
-        else:
-            for k in range(n):
-                own = [argument[k] for argument in args]
-                lines += spell(instruction, register * n + k, own, form)
-        operands.append(names)
-    for name, (_, places) in program.outputs.items():
-        for k, (register, _) in enumerate(places):
-            lines += _write(name, k, operands[register][k], f'{name}.{k}', form)
-    return '\n'.join([*lines, '  ret void', '}'])
-
-
-def _read(target: str, name: str, k: int, form: Format) -> Iterator[str]:
-    yield f'  {target}.at = getelementptr {form.type}, ptr %{name}, i64 {k}'
-    yield f'  {target} = load {form.type}, ptr {target}.at, align {form.bytes}'
-
-
-def _write(name: str, k: int, value: str, tag: str, form: Format) -> Iterator[str]:
-    yield f'  %to.{tag} = getelementptr {form.type}, ptr %{name}, i64 {k}'
-    yield f'  store {form.type} {value}, ptr %to.{tag}, align {form.bytes}'
-
-
-def arms(dynamics: Program, form: Format) -> str:
+def arms(program: Program, dynamics: Program, form: Format) -> str:
     """
     Return `void @arms(b, last, steps, substeps, every, law, table, sound)`.
 
     It runs arms b to b + width - 1, of which those beyond `last` repeat it. `table` holds what
-    SLOTS says; each `every`-th state is written. `sound`, one number per arm, receives after how
-    many steps the arm's state was finite.
+    SLOTS says; each `every`-th state is written, with its acceleration. `sound`, one number per
+    arm, receives after how many steps the arm's state was finite.
     """
     n, W = dynamics.inputs['q'], form.width
-    held = [name for name in arguments(dynamics) if name in ('wrench', 'free')]
+    constant = [name for name in arguments(dynamics) if name in ('wrench', 'free')]
+    evaluation = f'  call void @evaluate({pointers(STATE)}{held(dynamics)}, ptr %qdd)'
     lines = [
         'define internal void @arms(i64 %b, i64 %last, i64 %steps, i64 %substeps, i64 %every, '
         'i1 %law, ptr %table, ptr %sound) {',
-        *_prepare(n, held, form),
+        *_prepare(n, constant, form),
         'outer:',
         '  %t = phi i64 [ 0, %start ], [ %t.next, %counted ]',
         '  %row = phi i64 [ 0, %start ], [ %row.next, %counted ]',
         '  %wait = phi i64 [ 1, %start ], [ %wait.next, %counted ]',
         f'  %good = phi <{W} x i64> [ zeroinitializer, %start ], [ %good.next, %counted ]',
         *_torque(n, form),
-        *(line for k in range(n) if 'free' in held for line in _stop(k, form)),
-        f'  call void @evaluate(ptr %q, ptr %qd{_held(dynamics)}, ptr %qdd)',
+        *(line for k in range(n) if 'free' in constant for line in stop(k, form)),
+        *([evaluation] if goes_on(program) else []),
         '  br label %inner',
         'inner:',
         '  %s = phi i64 [ 0, %torque ], [ %s.next, %inner ]',
-        f'  call void @step({_pointers(STATE)}{_held(dynamics)})',
+        f'  call void @step({pointers(REPORT)}{held(dynamics)})',
         '  %s.next = add i64 %s, 1',
         '  %s.more = icmp ult i64 %s.next, %substeps',
         '  br i1 %s.more, label %inner, label %finished',
         'finished:',
         *_count(n, form),
-        *_write_row(n),
         '  %t.next = add i64 %t, 1',
         '  %t.more = icmp ult i64 %t.next, %steps',
+        *_write_row(n, evaluation),
         '  br i1 %t.more, label %outer, label %done',
         'done:',
-        *(_copied(False, name, n) for name in STATE),
+        *(_copied(False, name, n) for name in REPORT),
         *_report(W),
         '  ret void',
         '}',
@@ -126,7 +93,7 @@ def arms(dynamics: Program, form: Format) -> str:
     return '\n'.join(lines)
 
 
-def _prepare(n: int, held: Sequence[str], form: Format) -> Iterator[str]:
+def _prepare(n: int, constant: Sequence[str], form: Format) -> Iterator[str]:
     """Yield the entry: the table is read, and what stays the same for all steps."""
     yield 'entry:'
     yield f'  %lanes = alloca <{form.width} x i64>, align 64'
@@ -135,7 +102,7 @@ def _prepare(n: int, held: Sequence[str], form: Format) -> Iterator[str]:
     sizes = {name: 6 if name == 'wrench' else n for name in SLOTS}
     for slot, name in enumerate(SLOTS):
         yield from _slot(slot, name, sizes[name], form)
-    for name in (*STATE[:2], *held):
+    for name in (*STATE, *constant):
         yield _copied(True, name, sizes[name])
     yield '  br i1 %law, label %gains, label %start'
     yield 'gains:'
@@ -161,12 +128,17 @@ def _torque(n: int, form: Format) -> Iterator[str]:
     yield 'torque:'
 
 
-def _write_row(n: int) -> Iterator[str]:
-    """Yield the lines that write the state after every so many steps."""
+def _write_row(n: int, evaluation: str) -> Iterator[str]:
+    """Yield the lines that write the state after every so many steps, and find the last."""
     yield '  %due = icmp eq i64 %wait, %every'
+    yield '  %final = xor i1 %t.more, true'
+    yield '  %told = or i1 %due, %final'
+    yield '  br i1 %told, label %tell, label %counted'
+    yield 'tell:'
+    yield evaluation
     yield '  br i1 %due, label %write, label %counted'
     yield 'write:'
-    for name in STATE:
+    for name in REPORT:
         yield from _at(f'{name}.out', 'row')
         yield _copied(False, f'{name}.out', n, f'{name}.out.now', buffer=name)
     yield '  br label %counted'
@@ -231,38 +203,20 @@ def _law(k: int, form: Format) -> Iterator[str]:
     """Yield tau + kp (q_ref - q) + kd (qd_ref - qd) of one joint."""
     T = form.type
     for name in ('q', 'qd', 'tau', *LAW):
-        yield from _read(f'%{name}.x{k}', name, k, form)
+        yield from read(f'%{name}.x{k}', name, k, form)
     yield f'  %e{k} = fsub {T} %q.ref.x{k}, %q.x{k}'
     yield f'  %ed{k} = fsub {T} %qd.ref.x{k}, %qd.x{k}'
     yield f'  %p{k} = fmul {T} %kp.x{k}, %e{k}'
     yield f'  %d{k} = fmul {T} %kd.x{k}, %ed{k}'
     yield f'  %sum{k} = fadd {T} %tau.x{k}, %p{k}'
     yield f'  %law{k} = fadd {T} %sum{k}, %d{k}'
-    yield from _write('tau', k, f'%law{k}', f'tau{k}', form)
-
-
-def _stop(k: int, form: Format) -> Iterator[str]:
-    """Yield the lines that stop a joint whose element of `free` is zero."""
-    T, zero = form.type, form.constant(0.0)
-    yield from _read(f'%free.y{k}', 'free', k, form)
-    yield from _read(f'%qd.y{k}', 'qd', k, form)
-    yield f'  %moves{k} = fcmp ogt {T} %free.y{k}, {zero}'
-    yield f'  %qd.z{k} = select {form.flag} %moves{k}, {T} %qd.y{k}, {T} {zero}'
-    yield from _write('qd', k, f'%qd.z{k}', f'qd{k}', form)
+    yield from write('tau', k, f'%law{k}', f'tau{k}', form)
 
 
 def _count(n: int, form: Format) -> Iterator[str]:
     """Yield the lines that count a step for those arms that have been finite up to its end."""
-    T, W = form.type, form.width
-    odd = form.constant(0.0)
-    for name in STATE:
-        for k in range(n):
-            yield from _read(f'%{name}.w{k}', name, k, form)
-            # Zero for a finite number, NaN for any other; NaN stays NaN in the sum.
-            yield f'  %{name}.z{k}.0 = fsub {T} %{name}.w{k}, %{name}.w{k}'
-            yield f'  %{name}.odd{k} = fadd {T} {odd}, %{name}.z{k}.0'
-            odd = f'%{name}.odd{k}'
-    yield f'  %finite = fcmp ord {T} {odd}, {odd}'
+    W = form.width
+    yield from finite(n, form)
     yield f'  %t.one = insertelement <{W} x i64> poison, i64 %t, i64 0'
     yield (
         f'  %t.all = shufflevector <{W} x i64> %t.one, <{W} x i64> poison, '
@@ -296,16 +250,6 @@ def ensemble(form: Format) -> str:
         '  %wrong = sub i64 0, 0',
     ]
     return shared('ensemble', extra, setup, work)
-
-
-def _pointers(names: tuple[str, ...]) -> str:
-    return ', '.join(f'ptr %{name}' for name in names)
-
-
-def _held(dynamics: Program) -> str:
-    """Return what @evaluate takes besides q and qd, as arguments that follow others."""
-    names = [name for name in arguments(dynamics) if name not in ('q', 'qd')]
-    return ''.join(f', ptr %{name}' for name in names)
 
 
 @dataclass(frozen=True)
@@ -350,7 +294,7 @@ def compile_ensemble(
             body(dynamics, form),
             evaluate(dynamics, form, angles),
             step(step_program, dynamics, form),
-            arms(dynamics, form),
+            arms(step_program, dynamics, form),
             ensemble(form),
             copies(form),
         ]

@@ -31,8 +31,8 @@ shortly after each other. All run on one thread unless the row says otherwise.
 - Sine and cosine are included everywhere, and so is what Python does around a call. *bound* is
   `kernel.bind(q, qd, tau, out)`. MuJoCo's state is in place before `mj_forward`, and CasADi's
   before `buffer()`.
-- A rollout is the classical Runge-Kutta method with the torques held. Ours evaluates five times a
-  step, because it also returns the acceleration that each step ends with; the others four times.
+- A rollout is the classical Runge-Kutta method with the torques held, four evaluations a step. It
+  gives the state after each step; ours finds accelerations there only when they are read.
 - MuJoCo has contacts and constraints switched off. Its batch is `mujoco.rollout` over one step.
 - *CasADi C* is the articulated-body algorithm of Featherstone's textbook (2008, table 7.1) written
   with casadi.SX, and its generated C compiled with `cc -O3 -march=native`.

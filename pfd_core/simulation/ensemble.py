@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.kernels.ensemble import LAW, SLOTS, STATE, compile_ensemble
+from pfd_core.kernels.ensemble import LAW, SLOTS, compile_ensemble
+from pfd_core.kernels.steps import REPORT
 from pfd_core.kernels.threads import block_size, count_of, run
 from pfd_core.model import Robot, Scene
 from pfd_core.simulation.integrators import record_step
@@ -130,7 +131,7 @@ class Ensemble:
         )
         calls = sum(instruction.op == 'call' for instruction in step.instructions)
         self._evaluations = 1 + substeps * calls
-        self._state: dict[str, Array] = {name: np.zeros((size, robot.n), dtype) for name in STATE}
+        self._state: dict[str, Array] = {name: np.zeros((size, robot.n), dtype) for name in REPORT}
         self.reset()
 
     @property
@@ -217,7 +218,7 @@ class Ensemble:
             raise ValueError(f'every must be an integer of at least 1, got {every!r}')
         arrays = {'tau': taus, **self._held(wrench, brakes), **self._law(feedback, steps)}
         shape = self.size, steps // every, self.robot.n
-        states = {name: np.empty(shape, self.dtype) for name in STATE}
+        states = {name: np.empty(shape, self.dtype) for name in REPORT}
         sound = np.zeros(self.size, np.int64)
         if steps:
             arrays |= self._state | {f'{name}.out': value for name, value in states.items()}

@@ -14,7 +14,9 @@ give the same bits, step by step or in one rollout.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property, partial
 import math
 from typing import Any
 
@@ -37,8 +39,8 @@ class Trajectory:
     ----------
     time : numpy.ndarray
         (steps,) [s].
-    q, qd, qdd : numpy.ndarray
-        (steps, n), positions, velocities and accelerations [rad or m, s].
+    q, qd : numpy.ndarray
+        (steps, n), positions and velocities [rad or m, s].
     status : str
         'ok', or 'not_finite' if a state overflowed.
     sound : int
@@ -49,9 +51,18 @@ class Trajectory:
     time: Array
     q: Array
     qd: Array
-    qdd: Array
     status: str
     sound: int
+    _accelerations: Callable[[], Array] = field(repr=False, compare=False)
+
+    @cached_property
+    def qdd(self) -> Array:
+        """
+        Accelerations at the end of each step, under its torque, (steps, n) [rad or m, s].
+
+        No step needs them, so that they are computed from the states when they are first read.
+        """
+        return self._accelerations()
 
 
 class Simulator:
@@ -111,8 +122,8 @@ class Simulator:
             robot, step, scene=self.scene, method=method, dtype=dtype, refine=refine
         )
         n = robot.n
-        self._state: list[Array] = [np.zeros(n, dtype) for _ in range(3)]
-        self._row: list[Array] = [np.zeros((1, n), dtype) for _ in range(3)]
+        self._state: list[Array] = [np.zeros(n, dtype) for _ in range(2)]
+        self._row: list[Array] = [np.zeros((1, n), dtype) for _ in range(2)]
         self._tau = np.zeros((1, n), dtype)
         self._wrench, self._free = np.zeros(6, dtype), np.ones(n, dtype)
         # NumPy takes longer to tell an address than an arm takes to move.
@@ -138,8 +149,16 @@ class Simulator:
 
     @property
     def qdd(self) -> Array:
-        """Accelerations at the end of the last step, (n,) [rad/s^2 or m/s^2]; a copy."""
-        return np.array(self._state[2])
+        """
+        Accelerations at the end of the last step, under its torque, (n,) [rad/s^2 or m/s^2].
+
+        Zero before the first step.
+        """
+        if not self._steps:
+            return np.zeros(self.robot.n, self.dtype)
+        q, qd = (x[np.newaxis] for x in self._state)
+        qdd: Array = self._accelerations(q, qd, self._tau, self._wrench, self._free)[0]
+        return qdd
 
     @property
     def time(self) -> float:
@@ -156,7 +175,7 @@ class Simulator:
             np.zeros(self.robot.n) if value is None else self._vector(name, value)
             for name, value in (('q', q), ('qd', qd))
         ]
-        for target, value in zip(self._state, [*values, np.zeros(self.robot.n)], strict=True):
+        for target, value in zip(self._state, values, strict=True):
             target[:] = value
         self._start = time
         self._steps = 0
@@ -206,14 +225,16 @@ class Simulator:
         if not np.isfinite(rows).all():
             raise ValueError('taus must be finite')
         start = self._steps
-        out = [np.empty_like(rows) for _ in range(3)]
+        q, qd = out = [np.empty_like(rows) for _ in range(2)]
         sound = 0
         if len(rows):
             sound = self._advance(len(rows), _addresses([rows]), _addresses(out), wrench, brakes)
+            self._tau[0] = rows[-1]
         time = self._start + self.step_size * np.arange(start + 1, start + len(rows) + 1)
         status = 'ok' if sound == len(rows) else 'not_finite'
-        q, qd, qdd = out
-        return Trajectory(time, q, qd, qdd, status, sound)
+        # The caller may change what he gave, and the next call what is held.
+        held = rows.copy(), self._wrench.copy(), self._free.copy()
+        return Trajectory(time, q, qd, status, sound, partial(self._accelerations, q, qd, *held))
 
     def _advance(
         self,
@@ -230,6 +251,17 @@ class Simulator:
         if sound < steps:
             self.status = 'not_finite'
         return sound
+
+    def _accelerations(
+        self, q: Array, qd: Array, taus: Array, wrench: Array, free: Array
+    ) -> Array:
+        """Return the accelerations of states in rows, all (steps, n)."""
+        qdd = np.empty_like(q)
+        rows = [np.ascontiguousarray(x) for x in (q, qd, taus)]
+        held = [wrench] * self.scene.external_wrench + [free] * self.scene.brakes
+        if len(q):
+            self._native.accelerations(len(q), *_addresses([*rows, *held, qdd]))
+        return qdd
 
     def _held(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> list[int]:
         """Return the addresses that the native code takes after the torques."""

@@ -119,8 +119,8 @@ def factorise(
     y : Lanes or None
         Right-hand side, y_j on lane j.
     schedule : str or None
-        A name in elimination_schedule.SCHEDULES; default: `look_ahead` on n processors, and
-        on one, which has nothing to pack, `by_columns`.
+        A name in elimination_schedule.SCHEDULES; default: `look_ahead` where rows are packed,
+        else `by_columns`.
     square_roots : bool
         L L' instead of L D L'.
 
@@ -134,7 +134,7 @@ def factorise(
     if len(rows) != n:
         raise ValueError(f'H must have as many rows as there are lanes, {n}, got {len(rows)}')
     if schedule is None:
-        schedule = 'look_ahead' if recorder.parallel else 'by_columns'
+        schedule = 'look_ahead' if recorder.packs else 'by_columns'
     work = _Elimination(recorder, rows, y, square_roots)
     work.finish(0)
     for m, steps in enumerate(stages(schedule, n, y is not None), start=1):
@@ -215,9 +215,9 @@ class _Elimination:
         if not final:
             return
         column = gather(final)
-        if self.recorder.parallel:
+        if self.recorder.packs:
             quotient = column / on(broadcast(divisor, j), final)
-        else:  # one processor divides once and multiplies by the reciprocal
+        else:  # a processor divides once and multiplies by the reciprocal
             quotient = column * on(broadcast(1.0 / divisor, j), final)
         self.left.append(quotient)
         self.right.append(quotient if self.square_roots else column)

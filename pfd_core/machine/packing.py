@@ -7,7 +7,8 @@ A step of n processors costs the same whether all of them work or one. Where a t
 independent work that leave lanes idle (the pairs i < j of a triangle, a late level of a
 recurrence), their lanes can be laid side by side: k rows with m filled lanes in all take
 ceil(m / n) steps instead of k. What that costs is data moved between lanes, which the counts
-show as routes. On one processor there is nothing to pack.
+show as routes. On one processor there is nothing to pack, and where moving a number costs as much
+as a step of arithmetic it does not pay.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ def packed(function: Callable[..., Any], rows: Sequence[tuple[Any, ...]]) -> lis
 
     """
     recorder = _first(rows[0][0]).recorder
-    if not recorder.parallel:
+    if not recorder.packs:
         return [function(*operands) for operands in rows]
     slots = [(k, lane) for k, operands in enumerate(rows) for lane in _filled(recorder, operands)]
     results: list[Any] = [None] * len(rows)
@@ -72,9 +73,14 @@ def prefix_product(R: LaneArray) -> LaneArray:
     if not recorder.parallel:
         swept: LaneArray = prefix(lambda left, right: left @ right, R)
         return swept
+    one = np.array([[recorder.constant(float(i == j)) for j in range(3)] for i in range(3)])
     stride = 1
     while stride < recorder.lanes:
         left = shift(R, stride)
+        if not recorder.packs:  # every lane multiplies, some by one: nothing to merge
+            R = merge(left, one) @ R
+            stride *= 2
+            continue
         elements = packed(dot, [(left[i], R[:, j]) for i in range(3) for j in range(3)])
         R = np.array(
             [merge(new, old) for new, old in zip(elements, np.ravel(R), strict=True)], dtype=object
@@ -85,7 +91,7 @@ def prefix_product(R: LaneArray) -> LaneArray:
 
 def _sums(x: LaneArray, downward: bool) -> LaneArray:
     recorder = _first(x).recorder
-    if not recorder.parallel:
+    if not recorder.packs:
         swept: LaneArray = (suffix if downward else prefix)(lambda a, b: a + b, x)
         return swept
     values = np.ravel(x)

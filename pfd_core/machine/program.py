@@ -31,8 +31,9 @@ class Instruction(NamedTuple):
     data : object
         input: (name, flat index or None per lane); constant: one float per lane;
         route: the lane each lane takes its value from, None for its own lane of the second
-        operand; call: the function's name; loop: the most trips it takes; state, result: which
-        row of the loop, -1 for the number of trips; otherwise None.
+        operand; shuffle: the same, lanes of the second operand counted on after those of the
+        first, None for no value; call: the function's name; loop: the most trips it takes;
+        state, result: which row of the loop, -1 for the number of trips; otherwise None.
     active : int
         Bit i is set when lane i takes part.
     section : str
@@ -166,12 +167,12 @@ class Program:
 
 
 def renamed(program: Program, instructions: list[Instruction], names: list[int]) -> Program:
-    """Return a program of one lane rewritten; register k of the old one is now names[k]."""
+    """Return a program rewritten; register k of the old one is now names[k]."""
     outputs = {
-        name: Output(output.shape, tuple((names[register], 0) for register, _ in output.places))
+        name: Output(output.shape, tuple((names[k], lane) for k, lane in output.places))
         for name, output in program.outputs.items()
     }
-    return Program(1, tuple(instructions), program.inputs, outputs)
+    return Program(program.lanes, tuple(instructions), program.inputs, outputs)
 
 
 def busy_lanes(instruction: Instruction) -> int:

@@ -12,9 +12,11 @@ A lane takes part in an operation when all its operands have a value there: `shi
 lanes without a neighbour empty, `on` empties lanes on purpose, `merge` fills them. This is how
 a text says which processors are switched on, and it costs nothing, as on the paper's machine.
 
-Two schedules read the same text. `parallel` writes one instruction for all lanes, as n
-processors in lock-step do. `sequential` gives every lane value a register of its own and
-moves data by renaming, as one processor does: its program has a single lane.
+Three schedules read the same text. `parallel` writes one instruction for all lanes, as n
+processors in lock-step do. `unpacked` does so for processors to which moving data is as dear as
+arithmetic, and leaves partly filled rows as they are (pfd_core.machine.packing). `sequential`
+gives every lane value a register of its own and moves data by renaming, as one processor does:
+its program has a single lane.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ __all__ = [
     'where',
 ]
 
-SCHEDULES = ('parallel', 'sequential')
+SCHEDULES = ('parallel', 'unpacked', 'sequential')
 
 
 class Recorder:
@@ -57,7 +59,7 @@ class Recorder:
     ----------
     lanes : int
         Number of lanes of the text, at least 1.
-    schedule : {'parallel', 'sequential'}
+    schedule : {'parallel', 'unpacked', 'sequential'}
         See the module.
 
     """
@@ -68,7 +70,8 @@ class Recorder:
         if schedule not in SCHEDULES:
             raise ValueError(f'schedule must be one of {SCHEDULES}, got {schedule!r}')
         self.lanes = lanes
-        self.parallel = schedule == 'parallel'
+        self.parallel = schedule != 'sequential'
+        self.packs = schedule == 'parallel'
         self.all = (1 << lanes) - 1
         self._instructions: list[Instruction] = []
         self._inputs: dict[str, int] = {}
@@ -154,10 +157,10 @@ class Recorder:
         return Lanes(self, tuple(registers), defined)
 
     def copy(self, instruction: Instruction, operands: Sequence[Lanes]) -> Lanes:
-        """Record an instruction of another program of one lane, on operands of this one."""
+        """Record an instruction of another program with as many lanes, on operands of this."""
         args = tuple(operand.registers[0] for operand in operands)
         register = self._write(instruction.op, args, instruction.data, instruction.active)
-        return Lanes(self, (register,), 1)
+        return Lanes(self, (register,), instruction.active)
 
     def call(self, function: str, first: Lanes, second: Lanes) -> Lanes:
         """Record a call of a function of two rows, which is recorded elsewhere."""

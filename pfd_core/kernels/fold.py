@@ -25,18 +25,19 @@ KEPT = ('input', 'loop', 'state', 'end', 'result')
 
 def fold(program: Program) -> Program:
     """Return the program with constants folded, identities applied and expressions shared."""
-    folder = _Folder()
+    folder = Folder()
     for instruction in program.instructions:
         folder.add(instruction)
     return renamed(program, folder.instructions, folder.names)
 
 
-class _Folder:
-    """Rewrites a program one instruction at a time, by value numbering."""
+class Folder:
+    """Rewrites a program one instruction at a time, by value numbering; here of one lane."""
 
     def __init__(self) -> None:
         self.instructions: list[Instruction] = []
         self.names: list[int] = []  # register of the old program -> register of the new one
+        self.active = 1  # the lanes that what is written works on
         self._known: dict[tuple[object, ...], int] = {}
         self._section = ''
 
@@ -60,7 +61,7 @@ class _Folder:
         key = _key(op, args, data)
         if key not in self._known:
             self._known[key] = len(self.instructions)
-            self.instructions.append(Instruction(op, args, data, 1, self._section))
+            self.instructions.append(Instruction(op, args, data, self.active, self._section))
         return self._known[key]
 
     def value(self, register: int) -> float | None:
@@ -92,8 +93,8 @@ class _Folder:
         """Return a register that holds `op(args)`."""
         values = [self.value(a) for a in args]
         numbers = [v for v in values if v is not None]
-        if len(numbers) == len(args) and op in _SCALAR:
-            result = _SCALAR[op](*numbers)
+        if len(numbers) == len(args) and op in SCALAR:
+            result = SCALAR[op](*numbers)
             if math.isfinite(result):
                 return self.constant(result)
         rule = getattr(self, f'_{op}', None)
@@ -197,7 +198,7 @@ def _quiet(function: Callable[..., float]) -> Callable[..., float]:
     return call
 
 
-_SCALAR: dict[str, Callable[..., float]] = {
+SCALAR: dict[str, Callable[..., float]] = {
     'add': lambda a, b: a + b,
     'sub': lambda a, b: a - b,
     'mul': lambda a, b: a * b,
@@ -207,4 +208,4 @@ _SCALAR: dict[str, Callable[..., float]] = {
     'sin': _quiet(math.sin),
     'cos': _quiet(math.cos),
 }
-assert _SCALAR.keys() <= OPERATIONS.keys()
+assert SCALAR.keys() <= OPERATIONS.keys()

@@ -18,11 +18,20 @@ from collections.abc import Sequence
 from pfd_core.machine.program import Instruction, Program, renamed
 
 # Cycles from operands to result on recent processors; the order of size is all that matters.
-LATENCY = {'add': 4, 'sub': 4, 'mul': 4, 'fma': 4, 'div': 16, 'sqrt': 20, 'select': 4}
+LATENCY = {
+    'add': 4,
+    'sub': 4,
+    'mul': 4,
+    'fma': 4,
+    'div': 16,
+    'sqrt': 20,
+    'select': 4,
+    'shuffle': 3,
+}
 
 
 def fuse(program: Program) -> Program:
-    """Return a program of one lane with products taken in by additions, as fma."""
+    """Return a program with products taken in by additions, as fma."""
     taken = _choose(program.instructions, _users(program))
     writer = _Writer()
     for register, instruction in enumerate(program.instructions):
@@ -93,11 +102,12 @@ class _Writer:
             if self.instructions[a].op == 'constant':
                 a, b = b, a
             a = self._negative(a, instruction.section)
-        self.names.append(self._write(Instruction('fma', (a, b, c), None, 1, instruction.section)))
+        self.names.append(self._write(instruction._replace(op='fma', args=(a, b, c))))
 
     def _negative(self, register: int, section: str) -> int:
         if register not in self._negatives:
-            negative = Instruction('neg', (register,), None, 1, section)
+            active = self.instructions[register].active
+            negative = Instruction('neg', (register,), None, active, section)
             self._negatives[register] = self._write(negative)
         return self._negatives[register]
 

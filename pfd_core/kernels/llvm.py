@@ -20,7 +20,7 @@ import struct
 
 from pfd_core.kernels.wrap import WRAP_ANGLE_IR
 from pfd_core.machine.operations import OPERATIONS
-from pfd_core.machine.program import Instruction, Program
+from pfd_core.machine.program import Instruction, Output, Program
 
 # The order in which a kernel takes those inputs that its program has.
 ARGUMENTS = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free')
@@ -64,6 +64,10 @@ class Format:
             return self.number(value)
         return f'splat ({self.scalar} {self.number(value)})'
 
+    def row(self, values: Sequence[float]) -> str:
+        """Return a constant of a program, given for each of its lanes."""
+        return self.constant(values[0])
+
     def pointers(self, names: Sequence[str]) -> str:
         """Return some arrays as parameters or, spelled alike, as arguments."""
         stride = ', i64 %{0}.stride' if self.strided else ''
@@ -77,6 +81,16 @@ class Format:
             yield f'  {prefix}{k}.far = mul i64 %{name}.stride, {k}'
             yield f'  {prefix}{k} = getelementptr i8, ptr %{name}, i64 {prefix}{k}.far'
 
+    def spell(self, instruction: Instruction, register: int, args: Sequence[str]) -> Iterator[str]:
+        """Yield the lines of one instruction."""
+        return spell(instruction, register, args, self)
+
+    def store(self, operands: Sequence[str], output: Output) -> Iterator[str]:
+        """Yield the lines that write a result."""
+        for k, (register, _) in enumerate(output.places):
+            yield from self.element('%o', 'out', k)
+            yield f'  store {self.type} {operands[register]}, ptr %o{k}, align {self.bytes}'
+
 
 def body(program: Program, form: Format) -> str:
     """Return `void @body(inputs..., out)`: the first output of the program."""
@@ -88,7 +102,7 @@ def body(program: Program, form: Format) -> str:
         op, args, data, *_ = instruction
         operands.append(f'%v{register}')
         if op == 'constant':
-            operands[-1] = form.constant(data[0])
+            operands[-1] = form.row(data)
         elif op in ('state', 'result'):
             operands[-1] = f'%{op[0]}{args[0]}.{data if data >= 0 else "trips"}'
         elif op == 'loop':
@@ -101,11 +115,9 @@ def body(program: Program, form: Format) -> str:
             lines += _end(register, args[0], following, floor, head.data, form)
             block = f'done{register}'
         else:
-            lines += spell(instruction, register, [operands[a] for a in args], form)
+            lines += form.spell(instruction, register, [operands[a] for a in args])
     (output,) = program.outputs.values()
-    for k, (register, _) in enumerate(output.places):
-        lines += form.element('%o', 'out', k)
-        lines.append(f'  store {form.type} {operands[register]}, ptr %o{k}, align {form.bytes}')
+    lines += form.store(operands, output)
     return '\n'.join([*lines, '  ret void', '}'])
 
 

@@ -17,14 +17,17 @@ the program itself.
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 
 from pfd_core.kernels.elementary import sincos
 from pfd_core.kernels.fold import KEPT, fold
 from pfd_core.kernels.fuse import fuse
 from pfd_core.kernels.schedule import schedule
-from pfd_core.machine.program import Instruction, Program, renamed
+from pfd_core.machine.program import Instruction, Output, Program, renamed
 from pfd_core.machine.recorder import Lanes, Recorder, where
+
+# What moves data between lanes.
+MOVING = ('route', 'shuffle')
 
 
 def lower(
@@ -56,24 +59,71 @@ def drop(program: Program, outputs: Collection[str] | None = None) -> Program:
     kept = {k: v for k, v in program.outputs.items() if outputs is None or k in outputs}
     if not kept:
         raise ValueError(f'no output of {sorted(program.outputs)} is in {sorted(outputs or ())}')
-    needed = {register for output in kept.values() for register, _ in output.places}
-    for register in range(len(program.instructions) - 1, -1, -1):
-        if register in needed:
-            needed.update(program.instructions[register].args)
+    wanted = _wanted_lanes(program, kept.values())
     names: list[int] = []
     instructions: list[Instruction] = []
     for register, instruction in enumerate(program.instructions):
         names.append(len(instructions))
-        if register in needed:
-            args = tuple(names[a] for a in instruction.args)
-            instructions.append(instruction._replace(args=args))
-    pruned = Program(1, program.instructions, program.inputs, kept)
+        if wanted[register]:
+            needed = _narrowed(instruction, wanted[register])
+            instructions.append(needed._replace(args=tuple(names[a] for a in needed.args)))
+    pruned = Program(program.lanes, program.instructions, program.inputs, kept)
     return renamed(pruned, instructions, names)
+
+
+def _wanted_lanes(program: Program, outputs: Iterable[Output]) -> list[int]:
+    """Return for each register the lanes of it that reach an output, as a bit mask."""
+    wanted = [0] * len(program.instructions)
+    for output in outputs:
+        for register, lane in output.places:
+            wanted[register] |= 1 << lane
+    for register in range(len(wanted) - 1, -1, -1):
+        if not wanted[register]:
+            continue
+        instruction = program.instructions[register]
+        if instruction.op in ('loop', 'state', 'end', 'result'):
+            # What a later trip reads is not known yet when the end of the loop is met.
+            wanted[register] = instruction.active
+            for a in instruction.args:
+                wanted[a] |= program.instructions[a].active
+        else:
+            read = _read(instruction, wanted[register])
+            for a, lanes in zip(instruction.args, read, strict=True):
+                wanted[a] |= lanes
+    return wanted
+
+
+def _read(instruction: Instruction, lanes: int) -> tuple[int, ...]:
+    """Return the lanes that an instruction reads of each operand, for some of its result."""
+    if instruction.op not in MOVING:
+        return (lanes,) * len(instruction.args)
+    n = len(instruction.data)
+    read = [0, 0]
+    for lane in range(n):
+        if lanes >> lane & 1:
+            source = instruction.data[lane]
+            source = n + lane if source is None else source
+            read[source // n] |= 1 << source % n
+    return tuple(read)
+
+
+def _narrowed(instruction: Instruction, lanes: int) -> Instruction:
+    """Return an instruction for some of its lanes; one that moves data reads no other."""
+    narrow = instruction._replace(active=instruction.active & lanes)
+    if instruction.op not in MOVING:
+        return narrow
+    data = tuple(k if lanes >> lane & 1 else None for lane, k in enumerate(instruction.data))
+    first, second = instruction.args
+    read_first, read_second = _read(instruction, lanes)
+    # An operand of which nothing is read may be gone.
+    return narrow._replace(
+        args=(first if read_first else second, second if read_second else first), data=data
+    )
 
 
 def expand(program: Program, dtype: str) -> Program:
     """Return the program with every sine and cosine written out in the other operations."""
-    recorder = Recorder(1, 'sequential')
+    recorder = Recorder(program.lanes)
     values: list[Lanes] = []
     pairs: dict[int, tuple[Lanes, Lanes]] = {}
     for instruction in program.instructions:
@@ -84,13 +134,13 @@ def expand(program: Program, dtype: str) -> Program:
                     pairs[args[0]] = sincos(values[args[0]], where, dtype)
                 values.append(pairs[args[0]][op == 'cos'])
             elif op == 'constant':
-                values.append(recorder.constant(data[0]))
+                values.append(recorder.constant(data))
             else:
                 values.append(recorder.copy(instruction, [values[a] for a in args]))
     for name, (shape, places) in program.outputs.items():
-        recorder.output(name, shape, [(values[register], 0) for register, _ in places])
+        recorder.output(name, shape, [(values[register], lane) for register, lane in places])
     expanded = recorder.program()
-    return Program(1, expanded.instructions, program.inputs, expanded.outputs)
+    return Program(program.lanes, expanded.instructions, program.inputs, expanded.outputs)
 
 
 def operations(program: Program) -> dict[str, int]:

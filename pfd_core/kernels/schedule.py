@@ -45,7 +45,7 @@ FREE = ('constant', 'input', 'neg')
 
 
 def schedule(program: Program) -> Program:
-    """Return a program of one lane in a better order; one with a loop, or too long, as it is."""
+    """Return a program in a better order; one with a loop, or too long, as it is."""
     instructions = program.instructions
     if len(instructions) > LONGEST or any(i.op in LOOPED for i in instructions):
         return program

@@ -1,0 +1,330 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Kernels of one state with the robot in vector registers: a lane for each joint.
+
+    kernel = compile_lanes(robot, method='pcrbm')
+    qdd = kernel(q, qd, tau)
+
+Where other kernels are made of a sequential recording, in which every number is a scalar, these
+are made of the recording on n lanes: a register of the program is one vector of n numbers (LLVM
+lays it out in the registers that the processor has), a route is a shuffle. What they are for is
+the measurement in docs/decisions/0006-lanes-in-a-register.md. Nothing else in this package uses
+them: recurrences by recursive doubling sum in another order than sweeps do, so that their bits
+are not those of the kernels that take batches.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pfd_core.algorithms.dynamics import METHODS, SERIAL, record_forward_dynamics
+from pfd_core.kernels.conversion import as_numbers, raise_not_finite
+from pfd_core.kernels.entry import entry_ir, python_function
+from pfd_core.kernels.evaluate import evaluate
+from pfd_core.kernels.fuse import fuse
+from pfd_core.kernels.kernel import plant_of, turned_joints
+from pfd_core.kernels.lanes_fold import fold_lanes
+from pfd_core.kernels.llvm import SUFFIX, Format, body, module
+from pfd_core.kernels.lower import drop, expand
+from pfd_core.kernels.recipe import Recipe, joined
+from pfd_core.kernels.schedule import schedule
+from pfd_core.machine.operations import OPERATIONS
+from pfd_core.machine.program import Instruction, Output, Program
+from pfd_core.model import Robot, Scene
+
+PARALLEL = tuple(method for method in METHODS if method not in SERIAL)
+# Operations that take longer on a vector than on a scalar.
+SLOW = ('div', 'sqrt')
+RECORDINGS = ('unpacked', 'parallel')
+
+
+def lower_lanes(program: Program, dtype: str, outputs: Sequence[str] | None = None) -> Program:
+    """
+    Return a parallel program folded, with sines expanded, additions fused and nothing unread.
+
+    Parameters
+    ----------
+    program : Program
+        A recording on lanes.
+    dtype : {'float64', 'float32'}
+        Number format the kernel computes in.
+    outputs : sequence of str, optional
+        The outputs to keep; default all.
+
+    """
+    lowered = drop(fold_lanes(expand(drop(fold_lanes(drop(program, outputs))), dtype)))
+    return schedule(drop(fuse(lowered)))
+
+
+class LaneFormat(Format):
+    """
+    Spelling of a program whose registers are vectors of its lanes.
+
+    Arguments are arrays of numbers side by side. Vectors are as wide as a power of two. What a
+    lane holds that has no value is never read; but it is made of ordinary numbers all the same
+    (its own of the first operand of a shuffle, the last lane's beyond the last), because what
+    happens to lie in a register may be a subnormal number, on which a processor's arithmetic
+    takes a hundred cycles more.
+    """
+
+    def __init__(self, dtype: str, lanes: int) -> None:
+        super().__init__(dtype, 1 << (lanes - 1).bit_length())
+        self.lanes = lanes
+        self.narrow = f'<{lanes} x {self.scalar}>'
+
+    def row(self, values: Sequence[float]) -> str:
+        """Return a constant of a program, given for each of its lanes."""
+        if len(set(values)) == 1:
+            return self.constant(values[0])
+        padded = (*values, *[values[-1]] * (self.width - self.lanes))
+        return '<' + ', '.join(f'{self.scalar} {self.number(value)}' for value in padded) + '>'
+
+    def mask(self, sources: Sequence[int]) -> str:
+        """Return which lane each lane of a shuffle takes."""
+        return f'<{len(sources)} x i32> <{", ".join(f"i32 {source}" for source in sources)}>'
+
+    def spell(self, instruction: Instruction, register: int, args: Sequence[str]) -> Iterator[str]:
+        """Yield the lines of one instruction."""
+        if instruction.op == 'shuffle':
+            operands = f'{self.type} {args[0]}, {self.type} {args[1]}'
+            mask = self.mask(self._sources(instruction.data, args[0] == args[1]))
+            yield f'  %v{register} = shufflevector {operands}, {mask}'
+        elif instruction.op == 'input':
+            yield from self._load(instruction, register)
+        elif instruction.op in SLOW and instruction.active.bit_count() == 1:
+            yield from self._alone(instruction, register, args)
+        else:
+            yield from super().spell(instruction, register, args)
+
+    def _sources(self, data: Sequence[int | None], one: bool) -> list[int]:
+        """Return the source of every lane of a vector; without a value, as its neighbour has."""
+        width, n = self.width, self.lanes
+        known = {
+            lane: k % n + (0 if one or k < n else width)
+            for lane, k in enumerate(data)
+            if k is not None
+        }
+        sources = []
+        for lane in range(width):
+            near = min(known, key=lambda other: (abs(other - lane), other))
+            operand, source = divmod(known[near], width)
+            moved = source + lane - near
+            sources.append(operand * width + (moved if 0 <= moved < width else lane))
+        return sources
+
+    def _alone(
+        self, instruction: Instruction, register: int, args: Sequence[str]
+    ) -> Iterator[str]:
+        """Yield the lines of an operation of one lane, which a scalar takes less time for."""
+        lane = instruction.active.bit_length() - 1
+        numbers = []
+        for k, a in enumerate(args):
+            numbers.append(f'%n{register}.{k}')
+            yield f'  {numbers[-1]} = extractelement {self.type} {a}, i64 {lane}'
+        text = OPERATIONS[instruction.op].llvm
+        assert text is not None
+        text = text.format(*numbers, type=self.scalar, suffix=SUFFIX[self.dtype])
+        yield f'  %n{register} = {text}'
+        inserted = f'{self.type} poison, {self.scalar} %n{register}, i64 0'
+        yield f'  %i{register} = insertelement {inserted}'
+        splat = f'{self.type} %i{register}, {self.type} poison, {self.mask([0] * self.width)}'
+        yield f'  %v{register} = shufflevector {splat}'
+
+    def _load(self, instruction: Instruction, register: int) -> Iterator[str]:
+        """Yield the lines that read a row: at once, or number by number."""
+        data, S = instruction.data, self.scalar
+        if all(k == lane for lane, (_, k) in enumerate(data)):
+            yield f'  %l{register} = load {self.narrow}, ptr %{data[0][0]}, align {self.bytes}'
+            mask = self.mask([min(lane, self.lanes - 1) for lane in range(self.width)])
+            operands = f'{self.narrow} %l{register}, {self.narrow} poison'
+            yield f'  %v{register} = shufflevector {operands}, {mask}'
+            return
+        row = self.constant(0.0)
+        for lane, (name, k) in enumerate(data):
+            if instruction.active >> lane & 1:
+                tag = f'{register}.{lane}'
+                yield f'  %p{tag} = getelementptr {S}, ptr %{name}, i64 {k}'
+                yield f'  %x{tag} = load {S}, ptr %p{tag}, align {self.bytes}'
+                yield f'  %w{tag} = insertelement {self.type} {row}, {S} %x{tag}, i64 {lane}'
+                row = f'%w{tag}'
+        yield f'  %v{register} = select i1 true, {self.type} {row}, {self.type} {row}'
+
+    def store(self, operands: Sequence[str], output: Output) -> Iterator[str]:
+        """Yield the lines that write a result: at once, or number by number."""
+        registers = {register for register, _ in output.places}
+        if len(registers) == 1 and [lane for _, lane in output.places] == list(range(self.lanes)):
+            result = operands[registers.pop()]
+            mask = self.mask(range(self.lanes))
+            yield f'  %o = shufflevector {self.type} {result}, {self.type} poison, {mask}'
+            yield f'  store {self.narrow} %o, ptr %out, align {self.bytes}'
+            return
+        for k, (register, lane) in enumerate(output.places):
+            yield f'  %e{k} = extractelement {self.type} {operands[register]}, i64 {lane}'
+            yield f'  %o{k} = getelementptr {self.scalar}, ptr %out, i64 {k}'
+            yield f'  store {self.scalar} %e{k}, ptr %o{k}, align {self.bytes}'
+
+
+@dataclass(frozen=True)
+class LaneKernel:
+    """
+    Native code of one parallel method for one robot and scene, for one state at a time.
+
+    Attributes
+    ----------
+    robot, scene : Robot, Scene
+        What it computes for.
+    method : str
+        The text it was recorded from.
+    dtype : str
+        Number format of its arrays, 'float64' or 'float32'.
+    recipe : Recipe
+        Its program and how it is compiled.
+    fast : callable
+        fast(q, qd, tau, out) evaluates, or returns None where an array has to be converted.
+
+    """
+
+    robot: Robot
+    scene: Scene
+    method: str
+    dtype: str
+    recipe: Recipe
+    fast: Callable[..., Any]
+
+    @property
+    def program(self) -> Program:
+        """The lowered program: run by the emulator it gives the same bits."""
+        return self.recipe.program
+
+    @property
+    def operations(self) -> dict[str, int]:
+        """Operations of the lowered program by name, sine and cosine included."""
+        return self.recipe.operations
+
+    def __call__(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        wrench: ArrayLike | None = None,
+        out: NDArray[Any] | None = None,
+        *,
+        brakes: ArrayLike | None = None,
+    ) -> NDArray[Any]:
+        """
+        Return qdd, (n,), of one state; arguments as for Kernel.
+
+        Raises
+        ------
+        ValueError
+            If an argument has the wrong shape or type, is missing, or is not finite.
+
+        """
+        free = None if brakes is None else 1.0 - np.asarray(brakes, dtype=bool)
+        every = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': free}
+        given = {name: value for name, value in every.items() if value is not None}
+        if given.keys() != self.recipe.inputs.keys():
+            raise ValueError(
+                f'the kernel takes {", ".join(self.recipe.inputs)}, got {", ".join(given)}'
+            )
+        arrays = {
+            name: np.ascontiguousarray(as_numbers(name, given[name], size, self.dtype))
+            for name, size in self.recipe.inputs.items()
+        }
+        for name, array in arrays.items():
+            if array.ndim != 1:
+                raise ValueError(f'{name} must be of one state, got shape {array.shape}')
+        raise_not_finite(arrays)
+        result = self.fast(*arrays.values(), np.empty(self.recipe.elements, self.dtype))
+        if out is None:
+            return result  # type: ignore[no-any-return]
+        out[...] = result
+        return out
+
+    def bind(
+        self, q: NDArray[Any], qd: NDArray[Any], tau: NDArray[Any], out: NDArray[Any]
+    ) -> Callable[[], NDArray[Any]]:
+        """Return a function without arguments that evaluates in place on these arrays."""
+        if self.fast(q, qd, tau, out) is None:
+            raise ValueError(
+                f'arrays to be bound must be contiguous arrays of {self.dtype} and finite, '
+                f'for a scene without wrench and brakes'
+            )
+        return partial(self.fast, q, qd, tau, out)
+
+
+def compile_lanes(
+    robot: Robot,
+    *,
+    method: str = 'pcrbm',
+    scene: Scene | None = None,
+    dtype: str = 'float64',
+    recording: str = 'unpacked',
+) -> LaneKernel:
+    """
+    Compile forward dynamics by a parallel method, with the robot on the lanes of vectors.
+
+    Parameters
+    ----------
+    robot : Robot
+        The chain.
+    method : str
+        A name in PARALLEL.
+    scene : Scene, optional
+        Which effects are on; default: rigid links and gravity.
+    dtype : {'float64', 'float32'}
+        Number format of the kernel and its arrays.
+    recording : {'unpacked', 'parallel'}
+        Whether partly filled rows are left as they are or packed, as on the paper's machine.
+
+    Returns
+    -------
+    LaneKernel
+        qdd = kernel(q, qd, tau).
+
+    Raises
+    ------
+    ValueError
+        If the method is not one of these, above all if it is serial and has no lanes; or as for
+        compile_kernel.
+
+    """
+    if method in SERIAL:
+        raise ValueError(f'{method!r} is a serial method and has no lanes: take one of {PARALLEL}')
+    if method not in PARALLEL:
+        raise ValueError(f'method must be one of {PARALLEL}, got {method!r}')
+    if recording not in RECORDINGS:
+        raise ValueError(f'recording must be one of {RECORDINGS}, got {recording!r}')
+    plant, scene = plant_of(robot, scene, dtype)
+
+    def record() -> Program:
+        return joined(
+            lower_lanes(record_forward_dynamics(plant, method, recording), dtype, ['qdd'])
+        )
+
+    recipe = Recipe(record, ('lanes', plant.digest, method, recording, dtype))
+
+    def text() -> str:
+        return module_text(recipe.program, dtype, turned_joints(robot))
+
+    fast = python_function(recipe.compile('lanes', text))
+    return LaneKernel(robot, scene, method, dtype, recipe, fast)
+
+
+def module_text(program: Program, dtype: str, angles: Sequence[int]) -> str:
+    """Return the module of a lowered lane program; `angles` are the elements of q that turn."""
+    form = LaneFormat(dtype, program.lanes)
+    (output,) = program.outputs.values()
+    parts = [
+        body(program, form),
+        evaluate(program, Format(dtype, 1), angles),
+        entry_ir(program, dtype, len(output.places)),
+    ]
+    return module(parts, dtype, [form.width], angles)

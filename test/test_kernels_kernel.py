@@ -14,8 +14,8 @@ from tolerances import DYNAMICS, SINGLE
 from zoo import random_chain, random_state, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.kernels.entry import check_layout
 from pfd_core.kernels.kernel import compile_inverse_kernel
+from pfd_core.kernels.python_objects import check_layout
 from pfd_core.machine.emulator import run
 
 ARMS = ('puma560', 'ur5', 'planar2', 'panda')

@@ -5,7 +5,11 @@
 from __future__ import annotations
 
 import os
+from pathlib import Path
+import subprocess
+import sys
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -13,13 +17,14 @@ from test_kernels_kernel import states
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.kernels import threads
+from pfd_core.kernels import helpers, threads
 
 
 @pytest.fixture(autouse=True)
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
-    # Blocks of single registers, so that a small batch is shared.
+    # Blocks of single registers, so that a small batch is shared, and more threads than cores.
     monkeypatch.setattr(threads, 'LEAST', 1)
+    monkeypatch.setattr(threads, 'cores', lambda: 8)
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
@@ -82,15 +87,74 @@ def test_a_number_of_threads_that_makes_no_sense_is_refused(wrong: object) -> No
 def test_blocks_are_whole_registers_and_enough_for_every_thread() -> None:
     for count in (1, 100, 4096, 65536):
         for number in (2, 3, 16):
-            size = threads.block_size(count, number, 8, {'add': 600})
+            size = threads.block_size(count, number, 8, 600)
             assert size % 8 == 0
             assert size <= max(8, count // number + 8)
 
 
-def test_a_block_is_worth_waking_a_thread_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_block_is_worth_a_start(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(threads, 'LEAST', 500_000)
-    assert threads.block_size(1000, 8, 8, {'add': 500}) == 1000
-    assert threads.block_size(1000, 8, 8, {'add': 50_000}) == 16
+    assert threads.block_size(1000, 8, 8, 500) == 1000
+    assert threads.block_size(1000, 8, 8, 50_000) == 16
+
+
+def test_a_helper_that_sleeps_is_woken_and_one_that_looks_is_not_needed() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
+    arrays = states(6, 20_000)
+    expected = kernel(*arrays)
+    for pause in (0.0, 20 * helpers.AWAKE, 0.0, 2 * helpers.AWAKE, helpers.AWAKE):
+        time.sleep(pause)
+        np.testing.assert_array_equal(kernel(*arrays, threads=2), expected)
+
+
+def test_helpers_take_a_part_of_the_work() -> None:
+    # On a busy machine a helper may come too late for one batch, but not for every one.
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
+    arrays = states(6, 50_000)
+
+    def done() -> int:
+        return sum(int(helper.contact[0][helpers.LEFT]) for helper in helpers.Helper.all)
+
+    kernel(*arrays, threads=2)
+    before, end = done(), time.monotonic() + 20
+    while done() == before and time.monotonic() < end:
+        kernel(*arrays, threads=2)
+    assert done() > before
+
+
+def test_no_more_helpers_are_started_than_there_are_other_cores(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    arrays = states(2, 500)
+    expected = kernel(*arrays)
+    started = len(helpers.Helper.all)
+    monkeypatch.setattr(threads, 'cores', lambda: 1)
+    monkeypatch.setattr(helpers.Helper, 'idle', [])
+    np.testing.assert_array_equal(kernel(*arrays, threads=4), expected)
+    assert len(helpers.Helper.all) == started
+
+
+SCRIPT = """
+import numpy as np
+import pfd_core as pfd
+kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+x = np.zeros((100_000, 2))
+kernel(x, x, x, threads=2)
+{last}
+"""
+
+
+@pytest.mark.parametrize('last', ['', 'import time; time.sleep(0.1)', 'raise SystemExit(0)'])
+def test_a_process_ends_while_its_helpers_look_or_sleep(last: str) -> None:
+    run = subprocess.run(
+        [sys.executable, '-c', SCRIPT.format(last=last)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        cwd=Path(__file__).parent.parent,
+    )
+    assert (run.returncode, run.stderr) == (0, '')
 
 
 def test_many_callers_share_the_threads() -> None:
@@ -108,6 +172,7 @@ def test_many_callers_share_the_threads() -> None:
     for caller in callers:
         caller.join()
     assert len(found) == 80
+    assert len(set(helpers.Helper.idle)) == len(helpers.Helper.idle)
     for out in found:
         np.testing.assert_array_equal(out, expected)
 

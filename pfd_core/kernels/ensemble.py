@@ -14,8 +14,7 @@ is one that the simulation of a single arm does, in the same order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-import ctypes
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from pfd_core.kernels.auto import choose
@@ -46,6 +45,9 @@ LAW = ('kp', 'kd', 'q.ref', 'qd.ref')
 # One row of the table for each of these: pointer, and strides from arm to arm, from element to
 # element and from step to step [bytes].
 SLOTS = (*REPORT, 'tau', 'wrench', 'free', *LAW, *(f'{name}.out' for name in REPORT))
+# What a job holds besides the arms: steps, their parts, steps from one written state to the next,
+# whether there is a law, and where to count the sound steps of each arm.
+EXTRA = ('i64 %steps', 'i64 %substeps', 'i64 %every', 'i64 %law', 'ptr %sound')
 
 
 def arms(program: Program, dynamics: Program, form: Format) -> str:
@@ -230,11 +232,10 @@ def _count(n: int, form: Format) -> Iterator[str]:
 
 def ensemble(form: Format) -> str:
     """
-    Return `@ensemble(..., steps, substeps, every, law, sound)`, shared work on arms.
+    Return `i64 @ensemble(job, wait)`, shared work on arms; the job goes on with EXTRA.
 
-    Its other parameters are those of pfd_core.kernels.threads.shared; it runs @arms.
+    The work is described in pfd_core.kernels.threads.shared; it runs @arms.
     """
-    extra = ', i64 %steps, i64 %substeps, i64 %every, i64 %law, ptr %sound'
     setup = ['  %last = sub i64 %count, 1', '  %lawful = icmp ne i64 %law, 0']
     work = [
         '  %until = add i64 %first, %size',
@@ -249,7 +250,7 @@ def ensemble(form: Format) -> str:
         'ran:',
         '  %wrong = sub i64 0, 0',
     ]
-    return shared('ensemble', extra, setup, work)
+    return shared('ensemble', EXTRA, setup, work, form.width)
 
 
 @dataclass(frozen=True)
@@ -259,24 +260,21 @@ class NativeEnsemble:
 
     Attributes
     ----------
-    run : callable
-        The function that `ensemble` describes; pointers are addresses.
     method : str
         The text it was recorded from.
     width : int
         Arms in a vector register.
     operations : dict
         Operations of one evaluation of the accelerations, by name.
-    native : Native
-        The code, which lives as long as this.
+    code : Native
+        What holds the function that `ensemble` describes.
 
     """
 
-    run: Callable[..., int]
     method: str
     width: int
     operations: dict[str, int]
-    native: Native
+    code: Native
 
 
 def compile_ensemble(
@@ -300,10 +298,5 @@ def compile_ensemble(
         ]
         return module(texts, dtype, [form.width], angles)
 
-    native = recipe.compile(f'ensemble {form.width} {step_program}', text)
-    integer, pointer = ctypes.c_int64, ctypes.c_void_p
-    signature = ctypes.CFUNCTYPE(
-        integer, integer, pointer, integer, pointer, *[integer] * 5, pointer
-    )
-    run = signature(native.address('ensemble'))
-    return NativeEnsemble(run, method, form.width, recipe.operations, native)
+    code = recipe.compile(f'ensemble {form.width} {step_program}', text)
+    return NativeEnsemble(method, form.width, recipe.operations, code)

@@ -16,39 +16,35 @@ good part of an evaluation.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-import ctypes
-from typing import Any
-
-import numpy as np
-
-from pfd_core.kernels.engine import Native, add_symbol
 from pfd_core.kernels.llvm import Format, arguments
+from pfd_core.kernels.python_objects import (
+    ALIGNED,
+    DATA,
+    DESCR,
+    DIMENSIONS,
+    FLAGS,
+    NDIM,
+    STRIDES,
+    TYPE,
+    WRITEABLE,
+    load,
+)
+from pfd_core.kernels.threads import COUNT, EXTRA
 from pfd_core.machine.program import Program
-
-# Fields of a NumPy array after Python's object header (PyArrayObject_fields, NumPy's C API).
-HEADER = object.__basicsize__
-TYPE, DATA, DIMENSIONS, STRIDES = HEADER - 8, HEADER, HEADER + 16, HEADER + 24
-NDIM, DESCR, FLAGS = HEADER + 8, HEADER + 40, HEADER + 48
-ALIGNED, WRITEABLE = 0x100, 0x400
-
-METH_FASTCALL = 0x80
-
-
-class _MethodDef(ctypes.Structure):
-    _fields_ = (
-        ('name', ctypes.c_char_p),
-        ('meth', ctypes.c_void_p),
-        ('flags', ctypes.c_int),
-        ('doc', ctypes.c_char_p),
-    )
 
 
 def entry_ir(program: Program, dtype: str, size: int) -> str:
     """Return `@entry(self, args, count)`, the Python function around @evaluate."""
     form = Format(dtype, 1)
     sizes = [*(program.inputs[name] for name in arguments(program)), size]
-    lines = _checks(sizes, form, ndim=1)
+    lines = [
+        *_symbols(form),
+        'define ptr @entry(ptr %self, ptr %args, i64 %count) {',
+        f'  %enough = icmp eq i64 %count, {len(sizes)}',
+        '  br i1 %enough, label %check, label %refuse',
+        'check:',
+        *_checks(sizes, form, ndim=1),
+    ]
     terms = []
     for k, elements in enumerate(sizes):
         lines += _dense(k, elements, form)
@@ -72,18 +68,51 @@ def entry_ir(program: Program, dtype: str, size: int) -> str:
         'go:',
         f'  call void @evaluate({data})',
     ]
-    return '\n'.join([*lines, *_return(len(sizes) - 1)])
+    return '\n'.join([*lines, *_return(f'object{len(sizes) - 1}')])
 
 
 def batch_entry_ir(program: Program, dtype: str, size: int) -> str:
-    """Return `@entry(self, args, count)`, the Python function around @batch."""
+    """
+    Return the Python functions around batches.
+
+    `@entry` runs @batch. `@plan` takes one argument more, the job of some threads (an array of
+    int64), and writes into it where the arrays lie and how many states they hold.
+    """
     form = Format(dtype, 1)
     sizes = [*(program.inputs[name] for name in arguments(program)), size]
-    lines = _checks(sizes, form, ndim=2)
-    lines.append(f'  %table = alloca [{3 * len(sizes)} x i64]')
+    slots = len(sizes)
+    entry = [
+        'define ptr @entry(ptr %self, ptr %args, i64 %count) {',
+        f'  %table = alloca [{3 * slots} x i64]',
+        *_found(slots, slots),
+        '  %thread = call ptr @pfd.save()',
+        '  %bad = call i64 @batch(i64 %states, ptr %table)',
+        '  call void @pfd.restore(ptr %thread)',
+        '  %failed = icmp ne i64 %bad, 0',
+        '  br i1 %failed, label %refuse, label %done',
+        'done:',
+        *_return('object'),
+    ]
+    plan = [
+        'define ptr @plan(ptr %self, ptr %args, i64 %count) {',
+        f'  %job.at = getelementptr ptr, ptr %args, i64 {slots}',
+        '  %job = load ptr, ptr %job.at',
+        *load('data', '%job', DATA, 'ptr'),
+        f'  %table = getelementptr i64, ptr %data, i64 {EXTRA}',
+        *_found(slots, slots + 1),
+        f'  %states.to = getelementptr i64, ptr %data, i64 {COUNT}',
+        '  store i64 %states, ptr %states.to',
+        *_return('object'),
+    ]
+    return '\n'.join([*_symbols(form), *_table(sizes, form), *entry, *plan])
+
+
+def _table(sizes: list[int], form: Format) -> list[str]:
+    """Return `i64 @table(args, table)`: the number of states, or 0 where it is not as it must."""
+    lines = ['define internal i64 @table(ptr %args, ptr %table) {', *_checks(sizes, form, ndim=2)]
     for k, elements in enumerate(sizes):
         lines += [
-            *_load(f'shape{k}', f'%object{k}', DIMENSIONS, 'ptr'),
+            *load(f'shape{k}', f'%object{k}', DIMENSIONS, 'ptr'),
             f'  %states{k} = load i64, ptr %shape{k}',
             f'  %columns{k}.at = getelementptr i64, ptr %shape{k}, i64 1',
             f'  %columns{k} = load i64, ptr %columns{k}.at',
@@ -92,41 +121,47 @@ def batch_entry_ir(program: Program, dtype: str, size: int) -> str:
             f'  %both{k} = and i1 %fits{k}, %same{k}',
             f'  br i1 %both{k}, label %row{k}, label %refuse',
             f'row{k}:',
-            *_load(f'data{k}', f'%object{k}', DATA, 'ptr'),
-            *_load(f'strides{k}', f'%object{k}', STRIDES, 'ptr'),
+            *load(f'data{k}', f'%object{k}', DATA, 'ptr'),
+            *load(f'strides{k}', f'%object{k}', STRIDES, 'ptr'),
             f'  %slot{k}.to = getelementptr i64, ptr %table, i64 {3 * k}',
             f'  store ptr %data{k}, ptr %slot{k}.to',
             f'  %rest{k}.to = getelementptr i64, ptr %table, i64 {3 * k + 1}',
             f'  %rest{k} = load <2 x i64>, ptr %strides{k}, align 8',
             f'  store <2 x i64> %rest{k}, ptr %rest{k}.to, align 8',
         ]
-    lines += [
-        '  %some = icmp ne i64 %states0, 0',
+    return [*lines, '  ret i64 %states0', 'refuse:', '  ret i64 0', '}']
+
+
+def _found(slots: int, arguments: int) -> list[str]:
+    """Return the lines that go on with %states and the last array, if all is as it must be."""
+    return [
+        f'  %enough = icmp eq i64 %count, {arguments}',
+        '  br i1 %enough, label %check, label %refuse',
+        'check:',
+        '  %states = call i64 @table(ptr %args, ptr %table)',
+        f'  %object.at = getelementptr ptr, ptr %args, i64 {slots - 1}',
+        '  %object = load ptr, ptr %object.at',
+        '  %some = icmp ne i64 %states, 0',
         '  br i1 %some, label %go, label %refuse',
         'go:',
-        '  %thread = call ptr @pfd.save()',
-        '  %bad = call i64 @batch(i64 %states0, ptr %table)',
-        '  call void @pfd.restore(ptr %thread)',
-        '  %failed = icmp ne i64 %bad, 0',
-        '  br i1 %failed, label %refuse, label %done',
-        'done:',
     ]
-    return '\n'.join([*lines, *_return(len(sizes) - 1)])
 
 
-def _checks(sizes: list[int], form: Format, ndim: int) -> list[str]:
-    """Return the head, up to where every argument is an array of the right kind."""
-    lines = [
+def _symbols(form: Format) -> list[str]:
+    """Return what lies in the process."""
+    return [
         '@pfd.none = external global i8',
         '@pfd.ndarray = external global i8',
         f'@pfd.{form.dtype} = external global i8',
         'declare void @pfd.incref(ptr)',
         'declare ptr @pfd.save()',
         'declare void @pfd.restore(ptr)',
-        'define ptr @entry(ptr %self, ptr %args, i64 %count) {',
-        f'  %enough = icmp eq i64 %count, {len(sizes)}',
-        '  br i1 %enough, label %check0, label %refuse',
     ]
+
+
+def _checks(sizes: list[int], form: Format, ndim: int) -> list[str]:
+    """Return the lines after which every argument is an array of the right kind."""
+    lines = ['  br label %check0']
     for k in range(len(sizes)):
         flags = ALIGNED | (WRITEABLE if k == len(sizes) - 1 else 0)
         lines += [
@@ -141,13 +176,13 @@ def _checks(sizes: list[int], form: Format, ndim: int) -> list[str]:
         ):
             tag = f'{field}{k}'
             lines += [
-                *_load(tag, f'%object{k}', offset, kind),
+                *load(tag, f'%object{k}', offset, kind),
                 f'  %is.{tag} = icmp eq {kind} %{tag}, {wanted}',
                 f'  br i1 %is.{tag}, label %has.{tag}, label %refuse',
                 f'has.{tag}:',
             ]
         lines += [
-            *_load(f'flags{k}', f'%object{k}', FLAGS, 'i32'),
+            *load(f'flags{k}', f'%object{k}', FLAGS, 'i32'),
             f'  %masked{k} = and i32 %flags{k}, {flags}',
             f'  %fit{k} = icmp eq i32 %masked{k}, {flags}',
             f'  br i1 %fit{k}, label %check{k + 1}, label %refuse',
@@ -158,94 +193,26 @@ def _checks(sizes: list[int], form: Format, ndim: int) -> list[str]:
 def _dense(k: int, elements: int, form: Format) -> list[str]:
     """Return the lines that let argument k pass if it is contiguous and long enough."""
     return [
-        *_load(f'shape{k}', f'%object{k}', DIMENSIONS, 'ptr'),
+        *load(f'shape{k}', f'%object{k}', DIMENSIONS, 'ptr'),
         f'  %length{k} = load i64, ptr %shape{k}',
         f'  %long{k} = icmp eq i64 %length{k}, {elements}',
-        *_load(f'strides{k}', f'%object{k}', STRIDES, 'ptr'),
+        *load(f'strides{k}', f'%object{k}', STRIDES, 'ptr'),
         f'  %stride{k} = load i64, ptr %strides{k}',
         f'  %beside{k} = icmp eq i64 %stride{k}, {form.bytes}',
         f'  %both{k} = and i1 %long{k}, %beside{k}',
         f'  br i1 %both{k}, label %dense{k}, label %refuse',
         f'dense{k}:',
-        *_load(f'data{k}', f'%object{k}', DATA, 'ptr'),
+        *load(f'data{k}', f'%object{k}', DATA, 'ptr'),
     ]
 
 
-def _return(out: int) -> list[str]:
-    """Return the ways out: the last argument, or None."""
+def _return(target: str) -> list[str]:
+    """Return the ways out: an object, or None."""
     return [
-        f'  call void @pfd.incref(ptr %object{out})',
-        f'  ret ptr %object{out}',
+        f'  call void @pfd.incref(ptr %{target})',
+        f'  ret ptr %{target}',
         'refuse:',
         '  call void @pfd.incref(ptr @pfd.none)',
         '  ret ptr @pfd.none',
         '}',
     ]
-
-
-def _load(name: str, base: str, offset: int, kind: str) -> tuple[str, str]:
-    return (
-        f'  %{name}.at = getelementptr i8, ptr {base}, i64 {offset}',
-        f'  %{name} = load {kind}, ptr %{name}.at',
-    )
-
-
-def register_symbols() -> None:
-    """Tell the compiler where this process has what the text names."""
-    for name, function in (
-        ('incref', 'Py_IncRef'),
-        ('save', 'PyEval_SaveThread'),
-        ('restore', 'PyEval_RestoreThread'),
-    ):
-        address = ctypes.cast(getattr(ctypes.pythonapi, function), ctypes.c_void_p).value
-        assert address is not None
-        add_symbol(f'pfd.{name}', address)
-    add_symbol('pfd.none', id(None))
-    add_symbol('pfd.ndarray', id(np.ndarray))
-    for dtype in ('float64', 'float32'):
-        add_symbol(f'pfd.{dtype}', id(np.dtype(dtype)))
-
-
-def python_function(native: Native) -> Callable[..., Any]:
-    """Return the Python function of a module that holds what `entry_ir` writes."""
-    definition = _MethodDef(b'evaluate', native.address('entry'), METH_FASTCALL, None)
-    make = ctypes.pythonapi.PyCFunction_NewEx
-    make.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.py_object]
-    make.restype = ctypes.py_object
-    # Definition and code must outlive the function, which holds them as its `self`.
-    keep = (definition, native)
-    function: Callable[..., Any] = make(ctypes.addressof(definition), keep, __name__)
-    return function
-
-
-def check_layout() -> None:
-    """
-    Read an array through its published fields and compare with what NumPy says of it.
-
-    Raises
-    ------
-    RuntimeError
-        If this Python or NumPy lays its objects out in another way.
-
-    """
-    probe = np.zeros(3)
-    base = id(probe)
-
-    def field(offset: int, kind: Any) -> Any:
-        return kind.from_address(base + offset).value
-
-    found = (
-        field(TYPE, ctypes.c_void_p),
-        field(DATA, ctypes.c_void_p),
-        field(NDIM, ctypes.c_int),
-        ctypes.c_int64.from_address(field(DIMENSIONS, ctypes.c_void_p)).value,
-        ctypes.c_int64.from_address(field(STRIDES, ctypes.c_void_p)).value,
-        field(DESCR, ctypes.c_void_p),
-        field(FLAGS, ctypes.c_int) & (ALIGNED | WRITEABLE),
-    )
-    wanted = (id(np.ndarray), probe.ctypes.data, 1, 3, 8, id(probe.dtype), ALIGNED | WRITEABLE)
-    if found != wanted:
-        raise RuntimeError(
-            'this build of Python or NumPy lays arrays out differently than '
-            f'NumPy {np.__version__} documents: found {found}, expected {wanted}'
-        )

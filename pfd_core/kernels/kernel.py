@@ -14,7 +14,6 @@ runs without Python's lock. One state in contiguous arrays takes a short way in 
 from __future__ import annotations
 
 from collections.abc import Callable
-import ctypes
 from functools import cached_property, partial
 from typing import Any
 
@@ -33,25 +32,24 @@ from pfd_core.kernels.conversion import (
     raise_not_finite,
 )
 from pfd_core.kernels.engine import Native, simd_width
-from pfd_core.kernels.entry import (
-    batch_entry_ir,
-    check_layout,
-    entry_ir,
-    python_function,
-    register_symbols,
-)
+from pfd_core.kernels.entry import batch_entry_ir, entry_ir
 from pfd_core.kernels.evaluate import evaluate
 from pfd_core.kernels.lower import lower
 from pfd_core.kernels.parts import body
+from pfd_core.kernels.python_objects import python_function
 from pfd_core.kernels.recipe import Recipe, forward
-from pfd_core.kernels.threads import block_size, count_of, run, shared_batch
+from pfd_core.kernels.threads import (
+    COUNT,
+    block_size,
+    count_of,
+    new_job,
+    run,
+    shared_batch,
+)
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, resolve
 
 DTYPES = ('float64', 'float32')
-
-check_layout()
-register_symbols()
 
 
 class Kernel:
@@ -88,6 +86,7 @@ class Kernel:
         self.method = method
         self.dtype = dtype
         self.operations = recipe.operations
+        self._work = sum(recipe.operations.values())
         self._recipe = recipe
         self._estimating = estimating
         self._size = recipe.elements
@@ -122,10 +121,8 @@ class Kernel:
         return python_function(self._batch)
 
     @cached_property
-    def _shared_batch(self) -> Callable[..., int]:
-        integer, pointer = ctypes.c_int64, ctypes.c_void_p
-        signature = ctypes.CFUNCTYPE(integer, integer, pointer, integer, pointer, integer)
-        return signature(self._batch.address('shared_batch'))
+    def _plan(self) -> Callable[..., Any]:
+        return python_function(self._batch, 'plan')
 
     def _compile(self, width: int) -> Native:
         return self._recipe.compile(f'kernel {width}', partial(self._text, width))
@@ -137,7 +134,7 @@ class Kernel:
         if width == 1:
             parts.append(entry_ir(program, self.dtype, size))
         else:
-            parts += [batch(program, form, size), shared_batch(program)]
+            parts += [batch(program, form, size), shared_batch(program, form.width)]
             parts.append(batch_entry_ir(program, self.dtype, size))
         return llvm.module(parts, self.dtype, [width], self._angles)
 
@@ -176,10 +173,10 @@ class Kernel:
             If an argument has the wrong shape or type, is missing, or is not finite.
 
         """
-        if brakes is None and threads == 1:
+        if brakes is None:
             given = (q, qd, tau) if wrench is None else (q, qd, tau, wrench)
             if isinstance(q, np.ndarray) and q.ndim == 2:
-                result = self._quick_batch(given, out)
+                result = self._quick_batch(given, out, threads)
             else:
                 target = np.empty(self._size, self.dtype) if out is None else out
                 result = self._fast(*given, target)
@@ -216,16 +213,29 @@ class Kernel:
             )
         return self._estimating()
 
-    def _quick_batch(self, given: tuple[ArrayLike, ...], out: NDArray[Any] | None) -> Any:
+    def _quick_batch(
+        self, given: tuple[ArrayLike, ...], out: NDArray[Any] | None, threads: int
+    ) -> Any:
         """Return the result for arrays that need no conversion, or None."""
         if out is None:
-            return self._fast_batch(
-                *given, np.empty((np.shape(given[0])[0], self._size), self.dtype)
-            )
-        for array in given:
-            if isinstance(array, np.ndarray) and np.may_share_memory(array, out):
-                return None
-        return self._fast_batch(*given, out)
+            target = np.empty((np.shape(given[0])[0], self._size), self.dtype)
+        else:
+            target = out
+            for array in given:
+                if isinstance(array, np.ndarray) and np.may_share_memory(array, out):
+                    return None
+        if threads == 1:
+            return self._fast_batch(*given, target)
+        threads = count_of(threads)
+        job = new_job(3 * len(given) + 3, threads)
+        if self._plan(*given, target, job) is None or self._spread(job, threads):
+            return None
+        return target
+
+    def _spread(self, job: NDArray[np.int64], threads: int) -> int:
+        """Run a job on some threads; return whether an input is not finite."""
+        block = block_size(int(job[COUNT]), threads, self._width, self._work)
+        return run(self._batch, 'shared_batch', job, block, threads)
 
     def bind(
         self,
@@ -255,7 +265,7 @@ class Kernel:
         self(q, qd, tau, wrench, out, threads=threads)
         if self._fast(q, qd, tau, *extra, out) is not None:
             return partial(self._fast, q, qd, tau, *extra, out)
-        return partial(self._checked, q, qd, tau, wrench, out, None, threads)
+        return partial(self, q, qd, tau, wrench, out, threads=threads)
 
     def _checked(
         self,
@@ -282,10 +292,10 @@ class Kernel:
         target = self._target(out, (*shape, self._size), arrays)
         flat = target if target.ndim == 2 else target.reshape(-1, self._size)
         rows = [*(as_rows(value, shape) for value in arrays.values()), flat]
-        table = np.array([x for a in rows for x in (address(a), *a.strides)], np.int64)
-        block = block_size(len(flat), threads, self._width, self.operations)
-        spread = len(flat), table, block, threads, self._batch
-        if len(flat) and run(self._shared_batch, *spread):
+        table = [x for a in rows for x in (address(a), *a.strides)]
+        job = new_job(table, threads)
+        job[COUNT] = len(flat)
+        if len(flat) and self._spread(job, threads):
             raise_not_finite(arrays)
         if out is None:
             return target

@@ -3,133 +3,139 @@
 """
 Work on many states, or many arms, by several threads.
 
-They are cut into contiguous blocks of whole vector registers, and each thread takes a block when
-it has finished another, so that one that is held up by other work does not hold up the rest. What
-becomes of one is computed by the same code from the same numbers wherever it is computed: the
-bits of the result depend neither on the number of threads nor on who takes what.
+They are cut into one contiguous part for each thread, and these into blocks of whole vector
+registers. A thread takes a block when it has finished another: first of its own part, which its
+core may still have in its cache from the call before, then of the others', so that one that is
+held up by other work does not hold up the rest. What becomes of one is computed by the same code
+from the same numbers wherever it is computed: the bits of the result depend neither on the number
+of threads nor on who takes what.
 
-A thread of Python enters native code once, which runs without the interpreter's lock and takes
-blocks by an atomic counter. Threads are started once and wait for the next batch. To be woken
-takes a thread longer than an arm takes for a thousand states, so that the one that called begins
-at once, and looks itself whether the others have finished.
+Each thread takes blocks by an atomic counter in native code, without the interpreter's lock. The
+one that called begins at once, and looks itself whether the others have finished
+(pfd_core.kernels.helpers).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 import os
-import threading
 import time
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.kernels.conversion import address
+from pfd_core.kernels.engine import Native
+from pfd_core.kernels.helpers import FUNCTION, Helper, mail
 from pfd_core.kernels.llvm import arguments
 from pfd_core.machine.program import Program
 
-# Operations of a block, at least: some twenty microseconds of one core. Waking a thread takes
-# about twice as long.
-LEAST = 500_000
+# Operations of a block, at least: some ten microseconds of one core, of which a start is little.
+LEAST = 250_000
 # Looks at a counter before somebody who waits for it goes to sleep: some hundred microseconds.
 LOOKS = 200_000
 # Seconds that it then sleeps at a time.
 NAP = 1e-4
 # Blocks for each thread, where there are states enough.
 TURNS = 32
+# Where a job holds what all threads write, and what they read. TABLE and TURN are places in the
+# job themselves: of the table of arrays, and of the counter of each part, LINE integers apart so
+# that threads at different parts do not take a line of the cache away from each other.
+FINISHED, WRONG, CAME = range(3)
+COUNT, BLOCK, PARTS, TABLE, TURN, EXTRA = range(FUNCTION + 1, FUNCTION + 7)
+LINE = 8
 
 
-class _Helper(threading.Thread):
-    """A thread that runs what it is handed, and then waits to be handed more."""
-
-    idle: ClassVar[list[_Helper]] = []
-    started: ClassVar[int] = 0
-
-    def __init__(self) -> None:
-        super().__init__(name='pfd', daemon=True)
-        self._wake = threading.Lock()
-        self._wake.acquire()
-        self._job: tuple[Any, ...] = ()
-        self.start()
-
-    def run(self) -> None:
-        """Run one job after another."""
-        while self._wake.acquire():
-            work, given = self._job[:2]
-            work(*given, 0)
-            self._job = ()
-            del work
-            self.idle.append(self)
-
-    def hand(self, *job: Any) -> None:
-        """Hand over a function, its arguments, and what must live as long as it runs."""
-        self._job = job
-        self._wake.release()
-
-    @classmethod
-    def some(cls, wanted: int) -> Iterator[_Helper]:
-        """Yield idle helpers, no more than wanted, and new ones while there are too few."""
-        for _ in range(wanted):
-            try:
-                yield cls.idle.pop()
-            except IndexError:
-                if cls.started >= max(wanted, cores() - 1):
-                    return
-                cls.started += 1
-                yield cls()
-
-    @classmethod
-    def forget(cls) -> None:
-        """Begin anew: a child process has none of its parent's threads."""
-        cls.idle, cls.started = [], 0
-
-
-if hasattr(os, 'register_at_fork'):
-    os.register_at_fork(after_in_child=_Helper.forget)
-
-
-def shared(name: str, extra: str, setup: Sequence[str], work: Sequence[str]) -> str:
+def shared(
+    name: str, extra: Sequence[str], setup: Sequence[str], work: Sequence[str], width: int
+) -> str:
     """
-    Return `i64 @name(count, table, block, state, wait, extra...)`, which many threads may run.
+    Return `i64 @name(job, wait)`, which many threads may run.
 
-    It works on blocks from the counter state[0] on, until `count`; state[1] counts what is
-    finished, and state[2] collects what the work leaves in %wrong. With `wait` it stays until all
-    is finished. The result is 0, or 1 if others took so long that it did not stay.
+    It works on blocks of its own part until that is done, then of the others; the caller, who has
+    `wait` set, has the first part. job[FINISHED] counts what is finished, and job[WRONG] collects
+    what the work leaves in %wrong. The caller stays until all is finished. The result is 0, or 1
+    if others took so long that it did not stay.
 
     Parameters
     ----------
     name : str
         Of the function.
-    extra : str
-        Further parameters, each after a comma.
+    extra : sequence of str
+        Further numbers of the job: their types and names.
     setup, work : sequence of str
         Lines that run first, and those that work on %size members from %first on.
+    width : int
+        Members of a vector register.
 
     """
+    held = {'i64 %count': COUNT, 'i64 %block': BLOCK, 'i64 %parts': PARTS}
+    held |= {'i64 %table.far': TABLE, 'i64 %turns.far': TURN}
+    held |= {what: EXTRA + k for k, what in enumerate(extra)}
+    loads = []
+    for what, place in held.items():
+        kind, target = what.split()
+        loads.append(f'  {target}.at = getelementptr i64, ptr %job, i64 {place}')
+        loads.append(f'  {target} = load {kind}, ptr {target}.at')
     return '\n'.join(
         [
-            f'define i64 @{name}(i64 %count, ptr %table, i64 %block, ptr %state, '
-            f'i64 %wait{extra}) {{',
+            'declare i64 @llvm.umin.i64(i64, i64)',
+            f'define i64 @{name}(ptr %job, i64 %wait) {{',
             'entry:',
-            '  %finished.at = getelementptr i64, ptr %state, i64 1',
-            '  %wrong.at = getelementptr i64, ptr %state, i64 2',
+            f'  %finished.at = getelementptr i64, ptr %job, i64 {FINISHED}',
+            f'  %wrong.at = getelementptr i64, ptr %job, i64 {WRONG}',
+            f'  %came.at = getelementptr i64, ptr %job, i64 {CAME}',
+            *loads,
+            '  %table = getelementptr i64, ptr %job, i64 %table.far',
+            '  %turns = getelementptr i64, ptr %job, i64 %turns.far',
+            f'  %count.more = add i64 %count, {width - 1}',
+            f'  %registers = udiv i64 %count.more, {width}',
             *setup,
+            '  %stay = icmp ne i64 %wait, 0',
+            '  br i1 %stay, label %choose, label %join',
+            'join:',
+            '  %before = atomicrmw add ptr %came.at, i64 1 monotonic',
+            '  %mine = add i64 %before, 1',
+            '  br label %choose',
+            'choose:',
+            '  %place = phi i64 [ 0, %entry ], [ %mine, %join ]',
+            '  br label %part',
+            'part:',
+            '  %turn = phi i64 [ 0, %choose ], [ %turn.next, %leave ]',
+            '  %straight = add i64 %place, %turn',
+            '  %p = urem i64 %straight, %parts',
+            '  %q = add i64 %p, 1',
+            *(
+                line
+                for name, p in (('begin', '%p'), ('end', '%q'))
+                for line in (
+                    f'  %{name}.all = mul i64 %registers, {p}',
+                    f'  %{name}.part = udiv i64 %{name}.all, %parts',
+                    f'  %{name}.whole = mul i64 %{name}.part, {width}',
+                    f'  %{name} = call i64 @llvm.umin.i64(i64 %{name}.whole, i64 %count)',
+                )
+            ),
+            f'  %p.far = mul i64 %p, {LINE}',
+            '  %next.at = getelementptr i64, ptr %turns, i64 %p.far',
             '  br label %take',
             'take:',
-            '  %first = atomicrmw add ptr %state, i64 %block monotonic',
-            '  %some = icmp ult i64 %first, %count',
-            '  br i1 %some, label %work, label %empty',
+            '  %gone = atomicrmw add ptr %next.at, i64 %block monotonic',
+            '  %first = add i64 %begin, %gone',
+            '  %some = icmp ult i64 %first, %end',
+            '  br i1 %some, label %work, label %leave',
             'work:',
-            '  %left = sub i64 %count, %first',
+            '  %left = sub i64 %end, %first',
             '  %final = icmp ult i64 %left, %block',
             '  %size = select i1 %final, i64 %left, i64 %block',
             *work,
             '  %wrong.before = atomicrmw or ptr %wrong.at, i64 %wrong monotonic',
             '  %finished.before = atomicrmw add ptr %finished.at, i64 %size release',
             '  br label %take',
+            'leave:',
+            '  %turn.next = add i64 %turn, 1',
+            '  %others = icmp ult i64 %turn.next, %parts',
+            '  br i1 %others, label %part, label %empty',
             'empty:',
-            '  %stay = icmp ne i64 %wait, 0',
             '  br i1 %stay, label %look, label %done',
             'look:',
             '  %looks = phi i64 [ 0, %empty ], [ %looks.next, %again ]',
@@ -149,7 +155,7 @@ def shared(name: str, extra: str, setup: Sequence[str], work: Sequence[str]) -> 
     )
 
 
-def shared_batch(program: Program) -> str:
+def shared_batch(program: Program, width: int) -> str:
     """Return `@shared_batch`, which runs @batch on blocks of states; see `shared`."""
     slots = len(arguments(program)) + 1
     lines = []
@@ -170,7 +176,7 @@ def shared_batch(program: Program) -> str:
                 f'  store i64 {value}, ptr %to{k}',
             ]
     lines.append('  %wrong = call i64 @batch(i64 %size, ptr %own)')
-    return shared('shared_batch', '', [f'  %own = alloca [{3 * slots} x i64]'], lines)
+    return shared('shared_batch', (), [f'  %own = alloca [{3 * slots} x i64]'], lines, width)
 
 
 def count_of(threads: int) -> int:
@@ -189,41 +195,46 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
-def block_size(count: int, threads: int, width: int, operations: dict[str, int]) -> int:
+def block_size(count: int, threads: int, width: int, operations: int) -> int:
     """Return the states of a block, a multiple of the states in a vector register."""
     if threads == 1:
         return max(count, 1)
-    least = LEAST // max(sum(operations.values()), 1)
+    least = LEAST // max(operations, 1)
     return -(-max(least, count // (threads * TURNS), 1) // width) * width
 
 
-def run(
-    work: Callable[..., int],
-    count: int,
-    table: NDArray[np.int64],
-    block: int,
-    threads: int,
-    code: object,
-) -> int:
+def new_job(
+    table: Sequence[int] | int, threads: int, extra: Sequence[int] = ()
+) -> NDArray[np.int64]:
+    """Return a job for some threads with a table, or with room for one of so many numbers."""
+    room = table if isinstance(table, int) else len(table)
+    begin = EXTRA + len(extra)
+    turns = -(-(begin + room) // LINE) * LINE
+    job = np.zeros(turns + LINE * threads, np.int64)
+    job[TABLE], job[TURN] = begin, turns
+    if extra:
+        job[EXTRA:begin] = extra
+    if not isinstance(table, int):
+        job[begin : begin + room] = table
+    return job
+
+
+def run(code: Native, name: str, job: NDArray[np.int64], block: int, threads: int) -> int:
     """
     Run shared work on some threads, of which the caller's is one.
 
     Parameters
     ----------
-    work : callable
-        What `shared` describes, without its extra parameters; it gives the interpreter's lock
-        away.
-    count : int
-        Members of the whole.
-    table : ndarray
-        Where the arrays are.
+    code : Native
+        The module that holds what `shared` describes.
+    name : str
+        Of the function.
+    job : ndarray
+        From `new_job`, with its table, and the members of the whole at COUNT.
     block : int
         Members of a block.
     threads : int
-        The most that are used, at least 1.
-    code : object
-        What holds the native code. A helper that begins late finds nothing to do, but finds it
-        out in that code, perhaps after the caller has forgotten all about it.
+        The most that are used, at least 1; no more than there are cores.
 
     Returns
     -------
@@ -231,12 +242,17 @@ def run(
         What the work leaves in %wrong.
 
     """
-    state = np.zeros(3, np.int64)
-    given = count, address(table), block, address(state)
-    helpers = min(threads, -(-count // block)) - 1
-    for helper in _Helper.some(helpers):
-        helper.hand(work, given, (table, state, code))
-    late = work(*given, 1)
-    while late and state[1] < count:
-        time.sleep(NAP)
-    return int(state[2])
+    blocks = -(-int(job[COUNT]) // block)
+    helpers = list(Helper.some(min(threads, blocks) - 1, cores() - 1)) if threads > 1 else []
+    job[FUNCTION], job[BLOCK], job[PARTS] = code.address(name), block, len(helpers) + 1
+    contacts: list[Any] = []
+    for helper in helpers:
+        helper.keep(job, code)
+        contacts += helper.contact
+    try:
+        late = mail().share(job, *contacts)
+        while late and job[FINISHED] < job[COUNT]:
+            time.sleep(NAP)
+    finally:
+        Helper.idle += helpers
+    return int(job[WRONG])

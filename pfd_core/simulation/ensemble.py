@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.kernels.ensemble import LAW, SLOTS, compile_ensemble
 from pfd_core.kernels.steps import REPORT
-from pfd_core.kernels.threads import block_size, count_of, run
+from pfd_core.kernels.threads import COUNT, block_size, count_of, new_job, run
 from pfd_core.model import Robot, Scene
 from pfd_core.simulation.integrators import record_step
 
@@ -233,15 +233,13 @@ class Ensemble:
     ) -> None:
         """Run the native code on arrays (B, n) or (B, steps, n), strided as they are."""
         law = int(LAW[0] in arrays)
-        table = np.array([_row(arrays.get(name)) for name in SLOTS], np.int64)
+        table = [x for name in SLOTS for x in _row(arrays.get(name))]
         native = self._native
-
-        def shared(*given: int) -> int:
-            return native.run(*given, steps, self.substeps, every, law, sound.ctypes.data)
-
-        work = {'all': sum(native.operations.values()) * self._evaluations * steps}
+        job = new_job(table, threads, (steps, self.substeps, every, law, sound.ctypes.data))
+        job[COUNT] = self.size
+        work = sum(native.operations.values()) * self._evaluations * steps
         block = block_size(self.size, threads, native.width, work)
-        run(shared, self.size, table, block, threads, native)
+        run(native.code, 'ensemble', job, block, threads)
 
     def _torques(self, taus: ArrayLike | None, steps: int | None) -> tuple[Array, int]:
         """Return the torques, (B, steps, n), and the number of steps."""

@@ -1,0 +1,285 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Threads that help with work in native code, and wait for it without Python.
+
+To be woken takes a thread longer than an arm takes for a thousand states. A helper that has
+finished therefore looks for more work for AWAKE seconds before it goes to sleep: in a loop that
+calls a kernel it is there at once. Work lies in a mailbox, from which the helper takes it, or the
+caller takes it back where he was faster alone.
+
+    mailbox    64-bit integers: the address of a job or 0; whether somebody looks; jobs that were
+               left again; jobs that were taken; whether to end
+    job        64-bit integers, of which number FUNCTION is the address of `i64 f(job, wait)`
+"""
+
+from __future__ import annotations
+
+import atexit
+from collections.abc import Callable, Iterator
+import ctypes
+from functools import cache
+import os
+import threading
+import time
+from typing import Any, ClassVar
+
+import numpy as np
+
+from pfd_core.kernels.conversion import address
+from pfd_core.kernels.engine import compile_ir, host
+from pfd_core.kernels.python_objects import DATA, load, python_function
+
+# Seconds for which a helper looks for more work before it sleeps.
+AWAKE = 1e-3
+# Looks by which their duration is measured.
+PROBE = 1000
+# Seconds that a process waits for its helpers when it ends.
+PATIENCE = 1.0
+FUNCTION = 8
+LEFT, TAKEN, END, MAILBOX = 2, 3, 4, 5
+# How a processor is told that it waits; it computes nothing.
+PAUSES = {
+    'x86_64': ('declare void @llvm.x86.sse2.pause()', 'call void @llvm.x86.sse2.pause()'),
+    'aarch64': ('declare void @llvm.aarch64.hint(i32)', 'call void @llvm.aarch64.hint(i32 1)'),
+}
+
+
+def helpers_ir(architecture: str) -> str:
+    """
+    Return what helpers and callers do to mailboxes.
+
+    `i64 @look(mailbox, looks)` works on what it finds until it has looked so often in vain.
+    `i64 @serve(mailbox, looks, lock)` looks and sleeps until it is told to end.
+    `void @post(mailbox, job, lock)` hands over a job, and wakes the helper if it sleeps.
+    `@share(job, mailbox, lock, ...)`, for Python, runs a job with some helpers and returns whether
+    they were still at it when it returned.
+    """
+    declaration, pause = PAUSES.get(architecture, ('', ''))
+    return f"""{declaration}
+declare i32 @pfd.lock(ptr, i32)
+declare void @pfd.unlock(ptr)
+declare ptr @pfd.save()
+declare void @pfd.restore(ptr)
+declare ptr @pfd.integer(i64)
+declare i64 @pfd.value(ptr)
+
+define i64 @look(ptr %mailbox, i64 %patience) {{
+entry:
+  %left.at = getelementptr i64, ptr %mailbox, i64 {LEFT}
+  br label %look
+look:
+  %looks = phi i64 [ 0, %entry ], [ %looks.next, %idle ], [ 0, %work ]
+  %seen = load atomic i64, ptr %mailbox monotonic, align 8
+  %some = icmp ne i64 %seen, 0
+  br i1 %some, label %take, label %idle
+take:
+  %taken = atomicrmw xchg ptr %mailbox, i64 0 acquire
+  %got = icmp ne i64 %taken, 0
+  br i1 %got, label %work, label %idle
+work:
+  %job = inttoptr i64 %taken to ptr
+  %function.at = getelementptr i64, ptr %job, i64 {FUNCTION}
+  %function = load ptr, ptr %function.at
+  %late = call i64 %function(ptr %job, i64 0)
+  %left = atomicrmw add ptr %left.at, i64 1 release
+  br label %look
+idle:
+  {pause}
+  %looks.next = add i64 %looks, 1
+  %patient = icmp ult i64 %looks.next, %patience
+  br i1 %patient, label %look, label %done
+done:
+  ret i64 0
+}}
+
+define i64 @serve(ptr %mailbox, i64 %looks, ptr %lock) {{
+entry:
+  %awake.at = getelementptr i64, ptr %mailbox, i64 1
+  %end.at = getelementptr i64, ptr %mailbox, i64 {END}
+  br label %sleep
+sleep:
+  %woken = call i32 @pfd.lock(ptr %lock, i32 1)
+  br label %rise
+rise:
+  %end = load atomic i64, ptr %end.at acquire, align 8
+  %go = icmp eq i64 %end, 0
+  br i1 %go, label %work, label %done
+work:
+  %seen = call i64 @look(ptr %mailbox, i64 %looks)
+  ; What is posted from here on is seen below, or finds the helper asleep, or both.
+  %was = atomicrmw xchg ptr %awake.at, i64 0 seq_cst
+  %after = load atomic i64, ptr %mailbox seq_cst, align 8
+  %again = icmp ne i64 %after, 0
+  br i1 %again, label %alone, label %sleep
+alone:
+  %pair = cmpxchg ptr %awake.at, i64 0, i64 1 seq_cst seq_cst
+  %mine = extractvalue {{ i64, i1 }} %pair, 1
+  br i1 %mine, label %rise, label %sleep
+done:
+  ret i64 0
+}}
+
+define void @post(ptr %mailbox, i64 %job, ptr %lock) {{
+entry:
+  %before = atomicrmw xchg ptr %mailbox, i64 %job seq_cst
+  %awake.at = getelementptr i64, ptr %mailbox, i64 1
+  %pair = cmpxchg ptr %awake.at, i64 0, i64 1 seq_cst seq_cst
+  %asleep = extractvalue {{ i64, i1 }} %pair, 1
+  br i1 %asleep, label %wake, label %done
+wake:
+  call void @pfd.unlock(ptr %lock)
+  br label %done
+done:
+  ret void
+}}
+
+define ptr @share(ptr %self, ptr %args, i64 %count) {{
+entry:
+  %object = load ptr, ptr %args
+{chr(10).join(load('job', '%object', DATA, 'ptr'))}
+  %number = ptrtoint ptr %job to i64
+  br label %hand
+hand:
+  %i = phi i64 [ 1, %entry ], [ %i.next, %handing ]
+  %handed = icmp uge i64 %i, %count
+  br i1 %handed, label %work, label %handing
+handing:
+  %i.box = getelementptr ptr, ptr %args, i64 %i
+  %i.object = load ptr, ptr %i.box
+{chr(10).join(load('i.mailbox', '%i.object', DATA, 'ptr'))}
+  %i.lock = getelementptr ptr, ptr %i.box, i64 1
+  %i.integer = load ptr, ptr %i.lock
+  %i.value = call i64 @pfd.value(ptr %i.integer)
+  %lock = inttoptr i64 %i.value to ptr
+  call void @post(ptr %i.mailbox, i64 %number, ptr %lock)
+  %i.next = add i64 %i, 2
+  br label %hand
+work:
+  %function.at = getelementptr i64, ptr %job, i64 {FUNCTION}
+  %function = load ptr, ptr %function.at
+  %thread = call ptr @pfd.save()
+  %late = call i64 %function(ptr %job, i64 1)
+  call void @pfd.restore(ptr %thread)
+  br label %back
+back:
+  %k = phi i64 [ 1, %work ], [ %k.next, %taking ]
+  %all = icmp uge i64 %k, %count
+  br i1 %all, label %done, label %taking
+taking:
+  %k.box = getelementptr ptr, ptr %args, i64 %k
+  %k.object = load ptr, ptr %k.box
+{chr(10).join(load('k.mailbox', '%k.object', DATA, 'ptr'))}
+  %pair = cmpxchg ptr %k.mailbox, i64 %number, i64 0 seq_cst seq_cst
+  %there = extractvalue {{ i64, i1 }} %pair, 1
+  %gone = xor i1 %there, true
+  %one = zext i1 %gone to i64
+  %taken.at = getelementptr i64, ptr %k.mailbox, i64 {TAKEN}
+  %taken = load i64, ptr %taken.at
+  %taken.next = add i64 %taken, %one
+  store i64 %taken.next, ptr %taken.at
+  %k.next = add i64 %k, 2
+  br label %back
+done:
+  %result = call ptr @pfd.integer(i64 %late)
+  ret ptr %result
+}}"""
+
+
+class _Mail:
+    """The native functions, and how many looks take AWAKE seconds."""
+
+    def __init__(self) -> None:
+        native = compile_ir(helpers_ir(host().triple.split('-')[0]))
+        integer, pointer = ctypes.c_int64, ctypes.c_void_p
+        plain = ctypes.CFUNCTYPE
+        self.serve = plain(integer, pointer, integer, pointer)(native.address('serve'))
+        self.post = plain(None, pointer, integer, pointer)(native.address('post'))
+        self.share: Callable[..., int] = python_function(native, 'share')
+        look = plain(integer, pointer, integer)(native.address('look'))
+        empty = np.zeros(MAILBOX, np.int64)
+        start = time.perf_counter()
+        look(address(empty), PROBE)
+        self.looks = max(int(AWAKE / (time.perf_counter() - start) * PROBE), 1)
+
+
+@cache
+def mail() -> _Mail:
+    """Return what helpers run; compiled, or found on disk, when first asked for."""
+    return _Mail()
+
+
+class Helper(threading.Thread):
+    """
+    A thread that runs jobs, for one caller at a time.
+
+    Attributes
+    ----------
+    contact : tuple
+        What `share` needs of it: its mailbox and the address of its lock.
+
+    """
+
+    idle: ClassVar[list[Helper]] = []
+    all: ClassVar[list[Helper]] = []
+    starting: ClassVar[threading.Lock] = threading.Lock()
+
+    def __init__(self) -> None:
+        super().__init__(name='pfd', daemon=True)
+        # A lock of Python's that native code may wait for, without the interpreter's.
+        new, take = (
+            ctypes.pythonapi.PyThread_allocate_lock,
+            ctypes.pythonapi.PyThread_acquire_lock,
+        )
+        new.restype, take.argtypes = ctypes.c_void_p, [ctypes.c_void_p, ctypes.c_int]
+        lock = new()
+        take(lock, 1)
+        self._box = np.zeros(MAILBOX, np.int64)
+        self._given = address(self._box), mail().looks, lock
+        self._kept: list[Any] = []
+        self.contact = self._box, lock
+        self.start()
+
+    def run(self) -> None:
+        """Serve, without Python, until told to end."""
+        mail().serve(*self._given)
+
+    def keep(self, *what: Any) -> None:
+        """Keep what must live for as long as a job is looked at, and forget what is over."""
+        if self._box[LEFT] == self._box[TAKEN]:
+            self._kept.clear()
+        self._kept.append(what)
+
+    @classmethod
+    def some(cls, wanted: int, at_most: int) -> Iterator[Helper]:
+        """Yield idle helpers, no more than wanted, and new ones up to `at_most` in all."""
+        for _ in range(wanted):
+            try:
+                yield cls.idle.pop()
+            except IndexError:
+                with cls.starting:
+                    if len(cls.all) >= at_most:
+                        return
+                    helper = cls()
+                    cls.all.append(helper)
+                yield helper
+
+    @classmethod
+    def stop(cls) -> None:
+        """End all: the code that they run is about to go."""
+        for helper in cls.all:
+            helper._box[END] = 1
+            mail().post(helper._given[0], 0, helper._given[2])
+        for helper in cls.all:
+            helper.join(PATIENCE)
+        cls.forget()
+
+    @classmethod
+    def forget(cls) -> None:
+        """Begin anew: a child process has none of its parent's threads."""
+        cls.idle, cls.all, cls.starting = [], [], threading.Lock()
+
+
+atexit.register(Helper.stop)
+if hasattr(os, 'register_at_fork'):
+    os.register_at_fork(after_in_child=Helper.forget)

@@ -90,12 +90,18 @@ def solve(
         On lane j; H is positive definite exactly when all are above zero.
 
     """
+    apart = recorder.parallel and not recorder.packs
     with recorder.section('factorisation'):
-        factors = factorise(recorder, rows, y, schedule=schedule, square_roots=square_roots)
+        # In a row with the columns, y would fill lanes, and each column would wait for it.
+        beside = None if apart else y
+        factors = factorise(recorder, rows, beside, schedule=schedule, square_roots=square_roots)
     with recorder.section('column sweep'):
-        assert factors.z is not None
+        z = factors.z
+        if z is None:
+            z = column_sweep(factors.columns, y, factors.diagonal)
+            z = z if square_roots else z / factors.pivots
         columns = _transposed(factors.columns, recorder.lanes)
-        x = column_sweep(columns, factors.z, factors.diagonal, downward=True)
+        x = column_sweep(columns, z, factors.diagonal, downward=True)
     return x, factors.pivots
 
 

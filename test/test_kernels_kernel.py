@@ -76,6 +76,23 @@ def test_batch_size_and_memory_order_leave_the_bits_alone(dtype: str) -> None:
     np.testing.assert_array_equal(kernel(*backward), whole[::-1])
 
 
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('n', [1, 2, 3, 4, 5, 7])
+def test_rows_within_wider_rows_are_read_and_written_and_nothing_beside(
+    n: int, dtype: str
+) -> None:
+    kernel = pfd.compile_kernel(random_chain(np.random.default_rng(n), n), dtype=dtype)
+    wide = [np.full((53, n + 3), np.nan, dtype) for _ in range(4)]
+    inside = [array[:, 1 : n + 1] for array in wide]
+    for array, numbers in zip(inside, states(n, 53, dtype), strict=False):
+        array[:] = numbers
+    q, qd, tau, out = inside
+    wanted = kernel(*(np.asfortranarray(array) for array in (q, qd, tau)))
+    assert kernel(q, qd, tau, out=out) is out
+    np.testing.assert_array_equal(out, wanted)
+    assert np.isnan(np.delete(wide[3], np.s_[1 : n + 1], axis=1)).all()
+
+
 def test_an_empty_batch_gives_an_empty_answer() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
     assert kernel(*[np.empty((0, 2))] * 3).shape == (0, 2)

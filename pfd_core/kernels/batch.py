@@ -4,15 +4,21 @@
 LLVM IR of @batch: @evaluate over many states at any strides, `width` states at a time.
 
 States that lie side by side in memory (Fortran order) are read and written where they are. Others
-go through a small buffer, gathered and scattered one element of `width` states at a time. The
-last, partly filled block goes through the buffer too, number by number: its missing states repeat
-the last one, so that they are computed like any other and written as equal bits.
+go through a small buffer: transposed where the elements of a state lie side by side (C order),
+otherwise gathered and scattered one element of `width` states at a time. The last, partly filled
+block goes through the buffer too, number by number: its missing states repeat the last one, so
+that they are computed like any other and written as equal bits.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 from pfd_core.kernels.llvm import Format, arguments
 from pfd_core.machine.program import Program
+
+# Bytes within which processors move numbers about most easily.
+LANE = 16
 
 
 def batch(program: Program, form: Format, size: int) -> str:
@@ -128,24 +134,11 @@ PARAMETERS = (
 def _copy(form: Format, inward: bool) -> str:
     """Return the way of a block between an array and the buffer, if it is not used in place."""
     name = 'copy_in' if inward else 'copy_out'
-    T, W = form.type, form.width
-    steps = ', '.join(f'i64 {lane}' for lane in range(W))
-    places, on = f'<{W} x ptr> align {form.bytes} %places', f'<{W} x i1> splat (i1 true)'
-    suffix = f'{form.suffix}.v{W}p0'
-    if inward:
-        move = (
-            f'  %x = call {T} @llvm.masked.gather.{suffix}({places}, {on}, {T} poison)\n'
-            f'  store {T} %x, ptr %here, align {form.bytes}'
-        )
-    else:
-        move = (
-            f'  %x = load {T}, ptr %here, align {form.bytes}\n'
-            f'  call void @llvm.masked.scatter.{suffix}({T} %x, {places}, {on})'
-        )
     tail = f'  call void @{name}_tail({PARAMETERS})\n  ret void'
     head = f'define internal void @{name}({PARAMETERS}) {{\nentry:\n  br i1 %direct, label %done, '
-    if W == 1:
+    if form.width == 1:
         return f'{head}label %tail\ntail:\n{tail}\ndone:\n  ret void\n}}'
+    across = LANE // form.bytes
     return f"""{head}label %check
 check:
   br i1 %whole, label %prepare, label %tail
@@ -154,23 +147,135 @@ tail:
 prepare:
   %offset = mul i64 %b, %row
   %start = getelementptr i8, ptr %base, i64 %offset
-  %one = insertelement <{W} x i64> poison, i64 %row, i64 0
-  %rows = shufflevector <{W} x i64> %one, <{W} x i64> poison, <{W} x i32> zeroinitializer
-  %offsets = mul <{W} x i64> %rows, <{steps}>
-  br label %elements
-elements:
-  %k = phi i64 [ 0, %prepare ], [ %k.next, %elements ]
-  %far = mul i64 %k, %column
-  %there = getelementptr i8, ptr %start, i64 %far
-  %places = getelementptr i8, ptr %there, <{W} x i64> %offsets
-  %here = getelementptr {T}, ptr %buffer, i64 %k
-{move}
-  %k.next = add i64 %k, 1
-  %k.more = icmp ult i64 %k.next, %size
-  br i1 %k.more, label %elements, label %done
+  %dense = icmp eq i64 %column, {form.bytes}
+  %wide = icmp uge i64 %size, {across}
+  %turned = and i1 %dense, %wide
+  br i1 %turned, label %turn, label %spread
+{chr(10).join(_spread(form, inward))}
+{chr(10).join(_turn(form, inward))}
 done:
   ret void
 }}"""
+
+
+def _spread(form: Format, inward: bool) -> Iterator[str]:
+    """Yield the loop over elements that lie anywhere: one for each state at a time."""
+    T, W = form.type, form.width
+    steps = ', '.join(f'i64 {lane}' for lane in range(W))
+    places, on = f'<{W} x ptr> align {form.bytes} %places', f'<{W} x i1> splat (i1 true)'
+    suffix = f'{form.suffix}.v{W}p0'
+    yield 'spread:'
+    yield f'  %one = insertelement <{W} x i64> poison, i64 %row, i64 0'
+    yield (
+        f'  %rows = shufflevector <{W} x i64> %one, <{W} x i64> poison, '
+        f'<{W} x i32> zeroinitializer'
+    )
+    yield f'  %offsets = mul <{W} x i64> %rows, <{steps}>'
+    yield '  br label %elements'
+    yield 'elements:'
+    yield '  %k = phi i64 [ 0, %spread ], [ %k.next, %elements ]'
+    yield '  %far = mul i64 %k, %column'
+    yield '  %there = getelementptr i8, ptr %start, i64 %far'
+    yield f'  %places = getelementptr i8, ptr %there, <{W} x i64> %offsets'
+    yield f'  %here = getelementptr {T}, ptr %buffer, i64 %k'
+    if inward:
+        yield f'  %x = call {T} @llvm.masked.gather.{suffix}({places}, {on}, {T} poison)'
+        yield f'  store {T} %x, ptr %here, align {form.bytes}'
+    else:
+        yield f'  %x = load {T}, ptr %here, align {form.bytes}'
+        yield f'  call void @llvm.masked.scatter.{suffix}({T} %x, {places}, {on})'
+    yield '  %k.next = add i64 %k, 1'
+    yield '  %k.more = icmp ult i64 %k.next, %size'
+    yield '  br i1 %k.more, label %elements, label %done'
+
+
+def _turn(form: Format, inward: bool) -> Iterator[str]:
+    """
+    Yield the loop over elements that lie side by side: rows become columns, LANE bytes at a time.
+
+    The last turn takes elements of the one before again where their number asks for it.
+    """
+    T, S, W = form.type, form.scalar, form.width
+    across = LANE // form.bytes
+    lane = f'<{across} x {S}>'
+    yield 'turn:'
+    yield f'  %final = sub i64 %size, {across}'
+    yield '  br label %group'
+    yield 'group:'
+    yield '  %g = phi i64 [ 0, %turn ], [ %g.next, %group ]'
+    yield '  %g.k = call i64 @llvm.umin.i64(i64 %g, i64 %final)'
+    yield f'  %g.there = getelementptr {S}, ptr %start, i64 %g.k'
+    yield f'  %g.here = getelementptr {T}, ptr %buffer, i64 %g.k'
+    for r in range(W):
+        yield f'  %row{r}.far = mul i64 %row, {r}'
+        yield f'  %row{r}.at = getelementptr i8, ptr %g.there, i64 %row{r}.far'
+    for c in range(across):
+        yield f'  %column{c}.at = getelementptr {T}, ptr %g.here, i64 {c}'
+    if inward:
+        for r in range(W):
+            yield f'  %piece{r} = load {lane}, ptr %row{r}.at, align {form.bytes}'
+        for c in range(across):
+            pieces = [f'%piece{r}' for r in range(c, W, across)]
+            yield from _together(f'%t0.{c}', pieces, S, across)
+        yield from _transpose(form, across)
+        last = across.bit_length() - 1
+        for c in range(across):
+            yield f'  store {T} %t{last}.{c}, ptr %column{c}.at, align {form.bytes}'
+    else:
+        for c in range(across):
+            yield f'  %t0.{c} = load {T}, ptr %column{c}.at, align {form.bytes}'
+        yield from _transpose(form, across)
+        last = across.bit_length() - 1
+        for r in range(W):
+            own = ', '.join(f'i32 {r // across * across + k}' for k in range(across))
+            source = f'{T} %t{last}.{r % across}'
+            yield f'  %piece{r} = shufflevector {source}, {T} poison, <{across} x i32> <{own}>'
+            yield f'  store {lane} %piece{r}, ptr %row{r}.at, align {form.bytes}'
+    yield f'  %g.next = add i64 %g, {across}'
+    yield '  %g.more = icmp ult i64 %g.next, %size'
+    yield '  br i1 %g.more, label %group, label %done'
+
+
+def _together(target: str, pieces: Sequence[str], scalar: str, size: int) -> Iterator[str]:
+    """Yield the lines that put short vectors one after the other."""
+    level = 0
+    while len(pieces) > 1:
+        both = ', '.join(f'i32 {k}' for k in range(2 * size))
+        joined = []
+        for k in range(0, len(pieces), 2):
+            name = target if len(pieces) == 2 else f'{target}.{level}.{k}'
+            kind = f'<{size} x {scalar}>'
+            yield (
+                f'  {name} = shufflevector {kind} {pieces[k]}, {kind} {pieces[k + 1]}, '
+                f'<{2 * size} x i32> <{both}>'
+            )
+            joined.append(name)
+        pieces, size, level = joined, 2 * size, level + 1
+    if level == 0:
+        kind = f'<{size} x {scalar}>'
+        yield f'  {target} = select i1 true, {kind} {pieces[0]}, {kind} poison'
+
+
+def _transpose(form: Format, across: int) -> Iterator[str]:
+    """
+    Yield the lines that transpose the square of `across` numbers in each lane of LANE bytes.
+
+    Rows %t0.0, %t0.1, ... become rows %tL.0, ..., L the logarithm of `across`: in turn l, rows
+    that are 2^l apart change blocks of 2^l numbers.
+    """
+    T, W = form.type, form.width
+    for level in range(across.bit_length() - 1):
+        block = 1 << level
+        for c in range(across):
+            low = c & ~block
+            rows = f'{T} %t{level}.{low}, {T} %t{level}.{low | block}'
+            own = []
+            for k in range(W):
+                # The upper row's blocks come from where the lower row's other half lies.
+                half = k & block
+                own.append((k & ~block) + (block if c & block else 0) + (W if half else 0))
+            order = ', '.join(f'i32 {k}' for k in own)
+            yield f'  %t{level + 1}.{c} = shufflevector {rows}, <{W} x i32> <{order}>'
 
 
 def _copy_tail(form: Format, inward: bool) -> str:

@@ -198,7 +198,7 @@ def module(parts: Sequence[str], dtype: str, widths: Sequence[int], angles: Sequ
         Elements of q that are turned; without any, nothing is brought back into range.
 
     """
-    declarations = []
+    declarations = ['declare i64 @llvm.umin.i64(i64, i64)']
     for form in (Format(dtype, width) for width in {1, *widths}):
         declarations += [
             f'declare {form.type} @llvm.{name}.{form.suffix}({", ".join([form.type] * operands)})'

@@ -79,7 +79,6 @@ def shared(
         loads.append(f'  {target} = load {kind}, ptr {target}.at')
     return '\n'.join(
         [
-            'declare i64 @llvm.umin.i64(i64, i64)',
             f'define i64 @{name}(ptr %job, i64 %wait) {{',
             'entry:',
             f'  %finished.at = getelementptr i64, ptr %job, i64 {FINISHED}',

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from pfd_core.kernels.llvm import Format, arguments
+from pfd_core.kernels.llvm import Format, arguments, not_finite
 from pfd_core.machine.program import Program
 
 # Bytes within which processors move numbers about most easily.
@@ -40,7 +40,7 @@ def batch(program: Program, form: Format, size: int) -> str:
         '  br label %block',
         'block:',
         '  %b = phi i64 [ 0, %entry ], [ %b.next, %block ]',
-        f'  %odd = phi {T} [ {form.constant(0.0)}, %entry ], [ %odd.next, %block ]',
+        f'  %odd = phi {T} [ {form.constant(0.0)}, %entry ], [ %odd.all, %block ]',
         f'  %final = add i64 %b, {width - 1}',
         '  %whole = icmp ule i64 %final, %last',
     ]
@@ -54,7 +54,7 @@ def batch(program: Program, form: Format, size: int) -> str:
         '  %more = icmp ult i64 %b.next, %count',
         '  br i1 %more, label %block, label %done',
         'done:',
-        f'  %nan = fcmp uno {T} %odd.next, %odd.next',
+        f'  %nan = fcmp uno {T} %odd.all, %odd.all',
     ]
     flag = '%nan'
     if width > 1:
@@ -105,24 +105,17 @@ def _copied(name: str, elements: int) -> str:
 
 
 def _finite(names: tuple[str, ...], sizes: dict[str, int], form: Format) -> list[str]:
-    """Return the lines that turn %odd into NaN once an input is not finite."""
-    lines = []
-    terms = ['%odd']
+    """Return the lines that turn %odd into NaN, as %odd.all, once an input is not finite."""
+    lines: list[str] = []
+    values = []
     for name in names:
         for k in range(sizes[name]):
-            lines += [
-                *form.element(f'%{name}.p', name, k),
-                f'  %{name}.x{k} = load {form.type}, ptr %{name}.p{k}, align {form.bytes}',
-                # Zero for a finite number, NaN for any other; NaN stays NaN in the sum.
-                f'  %{name}.z{k} = fsub {form.type} %{name}.x{k}, %{name}.x{k}',
-            ]
-            terms.append(f'%{name}.z{k}')
-    # In pairs: one after the other they would wait for each other longer than they work.
-    while len(terms) > 1:
-        total = '%odd.next' if len(terms) == 2 else f'%odd.{len(lines)}'
-        lines.append(f'  {total} = fadd {form.type} {terms.pop(0)}, {terms.pop(0)}')
-        terms.append(total)
-    return lines
+            lines += form.element(f'%{name}.p', name, k)
+            values.append(f'%{name}.x{k}')
+            lines.append(
+                f'  {values[-1]} = load {form.type}, ptr %{name}.p{k}, align {form.bytes}'
+            )
+    return lines + not_finite(values, form, '%odd')[0]
 
 
 PARAMETERS = (

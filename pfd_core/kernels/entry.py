@@ -16,7 +16,7 @@ good part of an evaluation.
 
 from __future__ import annotations
 
-from pfd_core.kernels.llvm import Format, arguments
+from pfd_core.kernels.llvm import Format, arguments, not_finite
 from pfd_core.kernels.python_objects import (
     ALIGNED,
     DATA,
@@ -45,25 +45,20 @@ def entry_ir(program: Program, dtype: str, size: int) -> str:
         'check:',
         *_checks(sizes, form, ndim=1),
     ]
-    terms = []
+    values = []
     for k, elements in enumerate(sizes):
         lines += _dense(k, elements, form)
         for i in range(elements if k < len(sizes) - 1 else 0):
-            tag = f'{k}.{i}'
+            values.append(f'%x{k}.{i}')
             lines += [
-                f'  %p{tag} = getelementptr {form.type}, ptr %data{k}, i64 {i}',
-                f'  %x{tag} = load {form.type}, ptr %p{tag}',
-                f'  %z{tag} = fsub {form.type} %x{tag}, %x{tag}',
+                f'  %p{k}.{i} = getelementptr {form.type}, ptr %data{k}, i64 {i}',
+                f'  {values[-1]} = load {form.type}, ptr %p{k}.{i}',
             ]
-            terms.append(f'%z{tag}')
-    # In pairs: one after the other they would wait for each other longer than they work.
-    while len(terms) > 1:
-        total = f'%odd{len(lines)}'
-        lines.append(f'  {total} = fadd {form.type} {terms.pop(0)}, {terms.pop(0)}')
-        terms.append(total)
+    checks, odd = not_finite(values, form)
+    lines += checks
     data = ', '.join(f'ptr %data{k}' for k in range(len(sizes)))
     lines += [
-        f'  %finite = fcmp ord {form.type} {terms[0]}, {terms[0]}',
+        f'  %finite = fcmp ord {form.type} {odd}, {odd}',
         '  br i1 %finite, label %go, label %refuse',
         'go:',
         f'  call void @evaluate({data})',

@@ -3,8 +3,8 @@
 """
 LLVM IR of @evaluate: @body, with angles beyond the range of the sine brought back first.
 
-That an arm has turned a joint 16 000 times is rare: it costs a kernel a comparison per joint, and
-the way back is kept out of the way.
+That an arm has turned a joint 16 000 times is rare: it costs a kernel a multiplication per joint
+and one comparison, and the way back is kept out of the way.
 """
 
 from __future__ import annotations
@@ -25,20 +25,21 @@ def evaluate(program: Program, form: Format, angles: Sequence[int]) -> str:
         return f'{head}\n  call void @body({parameters})\n  ret void\n}}'
     n, T = program.inputs['q'], form.type
     lines = [head, f'  %copy = alloca [{n} x {T}], align 64']
-    far = ''
+    # Where no sum of squares is beyond the limit, no angle is; one that is no number is looked at.
+    total = form.constant(0.0)
     for k in angles:
         lines += [
             *form.element('%p', 'q', k),
             f'  %x{k} = load {T}, ptr %p{k}, align {form.bytes}',
-            f'  %a{k} = call {T} @llvm.fabs.{form.suffix}({T} %x{k})',
-            f'  %f{k} = fcmp ogt {T} %a{k}, {form.constant(WRAP_LIMIT)}',
+            f'  %s{k} = call {T} @llvm.fma.{form.suffix}({T} %x{k}, {T} %x{k}, {T} {total})',
         ]
-        if far:
-            lines.append(f'  %any{k} = or {form.flag} {far}, %f{k}')
-        far = f'%any{k}' if far else f'%f{k}'
+        total = f'%s{k}'
+    limit = form.constant(WRAP_LIMIT**2)
+    lines.append(f'  %beyond = fcmp ugt {T} {total}, {limit}')
+    far = '%beyond'
     if form.width > 1:
         reduce = f'@llvm.vector.reduce.or.v{form.width}i1'
-        lines.append(f'  %far = call i1 {reduce}({form.flag} {far})')
+        lines.append(f'  %far = call i1 {reduce}({form.flag} %beyond)')
         far = '%far'
     lines += [f'  br i1 {far}, label %wrap, label %go, !prof !0', 'wrap:']
     for k in range(n):

@@ -182,6 +182,26 @@ def spell(
         yield f'  %v{register} = {text}'
 
 
+def not_finite(values: Sequence[str], form: Format, start: str = '') -> tuple[list[str], str]:
+    """
+    Return lines, and the name of what they leave: NaN where a value is not finite, or else zero.
+
+    `start` is what was left before. The sum is kept in four, so that few wait for each other.
+    """
+    T, zero = form.type, form.constant(0.0)
+    sums = [start or zero, zero, zero, zero]
+    lines = []
+    for k, value in enumerate(values):
+        lines.append(
+            f'  %odd{k} = call {T} @llvm.fma.{form.suffix}({T} {value}, {T} {zero}, '
+            f'{T} {sums[k % 4]})'
+        )
+        sums[k % 4] = f'%odd{k}'
+    for k, (one, other) in enumerate((sums[:2], sums[2:])):
+        lines.append(f'  %odd.{k} = fadd {T} {one}, {other}')
+    return [*lines, f'  %odd.all = fadd {T} %odd.0, %odd.1'], '%odd.all'
+
+
 def module(parts: Sequence[str], dtype: str, widths: Sequence[int], angles: Sequence[int]) -> str:
     """
     Return a whole module of functions, with the declarations they need.

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pfd_core.kernels.llvm import Format, arguments, spell
+from pfd_core.kernels.llvm import Format, arguments, not_finite, spell
 from pfd_core.machine.program import Program
 
 # What a simulation carries from step to step, and what it tells of each state.
@@ -87,16 +87,14 @@ def stop(k: int, form: Format) -> Iterator[str]:
 
 def finite(n: int, form: Format) -> Iterator[str]:
     """Yield the lines that leave in %finite, `width` flags, whether the state is."""
-    T = form.type
-    odd = form.constant(0.0)
+    values = []
     for name in STATE:
         for k in range(n):
-            yield from read(f'%{name}.w{k}', name, k, form)
-            # Zero for a finite number, NaN for any other; NaN stays NaN in the sum.
-            yield f'  %{name}.z{k}.0 = fsub {T} %{name}.w{k}, %{name}.w{k}'
-            yield f'  %{name}.odd{k} = fadd {T} {odd}, %{name}.z{k}.0'
-            odd = f'%{name}.odd{k}'
-    yield f'  %finite = fcmp ord {T} {odd}, {odd}'
+            values.append(f'%{name}.w{k}')
+            yield from read(values[-1], name, k, form)
+    lines, odd = not_finite(values, form)
+    yield from lines
+    yield f'  %finite = fcmp ord {form.type} {odd}, {odd}'
 
 
 def read(target: str, name: str, k: int, form: Format) -> Iterator[str]:

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from zoo import random_chain, random_state
 
-from pfd_core.algorithms.composite_body import record_composite_body
 from pfd_core.algorithms.dynamics import record_pcrbm
 from pfd_core.kernels.fold import fold
+from pfd_core.kernels.kernel import compile_kernel
 from pfd_core.kernels.lower import drop, expand, lower, operations
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
@@ -168,12 +168,10 @@ def test_right_angles_cost_less_than_skew_ones() -> None:
 @pytest.mark.parametrize(('name', 'most'), [('ur5', 580), ('puma560', 600), ('panda', 1300)])
 def test_the_cheapest_text_keeps_to_its_budget(name: str, most: int) -> None:
     # Sine and cosine apart, before fusing.
-    plant = resolve(load_robot(name))
-    folded = drop(fold(record_composite_body(plant, 'sequential')), ['qdd'])
-    counts = operations(folded)
-    assert sum(counts.values()) - counts['sin'] - counts['cos'] <= most
-    fused = operations(lower(folded, 'float64'))
-    assert fused['fma'] > 0.45 * counts['mul']
+    stages = compile_kernel(load_robot(name)).operations
+    folded = stages['folded']
+    assert sum(folded.values()) - folded['sin'] - folded['cos'] <= most
+    assert stages['compiled']['fma'] > 0.45 * folded['mul']
 
 
 def test_a_parallel_program_is_not_lowered() -> None:

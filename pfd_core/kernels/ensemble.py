@@ -21,10 +21,9 @@ from pfd_core.kernels.auto import choose
 from pfd_core.kernels.batch import copies
 from pfd_core.kernels.engine import Native, simd_width
 from pfd_core.kernels.evaluate import evaluate
-from pfd_core.kernels.kernel import plant_of, turned_joints
 from pfd_core.kernels.llvm import Format, arguments, module
 from pfd_core.kernels.parts import body
-from pfd_core.kernels.recipe import forward
+from pfd_core.kernels.recipe import forward, plant_of, turned_joints
 from pfd_core.kernels.steps import (
     REPORT,
     STATE,
@@ -264,8 +263,8 @@ class NativeEnsemble:
         The text it was recorded from.
     width : int
         Arms in a vector register.
-    operations : dict
-        Operations of one evaluation of the accelerations, by name.
+    work : int
+        Operations of one evaluation of the accelerations.
     code : Native
         What holds the function that `ensemble` describes.
 
@@ -273,7 +272,7 @@ class NativeEnsemble:
 
     method: str
     width: int
-    operations: dict[str, int]
+    work: int
     code: Native
 
 
@@ -299,4 +298,4 @@ def compile_ensemble(
         return module(texts, dtype, [form.width], angles)
 
     code = recipe.compile(f'ensemble {form.width} {step_program}', text)
-    return NativeEnsemble(method, form.width, recipe.operations, code)
+    return NativeEnsemble(method, form.width, recipe.work, code)

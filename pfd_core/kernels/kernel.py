@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.algorithms.dynamics import record_inverse_dynamics
 from pfd_core.kernels import llvm
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.batch import batch
@@ -34,10 +33,9 @@ from pfd_core.kernels.conversion import (
 from pfd_core.kernels.engine import Native, simd_width
 from pfd_core.kernels.entry import batch_entry_ir, entry_ir
 from pfd_core.kernels.evaluate import evaluate
-from pfd_core.kernels.lower import lower
 from pfd_core.kernels.parts import body
 from pfd_core.kernels.python_objects import python_function
-from pfd_core.kernels.recipe import Recipe, forward
+from pfd_core.kernels.recipe import Recipe, forward, inverse, plant_of, turned_joints
 from pfd_core.kernels.threads import (
     COUNT,
     block_size,
@@ -47,9 +45,7 @@ from pfd_core.kernels.threads import (
     shared_batch,
 )
 from pfd_core.machine.program import Program
-from pfd_core.model import Plant, Robot, Scene, resolve
-
-DTYPES = ('float64', 'float32')
+from pfd_core.model import Robot, Scene
 
 
 class Kernel:
@@ -65,7 +61,8 @@ class Kernel:
     dtype : str
         Number format of its arrays, 'float64' or 'float32'.
     operations : dict
-        Operations of the lowered program by name, sine and cosine included.
+        Operations by name: those 'recorded' by the text, those left when it is 'folded' for this
+        robot and scene, and those 'compiled', with sines written out and additions fused.
 
     Where all is on disk, the program is recorded only when somebody asks for it. The code of a
     batch is compiled at its first call.
@@ -86,7 +83,6 @@ class Kernel:
         self.method = method
         self.dtype = dtype
         self.operations = recipe.operations
-        self._work = sum(recipe.operations.values())
         self._recipe = recipe
         self._estimating = estimating
         self._size = recipe.elements
@@ -234,7 +230,7 @@ class Kernel:
 
     def _spread(self, job: NDArray[np.int64], threads: int) -> int:
         """Run a job on some threads; return whether an input is not finite."""
-        block = block_size(int(job[COUNT]), threads, self._width, self._work)
+        block = block_size(int(job[COUNT]), threads, self._width, self._recipe.work)
         return run(self._batch, 'shared_batch', job, block, threads)
 
     def bind(
@@ -386,22 +382,4 @@ def compile_inverse_kernel(
 ) -> Kernel:
     """Compile inverse dynamics, tau = kernel(q, qd, qdd); arguments as in compile_kernel."""
     plant, scene = plant_of(robot, scene, dtype)
-
-    def record() -> Program:
-        return lower(record_inverse_dynamics(plant, 'sequential'), dtype)
-
-    recipe = Recipe(record, ('inverse', plant.digest, dtype))
-    return Kernel(robot, scene, 'newton_euler', dtype, recipe)
-
-
-def turned_joints(robot: Robot) -> tuple[int, ...]:
-    """Return the joints whose position is an angle."""
-    return tuple(i for i, kind in enumerate(robot.joint_types) if kind != 'prismatic')
-
-
-def plant_of(robot: Robot, scene: Scene | None, dtype: str) -> tuple[Plant, Scene]:
-    """Return the robot in its scene, and the scene; ValueError if they do not fit."""
-    if dtype not in DTYPES:
-        raise ValueError(f'dtype must be one of {DTYPES}, got {dtype!r}')
-    scene = Scene() if scene is None else scene
-    return resolve(robot, scene), scene
+    return Kernel(robot, scene, 'newton_euler', dtype, inverse(plant, dtype))

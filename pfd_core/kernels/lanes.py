@@ -27,12 +27,11 @@ from numpy.typing import ArrayLike, NDArray
 from pfd_core.algorithms.dynamics import METHODS, SERIAL, record_forward_dynamics
 from pfd_core.kernels.conversion import as_numbers, raise_not_finite
 from pfd_core.kernels.fuse import fuse
-from pfd_core.kernels.kernel import plant_of, turned_joints
 from pfd_core.kernels.lanes_fold import fold_lanes
 from pfd_core.kernels.lanes_llvm import module_text
 from pfd_core.kernels.lower import drop, expand
 from pfd_core.kernels.python_objects import python_function
-from pfd_core.kernels.recipe import Recipe, joined
+from pfd_core.kernels.recipe import Recipe, plant_of, turned_joints
 from pfd_core.kernels.schedule import schedule
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
@@ -92,8 +91,8 @@ class LaneKernel:
         return self.recipe.program
 
     @property
-    def operations(self) -> dict[str, int]:
-        """Operations of the lowered program by name, sine and cosine included."""
+    def operations(self) -> dict[str, dict[str, int]]:
+        """Operations by name, as they are 'recorded' and as they are 'compiled'."""
         return self.recipe.operations
 
     def __call__(
@@ -192,10 +191,9 @@ def compile_lanes(
         raise ValueError(f'recording must be one of {RECORDINGS}, got {recording!r}')
     plant, scene = plant_of(robot, scene, dtype)
 
-    def record() -> Program:
-        return joined(
-            lower_lanes(record_forward_dynamics(plant, method, recording), dtype, ['qdd'])
-        )
+    def record() -> dict[str, Program]:
+        recorded = record_forward_dynamics(plant, method, recording)
+        return {'recorded': recorded, 'compiled': lower_lanes(recorded, dtype, ['qdd'])}
 
     recipe = Recipe(record, ('lanes', plant.digest, method, recording, dtype))
 

@@ -48,9 +48,19 @@ def lower(
         Whether additions take in multiplications, with one rounding for both.
 
     """
+    return finish(simplify(program, outputs), dtype, fma)
+
+
+def simplify(program: Program, outputs: Collection[str] | None = None) -> Program:
+    """Return the program folded, with nothing unread, and each sine still one operation."""
     if program.lanes != 1:
         raise ValueError(f'only a sequential program is lowered, got {program.lanes} lanes')
-    lowered = drop(fold(expand(drop(fold(program), outputs), dtype)))
+    return drop(fold(program), outputs)
+
+
+def finish(program: Program, dtype: str, fma: bool = True) -> Program:
+    """Return what `lower` does from what `simplify` returns."""
+    lowered = drop(fold(expand(program, dtype)))
     return schedule(drop(fuse(lowered)) if fma else lowered)
 
 

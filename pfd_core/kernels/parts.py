@@ -36,9 +36,9 @@ def body(program: Program, form: Format) -> str:
     return in_parts(program, form, PART)
 
 
-def effort(operations: dict[str, int]) -> Optimisation:
+def effort(operations: int) -> Optimisation:
     """Return how hard the compiler is to try: its passes find nothing to do in a long program."""
-    return Optimisation(passes=0) if sum(operations.values()) > LONGEST else USUAL
+    return Optimisation(passes=0) if operations > LONGEST else USUAL
 
 
 def in_parts(program: Program, form: Format, size: int) -> str:

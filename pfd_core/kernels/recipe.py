@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Recipes: a lowered program that is recorded only where somebody needs it.
+Recipes: a robot, a scene and a method as a lowered program, recorded only where somebody needs it.
 
 Recording and lowering take longer than bringing a kept object into a process. What a kernel needs
 to know of its program and of the texts made of it is therefore kept on disk, too.
@@ -16,14 +16,17 @@ from functools import cache, cached_property
 import gc
 from typing import Any
 
+from pfd_core.algorithms.dynamics import record_inverse_dynamics
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.cache import T, remember
 from pfd_core.kernels.engine import Native, Outline, compile_outlined, outline
 from pfd_core.kernels.llvm import arguments
-from pfd_core.kernels.lower import lower, operations
+from pfd_core.kernels.lower import finish, operations, simplify
 from pfd_core.kernels.parts import effort
 from pfd_core.machine.program import Output, Program
-from pfd_core.model import Plant
+from pfd_core.model import Plant, Robot, Scene, resolve
+
+DTYPES = ('float64', 'float32')
 
 
 class Recipe:
@@ -33,7 +36,7 @@ class Recipe:
     Parameters
     ----------
     record : callable
-        Records and lowers it.
+        Records and lowers it: the stages of the program by name, of which the last is lowered.
     key : tuple of str, optional
         All that decides the program, besides the source of this package (a plant's digest, a
         method, a number format); without it nothing is kept on disk.
@@ -45,23 +48,34 @@ class Recipe:
     elements : int
         Elements of the output.
     operations : dict
-        Operations by name.
+        Operations by name, of each stage.
 
     """
 
-    def __init__(self, record: Callable[[], Program], key: tuple[str, ...] = ()) -> None:
+    def __init__(
+        self, record: Callable[[], dict[str, Program]], key: tuple[str, ...] = ()
+    ) -> None:
         self._record = record
         self._key = key
         facts = self.remember('facts', self._facts)
         self.inputs: dict[str, int] = facts['inputs']
         self.elements: int = facts['elements']
-        self.operations: dict[str, int] = facts['operations']
+        self.operations: dict[str, dict[str, int]] = facts['operations']
 
     @cached_property
     def program(self) -> Program:
-        """The program itself."""
+        """The lowered program."""
+        return joined(list(self._stages.values())[-1])
+
+    @cached_property
+    def _stages(self) -> dict[str, Program]:
         with _uncollected():
             return self._record()
+
+    @property
+    def work(self) -> int:
+        """The operations of the lowered program."""
+        return sum(list(self.operations.values())[-1].values())
 
     def remember(self, what: str, make: Callable[[], T]) -> T:
         """Return `make()`, which depends on the program and on `what` alone, or find it kept."""
@@ -71,14 +85,14 @@ class Recipe:
         """Return the native code of a text, which depends on the program and on `what` alone."""
         once = cache(text)
         known = self.remember(what, lambda: asdict(outline(once())))
-        return compile_outlined(Outline(**known), once, effort(self.operations))
+        return compile_outlined(Outline(**known), once, effort(self.work))
 
     def _facts(self) -> dict[str, Any]:
         (output,) = self.program.outputs.values()
         return {
             'inputs': {name: self.program.inputs[name] for name in arguments(self.program)},
             'elements': len(output.places),
-            'operations': operations(self.program),
+            'operations': {name: operations(stage) for name, stage in self._stages.items()},
         }
 
 
@@ -87,10 +101,45 @@ def forward(
 ) -> Recipe:
     """Return the recipe of forward dynamics by a method, with some of its outputs."""
 
-    def record() -> Program:
-        return joined(lower(record_refined(plant, method, refine), dtype, names))
+    def record() -> dict[str, Program]:
+        return stages(record_refined(plant, method, refine), dtype, names)
 
     return Recipe(record, ('forward', plant.digest, method, str(refine), dtype, *names))
+
+
+def inverse(plant: Plant, dtype: str) -> Recipe:
+    """Return the recipe of inverse dynamics."""
+
+    def record() -> dict[str, Program]:
+        return stages(record_inverse_dynamics(plant, 'sequential'), dtype)
+
+    return Recipe(record, ('inverse', plant.digest, dtype))
+
+
+def stages(
+    recorded: Program, dtype: str, outputs: Collection[str] | None = None
+) -> dict[str, Program]:
+    """
+    Return a sequential program on its way to a kernel.
+
+    `recorded` as the text has it, `folded` with what is the same for every state gone, and
+    `compiled` with sines written out and additions fused with the multiplications they add.
+    """
+    folded = simplify(recorded, outputs)
+    return {'recorded': recorded, 'folded': folded, 'compiled': finish(folded, dtype)}
+
+
+def plant_of(robot: Robot, scene: Scene | None, dtype: str) -> tuple[Plant, Scene]:
+    """Return the robot in its scene, and the scene; ValueError if they do not fit."""
+    if dtype not in DTYPES:
+        raise ValueError(f'dtype must be one of {DTYPES}, got {dtype!r}')
+    scene = Scene() if scene is None else scene
+    return resolve(robot, scene), scene
+
+
+def turned_joints(robot: Robot) -> tuple[int, ...]:
+    """Return the joints whose position is an angle."""
+    return tuple(i for i, kind in enumerate(robot.joint_types) if kind != 'prismatic')
 
 
 @contextmanager

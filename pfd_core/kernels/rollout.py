@@ -21,10 +21,9 @@ from typing import Any
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.engine import Native
 from pfd_core.kernels.evaluate import evaluate
-from pfd_core.kernels.kernel import plant_of, turned_joints
 from pfd_core.kernels.llvm import Format, module
 from pfd_core.kernels.parts import body
-from pfd_core.kernels.recipe import forward
+from pfd_core.kernels.recipe import forward, plant_of, turned_joints
 from pfd_core.kernels.steps import (
     REPORT,
     STATE,

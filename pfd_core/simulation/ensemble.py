@@ -237,7 +237,7 @@ class Ensemble:
         native = self._native
         job = new_job(table, threads, (steps, self.substeps, every, law, sound.ctypes.data))
         job[COUNT] = self.size
-        work = sum(native.operations.values()) * self._evaluations * steps
+        work = native.work * self._evaluations * steps
         block = block_size(self.size, threads, native.width, work)
         run(native.code, 'ensemble', job, block, threads)
 

@@ -28,6 +28,7 @@ from pfd_core.machine.recorder import Lanes, Recorder, where
 
 # What moves data between lanes.
 MOVING = ('route', 'shuffle')
+LOOPED = ('loop', 'state', 'end', 'result')
 
 
 def lower(
@@ -75,8 +76,11 @@ def drop(program: Program, outputs: Collection[str] | None = None) -> Program:
     for register, instruction in enumerate(program.instructions):
         names.append(len(instructions))
         if wanted[register]:
-            needed = _narrowed(instruction, wanted[register])
-            instructions.append(needed._replace(args=tuple(names[a] for a in needed.args)))
+            if wanted[register] != instruction.active:
+                instruction = _narrowed(instruction, wanted[register])
+            op, args, data, active, section = instruction
+            args = tuple([names[a] for a in args])
+            instructions.append(Instruction(op, args, data, active, section))
     pruned = Program(program.lanes, program.instructions, program.inputs, kept)
     return renamed(pruned, instructions, names)
 
@@ -91,11 +95,14 @@ def _wanted_lanes(program: Program, outputs: Iterable[Output]) -> list[int]:
         if not wanted[register]:
             continue
         instruction = program.instructions[register]
-        if instruction.op in ('loop', 'state', 'end', 'result'):
+        if instruction.op in LOOPED:
             # What a later trip reads is not known yet when the end of the loop is met.
             wanted[register] = instruction.active
             for a in instruction.args:
                 wanted[a] |= program.instructions[a].active
+        elif instruction.op not in MOVING:
+            for a in instruction.args:
+                wanted[a] |= wanted[register]
         else:
             read = _read(instruction, wanted[register])
             for a, lanes in zip(instruction.args, read, strict=True):
@@ -104,9 +111,7 @@ def _wanted_lanes(program: Program, outputs: Iterable[Output]) -> list[int]:
 
 
 def _read(instruction: Instruction, lanes: int) -> tuple[int, ...]:
-    """Return the lanes that an instruction reads of each operand, for some of its result."""
-    if instruction.op not in MOVING:
-        return (lanes,) * len(instruction.args)
+    """Return the lanes that one that moves data reads of each operand, for some of its result."""
     n = len(instruction.data)
     read = [0, 0]
     for lane in range(n):

@@ -104,7 +104,7 @@ def _order(program: Program) -> list[int]:
     alive, time = 0, 0.0
 
     def gain(register: int) -> tuple[float, int, int]:
-        wait = max(start[register] - time, 0.0)
+        wait = start[register] - time if start[register] > time else 0.0
         if alive >= REGISTERS:
             return last_of[register] - wait / WAIT_CROWDED, after[register], -register
         value = last_of[register] - wait / WAIT + after[register] / FOLLOWING

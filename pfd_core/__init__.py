@@ -20,7 +20,8 @@ from pfd_core.model import (
     robot_to_yaml,
     with_payload,
 )
-from pfd_core.simulation.ensemble import Ensemble, Feedback, Trajectories
+from pfd_core.simulation.ensemble import Ensemble, Trajectories
+from pfd_core.simulation.feedback import Feedback, StateFeedback
 from pfd_core.simulation.integrators import INTEGRATORS
 from pfd_core.simulation.simulator import Simulator, Trajectory
 
@@ -42,6 +43,7 @@ __all__ = [
     'Run',
     'Scene',
     'Simulator',
+    'StateFeedback',
     'Steps',
     'Trajectories',
     'Trajectory',

@@ -103,6 +103,49 @@ def test_the_law_is_that_of_a_loop_in_python() -> None:
             np.testing.assert_array_equal(runs.qdd[b, t], one.qdd)
 
 
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('shape', ['one', 'per step', 'per arm and step', 'reversed', 'scalar'])
+def test_a_matrix_of_gains_acts_on_the_whole_state(shape: str, dtype: str) -> None:
+    rng = np.random.default_rng(84)
+    robot = random_chain(rng, 3)
+    q, qd, taus = sequences(3, 21, dtype)
+    gains = {
+        'one': rng.uniform(-5, 5, (3, 6)),
+        'per step': rng.uniform(-5, 5, (STEPS, 3, 6)),
+        'per arm and step': rng.uniform(-5, 5, (21, STEPS, 3, 6)),
+        'reversed': rng.uniform(-5, 5, (6, 3)).T[:, ::-1],
+        'scalar': np.array(0.5),
+    }
+    gain = gains[shape].astype(dtype)
+    wanted, rate = rng.uniform(-1, 1, (2, 21, STEPS, 3)).astype(dtype)
+    many, one = pfd.Ensemble(robot, 21, dtype=dtype), pfd.Simulator(robot, dtype=dtype)
+    many.reset(q, qd)
+    runs = many.rollout(taus, feedback=pfd.StateFeedback(gain, wanted, rate))
+    assert runs.status == 'ok'
+    every = np.broadcast_to(gain, (21, STEPS, 3, 6))
+    for b in range(21):
+        one.reset(q[b], qd[b])
+        for t in range(STEPS):
+            tau = taus[b, t].copy()
+            for j, e in enumerate([*(wanted[b, t] - one.q), *(rate[b, t] - one.qd)]):
+                tau += every[b, t, :, j] * e
+            one.step(tau)
+            np.testing.assert_array_equal(runs.q[b, t], one.q)
+
+
+def test_a_diagonal_of_gains_is_the_law_joint_by_joint() -> None:
+    robot = pfd.load_robot('ur5')
+    q, qd, taus = sequences(6, 9)
+    kp, kd = np.arange(1.0, 7.0), np.arange(6.0, 0.0, -1.0)
+    many = pfd.Ensemble(robot, 9)
+    many.reset(q, qd)
+    alone = many.rollout(taus, feedback=pfd.Feedback(kp, kd, 0.2, 0.1))
+    many.reset(q, qd)
+    gain = np.hstack([np.diag(kp), np.diag(kd)])
+    whole = many.rollout(taus, feedback=pfd.StateFeedback(gain, 0.2, 0.1))
+    np.testing.assert_array_equal(whole.q, alone.q)
+
+
 def test_a_lifted_mass_comes_to_rest_where_the_law_carries_its_weight() -> None:
     robot = pfd.Robot(
         name='lift',
@@ -188,10 +231,21 @@ ZEROS = np.zeros((5, 2))
         ({'taus': ZEROS * np.nan}, 'taus must be finite'),
         ({'taus': ZEROS, 'every': 0}, 'every must be an integer of at least 1, got 0'),
         ({'taus': ZEROS, 'threads': -2}, 'threads must be an integer of at least 0'),
-        ({'taus': ZEROS, 'feedback': (1, 2)}, 'feedback must be a Feedback, got tuple'),
+        (
+            {'taus': ZEROS, 'feedback': (1, 2)},
+            'feedback must be a Feedback or a StateFeedback, got tuple',
+        ),
         (
             {'taus': ZEROS, 'feedback': pfd.Feedback(np.zeros(3), 0.0, 0.0)},
             r'feedback.kp must have shape \(3, 2\) or \(2,\), got \(3,\)',
+        ),
+        (
+            {'taus': ZEROS, 'feedback': pfd.StateFeedback(np.zeros((2, 2)), 0.0)},
+            r'feedback.gain must have shape .* or \(2, 4\) or \(4,\), got \(2, 2\)',
+        ),
+        (
+            {'taus': ZEROS, 'feedback': pfd.StateFeedback(np.nan, 0.0)},
+            'feedback.gain must be finite',
         ),
         ({'taus': ZEROS, 'wrench': np.zeros(6)}, 'wrench is given exactly when'),
         ({'taus': ZEROS, 'brakes': [True, False]}, 'brakes were given, but the scene has none'),

@@ -7,8 +7,8 @@ LLVM IR of many simulations at once: one arm per SIMD lane, all steps in native 
     @arms        all steps of `width` arms, with the torque that their law gives at each
     @ensemble    blocks of arms, which any number of threads take by an atomic counter
 
-The torque of a step is taken from an array, or is tau + kp (q_ref - q) + kd (qd_ref - qd) of the
-state at its beginning, summed from the left; it is held for the step. Every operation on an arm
+The torque of a step is taken from an array, to which a law may add what the state at its beginning
+asks for (pfd_core.kernels.law); it is held for the step. Every operation on an arm
 is one that the simulation of a single arm does, in the same order.
 """
 
@@ -21,6 +21,16 @@ from pfd_core.kernels.auto import choose
 from pfd_core.kernels.batch import copies
 from pfd_core.kernels.engine import Native, simd_width
 from pfd_core.kernels.evaluate import evaluate
+from pfd_core.kernels.law import (
+    GAINS,
+    JOINTS,
+    MATRIX,
+    NONE,
+    REFERENCES,
+    errors,
+    joint_by_joint,
+    whole_state,
+)
 from pfd_core.kernels.llvm import Format, arguments, module
 from pfd_core.kernels.parts import body
 from pfd_core.kernels.recipe import forward, plant_of, turned_joints
@@ -31,21 +41,27 @@ from pfd_core.kernels.steps import (
     goes_on,
     held,
     pointers,
-    read,
     step,
     stop,
-    write,
 )
 from pfd_core.kernels.threads import shared
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
 
-LAW = ('kp', 'kd', 'q.ref', 'qd.ref')
 # One row of the table for each of these: pointer, and strides from arm to arm, from element to
 # element and from step to step [bytes].
-SLOTS = (*REPORT, 'tau', 'wrench', 'free', *LAW, *(f'{name}.out' for name in REPORT))
+SLOTS = (
+    *REPORT,
+    'tau',
+    'wrench',
+    'free',
+    *GAINS,
+    MATRIX,
+    *REFERENCES,
+    *(f'{name}.out' for name in REPORT),
+)
 # What a job holds besides the arms: steps, their parts, steps from one written state to the next,
-# whether there is a law, and where to count the sound steps of each arm.
+# which law there is, and where to count the sound steps of each arm.
 EXTRA = ('i64 %steps', 'i64 %substeps', 'i64 %every', 'i64 %law', 'ptr %sound')
 
 
@@ -62,7 +78,7 @@ def arms(program: Program, dynamics: Program, form: Format) -> str:
     evaluation = f'  call void @evaluate({pointers(STATE)}{held(dynamics)}, ptr %qdd)'
     lines = [
         'define internal void @arms(i64 %b, i64 %last, i64 %steps, i64 %substeps, i64 %every, '
-        'i1 %law, ptr %table, ptr %sound) {',
+        'i64 %law, ptr %table, ptr %sound) {',
         *_prepare(n, constant, form),
         'outer:',
         '  %t = phi i64 [ 0, %start ], [ %t.next, %counted ]',
@@ -98,6 +114,7 @@ def _prepare(n: int, constant: Sequence[str], form: Format) -> Iterator[str]:
     """Yield the entry: the table is read, and what stays the same for all steps."""
     yield 'entry:'
     yield f'  %lanes = alloca <{form.width} x i64>, align 64'
+    yield f'  %error = alloca [{2 * n} x {form.type}], align 64'
     yield f'  %end = add i64 %b, {form.width - 1}'
     yield '  %whole = icmp ule i64 %end, %last'
     sizes = {name: 6 if name == 'wrench' else n for name in SLOTS}
@@ -105,9 +122,11 @@ def _prepare(n: int, constant: Sequence[str], form: Format) -> Iterator[str]:
         yield from _slot(slot, name, sizes[name], form)
     for name in (*STATE, *constant):
         yield _copied(True, name, sizes[name])
-    yield '  br i1 %law, label %gains, label %start'
+    yield f'  %follows = icmp ne i64 %law, {NONE}'
+    yield f'  %joints = icmp eq i64 %law, {JOINTS}'
+    yield '  br i1 %joints, label %gains, label %start'
     yield 'gains:'
-    for name in LAW[:2]:
+    for name in GAINS:
         yield _copied(True, name, n)
     yield '  br label %start'
     yield 'start:'
@@ -118,13 +137,22 @@ def _torque(n: int, form: Format) -> Iterator[str]:
     """Yield the lines that find the torques of a step."""
     yield from _at('tau', 't')
     yield _copied(True, 'tau', n, 'tau.now')
-    yield '  br i1 %law, label %follow, label %torque'
+    yield '  br i1 %follows, label %follow, label %torque'
     yield 'follow:'
-    for name in LAW[2:]:
+    for name in REFERENCES:
         yield from _at(name, 't')
         yield _copied(True, name, n, f'{name}.now')
-    for k in range(n):
-        yield from _law(k, form)
+    yield from errors(n, form)
+    yield '  br i1 %joints, label %each, label %all'
+    yield 'each:'
+    yield from joint_by_joint(n, form)
+    yield '  br label %torque'
+    yield 'all:'
+    yield from _at(MATRIX, 't')
+    yield (
+        f'  call void @whole_state(ptr %tau, ptr %error, ptr %{MATRIX}.now, i64 %{MATRIX}.arm, '
+        f'i64 %{MATRIX}.column, i64 %b, i64 %last)'
+    )
     yield '  br label %torque'
     yield 'torque:'
 
@@ -174,7 +202,7 @@ def _report(width: int) -> Iterator[str]:
 
 def _slot(slot: int, name: str, size: int, form: Format) -> Iterator[str]:
     """Yield the lines that read one row of the table and make room for `width` arms."""
-    if not name.endswith('.out'):
+    if name != MATRIX and not name.endswith('.out'):
         yield f'  %{name} = alloca [{size} x {form.type}], align 64'
     for column, part in enumerate(('base', 'arm', 'column', 'step')):
         kind = 'ptr' if part == 'base' else 'i64'
@@ -200,20 +228,6 @@ def _copied(
     )
 
 
-def _law(k: int, form: Format) -> Iterator[str]:
-    """Yield tau + kp (q_ref - q) + kd (qd_ref - qd) of one joint."""
-    T = form.type
-    for name in ('q', 'qd', 'tau', *LAW):
-        yield from read(f'%{name}.x{k}', name, k, form)
-    yield f'  %e{k} = fsub {T} %q.ref.x{k}, %q.x{k}'
-    yield f'  %ed{k} = fsub {T} %qd.ref.x{k}, %qd.x{k}'
-    yield f'  %p{k} = fmul {T} %kp.x{k}, %e{k}'
-    yield f'  %d{k} = fmul {T} %kd.x{k}, %ed{k}'
-    yield f'  %sum{k} = fadd {T} %tau.x{k}, %p{k}'
-    yield f'  %law{k} = fadd {T} %sum{k}, %d{k}'
-    yield from write('tau', k, f'%law{k}', f'tau{k}', form)
-
-
 def _count(n: int, form: Format) -> Iterator[str]:
     """Yield the lines that count a step for those arms that have been finite up to its end."""
     W = form.width
@@ -235,14 +249,14 @@ def ensemble(form: Format) -> str:
 
     The work is described in pfd_core.kernels.threads.shared; it runs @arms.
     """
-    setup = ['  %last = sub i64 %count, 1', '  %lawful = icmp ne i64 %law, 0']
+    setup = ['  %last = sub i64 %count, 1']
     work = [
         '  %until = add i64 %first, %size',
         '  br label %rows',
         'rows:',
         '  %b = phi i64 [ %first, %work ], [ %b.next, %rows ]',
         '  call void @arms(i64 %b, i64 %last, i64 %steps, i64 %substeps, i64 %every, '
-        'i1 %lawful, ptr %table, ptr %sound)',
+        'i64 %law, ptr %table, ptr %sound)',
         f'  %b.next = add i64 %b, {form.width}',
         '  %more = icmp ult i64 %b.next, %until',
         '  br i1 %more, label %rows, label %ran',
@@ -291,6 +305,7 @@ def compile_ensemble(
             body(dynamics, form),
             evaluate(dynamics, form, angles),
             step(step_program, dynamics, form),
+            whole_state(dynamics.inputs['q'], form),
             arms(step_program, dynamics, form),
             ensemble(form),
             copies(form),

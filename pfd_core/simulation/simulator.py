@@ -17,17 +17,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pfd_core.kernels.rollout import compile_rollout
 from pfd_core.model import Robot, Scene
+from pfd_core.simulation.inputs import (
+    Array,
+    check_held,
+    free,
+    instant,
+    numbers,
+    positive_integer,
+    seconds,
+)
 from pfd_core.simulation.integrators import record_step
-
-Array = NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -108,14 +113,10 @@ class Simulator:
         dtype: str = 'float64',
         refine: int = 0,
     ) -> None:
-        if not (math.isfinite(step_size) and step_size > 0):
-            raise ValueError(f'step_size must be above zero seconds, got {step_size!r}')
-        if not isinstance(substeps, int) or substeps < 1:
-            raise ValueError(f'substeps must be an integer of at least 1, got {substeps!r}')
         self.robot = robot
         self.scene = Scene() if scene is None else scene
-        self.step_size = step_size
-        self.substeps = substeps
+        self.step_size = seconds('step_size', step_size)
+        self.substeps = positive_integer('substeps', substeps)
         self.dtype = dtype
         step = record_step(integrator, robot.n, step_size / substeps)
         self._native = compile_rollout(
@@ -169,15 +170,13 @@ class Simulator:
         self, q: ArrayLike | None = None, qd: ArrayLike | None = None, time: float = 0.0
     ) -> None:
         """Set positions and velocities, (n,), default zero, and the time [s]."""
-        if not math.isfinite(time):
-            raise ValueError(f'time must be finite, got {time!r}')
         values = [
             np.zeros(self.robot.n) if value is None else self._vector(name, value)
             for name, value in (('q', q), ('qd', qd))
         ]
+        self._start = instant(time)
         for target, value in zip(self._state, values, strict=True):
             target[:] = value
-        self._start = time
         self._steps = 0
         self.status = 'ok'
 
@@ -219,11 +218,9 @@ class Simulator:
             Row k is the state after step k + 1.
 
         """
-        rows = np.ascontiguousarray(_numbers('taus', taus, self.dtype))
+        rows = np.ascontiguousarray(numbers('taus', taus, self.dtype))
         if rows.ndim != 2 or rows.shape[1] != self.robot.n:
             raise ValueError(f'taus must have shape (steps, {self.robot.n}), got {rows.shape}')
-        if not np.isfinite(rows).all():
-            raise ValueError('taus must be finite')
         start = self._steps
         q, qd = out = [np.empty_like(rows) for _ in range(2)]
         sound = 0
@@ -265,39 +262,24 @@ class Simulator:
 
     def _held(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> list[int]:
         """Return the addresses that the native code takes after the torques."""
+        check_held(self.scene, wrench, brakes)
         held: list[int] = []
-        if (wrench is not None) != self.scene.external_wrench:
-            raise ValueError(
-                'wrench is given exactly when the scene has external_wrench=True: '
-                f'external_wrench={self.scene.external_wrench}, wrench={wrench!r}'
-            )
         if wrench is not None:
             self._wrench[:] = self._vector('wrench', wrench, 6)
             held += self._wrench_at
-        if brakes is not None and not self.scene.brakes:
-            raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
         if self.scene.brakes:
-            self._free[:] = 1.0 if brakes is None else 1.0 - np.asarray(brakes, dtype=bool)
+            self._free[:] = free(brakes)
             held += self._free_at
         return held
 
     def _vector(self, name: str, value: ArrayLike, size: int | None = None) -> Array:
         """Return a finite vector of the right length; ValueError if it is not one."""
         size = self.robot.n if size is None else size
-        array = _numbers(name, value, self.dtype)
+        array = numbers(name, value, self.dtype)
         if array.shape != (size,):
             raise ValueError(f'{name} must have shape ({size},), got {array.shape}')
-        if not np.isfinite(array).all():
-            raise ValueError(f'{name} must be finite, got {array}')
         return array
 
 
 def _addresses(arrays: list[Array]) -> list[int]:
     return [array.ctypes.data for array in arrays]
-
-
-def _numbers(name: str, value: ArrayLike, dtype: str) -> Array:
-    try:
-        return np.asarray(value, dtype=dtype)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f'{name} must be an array of numbers, got {value!r}') from error

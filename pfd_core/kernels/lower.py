@@ -76,7 +76,7 @@ def drop(program: Program, outputs: Collection[str] | None = None) -> Program:
     for register, instruction in enumerate(program.instructions):
         names.append(len(instructions))
         if wanted[register]:
-            if wanted[register] != instruction.active:
+            if wanted[register] != instruction.active or instruction.op in MOVING:
                 instruction = _narrowed(instruction, wanted[register])
             op, args, data, active, section = instruction
             args = tuple([names[a] for a in args])

@@ -161,7 +161,7 @@ def test_kernel_and_emulator_give_the_same_bits(method: str, dtype: str, recordi
     for name in ('ur5', 'planar2') if method == 'divide_and_conquer' else ('ur5', 'panda'):
         robot = pfd.load_robot(name)
         kernel = compile_lanes(robot, method=method, dtype=dtype, recording=recording)
-        for _ in range(10):
+        for _ in range(4):
             state = one_state(kernel, rng)
             emulated = run(kernel.program, state, dtype)['qdd']
             np.testing.assert_array_equal(kernel(**state), emulated)

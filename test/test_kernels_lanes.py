@@ -28,6 +28,11 @@ from pfd_core.model import resolve
 
 DTYPES = ('float64', 'float32')
 N = 4
+# Those with many operations take seconds to compile.
+LONG = ('divide_and_conquer', 'pcrbm_array')
+METHODS = [
+    pytest.param(method, marks=[pytest.mark.slow] * (method in LONG)) for method in PARALLEL
+]
 Text = Callable[[Lanes, Lanes], Any]
 
 
@@ -155,7 +160,7 @@ def test_a_lane_without_a_value_moves_as_its_neighbour_does() -> None:
 
 @pytest.mark.parametrize('recording', RECORDINGS)
 @pytest.mark.parametrize('dtype', DTYPES)
-@pytest.mark.parametrize('method', PARALLEL)
+@pytest.mark.parametrize('method', METHODS)
 def test_kernel_and_emulator_give_the_same_bits(method: str, dtype: str, recording: str) -> None:
     rng = np.random.default_rng(2)
     for name in ('ur5', 'planar2') if method == 'divide_and_conquer' else ('ur5', 'panda'):

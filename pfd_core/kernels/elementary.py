@@ -3,14 +3,15 @@
 """
 Sine and cosine as text over the machine's operations.
 
-The text knows `+ - *`, negation, floats and `where`; it runs on NumPy arrays and on lane values
-that are being recorded. Every operation in it is rounded correctly and the order is fixed, so
+The text knows `+ - *` and floats; it runs on NumPy arrays and on lane values that are being
+recorded. Every operation in it is rounded correctly and the order is fixed, so
 it gives the same bits on every machine, in the emulator and in a kernel. The table of
 operations counts sine and cosine as one step each; this is what a kernel puts in their place.
 
 Method: x = k pi/2 + r with the nearest integer k, where pi/2 is cut into parts so short that k
 times a part is exact (Cody and Waite, Software Manual for the Elementary Functions, 1980), a
-minimax polynomial for each of sin r and cos r, and a choice by quadrant. `wrap_angle` in
+minimax polynomial for each of sin r and cos r, and the sum of angles r and k pi/2, in which one
+product is zero and the other exact. `wrap_angle` in
 pfd_core.kernels.wrap brings larger arguments into reach.
 
 Error, for |x| <= WRAP_LIMIT, in units in the last place of the result: at most 1.36 in float64
@@ -20,15 +21,15 @@ polynomial it is below 1.1. No result exceeds one in magnitude, and the sine of 
 
 Operations for sine and cosine together:
 
-    =======  ===  =======  ===  =====  =====
-    dtype    mul  add/sub  neg  where    all
-    =======  ===  =======  ===  =====  =====
-    float64   22       26    1      3     52
-    float32   19       26    1      3     49
-    =======  ===  =======  ===  =====  =====
+    =======  ===  =======  ===
+    dtype    mul  add/sub  all
+    =======  ===  =======  ===
+    float64   24       30   54
+    float32   21       30   51
+    =======  ===  =======  ===
 
-A kernel fuses additions and multiplications of these (pfd_core.kernels.fuse), which leaves 35
-operations in float64 and signs. The errors are then at most 1.42 in float32 (the largest of all
+A kernel fuses additions and multiplications of these (pfd_core.kernels.fuse), which leaves 36
+operations and signs. The errors are then at most 1.42 in float32 (the largest of all
 its arguments) and have been seen up to 1.34 in float64 (4e7 arguments); the rest holds as well.
 
 The coefficients are printed by benchmarks/fit_sine.py.
@@ -36,7 +37,6 @@ The coefficients are printed by benchmarks/fit_sine.py.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -47,8 +47,6 @@ from pfd_core.kernels.wrap import WRAP_ANGLE_IR, WRAP_LIMIT, wrap_angle
 
 __all__ = ['WRAP_ANGLE_IR', 'WRAP_LIMIT', 'sincos', 'wrap_angle']
 
-Where = Callable[[Any, Any, Any], Any]
-
 
 @dataclass(frozen=True)
 class _Constants:
@@ -58,7 +56,7 @@ class _Constants:
     pi/2 is the sum of all parts: `exact + middle + (last,)`. k times a part is exact but for the
     last; x minus the exact ones is exact as well, however much cancels. `unit` is a number
     between whose double and itself neighbours lie one apart: adding and subtracting 1.5 of it
-    rounds to an integer, 6 of it to a multiple of four.
+    rounds to an integer, 3 of it to a multiple of two.
     """
 
     unit: float
@@ -106,7 +104,7 @@ _CONSTANTS = {
 }
 
 
-def sincos(x: Any, where: Where, dtype: DTypeLike) -> tuple[Any, Any]:
+def sincos(x: Any, dtype: DTypeLike) -> tuple[Any, Any]:
     """
     Sine and cosine of an angle.
 
@@ -115,9 +113,6 @@ def sincos(x: Any, where: Where, dtype: DTypeLike) -> tuple[Any, Any]:
     x : array or lane value
         Angle in radians, any shape, at most WRAP_LIMIT in magnitude: above it the result
         loses its accuracy, so call `wrap_angle` first. NaN and infinity give NaN.
-    where : callable
-        where(c, a, b) is a where c is above zero, else b, in the number format of c; a and b
-        may be floats.
     dtype : {'float64', 'float32'}
         Number format of x; all arithmetic is done in it.
 
@@ -143,12 +138,12 @@ def sincos(x: Any, where: Where, dtype: DTypeLike) -> tuple[Any, Any]:
     sine = r - (r * h * _polynomial(c.sine, h) + excess)
     cosine = 1.0 - (h - h * (h * _polynomial(c.cosine, h)))
 
-    # Quadrants: `place` is k + 1/2 modulo 4, one of -3/2, -1/2, 1/2, 3/2.
-    shifted = k + 0.5
-    place = shifted - _round(shifted, 6.0 * c.unit)
-    sign = where(place, 1.0, -1.0)
-    odd = place - sign  # -1/2 where k is even, 1/2 where it is odd
-    return where(odd, cosine, sine) * sign, where(odd, -sine, cosine) * sign
+    # Cosine and minus sine of k quarter turns, each 1, 0 or -1: how far k + 1 and k are from the
+    # nearest multiple of two, which halfway between two of them is the multiple of four.
+    turned = k + 1.0
+    along = turned - _round(turned, 3.0 * c.unit)
+    down = _round(k, 3.0 * c.unit) - k
+    return sine * along - cosine * down, cosine * along + sine * down
 
 
 def _round(x: Any, magic: float) -> Any:

@@ -24,7 +24,7 @@ from pfd_core.kernels.fold import KEPT, fold
 from pfd_core.kernels.fuse import fuse
 from pfd_core.kernels.schedule import schedule
 from pfd_core.machine.program import Instruction, Output, Program, renamed
-from pfd_core.machine.recorder import Lanes, Recorder, where
+from pfd_core.machine.recorder import Lanes, Recorder
 
 # What moves data between lanes.
 MOVING = ('route', 'shuffle')
@@ -146,7 +146,7 @@ def expand(program: Program, dtype: str) -> Program:
         with recorder.section(section):
             if op in ('sin', 'cos'):
                 if args[0] not in pairs:
-                    pairs[args[0]] = sincos(values[args[0]], where, dtype)
+                    pairs[args[0]] = sincos(values[args[0]], dtype)
                 values.append(pairs[args[0]][op == 'cos'])
             elif op == 'constant':
                 values.append(recorder.constant(data))

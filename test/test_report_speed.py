@@ -91,7 +91,7 @@ def test_a_machine_that_slows_down_changes_the_median_but_not_the_ratio(
     clock = Clock()
     monkeypatch.setattr(timing.time, 'perf_counter', clock)
     sides = [clock.side('peer', 4.0, 1.0, True), clock.side('ours', 1.0, 1.0)]
-    turns = iter([1.0] * 4 + [1.0, 1.0, 8.0, 8.0, 8.0, 8.0])
+    turns = iter([1.0] * 6 + [1.0, 1.0, 8.0, 8.0, 8.0, 8.0])
     pace = Pace(chunk=1e-9, turns=3, budget=1e9)
     work = [
         replace(s, run=lambda s=s: (setattr(clock, 'slow', next(turns)), s.run())) for s in sides
@@ -111,8 +111,29 @@ def test_a_long_work_has_fewer_turns_but_never_less_than_the_fewest(
         side = clock.side('ours', seconds, 1.0, True)
         pace = Pace(chunk=1e-9, turns=10, fewest=2, budget=12.0)
         timing.take_turns('arm', Work('call', *np.zeros((3, 2))), [side], pace)
-        # Once to see that it works, once to see how long it takes.
-        assert clock.now == (turns + 2) * seconds
+        # Once to see that it works, twice to see how long it takes.
+        assert clock.now == (turns + 3) * seconds
+
+
+def test_a_chunk_of_several_calls_begins_with_one_that_is_not_counted(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    clock = Clock()
+    monkeypatch.setattr(timing.time, 'perf_counter', clock)
+    # A call that follows one of another side takes 100 s, others take one.
+    last = []
+
+    def run(way: str) -> None:
+        clock.now += 1.0 if last == [way] else 100.0
+        last[:] = [way]
+
+    sides = [
+        Side(way, lambda way=way: run(way), lambda: np.ones(2), way == 'peer')
+        for way in ('peer', 'ours')
+    ]
+    pace = Pace(chunk=16.0, turns=4, budget=1e9)
+    rows = timing.take_turns('arm', Work('call', *np.zeros((3, 2))), sides, pace)
+    assert [(row.minimum, row.median) for row in rows] == [(1.0, 1.0)] * 2
 
 
 def test_every_way_gives_what_pinocchio_gives(findings: speed.Findings) -> None:

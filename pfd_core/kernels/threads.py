@@ -248,10 +248,17 @@ def run(code: Native, name: str, job: NDArray[np.int64], block: int, threads: in
     for helper in helpers:
         helper.keep(job, code)
         contacts += helper.contact
+    mail().share(job, *contacts)
     try:
-        late = mail().share(job, *contacts)
-        while late and job[FINISHED] < job[COUNT]:
-            time.sleep(NAP)
+        _wait(job)
     finally:
+        # Also when the user interrupts: the arrays may go once this returns.
+        _wait(job)
         Helper.idle += helpers
     return int(job[WRONG])
+
+
+def _wait(job: NDArray[np.int64]) -> None:
+    """Sleep until others have finished what they have begun."""
+    while job[FINISHED] < job[COUNT]:
+        time.sleep(NAP)

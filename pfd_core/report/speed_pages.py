@@ -26,7 +26,9 @@ Written by `{COMMAND}`; the numbers are those of one machine on one day.
 All ways of doing one work take turns in one process, in chunks of a few milliseconds. A cell holds
 minimum / median of the time per state, or per step of a rollout, and in brackets how many times
 faster than the first row that is: the median over the turns of the ratio of two times taken
-shortly after each other. All run on one thread unless the row says otherwise.
+shortly after each other. A chunk begins with a call that is not counted, unless one takes longer
+than a chunk: data and threads are then where they are in a loop that does nothing else. All run on
+one thread unless the row says otherwise.
 
 - Sine and cosine are included everywhere, and so is what Python does around a call. *bound* is
   `kernel.bind(q, qd, tau, out)`. MuJoCo's state is in place before `mj_forward`, and CasADi's

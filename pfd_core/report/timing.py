@@ -167,15 +167,17 @@ def take_turns(robot: str, work: Work, sides: Sequence[Side], pace: Pace) -> lis
     for side in sides:
         side.run()
     differences = _differences(sides)
-    once = [_chunk(side.run, 1) for side in sides]
+    once = [_chunk(side.run, 1, warm=True) for side in sides]
     calls = [max(1, round(pace.chunk / seconds)) for seconds in once]
-    turn = sum(seconds * count for seconds, count in zip(once, calls, strict=True))
+    warm = [seconds < pace.chunk for seconds in once]
+    counts = [count + first for count, first in zip(calls, warm, strict=True)]
+    turn = sum(seconds * count for seconds, count in zip(once, counts, strict=True))
     turns = min(pace.turns, max(pace.fewest, round(pace.budget / turn)))
     times: list[list[float]] = [[] for _ in sides]
     ratios: list[list[float]] = [[] for _ in sides]
     for t in range(turns):
         for k, near in _order(sides, backwards=t % 2 == 1):
-            times[k].append(_chunk(sides[k].run, calls[k]) / work.units)
+            times[k].append(_chunk(sides[k].run, calls[k], warm[k]) / work.units)
             if near is not None:
                 ratios[k].append(times[near][-1] / times[k][-1])
     return [
@@ -205,8 +207,10 @@ def _order(sides: Sequence[Side], backwards: bool) -> Iterator[tuple[int, int | 
         yield reference, reference
 
 
-def _chunk(run: Callable[[], object], calls: int) -> float:
-    """Return the seconds that one call takes, over a number of them."""
+def _chunk(run: Callable[[], object], calls: int, warm: bool) -> float:
+    """Return the seconds that one call takes, over a number of them, perhaps after a first one."""
+    if warm:
+        run()
     start = time.perf_counter()
     for _ in range(calls):
         run()

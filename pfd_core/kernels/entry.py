@@ -79,7 +79,7 @@ def batch_entry_ir(program: Program, dtype: str, size: int) -> str:
     entry = [
         'define ptr @entry(ptr %self, ptr %args, i64 %count) {',
         f'  %table = alloca [{3 * slots} x i64]',
-        *_found(slots, slots),
+        *_found(slots, slots, []),
         '  %thread = call ptr @pfd.save()',
         '  %bad = call i64 @batch(i64 %states, ptr %table)',
         '  call void @pfd.restore(ptr %thread)',
@@ -88,13 +88,15 @@ def batch_entry_ir(program: Program, dtype: str, size: int) -> str:
         'done:',
         *_return('object'),
     ]
-    plan = [
-        'define ptr @plan(ptr %self, ptr %args, i64 %count) {',
+    job = [
         f'  %job.at = getelementptr ptr, ptr %args, i64 {slots}',
         '  %job = load ptr, ptr %job.at',
         *load('data', '%job', DATA, 'ptr'),
         f'  %table = getelementptr i64, ptr %data, i64 {EXTRA}',
-        *_found(slots, slots + 1),
+    ]
+    plan = [
+        'define ptr @plan(ptr %self, ptr %args, i64 %count) {',
+        *_found(slots, slots + 1, job),
         f'  %states.to = getelementptr i64, ptr %data, i64 {COUNT}',
         '  store i64 %states, ptr %states.to',
         *_return('object'),
@@ -127,12 +129,17 @@ def _table(sizes: list[int], form: Format) -> list[str]:
     return [*lines, '  ret i64 %states0', 'refuse:', '  ret i64 0', '}']
 
 
-def _found(slots: int, arguments: int) -> list[str]:
-    """Return the lines that go on with %states and the last array, if all is as it must be."""
+def _found(slots: int, arguments: int, setup: list[str]) -> list[str]:
+    """
+    Return the lines that go on with %states and the last array, if all is as it must be.
+
+    `setup` runs once the number of arguments is known to be right.
+    """
     return [
         f'  %enough = icmp eq i64 %count, {arguments}',
         '  br i1 %enough, label %check, label %refuse',
         'check:',
+        *setup,
         '  %states = call i64 @table(ptr %args, ptr %table)',
         f'  %object.at = getelementptr ptr, ptr %args, i64 {slots - 1}',
         '  %object = load ptr, ptr %object.at',

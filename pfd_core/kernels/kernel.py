@@ -173,9 +173,11 @@ class Kernel:
             given = (q, qd, tau) if wrench is None else (q, qd, tau, wrench)
             if isinstance(q, np.ndarray) and q.ndim == 2:
                 result = self._quick_batch(given, out, threads)
-            else:
+            elif threads == 1:
                 target = np.empty(self._size, self.dtype) if out is None else out
                 result = self._fast(*given, target)
+            else:
+                result = None
             if result is not None:
                 return result  # type: ignore[no-any-return]
         return self._checked(q, qd, tau, wrench, out, brakes, threads)

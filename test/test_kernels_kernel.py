@@ -176,6 +176,26 @@ def test_bound_arrays_are_read_and_written_in_place() -> None:
         kernel.bind([0.0] * 6, qd, tau, out)
 
 
+@pytest.mark.parametrize('shape', [(6,), (10, 6)])
+@pytest.mark.parametrize('wrong', [np.nan, np.inf])
+def test_what_is_bound_is_refused_once_it_is_not_finite(
+    shape: tuple[int, ...], wrong: float
+) -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
+    q, qd, tau = (x[0].copy() if shape == (6,) else x for x in states(6, 10))
+    out = np.empty(shape)
+    step = kernel.bind(q, qd, tau, out)
+    before, tau[..., 3] = out.copy(), wrong
+    for _ in range(3):
+        with pytest.raises(ValueError, match=r'tau must be finite'):
+            step()
+    if shape == (6,):
+        np.testing.assert_array_equal(out, before)
+    tau[..., 3] = 0.5
+    assert step() is out
+    np.testing.assert_array_equal(out, kernel(q, qd, tau))
+
+
 def test_a_bound_function_outlives_its_kernel() -> None:
     q, qd, tau = (x[0] for x in states(2, 1))
     out = np.empty(2)

@@ -8,7 +8,8 @@ This module writes, in LLVM IR, a function that Python calls directly (METH_FAST
 C API) and that looks at the arrays itself, through the fields that NumPy's C API publishes.
 It evaluates when every argument is an aligned array of the right type and shape (for one state,
 contiguous) and every input is finite. In any other case it returns None, and the caller takes the
-way that converts what can be converted and says what is wrong with the rest.
+way that converts what can be converted and says what is wrong with the rest. A function that is
+bound to its arrays has no such way, and raises ValueError.
 
 A batch runs without the interpreter's lock. One state keeps it: giving it away and back costs a
 good part of an evaluation.
@@ -34,12 +35,43 @@ from pfd_core.machine.program import Program
 
 
 def entry_ir(program: Program, dtype: str, size: int) -> str:
-    """Return `@entry(self, args, count)`, the Python function around @evaluate."""
+    """
+    Return the Python functions around @evaluate.
+
+    `@entry` returns None where something is not as it must be, `@bound` raises ValueError.
+    """
     form = Format(dtype, 1)
-    sizes = [*(program.inputs[name] for name in arguments(program)), size]
-    lines = [
-        *_symbols(form),
+    names = arguments(program)
+    text = (
+        f'what is bound cannot be evaluated: {", ".join(names)} must be finite, and all arrays '
+        'as they were when they were bound'
+    )
+    entry = [
         'define ptr @entry(ptr %self, ptr %args, i64 %count) {',
+        *_called('one'),
+        *_return('object'),
+    ]
+    bound = [
+        f'@text = private constant [{len(text) + 1} x i8] c"{text}\\00"',
+        'declare void @pfd.error(ptr, ptr)',
+        '@pfd.ValueError = external global i8',
+        'define ptr @bound(ptr %self, ptr %args, i64 %count) {',
+        *_called('one'),
+        '  call void @pfd.incref(ptr %object)',
+        '  ret ptr %object',
+        'refuse:',
+        '  call void @pfd.error(ptr @pfd.ValueError, ptr @text)',
+        '  ret ptr null',
+        '}',
+    ]
+    sizes = [*(program.inputs[name] for name in names), size]
+    return '\n'.join([*_symbols(form), *_one(sizes, form), *entry, *bound])
+
+
+def _one(sizes: list[int], form: Format) -> list[str]:
+    """Return `ptr @one(args, count)`: it evaluates and returns the last array, or null."""
+    lines = [
+        'define internal ptr @one(ptr %args, i64 %count) {',
         f'  %enough = icmp eq i64 %count, {len(sizes)}',
         '  br i1 %enough, label %check, label %refuse',
         'check:',
@@ -55,15 +87,29 @@ def entry_ir(program: Program, dtype: str, size: int) -> str:
                 f'  {values[-1]} = load {form.type}, ptr %p{k}.{i}',
             ]
     checks, odd = not_finite(values, form)
-    lines += checks
     data = ', '.join(f'ptr %data{k}' for k in range(len(sizes)))
-    lines += [
+    return [
+        *lines,
+        *checks,
         f'  %finite = fcmp ord {form.type} {odd}, {odd}',
         '  br i1 %finite, label %go, label %refuse',
         'go:',
         f'  call void @evaluate({data})',
+        f'  ret ptr %object{len(sizes) - 1}',
+        'refuse:',
+        '  ret ptr null',
+        '}',
     ]
-    return '\n'.join([*lines, *_return(f'object{len(sizes) - 1}')])
+
+
+def _called(name: str) -> list[str]:
+    """Return the lines that go on with %object if a function returns one."""
+    return [
+        f'  %object = call ptr @{name}(ptr %args, i64 %count)',
+        '  %refused = icmp eq ptr %object, null',
+        '  br i1 %refused, label %refuse, label %done',
+        'done:',
+    ]
 
 
 def batch_entry_ir(program: Program, dtype: str, size: int) -> str:

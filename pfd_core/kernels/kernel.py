@@ -249,7 +249,8 @@ class Kernel:
         Return a function without arguments that evaluates in place on these arrays.
 
         It reads q, qd, tau (and wrench) and writes out, (n,) or (B, n), each time it is
-        called; the arrays are checked here, once, and must be ones that need no conversion.
+        called; the arrays are checked here, once, and must be ones that need no conversion. It
+        raises ValueError where a number in them is not finite.
         """
         given = {'q': q, 'qd': qd, self._names[2]: tau, 'out': out}
         extra = () if wrench is None else (wrench,)
@@ -262,7 +263,7 @@ class Kernel:
                 )
         self(q, qd, tau, wrench, out, threads=threads)
         if self._fast(q, qd, tau, *extra, out) is not None:
-            return partial(self._fast, q, qd, tau, *extra, out)
+            return partial(python_function(self._single, 'bound'), q, qd, tau, *extra, out)
         return partial(self, q, qd, tau, wrench, out, threads=threads)
 
     def _checked(

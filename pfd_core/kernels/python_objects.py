@@ -54,11 +54,13 @@ def register_symbols() -> None:
         ('unlock', 'PyThread_release_lock'),
         ('integer', 'PyLong_FromLongLong'),
         ('value', 'PyLong_AsLongLong'),
+        ('error', 'PyErr_SetString'),
     ):
         address = ctypes.cast(getattr(ctypes.pythonapi, function), ctypes.c_void_p).value
         assert address is not None
         add_symbol(f'pfd.{name}', address)
     add_symbol('pfd.none', id(None))
+    add_symbol('pfd.ValueError', id(ValueError))
     add_symbol('pfd.ndarray', id(np.ndarray))
     for dtype in ('float64', 'float32'):
         add_symbol(f'pfd.{dtype}', id(np.dtype(dtype)))

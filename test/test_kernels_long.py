@@ -11,7 +11,8 @@ from tolerances import ACCELERATION
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
-from pfd_core.kernels import auto, parts
+from pfd_core.kernels import auto, chunks, parts
+from pfd_core.kernels.engine import simd_width
 from pfd_core.kernels.llvm import Format
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import Recorder
@@ -71,6 +72,35 @@ def test_a_result_may_be_an_input_a_constant_or_an_early_value() -> None:
     final = text[text.index('@part5(') : text.index('define internal void @body')]
     assert final.count('ptr %out, i64') == 4
     assert text.count('ptr %out, i64') == 4
+
+
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+def test_chunks_of_columns_give_the_bits_of_single_states(
+    dtype: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('PFD_CACHE', '')
+    monkeypatch.setattr(chunks, 'FEW', 0)
+    rng = np.random.default_rng(62)
+    scene = pfd.Scene(external_wrench=True, brakes=True)
+    kernel = pfd.compile_kernel(random_chain(rng, 3), scene=scene, dtype=dtype)
+    size = 3 * chunks.CHUNK * simd_width(dtype) + 5
+    q, qd, tau = (rng.normal(size=(size, 3)).astype(dtype) for _ in range(3))
+    wrench, brakes = rng.normal(size=(size, 6)).astype(dtype), rng.random((size, 3)) < 0.3
+    alone = np.array(
+        [kernel(q[k], qd[k], tau[k], wrench[k], brakes=brakes[k]) for k in range(size)]
+    )
+    for count in (1, chunks.CHUNK * simd_width(dtype), size - 6, size):
+        some = [np.asfortranarray(x[:count]) for x in (q, qd, tau, wrench)]
+        for given in (some, [some[0], *(np.ascontiguousarray(x) for x in some[1:])]):
+            out = np.full((count + 2, 3), np.nan, dtype, order='F')
+            kernel(*given, brakes=brakes[:count], out=out[1:-1])
+            np.testing.assert_array_equal(out[1:-1], alone[:count])
+            assert np.isnan(out[[0, -1]]).all()
+    some[1][count // 2, 1] = np.inf
+    with pytest.raises(
+        ValueError, match=rf'qd must be finite, got inf at index \[{count // 2}, 1'
+    ):
+        kernel(*some, brakes=brakes)
 
 
 @pytest.mark.parametrize('n', [30, 60])

@@ -21,18 +21,18 @@ from pfd_core.machine.program import Program
 LANE = 16
 
 
-def batch(program: Program, form: Format, size: int) -> str:
+def batch(program: Program, form: Format, size: int, called: str = 'batch') -> str:
     """
     Return `i64 @batch(count, table)`, which runs @evaluate on `count` states.
 
     `form` is strided. `table` holds, for each input and then for the output (`size` elements), a
     pointer, the stride between states and the stride between elements, in bytes. The result is
-    0, or 1 if some input number is not finite.
+    0, or 1 if some input number is not finite. `called` is the name that the function gets.
     """
     names = arguments(program)
     sizes = {name: program.inputs[name] for name in names} | {'out': size}
     T, width = form.type, form.width
-    lines = ['define i64 @batch(i64 %count, ptr %table) {', 'entry:']
+    lines = [f'define i64 @{called}(i64 %count, ptr %table) {{', 'entry:']
     for slot, (name, elements) in enumerate(sizes.items()):
         lines += _argument(slot, name, elements, form)
     lines += [

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.kernels import llvm
 from pfd_core.kernels.auto import choose
-from pfd_core.kernels.batch import batch
+from pfd_core.kernels.chunks import batch_of
 from pfd_core.kernels.conversion import (
     address,
     as_numbers,
@@ -130,7 +130,7 @@ class Kernel:
         if width == 1:
             parts.append(entry_ir(program, self.dtype, size))
         else:
-            parts += [batch(program, form, size), shared_batch(program, form.width)]
+            parts += [batch_of(program, form, size), shared_batch(program, form.width)]
             parts.append(batch_entry_ir(program, self.dtype, size))
         return llvm.module(parts, self.dtype, [width], self._angles)
 

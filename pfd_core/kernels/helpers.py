@@ -16,7 +16,7 @@ caller takes it back where he was faster alone.
 from __future__ import annotations
 
 import atexit
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import ctypes
 from functools import cache
 import os
@@ -251,18 +251,19 @@ class Helper(threading.Thread):
         self._kept.append(what)
 
     @classmethod
-    def some(cls, wanted: int, at_most: int) -> Iterator[Helper]:
-        """Yield idle helpers, no more than wanted, and new ones up to `at_most` in all."""
-        for _ in range(wanted):
+    def some(cls, wanted: int, at_most: int) -> list[Helper]:
+        """Return idle helpers, no more than wanted, and new ones up to `at_most` in all."""
+        found: list[Helper] = []
+        while len(found) < wanted:
             try:
-                yield cls.idle.pop()
+                found.append(cls.idle.pop())
             except IndexError:
                 with cls.starting:
                     if len(cls.all) >= at_most:
-                        return
-                    helper = cls()
-                    cls.all.append(helper)
-                yield helper
+                        break
+                    found.append(cls())
+                    cls.all.append(found[-1])
+        return found
 
     @classmethod
     def stop(cls) -> None:

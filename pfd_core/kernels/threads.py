@@ -18,6 +18,7 @@ one that called begins at once, and looks itself whether the others have finishe
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 import os
 import time
 from typing import Any
@@ -187,8 +188,9 @@ def count_of(threads: int) -> int:
     return threads or cores()
 
 
+@cache
 def cores() -> int:
-    """Return the number of cores that this process may use."""
+    """Return the number of cores that this process may use when it is first asked."""
     if hasattr(os, 'sched_getaffinity'):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -242,7 +244,7 @@ def run(code: Native, name: str, job: NDArray[np.int64], block: int, threads: in
 
     """
     blocks = -(-int(job[COUNT]) // block)
-    helpers = list(Helper.some(min(threads, blocks) - 1, cores() - 1)) if threads > 1 else []
+    helpers = Helper.some(min(threads, blocks) - 1, cores() - 1)
     job[FUNCTION], job[BLOCK], job[PARTS] = code.address(name), block, len(helpers) + 1
     contacts: list[Any] = []
     for helper in helpers:

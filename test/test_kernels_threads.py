@@ -149,6 +149,19 @@ def test_no_more_helpers_are_started_than_there_are_other_cores(
     assert len(helpers.Helper.all) == started
 
 
+def test_helpers_end_when_they_are_told_whether_they_look_or_sleep() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
+    arrays = states(6, 20_000)
+    for pause in (0.0, 20 * helpers.AWAKE, 0.0):
+        kernel(*arrays, threads=2)
+        working = list(helpers.Helper.all)
+        assert working
+        time.sleep(pause)
+        helpers.Helper.stop()
+        assert not any(helper.is_alive() for helper in working)
+        assert not helpers.Helper.all
+
+
 SCRIPT = """
 import numpy as np
 import pfd_core as pfd

@@ -107,8 +107,12 @@ rise:
   br i1 %go, label %work, label %done
 work:
   %seen = call i64 @look(ptr %mailbox, i64 %looks)
-  ; What is posted from here on is seen below, or finds the helper asleep, or both.
+  ; What is posted or told from here on is seen below, or finds the helper asleep, or both.
   %was = atomicrmw xchg ptr %awake.at, i64 0 seq_cst
+  %told = load atomic i64, ptr %end.at seq_cst, align 8
+  %over = icmp ne i64 %told, 0
+  br i1 %over, label %done, label %check
+check:
   %after = load atomic i64, ptr %mailbox seq_cst, align 8
   %again = icmp ne i64 %after, 0
   br i1 %again, label %alone, label %sleep

@@ -127,7 +127,7 @@ def test_helpers_take_a_part_of_the_work() -> None:
     arrays = states(6, 50_000)
 
     def done() -> int:
-        return sum(int(helper.contact[0][helpers.LEFT]) for helper in helpers.Helper.all)
+        return sum(int(helper.mailbox[helpers.LEFT]) for helper in helpers.Helper.all)
 
     kernel(*arrays, threads=2)
     before, end = done(), time.monotonic() + 20

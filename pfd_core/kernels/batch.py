@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from pfd_core.kernels.llvm import Format, arguments, not_finite
+from pfd_core.kernels.llvm import Format, arguments, not_finite, splat
 from pfd_core.machine.program import Program
 
 # Bytes within which processors move numbers about most easily.
@@ -158,12 +158,8 @@ def _spread(form: Format, inward: bool) -> Iterator[str]:
     places, on = f'<{W} x ptr> align {form.bytes} %places', f'<{W} x i1> splat (i1 true)'
     suffix = f'{form.suffix}.v{W}p0'
     yield 'spread:'
-    yield f'  %one = insertelement <{W} x i64> poison, i64 %row, i64 0'
-    yield (
-        f'  %rows = shufflevector <{W} x i64> %one, <{W} x i64> poison, '
-        f'<{W} x i32> zeroinitializer'
-    )
-    yield f'  %offsets = mul <{W} x i64> %rows, <{steps}>'
+    yield splat('row', W)
+    yield f'  %offsets = mul <{W} x i64> %row.all, <{steps}>'
     yield '  br label %elements'
     yield 'elements:'
     yield '  %k = phi i64 [ 0, %spread ], [ %k.next, %elements ]'

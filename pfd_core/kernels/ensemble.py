@@ -31,7 +31,7 @@ from pfd_core.kernels.law import (
     joint_by_joint,
     whole_state,
 )
-from pfd_core.kernels.llvm import Format, arguments, module
+from pfd_core.kernels.llvm import Format, arguments, module, splat
 from pfd_core.kernels.parts import body
 from pfd_core.kernels.recipe import forward, plant_of, turned_joints
 from pfd_core.kernels.steps import (
@@ -232,11 +232,7 @@ def _count(n: int, form: Format) -> Iterator[str]:
     """Yield the lines that count a step for those arms that have been finite up to its end."""
     W = form.width
     yield from finite(n, form)
-    yield f'  %t.one = insertelement <{W} x i64> poison, i64 %t, i64 0'
-    yield (
-        f'  %t.all = shufflevector <{W} x i64> %t.one, <{W} x i64> poison, '
-        f'<{W} x i32> zeroinitializer'
-    )
+    yield splat('t', W)
     yield f'  %in.order = icmp eq <{W} x i64> %good, %t.all'
     yield f'  %counts = and {form.flag} %in.order, %finite'
     yield f'  %more = zext {form.flag} %counts to <{W} x i64>'
@@ -245,7 +241,7 @@ def _count(n: int, form: Format) -> Iterator[str]:
 
 def ensemble(form: Format) -> str:
     """
-    Return `i64 @ensemble(job, wait)`, shared work on arms; the job goes on with EXTRA.
+    Return `void @ensemble(job, wait)`, shared work on arms; the job goes on with EXTRA.
 
     The work is described in pfd_core.kernels.threads.shared; it runs @arms.
     """

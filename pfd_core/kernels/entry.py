@@ -46,23 +46,20 @@ def entry_ir(program: Program, dtype: str, size: int) -> str:
         f'what is bound cannot be evaluated: {", ".join(names)} must be finite, and all arrays '
         'as they were when they were bound'
     )
-    entry = [
-        'define ptr @entry(ptr %self, ptr %args, i64 %count) {',
-        *_called('one'),
-        *_return('object'),
+    called = [
+        '  %object = call ptr @one(ptr %args, i64 %count)',
+        '  %refused = icmp eq ptr %object, null',
+        '  br i1 %refused, label %refuse, label %done',
+        'done:',
     ]
+    entry = ['define ptr @entry(ptr %self, ptr %args, i64 %count) {', *called, *_return()]
     bound = [
         f'@text = private constant [{len(text) + 1} x i8] c"{text}\\00"',
         'declare void @pfd.error(ptr, ptr)',
         '@pfd.ValueError = external global i8',
         'define ptr @bound(ptr %self, ptr %args, i64 %count) {',
-        *_called('one'),
-        '  call void @pfd.incref(ptr %object)',
-        '  ret ptr %object',
-        'refuse:',
-        '  call void @pfd.error(ptr @pfd.ValueError, ptr @text)',
-        '  ret ptr null',
-        '}',
+        *called,
+        *_return('  call void @pfd.error(ptr @pfd.ValueError, ptr @text)', 'null'),
     ]
     sizes = [*(program.inputs[name] for name in names), size]
     return '\n'.join([*_symbols(form), *_one(sizes, form), *entry, *bound])
@@ -102,16 +99,6 @@ def _one(sizes: list[int], form: Format) -> list[str]:
     ]
 
 
-def _called(name: str) -> list[str]:
-    """Return the lines that go on with %object if a function returns one."""
-    return [
-        f'  %object = call ptr @{name}(ptr %args, i64 %count)',
-        '  %refused = icmp eq ptr %object, null',
-        '  br i1 %refused, label %refuse, label %done',
-        'done:',
-    ]
-
-
 def batch_entry_ir(program: Program, dtype: str, size: int) -> str:
     """
     Return the Python functions around batches.
@@ -132,7 +119,7 @@ def batch_entry_ir(program: Program, dtype: str, size: int) -> str:
         '  %failed = icmp ne i64 %bad, 0',
         '  br i1 %failed, label %refuse, label %done',
         'done:',
-        *_return('object'),
+        *_return(),
     ]
     job = [
         f'  %job.at = getelementptr ptr, ptr %args, i64 {slots}',
@@ -145,7 +132,7 @@ def batch_entry_ir(program: Program, dtype: str, size: int) -> str:
         *_found(slots, slots + 1, job),
         f'  %states.to = getelementptr i64, ptr %data, i64 {COUNT}',
         '  store i64 %states, ptr %states.to',
-        *_return('object'),
+        *_return(),
     ]
     return '\n'.join([*_symbols(form), *_table(sizes, form), *entry, *plan])
 
@@ -254,13 +241,15 @@ def _dense(k: int, elements: int, form: Format) -> list[str]:
     ]
 
 
-def _return(target: str) -> list[str]:
-    """Return the ways out: an object, or None."""
+def _return(
+    otherwise: str = '  call void @pfd.incref(ptr @pfd.none)', result: str = '@pfd.none'
+) -> list[str]:
+    """Return the ways out: %object, or something else, by default None."""
     return [
-        f'  call void @pfd.incref(ptr %{target})',
-        f'  ret ptr %{target}',
+        '  call void @pfd.incref(ptr %object)',
+        '  ret ptr %object',
         'refuse:',
-        '  call void @pfd.incref(ptr @pfd.none)',
-        '  ret ptr @pfd.none',
+        otherwise,
+        f'  ret ptr {result}',
         '}',
     ]

@@ -9,14 +9,13 @@ calls a kernel it is there at once. Work lies in a mailbox, from which the helpe
 caller takes it back where he was faster alone.
 
     mailbox    64-bit integers: the address of a job or 0; whether somebody looks; jobs that were
-               left again; jobs that were taken; whether to end
-    job        64-bit integers, of which number FUNCTION is the address of `i64 f(job, wait)`
+               left again; jobs that were taken; whether to end; the address of its lock
+    job        64-bit integers, of which number FUNCTION is the address of `void f(job, wait)`
 """
 
 from __future__ import annotations
 
 import atexit
-from collections.abc import Callable
 import ctypes
 from functools import cache
 import os
@@ -37,7 +36,7 @@ PROBE = 1000
 # Seconds that a process waits for its helpers when it ends.
 PATIENCE = 1.0
 FUNCTION = 8
-LEFT, TAKEN, END, MAILBOX = 2, 3, 4, 5
+JOB, LOOKING, LEFT, TAKEN, END, LOCK, MAILBOX = range(7)
 # How a processor is told that it waits; it computes nothing.
 PAUSES = {
     'x86_64': ('declare void @llvm.x86.sse2.pause()', 'call void @llvm.x86.sse2.pause()'),
@@ -49,11 +48,11 @@ def helpers_ir(architecture: str) -> str:
     """
     Return what helpers and callers do to mailboxes.
 
-    `i64 @look(mailbox, looks)` works on what it finds until it has looked so often in vain.
-    `i64 @serve(mailbox, looks, lock)` looks and sleeps until it is told to end.
-    `void @post(mailbox, job, lock)` hands over a job, and wakes the helper if it sleeps.
-    `@share(job, mailbox, lock, ...)`, for Python, runs a job with some helpers and returns whether
-    they were still at it when it returned.
+    `void @look(mailbox, looks)` works on what it finds until it has looked so often in vain.
+    `void @serve(mailbox, looks)` looks and sleeps until it is told to end.
+    `void @post(mailbox, job)` hands over a job, and wakes the helper if it sleeps.
+    `void @withdraw(mailbox, job)` takes it back, or counts it as taken.
+    `@share(job, mailbox, ...)`, for Python, runs a job with some helpers.
     """
     declaration, pause = PAUSES.get(architecture, ('', ''))
     return f"""{declaration}
@@ -61,10 +60,10 @@ declare i32 @pfd.lock(ptr, i32)
 declare void @pfd.unlock(ptr)
 declare ptr @pfd.save()
 declare void @pfd.restore(ptr)
-declare ptr @pfd.integer(i64)
-declare i64 @pfd.value(ptr)
+declare void @pfd.incref(ptr)
+@pfd.none = external global i8
 
-define i64 @look(ptr %mailbox, i64 %patience) {{
+define void @look(ptr %mailbox, i64 %patience) {{
 entry:
   %left.at = getelementptr i64, ptr %mailbox, i64 {LEFT}
   br label %look
@@ -81,7 +80,7 @@ work:
   %job = inttoptr i64 %taken to ptr
   %function.at = getelementptr i64, ptr %job, i64 {FUNCTION}
   %function = load ptr, ptr %function.at
-  %late = call i64 %function(ptr %job, i64 0)
+  call void %function(ptr %job, i64 0)
   %left = atomicrmw add ptr %left.at, i64 1 release
   br label %look
 idle:
@@ -90,25 +89,23 @@ idle:
   %patient = icmp ult i64 %looks.next, %patience
   br i1 %patient, label %look, label %done
 done:
-  ret i64 0
+  ret void
 }}
 
-define i64 @serve(ptr %mailbox, i64 %looks, ptr %lock) {{
+define void @serve(ptr %mailbox, i64 %looks) {{
 entry:
-  %awake.at = getelementptr i64, ptr %mailbox, i64 1
+  %looking.at = getelementptr i64, ptr %mailbox, i64 {LOOKING}
   %end.at = getelementptr i64, ptr %mailbox, i64 {END}
+  %lock.at = getelementptr i64, ptr %mailbox, i64 {LOCK}
+  %lock = load ptr, ptr %lock.at
   br label %sleep
 sleep:
   %woken = call i32 @pfd.lock(ptr %lock, i32 1)
   br label %rise
 rise:
-  %end = load atomic i64, ptr %end.at acquire, align 8
-  %go = icmp eq i64 %end, 0
-  br i1 %go, label %work, label %done
-work:
-  %seen = call i64 @look(ptr %mailbox, i64 %looks)
+  call void @look(ptr %mailbox, i64 %looks)
   ; What is posted or told from here on is seen below, or finds the helper asleep, or both.
-  %was = atomicrmw xchg ptr %awake.at, i64 0 seq_cst
+  %was = atomicrmw xchg ptr %looking.at, i64 0 seq_cst
   %told = load atomic i64, ptr %end.at seq_cst, align 8
   %over = icmp ne i64 %told, 0
   br i1 %over, label %done, label %check
@@ -117,24 +114,37 @@ check:
   %again = icmp ne i64 %after, 0
   br i1 %again, label %alone, label %sleep
 alone:
-  %pair = cmpxchg ptr %awake.at, i64 0, i64 1 seq_cst seq_cst
+  %pair = cmpxchg ptr %looking.at, i64 0, i64 1 seq_cst seq_cst
   %mine = extractvalue {{ i64, i1 }} %pair, 1
   br i1 %mine, label %rise, label %sleep
 done:
-  ret i64 0
+  ret void
 }}
 
-define void @post(ptr %mailbox, i64 %job, ptr %lock) {{
+define void @post(ptr %mailbox, i64 %job) {{
 entry:
   %before = atomicrmw xchg ptr %mailbox, i64 %job seq_cst
-  %awake.at = getelementptr i64, ptr %mailbox, i64 1
-  %pair = cmpxchg ptr %awake.at, i64 0, i64 1 seq_cst seq_cst
+  %looking.at = getelementptr i64, ptr %mailbox, i64 {LOOKING}
+  %pair = cmpxchg ptr %looking.at, i64 0, i64 1 seq_cst seq_cst
   %asleep = extractvalue {{ i64, i1 }} %pair, 1
   br i1 %asleep, label %wake, label %done
 wake:
+  %lock.at = getelementptr i64, ptr %mailbox, i64 {LOCK}
+  %lock = load ptr, ptr %lock.at
   call void @pfd.unlock(ptr %lock)
   br label %done
 done:
+  ret void
+}}
+
+define void @withdraw(ptr %mailbox, i64 %job) {{
+  %pair = cmpxchg ptr %mailbox, i64 %job, i64 0 seq_cst seq_cst
+  %there = extractvalue {{ i64, i1 }} %pair, 1
+  %taken.at = getelementptr i64, ptr %mailbox, i64 {TAKEN}
+  %taken = load i64, ptr %taken.at
+  %more = add i64 %taken, 1
+  %now = select i1 %there, i64 %taken, i64 %more
+  store i64 %now, ptr %taken.at
   ret void
 }}
 
@@ -143,51 +153,36 @@ entry:
   %object = load ptr, ptr %args
 {chr(10).join(load('job', '%object', DATA, 'ptr'))}
   %number = ptrtoint ptr %job to i64
-  br label %hand
-hand:
-  %i = phi i64 [ 1, %entry ], [ %i.next, %handing ]
-  %handed = icmp uge i64 %i, %count
-  br i1 %handed, label %work, label %handing
-handing:
-  %i.box = getelementptr ptr, ptr %args, i64 %i
-  %i.object = load ptr, ptr %i.box
-{chr(10).join(load('i.mailbox', '%i.object', DATA, 'ptr'))}
-  %i.lock = getelementptr ptr, ptr %i.box, i64 1
-  %i.integer = load ptr, ptr %i.lock
-  %i.value = call i64 @pfd.value(ptr %i.integer)
-  %lock = inttoptr i64 %i.value to ptr
-  call void @post(ptr %i.mailbox, i64 %number, ptr %lock)
-  %i.next = add i64 %i, 2
-  br label %hand
+  br label %post
+{_each('post', 'entry', 'work')}
 work:
   %function.at = getelementptr i64, ptr %job, i64 {FUNCTION}
   %function = load ptr, ptr %function.at
   %thread = call ptr @pfd.save()
-  %late = call i64 %function(ptr %job, i64 1)
+  call void %function(ptr %job, i64 1)
   call void @pfd.restore(ptr %thread)
-  br label %back
-back:
-  %k = phi i64 [ 1, %work ], [ %k.next, %taking ]
-  %all = icmp uge i64 %k, %count
-  br i1 %all, label %done, label %taking
-taking:
-  %k.box = getelementptr ptr, ptr %args, i64 %k
-  %k.object = load ptr, ptr %k.box
-{chr(10).join(load('k.mailbox', '%k.object', DATA, 'ptr'))}
-  %pair = cmpxchg ptr %k.mailbox, i64 %number, i64 0 seq_cst seq_cst
-  %there = extractvalue {{ i64, i1 }} %pair, 1
-  %gone = xor i1 %there, true
-  %one = zext i1 %gone to i64
-  %taken.at = getelementptr i64, ptr %k.mailbox, i64 {TAKEN}
-  %taken = load i64, ptr %taken.at
-  %taken.next = add i64 %taken, %one
-  store i64 %taken.next, ptr %taken.at
-  %k.next = add i64 %k, 2
-  br label %back
+  br label %withdraw
+{_each('withdraw', 'work', 'done')}
 done:
-  %result = call ptr @pfd.integer(i64 %late)
-  ret ptr %result
+  call void @pfd.incref(ptr @pfd.none)
+  ret ptr @pfd.none
 }}"""
+
+
+def _each(name: str, before: str, after: str) -> str:
+    """Return the blocks that call a function for the mailbox of each helper, and the job."""
+    at = f'%{name}'
+    return f"""{name}:
+  {at}.k = phi i64 [ 1, %{before} ], [ {at}.next, {at}.one ]
+  {at}.over = icmp uge i64 {at}.k, %count
+  br i1 {at}.over, label %{after}, label {at}.one
+{name}.one:
+  {at}.at = getelementptr ptr, ptr %args, i64 {at}.k
+  {at}.object = load ptr, ptr {at}.at
+{chr(10).join(load(f'{name}.mailbox', f'{at}.object', DATA, 'ptr'))}
+  call void @{name}(ptr {at}.mailbox, i64 %number)
+  {at}.next = add i64 {at}.k, 1
+  br label {at}"""
 
 
 class _Mail:
@@ -195,12 +190,11 @@ class _Mail:
 
     def __init__(self) -> None:
         native = compile_ir(helpers_ir(host().triple.split('-')[0]))
-        integer, pointer = ctypes.c_int64, ctypes.c_void_p
-        plain = ctypes.CFUNCTYPE
-        self.serve = plain(integer, pointer, integer, pointer)(native.address('serve'))
-        self.post = plain(None, pointer, integer, pointer)(native.address('post'))
-        self.share: Callable[..., int] = python_function(native, 'share')
-        look = plain(integer, pointer, integer)(native.address('look'))
+        with_number = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64)
+        self.serve, self.post, look = (
+            with_number(native.address(name)) for name in ('serve', 'post', 'look')
+        )
+        self.share = python_function(native, 'share')
         empty = np.zeros(MAILBOX, np.int64)
         start = time.perf_counter()
         look(address(empty), PROBE)
@@ -219,8 +213,8 @@ class Helper(threading.Thread):
 
     Attributes
     ----------
-    contact : tuple
-        What `share` needs of it: its mailbox and the address of its lock.
+    mailbox : numpy.ndarray
+        What `share` needs of it.
 
     """
 
@@ -238,19 +232,18 @@ class Helper(threading.Thread):
         new.restype, take.argtypes = ctypes.c_void_p, [ctypes.c_void_p, ctypes.c_int]
         lock = new()
         take(lock, 1)
-        self._box = np.zeros(MAILBOX, np.int64)
-        self._given = address(self._box), mail().looks, lock
+        self.mailbox = np.zeros(MAILBOX, np.int64)
+        self.mailbox[LOCK] = lock
         self._kept: list[Any] = []
-        self.contact = self._box, lock
         self.start()
 
     def run(self) -> None:
         """Serve, without Python, until told to end."""
-        mail().serve(*self._given)
+        mail().serve(address(self.mailbox), mail().looks)
 
     def keep(self, *what: Any) -> None:
         """Keep what must live for as long as a job is looked at, and forget what is over."""
-        if self._box[LEFT] == self._box[TAKEN]:
+        if self.mailbox[LEFT] == self.mailbox[TAKEN]:
             self._kept.clear()
         self._kept.append(what)
 
@@ -273,8 +266,8 @@ class Helper(threading.Thread):
     def stop(cls) -> None:
         """End all: the code that they run is about to go."""
         for helper in cls.all:
-            helper._box[END] = 1
-            mail().post(helper._given[0], 0, helper._given[2])
+            helper.mailbox[END] = 1
+            mail().post(address(helper.mailbox), 0)
         for helper in cls.all:
             helper.join(PATIENCE)
         cls.forget()

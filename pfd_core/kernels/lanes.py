@@ -65,48 +65,31 @@ class LaneKernel:
 
     Attributes
     ----------
-    robot, scene : Robot, Scene
+    robot : Robot
         What it computes for.
-    method : str
-        The text it was recorded from.
     dtype : str
         Number format of its arrays, 'float64' or 'float32'.
     recipe : Recipe
-        Its program and how it is compiled.
-    fast : callable
-        fast(q, qd, tau, out) evaluates, or returns None where an array has to be converted.
+        Its program, and how many operations were recorded and are compiled.
+    bound : callable
+        bound(q, qd, tau, ..., out) evaluates on contiguous arrays and returns the last.
 
     """
 
     robot: Robot
-    scene: Scene
-    method: str
     dtype: str
     recipe: Recipe
-    fast: Callable[..., Any]
+    bound: Callable[..., Any]
 
-    @property
-    def program(self) -> Program:
-        """The lowered program: run by the emulator it gives the same bits."""
-        return self.recipe.program
-
-    @property
-    def operations(self) -> dict[str, dict[str, int]]:
-        """Operations by name, as they are 'recorded' and as they are 'compiled'."""
-        return self.recipe.operations
-
-    def __call__(
-        self,
-        q: ArrayLike,
-        qd: ArrayLike,
-        tau: ArrayLike,
-        wrench: ArrayLike | None = None,
-        out: NDArray[Any] | None = None,
-        *,
-        brakes: ArrayLike | None = None,
-    ) -> NDArray[Any]:
+    def __call__(self, *given: ArrayLike) -> NDArray[Any]:
         """
-        Return qdd, (n,), of one state; arguments as for Kernel.
+        Return qdd, (n,), of one state.
+
+        Parameters
+        ----------
+        *given : array_like
+            What `recipe.inputs` names: q, qd, tau, (n,), and where the scene has them wrench,
+            (6,), and free, (n,), zero for a joint that is held.
 
         Raises
         ------
@@ -114,37 +97,25 @@ class LaneKernel:
             If an argument has the wrong shape or type, is missing, or is not finite.
 
         """
-        free = None if brakes is None else 1.0 - np.asarray(brakes, dtype=bool)
-        every = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': free}
-        given = {name: value for name, value in every.items() if value is not None}
-        if given.keys() != self.recipe.inputs.keys():
+        if len(given) != len(self.recipe.inputs):
             raise ValueError(
-                f'the kernel takes {", ".join(self.recipe.inputs)}, got {", ".join(given)}'
+                f'the kernel takes {", ".join(self.recipe.inputs)}, got {len(given)} arguments'
             )
         arrays = {
-            name: np.ascontiguousarray(as_numbers(name, given[name], size, self.dtype))
-            for name, size in self.recipe.inputs.items()
+            name: np.ascontiguousarray(as_numbers(name, value, size, self.dtype))
+            for (name, size), value in zip(self.recipe.inputs.items(), given, strict=True)
         }
         for name, array in arrays.items():
             if array.ndim != 1:
                 raise ValueError(f'{name} must be of one state, got shape {array.shape}')
         raise_not_finite(arrays)
-        result = self.fast(*arrays.values(), np.empty(self.recipe.elements, self.dtype))
-        if out is None:
-            return result  # type: ignore[no-any-return]
-        out[...] = result
-        return out
+        out = np.empty(self.recipe.elements, self.dtype)
+        return self.bound(*arrays.values(), out)  # type: ignore[no-any-return]
 
-    def bind(
-        self, q: NDArray[Any], qd: NDArray[Any], tau: NDArray[Any], out: NDArray[Any]
-    ) -> Callable[[], NDArray[Any]]:
-        """Return a function without arguments that evaluates in place on these arrays."""
-        if self.fast(q, qd, tau, out) is None:
-            raise ValueError(
-                f'arrays to be bound must be contiguous arrays of {self.dtype} and finite, '
-                f'for a scene without wrench and brakes'
-            )
-        return partial(self.fast, q, qd, tau, out)
+    def bind(self, *arrays: NDArray[Any]) -> Callable[[], NDArray[Any]]:
+        """Return a function without arguments that evaluates in place: inputs, then out."""
+        self.bound(*arrays)
+        return partial(self.bound, *arrays)
 
 
 def compile_lanes(
@@ -200,5 +171,6 @@ def compile_lanes(
     def text() -> str:
         return module_text(recipe.program, dtype, turned_joints(robot))
 
-    fast = python_function(recipe.compile('lanes', text))
-    return LaneKernel(robot, scene, method, dtype, recipe, fast)
+    return LaneKernel(
+        robot, dtype, recipe, python_function(recipe.compile('lanes', text), 'bound')
+    )

@@ -10,7 +10,7 @@ one state.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 from pfd_core.kernels.entry import entry_ir
 from pfd_core.kernels.evaluate import evaluate
@@ -126,7 +126,7 @@ class LaneFormat(Format):
                 row = f'%w{tag}'
         yield f'  %v{register} = select i1 true, {self.type} {row}, {self.type} {row}'
 
-    def store(self, operands: Sequence[str], output: Output) -> Iterator[str]:
+    def store(self, operands: Mapping[int, str], output: Output) -> Iterator[str]:
         """Yield the lines that write a result: at once, or number by number."""
         registers = {register for register, _ in output.places}
         if len(registers) == 1 and [lane for _, lane in output.places] == list(range(self.lanes)):

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pfd_core.kernels.llvm import Format
+from pfd_core.kernels.llvm import Format, splat
 from pfd_core.kernels.steps import STATE, read, write
 
 REFERENCES = tuple(f'{name}.ref' for name in STATE)
@@ -66,8 +66,8 @@ define internal void @whole_state(ptr %tau, ptr %error, ptr %gain, i64 %arm, i64
 i64 %last) {{
 entry:
   %room = sub i64 %last, %b
-{_all('room', W)}
-{_all('arm', W)}
+{splat('room', W)}
+{splat('arm', W)}
   %there = call <{W} x i64> @llvm.umin.v{W}i64(<{W} x i64> <{lanes}>, <{W} x i64> %room.all)
   %offsets = mul <{W} x i64> %there, %arm.all
   %far = mul i64 %b, %arm
@@ -102,13 +102,3 @@ written:
 done:
   ret void
 }}"""
-
-
-def _all(name: str, width: int) -> str:
-    """Return the lines that leave a number on all lanes in `name`.all."""
-    kind = f'<{width} x i64>'
-    return (
-        f'  %{name}.one = insertelement {kind} poison, i64 %{name}, i64 0\n'
-        f'  %{name}.all = shufflevector {kind} %{name}.one, {kind} poison, '
-        f'<{width} x i32> zeroinitializer'
-    )

@@ -15,7 +15,7 @@ follow one another, or lie `stride` bytes apart where the format is strided.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 import struct
 
 from pfd_core.kernels.wrap import WRAP_ANGLE_IR
@@ -83,9 +83,22 @@ class Format:
 
     def spell(self, instruction: Instruction, register: int, args: Sequence[str]) -> Iterator[str]:
         """Yield the lines of one instruction."""
-        return spell(instruction, register, args, self)
+        if instruction.op == 'input':
+            name, k = instruction.data[0]
+            yield from self.element(f'%p{register}.', name, k)
+            yield f'  %v{register} = load {self.type}, ptr %p{register}.{k}, align {self.bytes}'
+        elif instruction.op == 'select':
+            yield f'  %c{register} = fcmp ogt {self.type} {args[0]}, {self.constant(0.0)}'
+            chosen, other = (f'{self.type} {a}' for a in args[1:])
+            yield f'  %v{register} = select {self.flag} %c{register}, {chosen}, {other}'
+        else:
+            spelling = OPERATIONS[instruction.op].llvm
+            if spelling is None:
+                raise ValueError(f'{instruction.op} is not an operation that a kernel has')
+            text = spelling.format(*args, type=self.type, suffix=self.suffix)
+            yield f'  %v{register} = {text}'
 
-    def store(self, operands: Sequence[str], output: Output) -> Iterator[str]:
+    def store(self, operands: Mapping[int, str], output: Output) -> Iterator[str]:
         """Yield the lines that write a result."""
         for k, (register, _) in enumerate(output.places):
             yield from self.element('%o', 'out', k)
@@ -117,7 +130,7 @@ def body(program: Program, form: Format) -> str:
         else:
             lines += form.spell(instruction, register, [operands[a] for a in args])
     (output,) = program.outputs.values()
-    lines += form.store(operands, output)
+    lines += form.store(dict(enumerate(operands)), output)
     return '\n'.join([*lines, '  ret void', '}'])
 
 
@@ -162,24 +175,14 @@ def _end(
     yield f'  %r{end}.trips = select i1 true, {T} %next{loop}.t, {T} {zero}'
 
 
-def spell(
-    instruction: Instruction, register: int, args: Sequence[str], form: Format
-) -> Iterator[str]:
-    """Yield the lines of one instruction."""
-    if instruction.op == 'input':
-        name, k = instruction.data[0]
-        yield from form.element(f'%p{register}.', name, k)
-        yield f'  %v{register} = load {form.type}, ptr %p{register}.{k}, align {form.bytes}'
-    elif instruction.op == 'select':
-        yield f'  %c{register} = fcmp ogt {form.type} {args[0]}, {form.constant(0.0)}'
-        chosen, other = (f'{form.type} {a}' for a in args[1:])
-        yield f'  %v{register} = select {form.flag} %c{register}, {chosen}, {other}'
-    else:
-        spelling = OPERATIONS[instruction.op].llvm
-        if spelling is None:
-            raise ValueError(f'{instruction.op} is not an operation that a kernel has')
-        text = spelling.format(*args, type=form.type, suffix=form.suffix)
-        yield f'  %v{register} = {text}'
+def splat(name: str, width: int) -> str:
+    """Return the lines that leave an integer on all lanes in `name`.all."""
+    kind = f'<{width} x i64>'
+    return (
+        f'  %{name}.one = insertelement {kind} poison, i64 %{name}, i64 0\n'
+        f'  %{name}.all = shufflevector {kind} %{name}.one, {kind} poison, '
+        f'<{width} x i32> zeroinitializer'
+    )
 
 
 def not_finite(values: Sequence[str], form: Format, start: str = '') -> tuple[list[str], str]:

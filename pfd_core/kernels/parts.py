@@ -19,7 +19,7 @@ from collections.abc import Iterator, Sequence
 
 from pfd_core.kernels import llvm
 from pfd_core.kernels.engine import USUAL, Optimisation
-from pfd_core.kernels.llvm import Format, arguments, spell
+from pfd_core.kernels.llvm import Format, arguments
 from pfd_core.machine.program import Program
 
 LONGEST = 6000
@@ -111,9 +111,9 @@ def _part(
         instruction = program.instructions[register]
         operands[register] = f'%v{register}'
         if instruction.op == 'constant':
-            operands[register] = form.constant(instruction.data[0])
+            operands[register] = form.row(instruction.data)
         elif instruction.op == 'input':
-            yield from spell(instruction, register, [], form)
+            yield from form.spell(instruction, register, [])
         else:
             yield f'  %f{register} = getelementptr {form.type}, ptr %frame, i64 {place[register]}'
             yield f'  %v{register} = load {form.type}, ptr %f{register}'
@@ -122,7 +122,7 @@ def _part(
         instruction = program.instructions[register]
         for argument in instruction.args:
             yield from fetch(argument)
-        yield from spell(instruction, register, [operands[a] for a in instruction.args], form)
+        yield from form.spell(instruction, register, [operands[a] for a in instruction.args])
         operands[register] = f'%v{register}'
     for register in registers:
         if register in place:
@@ -130,7 +130,6 @@ def _part(
             yield f'  store {form.type} %v{register}, ptr %f{register}'
     if last:
         (output,) = program.outputs.values()
-        for k, (register, _) in enumerate(output.places):
+        for register, _ in output.places:
             yield from fetch(register)
-            yield from form.element('%o', 'out', k)
-            yield f'  store {form.type} {operands[register]}, ptr %o{k}, align {form.bytes}'
+        yield from form.store(operands, output)

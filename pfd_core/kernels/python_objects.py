@@ -52,8 +52,6 @@ def register_symbols() -> None:
         ('restore', 'PyEval_RestoreThread'),
         ('lock', 'PyThread_acquire_lock'),
         ('unlock', 'PyThread_release_lock'),
-        ('integer', 'PyLong_FromLongLong'),
-        ('value', 'PyLong_AsLongLong'),
         ('error', 'PyErr_SetString'),
     ):
         address = ctypes.cast(getattr(ctypes.pythonapi, function), ctypes.c_void_p).value
@@ -67,7 +65,7 @@ def register_symbols() -> None:
 
 
 def python_function(native: Native, name: str = 'entry') -> Callable[..., Any]:
-    """Return a Python function of a module that holds what is written here."""
+    """Return the Python function that a module has as `ptr @name(self, args, count)`."""
     definition = _MethodDef(b'evaluate', native.address(name), METH_FASTCALL, None)
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.py_object]

@@ -65,7 +65,7 @@ class Recipe:
     @cached_property
     def program(self) -> Program:
         """The lowered program."""
-        return joined(list(self._stages.values())[-1])
+        return _joined(list(self._stages.values())[-1])
 
     @cached_property
     def _stages(self) -> dict[str, Program]:
@@ -158,7 +158,7 @@ def _uncollected() -> Iterator[None]:
             gc.enable()
 
 
-def joined(program: Program) -> Program:
+def _joined(program: Program) -> Program:
     """Return a program with its outputs one after the other, as a kernel writes them."""
     name = next(iter(program.outputs))
     places = tuple(place for output in program.outputs.values() for place in output.places)

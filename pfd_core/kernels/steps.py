@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pfd_core.kernels.llvm import Format, arguments, not_finite, spell
+from pfd_core.kernels.llvm import Format, arguments, not_finite
 from pfd_core.machine.program import Program
 
 # What a simulation carries from step to step, and what it tells of each state.
@@ -62,7 +62,7 @@ def step(program: Program, dynamics: Program, form: Format) -> str:
         else:
             for k in range(n):
                 own = [argument[k] for argument in args]
-                lines += spell(instruction, register * n + k, own, form)
+                lines += form.spell(instruction, register * n + k, own)
         operands.append(names)
     for name, (_, places) in program.outputs.items():
         for k, (register, _) in enumerate(places):

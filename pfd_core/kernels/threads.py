@@ -21,7 +21,6 @@ from collections.abc import Sequence
 from functools import cache
 import os
 import time
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,12 +50,12 @@ def shared(
     name: str, extra: Sequence[str], setup: Sequence[str], work: Sequence[str], width: int
 ) -> str:
     """
-    Return `i64 @name(job, wait)`, which many threads may run.
+    Return `void @name(job, wait)`, which many threads may run.
 
     It works on blocks of its own part until that is done, then of the others; the caller, who has
     `wait` set, has the first part. job[FINISHED] counts what is finished, and job[WRONG] collects
-    what the work leaves in %wrong. The caller stays until all is finished. The result is 0, or 1
-    if others took so long that it did not stay.
+    what the work leaves in %wrong. The caller stays until all is finished, unless others take too
+    long.
 
     Parameters
     ----------
@@ -80,7 +79,7 @@ def shared(
         loads.append(f'  {target} = load {kind}, ptr {target}.at')
     return '\n'.join(
         [
-            f'define i64 @{name}(ptr %job, i64 %wait) {{',
+            f'define void @{name}(ptr %job, i64 %wait) {{',
             'entry:',
             f'  %finished.at = getelementptr i64, ptr %job, i64 {FINISHED}',
             f'  %wrong.at = getelementptr i64, ptr %job, i64 {WRONG}',
@@ -145,11 +144,9 @@ def shared(
             'again:',
             '  %looks.next = add i64 %looks, 1',
             f'  %patient = icmp ult i64 %looks.next, {LOOKS}',
-            '  br i1 %patient, label %look, label %late',
+            '  br i1 %patient, label %look, label %done',
             'done:',
-            '  ret i64 0',
-            'late:',
-            '  ret i64 1',
+            '  ret void',
             '}',
         ]
     )
@@ -213,8 +210,7 @@ def new_job(
     turns = -(-(begin + room) // LINE) * LINE
     job = np.zeros(turns + LINE * threads, np.int64)
     job[TABLE], job[TURN] = begin, turns
-    if extra:
-        job[EXTRA:begin] = extra
+    job[EXTRA:begin] = extra
     if not isinstance(table, int):
         job[begin : begin + room] = table
     return job
@@ -246,15 +242,13 @@ def run(code: Native, name: str, job: NDArray[np.int64], block: int, threads: in
     blocks = -(-int(job[COUNT]) // block)
     helpers = Helper.some(min(threads, blocks) - 1, cores() - 1)
     job[FUNCTION], job[BLOCK], job[PARTS] = code.address(name), block, len(helpers) + 1
-    contacts: list[Any] = []
     for helper in helpers:
         helper.keep(job, code)
-        contacts += helper.contact
-    mail().share(job, *contacts)
     try:
+        mail().share(job, *(helper.mailbox for helper in helpers))
         _wait(job)
     finally:
-        # Also when the user interrupts: the arrays may go once this returns.
+        # Once more where the user interrupts that: the arrays may go when this returns.
         _wait(job)
         Helper.idle += helpers
     return int(job[WRONG])

@@ -6,10 +6,8 @@ LLVM IR of @batch for arms of many joints: states are brought near before they a
 In Fortran order each element of a state lies in a column of its own. With many elements these are
 more places than a processor foresees, and with a power of two of states they push each other out
 of its caches. Pieces of the columns are therefore copied side by side first, for CHUNK registers
-of states at a time, and the results are copied back in the same way.
-
-Measured: 65536 states of a chain of 30 joints take 17 % less, 8192 of one of 100 joints 25 %; up
-to some ten joints copying takes longer than it saves.
+of states at a time, and the results are copied back in the same way. With few elements that would
+take longer than it saves.
 """
 
 from __future__ import annotations

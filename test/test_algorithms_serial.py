@@ -334,7 +334,7 @@ def test_kernel_and_emulator_give_the_same_bits(method: str, dtype: str) -> None
     robot = random_chain(rng, 3)
     scene = replace(EVERYTHING, brakes=True)
     program = lower(record(method, resolve(robot, scene)), dtype, ['qdd'])
-    kernel = Kernel(robot, scene, method, dtype, Recipe(lambda: {'compiled': program}))
+    kernel = Kernel(robot, scene, method, dtype, Recipe(lambda: {'compiled': program}), Kernel)
     rows = [random_state(rng, 3) for _ in range(9)]
     q, qd, tau = (np.array([row[k] for row in rows], dtype) for k in range(3))
     wrench, brakes = rng.normal(size=(9, 6)).astype(dtype), rng.random((9, 3)) < 0.3

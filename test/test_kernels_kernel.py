@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
+import copy
+from dataclasses import replace
 import gc
+import pickle
 import threading
 
 import numpy as np
@@ -14,12 +17,15 @@ from tolerances import DYNAMICS, SINGLE
 from zoo import random_chain, random_state, to_pinocchio
 
 import pfd_core as pfd
+from pfd_core.algorithms.dynamics import ITERATIVE
 from pfd_core.kernels.kernel import compile_inverse_kernel
 from pfd_core.kernels.python_objects import check_layout
 from pfd_core.machine.emulator import run
 
 ARMS = ('puma560', 'ur5', 'planar2', 'panda')
 DTYPES = ('float64', 'float32')
+# Torques of some 50 N m rounded to single precision, over a wrist of 2e-4 kg m^2 [rad/s^2].
+AT_REST = 0.1
 BATCHES = (1, 2, 7, 8, 9, 16, 33)
 
 
@@ -74,6 +80,18 @@ def test_batch_size_and_memory_order_leave_the_bits_alone(dtype: str) -> None:
     np.testing.assert_array_equal(kernel(*strided), whole)
     backward = [x[::-1] for x in states(6, 33, dtype)]
     np.testing.assert_array_equal(kernel(*backward), whole[::-1])
+
+
+def test_a_batch_comes_back_in_the_memory_order_of_its_positions() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
+    q, qd, tau = states(6, 20)
+    assert kernel(q, qd, tau).flags.c_contiguous
+    for threads in (1, 2):
+        # The second is converted first.
+        for torques in (np.asfortranarray(tau), tau.tolist()):
+            found = kernel(np.asfortranarray(q), np.asfortranarray(qd), torques, threads=threads)
+            assert found.flags.f_contiguous
+            np.testing.assert_array_equal(found, kernel(q, qd, tau))
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
@@ -327,10 +345,11 @@ TWO = np.zeros(2)
         ((TWO, TWO, TWO), {'out': [0, 0]}, 'out must be .* got list'),
         ((TWO, TWO, TWO, np.zeros(6)), {}, 'wrench was given, but .*external_wrench=True'),
         ((TWO, TWO, TWO), {'brakes': [True, False]}, 'brakes was given, but .*brakes=True'),
+        ((TWO, TWO, TWO, None, None, [True, False]), {}, 'positional'),
     ],
 )
 def test_bad_arguments_are_named(arguments, options, message: str) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(ValueError, match=message):
+    with pytest.raises((ValueError, TypeError), match=message):
         KERNEL(*arguments, **options)
 
 
@@ -359,3 +378,87 @@ def test_a_missing_wrench_is_asked_for() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=pfd.Scene(external_wrench=True))
     with pytest.raises(ValueError, match='external_wrench=True, so the call needs wrench='):
         kernel(TWO, TWO, TWO)
+
+
+@pytest.mark.parametrize('shape', [(2,), (3, 2), (3000, 2)])
+def test_brakes_are_taken_by_their_name_and_nowhere_else(shape: tuple[int, ...]) -> None:
+    # An array in the place of the wrench once went for the mask inside, which is inverted.
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=pfd.Scene(brakes=True))
+    q, qd, tau = (x.reshape(shape) for x in states(2, max(1, int(np.prod(shape[:-1])))))
+    free = KERNEL(q, qd, tau)
+    for mask in (np.zeros(shape), np.ones(shape), np.zeros(shape, bool)):
+        with pytest.raises(ValueError, match='wrench was given, but'):
+            kernel(q, qd, tau, mask)
+    for numbers in (np.zeros(shape), np.ones(shape, int)):
+        with pytest.raises(ValueError, match='brakes must be an array of bool, True for held'):
+            kernel(q, qd, tau, brakes=numbers)
+    np.testing.assert_array_equal(kernel(q, qd, tau), free)
+    np.testing.assert_array_equal(kernel(q, qd, tau, brakes=np.zeros(shape, bool)), free)
+    np.testing.assert_array_equal(kernel(q, qd, tau, brakes=np.ones(shape, bool)), 0.0)
+    one = kernel(q, qd, tau, brakes=[True, False])
+    np.testing.assert_array_equal(one[..., 0], 0.0)
+    assert (one[..., 1] != 0).all()
+    out, brakes = np.empty(shape), np.zeros(shape, bool)
+    step = kernel.bind(q, qd, tau, out, brakes=brakes)
+    np.testing.assert_array_equal(step(), free)
+    brakes[...] = True
+    np.testing.assert_array_equal(step(), 0.0)
+
+
+def test_inverse_dynamics_knows_no_brakes() -> None:
+    robot = pfd.load_robot('planar2')
+    kernel = compile_inverse_kernel(robot, scene=pfd.Scene(brakes=True))
+    np.testing.assert_array_equal(kernel(TWO, TWO, TWO), compile_inverse_kernel(robot)(*[TWO] * 3))
+    with pytest.raises(ValueError, match='brakes was given, but'):
+        kernel(TWO, TWO, TWO, brakes=[True, False])
+
+
+@pytest.mark.parametrize('dtype', DTYPES)
+@pytest.mark.parametrize('method', ITERATIVE)
+def test_an_iteration_that_does_not_converge_answers_nan(method: str, dtype: str) -> None:
+    arm = pfd.load_robot('planar2')
+    # Without mass no direction has inertia, and with torque there is no answer.
+    massless = replace(arm, masses=np.zeros(2), inertias=np.zeros((2, 3, 3)))
+    kernel = pfd.compile_kernel(massless, method=method, dtype=dtype)
+    assert pfd.emulate(massless, TWO, TWO, [1.0, 2.0], method=method).status == 'not_converged'
+    assert np.isnan(kernel(TWO, TWO, [1.0, 2.0])).all()
+    assert np.isnan(kernel(np.zeros((20, 2)), TWO, [1.0, 2.0])).all()
+    sim = pfd.Simulator(massless, method=method, dtype=dtype)
+    sim.step([1.0, 2.0])
+    assert sim.status == 'not_finite'
+
+
+@pytest.mark.parametrize('method', ITERATIVE)
+def test_an_iteration_in_single_precision_converges_where_torques_nearly_cancel(
+    method: str,
+) -> None:
+    robot = pfd.load_robot('ur5')
+    kernel = pfd.compile_kernel(robot, method=method, dtype='float32')
+    q, qd, _ = states(6, 500)
+    at_rest = kernel(q, qd, pfd.inverse_dynamics(robot, q, qd, np.zeros(6)))
+    assert np.abs(at_rest).max() < AT_REST
+
+
+@pytest.mark.parametrize('make', [pfd.compile_kernel, compile_inverse_kernel])
+def test_a_kernel_goes_through_pickle_and_copies(make) -> None:  # type: ignore[no-untyped-def]
+    scene = pfd.Scene(external_wrench=True, damping=[0.1, 0.2])
+    kernel = make(pfd.load_robot('planar2'), scene=scene, dtype='float32')
+    arrays = (*states(2, 40, 'float32'), np.ones(6, 'float32'))
+    for other in (
+        pickle.loads(pickle.dumps(kernel)),
+        copy.copy(kernel),
+        copy.deepcopy(kernel),
+    ):
+        np.testing.assert_array_equal(other(*arrays), kernel(*arrays))
+        assert other.method == kernel.method
+        assert other.scene == kernel.scene
+
+
+def test_a_refined_kernel_keeps_its_estimate_through_pickle() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), refine=np.int64(1))
+    arrays = states(2, 5)
+    other = pickle.loads(pickle.dumps(kernel))
+    for one, two in zip(
+        kernel.error_estimate(*arrays), other.error_estimate(*arrays), strict=True
+    ):
+        np.testing.assert_array_equal(one, two)

@@ -1,13 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Threads of a batch: the same bits however many there are, and nobody is kept waiting."""
+"""Threads of a batch: the same bits however many there are; process ends: test_threads_end."""
 
 from __future__ import annotations
 
-import os
-from pathlib import Path
-import subprocess
-import sys
+from concurrent.futures import ThreadPoolExecutor
 import threading
 import time
 
@@ -17,7 +14,7 @@ from test_kernels_kernel import states
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.kernels import helpers, threads
+from pfd_core.kernels import threads
 
 
 @pytest.fixture(autouse=True)
@@ -25,6 +22,7 @@ def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     # Blocks of single registers, so that a small batch is shared, and more threads than cores.
     monkeypatch.setattr(threads, 'LEAST', 1)
     monkeypatch.setattr(threads, 'cores', lambda: 8)
+    monkeypatch.setattr(threads, '_pool', threads._new_pool())
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
@@ -77,7 +75,7 @@ def test_a_number_that_is_not_finite_is_found_in_any_block() -> None:
             kernel(q, qd, tau, threads=2)
 
 
-@pytest.mark.parametrize('wrong', [-1, 1.5, None])
+@pytest.mark.parametrize('wrong', [-1, 1.5, None, False, '2', -(10**400)])
 def test_a_number_of_threads_that_makes_no_sense_is_refused(wrong: object) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
     for arrays in (states(2, 3), [x[0] for x in states(2, 3)]):
@@ -91,137 +89,113 @@ def test_an_argument_too_few_or_too_many_is_named() -> None:
     free = pfd.compile_kernel(robot)
     for kernel, given, missing in (
         (pushed, {}, 'needs wrench='),
-        (pushed, {'wrench': wrench}, 'needs brakes='),
         (free, {'wrench': wrench}, 'wrench was given'),
     ):
         with pytest.raises(ValueError, match=missing):
             kernel(*states(2, 30), threads=2, **given)
 
 
+def test_an_absurd_number_of_threads_is_cut_to_the_cores() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    arrays = states(2, 300)
+    np.testing.assert_array_equal(kernel(*arrays, threads=10**400), kernel(*arrays))
+    assert threads.thread_count(np.int64(10**8)) == threads.cores()
+
+
 def test_blocks_are_whole_registers_and_enough_for_every_thread() -> None:
     for count in (1, 100, 4096, 65536):
-        for number in (2, 3, 16):
+        for number in (1, 2, 3, 16):
             size = threads.block_size(count, number, 8, 600)
             assert size % 8 == 0
-            assert size <= max(8, count // number + 8)
+            assert size < count // number + 8 or size == 8
 
 
-def test_a_block_is_worth_a_start(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(threads, 'LEAST', 500_000)
-    assert threads.block_size(1000, 8, 8, 500) == 1000
-    assert threads.block_size(1000, 8, 8, 50_000) == 16
-
-
-def test_a_helper_that_sleeps_is_woken_and_one_that_looks_is_not_needed() -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
-    arrays = states(6, 20_000)
-    expected = kernel(*arrays)
-    for pause in (0.0, 20 * helpers.AWAKE, 0.0, 2 * helpers.AWAKE, helpers.AWAKE):
-        time.sleep(pause)
-        np.testing.assert_array_equal(kernel(*arrays, threads=2), expected)
-
-
-def test_helpers_take_a_part_of_the_work() -> None:
-    # On a busy machine a helper may come too late for one batch, but not for every one.
-    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
-    arrays = states(6, 50_000)
-
-    def done() -> int:
-        return sum(int(helper.mailbox[helpers.LEFT]) for helper in helpers.Helper.all)
-
-    kernel(*arrays, threads=2)
-    before, end = done(), time.monotonic() + 20
-    while done() == before and time.monotonic() < end:
-        kernel(*arrays, threads=2)
-    assert done() > before
-
-
-def test_no_more_helpers_are_started_than_there_are_other_cores(
+def test_a_block_is_worth_a_worker_and_answers_a_signal_in_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-    arrays = states(2, 500)
-    expected = kernel(*arrays)
-    started = len(helpers.Helper.all)
-    monkeypatch.setattr(threads, 'cores', lambda: 1)
-    monkeypatch.setattr(helpers.Helper, 'idle', [])
-    np.testing.assert_array_equal(kernel(*arrays, threads=4), expected)
-    assert len(helpers.Helper.all) == started
+    monkeypatch.setattr(threads, 'LEAST', 500_000)
+    assert threads.block_size(1000, 8, 8, 500) == 8000
+    assert threads.block_size(1000, 8, 8, 50_000) == 80
+    for number in (1, 2):
+        assert threads.block_size(10**9, number, 8, 500) == 8 * threads.MOST // 500
+        assert threads.block_size(10**9, number, 8, 10 * threads.MOST) == 8
 
 
-def test_helpers_end_when_they_are_told_whether_they_look_or_sleep() -> None:
+def test_a_small_batch_starts_no_worker(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.undo()
+    monkeypatch.setattr(threads, 'cores', lambda: 8)
+    monkeypatch.setattr(threads, '_pool', None)
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
-    arrays = states(6, 20_000)
-    for pause in (0.0, 20 * helpers.AWAKE, 0.0):
-        kernel(*arrays, threads=2)
-        working = list(helpers.Helper.all)
-        assert working
-        time.sleep(pause)
-        helpers.Helper.stop()
-        assert not any(helper.is_alive() for helper in working)
-        assert not helpers.Helper.all
+    arrays = states(6, 4096)
+    np.testing.assert_array_equal(kernel(*arrays, threads=2), kernel(*arrays))
 
 
-SCRIPT = """
-import numpy as np
-import pfd_core as pfd
-kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-x = np.zeros((100_000, 2))
-kernel(x, x, x, threads=2)
-{last}
-"""
+def test_workers_take_blocks_beside_the_caller() -> None:
+    seen: set[int] = set()
+
+    def work(first: int, size: int) -> int:
+        seen.add(threading.get_ident())
+        time.sleep(0.001)
+        return 1 << first
+
+    assert threads.run(work, 20, 1, 3) == (1 << 20) - 1
+    assert 2 <= len(seen) <= 3
+    assert threading.get_ident() in seen
 
 
-@pytest.mark.parametrize('last', ['', 'import time; time.sleep(0.1)', 'raise SystemExit(0)'])
-def test_a_process_ends_while_its_helpers_look_or_sleep(last: str) -> None:
-    run = subprocess.run(
-        [sys.executable, '-c', SCRIPT.format(last=last)],
-        capture_output=True,
-        text=True,
-        timeout=60,
-        cwd=Path(__file__).parent.parent,
-    )
-    assert (run.returncode, run.stderr) == (0, '')
+def test_workers_have_ended_their_blocks_when_the_caller_is_stopped() -> None:
+    caller, working = threading.get_ident(), threading.Semaphore(0)
+    begun: list[int] = []
+    ended: list[int] = []
+
+    def work(first: int, size: int) -> int:
+        if threading.get_ident() == caller:
+            assert working.acquire(timeout=60)
+            raise KeyboardInterrupt
+        begun.append(first)
+        working.release()
+        time.sleep(0.01)
+        ended.append(first)
+        return 0
+
+    with pytest.raises(KeyboardInterrupt):
+        threads.run(work, 1000, 1, 3)
+    assert 1 <= len(begun) < 1000
+    assert sorted(begun) == sorted(ended)
 
 
-def test_many_callers_share_the_threads() -> None:
+@pytest.mark.parametrize('stage', ['ended', 'thread'])
+def test_the_caller_works_alone_where_no_worker_can_be_had(
+    stage: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if stage == 'ended':
+        threads._pool.shutdown()
+    else:
+
+        def refuse(self: threading.Thread) -> None:
+            raise RuntimeError("can't start new thread")
+
+        monkeypatch.setattr(threading.Thread, 'start', refuse)
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    arrays = states(2, 300)
+    np.testing.assert_array_equal(kernel(*arrays, threads=4), kernel(*arrays))
+
+
+def test_many_callers_share_the_workers() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
     arrays = states(6, 3000)
     expected = kernel(*arrays)
-    found: list[np.ndarray] = []
-
-    def work() -> None:
-        found.extend(kernel(*arrays, threads=3) for _ in range(20))
-
-    callers = [threading.Thread(target=work) for _ in range(4)]
-    for caller in callers:
-        caller.start()
-    for caller in callers:
-        caller.join()
-    assert len(found) == 80
-    assert len(set(helpers.Helper.idle)) == len(helpers.Helper.idle)
+    with ThreadPoolExecutor(4) as callers:
+        found = list(callers.map(lambda _: kernel(*arrays, threads=3), range(80)))
     for out in found:
         np.testing.assert_array_equal(out, expected)
 
 
-def test_a_thread_that_comes_late_still_finds_the_code() -> None:
-    # Kernels are forgotten as soon as they have answered; memory of code that is gone is unmapped.
+def test_a_kernel_may_be_forgotten_as_soon_as_it_has_answered() -> None:
+    # Memory of code that is gone is unmapped.
     robot = pfd.load_robot('planar2')
     q, qd, tau = states(2, 40)
     expected = pfd.compile_kernel(robot)(q, qd, tau)
     for _ in range(50):
         found = pfd.compile_kernel(robot)(q, qd, tau, threads=4)
         np.testing.assert_array_equal(found, expected)
-
-
-@pytest.mark.skipif(not hasattr(os, 'fork'), reason='this system does not fork')
-@pytest.mark.filterwarnings('ignore:.*fork.*:DeprecationWarning')
-def test_a_child_process_starts_threads_of_its_own() -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
-    arrays = states(6, 500)
-    expected = kernel(*arrays, threads=2)
-    child = os.fork()
-    if child == 0:
-        same = np.array_equal(kernel(*arrays, threads=2), expected)
-        os._exit(0 if same else 1)
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0

@@ -84,7 +84,7 @@ def record_terms(plant: Plant, schedule: str) -> Program:
     return finish(recorder, bias=bias)
 
 
-FORWARD: dict[str, Callable[[Plant, str], Program]] = {
+FORWARD: dict[str, Callable[..., Program]] = {
     'walker_orin_1': record_walker_orin_1,
     'walker_orin_2': record_walker_orin_2,
     'walker_orin_3': record_walker_orin_3,
@@ -113,14 +113,19 @@ SERIAL = (
 ITERATIVE = ('walker_orin_4', 'pcgm')
 
 
-def record_forward_dynamics(plant: Plant, method: str, schedule: str) -> Program:
+def record_forward_dynamics(
+    plant: Plant, method: str, schedule: str, tolerance: float | None = None
+) -> Program:
     """
     Return the program of a method.
 
     Its outputs are `qdd`, (n,), and what tells whether that is sound: `pivots`, (n,), of which
     one at zero or below says that H was not positive definite, or, for an iterative method,
-    `trips` and `converged`, (1,).
+    `trips` and `converged`, (1,). An iterative method stops at a tolerance, by default that of
+    double precision.
     """
     if method not in FORWARD:
         raise ValueError(f'method must be one of {METHODS}, got {method!r}')
-    return FORWARD[method](plant, schedule)
+    if tolerance is None or method not in ITERATIVE:
+        return FORWARD[method](plant, schedule)
+    return FORWARD[method](plant, schedule, tolerance=tolerance)

@@ -42,7 +42,9 @@ from pfd_core.machine.recorder import Lanes, Recorder, where
 from pfd_core.model import Plant
 
 
-def record_refined(plant: Plant, method: str, steps: int) -> Program:
+def record_refined(
+    plant: Plant, method: str, steps: int, tolerance: float | None = None
+) -> Program:
     """
     Return the sequential program of a method with steps of refinement.
 
@@ -54,6 +56,8 @@ def record_refined(plant: Plant, method: str, steps: int) -> Program:
         A name in METHODS.
     steps : int
         Steps of refinement; 0 is the method alone.
+    tolerance : float, optional
+        Where an iterative method stops; default that of double precision.
 
     Returns
     -------
@@ -63,11 +67,11 @@ def record_refined(plant: Plant, method: str, steps: int) -> Program:
         answer is not finite or the method itself says that it is not sound.
 
     """
-    method_program = record_forward_dynamics(plant, method, 'sequential')
+    method_program = record_forward_dynamics(plant, method, 'sequential', tolerance)
     if steps == 0:
         return method_program
     at_rest = replace(plant, gravity=np.zeros(3), damping=None)
-    solve = record_forward_dynamics(at_rest, method, 'sequential')
+    solve = record_forward_dynamics(at_rest, method, 'sequential', tolerance)
     torques = record_link_torques(plant)
     recorder = Recorder(1, 'sequential')
     n = plant.robot.n

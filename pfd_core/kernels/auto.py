@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from pfd_core.algorithms.dynamics import METHODS, record_forward_dynamics
 from pfd_core.kernels.cache import remember
+from pfd_core.kernels.conversion import integer
 from pfd_core.kernels.lower import lower, operations
 from pfd_core.model import Plant
 
@@ -23,8 +24,7 @@ SHORT, LONG = 7, 16
 
 def choose(plant: Plant, method: str, refine: int) -> str:
     """Return the method to record, of which 'auto' may be any; ValueError for an unknown one."""
-    if not isinstance(refine, int) or refine < 0:
-        raise ValueError(f'refine must be an integer of at least 0, got {refine!r}')
+    integer('refine', refine, 0)
     if method != 'auto' and method not in METHODS:
         raise ValueError(f"method must be 'auto' or one of {METHODS}, got {method!r}")
     if method != 'auto':

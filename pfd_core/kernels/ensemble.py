@@ -5,7 +5,7 @@ LLVM IR of many simulations at once: one arm per SIMD lane, all steps in native 
 
     @step        an integrator's step for `width` arms (pfd_core.kernels.steps)
     @arms        all steps of `width` arms, with the torque that their law gives at each
-    @ensemble    blocks of arms, which any number of threads take by an atomic counter
+    @ensemble    a block of arms
 
 The torque of a step is taken from an array, to which a law may add what the state at its beginning
 asks for (pfd_core.kernels.law); it is held for the step. Every operation on an arm
@@ -14,7 +14,8 @@ is one that the simulation of a single arm does, in the same order.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+import ctypes
 from dataclasses import dataclass
 
 from pfd_core.kernels.auto import choose
@@ -44,7 +45,6 @@ from pfd_core.kernels.steps import (
     step,
     stop,
 )
-from pfd_core.kernels.threads import shared
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
 
@@ -60,9 +60,11 @@ SLOTS = (
     *REFERENCES,
     *(f'{name}.out' for name in REPORT),
 )
-# What a job holds besides the arms: steps, their parts, steps from one written state to the next,
-# which law there is, and where to count the sound steps of each arm.
-EXTRA = ('i64 %steps', 'i64 %substeps', 'i64 %every', 'i64 %law', 'ptr %sound')
+# Arms `first` to `until` - 1; `last` is the last of all arms; the others are those of @arms.
+PARAMETERS = (
+    *('i64 %first', 'i64 %until', 'i64 %last', 'i64 %steps', 'i64 %substeps', 'i64 %every'),
+    *('i64 %law', 'ptr %table', 'ptr %sound'),
+)
 
 
 def arms(program: Program, dynamics: Program, form: Format) -> str:
@@ -240,26 +242,20 @@ def _count(n: int, form: Format) -> Iterator[str]:
 
 
 def ensemble(form: Format) -> str:
-    """
-    Return `void @ensemble(job, wait)`, shared work on arms; the job goes on with EXTRA.
-
-    The work is described in pfd_core.kernels.threads.shared; it runs @arms.
-    """
-    setup = ['  %last = sub i64 %count, 1']
-    work = [
-        '  %until = add i64 %first, %size',
-        '  br label %rows',
-        'rows:',
-        '  %b = phi i64 [ %first, %work ], [ %b.next, %rows ]',
-        '  call void @arms(i64 %b, i64 %last, i64 %steps, i64 %substeps, i64 %every, '
-        'i64 %law, ptr %table, ptr %sound)',
-        f'  %b.next = add i64 %b, {form.width}',
-        '  %more = icmp ult i64 %b.next, %until',
-        '  br i1 %more, label %rows, label %ran',
-        'ran:',
-        '  %wrong = sub i64 0, 0',
-    ]
-    return shared('ensemble', EXTRA, setup, work, form.width)
+    """Return `void @ensemble` of PARAMETERS, which runs @arms on a block of arms."""
+    return f"""define void @ensemble({', '.join(PARAMETERS)}) {{
+entry:
+  br label %rows
+rows:
+  %b = phi i64 [ %first, %entry ], [ %b.next, %rows ]
+  call void @arms(i64 %b, i64 %last, i64 %steps, i64 %substeps, i64 %every, i64 %law, ptr %table, \
+ptr %sound)
+  %b.next = add i64 %b, {form.width}
+  %more = icmp ult i64 %b.next, %until
+  br i1 %more, label %rows, label %done
+done:
+  ret void
+}}"""
 
 
 @dataclass(frozen=True)
@@ -275,14 +271,17 @@ class NativeEnsemble:
         Arms in a vector register.
     work : int
         Operations of one evaluation of the accelerations.
+    run : callable
+        The function that `ensemble` describes; pointers are addresses.
     code : Native
-        What holds the function that `ensemble` describes.
+        Its code, which lives as long as this.
 
     """
 
     method: str
     width: int
     work: int
+    run: Callable[..., None]
     code: Native
 
 
@@ -309,4 +308,6 @@ def compile_ensemble(
         return module(texts, dtype, [form.width], angles)
 
     code = recipe.compile(f'ensemble {form.width} {step_program}', text)
-    return NativeEnsemble(method, form.width, recipe.work, code)
+    kinds = [ctypes.c_void_p if kind.startswith('ptr') else ctypes.c_int64 for kind in PARAMETERS]
+    block = ctypes.CFUNCTYPE(None, *kinds)(code.address('ensemble'))
+    return NativeEnsemble(method, form.width, recipe.work, block, code)

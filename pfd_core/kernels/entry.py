@@ -30,7 +30,6 @@ from pfd_core.kernels.python_objects import (
     WRITEABLE,
     load,
 )
-from pfd_core.kernels.threads import COUNT, EXTRA
 from pfd_core.machine.program import Program
 
 
@@ -100,19 +99,22 @@ def _one(sizes: list[int], form: Format) -> list[str]:
 
 
 def batch_entry_ir(program: Program, dtype: str, size: int) -> str:
-    """
-    Return the Python functions around batches.
-
-    `@entry` runs @batch. `@plan` takes one argument more, the job of some threads (an array of
-    int64), and writes into it where the arrays lie and how many states they hold.
-    """
+    """Return the Python function `@entry`, which runs @batch without the interpreter's lock."""
     form = Format(dtype, 1)
     sizes = [*(program.inputs[name] for name in arguments(program)), size]
     slots = len(sizes)
     entry = [
         'define ptr @entry(ptr %self, ptr %args, i64 %count) {',
         f'  %table = alloca [{3 * slots} x i64]',
-        *_found(slots, slots, []),
+        f'  %enough = icmp eq i64 %count, {slots}',
+        '  br i1 %enough, label %check, label %refuse',
+        'check:',
+        '  %states = call i64 @table(ptr %args, ptr %table)',
+        f'  %object.at = getelementptr ptr, ptr %args, i64 {slots - 1}',
+        '  %object = load ptr, ptr %object.at',
+        '  %some = icmp ne i64 %states, 0',
+        '  br i1 %some, label %go, label %refuse',
+        'go:',
         '  %thread = call ptr @pfd.save()',
         '  %bad = call i64 @batch(i64 %states, ptr %table)',
         '  call void @pfd.restore(ptr %thread)',
@@ -121,20 +123,7 @@ def batch_entry_ir(program: Program, dtype: str, size: int) -> str:
         'done:',
         *_return(),
     ]
-    job = [
-        f'  %job.at = getelementptr ptr, ptr %args, i64 {slots}',
-        '  %job = load ptr, ptr %job.at',
-        *load('data', '%job', DATA, 'ptr'),
-        f'  %table = getelementptr i64, ptr %data, i64 {EXTRA}',
-    ]
-    plan = [
-        'define ptr @plan(ptr %self, ptr %args, i64 %count) {',
-        *_found(slots, slots + 1, job),
-        f'  %states.to = getelementptr i64, ptr %data, i64 {COUNT}',
-        '  store i64 %states, ptr %states.to',
-        *_return(),
-    ]
-    return '\n'.join([*_symbols(form), *_table(sizes, form), *entry, *plan])
+    return '\n'.join([*_symbols(form), *_table(sizes, form), *entry])
 
 
 def _table(sizes: list[int], form: Format) -> list[str]:
@@ -160,26 +149,6 @@ def _table(sizes: list[int], form: Format) -> list[str]:
             f'  store <2 x i64> %rest{k}, ptr %rest{k}.to, align 8',
         ]
     return [*lines, '  ret i64 %states0', 'refuse:', '  ret i64 0', '}']
-
-
-def _found(slots: int, arguments: int, setup: list[str]) -> list[str]:
-    """
-    Return the lines that go on with %states and the last array, if all is as it must be.
-
-    `setup` runs once the number of arguments is known to be right.
-    """
-    return [
-        f'  %enough = icmp eq i64 %count, {arguments}',
-        '  br i1 %enough, label %check, label %refuse',
-        'check:',
-        *setup,
-        '  %states = call i64 @table(ptr %args, ptr %table)',
-        f'  %object.at = getelementptr ptr, ptr %args, i64 {slots - 1}',
-        '  %object = load ptr, ptr %object.at',
-        '  %some = icmp ne i64 %states, 0',
-        '  br i1 %some, label %go, label %refuse',
-        'go:',
-    ]
 
 
 def _symbols(form: Format) -> list[str]:

@@ -14,6 +14,7 @@ runs without Python's lock. One state in contiguous arrays takes a short way in 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -24,10 +25,10 @@ from pfd_core.kernels import llvm
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.chunks import batch_of
 from pfd_core.kernels.conversion import (
-    address,
     as_numbers,
     as_rows,
     common_shape,
+    held_mask,
     raise_not_finite,
 )
 from pfd_core.kernels.engine import Native, simd_width
@@ -36,14 +37,7 @@ from pfd_core.kernels.evaluate import evaluate
 from pfd_core.kernels.parts import body
 from pfd_core.kernels.python_objects import python_function
 from pfd_core.kernels.recipe import Recipe, forward, inverse, plant_of, turned_joints
-from pfd_core.kernels.threads import (
-    COUNT,
-    block_size,
-    count_of,
-    new_job,
-    run,
-    shared_batch,
-)
+from pfd_core.kernels.threads import BatchWork, block_size, run, thread_count
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
 
@@ -76,6 +70,7 @@ class Kernel:
         method: str,
         dtype: str,
         recipe: Recipe,
+        again: Callable[[], Kernel],
         estimating: Callable[[], Kernel] | None = None,
     ) -> None:
         self.robot = robot
@@ -84,13 +79,27 @@ class Kernel:
         self.dtype = dtype
         self.operations = recipe.operations
         self._recipe = recipe
+        self._again = again
         self._estimating = estimating
         self._size = recipe.elements
         self._angles = turned_joints(robot)
         self._names = tuple(recipe.inputs)
         self._width = simd_width(dtype)
         self._single = self._compile(1)
-        self._fast = python_function(self._single)
+        # The short way takes arrays by their places, of which brakes have none.
+        self._fast = _refuse if 'free' in self._names else python_function(self._single)
+
+    def __reduce__(self) -> tuple[Callable[[], Kernel], tuple[()]]:
+        """Be pickled as its arguments: native code is compiled, or found on disk, over there."""
+        return self._again, ()
+
+    def __copy__(self) -> Kernel:
+        """Be its own copy: nothing about a kernel changes."""
+        return self
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Kernel:
+        """Be its own copy, too."""
+        return self
 
     @property
     def program(self) -> Program:
@@ -114,11 +123,7 @@ class Kernel:
 
     @cached_property
     def _fast_batch(self) -> Callable[..., Any]:
-        return python_function(self._batch)
-
-    @cached_property
-    def _plan(self) -> Callable[..., Any]:
-        return python_function(self._batch, 'plan')
+        return _refuse if 'free' in self._names else python_function(self._batch)
 
     def _compile(self, width: int) -> Native:
         return self._recipe.compile(f'kernel {width}', partial(self._text, width))
@@ -130,8 +135,7 @@ class Kernel:
         if width == 1:
             parts.append(entry_ir(program, self.dtype, size))
         else:
-            parts += [batch_of(program, form, size), shared_batch(program, form.width)]
-            parts.append(batch_entry_ir(program, self.dtype, size))
+            parts += [batch_of(program, form, size), batch_entry_ir(program, self.dtype, size)]
         return llvm.module(parts, self.dtype, [width], self._angles)
 
     def __call__(
@@ -159,9 +163,14 @@ class Kernel:
         out : numpy.ndarray, optional
             Where to put the result.
         brakes : array_like of bool
-            Joints that are held, (n,) or (B, n); exactly if the scene has brakes.
+            Joints that are held, (n,) or (B, n), default none; only if the scene has brakes.
         threads : int
             The most that a batch is spread over; 0 is one per core. The bits are the same.
+
+        Returns
+        -------
+        numpy.ndarray
+            `out`, or a new array: (n,), or (B, n) in Fortran order where q is.
 
         Raises
         ------
@@ -169,15 +178,13 @@ class Kernel:
             If an argument has the wrong shape or type, is missing, or is not finite.
 
         """
-        if brakes is None:
+        if brakes is None and threads == 1:
             given = (q, qd, tau) if wrench is None else (q, qd, tau, wrench)
             if isinstance(q, np.ndarray) and q.ndim == 2:
-                result = self._quick_batch(given, out, threads)
-            elif threads == 1:
+                result = self._quick_batch(q, given, out)
+            else:
                 target = np.empty(self._size, self.dtype) if out is None else out
                 result = self._fast(*given, target)
-            else:
-                result = None
             if result is not None:
                 return result  # type: ignore[no-any-return]
         return self._checked(q, qd, tau, wrench, out, brakes, threads)
@@ -212,28 +219,17 @@ class Kernel:
         return self._estimating()
 
     def _quick_batch(
-        self, given: tuple[ArrayLike, ...], out: NDArray[Any] | None, threads: int
+        self, q: NDArray[Any], given: tuple[ArrayLike, ...], out: NDArray[Any] | None
     ) -> Any:
         """Return the result for arrays that need no conversion, or None."""
         if out is None:
-            target = np.empty((np.shape(given[0])[0], self._size), self.dtype)
+            target = np.empty((len(q), self._size), self.dtype, 'F' if q.flags.fnc else 'C')
         else:
             target = out
             for array in given:
                 if isinstance(array, np.ndarray) and np.may_share_memory(array, out):
                     return None
-        if threads == 1:
-            return self._fast_batch(*given, target)
-        threads = count_of(threads)
-        job = new_job(3 * len(given) + 3, threads)
-        if self._plan(*given, target, job) is None or self._spread(job, threads):
-            return None
-        return target
-
-    def _spread(self, job: NDArray[np.int64], threads: int) -> int:
-        """Run a job on some threads; return whether an input is not finite."""
-        block = block_size(int(job[COUNT]), threads, self._width, self._recipe.work)
-        return run(self._batch, 'shared_batch', job, block, threads)
+        return self._fast_batch(*given, target)
 
     def bind(
         self,
@@ -243,14 +239,15 @@ class Kernel:
         out: NDArray[Any],
         wrench: NDArray[Any] | None = None,
         *,
+        brakes: NDArray[np.bool_] | None = None,
         threads: int = 1,
     ) -> Callable[[], NDArray[Any]]:
         """
         Return a function without arguments that evaluates in place on these arrays.
 
-        It reads q, qd, tau (and wrench) and writes out, (n,) or (B, n), each time it is
-        called; the arrays are checked here, once, and must be ones that need no conversion. It
-        raises ValueError where a number in them is not finite.
+        It reads q, qd, tau (and wrench and brakes) and writes out, (n,) or (B, n), each time it
+        is called; the arrays are checked here, once, and must be ones that need no conversion.
+        It raises ValueError where a number in them is not finite.
         """
         given = {'q': q, 'qd': qd, self._names[2]: tau, 'out': out}
         extra = () if wrench is None else (wrench,)
@@ -261,10 +258,10 @@ class Kernel:
                     f'{name} must be an array of {self.dtype} to be bound, '
                     f'got {getattr(value, "dtype", type(value).__name__)}'
                 )
-        self(q, qd, tau, wrench, out, threads=threads)
+        self(q, qd, tau, wrench, out, brakes=brakes, threads=threads)
         if self._fast(q, qd, tau, *extra, out) is not None:
             return partial(python_function(self._single, 'bound'), q, qd, tau, *extra, out)
-        return partial(self, q, qd, tau, wrench, out, threads=threads)
+        return partial(self, q, qd, tau, wrench, out, brakes=brakes, threads=threads)
 
     def _checked(
         self,
@@ -277,12 +274,13 @@ class Kernel:
         threads: int,
     ) -> NDArray[Any]:
         """Evaluate after converting and checking every argument."""
-        threads = count_of(threads)
+        threads = thread_count(threads)
         given = dict(zip(self._names, (q, qd, tau), strict=False))
-        given |= self._optional('wrench', wrench, self.scene.external_wrench)
-        if brakes is not None:
-            brakes = 1.0 - np.asarray(brakes, dtype=bool)
-        given |= self._optional('free', brakes, self.scene.brakes, 'brakes')
+        self._check_effects(wrench, brakes)
+        if wrench is not None:
+            given['wrench'] = wrench
+        if self.scene.brakes:
+            given['free'] = held_mask(brakes, self.robot.n, self.dtype)
         arrays = {
             name: as_numbers(name, given[name], self._recipe.inputs[name], self.dtype)
             for name in self._names
@@ -291,10 +289,8 @@ class Kernel:
         target = self._target(out, (*shape, self._size), arrays)
         flat = target if target.ndim == 2 else target.reshape(-1, self._size)
         rows = [*(as_rows(value, shape) for value in arrays.values()), flat]
-        table = [x for a in rows for x in (address(a), *a.strides)]
-        job = new_job(table, threads)
-        job[COUNT] = len(flat)
-        if len(flat) and self._spread(job, threads):
+        block = block_size(len(flat), threads, self._width, self._recipe.work)
+        if run(BatchWork(self._batch, rows), len(flat), block, threads):
             raise_not_finite(arrays)
         if out is None:
             return target
@@ -302,26 +298,27 @@ class Kernel:
             out[...] = target
         return out
 
-    def _optional(
-        self, name: str, value: ArrayLike | None, wanted: bool, public: str | None = None
-    ) -> dict[str, ArrayLike]:
-        public = public or name
-        field = {'wrench': 'external_wrench'}.get(public, public)
-        if wanted and value is None:
-            raise ValueError(f'the scene has {field}=True, so the call needs {public}=')
-        if not wanted and value is not None:
-            raise ValueError(
-                f'{public} was given, but the kernel was made for a scene without: '
-                f'compile it with Scene({field}=True)'
-            )
-        return {} if value is None else {name: value}
+    def _check_effects(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
+        """Raise ValueError where an effect is given that the scene lacks, or the wrench is not."""
+        if self.scene.external_wrench and wrench is None:
+            raise ValueError('the scene has external_wrench=True, so the call needs wrench=')
+        for name, value, field in (
+            ('wrench', wrench, 'external_wrench'),
+            ('brakes', brakes, 'brakes'),
+        ):
+            if value is not None and not getattr(self.scene, field):
+                raise ValueError(
+                    f'{name} was given, but the kernel was made for a scene without: '
+                    f'compile it with Scene({field}=True)'
+                )
 
     def _target(
         self, out: NDArray[Any] | None, shape: tuple[int, ...], inputs: dict[str, NDArray[Any]]
     ) -> NDArray[Any]:
         """Return the array to compute into: `out` unless it lies over an input."""
         if out is None:
-            return np.empty(shape, self.dtype)
+            q = inputs['q']
+            return np.empty(shape, self.dtype, 'F' if q.ndim == 2 and q.flags.fnc else 'C')
         if not isinstance(out, np.ndarray) or out.shape != shape or out.dtype != self.dtype:
             found = (
                 f'{out.dtype} {out.shape}' if isinstance(out, np.ndarray) else type(out).__name__
@@ -373,9 +370,11 @@ def compile_kernel(
     plant, scene = plant_of(robot, scene, dtype)
     method = choose(plant, method, refine)
 
+    again = partial(compile_kernel, robot, method=method, scene=scene, dtype=dtype, refine=refine)
+
     def make(names: tuple[str, ...], estimating: Callable[[], Kernel] | None = None) -> Kernel:
         recipe = forward(plant, method, refine, dtype, names)
-        return Kernel(robot, scene, method, dtype, recipe, estimating)
+        return Kernel(robot, scene, method, dtype, recipe, again, estimating)
 
     return make(('qdd',), partial(make, ('qdd', 'error')) if refine else None)
 
@@ -384,5 +383,11 @@ def compile_inverse_kernel(
     robot: Robot, *, scene: Scene | None = None, dtype: str = 'float64'
 ) -> Kernel:
     """Compile inverse dynamics, tau = kernel(q, qd, qdd); arguments as in compile_kernel."""
-    plant, scene = plant_of(robot, scene, dtype)
-    return Kernel(robot, scene, 'newton_euler', dtype, inverse(plant, dtype))
+    # A torque does not depend on which joints could be held.
+    plant, scene = plant_of(robot, replace(scene or Scene(), brakes=False), dtype)
+    again = partial(compile_inverse_kernel, robot, scene=scene, dtype=dtype)
+    return Kernel(robot, scene, 'newton_euler', dtype, inverse(plant, dtype), again)
+
+
+def _refuse(*arrays: object) -> None:
+    """Take the place of a short way that a kernel has not."""

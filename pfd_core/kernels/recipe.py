@@ -16,6 +16,8 @@ from functools import cache, cached_property
 import gc
 from typing import Any
 
+from pfd_core.algorithms.conjugate_gradient import TOLERANCE
+from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.dynamics import record_inverse_dynamics
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.cache import T, remember
@@ -26,7 +28,9 @@ from pfd_core.kernels.parts import effort
 from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant, Robot, Scene, resolve
 
-DTYPES = ('float64', 'float32')
+# Where iterative methods stop: their residual has fallen to the rounding of the number format.
+TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
+DTYPES = tuple(TOLERANCES)
 
 
 class Recipe:
@@ -102,7 +106,8 @@ def forward(
     """Return the recipe of forward dynamics by a method, with some of its outputs."""
 
     def record() -> dict[str, Program]:
-        return stages(record_refined(plant, method, refine), dtype, names)
+        recorded = record_refined(plant, method, refine, TOLERANCES[dtype])
+        return stages(with_nan_unless_converged(recorded), dtype, names)
 
     return Recipe(record, ('forward', plant.digest, method, str(refine), dtype, *names))
 

@@ -16,6 +16,7 @@ and the number of threads.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from pfd_core.kernels.ensemble import SLOTS, compile_ensemble
 from pfd_core.kernels.steps import REPORT
-from pfd_core.kernels.threads import COUNT, block_size, count_of, new_job, run
+from pfd_core.kernels.threads import MOST, block_size, run, thread_count
 from pfd_core.model import Robot, Scene
 from pfd_core.simulation.feedback import Law, law_arrays
 from pfd_core.simulation.inputs import (
@@ -190,39 +191,60 @@ class Ensemble:
             States after `every`, 2 `every`, ... steps.
 
         """
-        threads = count_of(threads)
+        threads = thread_count(threads)
         taus, steps = self._torques(taus, steps)
         every = positive_integer('every', every)
         law, followed = law_arrays(feedback, self.size, steps, self.robot.n, self.dtype)
-        arrays = {'tau': taus, **self._held(wrench, brakes), **followed}
+        given = {'tau': taus, **self._held(wrench, brakes), **followed}
         shape = self.size, steps // every, self.robot.n
         states = {name: np.empty(shape, self.dtype) for name in REPORT}
         sound = np.zeros(self.size, np.int64)
-        if steps:
-            arrays |= self._state | {f'{name}.out': value for name, value in states.items()}
-            self._advance(arrays, steps, every, law, sound, threads)
-        start, self._steps = self._steps, self._steps + steps
-        time = self._start + self.step_size * np.arange(start + every, self._steps + 1, every)
+        begin = self._steps
+        for first, count, interval in pieces(steps, every, self._steps_at_once):
+            rows = slice(first // every, (first + count) // every)
+            arrays = {
+                name: array[:, first : first + count] if array.ndim == 3 else array
+                for name, array in given.items()
+            } | {f'{name}.out': array[:, rows] for name, array in states.items()}
+            self._advance(arrays, (count, interval, law), sound, first, threads)
+        time = self._start + self.step_size * np.arange(begin + every, self._steps + 1, every)
         status = 'ok' if (sound == steps).all() else 'not_finite'
         return Trajectories(time, states['q'], states['qd'], states['qdd'], status, sound)
+
+    @property
+    def _steps_at_once(self) -> int:
+        """Steps of a register of arms that a signal may have to wait for."""
+        return max(MOST // (self._native.work * self._evaluations), 1)
 
     def _advance(
         self,
         arrays: dict[str, Array],
-        steps: int,
-        every: int,
-        law: int,
+        manner: tuple[int, int, int],
         sound: Array,
+        first: int,
         threads: int,
     ) -> None:
-        """Run the native code on arrays (B, n) or (B, steps, n), strided as they are."""
-        table = [x for name in SLOTS for x in _row(arrays.get(name))]
-        native = self._native
-        job = new_job(table, threads, (steps, self.substeps, every, law, sound.ctypes.data))
-        job[COUNT] = self.size
-        work = native.work * self._evaluations * steps
-        block = block_size(self.size, threads, native.width, work)
-        run(native.code, 'ensemble', job, block, threads)
+        """
+        Advance all arms by some steps, or none where the caller is interrupted.
+
+        Arrays are (B, n) or (B, steps, n), strided as they are; `manner` is the number of steps,
+        the interval at which states are written, and the law. `sound` counts on from `first`.
+        """
+        steps, every, law = manner
+        state = {name: array.copy() for name, array in self._state.items()}
+        table = np.array([_row((arrays | state).get(name)) for name in SLOTS], np.int64)
+        good = np.zeros(self.size, np.int64)
+        native, last = self._native, self.size - 1
+        constant = (last, steps, self.substeps, every, law, table.ctypes.data, good.ctypes.data)
+
+        def work(start: int, size: int) -> int:
+            native.run(start, start + size, *constant)
+            return 0
+
+        operations = native.work * self._evaluations * steps
+        run(work, self.size, block_size(self.size, threads, native.width, operations), threads)
+        sound[sound == first] += good[sound == first]
+        self._state, self._steps = state, self._steps + steps
 
     def _torques(self, taus: ArrayLike | None, steps: int | None) -> tuple[Array, int]:
         """Return the torques, (B, steps, n), and the number of steps."""
@@ -253,6 +275,26 @@ class Ensemble:
         if self.scene.brakes:
             held['free'] = spread('brakes', free(brakes), (self.size, self.robot.n), self.dtype)
         return held
+
+
+def pieces(steps: int, every: int, most: int) -> Iterator[tuple[int, int, int]]:
+    """
+    Yield where pieces of a rollout begin, how many steps they have, and their interval.
+
+    A piece has at most `most` steps. The interval is counted from its beginning: states are
+    written after `every`, 2 `every`, ... steps of the whole, and nowhere else.
+    """
+    if every <= most:
+        most -= most % every
+    first = 0
+    while first < steps:
+        count = min(most, steps - first)
+        interval = every
+        if every > most:
+            count = min(count, every - first % every)
+            interval = count + ((first + count) % every > 0)
+        yield first, count, interval
+        first += count
 
 
 def _row(array: Array | None) -> tuple[int, int, int, int]:

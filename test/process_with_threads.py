@@ -1,0 +1,117 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A process that computes with some threads and ends in some way; run by test_threads_end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import gc
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+import time
+
+import numpy as np
+
+import pfd_core as pfd
+from pfd_core.kernels import threads
+
+STATUS = 7
+
+
+def compute(count: int, kernel: pfd.Kernel | None = None) -> None:
+    """Compute with some threads, and see that the bits are those of one."""
+    kernel = kernel or pfd.compile_kernel(pfd.load_robot('planar2'))
+    x = np.linspace(-1, 1, 4000).reshape(2000, 2)
+    np.testing.assert_array_equal(kernel(x, x, x, threads=count), kernel(x, x, x))
+
+
+def compute_for_ever(count: int) -> None:
+    """Compute until the process ends."""
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    while True:
+        compute(count, kernel)
+
+
+def nap(count: int) -> None:
+    """End when the workers are idle again."""
+    compute(count)
+    time.sleep(0.05)
+
+
+def leave(count: int) -> None:
+    """End by an exit status."""
+    compute(count)
+    raise SystemExit(STATUS)
+
+
+def interrupted(count: int) -> None:
+    """End by SIGINT in the middle of a call."""
+    compute(count)
+    threading.Timer(0.02, os.kill, (os.getpid(), signal.SIGINT)).start()
+    compute_for_ever(count)
+
+
+def forked(count: int) -> None:
+    """Fork beside workers; the child uses threads of its own, and goes by each way out."""
+    compute(count)
+    child = os.fork()
+    compute(count)
+    if child == 0:
+        return
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
+    _by_multiprocessing('fork', count)
+
+
+def spawned(count: int) -> None:
+    """Start processes that know nothing of this one."""
+    compute(count)
+    _by_multiprocessing('spawn', count)
+
+
+def _by_multiprocessing(method: str, count: int) -> None:
+    process = multiprocessing.get_context(method).Process(target=compute, args=(count,))
+    process.start()
+    compute(count)
+    process.join()
+    assert process.exitcode == 0
+
+
+def collected(count: int) -> None:
+    """Forget kernels while other threads compute, and end while they do."""
+    for _ in range(2):
+        threading.Thread(target=compute_for_ever, args=(count,), daemon=True).start()
+    for _ in range(5):
+        compute(count)
+        gc.collect()
+
+
+def outlived(count: int) -> None:
+    """End the main thread before one that computes."""
+
+    def late() -> None:
+        threading.main_thread().join()
+        for _ in range(5):
+            compute(count)
+
+    threading.Thread(target=late).start()
+    compute(count)
+
+
+WAYS: dict[str, Callable[[int], None]] = {
+    'at once': compute,
+    'after a nap': nap,
+    'by SystemExit': leave,
+    'by SIGINT': interrupted,
+    'with fork': forked,
+    'with spawn': spawned,
+    'with kernels collected': collected,
+    'before a thread': outlived,
+}
+STATUSES = {'by SystemExit': STATUS, 'by SIGINT': -signal.SIGINT}
+
+if __name__ == '__main__':
+    threads.LEAST = 1  # a small batch is worth a worker
+    WAYS[sys.argv[1]](int(sys.argv[2]))

@@ -1,0 +1,56 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Fresh processes that compute with threads end as they are told to, every time."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from itertools import cycle, islice, product
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+from process_with_threads import STATUSES, WAYS
+import pytest
+
+SCRIPT = Path(__file__).with_name('process_with_threads.py')
+THREADS = (2, 0, 3)
+# Far longer than any of them takes; a process that hangs is killed and told.
+PATIENCE = 120.0
+SIDE_BY_SIDE = 2
+
+
+def ending(case: tuple[str, int]) -> str:
+    """Return how a process ended that should not have ended so, or nothing."""
+    way, count = case
+    command = [sys.executable, '-W', 'ignore::DeprecationWarning', str(SCRIPT), way, str(count)]
+    try:
+        run = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
+    except subprocess.TimeoutExpired:
+        return f'{way}, {count} threads: hangs'
+    told = run.stderr.strip().splitlines()
+    quiet = not told or (way == 'by SIGINT' and told[-1] == 'KeyboardInterrupt')
+    if run.returncode == STATUSES.get(way, 0) and quiet:
+        return ''
+    return f'{way}, {count} threads: status {run.returncode}, {told[-3:]}'
+
+
+def cases(number: int) -> list[tuple[str, int]]:
+    """Return so many cases, of which all ways with all numbers of threads are the first."""
+    ways = [way for way in WAYS if way != 'with fork' or hasattr(os, 'fork')]
+    return list(islice(cycle(product(ways, THREADS)), number))
+
+
+def failures(number: int) -> list[str]:
+    with ThreadPoolExecutor(SIDE_BY_SIDE) as starters:
+        return [text for text in starters.map(ending, cases(number)) if text]
+
+
+def test_processes_with_threads_end_well() -> None:
+    assert failures(30) == []
+
+
+@pytest.mark.slow
+def test_hundreds_of_processes_with_threads_end_well() -> None:
+    assert failures(300) == []

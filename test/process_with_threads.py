@@ -49,9 +49,13 @@ def leave(count: int) -> None:
 
 def interrupted(count: int) -> None:
     """End by SIGINT in the middle of a call."""
-    compute(count)
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    compute(count, kernel)
+    # Not earlier: Python drops a KeyboardInterrupt in the middle of a `__del__`, and the compiler's
+    # objects have one.
     threading.Timer(0.02, os.kill, (os.getpid(), signal.SIGINT)).start()
-    compute_for_ever(count)
+    while True:
+        compute(count, kernel)
 
 
 def forked(count: int) -> None:

@@ -51,7 +51,7 @@ def interrupted(count: int) -> None:
     """End by SIGINT in the middle of a call."""
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
     compute(count, kernel)
-    # Not earlier: Python drops a KeyboardInterrupt in the middle of a `__del__`, and the compiler's
+    # Not earlier: Python drops a KeyboardInterrupt within a `__del__`, and the compiler's
     # objects have one.
     threading.Timer(0.02, os.kill, (os.getpid(), signal.SIGINT)).start()
     while True:

@@ -23,7 +23,8 @@ from pfd_core.model import (
 from pfd_core.simulation.ensemble import Ensemble, Trajectories
 from pfd_core.simulation.feedback import Feedback, StateFeedback
 from pfd_core.simulation.integrators import INTEGRATORS
-from pfd_core.simulation.simulator import Simulator, Trajectory
+from pfd_core.simulation.simulator import Simulator
+from pfd_core.simulation.trajectory import Trajectory
 
 try:
     __version__ = version('pfd_ros')

@@ -19,7 +19,7 @@ Accelerations are those of points, as Newton and Euler have them, so that no lin
 needed. A force is that of Lee and Chang 1987: the base accelerates by minus gravity, and the
 wrench hangs on the last link with a minus sign. Nothing here divides by a mass; d is the pivot
 of H eliminated from the tip, and H is positive definite exactly when all are above zero. A joint
-that is held has g = r = 0: its whole body passes to the link before.
+that is held has an infinite pivot and g = r = 0: its whole body passes to the link before.
 
 Each 3 x 3 matrix is rotated by two planar rotations (12 multiplications and 11 additions, 8 and
 8 if symmetric) where a full product takes 45 and 30.
@@ -47,6 +47,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 from typing import Any
 
 import numpy as np
@@ -287,7 +288,7 @@ def _joint(link: Link, body: Body, tau: Lanes, rotor: Lanes | None, free: Lanes 
         pivot = pivot + rotor
     inverse = 1.0 / pivot
     if free is not None:
-        inverse = where(free, inverse, 0.0)
+        inverse, pivot = where(free, inverse, 0.0), where(free, pivot, math.inf)
     held = body.f if link.slides else body.n
     u = tau if held is None else tau - held[2]
     return Joint(inverse * U_n, inverse * U_f, inverse * u, pivot)

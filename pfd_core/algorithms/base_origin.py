@@ -61,9 +61,10 @@ def record_pcrbm_base_origin(plant: Plant, schedule: str) -> Program:
     qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
     y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
     rows = inertia_matrix_base_origin(recorder, chain, at, armature(recorder, plant))
+    free = None
     if plant.brakes:
-        rows, y = held_joints(recorder, rows, y)
-    qdd, pivots = solve(recorder, rows, y)
+        rows, y, free = held_joints(recorder, rows, y)
+    qdd, pivots = solve(recorder, rows, y, free=free)
     return finish(recorder, qdd=qdd, pivots=pivots)
 
 

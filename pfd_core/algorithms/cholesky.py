@@ -32,10 +32,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+import math
 
 from pfd_core.algorithms.elimination_schedule import Product, stages
 from pfd_core.machine.patterns import collect, column_sweep, gather
-from pfd_core.machine.recorder import Lanes, Recorder, broadcast, on, shift, sqrt
+from pfd_core.machine.recorder import Lanes, Recorder, broadcast, on, shift, sqrt, where
 
 Place = tuple[Lanes, int]
 Element = tuple[int, int]
@@ -73,13 +74,14 @@ def solve(
     *,
     schedule: str | None = None,
     square_roots: bool = False,
+    free: Lanes | None = None,
 ) -> tuple[Lanes, Lanes]:
     """
     Return the solution of H x = y and the pivots.
 
     Parameters
     ----------
-    recorder, rows, y, schedule, square_roots
+    recorder, rows, y, schedule, square_roots, free
         As for factorise.
 
     Returns
@@ -94,7 +96,9 @@ def solve(
     with recorder.section('factorisation'):
         # In a row with the columns, y would fill lanes, and each column would wait for it.
         beside = None if apart else y
-        factors = factorise(recorder, rows, beside, schedule=schedule, square_roots=square_roots)
+        factors = factorise(
+            recorder, rows, beside, schedule=schedule, square_roots=square_roots, free=free
+        )
     with recorder.section('column sweep'):
         z = factors.z
         if z is None:
@@ -112,6 +116,7 @@ def factorise(
     *,
     schedule: str | None = None,
     square_roots: bool = False,
+    free: Lanes | None = None,
 ) -> Factors:
     """
     Return L D L' or L L' of a symmetric matrix, and the forward substitution.
@@ -129,6 +134,8 @@ def factorise(
         else `by_columns`.
     square_roots : bool
         L L' instead of L D L'.
+    free : Lanes or None
+        Zero where the pivot is to be taken as infinite; the rest of that row is zero.
 
     Raises
     ------
@@ -141,7 +148,7 @@ def factorise(
         raise ValueError(f'H must have as many rows as there are lanes, {n}, got {len(rows)}')
     if schedule is None:
         schedule = 'look_ahead' if recorder.packs else 'by_columns'
-    work = _Elimination(recorder, rows, y, square_roots)
+    work = _Elimination(recorder, rows, y, square_roots, free)
     work.finish(0)
     for m, steps in enumerate(stages(schedule, n, y is not None), start=1):
         for op, products in steps:
@@ -188,10 +195,16 @@ class _Elimination:
     """
 
     def __init__(
-        self, recorder: Recorder, rows: Sequence[Lanes], y: Lanes | None, square_roots: bool
+        self,
+        recorder: Recorder,
+        rows: Sequence[Lanes],
+        y: Lanes | None,
+        square_roots: bool,
+        free: Lanes | None,
     ) -> None:
         n = recorder.lanes
         self.recorder = recorder
+        self.free = free
         self.square_roots = square_roots
         self.augmented = y is not None
         self.at = {(k, i): (rows[i], k) for i in range(n) for k in range(i, n)}
@@ -222,11 +235,21 @@ class _Elimination:
             return
         column = gather(final)
         if self.recorder.packs:
-            quotient = column / on(broadcast(divisor, j), final)
+            quotient = column / on(broadcast(self._or_infinite(divisor, j), j), final)
         else:  # a processor divides once and multiplies by the reciprocal
-            quotient = column * on(broadcast(1.0 / divisor, j), final)
+            inverse = 1.0 / divisor
+            if self.free is not None:
+                inverse = where(on(self.free, [j]), inverse, 0.0)
+            quotient = column * on(broadcast(inverse, j), final)
         self.left.append(quotient)
         self.right.append(quotient if self.square_roots else column)
+
+    def _or_infinite(self, pivot: Lanes, j: int) -> Lanes:
+        """Return a pivot, or infinity where its joint is held."""
+        if self.free is None:
+            return pivot
+        held: Lanes = where(on(self.free, [j]), pivot, math.inf)
+        return held
 
     def multiply(self, products: Sequence[Product]) -> None:
         """Form products, each where its element lies if that lane is free, or near it."""
@@ -268,6 +291,8 @@ class _Elimination:
         n = self.recorder.lanes
         columns = tuple(on(self.left[j], range(j + 1, n)) for j in range(n - 1))
         z = collect(dict(enumerate(self.left))) if self.augmented else None
+        for parts in (self.pivots, self.roots):
+            parts.update((j, self._or_infinite(part, j)) for j, part in parts.items())
         diagonal = collect(self.roots) if self.square_roots else None
         return Factors(columns, diagonal, collect(self.pivots), z)
 

@@ -20,6 +20,7 @@ One register holds one number; everything of link i is in axes B_i.
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 
 from pfd_core.algorithms.grouped_newton_euler import (
     Link,
@@ -42,10 +43,12 @@ def record_composite_body(plant: Plant, schedule: str) -> Program:
         if plant.armature is not None:
             for i, rotor in enumerate(plant.armature):
                 H[i][i] = H[i][i] + float(rotor)
+    free = None
     if plant.brakes:
-        H, y = _held(recorder, H, y)
+        free = [recorder.input('free', [i]) for i in range(len(y))]
+        H, y = _held(recorder, free, H, y)
     with recorder.section('solve'):
-        x, pivots = solve(H, y)
+        x, pivots = solve(H, y, free)
     for name, values in (('qdd', x), ('pivots', pivots)):
         recorder.output(name, (len(values),), [(value, 0) for value in values])
     return recorder.program()
@@ -96,10 +99,9 @@ def _moved_body(
 
 
 def _held(
-    recorder: Recorder, H: list[list[Lanes]], y: list[Lanes]
+    recorder: Recorder, free: Sequence[Lanes], H: list[list[Lanes]], y: list[Lanes]
 ) -> tuple[list[list[Lanes]], list[Lanes]]:
     """Return the equations with the accelerations of held joints set to zero."""
-    free = [recorder.input('free', [i]) for i in range(len(y))]
     with recorder.section('brakes'):
         rows = [
             [
@@ -111,8 +113,14 @@ def _held(
         return rows, [where(moves, value, 0.0) for moves, value in zip(free, y, strict=True)]
 
 
-def solve(H: Sequence[Sequence[Lanes]], y: Sequence[Lanes]) -> tuple[list[Lanes], list[Lanes]]:
-    """Return x of H x = y and the pivots, by H = L' D L from the last row on."""
+def solve(
+    H: Sequence[Sequence[Lanes]], y: Sequence[Lanes], free: Sequence[Lanes] | None = None
+) -> tuple[list[Lanes], list[Lanes]]:
+    """
+    Return x of H x = y and the pivots, by H = L' D L from the last row on.
+
+    The pivot of a held joint is infinite, so that it may have no inertia.
+    """
     n = len(y)
     rows, x = [list(row) for row in H], list(y)
     L: list[list[Lanes]] = [[] for _ in y]
@@ -120,6 +128,8 @@ def solve(H: Sequence[Sequence[Lanes]], y: Sequence[Lanes]) -> tuple[list[Lanes]
     for k in range(n - 1, -1, -1):
         last = rows[k]
         inverses[k] = 1.0 / last[k]
+        if free is not None:
+            inverses[k] = where(free[k], inverses[k], 0.0)
         L[k] = [h * inverses[k] for h in last[:k]]
         for i, factor in enumerate(L[k]):
             rows[i] = [h - factor * last[j] for j, h in enumerate(rows[i])]
@@ -128,4 +138,7 @@ def solve(H: Sequence[Sequence[Lanes]], y: Sequence[Lanes]) -> tuple[list[Lanes]
         x[k] = x[k] * inverses[k]
         for i, factor in enumerate(L[k]):
             x[k] = x[k] - factor * x[i]
-    return x, [rows[k][k] for k in range(n)]
+    pivots = [rows[k][k] for k in range(n)]
+    if free is not None:
+        pivots = [where(moves, d, math.inf) for moves, d in zip(free, pivots, strict=True)]
+    return x, pivots

@@ -66,9 +66,10 @@ def record_pcrbm(plant: Plant, schedule: str) -> Program:
     qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
     y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
     rows = inertia_matrix(recorder, chain, at, armature(recorder, plant))
+    free = None
     if plant.brakes:
-        rows, y = held_joints(recorder, rows, y)
-    qdd, pivots = solve(recorder, rows, y)
+        rows, y, free = held_joints(recorder, rows, y)
+    qdd, pivots = solve(recorder, rows, y, free=free)
     return finish(recorder, qdd=qdd, pivots=pivots)
 
 

@@ -20,6 +20,7 @@ from pfd_core.algorithms.triangular_array import SECTION, solve_cycles, solve_st
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps, check_processors
 from pfd_core.model import Robot, Scene, resolve
+from pfd_core.model.arguments import NO_BRAKES, held_mask, real_numbers, shown
 
 
 @dataclass(frozen=True)
@@ -64,6 +65,7 @@ def emulate(
     method: str = 'pcrbm',
     scene: Scene | None = None,
     wrench: ArrayLike | None = None,
+    brakes: ArrayLike | None = None,
     processors: int | None = None,
     dtype: str = 'float64',
     digits: int | None = None,
@@ -83,6 +85,8 @@ def emulate(
         Which effects are on; default: rigid links and gravity.
     wrench : array_like, optional
         Force and moment exerted on the last link, (..., 6), in its frame.
+    brakes : array_like of bool, optional
+        Joints that are held, (..., n), only if the scene has brakes; default none.
     processors : int, optional
         Default n.
     dtype : {'float64', 'float32'}
@@ -93,7 +97,7 @@ def emulate(
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is unknown, or is not finite.
+        If an argument has the wrong shape or type, is unknown, or is not finite.
 
     """
     scene = Scene() if scene is None else scene
@@ -103,6 +107,10 @@ def emulate(
     given: dict[str, ArrayLike] = {'q': q, 'qd': qd, 'tau': tau}
     if wrench is not None:
         given['wrench'] = wrench
+    if scene.brakes:
+        given['free'] = held_mask(brakes, robot.n, 'float64')
+    elif brakes is not None:
+        raise ValueError(NO_BRAKES)
     inputs = _checked(program, given, digits)
     check_processors(processors, program.lanes)
     result = run(program, inputs, dtype, digits)
@@ -138,18 +146,16 @@ def steps_of(
 
 def _checked(program: Program, given: dict[str, ArrayLike], digits: int | None) -> dict[str, Any]:
     """Return the inputs as arrays of one batch shape; ValueError for what cannot be one."""
-    if 'free' in program.inputs:
-        given = {**given, 'free': np.ones(program.inputs['free'])}
     arrays = {}
     for name, size in program.inputs.items():
         if name not in given:
             raise ValueError(f'the scene has an external wrench, so the call needs {name}=')
-        array = np.asarray(given[name], dtype=object if digits else np.float64)
+        array = real_numbers(name, given[name], 'float64')
         if array.shape[-1:] != (size,):
             raise ValueError(f'{name} must have shape (..., {size}), got {array.shape}')
-        if not np.isfinite(array.astype(np.float64)).all():
-            raise ValueError(f'{name} must be finite, got {array}')
-        arrays[name] = array
+        if not np.isfinite(array).all():
+            raise ValueError(f'{name} must be finite, got {shown(given[name])}')
+        arrays[name] = np.asarray(given[name], dtype=object) if digits else array
     shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
     return {
         name: np.broadcast_to(array, (*shape, array.shape[-1])) for name, array in arrays.items()

@@ -74,8 +74,15 @@ def torque(
     return tau
 
 
-def held_joints(recorder: Recorder, rows: list[Lanes], y: Lanes) -> tuple[list[Lanes], Lanes]:
-    """Return the equations with the accelerations of held joints set to zero."""
+def held_joints(
+    recorder: Recorder, rows: list[Lanes], y: Lanes
+) -> tuple[list[Lanes], Lanes, Lanes]:
+    """
+    Return the equations with the accelerations of held joints set to zero, and the input `free`.
+
+    A held joint has nothing but its own inertia left in its equation. That may be zero, so that
+    a solve takes its pivot as infinite, whose reciprocal is zero.
+    """
     with recorder.section('brakes'):
         free = joint_input(recorder, 'free')
         n = recorder.lanes
@@ -85,4 +92,4 @@ def held_joints(recorder: Recorder, rows: list[Lanes], y: Lanes) -> tuple[list[L
             if i < n - 1:
                 beyond = where(free, where(broadcast(free, i), beyond, 0.0), 0.0)
             held.append(merge(beyond, on(rows[i], [i])))
-        return held, where(free, y, 0.0)
+        return held, where(free, y, 0.0), free

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
 
@@ -73,7 +74,7 @@ class Joint:
     U_n, U_f : LaneArray
         (3,), moment and force that its unit acceleration takes.
     d : Lanes
-        Their part along the joint, with its rotor: a pivot of H.
+        Their part along the joint, with its rotor: a pivot of H; infinite for a held joint.
     inverse : Lanes
         1/d, or zero for a held joint.
     kept : Lanes
@@ -144,6 +145,7 @@ def _joint(
     kept = rotor * inverse
     if free is not None:
         inverse, kept = where(free, inverse, 0.0), where(free, kept, 1.0)
+        d = where(free, d, math.inf)
     return U_n, U_f, d, inverse, kept
 
 

@@ -17,6 +17,8 @@ Lane i holds link i + 1 and component i + 1 of every vector.
 
 from __future__ import annotations
 
+import math
+
 from pfd_core.algorithms.conjugate_gradient import TOLERANCE, conjugate_gradient
 from pfd_core.algorithms.equations import armature, begin, finish, joint_input, torque
 from pfd_core.algorithms.inertia_times import prepare, times
@@ -66,7 +68,7 @@ def record_pcgm(
     inverse = None
     if jacobi:
         _, _, diagonal = composite_forces(recorder, chain, at, rotors)
-        inverse = 1.0 / diagonal
+        inverse = 1.0 / (diagonal if free is None else where(free, diagonal, math.inf))
     solution = conjugate_gradient(
         recorder,
         lambda u: free_part(times(prepared, u)),

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
 
@@ -43,7 +44,7 @@ class Joints:
     IS, u : LaneArray
         (6,), I S and X S.
     D, inverse : Lanes
-        S' I S with rotors, and 1/D, zero for a held joint.
+        S' I S with rotors, and 1/D; infinity and zero for a held joint.
     y : LaneArray
         (k,), right-hand sides.
 
@@ -107,7 +108,7 @@ def single_links(
         D = D + rotor
     inverse = 1.0 / D
     if free is not None:
-        inverse = where(free, inverse, 0.0)
+        inverse, D = where(free, inverse, 0.0), where(free, D, math.inf)
     k, ku = inverse * IS, inverse * u
     link, X = _spatial(body), _shift(pose.p_star)
     pieces = Pieces(

@@ -37,6 +37,7 @@ clock records a program. There lane 0 holds every number of the array.
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,7 +47,7 @@ from pfd_core.algorithms.omega import bias_omega
 from pfd_core.algorithms.pcrbm import inertia_matrix
 from pfd_core.machine.patterns import gather
 from pfd_core.machine.program import Program, Steps
-from pfd_core.machine.recorder import Lanes, sqrt
+from pfd_core.machine.recorder import Lanes, merge, on, sqrt, where
 from pfd_core.machine.systolic import DIRECTIONS, Array, Cell, Link, Place, Ports, Step, Trace
 from pfd_core.model import Plant
 
@@ -236,9 +237,10 @@ def record_pcrbm_array(plant: Plant, schedule: str) -> Program:
     qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
     y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
     rows = inertia_matrix(recorder, chain, at, armature(recorder, plant))
-    if plant.brakes:
-        rows, y = held_joints(recorder, rows, y)
     n = recorder.lanes
+    if plant.brakes:
+        rows, y, free = held_joints(recorder, rows, y)
+        rows = [merge(where(on(free, [k]), rows[k], math.inf), rows[k]) for k in range(n)]
     with recorder.section(f'streams of the {SECTION}'):
         places = [[*((rows[k], m) for m in range(k, n)), (y, k)] for k in range(n)]
         problem = [[gather({0: place}) for place in row] for row in places]

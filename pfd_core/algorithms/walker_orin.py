@@ -47,6 +47,7 @@ One register holds one number.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+import math
 
 from pfd_core.algorithms.composite_links import Triangle, composite_bodies
 from pfd_core.algorithms.link_coordinates import (
@@ -154,6 +155,7 @@ def _direct(plant: Plant, schedule: str, inertia_matrix: Callable[[Chain], Trian
         with recorder.section('rotors'):
             for row, rotor in zip(H, plant.armature, strict=True):
                 row[-1] = row[-1] + recorder.constant(rotor)
+    free = None
     if plant.brakes:
         free = joint_inputs(recorder, 'free', len(y))
         y = released(free, y)
@@ -162,7 +164,7 @@ def _direct(plant: Plant, schedule: str, inertia_matrix: Callable[[Chain], Trian
             for j, (moves, row) in enumerate(zip(free, H, strict=True))
         ]
     with recorder.section('solve'):
-        qdd, pivots = solve(H, y)
+        qdd, pivots = solve(H, y, free)
     return finish(recorder, qdd=qdd, pivots=pivots)
 
 
@@ -198,7 +200,9 @@ def _half_columns(chain: Chain) -> Triangle:
     return [[columns[i][j - i] for i in range(j + 1)] for j in range(n)]
 
 
-def solve(H: Triangle, y: Sequence[Lanes]) -> tuple[list[Lanes], list[Lanes]]:
+def solve(
+    H: Triangle, y: Sequence[Lanes], free: Sequence[Lanes] | None = None
+) -> tuple[list[Lanes], list[Lanes]]:
     """
     Return the solution of H x = y, and the pivots, by H = L D L'.
 
@@ -208,6 +212,8 @@ def solve(H: Triangle, y: Sequence[Lanes]) -> tuple[list[Lanes], list[Lanes]]:
         Row j holds h_ji for i <= j.
     y : sequence of Lanes
         Right-hand side, (n,).
+    free : sequence of Lanes, optional
+        Zero for a held joint, whose pivot is infinite, so that it may have no inertia.
 
     Returns
     -------
@@ -221,6 +227,8 @@ def solve(H: Triangle, y: Sequence[Lanes]) -> tuple[list[Lanes], list[Lanes]]:
     inverses = []
     for m in range(n):
         inverses.append(1.0 / V[m][m])
+        if free is not None:
+            inverses[m] = where(free[m], inverses[m], 0.0)
         for j in range(m + 1, n):
             factor = V[j][m] * inverses[m]
             for i in range(m + 1, j):
@@ -232,7 +240,10 @@ def solve(H: Triangle, y: Sequence[Lanes]) -> tuple[list[Lanes], list[Lanes]]:
         x[m] = x[m] * inverses[m]
         for j in range(m + 1, n):
             x[m] = x[m] - V[j][m] * x[j]
-    return x, [V[m][m] for m in range(n)]
+    pivots = [V[m][m] for m in range(n)]
+    if free is not None:
+        pivots = [where(moves, d, math.inf) for moves, d in zip(free, pivots, strict=True)]
+    return x, pivots
 
 
 def _times_inertia(plant: Plant, chain: Chain, u: Sequence[Lanes]) -> list[Lanes]:

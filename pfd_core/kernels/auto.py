@@ -16,6 +16,7 @@ from pfd_core.kernels.cache import remember
 from pfd_core.kernels.conversion import integer
 from pfd_core.kernels.lower import lower, operations
 from pfd_core.model import Plant
+from pfd_core.model.arguments import integer
 
 FEW_JOINTS, MANY_JOINTS = 'composite_body', 'grouped_articulated_body'
 # The longest chain that always takes the one, and the shortest that always takes the other.
@@ -38,6 +39,9 @@ def choose(plant: Plant, method: str, refine: int) -> str:
 
 def _cheapest(plant: Plant) -> str:
     few, many = (cost(plant, method) for method in (FEW_JOINTS, MANY_JOINTS))
+    if plant.brakes:
+        # Choices of a held joint's pivot, which came later: a recorded arm keeps its method.
+        few -= plant.robot.n
     return FEW_JOINTS if few <= many else MANY_JOINTS
 
 

@@ -17,25 +17,21 @@ and the number of threads.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy, deepcopy
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.kernels.ensemble import SLOTS, compile_ensemble
+from pfd_core.kernels.ensemble import SLOTS, NativeEnsemble, compile_ensemble
 from pfd_core.kernels.steps import REPORT
 from pfd_core.kernels.threads import MOST, block_size, run, thread_count
 from pfd_core.model import Robot, Scene
+from pfd_core.model.arguments import held_mask, integer
 from pfd_core.simulation.feedback import Law, law_arrays
-from pfd_core.simulation.inputs import (
-    Array,
-    check_held,
-    free,
-    instant,
-    positive_integer,
-    seconds,
-    spread,
-)
+from pfd_core.simulation.inputs import Array, check_held, instant, numbers, seconds, spread
 from pfd_core.simulation.integrators import record_step
 
 
@@ -101,19 +97,47 @@ class Ensemble:
         refine: int = 0,
     ) -> None:
         self.robot = robot
-        self.size = positive_integer('size', size)
+        self.size = integer('size', size, 1)
         self.scene = Scene() if scene is None else scene
         self.step_size = seconds('step_size', step_size)
-        self.substeps = positive_integer('substeps', substeps)
+        self.substeps = integer('substeps', substeps, 1)
         self.dtype = dtype
-        step = record_step(integrator, robot.n, step_size / substeps)
-        self._native = compile_ensemble(
-            robot, step, scene=self.scene, method=method, dtype=dtype, refine=refine
+        self._settings: dict[str, Any] = {
+            'integrator': integrator,
+            'method': method,
+            'refine': refine,
+        }
+        self._native, self._evaluations = self._compile()
+        shape = self.size, robot.n
+        self._state: dict[str, Array] = {name: np.zeros(shape, dtype) for name in REPORT}
+        self.reset()
+
+    def _compile(self) -> tuple[NativeEnsemble, int]:
+        """Return the native code of these settings, and the evaluations in a step."""
+        integrator, method, refine = self._settings.values()
+        step = record_step(integrator, self.robot.n, self.step_size / self.substeps)
+        native = compile_ensemble(
+            self.robot, step, scene=self.scene, method=method, dtype=self.dtype, refine=refine
         )
         calls = sum(instruction.op == 'call' for instruction in step.instructions)
-        self._evaluations = 1 + substeps * calls
-        self._state: dict[str, Array] = {name: np.zeros((size, robot.n), dtype) for name in REPORT}
-        self.reset()
+        return native, 1 + self.substeps * calls
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != '_native'}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= state
+        self._native, _ = self._compile()
+
+    def __copy__(self) -> Ensemble:
+        # Robot, scene and code never change.
+        twin = object.__new__(type(self))
+        twin.__dict__ |= self.__dict__
+        twin._state = deepcopy(self._state)
+        return twin
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Ensemble:
+        return copy(self)
 
     @property
     def method(self) -> str:
@@ -193,7 +217,7 @@ class Ensemble:
         """
         threads = thread_count(threads)
         taus, steps = self._torques(taus, steps)
-        every = positive_integer('every', every)
+        every = integer('every', every, 1)
         law, followed = law_arrays(feedback, self.size, steps, self.robot.n, self.dtype)
         given = {'tau': taus, **self._held(wrench, brakes), **followed}
         shape = self.size, steps // every, self.robot.n
@@ -234,28 +258,23 @@ class Ensemble:
         state = {name: array.copy() for name, array in self._state.items()}
         table = np.array([_row((arrays | state).get(name)) for name in SLOTS], np.int64)
         good = np.zeros(self.size, np.int64)
-        native, last = self._native, self.size - 1
-        constant = (last, steps, self.substeps, every, law, table.ctypes.data, good.ctypes.data)
-
-        def work(start: int, size: int) -> int:
-            native.run(start, start + size, *constant)
-            return 0
-
-        operations = native.work * self._evaluations * steps
-        run(work, self.size, block_size(self.size, threads, native.width, operations), threads)
+        settings = (self.size - 1, steps, self.substeps, every, law)
+        work = partial(_run_block, self._native, settings, table, good, (arrays, state))
+        operations = self._native.work * self._evaluations * steps
+        block = block_size(self.size, threads, self._native.width, operations)
+        run(work, self.size, block, threads)
         sound[sound == first] += good[sound == first]
         self._state, self._steps = state, self._steps + steps
 
     def _torques(self, taus: ArrayLike | None, steps: int | None) -> tuple[Array, int]:
         """Return the torques, (B, steps, n), and the number of steps."""
-        if steps is not None and (not isinstance(steps, int) or steps < 0):
-            raise ValueError(f'steps must be an integer of at least 0, got {steps!r}')
+        steps = None if steps is None else integer('steps', steps, 0)
         n = self.robot.n
         if taus is None:
             if steps is None:
                 raise ValueError('steps is needed where taus does not say how many there are')
             return np.broadcast_to(np.zeros(n, self.dtype), (self.size, steps, n)), steps
-        array = np.asarray(taus)
+        array = numbers('taus', taus, self.dtype)
         if array.ndim not in (2, 3):
             raise ValueError(
                 f'taus must have shape (steps, {n}) or ({self.size}, steps, {n}), '
@@ -264,7 +283,7 @@ class Ensemble:
         found = array.shape[-2]
         if steps not in (None, found):
             raise ValueError(f'taus holds {found} steps, but steps={steps} were asked for')
-        return spread('taus', taus, (self.size, found, n), self.dtype), found
+        return spread('taus', array, (self.size, found, n), self.dtype), found
 
     def _held(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> dict[str, Array]:
         """Return what stays the same for all steps, (B, 6) and (B, n)."""
@@ -273,7 +292,8 @@ class Ensemble:
         if wrench is not None:
             held['wrench'] = spread('wrench', wrench, (self.size, 6), self.dtype)
         if self.scene.brakes:
-            held['free'] = spread('brakes', free(brakes), (self.size, self.robot.n), self.dtype)
+            free = held_mask(brakes, self.robot.n, self.dtype)
+            held['free'] = spread('brakes', free, (self.size, self.robot.n), self.dtype)
         return held
 
 
@@ -295,6 +315,20 @@ def pieces(steps: int, every: int, most: int) -> Iterator[tuple[int, int, int]]:
             interval = count + ((first + count) % every > 0)
         yield first, count, interval
         first += count
+
+
+def _run_block(
+    native: NativeEnsemble,
+    manner: tuple[int, ...],
+    table: Array,
+    good: Array,
+    alive: object,
+    first: int,
+    size: int,
+) -> int:
+    """Run a block of arms on the arrays of a table, which must stay alive meanwhile."""
+    native.run(first, first + size, *manner, table.ctypes.data, good.ctypes.data)
+    return 0
 
 
 def _row(array: Array | None) -> tuple[int, int, int, int]:

@@ -11,19 +11,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.model import Scene
+from pfd_core.model.arguments import NO_BRAKES, real_numbers, shown
 
 Array = NDArray[Any]
 
 
 def numbers(name: str, value: ArrayLike, dtype: str) -> Array:
     """Return finite numbers as an array; ValueError if they are not."""
-    try:
-        array = np.asarray(value, dtype=dtype)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f'{name} must be an array of numbers, got {value!r}') from error
+    array = real_numbers(name, value, dtype)
     if not np.isfinite(array).all():
-        shown = f', got {array}' if array.ndim == 1 else ''
-        raise ValueError(f'{name} must be finite{shown}')
+        raise ValueError(f'{name} must be finite, got {shown(value)}')
     return array
 
 
@@ -37,25 +34,29 @@ def spread(name: str, value: ArrayLike, shape: tuple[int, ...], dtype: str) -> A
         raise ValueError(f'{name} must have shape {wanted}, got {array.shape}') from error
 
 
-def positive_integer(name: str, value: object) -> int:
-    """Return an integer above zero; ValueError if it is not one."""
-    if not isinstance(value, int) or value < 1:
-        raise ValueError(f'{name} must be an integer of at least 1, got {value!r}')
-    return value
-
-
 def seconds(name: str, value: float) -> float:
     """Return a duration above zero; ValueError if it is not one."""
-    if not (math.isfinite(value) and value > 0):
-        raise ValueError(f'{name} must be above zero seconds, got {value!r}')
-    return value
+    number = _number(value)
+    if not (math.isfinite(number) and number > 0):
+        raise ValueError(f'{name} must be above zero seconds, got {shown(value)}')
+    return number
 
 
 def instant(value: float) -> float:
     """Return a time; ValueError if it is not finite."""
-    if not math.isfinite(value):
-        raise ValueError(f'time must be finite, got {value!r}')
-    return value
+    number = _number(value)
+    if not math.isfinite(number):
+        raise ValueError(f'time must be finite, got {shown(value)}')
+    return number
+
+
+def _number(value: ArrayLike) -> float:
+    """Return a real number as a float, and anything else as NaN."""
+    try:
+        array = real_numbers('', value, 'float64')
+    except ValueError:
+        return math.nan
+    return math.nan if array.ndim else float(array)
 
 
 def check_held(scene: Scene, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
@@ -63,12 +64,7 @@ def check_held(scene: Scene, wrench: ArrayLike | None, brakes: ArrayLike | None)
     if (wrench is not None) != scene.external_wrench:
         raise ValueError(
             'wrench is given exactly when the scene has external_wrench=True: '
-            f'external_wrench={scene.external_wrench}, wrench={wrench!r}'
+            f'external_wrench={scene.external_wrench}, wrench={shown(wrench)}'
         )
     if brakes is not None and not scene.brakes:
-        raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
-
-
-def free(brakes: ArrayLike | None) -> Array:
-    """Return 1 for joints that move and 0 for those that are held; by default none is."""
-    return 1.0 - np.asarray(False if brakes is None else brakes, dtype=bool)
+        raise ValueError(NO_BRAKES)

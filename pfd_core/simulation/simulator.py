@@ -14,60 +14,26 @@ give the same bits, step by step or in one rollout.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property, partial
+from copy import copy, deepcopy
+from functools import partial
+import time
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.kernels.rollout import compile_rollout
+from pfd_core.kernels.rollout import Rollout, compile_rollout
 from pfd_core.model import Robot, Scene
-from pfd_core.simulation.inputs import (
-    Array,
-    check_held,
-    free,
-    instant,
-    numbers,
-    positive_integer,
-    seconds,
-)
+from pfd_core.model.arguments import held_mask, integer
+from pfd_core.simulation.inputs import Array, check_held, instant, numbers, seconds
 from pfd_core.simulation.integrators import record_step
+from pfd_core.simulation.moment import Moment
+from pfd_core.simulation.trajectory import Trajectory
 
-
-@dataclass(frozen=True)
-class Trajectory:
-    """
-    States after each of a number of steps.
-
-    Attributes
-    ----------
-    time : numpy.ndarray
-        (steps,) [s].
-    q, qd : numpy.ndarray
-        (steps, n), positions and velocities [rad or m, s].
-    status : str
-        'ok', or 'not_finite' if a state overflowed.
-    sound : int
-        Steps from the first on after which the state was finite.
-
-    """
-
-    time: Array
-    q: Array
-    qd: Array
-    status: str
-    sound: int
-    _accelerations: Callable[[], Array] = field(repr=False, compare=False)
-
-    @cached_property
-    def qdd(self) -> Array:
-        """
-        Accelerations at the end of each step, under its torque, (steps, n) [rad or m, s].
-
-        No step needs them, so that they are computed from the states when they are first read.
-        """
-        return self._accelerations()
+# A rollout runs in pieces, between which Python looks for signals: seconds that one may take,
+# by the time that the one before took, and the steps of the first.
+PIECE = 0.05
+FIRST = 16
 
 
 class Simulator:
@@ -89,10 +55,8 @@ class Simulator:
     method, dtype, refine
         As for compile_kernel.
 
-    Attributes
-    ----------
-    status : str
-        'ok', or 'not_finite' once a state has overflowed; `reset` clears it.
+    Copies and pickles carry the state on with the same bits; the native code is compiled again,
+    or found on disk, where a pickle is opened.
 
     Raises
     ------
@@ -116,22 +80,44 @@ class Simulator:
         self.robot = robot
         self.scene = Scene() if scene is None else scene
         self.step_size = seconds('step_size', step_size)
-        self.substeps = positive_integer('substeps', substeps)
+        self.substeps = integer('substeps', substeps, 1)
         self.dtype = dtype
-        step = record_step(integrator, robot.n, step_size / substeps)
-        self._native = compile_rollout(
-            robot, step, scene=self.scene, method=method, dtype=dtype, refine=refine
+        self._settings: dict[str, Any] = {
+            'integrator': integrator,
+            'method': method,
+            'refine': refine,
+        }
+        self._native = self._compile()
+        # The valid moment, which `_turn` points to, and one to work on.
+        self._moments = Moment(robot.n, dtype), Moment(robot.n, dtype)
+        self._turn = 0
+        self._out = Moment(robot.n, dtype)
+
+    def _compile(self) -> Rollout:
+        """Return the native code of these settings."""
+        integrator, method, refine = self._settings.values()
+        step = record_step(integrator, self.robot.n, self.step_size / self.substeps)
+        return compile_rollout(
+            self.robot, step, scene=self.scene, method=method, dtype=self.dtype, refine=refine
         )
-        n = robot.n
-        self._state: list[Array] = [np.zeros(n, dtype) for _ in range(2)]
-        self._row: list[Array] = [np.zeros((1, n), dtype) for _ in range(2)]
-        self._tau = np.zeros((1, n), dtype)
-        self._wrench, self._free = np.zeros(6, dtype), np.ones(n, dtype)
-        # NumPy takes longer to tell an address than an arm takes to move.
-        self._state_at = _addresses(self._state)
-        self._step_at = _addresses([self._tau]), _addresses(self._row)
-        self._wrench_at, self._free_at = _addresses([self._wrench]), _addresses([self._free])
-        self.reset()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != '_native'}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= state
+        self._native = self._compile()
+
+    def __copy__(self) -> Simulator:
+        # Robot, scene and code never change.
+        twin = object.__new__(type(self))
+        twin.__dict__ |= self.__dict__
+        twin._moments = deepcopy(self._moments)
+        twin._out = deepcopy(self._out)
+        return twin
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Simulator:
+        return copy(self)
 
     @property
     def method(self) -> str:
@@ -141,12 +127,12 @@ class Simulator:
     @property
     def q(self) -> Array:
         """Joint positions, (n,) [rad or m]; a copy."""
-        return np.array(self._state[0])
+        return np.array(self._now.q)
 
     @property
     def qd(self) -> Array:
         """Joint velocities, (n,) [rad/s or m/s]; a copy."""
-        return np.array(self._state[1])
+        return np.array(self._now.qd)
 
     @property
     def qdd(self) -> Array:
@@ -155,30 +141,34 @@ class Simulator:
 
         Zero before the first step.
         """
-        if not self._steps:
+        now = self._now
+        if not now.steps:
             return np.zeros(self.robot.n, self.dtype)
-        q, qd = (x[np.newaxis] for x in self._state)
-        qdd: Array = self._accelerations(q, qd, self._tau, self._wrench, self._free)[0]
+        held = [now.wrench] * self.scene.external_wrench + [now.free] * self.scene.brakes
+        q, qd, tau = (x[np.newaxis] for x in (now.q, now.qd, now.tau))
+        qdd: Array = self._accelerations(q, qd, tau, held)[0]
         return qdd
 
     @property
     def time(self) -> float:
         """Time of the state [s]: the start plus whole steps, so that it does not drift."""
-        return self._start + self._steps * self.step_size
+        now = self._now
+        return now.start + now.steps * self.step_size
+
+    @property
+    def status(self) -> str:
+        """'ok', or 'not_finite' once a state has overflowed; `reset` clears it."""
+        return self._now.status
 
     def reset(
         self, q: ArrayLike | None = None, qd: ArrayLike | None = None, time: float = 0.0
     ) -> None:
         """Set positions and velocities, (n,), default zero, and the time [s]."""
-        values = [
-            np.zeros(self.robot.n) if value is None else self._vector(name, value)
-            for name, value in (('q', q), ('qd', qd))
-        ]
-        self._start = instant(time)
-        for target, value in zip(self._state, values, strict=True):
-            target[:] = value
-        self._steps = 0
-        self.status = 'ok'
+        following = self._following()
+        for target, name, value in ((following.q, 'q', q), (following.qd, 'qd', qd)):
+            target[:] = 0.0 if value is None else self._vector(name, value)
+        following.start, following.steps, following.status = instant(time), 0, 'ok'
+        self._turn ^= 1
 
     def step(
         self, tau: ArrayLike, wrench: ArrayLike | None = None, *, brakes: ArrayLike | None = None
@@ -196,14 +186,18 @@ class Simulator:
             Joints that stay where they are, (n,); only if the scene has brakes, default none.
 
         """
-        self._tau[0] = self._vector('tau', tau)
-        self._advance(1, *self._step_at, wrench, brakes)
+        row, held = self._vector('tau', tau), self._held(wrench, brakes)
+        following = self._following(row, held)
+        self._advance(following, 1, following.at['tau'], self._out.at['q'], self._out.at['qd'])
 
     def rollout(
         self, taus: ArrayLike, wrench: ArrayLike | None = None, *, brakes: ArrayLike | None = None
     ) -> Trajectory:
         """
         Advance the state by one step for each row of torques.
+
+        A KeyboardInterrupt ends it within a fraction of a second; the state and the time are then
+        those after some of the steps, from which another call goes on.
 
         Parameters
         ----------
@@ -218,58 +212,90 @@ class Simulator:
             Row k is the state after step k + 1.
 
         """
-        rows = np.ascontiguousarray(numbers('taus', taus, self.dtype))
+        # The caller may change what was given, before the accelerations are read.
+        rows = np.array(numbers('taus', taus, self.dtype), order='C')
         if rows.ndim != 2 or rows.shape[1] != self.robot.n:
             raise ValueError(f'taus must have shape (steps, {self.robot.n}), got {rows.shape}')
-        start = self._steps
-        q, qd = out = [np.empty_like(rows) for _ in range(2)]
-        sound = 0
-        if len(rows):
-            sound = self._advance(len(rows), _addresses([rows]), _addresses(out), wrench, brakes)
-            self._tau[0] = rows[-1]
-        time = self._start + self.step_size * np.arange(start + 1, start + len(rows) + 1)
-        status = 'ok' if sound == len(rows) else 'not_finite'
-        # The caller may change what he gave, and the next call what is held.
-        held = rows.copy(), self._wrench.copy(), self._free.copy()
-        return Trajectory(time, q, qd, status, sound, partial(self._accelerations, q, qd, *held))
-
-    def _advance(
-        self,
-        steps: int,
-        taus: list[int],
-        out: list[int],
-        wrench: ArrayLike | None,
-        brakes: ArrayLike | None,
-    ) -> int:
-        """Run the native code; return after how many steps the state was finite."""
         held = self._held(wrench, brakes)
-        sound = self._native.run(steps, self.substeps, *self._state_at, *taus, *held, *out)
-        self._steps += steps
-        if sound < steps:
-            self.status = 'not_finite'
+        before = self._now.steps
+        q, qd = np.empty_like(rows), np.empty_like(rows)
+        sound = self._pieces(rows, held, q, qd)
+        steps = np.arange(before + 1, before + len(rows) + 1)
+        return Trajectory(
+            time=self._now.start + self.step_size * steps,
+            q=q,
+            qd=qd,
+            status='ok' if sound == len(rows) else 'not_finite',
+            sound=sound,
+            _accelerations=partial(self._accelerations, q, qd, rows, list(held.values())),
+        )
+
+    def _pieces(self, rows: Array, held: dict[str, Array], q: Array, qd: Array) -> int:
+        """Take a step for each row, piece by piece; return after how many it was all finite."""
+        places = [array.ctypes.data for array in (rows, q, qd)]
+        done, sound, count = 0, 0, FIRST
+        while done < len(rows):
+            count = min(count, len(rows) - done)
+            begin = time.perf_counter()
+            following = self._following(rows[done + count - 1], held)
+            here = (place + done * rows.strides[0] for place in places)
+            finite = self._advance(following, count, *here)
+            sound += finite if sound == done else 0
+            done += count
+            spent = max(time.perf_counter() - begin, 1e-9)
+            count = max(1, min(2 * count, int(count * PIECE / spent)))
         return sound
 
-    def _accelerations(
-        self, q: Array, qd: Array, taus: Array, wrench: Array, free: Array
-    ) -> Array:
+    def _advance(self, following: Moment, steps: int, taus: int, q: int, qd: int) -> int:
+        """
+        Run the native code on a moment, which becomes the valid one.
+
+        Returns after how many steps the state was finite; arrays are given by their addresses.
+        """
+        at = following.at
+        held = [at['wrench']] * self.scene.external_wrench + [at['free']] * self.scene.brakes
+        sound = self._native.run(steps, self.substeps, at['q'], at['qd'], taus, *held, q, qd)
+        following.steps += steps
+        if sound < steps:
+            following.status = 'not_finite'
+        self._turn ^= 1
+        return sound
+
+    def _accelerations(self, q: Array, qd: Array, taus: Array, held: list[Array]) -> Array:
         """Return the accelerations of states in rows, all (steps, n)."""
         qdd = np.empty_like(q)
         rows = [np.ascontiguousarray(x) for x in (q, qd, taus)]
-        held = [wrench] * self.scene.external_wrench + [free] * self.scene.brakes
         if len(q):
-            self._native.accelerations(len(q), *_addresses([*rows, *held, qdd]))
+            self._native.accelerations(len(q), *(x.ctypes.data for x in (*rows, *held, qdd)))
         return qdd
 
-    def _held(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> list[int]:
-        """Return the addresses that the native code takes after the torques."""
+    @property
+    def _now(self) -> Moment:
+        """The valid moment."""
+        return self._moments[self._turn]
+
+    def _following(self, tau: Array | None = None, held: dict[str, Array] | None = None) -> Moment:
+        """Return the other moment: the valid one with another torque, wrench and brakes."""
+        following = self._moments[1 - self._turn]
+        following.take(self._now)
+        if tau is not None:
+            following.tau[:] = tau
+        for name, value in (held or {}).items():
+            getattr(following, name)[:] = value
+        return following
+
+    def _held(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> dict[str, Array]:
+        """Return copies of what stays the same for all steps, in the order of the kernel."""
         check_held(self.scene, wrench, brakes)
-        held: list[int] = []
+        held = {}
         if wrench is not None:
-            self._wrench[:] = self._vector('wrench', wrench, 6)
-            held += self._wrench_at
+            held['wrench'] = np.array(self._vector('wrench', wrench, 6))
         if self.scene.brakes:
-            self._free[:] = free(brakes)
-            held += self._free_at
+            held['free'] = held_mask(brakes, self.robot.n, self.dtype)
+            if held['free'].ndim != 1:
+                raise ValueError(
+                    f'brakes must have shape ({self.robot.n},), got {held["free"].shape}'
+                )
         return held
 
     def _vector(self, name: str, value: ArrayLike, size: int | None = None) -> Array:
@@ -279,7 +305,3 @@ class Simulator:
         if array.shape != (size,):
             raise ValueError(f'{name} must have shape ({size},), got {array.shape}')
         return array
-
-
-def _addresses(arrays: list[Array]) -> list[int]:
-    return [array.ctypes.data for array in arrays]

@@ -4,12 +4,16 @@
 
 from __future__ import annotations
 
+import itertools
+from itertools import product
+
 import numpy as np
 import pytest
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
 from pfd_core.kernels import threads
+from pfd_core.simulation import ensemble
 
 STEPS = 7
 # A law sampled every millisecond against its own steady state after twenty time constants.
@@ -278,3 +282,63 @@ def test_a_state_that_does_not_fit_is_refused() -> None:
         many.reset(np.zeros((2, 2)))
     with pytest.raises(ValueError, match='qd must be finite'):
         many.reset(None, [np.inf, 0.0])
+
+
+def test_pieces_of_a_rollout_write_the_states_of_the_whole() -> None:
+    for steps, every, most in product(range(25), (1, 2, 3, 5, 7, 50), (1, 2, 3, 4, 7, 100)):
+        end, written = 0, []
+        for first, count, interval in ensemble.pieces(steps, every, most):
+            assert first == end
+            assert 1 <= count <= most
+            end += count
+            own = list(range(first + interval, end + 1, interval))
+            assert len(own) == end // every - first // every
+            written += own
+        assert end == steps
+        assert written == list(range(every, steps + 1, every))
+
+
+@pytest.mark.parametrize('every', [1, 3, 100])
+@pytest.mark.parametrize('integrator', pfd.INTEGRATORS)
+def test_the_bits_do_not_depend_on_the_pieces(
+    integrator: str, every: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    many = pfd.Ensemble(pfd.load_robot('planar2'), 19, integrator=integrator)
+    q, qd, taus = sequences(2, 19)
+    law = pfd.StateFeedback(np.ones((2, 4)), taus / 10)
+    found = []
+    for most in (threads.MOST, 1, 3 * many._native.work * many._evaluations):
+        monkeypatch.setattr(ensemble, 'MOST', most)
+        many.reset(q, qd)
+        runs = many.rollout(taus, feedback=law, every=every)
+        found.append([runs.time, runs.q, runs.qd, runs.qdd, runs.sound, many.q, many.qdd])
+    for one, two, three in zip(*found, strict=True):
+        np.testing.assert_array_equal(two, one)
+        np.testing.assert_array_equal(three, one)
+
+
+def test_an_interrupted_rollout_leaves_time_and_states_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    many = pfd.Ensemble(pfd.load_robot('planar2'), 40)
+    _, _, taus = sequences(2, 40)
+    whole = many.rollout(taus)
+    monkeypatch.setattr(ensemble, 'MOST', 2 * many._native.work * many._evaluations)
+    monkeypatch.setattr(threads, 'MOST', 1)
+    blocks = itertools.count()
+
+    def interrupted(*arguments: object) -> int:
+        # Three pieces of five blocks: it comes in the middle of the second.
+        if next(blocks) == 7:
+            raise KeyboardInterrupt
+        return run_block(*arguments)
+
+    run_block = ensemble._run_block
+    monkeypatch.setattr(ensemble, '_run_block', interrupted)
+    many.reset()
+    with pytest.raises(KeyboardInterrupt):
+        many.rollout(taus)
+    assert many.time == whole.time[1]
+    np.testing.assert_array_equal(many.q, whole.q[:, 1])
+    np.testing.assert_array_equal(many.qd, whole.qd[:, 1])
+    np.testing.assert_array_equal(many.rollout(taus[:, 2:]).q, whole.q[:, 2:])

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from pfd_core.algorithms.dynamics import METHODS, record_forward_dynamics
 from pfd_core.kernels.cache import remember
-from pfd_core.kernels.conversion import integer
 from pfd_core.kernels.lower import lower, operations
 from pfd_core.model import Plant
 from pfd_core.model.arguments import integer
@@ -39,9 +38,6 @@ def choose(plant: Plant, method: str, refine: int) -> str:
 
 def _cheapest(plant: Plant) -> str:
     few, many = (cost(plant, method) for method in (FEW_JOINTS, MANY_JOINTS))
-    if plant.brakes:
-        # Choices of a held joint's pivot, which came later: a recorded arm keeps its method.
-        few -= plant.robot.n
     return FEW_JOINTS if few <= many else MANY_JOINTS
 
 

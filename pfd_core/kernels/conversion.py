@@ -9,18 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.model.arguments import held_mask, integer, real_numbers, shown
-
-__all__ = [
-    'address',
-    'as_numbers',
-    'as_rows',
-    'common_shape',
-    'held_mask',
-    'integer',
-    'raise_not_finite',
-    'shown',
-]
+from pfd_core.model.arguments import real_numbers
 
 
 def as_numbers(name: str, value: ArrayLike, size: int, dtype: str) -> NDArray[Any]:

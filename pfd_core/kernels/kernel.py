@@ -24,13 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from pfd_core.kernels import llvm
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.chunks import batch_of
-from pfd_core.kernels.conversion import (
-    as_numbers,
-    as_rows,
-    common_shape,
-    held_mask,
-    raise_not_finite,
-)
+from pfd_core.kernels.conversion import as_numbers, as_rows, common_shape, raise_not_finite
 from pfd_core.kernels.engine import Native, simd_width
 from pfd_core.kernels.entry import batch_entry_ir, entry_ir
 from pfd_core.kernels.evaluate import evaluate
@@ -40,6 +34,7 @@ from pfd_core.kernels.recipe import Recipe, forward, inverse, plant_of, turned_j
 from pfd_core.kernels.threads import BatchWork, block_size, run, thread_count
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
+from pfd_core.model.arguments import held_mask
 
 
 class Kernel:

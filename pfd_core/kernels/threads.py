@@ -27,8 +27,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.kernels.conversion import address, integer
+from pfd_core.kernels.conversion import address
 from pfd_core.kernels.engine import Native
+from pfd_core.model.arguments import integer
 
 # Operations on vector registers in a block, at least: some 100 microseconds of one core, twice
 # as long as it takes to wake a worker.

@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
+import pickle
 
 import numpy as np
 import pytest
@@ -80,6 +82,30 @@ def test_scenes_can_be_compared_and_hashed(robot: Robot) -> None:
     assert len({resolve(robot, other).digest for other in plants}) == len(plants)
 
 
+def test_scenes_and_plants_stay_frozen_through_pickle_and_copies(robot: Robot) -> None:
+    scene = Scene(damping='model', armature=[1, 2, 3, 4], payload=Payload(1.0, [0, 0, 0.1]))
+    plant = resolve(robot, scene)
+    for again in (pickle.loads(pickle.dumps(scene)), copy.deepcopy(scene), copy.copy(scene)):
+        assert again == scene
+        assert again.digest == scene.digest
+        assert isinstance(again.payload.inertia, tuple)
+    ways = (lambda p: pickle.loads(pickle.dumps(p)), copy.deepcopy, copy.copy, replace)
+    for again in (way(plant) for way in ways):
+        for values in (again.gravity, again.damping, again.armature, again.robot.masses):
+            with pytest.raises(ValueError, match='read-only'):
+                values[0] = 1.0
+        assert again.digest == plant.digest
+
+
+def test_a_plant_with_other_numbers_is_frozen_too(robot: Robot) -> None:
+    mine = np.array([1.0, 2.0, 3.0])
+    plant = replace(resolve(robot), gravity=mine)
+    mine[0] = 5.0
+    assert plant.gravity[0] == 1.0
+    with pytest.raises(ValueError, match='read-only'):
+        plant.gravity[0] = 1.0
+
+
 def test_a_plant_cannot_change(robot: Robot) -> None:
     plant = resolve(robot, Scene(damping='model'))
     for values in (plant.gravity, plant.damping):
@@ -97,6 +123,10 @@ def test_a_plant_cannot_change(robot: Robot) -> None:
         ({'damping': 0.1}, "damping must be None, 'model' or one number a joint, got 0.1"),
         ({'armature': [1, -1]}, 'armature must not be negative'),
         ({'armature': [1, np.inf]}, 'armature must be finite'),
+        ({'armature': [1, True]}, 'armature must be numbers'),
+        ({'gravity': (0, 0, 10**400)}, 'gravity must be finite'),
+        ({'gravity': np.array([0, 0, 1j])}, 'gravity must be numbers'),
+        ({'damping': np.ma.array([1.0, 2.0], mask=[1, 0])}, 'damping must not be a masked'),
         ({'payload': 2.0}, 'payload must be a Payload or None, got 2.0'),
         ({'brakes': 'yes'}, "brakes must be True or False, got 'yes'"),
         ({'external_wrench': 1}, 'external_wrench must be True or False, got 1'),

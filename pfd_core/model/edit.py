@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from pfd_core.model.geometry import Array, merged, product, rotation_z, snapped
 from pfd_core.model.robot import Robot, check_inertia
+from pfd_core.model.values import listed, number, numbers, shown
 
 # Fields of a Robot with one entry for each joint, that go with the joint when it is locked.
 _OF_A_JOINT = (
@@ -50,28 +51,15 @@ class Payload:
 
     def __post_init__(self) -> None:
         # Tuples, so that a payload and the scene that holds it can be compared and hashed.
-        mass = numbers('payload mass', self.mass, ())
+        mass = number('payload mass', self.mass)
         center = numbers('payload center', self.center, (3,))
         inertia = numbers('payload inertia', self.inertia, (3, 3))
         if mass < 0:
-            raise ValueError(f'payload mass must not be negative, got {self.mass!r} kg')
-        check_inertia('payload inertia', inertia)
-        object.__setattr__(self, 'mass', float(mass))
+            raise ValueError(f'payload mass must not be negative, got {mass} kg')
+        check_inertia('payload inertia', inertia, mass * float((center * center).sum()))
+        object.__setattr__(self, 'mass', mass)
         object.__setattr__(self, 'center', tuple(center.tolist()))
         object.__setattr__(self, 'inertia', tuple(map(tuple, inertia.tolist())))
-
-
-def numbers(label: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Return a value as an array of finite numbers of a shape, or raise ValueError."""
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f'{label} must be numbers, got {value!r}') from error
-    if array.shape != shape:
-        raise ValueError(f'{label} must have shape {shape}, got {array.shape}')
-    if not np.isfinite(array).all():
-        raise ValueError(f'{label} must be finite, got {array.tolist()}')
-    return array + 0.0
 
 
 def with_payload(robot: Robot, payload: Payload) -> Robot:
@@ -99,20 +87,30 @@ def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
         If a joint is unknown, a position is not a finite number, or no joint would move.
 
     """
-    for name, position in positions.items():
+    at = locked_positions(positions)
+    for name in at:
         if name not in robot.joint_names:
             raise ValueError(
-                f'cannot lock {name!r}: {robot.name!r} has no such joint, only '
-                f'{", ".join(robot.joint_names)}'
+                f'cannot lock {shown(name)}: {shown(robot.name)} has no such joint, only '
+                f'{listed(robot.joint_names)}'
             )
-        numbers(f'position at which joint {name!r} is locked', position, ())
-    if len(positions) == robot.n:
+    if len(at) == robot.n:
         raise ValueError(
-            f'cannot lock all {robot.n} joints of {robot.name!r}; leave at least one free'
+            f'cannot lock all {robot.n} joints of {shown(robot.name)}; leave at least one free'
         )
-    for name, position in positions.items():
-        robot = _lock_one(robot, robot.joint_names.index(name), float(position))
+    for name, position in at.items():
+        robot = _lock_one(robot, robot.joint_names.index(name), position)
     return robot
+
+
+def locked_positions(positions: Mapping[str, float]) -> dict[str, float]:
+    """Return positions [rad, m] by the name of their joint as floats, or raise ValueError."""
+    if not isinstance(positions, Mapping):
+        raise ValueError(f'locked must map names of joints to positions, got {shown(positions)}')
+    return {
+        name: number(f'position at which joint {shown(name)} is locked', position)
+        for name, position in positions.items()
+    }
 
 
 def placement_at(robot: Robot, index: int, position: float) -> tuple[Array, Array]:

@@ -13,22 +13,26 @@ the frame of the tip link. At joint position q_i, frame i stands in frame i-1 at
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 import hashlib
 import warnings
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from pfd_core.model.geometry import Array
+from pfd_core.model.values import FINITE, LARGEST, Frozen, frozen, reals, shown
 
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
 
 # A rotation written with 16 digits, or multiplied up from a few, misses orthonormality by some
 # 1e-15; one written with 6 digits misses by 1e-6 and would make every link stretch.
 ROTATION_TOLERANCE = 1e-12
-# Rotating an inertia rounds at 1e-16 of its largest element, several times over.
+# Rotating an inertia rounds at 1e-16 of its largest element, several times over; so does moving
+# it to the centre of mass, at 1e-16 of the mass times the square of the way.
 INERTIA_TOLERANCE = 1e-12
 # A flat body reaches the triangle rule exactly; 1e-9 is far above rounding of that and below
 # the last digit anybody publishes.
@@ -52,7 +56,7 @@ class PhysicsWarning(UserWarning):
 
 
 @dataclass(frozen=True, eq=False)
-class Robot:
+class Robot(Frozen):
     """
     A chain of n joints; joint i and link i stand at index i-1.
 
@@ -126,14 +130,14 @@ class Robot:
 
     def __post_init__(self) -> None:
         for key in ('joint_names', 'joint_types', 'accepted', 'squared'):
-            object.__setattr__(self, key, tuple(getattr(self, key)))
+            object.__setattr__(self, key, _names(key, getattr(self, key)))
         _check_joints(self)
         for key, shape in _shapes(self.n).items():
             object.__setattr__(self, key, _array(self, key, shape))
         _check_numbers(self)
         # Symmetric to rounding becomes symmetric to the bit: half of a file's text suffices.
         J = self.inertias
-        object.__setattr__(self, 'inertias', _read_only((J + J.transpose(0, 2, 1)) / 2))
+        object.__setattr__(self, 'inertias', frozen((J + J.transpose(0, 2, 1)) / 2))
         _warn_of_impossible_bodies(self)
 
     @property
@@ -168,7 +172,8 @@ class Robot:
 
 def link_label(robot: Robot, index: int) -> str:
     """Return how an error names link index + 1."""
-    return f'link {index + 1} of {robot.name!r} (moved by joint {robot.joint_names[index]!r})'
+    joint = shown(robot.joint_names[index])
+    return f'link {index + 1} of {shown(robot.name)} (moved by joint {joint})'
 
 
 def _shapes(n: int) -> dict[str, tuple[int, ...]]:
@@ -184,64 +189,66 @@ def _shapes(n: int) -> dict[str, tuple[int, ...]]:
     return {**matrix, **vector, **joint, 'base_rotation': (3, 3), 'base_position': (3,)}
 
 
-def _read_only(values: ArrayLike) -> Array:
-    # Adding 0.0 copies, and turns -0.0 into 0.0: equal robots have equal bits.
-    copy = np.asarray(values, dtype=np.float64) + 0.0
-    copy.setflags(write=False)
-    return copy
+def _names(key: str, value: Iterable[str]) -> tuple[str, ...]:
+    names = () if isinstance(value, str) else tuple(value)
+    if isinstance(value, str) or not all(isinstance(name, str) for name in names):
+        raise ValueError(f'{key} must be a tuple of texts, got {shown(value)}')
+    return names
 
 
 def _array(robot: Robot, key: str, shape: tuple[int, ...]) -> Array:
     """Return a read-only copy of a field, broadcast from a scalar where it is one per joint."""
-    value = getattr(robot, key)
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ValueError(f'{robot.name!r}: {key} must be numbers: {error}') from error
+    array = reals(f'{shown(robot.name)}: {key}', getattr(robot, key))
     if array.ndim == 0 and shape == (robot.n,):
         array = np.full(shape, array)
     if array.shape != shape:
         raise ValueError(
-            f'{robot.name!r}: {key} must have shape {shape} for {robot.n} joints, '
+            f'{shown(robot.name)}: {key} must have shape {shape} for {robot.n} joints, '
             f'got {array.shape}'
         )
-    return _read_only(array)
+    return frozen(array)
 
 
 def _check_joints(robot: Robot) -> None:
     if not isinstance(robot.name, str) or not robot.name:
-        raise ValueError(f'a robot needs a name, got {robot.name!r}')
+        raise ValueError(f'a robot needs a name, got {shown(robot.name)}')
     if robot.n == 0:
-        raise ValueError(f'{robot.name!r} has no moving joint; a chain needs at least one')
+        raise ValueError(f'{shown(robot.name)} has no moving joint; a chain needs at least one')
     if len(robot.joint_types) != robot.n:
         raise ValueError(
-            f'{robot.name!r}: joint_types must have {robot.n} entries, one for each joint, '
+            f'{shown(robot.name)}: joint_types must have {robot.n} entries, one for each joint, '
             f'got {len(robot.joint_types)}'
         )
+    for key in ('base', 'tip', 'source'):
+        if not isinstance(getattr(robot, key), str):
+            raise ValueError(f'{key} must be a text, got {shown(getattr(robot, key))}')
+    many = [name for name, count in Counter(robot.joint_names).items() if count > 1]
+    if many:
+        raise ValueError(f'{shown(robot.name)}: joint name {shown(many[0])} occurs more than once')
     for name, kind in zip(robot.joint_names, robot.joint_types, strict=True):
-        if not isinstance(name, str) or not name:
-            raise ValueError(f'{robot.name!r}: every joint needs a name, got {name!r}')
-        if robot.joint_names.count(name) > 1:
-            raise ValueError(f'{robot.name!r}: joint name {name!r} occurs more than once')
+        if not name:
+            raise ValueError(f"{shown(robot.name)}: every joint needs a name, got ''")
         if kind not in JOINT_TYPES:
-            raise ValueError(f'joint {name!r}: type must be one of {JOINT_TYPES}, got {kind!r}')
+            raise ValueError(
+                f'joint {shown(name)}: type must be one of {JOINT_TYPES}, got {shown(kind)}'
+            )
 
 
 def _check_numbers(robot: Robot) -> None:
     limits = {'position_lower', 'position_upper', 'velocity_limit', 'effort_limit'}
     for key in _shapes(robot.n):
         array = getattr(robot, key)
-        wrong = np.isnan(array) if key in limits else ~np.isfinite(array)
-        _refuse(robot, key, wrong, 'must be a number' if key in limits else 'must be finite')
+        wrong = np.isnan(array) if key in limits else ~(np.abs(array) <= LARGEST)
+        _refuse(robot, key, wrong, f'must be {"a number" if key in limits else FINITE}')
     not_negative = ('masses', 'armature', 'velocity_limit', 'effort_limit', 'damping', 'friction')
     for key in not_negative:
         _refuse(robot, key, getattr(robot, key) < 0, 'must not be negative')
     crossed = robot.position_lower > robot.position_upper
     _refuse(robot, 'position_lower', crossed, 'must not exceed position_upper')
-    _check_rotation(f'base_rotation of {robot.name!r}', robot.base_rotation)
+    _check_rotation(f'base_rotation of {shown(robot.name)}', robot.base_rotation)
     for i in range(robot.n):
-        _check_rotation(f'rotation of joint {robot.joint_names[i]!r}', robot.rotations[i])
-        check_inertia(f'inertia of {link_label(robot, i)}', robot.inertias[i])
+        _check_rotation(f'rotation of joint {shown(robot.joint_names[i])}', robot.rotations[i])
+        check_inertia(f'inertia of {link_label(robot, i)}', robot.inertias[i], _moment(robot, i))
 
 
 def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None:
@@ -251,10 +258,10 @@ def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None
     index = int(np.argwhere(wrong)[0][0])
     value = getattr(robot, key)
     if key.startswith('base_'):
-        raise ValueError(f'{robot.name!r}: {key} {rule}, got {value.tolist()}')
+        raise ValueError(f'{shown(robot.name)}: {key} {rule}, got {shown(value.tolist())}')
     raise ValueError(
-        f'{robot.name!r}: {key} of joint {robot.joint_names[index]!r} {rule}, '
-        f'got {value[index].tolist()}'
+        f'{shown(robot.name)}: {key} of joint {shown(robot.joint_names[index])} {rule}, '
+        f'got {shown(value[index].tolist())}'
     )
 
 
@@ -269,13 +276,24 @@ def _check_rotation(label: str, R: Array) -> None:
         raise ValueError(f'{label} must be right-handed, its determinant is -1')
 
 
-def check_inertia(label: str, J: Array) -> None:
-    """Raise ValueError unless an inertia, (3, 3), is symmetric and has no negative moment."""
-    scale = float(np.abs(J).max())
-    if np.abs(J - J.T).max() > INERTIA_TOLERANCE * scale:
-        raise ValueError(f'{label} must be symmetric, got {J.tolist()}')
+def _moment(robot: Robot, index: int) -> float:
+    """Return the mass of a link times the square of the longest way on the robot [kg m^2]."""
+    longest = max(float(np.abs(robot.translations).max()), float(np.abs(robot.centers).max()))
+    return float(robot.masses[index]) * longest**2
+
+
+def check_inertia(label: str, J: Array, moment: float = 0.0) -> None:
+    """
+    Raise ValueError unless an inertia, (3, 3), is symmetric and has no negative moment.
+
+    `moment` is the mass times the square of a length of the robot [kg m^2]: an element that is
+    small beside it may be rounding.
+    """
+    tolerance = INERTIA_TOLERANCE * max(float(np.abs(J).max()), moment)
+    if np.abs(J - J.T).max() > tolerance:
+        raise ValueError(f'{label} must be symmetric, got {shown(J.tolist())}')
     moments = np.linalg.eigvalsh(J)
-    if moments[0] < -INERTIA_TOLERANCE * scale:
+    if moments[0] < -tolerance:
         raise ValueError(
             f'{label} must not be negative in any direction, but its principal moments are '
             f'{moments.tolist()} kg m^2'
@@ -285,7 +303,8 @@ def check_inertia(label: str, J: Array) -> None:
 def _warn_of_impossible_bodies(robot: Robot) -> None:
     for i in range(robot.n):
         x, y, z = np.linalg.eigvalsh(robot.inertias[i]).tolist()
-        if z > (x + y) * (1 + TRIANGLE_TOLERANCE) and robot.joint_names[i] not in robot.accepted:
+        most = (x + y) * (1 + TRIANGLE_TOLERANCE) + INERTIA_TOLERANCE * _moment(robot, i)
+        if z > most and robot.joint_names[i] not in robot.accepted:
             warnings.warn(
                 f'{link_label(robot, i)}: principal moments {x:.4g}, {y:.4g}, {z:.4g} kg m^2 '
                 'break the triangle rule (no body has one above the sum of the others); '

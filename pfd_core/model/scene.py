@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.edit import Payload, numbers, with_payload
+from pfd_core.model.edit import Payload, with_payload
 from pfd_core.model.geometry import Array, product
 from pfd_core.model.robot import Robot
+from pfd_core.model.values import Frozen, frozen, listed, numbers, shown
 
 MODEL = 'model'
 
@@ -68,10 +69,10 @@ class Scene:
         for key in ('damping', 'armature'):
             object.__setattr__(self, key, _per_joint(key, getattr(self, key)))
         if self.payload is not None and not isinstance(self.payload, Payload):
-            raise ValueError(f'payload must be a Payload or None, got {self.payload!r}')
+            raise ValueError(f'payload must be a Payload or None, got {shown(self.payload)}')
         for key in ('external_wrench', 'brakes'):
             if not isinstance(getattr(self, key), (bool, np.bool_)):
-                raise ValueError(f'{key} must be True or False, got {getattr(self, key)!r}')
+                raise ValueError(f'{key} must be True or False, got {shown(getattr(self, key))}')
             object.__setattr__(self, key, bool(getattr(self, key)))
         for key in ('friction', 'joint_limits'):
             if getattr(self, key) is not None:
@@ -85,7 +86,7 @@ class Scene:
 
 
 @dataclass(frozen=True, eq=False)
-class Plant:
+class Plant(Frozen):
     """
     A scene brought to numbers for one robot.
 
@@ -108,6 +109,11 @@ class Plant:
     armature: Array | None
     external_wrench: bool
     brakes: bool
+
+    def __post_init__(self) -> None:
+        for key in ('gravity', 'damping', 'armature'):
+            if getattr(self, key) is not None:
+                object.__setattr__(self, key, frozen(getattr(self, key)))
 
     @property
     def digest(self) -> str:
@@ -137,15 +143,15 @@ def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
 
     """
     if not isinstance(robot, Robot):
-        raise ValueError(f'robot must be a Robot, got {robot!r}; load_robot() makes one')
+        raise ValueError(f'robot must be a Robot, got {shown(robot)}; load_robot() makes one')
     scene = Scene() if scene is None else scene
     if not isinstance(scene, Scene):
-        raise ValueError(f'scene must be a Scene or None, got {scene!r}')
+        raise ValueError(f'scene must be a Scene or None, got {shown(scene)}')
     carrying = robot if scene.payload is None else with_payload(robot, scene.payload)
     gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
     return Plant(
         robot=carrying,
-        gravity=_frozen(product(robot.base_rotation.T, gravity)),
+        gravity=product(robot.base_rotation.T, gravity),
         damping=_values(robot, 'damping', scene.damping),
         armature=_values(robot, 'armature', scene.armature),
         external_wrench=scene.external_wrench,
@@ -157,19 +163,15 @@ def _per_joint(key: str, value: Any) -> tuple[float, ...] | str | None:
     """Return a switch as None, "model" or a tuple of numbers."""
     if value is None:
         return None
-    if isinstance(value, str):
-        if value == MODEL:
-            return value
-        raise ValueError(f'{key} must be None, {MODEL!r} or one number a joint, got {value!r}')
-    try:
-        length = len(value)
-    except TypeError:
+    if isinstance(value, str) and value == MODEL:
+        return MODEL
+    if isinstance(value, str) or not np.ndim(value):
         raise ValueError(
-            f'{key} must be None, {MODEL!r} or one number a joint, got {value!r}'
-        ) from None
-    array = numbers(key, value, (length,))
+            f'{key} must be None, {MODEL!r} or one number a joint, got {shown(value)}'
+        )
+    array = numbers(key, value, (len(value),))
     if (array < 0).any():
-        raise ValueError(f'{key} must not be negative, got {array.tolist()}')
+        raise ValueError(f'{key} must not be negative, got {shown(array.tolist())}')
     return tuple(array.tolist())
 
 
@@ -180,14 +182,8 @@ def _values(robot: Robot, key: str, switch: Any) -> Array | None:
     values = getattr(robot, key) if switch == MODEL else np.asarray(switch, dtype=np.float64)
     if values.shape != (robot.n,):
         raise ValueError(
-            f'{key} of the scene has {len(values)} numbers, but {robot.name!r} has '
-            f'{robot.n} joints: {", ".join(robot.joint_names)}'
+            f'{key} of the scene has {len(values)} numbers, but {shown(robot.name)} has '
+            f'{robot.n} joints: {listed(robot.joint_names)}'
         )
     # Zeros would be an effect that is on and does nothing.
-    return _frozen(values) if values.any() else None
-
-
-def _frozen(values: Array) -> Array:
-    copy = values + 0.0
-    copy.setflags(write=False)
-    return copy
+    return values if values.any() else None

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 import re
 
@@ -14,6 +15,7 @@ from tolerances import DYNAMICS
 from zoo import ODD_ARM, random_chain, random_state, to_pinocchio
 
 from pfd_core.model import Robot, known_robots, load_robot, lock, robot_to_yaml
+from pfd_core.model.loading import LARGEST_FILE
 
 # The book prints four digits after the point.
 PRINTED = 0.5e-4 * 1.001
@@ -225,7 +227,7 @@ def changed(old: str, new: str) -> str:
         (changed('robot: two', 'robot: two\ncolour: red'), "unknown key 'colour'; known"),
         (changed('mass: 1, ', ''), "joint 'a' has no 'mass'"),
         (changed('mass: 1', 'mass: heavy'), "mass of joint 'a' must be a number, got 'heavy'"),
-        (changed('mass: 1', 'mass: true'), "mass of joint 'a' must be a number, got True"),
+        (changed('mass: 1', 'mass: true'), "mass of joint 'a' must be a number, got 'true'"),
         (changed('mass: 1', 'weight: 1'), "joint 'a' has no 'mass'"),
         (changed('mass: 1', 'mass: 1, colour: red'), "joint 'a' has an unknown key 'colour'"),
         (changed('xy: 0.1', 'yx: 0.1'), "inertia of joint 'b' has an unknown key 'yx'"),
@@ -273,6 +275,100 @@ def test_missing_and_wrong_files_are_named(tmp_path: Path) -> None:
         load_robot(tmp_path / 'arm.yaml')
     with pytest.raises(ValueError, match='source must be a name, a path or text, got 3'):
         load_robot(3)
+
+
+def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'pipe.urdf')
+    (tmp_path / 'folder.yaml').mkdir()
+    (tmp_path / 'zero.urdf').symlink_to('/dev/zero')
+    for name in ('pipe.urdf', 'folder.yaml', 'zero.urdf'):
+        with pytest.raises(ValueError, match=rf'cannot read .*{name}.: it is no regular file'):
+            load_robot(tmp_path / name)
+        with pytest.raises(ValueError, match='it is no regular file'):
+            load_robot(str(tmp_path / name))
+    with open(tmp_path / 'huge.urdf', 'wb') as file:
+        file.truncate(LARGEST_FILE + 1)
+    with pytest.raises(ValueError, match=r'cannot read .*huge\.urdf.: it is larger than'):
+        load_robot(tmp_path / 'huge.urdf')
+
+
+@pytest.mark.parametrize('source', ['x' * 1_000_000, 'zero\0.urdf', 'a/' * 5000, b'ur5', '\ud800'])
+def test_a_name_that_no_file_can_have_is_refused_in_a_short_line(source: object) -> None:
+    with pytest.raises(ValueError, match=r'unknown robot|no robot file|source must be') as caught:
+        load_robot(source)
+    assert len(str(caught.value)) < 1000
+
+
+def test_a_mark_of_byte_order_is_no_part_of_a_file(tmp_path: Path) -> None:
+    for name, text in (('two.yaml', ROWS), ('odd.urdf', ODD_ARM)):
+        (tmp_path / name).write_text('\ufeff' + text, encoding='utf-8')
+        assert load_robot(tmp_path / name) == load_robot(text)
+
+
+def nested(levels: int) -> str:
+    """Return YAML lists, each of which names the one before nine times: 9 ** levels."""
+    lines = ['robot: x', 'l0: &l0 [1, 1]']
+    lines += [f'l{i}: &l{i} [{", ".join([f"*l{i - 1}"] * 9)}]' for i in range(1, levels)]
+    return '\n'.join([*lines, f'joints: *l{levels - 1}'])
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        (nested(20), 'more than 30000 nodes, aliases expanded in line'),
+        ('joints: ' + '[' * 1000 + ']' * 1000 + '\n', 'nested more than 20 deep'),
+        ('joints:\n' + '- ' * 1000 + '1\n', 'nested more than 20 deep'),
+        ('joints: ' + '{a: ' * 1000 + '}' * 1000 + '\n', 'nested more than 20 deep'),
+        ('joints: &a [*a]\n', 'a node contains itself'),
+        ('joints: [' + '1, ' * 30_000 + ']\n', 'more than 30000 nodes'),
+        ('#' * 1_000_000 + '\n', 'has 1000001 characters'),
+        ('joints: !!python/name:os.system x\n', "tag 'tag:yaml.org,2002:python/name:os.system'"),
+        ('joints: !!int 3\n', 'is not used in robots'),
+        ('joints: 1\n? [a]\n: b\n', 'a key is no text'),
+        ('joints: 1\njoints: 2\n', "key 'joints' occurs more than once in line 1"),
+        ('joints: \x07\n', 'is not YAML'),
+        ('joints: 1\n---\njoints: 2\n', 'is not YAML: but found another document'),
+        (ROWS.replace('mass: 1,', 'mass: 1, mass: 4,'), "key 'mass' occurs more than once"),
+        (ROWS.replace('mass: 1,', f'mass: {10**400},'), "mass of joint 'a' must be finite"),
+        (ROWS.replace('mass: 1,', 'mass: 1e-400,'), "mass of joint 'a' is too small"),
+        (ROWS.replace('mass: 1,', 'mass: 1_0,'), "mass of joint 'a' must be a number, got '1_0'"),
+        (ROWS.replace('mass: 1,', 'mass: 1:30,'), "mass of joint 'a' must be a number"),
+        (ROWS.replace('mass: 1,', 'mass: 0x10,'), "mass of joint 'a' must be a number"),
+        (ROWS.replace('mass: 1,', 'mass: \u0664,'), "mass of joint 'a' must be a number"),
+        (ROWS.replace('mass: 1,', 'mass: .inf,'), "mass of joint 'a' must be a number"),
+        (ROWS.replace('mass: 1,', 'mass: .nan,'), "mass of joint 'a' must be a number"),
+        (ROWS.replace('mass: 1,', 'mass: 1, accept_unphysical_inertia: maybe,'), 'true or false'),
+        (ROWS.replace('[0, 0, 1e-3]', '[[0], 0, 1e-3]'), "center of joint 'b' must"),
+        (ROWS.replace('[0, 0, 1e-3]', '{x: 1}'), "center of joint 'b' must have shape"),
+        (ROWS.replace('name: a', 'name: [a]'), 'joint_names must be'),
+        (ROWS.replace('robot: two', 'robot: [two]'), 'a robot needs a name'),
+        (ROWS.replace('robot: two', 'robot: two\nbase: [a]'), 'base must be a mapping'),
+        (ROWS.replace('robot: two', 'robot: two\ntip: {link: [a]}'), 'tip must be a text'),
+        (
+            ROWS.replace('name: a', f'name: {"a" * 100_000}').replace('mass: 1', 'mass: x'),
+            'mass',
+        ),
+        (ROWS.replace('mass: 1', 'mass: ' + 'x' * 100_000), 'mass of joint'),
+    ],
+)
+def test_a_hostile_yaml_is_refused_in_a_short_line(text: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message) as caught:
+        load_robot(text)
+    assert len(str(caught.value)) < 1000
+    assert '\n' not in str(caught.value)
+
+
+def test_scalars_are_texts_until_somebody_knows_better() -> None:
+    robot = load_robot(ROWS.replace('name: a', 'name: no').replace('robot: two', 'robot: 012'))
+    assert (robot.name, robot.joint_names) == ('012', ('no', 'b'))
+    assert load_robot(robot_to_yaml(robot)) == robot
+
+
+def test_anchors_and_merge_keys_may_be_used() -> None:
+    text = ROWS.replace('mass: 1,', 'mass: 1, limits: &l {upper: 2, lower: -.inf},')
+    robot = load_robot(text.replace('mass: 2,', 'mass: 2, limits: {<<: *l, lower: -3},'))
+    assert robot.position_lower.tolist() == [-np.inf, -3.0]
+    assert robot.position_upper.tolist() == [2.0, 2.0]
 
 
 def test_a_urdf_file_remembers_its_path(tmp_path: Path) -> None:

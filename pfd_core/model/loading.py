@@ -5,7 +5,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from os import PathLike
+import errno
+from os import PathLike, fspath
 from pathlib import Path
 
 from pfd_core.model.edit import lock
@@ -13,10 +14,13 @@ from pfd_core.model.robot import Robot
 from pfd_core.model.storage import robot_from_yaml
 from pfd_core.model.urdf import robot_from_urdf
 from pfd_core.model.urdf_tree import RIGHT_ANGLE_SLACK
+from pfd_core.model.values import shown
 
 PACKAGE = Path(__file__).resolve().parent.parent
 # Installed, the configuration lies in the package; in a checkout, beside it.
 FOLDERS = (PACKAGE / 'config' / 'robots', PACKAGE.parent / 'config' / 'robots')
+# The largest URDF in circulation has 1 MB.
+LARGEST_FILE = 16 * 2**20
 URDF, YAML = ('.urdf', '.xml'), ('.yaml', '.yml')
 
 
@@ -73,10 +77,10 @@ def load_robot(
     for role, asked, has in (('base', base, robot.base), ('tip', tip, robot.tip)):
         if asked not in (None, has):
             raise ValueError(
-                f'{role}={asked!r} cannot be chosen for {robot.name!r}: a YAML file holds one '
-                f'chain, from {robot.base!r} to {robot.tip!r}'
+                f'{role}={shown(asked)} cannot be chosen for {shown(robot.name)}: a YAML file '
+                f'holds one chain, from {shown(robot.base)} to {shown(robot.tip)}'
             )
-    return lock(robot, locked) if locked else robot
+    return robot if locked is None else lock(robot, locked)
 
 
 def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
@@ -88,29 +92,53 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
             return source, 'YAML text', False
         if source in _robot_files():
             return _file(_robot_files()[source])
-    elif not isinstance(source, PathLike):
-        raise ValueError(f'source must be a name, a path or text, got {source!r}')
+    elif not isinstance(source, PathLike) or not isinstance(fspath(source), str):
+        raise ValueError(f'source must be a name, a path or text, got {shown(source)}')
     path = Path(source)
-    if path.is_file():
-        return _file(path)
-    if path.suffix in (*URDF, *YAML) or len(path.parts) > 1:
-        raise ValueError(f'no robot file {str(path)!r} (looked in {str(Path.cwd())!r})')
-    raise ValueError(
-        f'unknown robot {str(source)!r}: known are {", ".join(known_robots())}; or give the path '
-        'of a .urdf or .yaml file'
-    )
+    if (
+        path.suffix not in (*URDF, *YAML, '.xacro')
+        and len(path.parts) == 1
+        and not _is_there(path)
+    ):
+        raise ValueError(
+            f'unknown robot {shown(str(source))}: known are {", ".join(known_robots())}; or give '
+            'the path of a .urdf or .yaml file'
+        )
+    return _file(path)
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # too long a name; a name with a zero byte
+        return False
 
 
 def _file(path: Path) -> tuple[str, str, bool]:
+    label = shown(str(path))
+    if not _is_there(path):
+        raise ValueError(f'no robot file {label} (looked in {shown(str(Path.cwd()))})')
     if path.suffix == '.xacro':
-        raise ValueError(f'{str(path)!r} is xacro: run `xacro {path} > robot.urdf` first')
+        raise ValueError(f'{label} is xacro: run `xacro {label} > robot.urdf` first')
     if path.suffix not in (*URDF, *YAML):
-        raise ValueError(f'{str(path)!r} must end in {", ".join((*URDF, *YAML))}')
+        raise ValueError(f'{label} must end in {", ".join((*URDF, *YAML))}')
     try:
-        text = path.read_text(encoding='utf-8')
+        text = _content(path).decode('utf-8-sig')
     except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f'cannot read {str(path)!r}: {error}') from error
+        reason = getattr(error, 'strerror', None) or error
+        raise ValueError(f'cannot read {label}: {reason}') from error
     return text, str(path), path.suffix in URDF
+
+
+def _content(path: Path) -> bytes:
+    """Return the bytes of a regular file; a pipe is not waited for, a device not read."""
+    if not path.is_file():
+        raise OSError(errno.EINVAL, 'it is no regular file')
+    with path.open('rb') as file:
+        content = file.read(LARGEST_FILE + 1)
+    if len(content) > LARGEST_FILE:
+        raise OSError(errno.EFBIG, f'it is larger than {LARGEST_FILE} bytes')
+    return content
 
 
 def _robot_files() -> dict[str, Path]:

@@ -43,6 +43,8 @@ from pfd_core.model.geometry import (
     welded_frames,
 )
 from pfd_core.model.robot import Robot
+from pfd_core.model.values import number, number_from_text, shown
+from pfd_core.model.yaml_text import read_yaml
 
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}
 LIMITS = {
@@ -106,15 +108,12 @@ def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
         If it is no YAML, or a key is missing, unknown or has a wrong value; the text names it.
 
     """
-    try:
-        document = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise ValueError(f'{source} is not YAML: {error}') from error
-    document = _table(source, document, ('robot', 'joints'), ('source', 'base', 'tip'))
+    document = read_yaml(text, source)
+    document = _table(shown(source), document, ('robot', 'joints'), ('source', 'base', 'tip'))
     name = document['robot']
     rows = document['joints']
     if not isinstance(rows, list):
-        raise ValueError(f'joints of {name!r} must be a list, got {rows!r}')
+        raise ValueError(f'joints of {shown(name)} must be a list, got {shown(rows)}')
     joints = [_joint(i, row) for i, row in enumerate(rows)]
     fields: dict[str, Any] = {key: np.array([j[key] for j in joints]) for key in _PER_JOINT}
     base, base_rotation, base_position = _end('base', document.get('base', 'base'))
@@ -124,7 +123,7 @@ def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
         joint_types=tuple(j['type'] for j in joints),
         base=base,
         tip=_end('tip', document.get('tip', 'tip'))[0],
-        source=str(document.get('source', source)),
+        source=document.get('source', source),
         accepted=tuple(j['name'] for j in joints if j['accepted']),
         **_frames(name, joints, (base_rotation, base_position), document.get('tip', 'tip')),
         **fields,
@@ -140,7 +139,9 @@ def _frames(
     """Return the fields of `Robot` that say where frames are and what links weigh."""
     ways = {j['placed_by'] for j in joints}
     if len(ways) > 1:
-        raise ValueError(f'joints of {name!r} must all be placed the same way, got {sorted(ways)}')
+        raise ValueError(
+            f'joints of {shown(name)} must all be placed the same way, got {sorted(ways)}'
+        )
     if ways == {'modified_dh'}:
         _, tip_rotation, tip_position = _end('tip', tip)
         frames = [j['frame'] for j in joints]
@@ -150,8 +151,8 @@ def _frames(
         return welded_frames(placements, [j['body'] for j in joints])
     if isinstance(tip, Mapping) and set(tip) != {'link'}:
         raise ValueError(
-            f'tip of {name!r} must be the name of a link: where it stands is given by the last '
-            f"joint's {next(iter(ways), 'frame')}"
+            f'tip of {shown(name)} must be the name of a link: where it stands is given by the '
+            f"last joint's {next(iter(ways), 'frame')}"
         )
     return {
         'rotations': np.array([j['frame'][0] for j in joints]),
@@ -167,7 +168,7 @@ def _frames(
 def _joint(index: int, row: Any) -> dict[str, Any]:
     """Return the numbers of one joint, with everything left out filled in."""
     name = row.get('name', f'number {index + 1}') if isinstance(row, Mapping) else index + 1
-    label = f'joint {name!r}'
+    label = f'joint {shown(name)}'
     optional = ('center', 'inertia', 'limits', 'damping', 'friction', 'armature', 'rotor')
     row = _table(
         label, row, ('name', 'type', 'mass'), (*optional, *PLACED_BY, 'accept_unphysical_inertia')
@@ -181,7 +182,7 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
     inertia = _table(f'inertia of {label}', row.get('inertia', {}), (), tuple(ELEMENTS))
     elements = [_number(f'inertia {k} of {label}', inertia.get(k, 0.0)) for k in ELEMENTS]
     return {
-        'name': str(row['name']),
+        'name': row['name'],
         'type': row['type'],
         'placed_by': ways[0],
         'frame': _placed(label, ways[0], row[ways[0]]),
@@ -190,9 +191,9 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
             _numbers(f'center of {label}', row.get('center', [0, 0, 0]), (3,)),
             symmetric(*elements),
         ),
-        'accepted': row.get('accept_unphysical_inertia', False) is True,
+        'accepted': _truth(label, row),
         **{
-            at: _number(f'limit {key} of {label}', limits.get(key, silent))
+            at: _number(f'limit {key} of {label}', limits.get(key, silent), infinite=True)
             for key, (at, silent) in LIMITS.items()
         },
         **_drive(label, row),
@@ -234,7 +235,7 @@ def _end(role: str, value: Any) -> tuple[str, Array, Array]:
     if isinstance(value, str):
         return value, np.eye(3), np.zeros(3)
     table = _table(role, value, ('link',), FRAME)
-    return (str(table['link']), *_placement(role, table))
+    return (table['link'], *_placement(role, table))
 
 
 def _placement(label: str, table: Mapping[str, Any]) -> tuple[Array, Array]:
@@ -258,24 +259,33 @@ def _table(
     for key in value:
         if key not in required + optional:
             known = ', '.join(required + optional)
-            raise ValueError(f'{label} has an unknown key {key!r}; known keys are {known}')
+            raise ValueError(f'{label} has an unknown key {shown(key)}; known keys are {known}')
     return value
 
 
-def _number(label: str, value: Any) -> float:
-    # A string is taken too: YAML 1.1 reads 1e-3, without a point, as one.
-    try:
-        if not isinstance(value, bool):
-            return float(value)
-    except (TypeError, ValueError):
-        pass
-    raise ValueError(f'{label} must be a number, got {value!r}')
+def _truth(label: str, row: Mapping[str, Any]) -> bool:
+    value = row.get('accept_unphysical_inertia', 'false')
+    if value not in ('true', 'True', 'false', 'False'):
+        raise ValueError(
+            f'accept_unphysical_inertia of {label} must be true or false, got {shown(value)}'
+        )
+    return value in ('true', 'True')
+
+
+def _number(label: str, value: Any, *, infinite: bool = False) -> float:
+    """Return a number of a file, or one that was left out."""
+    if isinstance(value, str):
+        return number_from_text(label, value, infinite=infinite)
+    return number(label, value, infinite=infinite)
 
 
 def _numbers(label: str, value: Any, shape: tuple[int, ...]) -> Array:
     """Return nested lists as an array of a shape, element by element."""
-    array = np.asarray(value, dtype=object)
+    try:
+        array = np.asarray(value, dtype=object)
+    except ValueError:
+        array = np.zeros(())
     if array.shape != shape:
-        raise ValueError(f'{label} must have shape {shape}, got {value!r}')
+        raise ValueError(f'{label} must have shape {shape}, got {shown(value)}')
     flat = [_number(label, item) for item in array.ravel()]
     return np.array(flat, dtype=np.float64).reshape(shape)

@@ -82,7 +82,7 @@ def number_from_text(label: str, text: str, *, infinite: bool = False) -> float:
     if infinite and _INFINITY.fullmatch(stripped):
         return -math.inf if stripped.startswith('-') else math.inf
     if not _NUMBER.fullmatch(stripped):
-        raise ValueError(f'{label} must be a finite number, got {shown(text)}')
+        raise ValueError(f'{label} must be a number, got {shown(text)}')
     value = float(stripped)
     if value == 0 and re.search('[1-9]', re.split('[eE]', stripped)[0]):
         raise ValueError(f'{label} is too small for double precision, got {shown(text)}')

@@ -180,7 +180,7 @@ BAD = [
     pytest.param(ODD_ARM, {'base': 'hand'}, "no joint moves below 'hand'", id='nothing below'),
     pytest.param(ODD_ARM, {'locked': {'j9': 0.0}}, "'j9'.*no such joint.*'j1'", id='lock unknown'),
     pytest.param(ODD_ARM, {'locked': {'mount': 0.0}}, "'mount'.*fixed joint", id='lock a weld'),
-    pytest.param(ODD_ARM, {'locked': {'j1': np.nan}}, "'j1'.*finite number", id='lock at nan'),
+    pytest.param(ODD_ARM, {'locked': {'j1': np.nan}}, "'j1' is locked must be finite", id='lock at nan'),
     pytest.param('<robot name="x"><link', {}, 'not well-formed XML', id='malformed'),
     pytest.param('<model/>', {}, 'starts with <robot>', id='not a robot'),
     pytest.param('<robot name="x"/>', {}, 'no <link>', id='empty'),
@@ -217,7 +217,7 @@ BAD = [
     pytest.param(
         urdf('x', *ARM, joint('j', 'revolute', 'base', 'arm', axis='0 0 0')),
         {},
-        '<axis>',
+        "<axis xyz> of joint 'j'",
         id='axis',
     ),
     pytest.param(
@@ -241,7 +241,7 @@ BAD = [
     ),
     pytest.param(
         urdf('x', link('base'), link('arm', -1, J=BODY), joint('j', 'revolute', 'base', 'arm')),
-        *({}, "masses of joint 'j' must not be negative"),
+        *({}, "<mass value> of link 'arm' must not be negative"),
         id='negative mass',
     ),
 ]

@@ -23,6 +23,9 @@ RIGHT_ANGLE_TOLERANCE = 8 * np.finfo(float).eps
 # What is left after snapping must be as orthonormal as rounding leaves any rotation.
 ORTHONORMAL_TOLERANCE = 16 * np.finfo(float).eps
 
+# A multiple of pi/2 is off by its own rounding: for two whole turns by 1e-15.
+MOST_QUARTERS = 8
+
 _QUARTERS = {0: (1.0, 0.0), 1: (0.0, 1.0), 2: (-1.0, 0.0), 3: (0.0, -1.0)}
 # The third column is the axis; every matrix is a right-handed signed permutation.
 _ALIGNED: dict[tuple[float, ...], list[list[float]]] = {
@@ -59,6 +62,14 @@ def cos_sin_degrees(angle: float) -> tuple[float, float]:
     return math.cos(math.radians(angle)), math.sin(math.radians(angle))
 
 
+def cos_sin(angle: float) -> tuple[float, float]:
+    """Return cosine and sine of an angle [rad], exact for the doubles nearest right angles."""
+    quarters = round(angle / (math.pi / 2))
+    if abs(quarters) <= MOST_QUARTERS and angle == quarters * (math.pi / 2):
+        return _QUARTERS[quarters % 4]
+    return math.cos(angle), math.sin(angle)
+
+
 def rotation_x(cosine: float, sine: float) -> Array:
     """Return the rotation about x, (3, 3), from the cosine and sine of its angle."""
     return np.array([[1, 0, 0], [0, cosine, -sine], [0, sine, cosine]], dtype=float)
@@ -67,6 +78,26 @@ def rotation_x(cosine: float, sine: float) -> Array:
 def rotation_z(cosine: float, sine: float) -> Array:
     """Return the rotation about z, (3, 3), from the cosine and sine of its angle."""
     return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]], dtype=float)
+
+
+def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
+    """Return the rotation by roll, pitch and yaw [rad] about the fixed axes x, y, z, (3, 3)."""
+    cosine, sine = cos_sin(pitch)
+    about_y = np.array([[cosine, 0, sine], [0, 1, 0], [-sine, 0, cosine]], dtype=float)
+    return product(rotation_z(*cos_sin(yaw)), about_y, rotation_x(*cos_sin(roll)))
+
+
+def chained(*frames: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return a frame in a frame in a frame ...: rotation, (3, 3), and origin, (3,) [m]."""
+    R, p = frames[0]
+    for turn, way in frames[1:]:
+        R, p = snapped(product(R, turn)), p + product(R, way)
+    return R, p
+
+
+def without_dust(values: Array, scale: float) -> Array:
+    """Return values with what rounding at a scale left of zeros put back to zero."""
+    return np.where(np.abs(values) <= RIGHT_ANGLE_TOLERANCE * scale, 0.0, values)
 
 
 def snapped(rotation: Array) -> Array:

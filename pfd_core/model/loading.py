@@ -13,7 +13,7 @@ from pfd_core.model.edit import lock
 from pfd_core.model.robot import Robot
 from pfd_core.model.storage import robot_from_yaml
 from pfd_core.model.urdf import robot_from_urdf
-from pfd_core.model.urdf_tree import RIGHT_ANGLE_SLACK
+from pfd_core.model.urdf_text import RIGHT_ANGLE_SLACK
 from pfd_core.model.values import shown
 
 PACKAGE = Path(__file__).resolve().parent.parent

@@ -1,32 +1,54 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Robots from URDF: Pinocchio reads and welds, this brings the chain to our frames."""
+"""Robots from URDF: the chain's bodies welded together and brought to our frames."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 import math
 from typing import Any
+import warnings
 
 import numpy as np
 
+from pfd_core.model.edit import locked_positions
 from pfd_core.model.geometry import (
-    RIGHT_ANGLE_TOLERANCE,
     Array,
     axis_rotation,
+    chained,
+    merged,
     product,
+    rotation_rpy,
+    rotation_z,
     snapped,
+    symmetric,
     welded_frames,
+    without_dust,
 )
-from pfd_core.model.robot import Robot
-from pfd_core.model.urdf_tree import (
+from pfd_core.model.robot import PhysicsWarning, Robot, check_inertia
+from pfd_core.model.urdf_check import check_with_pinocchio
+from pfd_core.model.urdf_text import (
     RIGHT_ANGLE_SLACK,
-    Chain,
+    Description,
+    Inertial,
     Joint,
-    Tree,
-    find_chain,
-    read_tree,
+    Origin,
+    read_urdf,
 )
+from pfd_core.model.urdf_tree import Chain, find_chain
+from pfd_core.model.values import number, shown
+
+Frame = tuple[Array, Array]
+Body = tuple[float, Array, Array]
+NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
+LIMITS = {
+    'position_lower': 'lower',
+    'position_upper': 'upper',
+    'velocity_limit': 'velocity',
+    'effort_limit': 'effort',
+    'damping': 'damping',
+    'friction': 'friction',
+}
 
 
 def robot_from_urdf(
@@ -59,113 +81,141 @@ def robot_from_urdf(
     Raises
     ------
     ValueError
-        If the text is no URDF, or these choices leave no single chain.
+        If the text is no URDF, these choices leave no single chain, a link is no body, or
+        Pinocchio reads other numbers.
+
+    Warns
+    -----
+    PhysicsWarning
+        If a link between two moving joints has no <inertial>, and so no mass.
 
     """
-    tree, exact, touched = read_tree(text, right_angle)
-    chain = find_chain(tree, base, tip, locked or {})
-    model = _welded_model(exact, tree, chain, locked or {})
-    placements, bodies = _joint_frames(model, chain)
+    urdf = read_urdf(text, number('right_angle', right_angle))
+    at = locked_positions(locked or {})
+    chain = find_chain(urdf, base, tip, at)
+    turns = {joint.name: axis_rotation(joint.axis) for joint in chain.joints}
+    frames = _link_frames(chain, turns, at)
+    placements = _placements(chain, turns, frames)
+    length = max(float(np.abs(p).max()) for _, p in placements)
+    bodies = _bodies(urdf, chain, frames, length)
+    check_with_pinocchio(urdf, chain, at, placements, bodies)
     return Robot(
-        name=tree.name,
+        name=urdf.name,
         joint_names=tuple(joint.name for joint in chain.joints),
         joint_types=tuple(joint.kind for joint in chain.joints),
         base=chain.base,
         tip=chain.tip,
         source=source,
-        squared=touched,
+        squared=tuple(joint.name for joint in urdf.joints.values() if joint.squared),
         **welded_frames(placements, bodies),
-        **_limits(model, chain),
+        **_limits(chain),
     )
 
 
-def _welded_model(text: str, tree: Tree, chain: Chain, locked: Mapping[str, float]) -> Any:
-    """Return Pinocchio's model in which only the chain's joints move."""
-    import pinocchio
-
-    try:
-        model = pinocchio.buildModelFromXML(text)
-    except ValueError as error:
-        raise ValueError(f'{tree.name!r}: {error} (its parser wrote why to stderr)') from error
-    moving = {joint.name for joint in chain.joints}
-    positions = pinocchio.neutral(model)
-    welded = []
-    for index in range(1, model.njoints):
-        name, joint = model.names[index], model.joints[index]
-        if name in moving:
-            continue
-        welded.append(index)
-        angle = float(locked.get(name, 0.0))
-        if joint.nq == 2:
-            # Pinocchio holds an unlimited angle as its cosine and sine.
-            positions[joint.idx_q : joint.idx_q + 2] = math.cos(angle), math.sin(angle)
-        elif joint.nq == 1:
-            positions[joint.idx_q] = angle
-    return pinocchio.buildReducedModel(model, welded, positions) if welded else model
-
-
-def _joint_frames(
-    model: Any, chain: Chain
-) -> tuple[list[tuple[Array, Array]], list[tuple[float, Array, Array]]]:
-    """Return placements and bodies of the chain in frames whose z is the joint's axis."""
-    import pinocchio
-
-    frames = [
-        model.frames[model.getFrameId(link, pinocchio.FrameType.BODY)]
-        for link in (chain.base, chain.tip)
-    ]
-    start, end = (_pair(frame.placement) for frame in frames)
-    indices = [model.getJointId(joint.name) for joint in chain.joints]
-    turns = [axis_rotation(joint.axis) for joint in chain.joints]
-    placements = []
-    # Each placement is seen from the frame before it: the base's, then each joint's.
-    before = [(start[0], start[1]), *((turn, np.zeros(3)) for turn in turns)]
-    after = [*(_pair(model.jointPlacements[k]) for k in indices), end]
-    for (R0, p0), (R1, p1), turn in zip(before, after, [*turns, np.eye(3)], strict=True):
-        placements.append((snapped(product(R0.T, R1, turn)), product(R0.T, p1 - p0)))
-    length = max(float(np.abs(p).max()) for _, p in placements)
-    placements = [(R, _without_dust(p, length)) for R, p in placements]
-    bodies = []
-    for k, turn in zip(indices, turns, strict=True):
-        inertia = model.inertias[k]
-        J = product(turn.T, np.array(inertia.inertia), turn)
-        center = _without_dust(product(turn.T, np.array(inertia.lever)), length)
-        bodies.append((float(inertia.mass), center, _without_dust(J, float(np.abs(J).max()))))
-    return placements, bodies
-
-
-def _pair(placement: Any) -> tuple[Array, Array]:
-    return snapped(np.array(placement.rotation)), np.array(placement.translation)
-
-
-def _without_dust(values: Array, scale: float) -> Array:
-    """Return values with what welding rounded to nearly zero put back to zero."""
-    return np.where(np.abs(values) <= RIGHT_ANGLE_TOLERANCE * scale, 0.0, values)
-
-
-def _limits(model: Any, chain: Chain) -> dict[str, Any]:
-    """Return limits, friction and rotor inertia of the chain's joints."""
-
-    def of(values: Any, joint: Joint, index: str = 'idx_v') -> float:
-        return float(values[getattr(model.joints[model.getJointId(joint.name)], index)])
-
-    rotor = np.asarray(model.rotorInertia) * np.asarray(model.rotorGearRatio) ** 2
-    by_velocity = {
-        'velocity_limit': model.velocityLimit,
-        'effort_limit': model.effortLimit,
-        'damping': model.damping,
-        'friction': model.friction,
-        'armature': np.asarray(model.armature) + rotor,
+def _limits(chain: Chain) -> dict[str, Any]:
+    """Return the fields of `Robot` that are limits and friction."""
+    return {
+        key: np.array([getattr(joint.limits, name) for joint in chain.joints])
+        for key, name in LIMITS.items()
     }
-    limits = {key: np.array([of(v, j) for j in chain.joints]) for key, v in by_velocity.items()}
-    for key, values, unlimited in (
-        ('position_lower', model.lowerPositionLimit, -np.inf),
-        ('position_upper', model.upperPositionLimit, np.inf),
-    ):
-        limits[key] = np.array(
-            [
-                unlimited if joint.kind == 'continuous' else of(values, joint, 'idx_q')
-                for joint in chain.joints
-            ]
-        )
-    return limits
+
+
+def _link_frames(
+    chain: Chain, turns: Mapping[str, Array], locked: Mapping[str, float]
+) -> dict[str, Frame]:
+    """
+    Return the frame of each link in the frame of its carrier.
+
+    That is the topmost link for what stands still, and else the moving joint's, in which z is the
+    joint's axis.
+    """
+    frames: dict[str, Frame] = {chain.held: (np.eye(3), np.zeros(3))}
+    for joint in chain.below:
+        if joint.name in turns:
+            frames[joint.child] = (snapped(turns[joint.name].T), np.zeros(3))
+        else:
+            motion = _motion(joint, locked.get(joint.name, 0.0))
+            at = chained(frames[joint.parent], _placed(joint.origin), motion)
+            frames[joint.child] = at
+    return frames
+
+
+def _placed(origin: Origin) -> Frame:
+    return rotation_rpy(*origin.rpy), np.array(origin.xyz)
+
+
+def _motion(joint: Joint, position: float) -> Frame:
+    """Return how far a joint at a position [rad, m] moves its child link."""
+    if joint.kind == 'fixed':
+        return np.eye(3), np.zeros(3)
+    turn = axis_rotation(joint.axis)
+    if joint.kind == 'prismatic':
+        return np.eye(3), position * turn[:, 2]
+    about_z = rotation_z(math.cos(position), math.sin(position))
+    return product(turn, about_z, turn.T), np.zeros(3)
+
+
+def _bodies(
+    urdf: Description, chain: Chain, frames: Mapping[str, Frame], length: float
+) -> list[Body]:
+    """Return what each moving joint carries, welded together, in the joint's frame."""
+    bodies = {joint.name: NO_BODY for joint in chain.joints}
+    weighed: set[str] = set()
+    for link, carrier in chain.carriers.items():
+        inertial = urdf.links[link]
+        if carrier is None or inertial is None:
+            continue
+        mass, center, J = _body(f'link {shown(link)}', inertial, length)
+        R, p = frames[link]
+        body = (mass, p + product(R, center), product(R, J, R.T))
+        bodies[carrier.name] = merged(bodies[carrier.name], body)
+        weighed.add(carrier.name)
+    _check_weighed(chain, weighed)
+    return [
+        (mass, without_dust(center, length), without_dust(J, float(np.abs(J).max())))
+        for mass, center, J in bodies.values()
+    ]
+
+
+def _body(label: str, inertial: Inertial, length: float) -> Body:
+    """Return the body of one link in the link's frame, if it is one."""
+    if inertial.mass < 0:
+        raise ValueError(f'<mass value> of {label} must not be negative, got {inertial.mass} kg')
+    R, center = _placed(inertial.origin)
+    ixx, ixy, ixz, iyy, iyz, izz = inertial.inertia
+    J = symmetric(ixx, iyy, izz, ixy, iyz, ixz)
+    longest = max(length, float(np.abs(center).max()))
+    check_inertia(f'<inertia> of {label}', J, inertial.mass * longest**2)
+    return inertial.mass, center, product(R, J, R.T)
+
+
+def _check_weighed(chain: Chain, weighed: set[str]) -> None:
+    """Refuse links without mass at the end of the chain, and warn of those within it."""
+    last = max((k for k, j in enumerate(chain.joints) if j.name in weighed), default=-1)
+    for k, joint in enumerate(chain.joints):
+        label = f'link {shown(joint.child)}, moved by joint {shown(joint.name)}, has no <inertial>'
+        if k > last:
+            raise ValueError(f'{label}, nor has anything fixed to it or further out: give it one')
+        if joint.name not in weighed:
+            warnings.warn(
+                f'{label}, nor has anything fixed to it: it is taken as massless. If it is meant, '
+                'give it one of mass 0',
+                PhysicsWarning,
+                stacklevel=5,
+            )
+
+
+def _placements(
+    chain: Chain, turns: Mapping[str, Array], frames: Mapping[str, Frame]
+) -> list[Frame]:
+    """Return where each joint's frame stands in the one before it, and the tip in the last."""
+    R, p = frames[chain.base]
+    base = (R.T, -product(R.T, p))
+    placements = []
+    for k, joint in enumerate(chain.joints):
+        turn = (turns[joint.name], np.zeros(3))
+        placed = chained(frames[joint.parent], _placed(joint.origin), turn)
+        placements.append(chained(base, placed) if k == 0 else placed)
+    placements.append(frames[chain.tip])
+    length = max(float(np.abs(p).max()) for _, p in placements)
+    return [(R, without_dust(p, length)) for R, p in placements]

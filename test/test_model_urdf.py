@@ -180,7 +180,9 @@ BAD = [
     pytest.param(ODD_ARM, {'base': 'hand'}, "no joint moves below 'hand'", id='nothing below'),
     pytest.param(ODD_ARM, {'locked': {'j9': 0.0}}, "'j9'.*no such joint.*'j1'", id='lock unknown'),
     pytest.param(ODD_ARM, {'locked': {'mount': 0.0}}, "'mount'.*fixed joint", id='lock a weld'),
-    pytest.param(ODD_ARM, {'locked': {'j1': np.nan}}, "'j1' is locked must be finite", id='lock at nan'),
+    pytest.param(
+        ODD_ARM, {'locked': {'j1': np.nan}}, "'j1' is locked must be finite", id='lock at nan'
+    ),
     pytest.param('<robot name="x"><link', {}, 'not well-formed XML', id='malformed'),
     pytest.param('<model/>', {}, 'starts with <robot>', id='not a robot'),
     pytest.param('<robot name="x"/>', {}, 'no <link>', id='empty'),

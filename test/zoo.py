@@ -212,7 +212,9 @@ def to_pinocchio(robot: Robot, armature: ArrayLike | None = None) -> pin.Model:
         joint = model.addJoint(i, axis, placement, robot.joint_names[i])
         model.addJointFrame(joint)
         placement = pin.SE3(robot.rotations[i], robot.translations[i])
-        body = pin.Inertia(float(robot.masses[i]), robot.centers[i], robot.inertias[i])
+        body = pin.Inertia(float(robot.masses[i]), robot.centers[i], np.eye(3))
+        # Set, because the constructor refuses a moment that rounding left below zero.
+        body.inertia = robot.inertias[i]
         model.appendBodyToJoint(joint, body, placement)
     model.addFrame(pin.Frame(robot.tip, robot.n, 0, placement, pin.FrameType.OP_FRAME))
     if armature is not None:

@@ -98,8 +98,7 @@ def robot_from_urdf(
     placements = _placements(chain, turns, frames)
     length = max(float(np.abs(p).max()) for _, p in placements)
     bodies = _bodies(urdf, chain, frames, length)
-    check_with_pinocchio(urdf, chain, at, placements, bodies)
-    return Robot(
+    robot = Robot(
         name=urdf.name,
         joint_names=tuple(joint.name for joint in chain.joints),
         joint_types=tuple(joint.kind for joint in chain.joints),
@@ -110,6 +109,8 @@ def robot_from_urdf(
         **welded_frames(placements, bodies),
         **_limits(chain),
     )
+    check_with_pinocchio(urdf, chain, at, placements, bodies)
+    return robot
 
 
 def _limits(chain: Chain) -> dict[str, Any]:

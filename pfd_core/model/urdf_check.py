@@ -191,4 +191,4 @@ def _words(values: ArrayLike) -> str:
 
 def _text(value: float) -> str:
     """Return a number that Pinocchio's parser reads: it refuses a file with a subnormal one."""
-    return repr(float(value)) if abs(value) >= np.finfo(float).tiny else '0'
+    return repr(float(value)) if abs(value) >= np.finfo(float).tiny else '0.0'

@@ -247,9 +247,12 @@ def _joint(element: ElementTree.Element, name: str, slack: float) -> Joint:
         )
     ends = [_only(element, tag, label) for tag in ('parent', 'child')]
     parent, child = ('' if end is None else end.get('link', '') for end in ends)
-    axis = _triple(_only(element, 'axis', label), 'xyz', label, (1.0, 0.0, 0.0))
-    if kind in MOVING and not any(axis):
-        raise ValueError(f'<axis xyz> of {label} must not be 0 0 0')
+    written = _only(element, 'axis', label)
+    axis = _triple(written, 'xyz', label, (1.0, 0.0, 0.0))
+    # The format gives x to a joint without an <axis>; readers differ about an empty one.
+    empty = written is not None and written.get('xyz') is None
+    if kind in MOVING and (empty or not any(axis)):
+        raise ValueError(f'<axis xyz> of {label} must be three numbers, not all 0')
     origin, squared = _origin(element, label, slack)
     mimic = _only(element, 'mimic', label)
     mimics = None if mimic is None else mimic.get('joint', '')

@@ -86,7 +86,7 @@ def number_from_text(label: str, text: str, *, infinite: bool = False) -> float:
     value = float(stripped)
     if value == 0 and re.search('[1-9]', re.split('[eE]', stripped)[0]):
         raise ValueError(f'{label} is too small for double precision, got {shown(text)}')
-    return number(label, value, infinite=infinite)
+    return number(label, value, infinite=infinite and not math.isinf(value))
 
 
 def number(label: str, value: object, *, infinite: bool = False) -> float:

@@ -1,0 +1,250 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Damaged URDFs: whatever is accepted weighs what the file says, and what it says is read here anew.
+
+The reader below shares nothing with the package's: another XML parser, numbers by the decimal
+module, masses summed by walking down from the joints. Every file that is accepted is compared
+with it in masses and limits, and with Pinocchio in everything else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from decimal import Decimal, InvalidOperation
+import math
+import random
+import re
+from xml.dom import minidom
+
+import numpy as np
+import pytest
+from test_model_urdf import assert_same_physics, exact_angles
+from tolerances import DYNAMICS
+from zoo import FORK, ODD_ARM, STRAIGHT_ARM
+
+from pfd_core.model import Robot, load_robot
+
+FILES = 1500
+SEED = 20260
+LOCKED = {
+    'odd': {},
+    'straight': {},
+    'fork': {'left_finger': 0.02, 'right_finger': 0.03},
+}
+TEXTS = {'odd': ODD_ARM, 'straight': exact_angles(STRAIGHT_ARM), 'fork': FORK}
+# Attributes that hold numbers, and how many; those of <limit> may be infinite.
+COUNTS = {
+    ('mass', 'value'): 1,
+    **{('inertia', key): 1 for key in ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')},
+    **{('limit', key): 1 for key in ('lower', 'upper', 'velocity', 'effort')},
+    **{('dynamics', key): 1 for key in ('damping', 'friction')},
+    **{('origin', key): 3 for key in ('xyz', 'rpy')},
+    ('axis', 'xyz'): 3,
+}
+
+ONCE = ('inertial', 'mass', 'inertia', 'origin', 'axis', 'limit', 'dynamics', 'parent', 'child')
+
+# What is done to the text of one number: put behind it, before it, or in its place.
+ENDS = (
+    *(' ', '\t', '\n', '   ', '\u00a0', '\u2009', '_0', 'e', 'kg', ',5', '.5.', 'd0', '\u0664'),
+    *('f', ';', 'e1', '0' * 30),
+)
+STARTS = (' ', '\t', '\r\n', '\u3000', '\x85', '-', '+', '\u2212', '0')
+OTHERS = (
+    *('', 'nan', 'inf', '-inf', '1e-310', '1e400', '0x1p3', '1_0', '\u0661\u0662', '\uff11'),
+    *('1e-400', '9' * 400, '0', '-0.0', '5e-324', '.5', '1.', '+2', '1E-2', '007', '1 1'),
+)
+TO_A_NUMBER: list[Callable[[str], str]] = [
+    *(lambda s, end=end: s + end for end in ENDS),
+    *(lambda s, start=start: start + s for start in STARTS),
+    *(lambda _, other=other: other for other in OTHERS),
+    lambda s: s.replace('0', 'O'),
+    lambda s: s.replace('.', ','),
+]
+# And to all of an attribute.
+TO_A_LIST: list[Callable[[str], str]] = [
+    lambda s: ' '.join(s.split()[:-1]),
+    lambda s: s + ' 0',
+    lambda s: s.replace(' ', ', '),
+    lambda s: s.replace(' ', '\t \n'),
+    lambda s: f'  {s}  ',
+    lambda s: s.replace(' ', '\u00a0'),
+    lambda s: ' '.join(reversed(s.split())),
+]
+
+
+def damaged(text: str, rng: random.Random) -> str:
+    """Return a URDF with one to three attributes, elements or names changed."""
+    document = minidom.parseString(text)
+    for _ in range(rng.choice((1, 1, 1, 2, 3))):
+        elements = [e for e in document.getElementsByTagName('*') if e.parentNode is not document]
+        spots = [
+            (e, k) for e in elements for k, _ in e.attributes.items() if (e.tagName, k) in COUNTS
+        ]
+        kind = rng.random()
+        if kind < 0.8:
+            element, key = rng.choice(spots)
+            old = element.getAttribute(key)
+            if COUNTS[element.tagName, key] > 1 and rng.random() < 0.3:
+                new = rng.choice(TO_A_LIST)(old)
+            else:
+                words = old.split(' ')
+                at = rng.randrange(len(words))
+                words[at] = rng.choice(TO_A_NUMBER)(words[at])
+                new = ' '.join(words)
+            element.setAttribute(key, new)
+        elif kind < 0.86:
+            element, key = rng.choice(spots)
+            element.removeAttribute(key)
+        elif kind < 0.91:
+            element = rng.choice(elements)
+            element.parentNode.removeChild(element)
+        elif kind < 0.96:
+            element = rng.choice(elements)
+            element.parentNode.appendChild(element.cloneNode(True))
+        else:
+            named = [e for e in elements if e.hasAttribute('name')]
+            names = [e.getAttribute('name') for e in named]
+            rng.choice(named).setAttribute('name', rng.choice([*names, 'universe', '{0}', '']))
+    return document.toxml()
+
+
+def number(text: str, infinite: bool) -> float | None:
+    """Return the number that a text is to a strict and exact reader, or None."""
+    text = text.strip(' \t\r\n')
+    if infinite and text in ('inf', '-inf'):
+        return float(text)
+    if not text.isascii() or '_' in text or not set(text) <= set('0123456789+-.eE'):
+        return None
+    try:
+        exact = Decimal(text)
+    except InvalidOperation:
+        return None
+    if abs(exact) > Decimal('1e100') or (exact and not float(exact)):
+        return None
+    return float(exact)
+
+
+def meant(text: str) -> dict[str, object] | None:
+    """Return the mass of each link and all joints, or None if the file does not say them."""
+    root = minidom.parseString(text).documentElement
+    for element in root.getElementsByTagName('*'):
+        for key, value in element.attributes.items():
+            count = COUNTS.get((element.tagName, key))
+            words = value.replace('\t', ' ').replace('\n', ' ').replace('\r', ' ').split(' ')
+            words = [word for word in words if word]
+            if count and (len(words) != count):
+                return None
+            if count and None in [number(word, element.tagName == 'limit') for word in words]:
+                return None
+        moves = element.getAttribute('type') not in ('', 'fixed')
+        axes = element.getElementsByTagName('axis')
+        if moves and axes and not axes[0].hasAttribute('xyz'):
+            return None
+        children = [c for c in element.childNodes if c.nodeType == c.ELEMENT_NODE]
+        tags = [child.tagName for child in children]
+        if any(tags.count(tag) > 1 for tag in ONCE):
+            return None
+    links, joints = (
+        [c for c in root.childNodes if c.nodeType == c.ELEMENT_NODE and c.tagName == tag]
+        for tag in ('link', 'joint')
+    )
+    for group in (links, joints):
+        names = [e.getAttribute('name') for e in group]
+        if len(set(names)) < len(names) or '' in names:
+            return None
+    masses = {}
+    for link in links:
+        bodies, weights = link.getElementsByTagName('inertial'), link.getElementsByTagName('mass')
+        inertias = link.getElementsByTagName('inertia')
+        if bodies and not (weights and inertias and weights[0].hasAttribute('value')):
+            return None
+        if inertias and not all(inertias[0].hasAttribute(k) for t, k in COUNTS if t == 'inertia'):
+            return None
+        weight = number(weights[0].getAttribute('value'), False) if bodies else 0.0
+        masses[link.getAttribute('name')] = weight
+    return {'masses': masses, 'joints': joints}
+
+
+def carried(robot: Robot, said: dict[str, object], locked: dict[str, float]) -> list[float]:
+    """Return the mass that moves with each joint of a robot, found by walking outwards."""
+    below: dict[str, list[minidom.Element]] = {}
+    by_name = {j.getAttribute('name'): j for j in said['joints']}
+    for joint in said['joints']:
+        parent = joint.getElementsByTagName('parent')[0].getAttribute('link')
+        below.setdefault(parent, []).append(joint)
+
+    def rigid(joint: minidom.Element) -> float:
+        link = joint.getElementsByTagName('child')[0].getAttribute('link')
+        welded = (
+            rigid(other)
+            for other in below.get(link, [])
+            if other.getAttribute('type') == 'fixed' or other.getAttribute('name') in locked
+        )
+        return said['masses'][link] + sum(welded)
+
+    return [rigid(by_name[name]) for name in robot.joint_names]
+
+
+def limits(joint: minidom.Element) -> list[float]:
+    """Return lower, upper, velocity, effort, damping and friction of a joint."""
+    found = []
+    silent = {'velocity': math.inf, 'effort': math.inf}
+    for tag, key in [place for place in COUNTS if place[0] in ('limit', 'dynamics')]:
+        there = joint.getElementsByTagName(tag)
+        written = bool(there) and there[0].hasAttribute(key)
+        value = there[0].getAttribute(key) if written else ''
+        found.append(number(value, True) if written else silent.get(key, 0.0))
+    if joint.getAttribute('type') == 'continuous':
+        found[:2] = [-math.inf, math.inf]
+    return found
+
+
+def normal(text: str) -> str:
+    """Return a file with its numbers written as every reader can read them."""
+    document = minidom.parseString(text)
+    for element in document.getElementsByTagName('*'):
+        for key, value in element.attributes.items():
+            if (element.tagName, key) in COUNTS:
+                numbers = [number(word, True) for word in value.split()]
+                plain = [0.0 if abs(x) < 1e-300 else float(np.nan_to_num(x)) for x in numbers]
+                element.setAttribute(key, ' '.join(map(repr, plain)))
+    return document.toxml()
+
+
+def clashes(said: dict[str, object]) -> bool:
+    """Return whether Pinocchio would take a link for a joint, or the world for either."""
+    names = {joint.getAttribute('name') for joint in said['joints']}
+    return bool(names & {'universe', *said['masses']})
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings('ignore::pfd_core.model.PhysicsWarning')
+def test_a_damaged_file_is_refused_or_loaded_as_written() -> None:
+    rng = random.Random(SEED)
+    accepted, messages = 0, []
+    for _ in range(FILES):
+        base = rng.choice(sorted(TEXTS))
+        text = damaged(TEXTS[base], rng)
+        said, locked = meant(text), LOCKED[base]
+        try:
+            robot = load_robot(text, locked=locked)
+        except ValueError as error:
+            messages.append(str(error))
+            continue
+        accepted += 1
+        assert said is not None, text
+        expected = carried(robot, said, locked)
+        np.testing.assert_allclose(robot.masses, expected, rtol=DYNAMICS, err_msg=text)
+        by_name = {j.getAttribute('name'): j for j in said['joints']}
+        keys = ('position_lower', 'position_upper', 'velocity_limit', 'effort_limit')
+        ours = np.array([getattr(robot, key) for key in (*keys, 'damping', 'friction')]).T
+        theirs = [limits(by_name[name]) for name in robot.joint_names]
+        np.testing.assert_array_equal(ours, theirs, err_msg=text)
+        if not clashes(said):
+            assert_same_physics(robot, normal(text), locked)
+    assert accepted > FILES // 4
+    assert len(messages) > FILES // 4
+    # One line each, that names something of the file.
+    assert not [m for m in messages if '\n' in m or not re.search('link|joint|<robot>|_arm', m)]

@@ -20,7 +20,8 @@ from pfd_core.algorithms.triangular_array import SECTION, solve_cycles, solve_st
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps, check_processors
 from pfd_core.model import Robot, Scene, resolve
-from pfd_core.model.arguments import NO_BRAKES, held_mask, real_numbers, shown
+from pfd_core.model.arguments import NO_BRAKES, held_mask, real_numbers
+from pfd_core.model.values import shown
 
 
 @dataclass(frozen=True)

@@ -6,11 +6,12 @@ from __future__ import annotations
 
 import numbers
 import operator
-import reprlib
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from pfd_core.model.values import shown
 
 _NATIVE = {name: np.dtype(name) for name in ('float64', 'float32')}
 # Kinds of NumPy's types whose values are real numbers: integers with and without sign, floats.
@@ -18,16 +19,6 @@ _REAL = frozenset('iuf')
 # Elements of a list that carry neither a mask nor units.
 _PLAIN = frozenset({float, int, list, tuple, np.float64, np.ndarray})
 NO_BRAKES = 'brakes were given, but the scene has none: use Scene(brakes=True)'
-_CUT = reprlib.Repr()
-_CUT.maxother = _CUT.maxstring = _CUT.maxlong = 60
-
-
-def shown(value: object) -> str:
-    """Return a value as a message shows it: its repr, cut where it is long."""
-    try:
-        return _CUT.repr(value)
-    except Exception:  # an int of thousands of digits, or a foreign __repr__
-        return f'an object of type {type(value).__name__}'
 
 
 def integer(name: str, value: object, least: int) -> int:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.model import Scene
-from pfd_core.model.arguments import NO_BRAKES, real_numbers, shown
+from pfd_core.model.arguments import NO_BRAKES, real_numbers
+from pfd_core.model.values import shown
 
 Array = NDArray[Any]
 

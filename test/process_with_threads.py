@@ -19,6 +19,8 @@ import pfd_core as pfd
 from pfd_core.kernels import threads
 
 STATUS = 7
+# Nothing is computed for longer, should whoever waits for this process be gone [s].
+LIFETIME = 60.0
 
 
 def compute(count: int, kernel: pfd.Kernel | None = None) -> None:
@@ -31,8 +33,14 @@ def compute(count: int, kernel: pfd.Kernel | None = None) -> None:
 def compute_for_ever(count: int) -> None:
     """Compute until the process ends."""
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-    while True:
+    _compute_on(count, kernel)
+
+
+def _compute_on(count: int, kernel: pfd.Kernel) -> None:
+    end = time.monotonic() + LIFETIME
+    while time.monotonic() < end:
         compute(count, kernel)
+    raise TimeoutError('nobody ended this process')
 
 
 def nap(count: int) -> None:
@@ -54,8 +62,7 @@ def interrupted(count: int) -> None:
     # Not earlier: Python drops a KeyboardInterrupt within a `__del__`, and the compiler's
     # objects have one.
     threading.Timer(0.02, os.kill, (os.getpid(), signal.SIGINT)).start()
-    while True:
-        compute(count, kernel)
+    _compute_on(count, kernel)
 
 
 def forked(count: int) -> None:

@@ -148,6 +148,24 @@ def test_pcrbm_as_a_whole_is_the_sum_of_its_parts(n: int) -> None:
     )
 
 
+def test_packing_saves_arithmetic_and_costs_routes() -> None:
+    # Multiplications, additions and routes at six joints; the paper counts no routes.
+    expected = {
+        ('orientation',): ((51, 34, 160), (81, 54, 27)),
+        ('moments of the row sweep', 'elements of H'): ((27, 15, 78), (45, 25, 30)),
+        ('factorisation', 'column sweep'): ((15, 15, 53), (30, 25, 30)),
+    }
+    for schedule, which in (('parallel', 0), ('unpacked', 1)):
+        program = record_pcrbm(resolve(chain(6)), schedule)
+        for sections, counts in expected.items():
+            parts = [program.count(section=s) for s in sections]
+            found = tuple(
+                sum(getattr(steps, kind) for steps in parts)
+                for kind in ('multiplications', 'additions', 'routes')
+            )
+            assert found == counts[which], (schedule, sections)
+
+
 def test_the_speed_up_of_n_processors_lies_between_one_and_n() -> None:
     for n in (2, 6, 12):
         plant = resolve(chain(n))

@@ -16,7 +16,7 @@ from pfd_core.algorithms.literal_cholesky import literal_array, literal_cholesky
 from pfd_core.algorithms.set_ordering import record_literal_cholesky, set_ordering
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES
-from pfd_core.model import resolve
+from pfd_core.model import load_robot, resolve
 
 SIZES = range(1, 33)
 
@@ -165,6 +165,31 @@ def test_inertia_matrices_of_random_arms_of_six_joints_cannot_be_factored_so() -
         H = run(record_terms(resolve(robot), 'parallel'), {'q': q, 'qd': qd})['H']
         assert np.linalg.eigvalsh(H).min() > 0
         assert literal_cholesky(H).status == 'negative_radicand'
+
+
+@pytest.mark.parametrize('name', ['puma560', 'ur5', 'panda'])
+def test_inertia_matrices_of_real_arms_come_out_wrong_or_not_at_all(name: str) -> None:
+    robot = load_robot(name)
+    rng = np.random.default_rng(2)
+    program = record_terms(resolve(robot), 'sequential')
+    found = set()
+    for _ in range(50):
+        q, qd, _ = random_state(rng, robot.n)
+        found.add(literal_cholesky(run(program, {'q': q, 'qd': qd})['H']).status)
+    assert found == {'wrong_matrix', 'negative_radicand'}
+
+
+@pytest.mark.parametrize('n', [2, 3, 6])
+def test_read_as_an_update_in_place_the_equations_are_choleskys(n: int) -> None:
+    # Column after column, each h_ki replaced by l_ki: no product is there before its column.
+    H = positive_definite(np.random.default_rng(n), n)
+    L = np.tril(H)
+    for i in range(n):
+        for k in range(i, n):
+            L[k, i] -= L[i, :i] @ L[k, :i]
+            L[k, i] = np.sqrt(L[k, i]) if k == i else L[k, i] / L[i, i]
+    # Rounding of sums of up to 6 products.
+    np.testing.assert_allclose(L, np.linalg.cholesky(H), rtol=0, atol=1e-13 * np.linalg.cond(H))
 
 
 @pytest.mark.parametrize('function', [literal_cholesky, literal_array])

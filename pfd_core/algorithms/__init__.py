@@ -1,3 +1,3 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The paper, written once as text over lanes."""
+"""The methods of the paper, those it compares with, and others, each once as text over lanes."""

@@ -5,18 +5,20 @@ A serial chain on lanes: the constants of its links, and where they are at joint
 
     R_i   = Rz(q_i) A_i (rotational), A_i (translational)
     0R_i  = 0R_(i-1) R_i                                     eq. (13), FOHRA
-    z_i-1 = third column of 0R_(i-1), z_0 = (0, 0, 1)        eq. (14)
+    z_i-1 = third column of 0R_(i-1), z_0 = (0, 0, 1)        step 2, eq. (14)
     p*_i  = 0R_i (A_i' a_i)  [+ q_i z_(i-1), translational]
     s_i   = 0R_i s_i (link axes),  J_i = 0R_i J_i (link axes) 0R_i'
 
-Lee and Chang 1987, section 2.5, steps 1 to 3. Base axes are those of frame 0. Lane i holds
+Lee and Chang 1987, section 2.5, steps 1 and 2. Base axes are those of frame 0. Lane i holds
 link i + 1 (the paper counts from 1): its frame, its joint's axis and its inertia.
 
 Parallel cost, L = ceil(log2 n): 12 multiplications and 6 additions for R_i, which the paper takes
 as given; 3 r and 2 r for the recurrence, whose levels k = 0 .. L - 1 pack 9 (n - 2^k) elements of
-matrices onto n lanes, r rounds in all: at n = 6 that is 51 and 34, where the paper prints
-27 L - 19 = 62 and 18 L - 14 = 40, and for twists of 0 and 90 degrees only; 63 and 42 for the
-vectors. A prismatic joint anywhere in the chain adds 3 and 3.
+matrices onto n lanes, r rounds in all: at n = 6 that is 51 and 34 with 160 routes, where 27 L and
+18 L with 27 routes would do without packing (81 and 54) and the paper prints 27 L - 19 = 62 and
+18 L - 14 = 40, without routes; 63 and 42 for the vectors. A prismatic joint anywhere in the chain
+adds 3 and 3. A first level of 8 and 4 explains the paper's counts; it takes twists of 0 and 90
+degrees.
 """
 
 from __future__ import annotations

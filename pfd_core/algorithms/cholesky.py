@@ -10,9 +10,10 @@ Cholesky factorisations and H x = y on n lanes.
                  then L' x = z by the column sweep
 
 Lee and Chang 1987, section 2.4, Parallel-Cholesky-Factorization and column sweep. Corrected:
-equations (11), (12) and (29) to (31) have elements of H where elements of L are needed and
-give NaN on real arms. One square root, as claimed there, is enough for L L' only by way of
-L D L' (one_square_root), and for a solve none is needed.
+equations (11), (12) and (29) to (31), taken as printed, have elements of H where elements of L
+are needed, and yield another matrix or NaN (literal_cholesky). One square root, as claimed there,
+is enough for L L' by way of L D L' (one_square_root), and for a solve none is needed. L D L' and
+what lies in a step are not the paper's.
 
 Parallel cost of `solve`: s + n - 1 multiplications, s + n - 1 additions, n divisions, no square
 root, where with c_r = r(r + 3)/2
@@ -20,7 +21,8 @@ root, where with c_r = r(r + 3)/2
     s = w + ceil(C/n),  w = number of r in 1..n-1 with c_r < n,  C = sum of the other c_r
 
 which no schedule of this kind can be below (pfd_core.algorithms.elimination_schedule). At n = 6
-that is 15, 15, 6 and 0; the paper has 31 (divisions among them), 28 and one square root.
+that is 15, 15, 6 and 0 with 53 routes, or without packing 30, 25, 6 and 0 with 30; the paper has
+31 (divisions among them), 28 and one square root, and counts no routes.
 Without a right-hand side a factorisation has c_r = r(r + 1)/2 and n - 1 divisions; L L' has n
 square roots besides, and one_square_root one, with ceil((n - 1)/2) multiplications.
 

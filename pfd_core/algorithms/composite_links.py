@@ -18,7 +18,7 @@ axis z of joint j is (0, 0, 1), so F_j and n_jj take 6 multiplications and 4 add
 link has no twist and no offset. A massless end divides by one.
 
 Serial cost, rotational joints: 11 n^2 + 21 n - 26 multiplications, 7 n^2 + 41 n - 44 additions
-and n - 1 divisions. Lee and Chang 1987 count 12 n^2 + 55 n - 27 and 7 n^2 + 66 n - 53.
+and n - 1 divisions. Lee and Chang 1987 have no counts of this part.
 
 One register holds one number.
 """

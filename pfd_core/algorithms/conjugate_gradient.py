@@ -7,15 +7,17 @@ PCGM: H qdd = tau - bias by conjugate gradients, H times a vector by the Newton-
     t = H u,  g = e / u't,  x <- x + g u,  w <- w - g t                Appendix B, steps 5 to 9
     v = P w,  e' = w' v,  u <- v + (e'/e) u                            steps 10 to 13
 
-Lee and Chang 1987, section 3, after Walker and Orin 1982, method 4. Corrected: a start x_0 other
-than zero needs w_0 = y - H x_0 (printed: y); step 16 goes back to step 7, not to step 5; the stop
-is e <= tolerance^2 e_0 (printed: e = 0, which is reached by underflow alone); the number of trips
-may exceed n, because rounding takes away the directions' orthogonality; a direction with
-u't <= 0 ends the iteration. The recursive residual that the stop reads is no measure of the error.
+Lee and Chang 1987, section 3 and Appendix B, after Walker and Orin 1982, method 4; the
+preconditioner is ours. Corrected: a start x_0 other than zero needs w_0 = y - H x_0 (printed: y);
+step 16 goes back to step 7, not to step 5; step 7 leaves x alone (printed: x_1 = tau). The printed
+stops, e = 0 and n trips, are replaced: with rounding e is hardly ever zero beyond one joint, and
+the directions lose their orthogonality, so that beyond three joints most states need more than n
+trips; here the stop is e <= tolerance^2 e_0, and a direction with u't <= 0 ends the iteration. The
+recursive residual that the stop reads is no measure of the error.
 
 Parallel cost, L = ceil(log2 n), beside that of H u: 5 multiplications, 2 L + 3 additions and
-2 divisions a trip (the paper: 7 multiplications, 2 L + 4 additions), Jacobi scaling 1 more
-multiplication.
+2 divisions a trip, Jacobi scaling 1 more multiplication. The paper's 49 multiplications and
+14 L + 30 additions a trip leave 7 and 2 L + 4 beside its H u, divisions among them.
 
 Lane i holds component i + 1 of every vector; sums lie on lane 0 and are broadcast.
 """

@@ -26,9 +26,10 @@ phi_e = 0; down the tree every cut learns a and phi, and every joint
 
     qdd = (y - (I S)' a_b + u' phi_e) / D,      y = tau - bias
 
-Lee and Chang 1987 quote that the articulated-body recurrence cannot be parallelised. That holds
-for the recurrence as it is given; after Featherstone, A Divide-and-Conquer Articulated-Body
-Algorithm, IJRR 18 (1999), whose pieces take a force at either end. That form has the inverse of
+Lee and Chang 1987 conclude from a theorem of Kung's that the articulated-body recurrence cannot be
+parallelised. Nothing here contradicts that: this is another method for the same accelerations,
+after Featherstone, A Divide-and-Conquer Articulated-Body Algorithm, IJRR 18 (1999), whose pieces
+take a force at either end. That form has the inverse of
 every link's inertia, which a massless link lacks; in this one (Redheffer's star product) T is
 invertible for any links, as C_1 N_2 has no positive eigenvalue. What is divided by is D, a
 number known from the model; where it is zero or next to it the joint gets a rotor that is taken
@@ -36,8 +37,10 @@ back at the end (pfd_core.algorithms.lent_rotors), at the cost of one more colum
 
 Parallel cost without such joints, beside pose and bias, L = ceil(log2 n): 135 multiplications and
 53 additions for single links, 1276 L - 1026 and 1114 L - 882 for joining (L > 1; 358 and 322 for
-L = 1), 72 (L - 1) each for parting, 13 and 12 for the accelerations; 6 L + 1 divisions. PCRBM with
-its n^2/6 takes fewer multiplications up to some 230 joints.
+L = 1), 72 (L - 1) each for parting, 13 and 12 for the accelerations; 6 L + 1 divisions. By these
+forms PCRBM with its n^2/6 takes fewer multiplications up to 220 joints. With rotors lent, which a
+chain of equal links needs from somewhere between 80 and 96 joints on, the steps grow faster than
+log2 n, and PCRBM takes fewer at every length tried (128).
 
 Lane i holds joint and link i + 1; of a piece, its first lane holds N, nu and A, its last C, beta.
 """

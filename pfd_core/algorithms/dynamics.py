@@ -3,11 +3,11 @@
 """
 Whole programs: inverse dynamics, and forward dynamics by each method.
 
-    H(q) qdd + C(q, qd) qd + G(q) = tau        Lee and Chang 1987, eqs (1), (2)
+    H(q) qdd + C(q, qd) qd + G(q) = tau        Lee and Chang 1987, eq. (1)
 
     inverse_dynamics   tau from q, qd, qdd, by NE1
-    walker_orin_1 .. 4, articulated_body       serial, as their authors have them
-    pcrbm, pcrbm_array, pcgm                   the paper's, on n lanes
+    walker_orin_1 .. 4, articulated_body       serial, what the paper compares with
+    pcrbm, pcrbm_array, pcgm                   the paper's, on n lanes, corrected
     pcrbm_base_origin, divide_and_conquer      beyond the paper, on n lanes
     composite_body, grouped_articulated_body   serial methods at their cheapest, for kernels
 

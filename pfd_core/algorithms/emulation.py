@@ -36,7 +36,8 @@ class Run:
     steps : Steps
         Lock-step counts of the program as written.
     utilisation : float
-        Share of the processors' arithmetic steps that did useful work, 0 to 1.
+        Share of the processors' arithmetic steps that did useful work, 0 to 1; the cells of the
+        triangular array are processors, too.
     status : str
         'ok'; 'not_positive_definite' if a pivot of H was not above zero; 'not_converged' if an
         iterative method ran into its limit; 'not_finite'.
@@ -119,7 +120,7 @@ def emulate(
     return Run(
         qdd=result['qdd'],
         steps=steps_of(method, robot.n, program, processors, trips or 1),
-        utilisation=program.utilisation(processors, trips=trips or 1),
+        utilisation=_utilisation(method, robot.n, program, processors, trips or 1),
         status=_status(result),
         iterations=trips,
         cycles=solve_cycles(robot.n) if method == 'pcrbm_array' else None,
@@ -143,6 +144,25 @@ def steps_of(
     return Steps(
         **{k: v - getattr(cells, k) + getattr(side_by_side, k) for k, v in asdict(steps).items()}
     )
+
+
+def processors_of(method: str, n: int, processors: int) -> int:
+    """Return the processors of a method's machine: `processors`, and the cells of the array."""
+    return processors + (n * (n + 1) // 2 if method == 'pcrbm_array' else 0)
+
+
+def arithmetic(steps: Steps) -> int:
+    """Return the steps of arithmetic, each counted as one: routes are not among them."""
+    return int(sum(asdict(steps).values())) - steps.routes
+
+
+def _utilisation(
+    method: str, n: int, program: Program, processors: int | None, trips: int
+) -> float:
+    work = arithmetic(program.count(1, trips=trips))
+    steps = arithmetic(steps_of(method, n, program, processors, trips))
+    units = processors_of(method, n, check_processors(processors, program.lanes))
+    return work / (steps * units) if steps else 0.0
 
 
 def _checked(program: Program, given: dict[str, ArrayLike], digits: int | None) -> dict[str, Any]:

@@ -11,11 +11,11 @@ NE1 with qd = 0, no gravity and no wrench (newton_euler; sums are recurrences ov
     f_i   = sum of F from the tip,  n_i = sum of s x F + N + p* x f from the tip
     (H u)_i = z_(i-1) . n_i  (rotational),  z_(i-1) . f_i  (translational)
 
-Lee and Chang 1987, section 3, step 7 of PCGM. Said there only in passing: gravity and wrench
-must be left out, or the result is not linear in u.
+Lee and Chang 1987, section 3, step 7 of PCGM, which sets gravity to zero; its item (b) leaves
+out external forces, too. Otherwise the result is not linear in u.
 
 Parallel cost a product, rotational joints, L = ceil(log2 n): 42 multiplications and 12 L + 29
-additions; the paper prints 42 and 12 L + 26, one vector sum too few. A prismatic joint anywhere
+additions; the paper prints 42 and 12 L + 26, a vector sum less. A prismatic joint anywhere
 in the chain adds 3 additions, rotor inertia 1 multiplication and 1 addition. Nothing is
 prepared. Every vector refers to a point of its own link, so that the result is as accurate as
 H itself; pfd_core.algorithms.base_origin has a cheaper product that is not.

@@ -3,20 +3,26 @@
 """
 The paper's Cholesky factorisation as printed, on n processors and on the triangular array.
 
-Neither yields the Cholesky factor; both say what they yield. The equations (11), (12) in the
-order of Procedure Set-Ordering are in pfd_core.algorithms.set_ordering, and here is the array:
+Neither yields the Cholesky factor of a matrix in general; both say what they yield. The equations
+(11), (12) in the order of Procedure Set-Ordering are in pfd_core.algorithms.set_ordering, and here
+is the array:
 
     C_ki^(1) = h_ki,  C_ki^(m+1) = C_ki^(m) - h_im h_km      eqs (29), (30)
     l_kk = sqrt(C_kk^(k)),  l_ki = C_ki^(i) / h_ii           eq. (31)
 
-Lee and Chang 1987, section 2.6, Figures 1 and 2. Row 1 is at the bottom. Column i gets
+Lee and Chang 1987, section 2.6, Figures 1 and 2. The drawing of Figure 1 is not in the text at
+hand; the streams are reconstructed from the text. Row 1 is at the bottom. Column i gets
 h_ii ... h_ni and the flag * from below, from cycle 3i - 2; row k gets h_(k+1)k ... h_nk, h_kk from
 the left, from cycle 2k. A cell keeps the first item that comes from below, h_ki, and sends the
-others on. All times come out as printed: h_n1 is stored at 2n - 1, h_nn and the flag meet
+others on. The times of the text then come out: h_n1 is stored at 2n - 1, h_nn and the flag meet
 in P_n1 at 2n, the last result leaves at 3n - 1. (That all input is stored after 2n - 1 cycles
 holds for column 1 only; h_nn is stored in P_nn at 3n - 2.) What leaves is the matrix of equations
-(11) and (12): wrong, and the root of a negative number for most arms. pfd_core.algorithms.
-triangular_array is the design that works.
+(11) and (12): for PUMA 560, UR5 and Panda a wrong one, or the root of a negative number.
+pfd_core.algorithms.triangular_array is the design that works.
+
+The text calls h_ij the elements of H. Were each h_ki replaced by l_ki as soon as that is known,
+(11), (12) and (29) to (31) would be Cholesky's, column after column; the products could then not
+be formed first, as Procedure Set-Ordering has it.
 
 Misprints of Figure 2: the square cell's second result is C_out, not u_out. Its condition
 u_in = h_ki compares numbers, and an equal element further down the stream would be kept too;

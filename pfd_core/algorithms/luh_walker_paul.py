@@ -18,7 +18,7 @@ by minus gravity; the wrench on the last link is -f_(n+1), -n_(n+1).
 
 Serial cost, rotational joints, n > 1, all numbers counted, multiplications and additions:
 bias (velocities and gravity) 117 n - 95 and 89 n - 78; H u (accelerations alone) 68 n - 56 and
-53 n - 45. Lee and Chang 1987 count 137 n - 22 and 101 n - 11, and 74 n - 23 and 54 n - 17.
+53 n - 45. Lee and Chang 1987 have no counts of these parts.
 
 Everything is in the axes of its link; one register holds one number.
 """

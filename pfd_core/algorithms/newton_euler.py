@@ -13,12 +13,14 @@ With zq_i = z_(i-1) qd_i and sums over links as recurrences (base to tip: prefix
     f_i  = sum of F from the tip,         n_i = sum of N + s x F + p* x f from the tip
     tau_i = z_(i-1) . n_i  (rotational),  z_(i-1) . f_i  (translational)
 
-Lee and Chang 1986, called by Lee and Chang 1987, eq. (27). Said there only in passing: the base
-is accelerated by minus gravity, and the wrench k exerted on the last link enters the sums from
-the tip with a minus sign.
+Luh, Walker and Paul 1980 in base axes, the recursions as recurrences, after Lee and Chang 1986.
+Lee and Chang 1987 call it in eq. (27) and have its name and counts, not its formulas. The signs
+are ours: there the base is accelerated by g, whose sense is not given, and k(t), the wrench on
+the last link, is named in the introduction only; here the base is accelerated by minus gravity,
+and k enters the sums from the tip with a minus sign.
 
 Parallel cost with qdd = 0, rotational joints, n > 1 lanes, L = ceil(log2 n): 87 multiplications
-and 15 L + 65 additions for the bias; the paper prints 84 and 15 L + 63.
+and 15 L + 65 additions for the bias, more than the 84 and 15 L + 63 that the paper prints.
 
 Lane i holds the quantities of link i + 1, vectors in base axes.
 """

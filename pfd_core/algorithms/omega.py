@@ -17,8 +17,8 @@ Patel's serial methods (Dynamic Analysis of Robot Manipulators, 1991), the momen
 of J is derived here.
 
 Parallel cost with qdd = 0, rotational joints, n > 1 lanes, L = ceil(log2 n): 66 multiplications
-and 15 L + 62 additions for the bias, where newton_euler takes 87 and 15 L + 65 and the paper
-prints 84 and 15 L + 63.
+and 15 L + 62 additions for the bias, where newton_euler takes 87 and 15 L + 65, and the paper,
+which does not have this form, prints 84 and 15 L + 63.
 
 Lane i holds the quantities of link i + 1, vectors in base axes.
 """

@@ -10,7 +10,9 @@ PCGM as a whole program: pose, bias, and conjugate gradients on H qdd = tau - bi
 Lee and Chang 1987, section 3; what is corrected there is said in conjugate_gradient.
 
 Parallel cost of k trips at n = 6, rotational joints, R_i given: 182 + 47 k multiplications, 2 k
-divisions and 189 + 62 k additions; the paper has 499 and 621 in all for k = 6.
+divisions, 189 + 62 k additions and 214 + 116 k routes. The paper has 499 and 621 in all for k = 6
+and counts no routes; in float64 six joints take 7 to 13 trips to converge, which is 525 to 819 and
+623 to 995 (docs/report/counts.md).
 
 Lane i holds link i + 1 and component i + 1 of every vector.
 """

@@ -9,13 +9,14 @@ Forward dynamics on one processor by the four methods of Walker and Orin (1982).
     4   conjugate gradients: no H, but H u as torques of the accelerations u
 
 The bias and H u are the recursion of Luh, Walker and Paul; the solve is H = L D L', column by
-column, the right-hand side with it. What Lee and Chang 1987, Table 1, say of these methods is
-their serial yardstick; its formulas are the sums of the parts below exactly, with the divisions
-of the solve among the multiplications and its n square roots left out (L D L' needs none).
+column, the right-hand side with it. What Lee and Chang 1987, Table 1, quote of these methods is
+their serial yardstick. They print totals only. The last column is our split of them: it sums to
+their formulas for methods 1 to 3, two misprints apart, if the divisions of the solve are among
+the multiplications and its n square roots are left out, as Table 1 has none (L D L' needs none).
 
 Serial cost, rotational joints, no wrench, n > 1; k trips in method 4:
 
-    part      multiplications               additions                   the paper's
+    part      multiplications               additions                   our split of Table 1
     rotation  4n                            2n                          taken as given
     bias      117n - 95                     89n - 78                    137n - 22, 101n - 11
     tau - b   0                             n                           within the parts
@@ -35,11 +36,10 @@ the paper's formulas and printed values:
     method 3  1213 and  963    paper 1627 and 1255, printed the same
     method 4  2930 and 2287    paper 2805 and 2532, printed 3435 and 2532
 
-The linear terms of 1 and 2 are misprints (114 1/2 for 114 1/3, 151 1/2 for 151 1/3); the 12n of
-method 4 (76 1/2 n^2 + 12n - 21 and 56n^2 + 87n - 6) does not give the value printed beside it,
-which 117n would. Its n^2 leaves 2 1/2 n^2 and 2n^2 for the vectors of n trips, which take 5n^2
-each. Method 4 in n trips also supposes exact arithmetic; in float64 k is n + 2 for n = 6 and
-some 2 1/2 n for n = 32.
+The linear terms of 1 and 2 are misprints (114 1/2 for 114 1/3, 151 1/2 for 151 1/3, which give
+the printed values and whole numbers for every n); the 12n of method 4 (76 1/2 n^2 + 12n - 21 and
+56n^2 + 87n - 6) does not give the value printed beside it, which 117n would. Method 4 in n trips
+also supposes exact arithmetic: in float64 k is 7 to 12 for n = 6 (docs/report/counts.md).
 
 One register holds one number.
 """

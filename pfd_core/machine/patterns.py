@@ -10,7 +10,7 @@ The parallel patterns of the paper, as text over lanes. L = ceil(log2 n).
     total       sum of x(i) on lane 0            tree                    L levels
     row_sweep   x(i,j) = x(i+1,j) + a(i,j)       eqs (5) to (7)          n - 1 steps
     column_sweep
-                T x = b, T triangular            section 2.4, [10]       n - 1 steps
+                T x = b, T triangular            section 2.4             n - 1 steps
     gather, collect
                 data from any lane to any lane                           routes only
 

@@ -1,38 +1,40 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps of every system, measured on recorded programs, beside what the paper claims.
+Steps of every system, measured on recorded programs, beside the formulas of the paper's Table 1.
 
 The paper counts divisions as multiplications and takes the rotation of each joint as given; so do
-the comparisons here, and the tables show divisions and sines in columns of their own. Speed-up is
-the arithmetic of Walker and Orin's method 3, the paper's serial reference, over the steps of a
-system; efficiency is speed-up over its processors.
+the comparisons here, and the tables show divisions in a column of their own. Routes, steps that
+move data between lanes, the paper does not count. A cycle of the triangular array is one
+multiplication, one addition where some cell subtracts, and one root where some cell takes one.
+
+Speed-up is the arithmetic of the best direct method recorded for one processor, at that n, over
+that of a system; efficiency is speed-up over its processors, cells of the array among them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 from pfd_core.algorithms.dynamics import ITERATIVE, METHODS, SERIAL, record_forward_dynamics
-from pfd_core.algorithms.emulation import steps_of
-from pfd_core.algorithms.triangular_array import solve_cycles, solve_steps
+from pfd_core.algorithms.emulation import arithmetic, processors_of
+from pfd_core.algorithms.triangular_array import SECTION, solve_cycles, solve_steps
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import Robot, resolve
 from pfd_core.report.paper import TABLE, Claim
 
 SIZES = (2, 3, 4, 5, 6, 7, 8, 10, 12, 16, 24, 32, 48, 64)
-SERIAL_REFERENCE = 'walker_orin_3'
 GIVEN = ('joint rotation', 'rotations')  # the sections that the paper does not count
 PRINTED_AT = 6
 # Systems that the paper does not have.
 BEYOND = {
-    'pcrbm_base_origin': 'PCRBM about the base origin, bias by one matrix',
-    'divide_and_conquer': 'Divide and conquer, Featherstone 1999',
+    'pcrbm_base_origin': 'PCRBM about the base origin',
+    'divide_and_conquer': 'Divide and conquer, after Featherstone 1999',
     'composite_body': 'Composite bodies with grouped parameters, for kernels',
     'grouped_articulated_body': 'Articulated bodies with grouped parameters, for kernels',
 }
@@ -48,35 +50,68 @@ class Cell:
     ----------
     measured : int
         Steps, divisions counted as multiplications.
+    unpacked : int or None
+        The same where partly filled rows of lanes are not packed; None on one processor.
     claimed : float or None
         Value of the paper's formula; None for a system that it does not have.
     printed, parts : float or None
         The value printed for n = 6, and the sum of the parts that the paper counts.
     verdict : str
-        'equal', 'lower' or 'higher' than claimed; 'cannot be right: ...' after it where the
-        claim contradicts itself; '' without a claim.
+        Whether `measured` is 'equal' to, 'lower' or 'higher' than `claimed`; '' without a claim.
+    remark : str
+        What the comparison leaves out, or where the paper contradicts itself; or empty.
 
     """
 
     measured: int
+    unpacked: int | None
     claimed: float | None
     printed: int | None
     parts: float | None
     verdict: str
+    remark: str
 
 
 @dataclass(frozen=True)
 class Row:
-    """The counts of one system at one n."""
+    """
+    The counts of one system at one n.
+
+    Attributes
+    ----------
+    system, title : str
+        Name of the method, and what the page calls it.
+    n : int
+        Joints.
+    trips : int or None
+        Iterations of an iterative method.
+    processors, units : str, int
+        In words, and how many there are.
+    steps, unpacked : Steps
+        Steps on that machine, and where rows of lanes are not packed.
+    busy : float
+        Share of the processors' arithmetic steps that did useful work, 0 to 1.
+    speed_up, efficiency : float or None
+        None for an iterative method.
+    routed_speed_up : float or None
+        Speed-up where each route is a step, too.
+    cells : dict
+        By kind of operation.
+
+    """
 
     system: str
     title: str
     n: int
+    trips: int | None
     processors: str
+    units: int
     steps: Steps
-    utilisation: float
-    speed_up: float
-    efficiency: float
+    unpacked: Steps
+    busy: float
+    speed_up: float | None
+    routed_speed_up: float | None
+    efficiency: float | None
     cells: dict[str, Cell]
 
 
@@ -97,87 +132,124 @@ def uniform_chain(n: int) -> Robot:
 
 
 def measure(sizes: Iterable[int] = SIZES) -> Iterator[Row]:
-    """Yield the counts of every method for some n."""
+    """Yield the counts of every method for some n; iterative methods take n trips."""
     for n in sizes:
         for method in METHODS:
             yield row(method, n)
 
 
-def row(method: str, n: int) -> Row:
-    """Return the counts of one method at one n; iterative methods take n trips, as the paper's."""
-    program = _program(method, n)
-    processors = 1 if method in SERIAL else n
-    trips = n if method in ITERATIVE else 1
-    steps = _compared(method, n, trips)
-    speed_up = _arithmetic(_compared(SERIAL_REFERENCE, n, 1)) / _arithmetic(steps)
-    cells = _cells(method, n, steps)
+def row(method: str, n: int, trips: int | None = None) -> Row:
+    """
+    Return the counts of one method at one n.
+
+    An iterative method takes `trips`, default n as in the paper. It has no speed-up: whether it
+    has an answer after so many trips depends on the state.
+    """
+    iterative = method in ITERATIVE
+    trips = (n if trips is None else trips) if iterative else None
+    steps, unpacked, work = _counted(method, n, trips or 1)
+    lanes = 1 if method in SERIAL else n
+    units = processors_of(method, n, lanes)
+    taken = arithmetic(steps)
+    speed_up = None if iterative else best_serial(n)[1] / taken
     system = TABLE.get(method)
     return Row(
-        method,
-        system.title if system else BEYOND[method],
-        n,
-        system.processors if system else ('1' if method in SERIAL else 'n'),
-        steps,
-        program.utilisation(trips=trips),
-        speed_up,
-        speed_up / processors,
-        cells,
+        system=method,
+        title=system.title if system else BEYOND[method],
+        n=n,
+        trips=trips,
+        processors=system.processors if system else ('1' if lanes == 1 else 'n'),
+        units=units,
+        steps=steps,
+        unpacked=unpacked,
+        busy=work / (taken * units),
+        speed_up=speed_up,
+        routed_speed_up=None if speed_up is None else speed_up * taken / (taken + steps.routes),
+        efficiency=None if speed_up is None else speed_up / units,
+        cells={
+            kind: _cell(
+                _of_kind(steps, kind),
+                None if lanes == 1 else _of_kind(unpacked, kind),
+                getattr(system, kind) if system else None,
+                n,
+            )
+            for kind in KINDS
+        },
     )
 
 
-def as_data(rows: Iterable[Row]) -> list[dict[str, Any]]:
+@cache
+def best_serial(n: int) -> tuple[str, int]:
+    """Return the direct method with least arithmetic on one processor, and that arithmetic."""
+    counts = {
+        method: arithmetic(_net(_program(method, n, 'sequential'), 1, 1))
+        for method in METHODS
+        if method not in ITERATIVE
+    }
+    best = min(counts, key=counts.__getitem__)
+    return best, counts[best]
+
+
+def as_data(rows: Iterable[Any]) -> list[dict[str, Any]]:
     """Return rows as what JSON holds."""
     return [asdict(row) for row in rows]
 
 
 @cache
-def _program(method: str, n: int) -> Program:
-    return record_forward_dynamics(resolve(uniform_chain(n)), method, 'parallel')
+def _counted(method: str, n: int, trips: int) -> tuple[Steps, Steps, int]:
+    """Return the steps, those without packing, and the useful operations of a method."""
+    program = _program(method, n, 'parallel')
+    plain = program if method in SERIAL else _program(method, n, 'unpacked')
+    packed, unpacked = (_on_the_machine(method, n, p, trips) for p in (program, plain))
+    return packed, unpacked, arithmetic(_net(program, 1, trips))
 
 
-def _compared(method: str, n: int, trips: int) -> Steps:
-    """Return the steps of a method without what the paper takes as given."""
-    program = _program(method, n)
-    totals = asdict(steps_of(method, n, program, trips=trips))
+def _program(method: str, n: int, schedule: str) -> Program:
+    return record_forward_dynamics(resolve(uniform_chain(n)), method, schedule)
+
+
+def _net(program: Program, processors: int | None, trips: int) -> Steps:
+    """Return the steps of a program without what the paper takes as given."""
+    totals = asdict(program.count(processors, trips=trips))
     for section in GIVEN:
-        for kind, steps in asdict(program.count(section=section)).items():
+        for kind, steps in asdict(program.count(processors, section=section)).items():
             totals[kind] -= steps
     return Steps(**totals)
 
 
-def _arithmetic(steps: Steps) -> int:
-    return steps.multiplications + steps.additions + steps.divisions + steps.square_roots
+def _on_the_machine(method: str, n: int, program: Program, trips: int) -> Steps:
+    """Return the steps of a method; cells of the array that act in one cycle are one step."""
+    steps = _net(program, None, trips)
+    if method != 'pcrbm_array':
+        return steps
+    cells, solve = program.count(section=SECTION), solve_steps(n)
+    # In a cycle some cells multiply while others divide or take a root: one multiplication.
+    cycles = replace(solve, multiplications=solve_cycles(n) - solve.divisions)
+    return Steps(
+        **{
+            kind: taken - getattr(cells, kind) + getattr(cycles, kind)
+            for kind, taken in asdict(steps).items()
+        }
+    )
 
 
-def _cells(method: str, n: int, steps: Steps) -> dict[str, Cell]:
-    multiplications = steps.multiplications + steps.divisions
-    if method == 'pcrbm_array':
-        # In a cycle of the array some cells multiply while others divide: that is one step.
-        solve = solve_steps(n)
-        multiplications += solve_cycles(n) - solve.multiplications - solve.divisions
-    measured = {
-        'multiplications': multiplications,
-        'additions': steps.additions,
-        'square_roots': steps.square_roots,
-    }
-    system = TABLE.get(method)
-    return {
-        kind: _cell(measured[kind], getattr(system, kind) if system else None, n) for kind in KINDS
-    }
+def _of_kind(steps: Steps, kind: str) -> int:
+    """Return the steps of one of KINDS; divisions are multiplications."""
+    divisions = steps.divisions if kind == 'multiplications' else 0
+    return int(getattr(steps, kind)) + divisions
 
 
-def _cell(measured: int, claim: Claim | None, n: int) -> Cell:
+def _cell(measured: int, unpacked: int | None, claim: Claim | None, n: int) -> Cell:
     if claim is None:
-        return Cell(measured, None, None, None, '')
+        return Cell(measured, unpacked, None, None, None, '', '')
     claimed = claim.formula(n)
     order = (measured > claimed) - (measured < claimed)
-    verdict = ('equal', 'higher', 'lower')[order]
-    if claim.doubt:
-        verdict += f'; cannot be right: {claim.doubt}'
     return Cell(
         measured,
+        unpacked,
         float(claimed),
         claim.printed if n == PRINTED_AT else None,
         None if claim.parts is None else float(claim.parts(n)),
-        verdict,
+        ('equal', 'higher', 'lower')[order],
+        claim.remark,
     )

@@ -8,79 +8,225 @@ from collections.abc import Sequence
 import json
 from pathlib import Path
 import sys
+from textwrap import fill
 
 from pfd_core.report.array_activity import solve_picture
-from pfd_core.report.counts import KINDS, PRINTED_AT, SIZES, Cell, Row, as_data, measure
+from pfd_core.report.convergence import Convergence, measure_convergence, robots
+from pfd_core.report.counts import (
+    KINDS,
+    PRINTED_AT,
+    SIZES,
+    Cell,
+    Row,
+    as_data,
+    best_serial,
+    measure,
+)
+from pfd_core.report.counts import (
+    row as counts_of,
+)
 
 COMMAND = 'pfd report counts'
 INTRODUCTION = f"""# Step counts of every system
 
 Written by `{COMMAND}`; a test fails when this page is stale.
 
-Counted in lock-step on the programs as recorded, before anything is folded: chains of revolute
-joints with skew axes and full inertias, gravity on. Subtractions are additions. *mult* holds
-divisions too, as the paper counts them; the rotation of each joint from its angle is left out, as
-in the paper. *speed-up* is the arithmetic of Walker and Orin's method 3 over that of the system,
-*efficiency* speed-up over processors (the cells of the array not counted among them). Iterative
-methods take n iterations here, as in the paper; in floating point they need more beyond n = 6.
+Counted in lock-step on the programs as recorded, before anything is folded: chains of equal
+revolute links with skew axes and full inertias, gravity on. Subtractions are additions. *mult*
+holds divisions too, as the paper counts them; the rotation of each joint from its angle is left
+out, as in the paper.
 
-A verdict compares the measured steps with the formula of the paper's Table 1.
+Counted are our texts of the methods. On n lanes all take the bias by one matrix for everything
+that turns, which the paper does not have, and PCRBM solves by L D L' where the paper has L L'.
+They pack partly filled rows of work onto full rows of lanes: that saves arithmetic and costs
+*routes*, steps in which data moves between lanes, which the paper does not count. *unpacked* is
+the same text without it. Of the serial methods we have what the paper quotes, not their authors'
+texts; ours rotate by two planar rotations and, where they solve, do so by L D L'.
+
+*busy* is the share of the processors' arithmetic steps that did useful work. *speed-up* is the
+arithmetic (mult, add and sqrt, each one step) of the best direct method recorded for one processor
+at that n over that of the system, and *efficiency* speed-up over processors, the cells of the
+array among them; behind the stroke each route of the system counts as a step, too. A cycle of the
+array is one multiplication, one addition where some cell subtracts, and one root where some cell
+takes one.
 """
 
 
-def markdown(rows: Sequence[Row]) -> str:
+def markdown(rows: Sequence[Row], trips: Sequence[Convergence]) -> str:
     """Return the whole page."""
-    parts = [INTRODUCTION, f'## n = {PRINTED_AT}', *_at(rows, PRINTED_AT)]
+    parts = [INTRODUCTION, f'## n = {PRINTED_AT}', *_at_printed(rows, trips)]
+    parts += [f'## Beside the paper, n = {PRINTED_AT}', *_beside_the_paper(rows, trips)]
+    parts += ['## What convergence costs', *_convergence(trips)]
     for kind in KINDS[:2]:
-        parts += [f'## {kind.capitalize()} over n, measured / claimed', *_over_n(rows, kind)]
-    parts += ['## Speed-up over n', *_speed_ups(rows)]
+        parts += [f'## {kind.capitalize()} over n, measured / formula']
+        parts += ['', _paragraph(f'{N_TRIPS} Routes are left out.'), *_over_n(rows, kind)]
+    parts += ['## Routes over n, packed / unpacked', *_routes(rows)]
+    parts += ['## Speed-up over n, arithmetic alone / with routes', '']
+    parts += ['Iterative methods are left out: their trips depend on the state.']
+    parts += _speed_ups([row for row in rows if row.speed_up is not None])
     return '\n'.join(parts) + '\n'
 
 
-def _at(rows: Sequence[Row], n: int) -> list[str]:
-    """Return the table of one n, and the claims beside it."""
-    chosen = [row for row in rows if row.n == n]
+N_TRIPS = (
+    'Iterative methods take n trips here, as in the paper; beyond three joints most states need '
+    'more.'
+)
+
+
+def _at_printed(rows: Sequence[Row], trips: Sequence[Convergence]) -> list[str]:
+    """Return the table of one n, iterative methods also with the trips that they need."""
+    best, arithmetic = best_serial(PRINTED_AT)
+    chosen = [row for row in rows if row.n == PRINTED_AT]
+    title = {row.system: row.title for row in chosen}[best]
     table = [
         '',
-        '| system | processors | mult | of these div | add | sqrt | routes | busy | speed-up '
-        '| efficiency |',
-        '|---|---|---|---|---|---|---|---|---|---|',
-    ]
-    for row in chosen:
-        s = row.steps
-        table.append(
-            f'| {row.title} | {row.processors} | {s.multiplications + s.divisions} '
-            f'| {s.divisions} | {s.additions} | {s.square_roots} | {s.routes} '
-            f'| {row.utilisation:.0%} | {row.speed_up:.2f} | {row.efficiency:.0%} |'
-        )
-    table += [
+        _paragraph(
+            f'The best serial count is that of {title}, {arithmetic} steps. Conjugate gradients '
+            f'have not converged after {PRINTED_AT} trips; the rows below have the fewest and the '
+            f'most trips of the robots with {PRINTED_AT} joints in "What convergence costs".'
+        ),
         '',
-        '| system | operation | measured | formula | printed | sum of its parts | verdict |',
-        '|---|---|---|---|---|---|---|',
+        '| system | processors | mult | of these div | add | sqrt | routes | unpacked: mult | add '
+        '| routes | busy | speed-up, arithmetic alone / with routes | efficiency, alone / with '
+        'routes |',
+        '|---' * 13 + '|',
     ]
-    for row in chosen:
+    for one in chosen:
+        table.append(_counts(one, 'not converged'))
+        if one.trips is not None:
+            fewest, most = _range(trips, one.system, one.n)
+            table.append(_counts(counts_of(one.system, one.n, fewest), 'the fewest to converge'))
+            table.append(_counts(counts_of(one.system, one.n, most), 'the most to converge'))
+    return [*table, '']
+
+
+def _range(trips: Sequence[Convergence], system: str, n: int) -> tuple[int, int]:
+    """Return the fewest and the most trips to converge of all robots with n joints."""
+    found = [one for one in trips if (one.system, one.n) == (system, n)]
+    return min(one.least for one in found), max(one.most for one in found)
+
+
+def _counts(one: Row, note: str) -> str:
+    """Return a line of the table of one n."""
+    s, u = one.steps, one.unpacked
+    title = one.title if one.trips is None else f'{one.title}, {one.trips} trips ({note})'
+    cells = [title, one.processors, s.multiplications + s.divisions, s.divisions, s.additions]
+    cells += [s.square_roots, s.routes]
+    if one.units == 1:
+        cells += ['-', '-', '-']
+    else:
+        cells += [u.multiplications + u.divisions, u.additions, u.routes]
+    cells += [f'{one.busy:.0%}', _speed_up(one), _efficiency(one)]
+    return '| ' + ' | '.join(map(str, cells)) + ' |'
+
+
+def _speed_up(one: Row) -> str:
+    if one.speed_up is None or one.routed_speed_up is None:
+        return '-'
+    return f'{one.speed_up:.2f} / {one.routed_speed_up:.2f}'
+
+
+def _efficiency(one: Row) -> str:
+    if one.efficiency is None or one.routed_speed_up is None:
+        return '-'
+    return f'{one.efficiency:.0%} / {one.routed_speed_up / one.units:.0%}'
+
+
+def _paragraph(text: str) -> str:
+    return fill(text, 99, break_on_hyphens=False)
+
+
+def _beside_the_paper(rows: Sequence[Row], trips: Sequence[Convergence]) -> list[str]:
+    """Return the claims of the paper at the n that it prints, and the counts beside them."""
+    table = [
+        '',
+        _paragraph(
+            'The formula and the printed value are those of Table 1. The parts are those whose '
+            'counts the text derives; their sum is ours. *measured* is compared with the formula; '
+            'routes are in neither.'
+        ),
+        '',
+        '| system | operation | measured | unpacked | formula | printed | sum of its parts '
+        '| measured is | remark |',
+        '|---' * 9 + '|',
+    ]
+    for one in (row for row in rows if row.n == PRINTED_AT):
         table += [
-            f'| {row.title} | {kind} | {cell.measured} | {_number(cell.claimed)} '
-            f'| {_number(cell.printed)} | {_number(cell.parts)} | {cell.verdict} |'
-            for kind, cell in row.cells.items()
+            f'| {one.title} | {kind} | {cell.measured} | {_number(cell.unpacked)} '
+            f'| {_number(cell.claimed)} | {_number(cell.printed)} | {_number(cell.parts)} '
+            f'| {cell.verdict} | {_remark(one, kind, trips)} |'
+            for kind, cell in one.cells.items()
             if cell.claimed is not None
         ]
     return [*table, '']
+
+
+def _remark(one: Row, kind: str, trips: Sequence[Convergence]) -> str:
+    """Return the remark of a claim, with the price of convergence for an iterative method."""
+    remark = one.cells[kind].remark
+    if one.trips is None or kind == 'square_roots':
+        return remark
+    found = [x for x in trips if (x.system, x.n) == (one.system, one.n)]
+    worst = max(x.worst_after_n for x in found)
+    few, many = _range(trips, one.system, one.n)
+    cost = [counts_of(one.system, one.n, k).cells[kind].measured for k in (few, many)]
+    price = (
+        f'both for {one.n} trips, which leave errors of up to {worst:.0e}; {few} to {many} trips '
+        f'converge and take {cost[0]} to {cost[1]}'
+    )
+    return '; '.join(filter(None, (remark, price)))
+
+
+def _convergence(trips: Sequence[Convergence]) -> list[str]:
+    """Return the trips to convergence, what they cost on the chains, and the errors."""
+    table = [
+        '',
+        _paragraph(
+            'Trips until the residual has fallen to rounding, in double precision, over '
+            f'{trips[0].states} states of each robot, and the relative error of qdd after n trips '
+            'and at the end. mult, add and routes are those of the fewest and of the most trips. '
+            'uniformN is the chain of N links on which everything else here is counted.'
+        ),
+        '',
+        '| system | robot | n | trips: fewest | median | most | mult | add | routes '
+        '| error after n trips: median | largest | at the end: largest |',
+        '|---' * 12 + '|',
+    ]
+    for found in trips:
+        table.append(
+            f'| {found.system} | {found.robot} | {found.n} | {found.least} | {found.median} '
+            f'| {found.most} | {_cost(found)} | {found.error_after_n:.0e} '
+            f'| {found.worst_after_n:.0e} | {found.worst_converged:.0e} |'
+        )
+    return [*table, '']
+
+
+def _cost(found: Convergence) -> str:
+    """Return mult, add and routes from the fewest to the most trips."""
+    few, many = (counts_of(found.system, found.n, k) for k in (found.least, found.most))
+    pairs = [(few.cells[kind].measured, many.cells[kind].measured) for kind in KINDS[:2]]
+    pairs.append((few.steps.routes, many.steps.routes))
+    return ' | '.join(f'{a} to {b}' if a != b else str(a) for a, b in pairs)
 
 
 def _over_n(rows: Sequence[Row], kind: str) -> list[str]:
     return _grid(rows, lambda row: _pair(row.cells[kind]))
 
 
+def _routes(rows: Sequence[Row]) -> list[str]:
+    lanes = [row for row in rows if row.units > 1]
+    return _grid(lanes, lambda row: f'{row.steps.routes} / {row.unpacked.routes}')
+
+
 def _speed_ups(rows: Sequence[Row]) -> list[str]:
-    return _grid(rows, lambda row: f'{row.speed_up:.2f}')
+    return _grid(rows, _speed_up)
 
 
 def _grid(rows: Sequence[Row], text) -> list[str]:  # type: ignore[no-untyped-def]
     sizes = sorted({row.n for row in rows})
     systems = list(dict.fromkeys(row.system for row in rows))
     known = {(row.system, row.n): row for row in rows}
-    titles = {row.system: row.title for row in rows}
+    titles = {row.system: row.title + (', n trips' if row.trips else '') for row in rows}
     lines = ['', '| system | ' + ' | '.join(str(n) for n in sizes) + ' |']
     lines.append('|---' * (len(sizes) + 1) + '|')
     for system in systems:
@@ -103,13 +249,21 @@ def run(folder: Path) -> list[Path]:
     """Measure every method, telling on the way, and write the report into a folder."""
     rows: list[Row] = []
     for n in SIZES:
-        if sys.stderr.isatty():
-            print(f'counting at n = {n} of {max(SIZES)}', file=sys.stderr)
+        _tell(f'counting at n = {n} of {max(SIZES)}')
         rows += measure([n])
-    return write(rows, folder)
+    trips: list[Convergence] = []
+    for robot in robots():
+        _tell(f'counting trips of {robot.name}')
+        trips += measure_convergence([robot])
+    return write(rows, trips, folder)
 
 
-def write(rows: Sequence[Row], folder: Path) -> list[Path]:
+def _tell(text: str) -> None:
+    if sys.stderr.isatty():
+        print(text, file=sys.stderr)
+
+
+def write(rows: Sequence[Row], trips: Sequence[Convergence], folder: Path) -> list[Path]:
     """
     Write counts.md, counts.json, the activity of the array, array.svg, and a plot, counts.png.
 
@@ -117,8 +271,9 @@ def write(rows: Sequence[Row], folder: Path) -> list[Path]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     page, data = folder / 'counts.md', folder / 'counts.json'
-    page.write_text(markdown(rows), encoding='utf-8')
-    data.write_text(json.dumps(as_data(rows), indent=1) + '\n', encoding='utf-8')
+    page.write_text(markdown(rows, trips), encoding='utf-8')
+    found = {'counts': as_data(rows), 'convergence': as_data(trips)}
+    data.write_text(json.dumps(found, indent=1) + '\n', encoding='utf-8')
     activity = folder / 'array.svg'
     activity.write_text(solve_picture(PRINTED_AT), encoding='utf-8')
     picture = folder / 'counts.png'
@@ -126,7 +281,7 @@ def write(rows: Sequence[Row], folder: Path) -> list[Path]:
 
 
 def plot(rows: Sequence[Row], path: Path) -> bool:
-    """Draw multiplications and additions over n, claims dashed; False without matplotlib."""
+    """Draw multiplications and additions over n, formulas dashed; False without matplotlib."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -144,7 +299,7 @@ def plot(rows: Sequence[Row], path: Path) -> bool:
                 [row.cells[kind].measured for row in own],
                 color=color,
                 marker='.',
-                label=own[0].title,
+                label=own[0].title + (', n trips' if own[0].trips else ''),
             )
             if own[0].cells[kind].claimed is not None:
                 axes.loglog(
@@ -158,7 +313,7 @@ def plot(rows: Sequence[Row], path: Path) -> bool:
         axes.set_xticks(ticks, [str(tick) for tick in ticks])
         axes.minorticks_off()
         axes.set_xlabel('joints n')
-        axes.set_title(f'{kind}: measured, and claimed in 1987 (dashed)')
+        axes.set_title(f'{kind} without routes: measured, and formula of Table 1 (dashed)')
         axes.grid(which='both', alpha=0.25)
     figure.axes[0].legend(fontsize=7)
     figure.savefig(path, dpi=110)

@@ -1,11 +1,15 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What Lee and Chang (1987) claim: Table 1, the sums of their own parts, and what contradicts them.
+What Lee and Chang (1987) claim: Table 1, the sums of their own parts, and where these disagree.
 
 Each claim is a formula in n with L = ceil(log2 n), h = ceil((n-1)/2), P6 = ceil((n^2-1)/6) and
 P2 = ceil((n^2-1)/2), as printed, with the value printed for n = 6. `parts` is the sum of the
-counts that the text derives for the parts of the method, where it derives them.
+counts that the text derives for the parts of the method: items (a) to (f) of section 2.5 for
+PCRBM, (d) and (e) of section 3 for PCGM. It has none for the serial methods and for the array.
+
+The text at hand is a scan. Of the multiplications of PCRBM in Table 1 it shows P6, 10 h and 4 n;
+31 L + 170 is from the formula of section 2.5, which prints 2 n in place of 4 n.
 """
 
 from __future__ import annotations
@@ -37,8 +41,8 @@ class Claim:
         The value printed for n = 6.
     parts : callable or None
         Sum of the parts that the text counts.
-    doubt : str
-        Why the claim cannot be right as it stands; empty if nothing speaks against it.
+    remark : str
+        Where the paper contradicts itself, or what a comparison leaves out; or empty.
 
     """
 
@@ -46,7 +50,7 @@ class Claim:
     formula: Formula
     printed: int | None
     parts: Formula | None = None
-    doubt: str = ''
+    remark: str = ''
 
 
 @dataclass(frozen=True)
@@ -93,17 +97,20 @@ def _mixed(
     )
 
 
-def _none(printed: int = 0, doubt: str = '') -> Claim:
-    return Claim(str(printed), lambda n: Fraction(printed), printed, None, doubt)
+def _roots(count: int = 0, parts: Formula | None = None, remark: str = '') -> Claim:
+    return Claim(str(count), lambda n: Fraction(count), count, parts, remark)
 
 
 ONE_ROOT = (
-    "one root cannot yield L of H = L L': column i needs column i - 1 first, so n roots follow "
-    'one another; no root at all is needed for a solve'
+    "one root is enough for L of H = L L' by way of L D L' (one_square_root in "
+    'pfd_core.algorithms.cholesky); (11) and (12), taken as printed, take their roots in one step '
+    "and yield another matrix; a solve by L D L', which is counted here, needs none"
+)
+ROOTS_OF_THE_ARRAY = (
+    'each of the n circular cells takes one root, in n different cycles, in the design as printed '
+    '(literal_array), too; 1 is the count of a cell'
 )
 
-# The parts of methods 1 to 3: the bias (137n-22, 101n-11), the solution of the linear system, and
-# n calls of the Newton-Euler method without velocity and gravity for H, or their shorter forms.
 TABLE = {
     'walker_orin_1': System(
         "Walker and Orin's method 1",
@@ -111,17 +118,16 @@ TABLE = {
             'n^3/6 + 75 1/2 n^2 + 114 1/2 n - 22',
             _polynomial('1/6', '151/2', '229/2', -22),
             3418,
-            _polynomial('1/6', '151/2', '343/3', -22),
-            'the formula gives 3419 at n = 6; with 114 1/3, the sum of the parts, it gives the '
-            'printed 3418 and whole numbers for every n',
+            None,
+            'the formula gives 3419 at n = 6, and no whole number at n = 2; with 114 1/3 it gives '
+            'the printed 3418 and whole numbers for every n',
         ),
         Claim(
             'n^3/6 + 55 n^2 + 82 5/6 n - 11',
             _polynomial('1/6', 55, '497/6', -11),
             2502,
-            _polynomial('1/6', 55, '497/6', -11),
         ),
-        _none(),
+        _roots(),
         '1',
     ),
     'walker_orin_2': System(
@@ -130,16 +136,16 @@ TABLE = {
             'n^3/6 + 38 1/2 n^2 + 151 1/2 n - 22',
             _polynomial('1/6', '77/2', '303/2', -22),
             2308,
-            _polynomial('1/6', '77/2', '454/3', -22),
-            'the formula gives 2309 at n = 6; with 151 1/3 it gives the printed 2308',
+            None,
+            'the formula gives 2309 at n = 6; with 151 1/3 it gives the printed 2308 and whole '
+            'numbers for every n',
         ),
         Claim(
             'n^3/6 + 28 n^2 + 109 5/6 n - 11',
             _polynomial('1/6', 28, '659/6', -11),
             1692,
-            _polynomial('1/6', 28, '659/6', -11),
         ),
-        _none(),
+        _roots(),
         '1',
     ),
     'walker_orin_3': System(
@@ -148,15 +154,15 @@ TABLE = {
             'n^3/6 + 13 1/2 n^2 + 192 1/3 n - 49',
             _polynomial('1/6', '27/2', '577/3', -49),
             1627,
-            _polynomial('1/6', '27/2', '577/3', -49),
+            None,
+            'the introduction prints 1629',
         ),
         Claim(
             'n^3/6 + 8 n^2 + 165 5/6 n - 64',
             _polynomial('1/6', 8, '995/6', -64),
             1255,
-            _polynomial('1/6', 8, '995/6', -64),
         ),
-        _none(),
+        _roots(),
         '1',
     ),
     'walker_orin_4': System(
@@ -169,7 +175,7 @@ TABLE = {
             'the formula gives 2805 at n = 6; 117 n in place of 12 n gives the printed 3435',
         ),
         Claim('56 n^2 + 87 n - 6', _polynomial(0, 56, 87, -6), 2532),
-        _none(),
+        _roots(),
         '1',
     ),
     'articulated_body': System(
@@ -188,7 +194,7 @@ TABLE = {
             None,
             'the formula gives 1639 at n = 6, and 302 * 6 is 1812',
         ),
-        _none(),
+        _roots(),
         '1',
     ),
     'pcrbm': System(
@@ -198,16 +204,17 @@ TABLE = {
             _mixed(n_terms=4, h=10, L=31, P6=1, constant=170),
             334,
             _mixed(n_terms=4, h=10, L=31, P6=1, constant=110),
-            'the formula gives 323 at n = 6, that of section 2.5 gives 311, its parts sum to 263',
+            'the formula gives 323 at n = 6, that of section 2.5 gives 311, its parts (a) to (f) '
+            'sum to 263',
         ),
         Claim(
             'P2 + 5 n + 5 h + 45 L + 125',
             _mixed(n_terms=5, h=5, L=45, P2=1, constant=125),
             328,
             _mixed(n_terms=8, h=5, L=46, P2=1, constant=86),
-            'the formula gives 323 at n = 6, its parts sum to 305',
+            'the formula gives 323 at n = 6, its parts (a) to (f) sum to 305',
         ),
-        _none(1, ONE_ROOT),
+        _roots(1, lambda n: Fraction(1), ONE_ROOT),
         'n',
     ),
     'pcrbm_array': System(
@@ -216,18 +223,19 @@ TABLE = {
             '7 n + 9 h + 31 L + 169',
             _mixed(n_terms=7, h=9, L=31, constant=169),
             331,
-            _mixed(n_terms=7, h=9, L=31, constant=109),
-            'the array of equations (29) to (31) takes 3n - 1 cycles and yields another matrix; '
-            'the parts sum to 271 at n = 6',
+            None,
+            'the formula is that of PCRBM with 3 n - 1 cycles for P6 + h, in which equations (29) '
+            'to (31), taken as printed, yield another matrix; measured are the 5 n - 2 cycles of '
+            'the corrected array, both substitutions among them',
         ),
         Claim(
             '8 n + 5 h + 45 L + 124',
             _mixed(n_terms=8, h=5, L=45, constant=124),
             322,
-            _mixed(n_terms=11, h=5, L=46, constant=85),
-            'the parts sum to 304 at n = 6',
+            None,
+            'the formula is that of PCRBM with 3 n - 1 cycles for P2',
         ),
-        _none(1, ONE_ROOT),
+        _roots(1, None, ROOTS_OF_THE_ARRAY),
         'n and n(n+1)/2 cells',
     ),
     'pcgm': System(
@@ -236,17 +244,16 @@ TABLE = {
             '49 n + 27 L + 124',
             _mixed(n_terms=49, L=27, constant=124),
             499,
-            None,
-            'n iterations do not suffice in floating point beyond n = 6',
+            _mixed(n_terms=49, L=27, constant=124),
         ),
         Claim(
             '14 n L + 30 n + 34 L + 87',
             _mixed(n_terms=30, L=34, nL=14, constant=87),
             621,
-            None,
-            'n iterations do not suffice in floating point beyond n = 6',
+            _mixed(n_terms=30, L=34, nL=14, constant=87),
+            'steps 7 to 15 as listed have 14 L + 29 a trip',
         ),
-        _none(),
+        _roots(),
         'n',
     ),
 }

@@ -1,0 +1,125 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Trips that conjugate gradients take to converge in double precision, and the error after n trips.
+
+The paper counts n trips, which exact arithmetic needs at most. Here a state has converged when its
+recursive residual has fallen to conjugate_gradient.TOLERANCE of the first one, which is rounding.
+An error is max|difference| / max|reference| of qdd, the reference being PCRBM's answer.
+
+The programs run on the emulator with sine and cosine written out in the other operations, so that
+trips and errors are the same on every machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfd_core.algorithms.dynamics import ITERATIVE, record_pcrbm
+from pfd_core.algorithms.pcgm import record_pcgm
+from pfd_core.algorithms.walker_orin import record_walker_orin_4
+from pfd_core.kernels.lower import expand
+from pfd_core.machine.emulator import run
+from pfd_core.machine.program import Program
+from pfd_core.model import Robot, load_robot, resolve
+from pfd_core.report.counts import uniform_chain
+
+CHAINS = (2, 3, 4, 5, 6, 8, 12, 16, 24)
+ARMS = ('puma560', 'ur5', 'panda')
+STATES = 1000
+SEED = 1987
+RECORD: dict[str, Callable[..., Program]] = {
+    'walker_orin_4': record_walker_orin_4,
+    'pcgm': record_pcgm,
+}
+assert set(RECORD) == set(ITERATIVE)
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Convergence:
+    """
+    The trips of an iterative method over many states of one robot.
+
+    Attributes
+    ----------
+    system, robot : str
+        Method and robot.
+    n, states : int
+        Joints, and states that were tried.
+    least, median, most : int
+        Trips until the residual has fallen to rounding; the median is the lower one.
+    error_after_n, worst_after_n : float
+        Median and largest relative error of qdd after n trips.
+    worst_converged : float
+        Largest relative error at the end.
+
+    """
+
+    system: str
+    robot: str
+    n: int
+    states: int
+    least: int
+    median: int
+    most: int
+    error_after_n: float
+    worst_after_n: float
+    worst_converged: float
+
+
+def robots(sizes: Iterable[int] = CHAINS, arms: Iterable[str] = ARMS) -> Iterator[Robot]:
+    """Yield chains of equal links, and arms by name."""
+    yield from map(uniform_chain, sizes)
+    yield from map(load_robot, arms)
+
+
+def measure_convergence(chosen: Iterable[Robot]) -> Iterator[Convergence]:
+    """Yield the trips of both iterative methods for each robot."""
+    for robot in chosen:
+        for method in ITERATIVE:
+            yield convergence(method, robot)
+
+
+def convergence(method: str, robot: Robot) -> Convergence:
+    """Return the trips of one iterative method over STATES states; RuntimeError if one fails."""
+    plant, n = resolve(robot), robot.n
+    state = _states(n)
+
+    def answer(program: Program) -> dict[str, Array]:
+        return run(expand(program, 'float64'), state)
+
+    wanted = answer(record_pcrbm(plant, 'parallel'))['qdd']
+    whole = answer(RECORD[method](plant, 'parallel'))
+    if not (whole['converged'] > 0).all():
+        raise RuntimeError(f'{method} did not converge in some state of {robot.name}')
+    after_n = _errors(answer(RECORD[method](plant, 'parallel', at_most=n))['qdd'], wanted)
+    trips = np.sort(whole['trips'].ravel()).astype(int)
+    return Convergence(
+        system=method,
+        robot=robot.name,
+        n=n,
+        states=STATES,
+        least=int(trips[0]),
+        median=int(trips[(STATES - 1) // 2]),
+        most=int(trips[-1]),
+        error_after_n=float(np.sort(after_n)[(STATES - 1) // 2]),
+        worst_after_n=float(after_n.max()),
+        worst_converged=float(_errors(whole['qdd'], wanted).max()),
+    )
+
+
+def _states(n: int) -> dict[str, Array]:
+    """Return any positions, velocities up to 2 rad/s and torques up to 5 N m."""
+    unit = 2 * np.random.default_rng(SEED).random((3, STATES, n)) - 1
+    return {'q': np.pi * unit[0], 'qd': 2 * unit[1], 'tau': 5 * unit[2]}
+
+
+def _errors(found: Array, wanted: Array) -> Array:
+    errors: Array = abs(found - wanted).max(axis=-1) / abs(wanted).max(axis=-1)
+    return errors

@@ -40,7 +40,10 @@ one thread unless the row says otherwise.
   with casadi.SX, and its generated C compiled with `cc -O3 -march=native`.
 - *chainN* has N equal rods, each axis at right angles to the one before; *dense6* has six joints
   with skew axes, and no number of it is zero. All sides compute with the same numbers.
-- Method names are ours, with the number format. Not every method is compiled for long chains.
+- Method names are ours, with the number format; the peers compute in float64. Ours and CasADi's
+  are code for one robot on this processor, whose making is under "Until the first result";
+  Pinocchio and MuJoCo, as their wheels come, take any robot. Not every method is compiled for long
+  chains.
 """
 
 
@@ -100,7 +103,8 @@ def _summary(rows: Sequence[Row]) -> str:
     }
     lines = [
         '## The best of ours, in times the speed of Pinocchio\n',
-        'Against `pinocchio.aba`, a Python loop over it, and `abaInParallel` on one thread.\n',
+        'Against `pinocchio.aba`, a Python loop over it, and `abaInParallel` on one thread, all '
+        'in float64; the last column is ours in float32 against that.\n',
         '| robot | ' + ' | '.join(columns) + ' |',
         '|---' * (len(columns) + 1) + '|',
     ]

@@ -1,0 +1,135 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the sources cite from Lee and Chang (1987) is in that text, and is told with its price."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+import re
+
+import pytest
+
+from pfd_core.report.convergence import convergence
+from pfd_core.report.counts import best_serial, row
+from pfd_core.report.counts import uniform_chain as chain
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCES = sorted((ROOT / 'pfd_core').rglob('*.py'))
+PAGES = (ROOT / 'README.md', ROOT / 'docs' / 'notation.md', ROOT / 'docs' / 'report' / 'counts.md')
+
+# Equation numbers of the paper, read off its text. (14), (17), (A.6) and (A.8) are lost in the
+# scan, where a display without a number stands between its neighbours.
+NUMBERED = ('1', '2.a', '2.b', '8.a', '8.b', '9.a', '9.b', *(f'A.{k}' for k in range(1, 9)))
+EQUATIONS = {*NUMBERED, *map(str, (3, 4, 5, 6, 7)), *map(str, range(10, 32))}
+SECTIONS = {'1', '2', '2.1', '2.2', '2.3', '2.4', '2.5', '2.6', '3', '4'}
+APPENDICES = {'A', 'B', 'C'}
+
+NUMBER = r'\((?:A\.)?\d+(?:\.[ab])?\)'
+CITED = re.compile(
+    rf'\b[Ee]q(?:s?\.|s|uations?)?\s+({NUMBER}(?:(?:,| to| and|,? and)\s+{NUMBER})*)'
+)
+# Formulas of the parts of the serial methods: the paper prints totals only.
+NOT_IN_THE_PAPER = ('137 ?n', '101 ?n', '74 ?n', '54 ?n', '12 ?n^2 + 55', '7 ?n^2 + 66')
+
+
+def texts(path: Path) -> Iterator[str]:
+    """Yield the docstrings and other strings of a module, or the whole of a page."""
+    text = path.read_text(encoding='utf-8')
+    if path.suffix != '.py':
+        yield text
+        return
+    for node in ast.walk(ast.parse(text)):
+        if isinstance(node, ast.Constant) and isinstance(node.value, str):
+            yield node.value
+    yield '\n'.join(line.partition('#')[2] for line in text.splitlines() if '#' in line)
+
+
+def cited(text: str) -> Iterator[str]:
+    """Yield the numbers of the equations that a text cites; of a range, all."""
+    for match in CITED.finditer(text):
+        last = None
+        for word, number in re.findall(rf'(to|and|,)?\s*({NUMBER})', match[1]):
+            name = number.strip('()')
+            if word == 'to' and last and last.isdecimal() and name.isdecimal():
+                yield from map(str, range(int(last), int(name)))
+            yield name
+            last = name
+
+
+def test_citations_are_found_in_every_form() -> None:
+    text = 'eqs (16) to (18), eq. (27); equations (11), (12) and (29) to\n(31), eqs (A.4), (A.5)'
+    found = {'16', '17', '18', '27', '11', '12', '29', '30', '31', 'A.4', 'A.5'}
+    assert set(cited(text)) == found
+
+
+@pytest.mark.parametrize('path', [*SOURCES, *PAGES], ids=lambda path: path.name)
+def test_every_equation_and_section_that_is_cited_exists(path: Path) -> None:
+    for text in texts(path):
+        assert set(cited(text)) <= EQUATIONS
+        for section in re.findall(r'\b[Ss]ections? (\d(?:\.\d+)*)', text):
+            assert section in SECTIONS
+        for appendix in re.findall(r'\bAppendix ([A-Z])\b', text):
+            assert appendix in APPENDICES
+
+
+def test_most_equations_are_cited_somewhere() -> None:
+    # Else the search above would find nothing, and say so of anything.
+    found = {name for path in SOURCES for text in texts(path) for name in cited(text)}
+    assert {str(k) for k in (1, 3, 4, 5, 11, 12, 13, 14, 15, 18, 20, 21, 26, 27, 31)} <= found
+
+
+@pytest.mark.parametrize('path', SOURCES, ids=lambda path: path.name)
+def test_no_formula_that_the_paper_lacks_is_told_as_its_own(path: Path) -> None:
+    for text in texts(path):
+        for sentence in re.split(r'(?<=\.)\s', text):
+            if re.search(r'Lee and Chang|the paper', sentence):
+                for formula in NOT_IN_THE_PAPER:
+                    assert not re.search(formula.replace('^', r'\^').replace('+', r'\+'), sentence)
+
+
+def readme() -> str:
+    return ' '.join((ROOT / 'README.md').read_text(encoding='utf-8').split())
+
+
+def test_the_readme_tells_the_steps_of_pcrbm_with_what_packing_costs() -> None:
+    counts = row('pcrbm', 6)
+    s, u = counts.steps, counts.unpacked
+    cells = counts.cells['multiplications'], counts.cells['additions']
+    sentence = next(x for x in re.split(r'(?<=\.) ', readme()) if 'PCRBM takes' in x)
+    for told in (
+        f'takes {s.multiplications + s.divisions} multiplications and divisions, {s.additions} '
+        f'additions and {s.routes} routes',
+        f'or {u.multiplications + u.divisions}, {u.additions} and {u.routes} without packing',
+        f'prints {cells[0].printed} and {cells[1].printed}',
+        f'sum to {cells[0].parts:.0f} and {cells[1].parts:.0f}',
+    ):
+        assert told in sentence
+    assert best_serial(6)[0] in ('walker_orin_3', 'articulated_body')
+    assert f'{counts.speed_up:.2f} times as many steps of arithmetic' in readme()
+    assert f'{counts.routed_speed_up:.2f} times if a route is a step' in readme()
+
+
+def test_the_readme_tells_what_convergence_and_divide_and_conquer_cost() -> None:
+    page = (ROOT / 'docs' / 'report' / 'counts.md').read_text(encoding='utf-8')
+    trips = re.search(r'on six joints they take (\d+) to (\d+)', readme())
+    assert trips is not None
+    few, many = (row('pcgm', 6, int(k)).cells for k in trips.groups())
+    assert f'{trips[1]} to {trips[2]} trips converge and take' in page
+    assert int(trips[1]) == convergence('pcgm', chain(6)).least
+    for kind, name in (
+        ('multiplications', 'multiplications and divisions'),
+        ('additions', 'additions'),
+    ):
+        assert f'{few[kind].measured} to {many[kind].measured} {name}' in readme()
+    measured = [cell.measured for cell in row('divide_and_conquer', 6).cells.values()]
+    assert f'it takes {measured[0]} and {measured[1]}' in readme()
+
+
+@pytest.mark.slow
+def test_the_readme_tells_the_steps_of_64_joints() -> None:
+    told = []
+    for method in ('divide_and_conquer', 'pcrbm'):
+        told += [cell.measured for cell in row(method, 64).cells.values()][:2]
+    assert f'still {told[0]} and {told[1]} where PCRBM takes {told[2]} and {told[3]}' in readme()

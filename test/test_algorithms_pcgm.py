@@ -161,7 +161,7 @@ def test_a_trip_takes_47_multiplications(n: int) -> None:
     assert two.additions - one.additions == 29 + packed_sums(n) + 2 * L + 3
 
 
-def test_six_trips_of_six_joints_stay_below_the_papers_count() -> None:
+def test_six_trips_which_do_not_converge_stay_below_the_papers_count() -> None:
     program = record_pcgm(resolve(revolute(6)), 'parallel')
     steps, given = program.count(trips=6), program.count(section='joint rotation')
     multiplications = steps.multiplications + steps.divisions - given.multiplications

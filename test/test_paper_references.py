@@ -113,18 +113,25 @@ def test_the_readme_tells_the_steps_of_pcrbm_with_what_packing_costs() -> None:
 
 def test_the_readme_tells_what_convergence_and_divide_and_conquer_cost() -> None:
     page = (ROOT / 'docs' / 'report' / 'counts.md').read_text(encoding='utf-8')
-    trips = re.search(r'on six joints they take (\d+) to (\d+)', readme())
+    trips = re.search(r'To rounding they take (\d+) to (\d+) trips', readme())
     assert trips is not None
     few, many = (row('pcgm', 6, int(k)).cells for k in trips.groups())
-    assert f'{trips[1]} to {trips[2]} trips converge and take' in page
+    worst = re.search(r'six trips leave relative errors of up to (\S+)\. ', readme())
+    assert worst is not None
+    price = f'leave errors of up to {worst[1]}; {trips[1]} to {trips[2]} trips converge and take'
+    assert f'both for 6 trips, which {price}' in page
     assert int(trips[1]) == convergence('pcgm', chain(6)).least
     for kind, name in (
         ('multiplications', 'multiplications and divisions'),
         ('additions', 'additions'),
     ):
         assert f'{few[kind].measured} to {many[kind].measured} {name}' in readme()
-    measured = [cell.measured for cell in row('divide_and_conquer', 6).cells.values()]
-    assert f'it takes {measured[0]} and {measured[1]}' in readme()
+    routes = [row('pcgm', 6, int(k)).steps.routes for k in trips.groups()]
+    assert f'with {routes[0]} to {routes[1]} routes' in readme()
+    counts = row('divide_and_conquer', 6)
+    measured = [cell.measured for cell in counts.cells.values()]
+    told = f'it takes {measured[0]} and {measured[1]} with {counts.steps.routes} routes'
+    assert told in readme()
 
 
 @pytest.mark.slow

@@ -140,7 +140,7 @@ def compile_lanes(
     dtype : {'float64', 'float32'}
         Number format of the kernel and its arrays.
     recording : {'unpacked', 'parallel'}
-        Whether partly filled rows are left as they are or packed, as on the paper's machine.
+        Whether partly filled rows are left as they are or packed, as on n processors.
 
     Returns
     -------

@@ -10,7 +10,7 @@ in a `Lanes` value, and asking for its truth raises.
 
 A lane takes part in an operation when all its operands have a value there: `shift` leaves the
 lanes without a neighbour empty, `on` empties lanes on purpose, `merge` fills them. This is how
-a text says which processors are switched on, and it costs nothing, as on the paper's machine.
+a text says which processors are switched on, and it costs nothing.
 
 Three schedules read the same text. `parallel` writes one instruction for all lanes, as n
 processors in lock-step do. `unpacked` does so for processors to which moving data is as dear as

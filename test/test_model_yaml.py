@@ -73,6 +73,21 @@ def test_the_puma_has_the_inertia_and_gravity_load_that_corke_prints() -> None:
     np.testing.assert_allclose(load, [0, 31.6399, 6.0351, 0, 0.0283, 0], rtol=0, atol=PRINTED)
 
 
+@pytest.mark.parametrize('name', ['ur5', 'panda', 'puma560'])
+def test_rotors_make_an_arm_heavy_enough_for_a_sampled_damper(name: str) -> None:
+    # tau = -kd qd, held for a period dt, is stable while kd dt is below twice every eigenvalue
+    # of H. The wrist of a UR5 without rotors is too light for 3 N m s/rad at 1 kHz.
+    kd, dt = 3.0, 1e-3
+    robot = load_robot(name)
+    rng = np.random.default_rng(4)
+    states = rng.uniform(-np.pi, np.pi, (20, robot.n))
+    with_rotors = [np.linalg.eigvalsh(mass_matrix(robot, q, robot.armature))[0] for q in states]
+    assert min(with_rotors) > 10 * kd * dt / 2
+    if name == 'ur5':
+        without = [np.linalg.eigvalsh(mass_matrix(robot, q))[0] for q in states]
+        assert max(without) < kd * dt / 2
+
+
 def test_the_puma_wrist_is_made_of_exact_right_angles() -> None:
     assert set(np.abs(load_robot('puma560').rotations).ravel().tolist()) == {0.0, 1.0}
 

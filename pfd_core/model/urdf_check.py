@@ -61,7 +61,8 @@ def check_with_pinocchio(
     try:
         model = pinocchio.buildModelFromXML(text)
     except ValueError as error:
-        raise ValueError(f'{shown(urdf.name)}: Pinocchio cannot load it: {error}') from error
+        problem = shown(str(error))[1:-1]
+        raise ValueError(f'{shown(urdf.name)}: Pinocchio cannot load it: {problem}') from error
     model = _reduced(model, {joints[name]: at for name, at in locked.items() if name in joints})
     indices = [model.getJointId(joints[joint.name]) for joint in chain.joints]
     start, end = (

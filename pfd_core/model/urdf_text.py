@@ -272,4 +272,7 @@ def _limits(element: ElementTree.Element, kind: str, label: str) -> Limits:
         found |= {key: _number(limit, key, label) for key in ('velocity', 'effort')}
     if dynamics is not None:
         found |= {key: _number(dynamics, key, label, 0.0) for key in ('damping', 'friction')}
+    for key, value in found.items():
+        if value < 0 and key not in ('lower', 'upper'):
+            raise ValueError(f'<{key}> of {label} must not be negative, got {value}')
     return Limits(**found)

@@ -124,6 +124,8 @@ def test_a_plant_cannot_change(robot: Robot) -> None:
         ({'armature': [1, -1]}, 'armature must not be negative'),
         ({'armature': [1, np.inf]}, 'armature must be finite'),
         ({'armature': [1, True]}, 'armature must be numbers'),
+        ({'damping': [[1], [1, 2]]}, r'damping must be numbers, got \[\[1\], \[1, 2\]\]'),
+        ({'damping': np.array(1.0)}, "damping must be None, 'model' or one number a joint"),
         ({'gravity': (0, 0, 10**400)}, 'gravity must be finite'),
         ({'gravity': np.array([0, 0, 1j])}, 'gravity must be numbers'),
         ({'damping': np.ma.array([1.0, 2.0], mask=[1, 0])}, 'damping must not be a masked'),

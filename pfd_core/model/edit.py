@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.model.checks import check_inertia
 from pfd_core.model.geometry import Array, merged, product, rotation_z, snapped
-from pfd_core.model.robot import Robot, check_inertia
+from pfd_core.model.robot import Robot
 from pfd_core.model.values import listed, number, numbers, shown
 
 # Fields of a Robot with one entry for each joint, that go with the joint when it is locked.

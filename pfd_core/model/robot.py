@@ -23,20 +23,16 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.model.checks import (
+    INERTIA_TOLERANCE,
+    TRIANGLE_TOLERANCE,
+    check_inertia,
+    check_rotation,
+)
 from pfd_core.model.geometry import Array
 from pfd_core.model.values import FINITE, LARGEST, Frozen, frozen, reals, shown
 
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
-
-# A rotation written with 16 digits, or multiplied up from a few, misses orthonormality by some
-# 1e-15; one written with 6 digits misses by 1e-6 and would make every link stretch.
-ROTATION_TOLERANCE = 1e-12
-# Rotating an inertia rounds at 1e-16 of its largest element, several times over; so does moving
-# it to the centre of mass, at 1e-16 of the mass times the square of the way.
-INERTIA_TOLERANCE = 1e-12
-# A flat body reaches the triangle rule exactly; 1e-9 is far above rounding of that and below
-# the last digit anybody publishes.
-TRIANGLE_TOLERANCE = 1e-9
 
 
 def _zero() -> Array:
@@ -245,10 +241,11 @@ def _check_numbers(robot: Robot) -> None:
         _refuse(robot, key, getattr(robot, key) < 0, 'must not be negative')
     crossed = robot.position_lower > robot.position_upper
     _refuse(robot, 'position_lower', crossed, 'must not exceed position_upper')
-    _check_rotation(f'base_rotation of {shown(robot.name)}', robot.base_rotation)
+    check_rotation(f'base_rotation of {shown(robot.name)}', robot.base_rotation)
+    moments = _moments(robot)
     for i in range(robot.n):
-        _check_rotation(f'rotation of joint {shown(robot.joint_names[i])}', robot.rotations[i])
-        check_inertia(f'inertia of {link_label(robot, i)}', robot.inertias[i], _moment(robot, i))
+        check_rotation(f'rotation of joint {shown(robot.joint_names[i])}', robot.rotations[i])
+        check_inertia(f'inertia of {link_label(robot, i)}', robot.inertias[i], moments[i])
 
 
 def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None:
@@ -265,45 +262,18 @@ def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None
     )
 
 
-def _check_rotation(label: str, R: Array) -> None:
-    error = float(np.abs(R.T @ R - np.eye(3)).max())
-    if error > ROTATION_TOLERANCE:
-        raise ValueError(
-            f'{label} must be orthonormal to {ROTATION_TOLERANCE:g}, it is off by {error:.1e}; '
-            'write its elements with 16 digits'
-        )
-    if np.linalg.det(R) < 0:
-        raise ValueError(f'{label} must be right-handed, its determinant is -1')
-
-
-def _moment(robot: Robot, index: int) -> float:
-    """Return the mass of a link times the square of the longest way on the robot [kg m^2]."""
+def _moments(robot: Robot) -> Array:
+    """Return the masses times the square of the longest way on the robot, (n,) [kg m^2]."""
     longest = max(float(np.abs(robot.translations).max()), float(np.abs(robot.centers).max()))
-    return float(robot.masses[index]) * longest**2
-
-
-def check_inertia(label: str, J: Array, moment: float = 0.0) -> None:
-    """
-    Raise ValueError unless an inertia, (3, 3), is symmetric and has no negative moment.
-
-    `moment` is the mass times the square of a length of the robot [kg m^2]: an element that is
-    small beside it may be rounding.
-    """
-    tolerance = INERTIA_TOLERANCE * max(float(np.abs(J).max()), moment)
-    if np.abs(J - J.T).max() > tolerance:
-        raise ValueError(f'{label} must be symmetric, got {shown(J.tolist())}')
-    moments = np.linalg.eigvalsh(J)
-    if moments[0] < -tolerance:
-        raise ValueError(
-            f'{label} must not be negative in any direction, but its principal moments are '
-            f'{moments.tolist()} kg m^2'
-        )
+    moments: Array = robot.masses * longest**2
+    return moments
 
 
 def _warn_of_impossible_bodies(robot: Robot) -> None:
+    moments = _moments(robot)
     for i in range(robot.n):
         x, y, z = np.linalg.eigvalsh(robot.inertias[i]).tolist()
-        most = (x + y) * (1 + TRIANGLE_TOLERANCE) + INERTIA_TOLERANCE * _moment(robot, i)
+        most = (x + y) * (1 + TRIANGLE_TOLERANCE) + INERTIA_TOLERANCE * moments[i]
         if z > most and robot.joint_names[i] not in robot.accepted:
             warnings.warn(
                 f'{link_label(robot, i)}: principal moments {x:.4g}, {y:.4g}, {z:.4g} kg m^2 '

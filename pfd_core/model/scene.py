@@ -165,11 +165,15 @@ def _per_joint(key: str, value: Any) -> tuple[float, ...] | str | None:
         return None
     if isinstance(value, str) and value == MODEL:
         return MODEL
-    if isinstance(value, str) or not np.ndim(value):
+    try:
+        length = None if isinstance(value, str) else len(value)
+    except TypeError:
+        length = None
+    if length is None:
         raise ValueError(
             f'{key} must be None, {MODEL!r} or one number a joint, got {shown(value)}'
         )
-    array = numbers(key, value, (len(value),))
+    array = numbers(key, value, (length,))
     if (array < 0).any():
         raise ValueError(f'{key} must not be negative, got {shown(array.tolist())}')
     return tuple(array.tolist())

@@ -11,6 +11,7 @@ import warnings
 
 import numpy as np
 
+from pfd_core.model.checks import check_inertia
 from pfd_core.model.edit import locked_positions
 from pfd_core.model.geometry import (
     Array,
@@ -25,7 +26,7 @@ from pfd_core.model.geometry import (
     welded_frames,
     without_dust,
 )
-from pfd_core.model.robot import PhysicsWarning, Robot, check_inertia
+from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.urdf_check import check_with_pinocchio
 from pfd_core.model.urdf_text import (
     RIGHT_ANGLE_SLACK,
@@ -91,7 +92,7 @@ def robot_from_urdf(
 
     """
     urdf = read_urdf(text, number('right_angle', right_angle))
-    at = locked_positions(locked or {})
+    at = locked_positions({} if locked is None else locked)
     chain = find_chain(urdf, base, tip, at)
     turns = {joint.name: axis_rotation(joint.axis) for joint in chain.joints}
     frames = _link_frames(chain, turns, at)

@@ -26,10 +26,11 @@ MOVING = ('revolute', 'continuous', 'prismatic')
 NOT_A_CHAIN = ('floating', 'planar')
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
-# The largest published URDF has 1 MB, 4000 elements and 150 links; meshes nest 6 deep.
+# Published URDFs have up to 1 MB and some 150 links, and nest 6 deep. Pinocchio's parser takes
+# 4 kB of stack for each link of a chain: 500 fit into a quarter of what a thread has.
 MOST_CHARACTERS = 16 * 2**20
 MOST_ELEMENTS = 200_000
-MOST_LINKS = 2000
+MOST_LINKS = 500
 DEEPEST = 50
 
 Triple = tuple[float, float, float]

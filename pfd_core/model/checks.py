@@ -1,0 +1,50 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a rotation and an inertia must be, and how much rounding is forgiven them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pfd_core.model.geometry import Array
+from pfd_core.model.values import shown
+
+# A rotation written with 16 digits, or multiplied up from a few, misses orthonormality by some
+# 1e-15; one written with 6 digits misses by 1e-6 and would make every link stretch.
+ROTATION_TOLERANCE = 1e-12
+# Rotating an inertia rounds at 1e-16 of its largest element, several times over; so does moving
+# it to the centre of mass, at 1e-16 of the mass times the square of the way.
+INERTIA_TOLERANCE = 1e-12
+# A flat body reaches the triangle rule exactly; 1e-9 is far above rounding of that and below
+# the last digit anybody publishes.
+TRIANGLE_TOLERANCE = 1e-9
+
+
+def check_rotation(label: str, R: Array) -> None:
+    """Raise ValueError unless a matrix, (3, 3), is a rotation."""
+    error = float(np.abs(R.T @ R - np.eye(3)).max())
+    if error > ROTATION_TOLERANCE:
+        raise ValueError(
+            f'{label} must be orthonormal to {ROTATION_TOLERANCE:g}, it is off by {error:.1e}; '
+            'write its elements with 16 digits'
+        )
+    if np.linalg.det(R) < 0:
+        raise ValueError(f'{label} must be right-handed, its determinant is -1')
+
+
+def check_inertia(label: str, J: Array, moment: float = 0.0) -> None:
+    """
+    Raise ValueError unless an inertia, (3, 3), is symmetric and has no negative moment.
+
+    `moment` is the mass times the square of a length of the robot [kg m^2]: an element that is
+    small beside it may be rounding.
+    """
+    tolerance = INERTIA_TOLERANCE * max(float(np.abs(J).max()), moment)
+    if np.abs(J - J.T).max() > tolerance:
+        raise ValueError(f'{label} must be symmetric, got {shown(J.tolist())}')
+    moments = np.linalg.eigvalsh(J)
+    if moments[0] < -tolerance:
+        raise ValueError(
+            f'{label} must not be negative in any direction, but its principal moments are '
+            f'{moments.tolist()} kg m^2'
+        )

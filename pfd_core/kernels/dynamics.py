@@ -9,9 +9,8 @@ second call costs microseconds. Who calls in a loop keeps the kernel (compile_ke
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from pfd_core.model import Robot, Scene
 
 # A kernel holds about a megabyte of code; somebody who sweeps over robots should not keep all.
 KEPT = 64
-_kernels: OrderedDict[tuple[Any, ...], Kernel] = OrderedDict()
 
 
 def forward_dynamics(
@@ -34,6 +32,7 @@ def forward_dynamics(
     method: str = 'pcrbm',
     scene: Scene | None = None,
     wrench: ArrayLike | None = None,
+    brakes: ArrayLike | None = None,
     dtype: str = 'float64',
     refine: int = 0,
 ) -> NDArray[Any]:
@@ -53,6 +52,8 @@ def forward_dynamics(
     wrench : array_like, optional
         Force [N] and moment [N m] exerted on the last link, (..., 6), in its frame and about
         its origin.
+    brakes : array_like of bool, optional
+        Joints that are held, (..., n), only if the scene has brakes; default none.
     dtype, refine
         As for compile_kernel.
 
@@ -64,16 +65,14 @@ def forward_dynamics(
     Raises
     ------
     ValueError
-        If an argument has the wrong shape, is unknown, or is not finite.
+        If an argument has the wrong shape or type, is unknown, or is not finite.
 
     """
     scene = _with_wrench(scene, wrench)
-
-    def make() -> Kernel:
-        return compile_kernel(robot, method=method, scene=scene, dtype=dtype, refine=refine)
-
-    kernel = _kept(('forward', method, dtype, refine), robot, scene, make)
-    return _call(kernel, q, qd, tau, wrench)
+    if scene.brakes and brakes is None:
+        brakes = np.zeros(robot.n, dtype=bool)
+    kernel = _forward_kernel(robot, scene, method, dtype, refine)
+    return kernel(q, qd, tau, wrench, brakes=brakes)
 
 
 def inverse_dynamics(
@@ -89,34 +88,19 @@ def inverse_dynamics(
     """Return the torques, (..., n), that accelerations need; arguments as forward_dynamics."""
     # A torque does not depend on which joints could be held.
     scene = replace(_with_wrench(scene, wrench), brakes=False)
+    return _inverse_kernel(robot, scene, dtype)(q, qd, qdd, wrench)
 
-    def make() -> Kernel:
-        return compile_inverse_kernel(robot, scene=scene, dtype=dtype)
 
-    kernel = _kept(('inverse', dtype), robot, scene, make)
-    return _call(kernel, q, qd, qdd, wrench)
+@lru_cache(KEPT, typed=True)
+def _forward_kernel(robot: Robot, scene: Scene, method: str, dtype: str, refine: int) -> Kernel:
+    return compile_kernel(robot, method=method, scene=scene, dtype=dtype, refine=refine)
+
+
+@lru_cache(KEPT, typed=True)
+def _inverse_kernel(robot: Robot, scene: Scene, dtype: str) -> Kernel:
+    return compile_inverse_kernel(robot, scene=scene, dtype=dtype)
 
 
 def _with_wrench(scene: Scene | None, wrench: ArrayLike | None) -> Scene:
     scene = Scene() if scene is None else scene
     return scene if wrench is None else replace(scene, external_wrench=True)
-
-
-def _kept(kind: tuple[Any, ...], robot: Robot, scene: Scene, make: Callable[[], Kernel]) -> Kernel:
-    """Return the kernel made before for the same robot, scene and settings, or a new one."""
-    key = (*kind, robot, scene)
-    kernel = _kernels.get(key)
-    if kernel is None:
-        kernel = _kernels[key] = make()
-        if len(_kernels) > KEPT:
-            _kernels.popitem(last=False)
-    else:
-        _kernels.move_to_end(key)
-    return kernel
-
-
-def _call(
-    kernel: Kernel, q: ArrayLike, qd: ArrayLike, third: ArrayLike, wrench: ArrayLike | None
-) -> NDArray[Any]:
-    brakes = np.zeros(kernel.robot.n, dtype=bool) if kernel.scene.brakes else None
-    return kernel(q, qd, third, wrench, brakes=brakes)

@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from copy import copy, deepcopy
 from dataclasses import dataclass
 from functools import partial
+import os
 from typing import Any
 
 import numpy as np
@@ -109,6 +110,7 @@ class Ensemble:
         }
         self._native, self._evaluations = self._compile()
         shape = self.size, robot.n
+        _check_memory(self.size, len(REPORT) * robot.n * np.dtype(dtype).itemsize)
         self._state: dict[str, Array] = {name: np.zeros(shape, dtype) for name in REPORT}
         self.reset()
 
@@ -329,6 +331,17 @@ def _run_block(
     """Run a block of arms on the arrays of a table, which must stay alive meanwhile."""
     native.run(first, first + size, *manner, table.ctypes.data, good.ctypes.data)
     return 0
+
+
+def _check_memory(size: int, each: int) -> None:
+    """Raise ValueError for more arms than a machine can hold, which some only find out later."""
+    if hasattr(os, 'sysconf'):
+        there = os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')
+        if size * each > there:
+            raise ValueError(
+                f'size={size} arms take {size * each // 10**9} GB, but this machine has '
+                f'{there // 10**9} GB'
+            )
 
 
 def _row(array: Array | None) -> tuple[int, int, int, int]:

@@ -1,0 +1,226 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Brakes mean the same in kernels, simulations and on the emulated machine."""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import product
+
+import numpy as np
+import pinocchio as pin
+import pytest
+from tolerances import ACCELERATION
+from zoo import random_chain, random_state, to_pinocchio
+
+import pfd_core as pfd
+from pfd_core.algorithms.dynamics import FORWARD, ITERATIVE
+from pfd_core.algorithms.pcgm import record_pcgm
+from pfd_core.kernels import auto
+from pfd_core.machine.emulator import run
+from pfd_core.model import resolve
+
+BRAKES = pfd.Scene(brakes=True)
+HELD = np.array([False, True, False, True])
+
+
+def without_mass(from_joint: int) -> pfd.Robot:
+    """Return a chain of four joints whose links have no mass from one on."""
+    whole = random_chain(np.random.default_rng(3), 4, 0.0)
+    masses, inertias = whole.masses.copy(), whole.inertias.copy()
+    masses[from_joint:], inertias[from_joint:] = 0.0, 0.0
+    return pfd.Robot(
+        f'no mass from joint {from_joint}',
+        whole.joint_names,
+        whole.joint_types,
+        whole.rotations,
+        whole.translations,
+        masses,
+        whole.centers,
+        inertias,
+    )
+
+
+def struck_out(robot: pfd.Robot, q, qd, tau, held) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Return accelerations by Pinocchio and NumPy, with held joints struck out of H qdd = y."""
+    model = to_pinocchio(robot)
+    data = model.createData()
+    H = pin.crba(model, data, q)
+    H = np.triu(H) + np.triu(H, 1).T
+    y = tau - pin.nonLinearEffects(model, data, q, qd)
+    qdd = np.zeros(robot.n)
+    if not held.all():
+        qdd[~held] = np.linalg.solve(H[np.ix_(~held, ~held)], y[~held])
+    return qdd
+
+
+@pytest.mark.parametrize('method', pfd.METHODS)
+def test_emulator_kernel_and_functions_hold_the_same_joints(method: str) -> None:
+    robot = random_chain(np.random.default_rng(1), 4)
+    state = random_state(np.random.default_rng(2), 4)
+    wanted = struck_out(robot, *state, HELD)
+    tolerance = ACCELERATION * 1e3 * np.abs(wanted).max()  # H of a random chain: 1e3 at most
+    emulated = pfd.emulate(robot, *state, method=method, scene=BRAKES, brakes=HELD)
+    assert emulated.status == 'ok'
+    kernel = pfd.compile_kernel(robot, method=method, scene=BRAKES)
+    for found in (
+        emulated.qdd,
+        kernel(*state, brakes=HELD),
+        pfd.forward_dynamics(robot, *state, method=method, scene=BRAKES, brakes=HELD),
+    ):
+        np.testing.assert_array_equal(found[HELD], 0.0)
+        assert np.abs(found - wanted).max() < tolerance
+
+
+@pytest.mark.parametrize(
+    ('method', 'dtype'), [*product(pfd.METHODS, ['float64']), ('composite_body', 'float32')]
+)
+def test_a_held_joint_without_mass_does_not_accelerate(method: str, dtype: str) -> None:
+    for first in (0, 3):
+        robot = without_mass(first)
+        held = np.arange(4) >= first
+        state = [x.astype(dtype) for x in random_state(np.random.default_rng(4), 4)]
+        kernel = pfd.compile_kernel(robot, method=method, scene=BRAKES, dtype=dtype)
+        found = kernel(*state, brakes=held)
+        np.testing.assert_array_equal(found[held], 0.0)
+        assert np.isfinite(found).all()
+        given = dict(zip(('q', 'qd', 'tau'), state, strict=True)) | {'free': 1.0 - held}
+        np.testing.assert_array_equal(run(kernel.program, given, dtype)['qdd'], found)
+        emulated = pfd.emulate(
+            robot, *state, method=method, scene=BRAKES, brakes=held, dtype=dtype
+        )
+        assert emulated.status == 'ok'
+        np.testing.assert_array_equal(emulated.qdd[held], 0.0)
+        if dtype == 'float64':
+            wanted = struck_out(robot, *state, held)
+            limit = ACCELERATION * 1e3 * max(np.abs(wanted).max(), 1.0)
+            assert np.abs(found - wanted).max() < limit
+            assert np.abs(emulated.qdd - wanted).max() < limit
+
+
+@pytest.mark.parametrize('method', pfd.METHODS)
+def test_digits_and_refinement_take_a_held_joint_without_mass(method: str) -> None:
+    robot, held = without_mass(3), np.arange(4) >= 3
+    state = random_state(np.random.default_rng(4), 4)
+    exact = pfd.emulate(robot, *state, method=method, scene=BRAKES, brakes=held, digits=40)
+    assert exact.status == 'ok'
+    assert exact.qdd[3] == 0
+    kernel = pfd.compile_kernel(robot, method=method, scene=BRAKES, refine=1)
+    qdd, error = kernel.error_estimate(*state, brakes=held)
+    assert error < 1e-12  # rounding times the condition of H; infinite where a pivot is zero
+    np.testing.assert_array_equal(qdd[held], 0.0)
+
+
+def test_scaled_conjugate_gradients_take_a_held_joint_without_mass() -> None:
+    robot, held = without_mass(3), np.arange(4) >= 3
+    state = random_state(np.random.default_rng(4), 4)
+    program = record_pcgm(resolve(robot, BRAKES), 'parallel', jacobi=True)
+    given = dict(zip(('q', 'qd', 'tau'), state, strict=True)) | {'free': 1.0 - held}
+    found = run(program, given)['qdd']
+    wanted = struck_out(robot, *state, held)
+    assert np.abs(found - wanted).max() < ACCELERATION * 1e3 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize('method', sorted(set(pfd.METHODS) - set(ITERATIVE)))
+def test_a_massless_joint_that_is_free_is_still_a_status(method: str) -> None:
+    state = random_state(np.random.default_rng(4), 4)
+    found = pfd.emulate(without_mass(2), *state, method=method, scene=BRAKES, brakes=HELD)
+    assert found.status == 'not_positive_definite'
+
+
+@pytest.mark.parametrize('method', pfd.METHODS)
+def test_no_brake_is_held_by_default(method: str) -> None:
+    robot = random_chain(np.random.default_rng(1), 4)
+    state = random_state(np.random.default_rng(2), 4)
+    calls = (
+        partial(pfd.emulate, robot, *state, method=method, scene=BRAKES),
+        partial(pfd.forward_dynamics, robot, *state, method=method, scene=BRAKES),
+    )
+    for call in calls:
+        default, none, explicit = (
+            getattr(found, 'qdd', found)
+            for found in (call(), call(brakes=None), call(brakes=np.zeros(4, bool)))
+        )
+        np.testing.assert_array_equal(default, explicit)
+        np.testing.assert_array_equal(none, explicit)
+
+
+def test_each_state_of_a_batch_has_brakes_of_its_own() -> None:
+    robot = pfd.load_robot('planar2')
+    rng = np.random.default_rng(6)
+    q, qd, tau = rng.normal(size=(3, 2, 3, 2))
+    brakes = rng.random((2, 3, 2)) < 0.5
+    together = pfd.emulate(robot, q, qd, tau, scene=BRAKES, brakes=brakes).qdd
+    for k in np.ndindex(2, 3):
+        alone = pfd.emulate(robot, q[k], qd[k], tau[k], scene=BRAKES, brakes=brakes[k]).qdd
+        np.testing.assert_array_equal(together[k], alone)
+
+
+CALLS = {
+    'emulate': lambda scene, brakes: pfd.emulate(
+        pfd.load_robot('planar2'), [0, 0], [0, 0], [1, 1], scene=scene, brakes=brakes
+    ),
+    'step': lambda scene, brakes: pfd.Simulator(pfd.load_robot('planar2'), scene).step(
+        [1, 1], brakes=brakes
+    ),
+    'ensemble': lambda scene, brakes: pfd.Ensemble(pfd.load_robot('planar2'), 3, scene).rollout(
+        steps=1, brakes=brakes
+    ),
+}
+
+
+@pytest.mark.parametrize('call', CALLS)
+@pytest.mark.parametrize(
+    'brakes',
+    [
+        [0, 1],
+        [0.0, 1.0],
+        np.array([1, 0], np.int8),
+        ['yes', 'no'],
+        [None, True],
+        np.ma.masked_array([True, False], [True, False]),
+        [[True], [True, False]],
+    ],
+)
+def test_brakes_that_are_no_bools_are_refused(call: str, brakes: object) -> None:
+    with pytest.raises(ValueError, match='brakes must be an array of bool, True for held, got'):
+        CALLS[call](BRAKES, brakes)
+
+
+@pytest.mark.parametrize('call', CALLS)
+@pytest.mark.parametrize('brakes', [[True], [True, False, True], True])
+def test_brakes_for_another_number_of_joints_are_refused(call: str, brakes: object) -> None:
+    with pytest.raises(ValueError, match=r'brakes must have shape \(2,\)'):
+        CALLS[call](BRAKES, brakes)
+
+
+@pytest.mark.parametrize('call', CALLS)
+def test_brakes_of_a_scene_without_them_are_refused(call: str) -> None:
+    with pytest.raises(ValueError, match=r'brakes were given.*Scene\(brakes=True\)'):
+        CALLS[call](pfd.Scene(), [False, False])
+
+
+def test_one_simulation_takes_one_row_of_brakes() -> None:
+    sim = pfd.Simulator(pfd.load_robot('planar2'), BRAKES)
+    with pytest.raises(ValueError, match=r'brakes must have shape \(2,\), got \(1, 2\)'):
+        sim.step([1, 1], brakes=[[True, False]])
+
+
+def test_brakes_do_not_change_the_operations_of_other_scenes() -> None:
+    # The choices of a held joint are all that brakes add: inputs apart, no arithmetic.
+    robot = pfd.load_robot('ur5')
+    for method in FORWARD:
+        braked, bare = (
+            pfd.compile_kernel(robot, method=method, scene=scene).operations['recorded']
+            for scene in (BRAKES, pfd.Scene())
+        )
+        added = {op for op in braked if braked[op] != bare.get(op, 0)}
+        assert added <= {'select', 'mul', 'add', 'sub'}, (method, added)
+
+
+def test_the_method_of_an_arm_in_between_is_not_changed_by_a_pivots_choice() -> None:
+    # n choices more than before are not counted, so that 'auto' stands for the same as ever.
+    plant = resolve(random_chain(np.random.default_rng(1), 8), BRAKES)
+    few, many = (auto.cost(plant, name) for name in (auto.FEW_JOINTS, auto.MANY_JOINTS))
+    wanted = auto.FEW_JOINTS if few - 8 <= many else auto.MANY_JOINTS
+    assert auto.choose(plant, 'auto', 0) == wanted

@@ -57,6 +57,22 @@ class Run:
     cycles: int | None
     program: Program
 
+    # A pickle of mpmath's is rounded to the digits that happen to be set where it is opened.
+    def __getstate__(self) -> dict[str, Any]:
+        if self.qdd.dtype != object:
+            return self.__dict__
+        return self.__dict__ | {'qdd': (self.qdd.shape, [x._mpf_ for x in self.qdd.flat])}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        if isinstance(self.qdd, tuple):
+            import mpmath
+
+            shape, parts = self.qdd
+            qdd = np.empty(len(parts), dtype=object)
+            qdd[:] = [mpmath.make_mpf(part) for part in parts]
+            self.__dict__['qdd'] = qdd.reshape(shape)
+
 
 def emulate(
     robot: Robot,

@@ -31,9 +31,9 @@ from pfd_core.simulation.moment import Moment
 from pfd_core.simulation.trajectory import Trajectory
 
 # A rollout runs in pieces, between which Python looks for signals: seconds that one may take,
-# by the time that the one before took, and the steps of the first.
+# by the time that the one before took, and the substeps of the first. A step is never cut.
 PIECE = 0.05
-FIRST = 16
+FIRST = 32
 
 
 class Simulator:
@@ -233,7 +233,7 @@ class Simulator:
     def _pieces(self, rows: Array, held: dict[str, Array], q: Array, qd: Array) -> int:
         """Take a step for each row, piece by piece; return after how many it was all finite."""
         places = [array.ctypes.data for array in (rows, q, qd)]
-        done, sound, count = 0, 0, FIRST
+        done, sound, count = 0, 0, max(1, FIRST // self.substeps)
         while done < len(rows):
             count = min(count, len(rows) - done)
             begin = time.perf_counter()

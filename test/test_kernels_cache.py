@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import ctypes
 from dataclasses import replace
 import errno
 import json
@@ -14,12 +15,13 @@ import sys
 from typing import Any
 
 import llvmlite
+import llvmlite.binding as llvm
 import numpy as np
 import pytest
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
-from pfd_core.kernels import cache, engine
+from pfd_core.kernels import cache, engine, remember
 from pfd_core.kernels.kernel import compile_inverse_kernel
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -29,8 +31,9 @@ import json, sys, time
 start = time.perf_counter()
 import numpy as np
 import pfd_core as pfd
-from pfd_core.kernels import cache, engine
-cache.IMPORTED = np.inf  # whoever edits the package while its tests run knows what he does
+from pfd_core.kernels import engine, remember
+remember.IMPORTED = 0.0  # whoever edits the package while its tests run knows what he does
+remember.sources.cache_clear()
 emitted, emit = [], engine.emit
 engine.emit = lambda *args: emitted.append(1) or emit(*args)
 robot = pfd.load_robot(sys.argv[1])
@@ -47,6 +50,16 @@ print(json.dumps({
     'compile': after - before, 'answer': answer - start, 'ir': kernel.ir,
 }))
 """
+# Edits nothing, but lets the package believe that its source changed after the import.
+EDITED = """
+from pathlib import Path
+from pfd_core.kernels import remember
+before = remember.sources()
+remember.PACKAGE = Path('test')
+assert remember.sources() == before
+remember.sources.cache_clear()
+assert remember.sources() != before
+"""
 IR = 'define double @f(double %x) {\n  %y = fmul double %x, %x\n  ret double %y\n}'
 HOST = engine.Target('x86_64-unknown-linux-gnu', 'haswell', '+avx,+avx2')
 
@@ -56,10 +69,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return an empty cache folder, which is in use."""
     where = tmp_path / 'cache'
     monkeypatch.setenv(cache.VARIABLE, str(where))
-    monkeypatch.setattr(cache, 'IMPORTED', np.inf)
-    cache.sources.cache_clear()
-    cache._warn.cache_clear()
-    cache._held.clear()
+    monkeypatch.setattr(remember, 'IMPORTED', 0.0)
+    remember.sources.cache_clear()
+    cache._said.clear()
+    cache._written.clear()
     return where
 
 
@@ -267,7 +280,7 @@ def test_a_folder_that_anybody_may_write_to_is_not_used(
     assert len(emitted) == 3
     assert contents(folder) == before
     (record,) = caplog.records
-    assert 'is writable by everybody (mode drwxrwxrwx)' in record.message
+    assert 'has mode drwxrwxrwx' in record.message
 
 
 def test_the_folder_belongs_to_the_user_alone(folder: Path) -> None:
@@ -290,7 +303,7 @@ def test_the_variable_moves_the_cache_and_switches_it_off(
     monkeypatch.setenv(cache.VARIABLE, '')
     assert cache.folder() is None
     engine.compile_ir(IR)
-    assert cache.remember(('key',), lambda: 1) == 1
+    assert remember.remember(('key',), lambda: 1, lambda kept: True) == 1
     assert not list(tmp_path.iterdir())
 
 
@@ -299,6 +312,7 @@ def test_what_was_not_used_for_longest_is_removed_first_and_nothing_else(
 ) -> None:
     monkeypatch.setattr(cache, 'LIMIT', 4000)
     monkeypatch.setattr(cache, 'TRIMMED', 3000)
+    monkeypatch.setattr(cache, 'SLICE', 0)
     names = [cache.digest(str(k)) for k in range(5)]
     folder.mkdir(mode=0o700)
     (folder / 'notes.txt').write_bytes(bytes(10_000))
@@ -316,37 +330,173 @@ def test_what_was_not_used_for_longest_is_removed_first_and_nothing_else(
 
 def remembered(value: int) -> int:
     """Return what one key stands for, having it made from a value if it is not known."""
-    cache.sources.cache_clear()
-    found = cache.remember(('key',), lambda: value)
-    cache.sources.cache_clear()
+    remember.sources.cache_clear()
+    found = remember.remember(('key',), lambda: value, lambda kept: type(kept) is int)
+    remember.sources.cache_clear()
     return found
 
 
-def test_a_process_does_not_remember_what_other_source_than_its_own_would_make(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.fixture
+def package(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a source file that stands for those of this package."""
+    where = tmp_path / 'package'
+    where.mkdir()
+    monkeypatch.setattr(remember, 'PACKAGE', where)
+    (where / 'a.py').write_text('x = 1\n')
+    return where / 'a.py'
+
+
+def test_the_source_is_read_when_the_package_is_imported() -> None:
+    command = [sys.executable, '-c', EDITED]
+    done = subprocess.run(command, cwd=ROOT, check=False, timeout=LIFETIME)
+    assert done.returncode == 0
+
+
+def test_source_written_while_it_was_imported_is_not_trusted(
+    package: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(remember, 'IMPORTED', 1e9)
+    os.utime(package, (1e9 - 0.5, 1e9 - 0.5))
+    assert [remembered(k) for k in (1, 2)] == [1, 2]
+
+
+@pytest.mark.parametrize('when', [-1e9, 0.0, 4e9], ids=['before 1970', '1970', 'in the future'])
+def test_source_of_any_time_is_remembered(
+    package: Path, when: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(remember, 'IMPORTED', 1e9)
+    os.utime(package, (when, when))
     assert [remembered(k) for k in (1, 2)] == [1, 1]
-    # As if a source file had been edited after the import.
-    newest = max(path.stat().st_mtime for path in cache.PACKAGE.rglob('*.py'))
-    monkeypatch.setattr(cache, 'IMPORTED', newest)
-    assert [remembered(k) for k in (3, 4)] == [3, 4]
-    monkeypatch.setattr(cache, 'IMPORTED', newest + 2 * cache.IMPORTING)
-    assert remembered(5) == 1
 
 
 def test_what_is_kept_depends_on_the_source_and_on_the_versions(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    package: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert remembered(1) == 1
-    package = tmp_path / 'package'
-    package.mkdir()
-    (package / 'a.py').write_text('x = 1\n')
-    monkeypatch.setattr(cache, 'PACKAGE', package)
     assert remembered(2) == 2
-    (package / 'a.py').write_text('x = 2\n')
+    package.write_text('x = 2\n')
     assert remembered(3) == 3
-    (package / 'a.py').rename(package / 'b.py')
+    package.rename(package.with_name('b.py'))
     assert remembered(4) == 4
     monkeypatch.setattr(np, '__version__', '0.0')
     assert remembered(5) == 5
     assert remembered(6) == 5
+
+
+def test_a_package_without_source_remembers_nothing(package: Path) -> None:
+    package.unlink()
+    assert [remembered(k) for k in (1, 2)] == [1, 2]
+
+
+@pytest.mark.parametrize(
+    'facts',
+    [
+        b'',
+        b'null',
+        b'[' * 100_000,
+        b'{"inputs": [], "elements": 2, "operations": {}}',
+        b'{"inputs": {"q": 2}, "elements": 2}',
+        b'{"inputs": {"q": 2}, "elements": true, "operations": {"a": {"add": 1}}}',
+        b'{"inputs": {"q": "2"}, "elements": 2, "operations": {"a": {"add": 1}}}',
+        b'{"inputs": {"q": -2}, "elements": 2, "operations": {"a": {"add": 1}}}',
+        b'{"inputs": {"q": 2}, "elements": 2, "operations": {"a": 1}}',
+        b'{"digest": "", "functions": [1]}',
+        b'{"digest": "", "functions": "entry"}',
+        b'\xff',
+    ],
+)
+def test_kept_facts_of_another_shape_are_made_again(folder: Path, facts: bytes) -> None:
+    robot = pfd.load_robot('planar2')
+    fresh = pfd.compile_kernel(robot)
+    wanted = answers(fresh)
+    sound = contents(folder)
+    for name in sound:
+        payload = cache.read(Path(name).stem)
+        if payload is not None and payload.startswith(b'{'):
+            cache.write(Path(name).stem, facts)
+    assert contents(folder) != sound
+    kernel = pfd.compile_kernel(robot)
+    assert answers(kernel) == wanted
+    assert kernel.operations == fresh.operations
+    assert contents(folder) == sound
+
+
+def test_a_kept_method_that_does_not_exist_is_chosen_again(folder: Path) -> None:
+    robot = random_chain(np.random.default_rng(2), 9)
+    method = pfd.compile_kernel(robot).method
+    for name, data in contents(folder).items():
+        if data.endswith(json.dumps(method).encode()):
+            cache.write(Path(name).stem, b'"no method"')
+    assert pfd.compile_kernel(robot).method == method
+
+
+HERE = engine.host().triple
+FOREIGN = ('x86_64' if HERE.startswith('aarch64') else 'aarch64') + '-unknown-linux-gnu'
+
+
+def object_of(ir: str, triple: str) -> bytes:
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    return engine.emit(ir, engine.Target(triple))
+
+
+@pytest.mark.parametrize(
+    'spoil',
+    [
+        lambda code: b'',
+        lambda code: b'a text',
+        lambda code: code[:16],
+        lambda code: code[:64],
+        lambda code: code[: len(code) // 2],
+        lambda code: code[:-1],
+        lambda code: code[:20] + bytes(len(code) - 20),
+        lambda code: object_of(IR, FOREIGN),
+        lambda code: object_of(IR, 'i686-unknown-linux-gnu'),
+        lambda code: object_of(IR, 'x86_64-apple-darwin'),
+        lambda code: object_of(IR, 'x86_64-pc-windows-msvc'),
+        lambda code: object_of(IR.replace('@f', '@g'), HERE),
+        lambda code: object_of('', HERE),
+    ],
+    ids=[
+        *(
+            'empty',
+            'text',
+            'magic',
+            'header',
+            'half',
+            'one byte short',
+            'zeros',
+            'processor',
+            '32 bits',
+        ),
+        *('macOS', 'Windows', 'another function', 'no function'),
+    ],
+)
+def test_a_sound_file_that_holds_no_object_for_this_processor_is_compiled_again(
+    folder: Path, emitted: list[str], spoil: Any
+) -> None:
+    engine.compile_ir(IR)
+    ((name, sound),) = contents(folder).items()
+    payload = cache.read(Path(name).stem)
+    assert payload is not None
+    spoilt = spoil(payload)
+    cache.write(Path(name).stem, spoilt)
+    assert cache.read(Path(name).stem) == spoilt
+    emitted.clear()
+    square = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)
+    native = engine.compile_ir(IR)
+    assert square(native.address('f'))(3.0) == 9.0
+    assert emitted == [IR]
+    assert contents(folder) == {name: sound}
+
+
+def test_what_was_written_under_another_name_is_made_again(
+    folder: Path, emitted: list[str]
+) -> None:
+    engine.compile_ir(IR)
+    (name,) = contents(folder)
+    engine.compile_ir(IR.replace('fmul', 'fadd'))
+    (other,) = contents(folder).keys() - {name}
+    (folder / other).replace(folder / name)
+    emitted.clear()
+    engine.compile_ir(IR)
+    assert emitted == [IR]

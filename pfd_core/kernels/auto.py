@@ -12,8 +12,8 @@ chain, and both are recorded, lowered and counted.
 from __future__ import annotations
 
 from pfd_core.algorithms.dynamics import METHODS, record_forward_dynamics
-from pfd_core.kernels.cache import remember
 from pfd_core.kernels.lower import lower, operations
+from pfd_core.kernels.remember import remember
 from pfd_core.model import Plant
 from pfd_core.model.arguments import integer
 
@@ -33,7 +33,8 @@ def choose(plant: Plant, method: str, refine: int) -> str:
         return FEW_JOINTS
     if plant.robot.n >= LONG:
         return MANY_JOINTS
-    return remember(('auto', plant.digest), lambda: _cheapest(plant))
+    choices = (FEW_JOINTS, MANY_JOINTS)
+    return remember(('auto', plant.digest), lambda: _cheapest(plant), choices.__contains__)
 
 
 def _cheapest(plant: Plant) -> str:

@@ -1,27 +1,30 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Results on disk: what was recorded, lowered or compiled once is found again by its key.
+Results on disk: bytes that were made once are found again by a digest of what decides them.
 
     <folder>/<SHA-256 of everything that decides the result>.pfd
 
 The folder is `pfd_ros` in the user's cache folder (XDG_CACHE_HOME, or ~/.cache). The environment
-variable PFD_CACHE names another one, or, set to nothing, switches the cache off. A file is written
-beside its place and moved there whole, so that several processes may write at once; it begins
-with a checksum, and one that is damaged counts as absent. Once the files hold more than LIMIT
-bytes, those that were not used for longest are removed.
+variable PFD_CACHE names another one (`~` is expanded, a relative path begins at the current
+folder), or, set to nothing, switches the cache off. A file is written beside its place and moved
+there whole, so that several processes may write at once; it begins with a checksum of its name
+and contents, and one that is damaged counts as absent. Once the files hold more than LIMIT bytes,
+those that were not used for longest are removed.
+
+Native code from disk is run, so folder and files must belong to the user (or root) and be
+writable by nobody else, and a file must be a regular one. Otherwise they are not used.
 
 The cache never decides a result: without it, everything is computed again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from contextlib import suppress
-from functools import cache
+import errno
 import hashlib
-from itertools import chain
-import json
+from itertools import takewhile
 import logging
 import os
 from pathlib import Path
@@ -30,41 +33,57 @@ import stat
 import sys
 import tempfile
 import time
-from typing import TypeVar
-
-import numpy as np
 
 VARIABLE = 'PFD_CACHE'
 LIMIT = 512 * 2**20
 # Removing goes on to here, so that it is not done again at once.
 TRIMMED = LIMIT * 3 // 4
-HEAD = b'pfd_ros cache 1\n'
+# A process looks at the whole folder again after it has written so much.
+SLICE = LIMIT // 16
+# The largest result that is kept.
+LARGEST = LIMIT // 8
+# A write outlasts so many others that remove the folder at the same time.
+ATTEMPTS = 10
+HEAD = b'pfd_ros cache 2\n'
 CHECKSUM = hashlib.sha256().digest_size
 SUFFIX = '.pfd'
 UNFINISHED = 'unfinished-'
 # The folder may be any; only what the cache wrote itself is ever removed.
 OWN = re.compile(rf'[0-9a-f]{{64}}{re.escape(SUFFIX)}|{UNFINISHED}.*{re.escape(SUFFIX)}')
-PACKAGE = Path(__file__).resolve().parent.parent
-# A source file changed since then, or while this package was imported, may not be what runs.
-IMPORTED = time.time()
-IMPORTING = 1.0  # [s]
+# A FIFO, which would be waited for, and a link, which may lead anywhere, are not opened.
+READING = os.O_RDONLY | sum(
+    getattr(os, name, 0) for name in ('O_NOFOLLOW', 'O_NONBLOCK', 'O_CLOEXEC', 'O_BINARY')
+)
+# By how much the clocks of a disk may differ from this one's; also the age at which an unfinished
+# file was left behind by a process that was killed.
+HOUR = 3600 * 10**9  # [ns]
 
 LOG = logging.getLogger('pfd_core')
-T = TypeVar('T')
-# Bytes in each folder as far as this process knows.
-_held: dict[Path, int] = {}
+# Bytes that this process has written to each folder since it looked at the whole.
+_written: dict[Path, int] = {}
+# What was said of each folder.
+_said: dict[str, str] = {}
 
 
 def folder() -> Path | None:
-    """Return the folder of the cache, which need not exist, or None if it is switched off."""
+    """Return the folder of the cache, which need not exist, or None if there is none."""
     given = os.environ.get(VARIABLE)
-    if given is not None:
-        return Path(given) if given else None
-    base = Path(os.environ.get('XDG_CACHE_HOME', ''))
+    if given is not None and not given.strip():
+        return None
     try:
+        if given is not None:
+            return Path(given).expanduser().absolute()
+        base = Path(os.environ.get('XDG_CACHE_HOME', ''))
         # A relative XDG_CACHE_HOME is to be ignored (XDG base directory specification).
-        return (base if base.is_absolute() else Path.home() / '.cache') / 'pfd_ros'
-    except RuntimeError:  # nobody's home
+        home = base if base.is_absolute() else Path.home() / '.cache'
+        return home.absolute() / 'pfd_ros'
+    except (RuntimeError, OSError) as error:  # nobody's home, or a current folder that is gone
+        named = 'the user has no home' if given is None else f'{VARIABLE} is {given!r}'
+        _warn(
+            named,
+            f'compiled kernels are not kept, because {named} ({error}): set {VARIABLE} to a '
+            'folder of your own, or to nothing',
+        )
         return None
 
 
@@ -78,43 +97,6 @@ def digest(*parts: str) -> str:
     return state.hexdigest()
 
 
-@cache
-def sources() -> str | None:
-    """Return the digest of the source files that run, or None if they may have changed since."""
-    files = sorted(PACKAGE.rglob('*.py'))
-    if max(file.stat().st_mtime for file in files) > IMPORTED - IMPORTING:
-        return None
-    texts = ((str(file.relative_to(PACKAGE)), file.read_text('utf-8')) for file in files)
-    return digest(*chain.from_iterable(texts))
-
-
-def remember(key: tuple[str, ...], make: Callable[[], T]) -> T:
-    """
-    Return `make()`, or what it returned when it was called for the same key before.
-
-    Parameters
-    ----------
-    key : tuple of str
-        All that the result depends on, besides the source of this package and the versions of
-        Python and NumPy.
-    make : callable
-        Returns what JSON can hold: dict with str for keys, list, str, int, float, bool, None.
-
-    """
-    source = None if folder() is None else sources()
-    if source is None:
-        return make()
-    # Python also because kernels know how it lays out its objects.
-    python = f'{sys.version} {object.__basicsize__}'
-    name = digest('made', source, python, np.__version__, *key)
-    found = read(name)
-    if found is None:
-        found = json.dumps(make()).encode()
-        write(name, found)
-    value: T = json.loads(found)
-    return value
-
-
 def read(name: str) -> bytes | None:
     """Return what was written under a name (64 hexadecimal digits), or None."""
     where = folder()
@@ -122,39 +104,76 @@ def read(name: str) -> bytes | None:
         return None
     path = where / f'{name}{SUFFIX}'
     try:
-        if not _trusted(where):
-            return None
-        data = path.read_bytes()
-    except OSError:
+        data = _contents(path) if _trusted(where) else None
+    except FileNotFoundError:
+        return None
+    except OSError as error:
+        LOG.info('%r cannot be read (%s)', str(path), error.strerror)
+        return None
+    if data is None:
         return None
     start = len(HEAD) + CHECKSUM
     payload = data[start:]
-    if data[:start] != HEAD + hashlib.sha256(payload).digest():
-        LOG.info('%s is damaged: what it held is made again', path)
+    if data[:start] != _head(name, payload):
+        LOG.info('%r is damaged: what it held is made again', str(path))
         return None
-    with suppress(OSError):
-        os.utime(path)  # the last to be removed
     return payload
 
 
 def write(name: str, payload: bytes) -> None:
     """Keep some bytes under a name; where that is impossible, say so once and go on."""
     where = folder()
-    if where is None:
+    if where is None or len(payload) > LARGEST:
         return
-    data = HEAD + hashlib.sha256(payload).digest() + payload
-    try:
-        where.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if not _trusted(where):
+    data = _head(name, payload) + payload
+    for last in (*[False] * ATTEMPTS, True):
+        try:
+            _create(where)
+            if _trusted(where):
+                _put(where / f'{name}{SUFFIX}', data)
+                _bound(where, len(data))
             return
-        _put(where / f'{name}{SUFFIX}', data)
-        _bound(where, len(data))
-    except OSError as error:
-        _warn(
-            f'compiled kernels cannot be kept in {str(where)!r} ({error.strerror}), so each '
-            f'process compiles its own: set {VARIABLE} to a folder that can be written, or to '
-            'nothing'
-        )
+        except OSError as error:
+            # Another process may remove the folder meanwhile.
+            if last or not isinstance(error, FileNotFoundError):
+                _warn(
+                    str(where),
+                    f'compiled kernels cannot be kept in {str(where)!r} ({error.strerror}), so '
+                    f'each process compiles its own: set {VARIABLE} to a folder that can be '
+                    'written, or to nothing',
+                )
+                return
+
+
+def _head(name: str, payload: bytes) -> bytes:
+    """Return what stands before a payload: whatever is kept under another name is damaged."""
+    return HEAD + hashlib.sha256(name.encode() + payload).digest()
+
+
+def _create(where: Path) -> None:
+    """Make a folder and those above it that are missing, for this user alone."""
+    missing = list(takewhile(lambda path: not path.exists(), (where, *where.parents)))
+    for path in reversed(missing):
+        path.mkdir(mode=0o700, exist_ok=True)
+
+
+def _contents(path: Path) -> bytes | None:
+    """Return what a file holds, or None if it is none that the cache wrote for this user."""
+    handle = os.open(path, READING)
+    try:
+        state = os.fstat(handle)
+        if not (stat.S_ISREG(state.st_mode) and _safe(state) and state.st_size <= 2 * LARGEST):
+            LOG.info(
+                '%r is no file of the cache (user %d, mode %s, %d bytes): it is not used',
+                *(str(path), state.st_uid, stat.filemode(state.st_mode), state.st_size),
+            )
+            return None
+        with suppress(OSError):  # the last to be removed
+            os.utime(handle if os.utime in os.supports_fd else path)
+        with open(handle, 'rb', closefd=False) as file:
+            return file.read(state.st_size)
+    finally:
+        os.close(handle)
 
 
 def _put(path: Path, data: bytes) -> None:
@@ -170,45 +189,73 @@ def _put(path: Path, data: bytes) -> None:
         raise
 
 
-def _trusted(where: Path) -> bool:
-    """Return whether nobody else can have put native code there for this user to run."""
+def _safe(state: os.stat_result) -> bool:
+    """Return whether nobody but the user and root can have put something there."""
     if sys.platform == 'win32':
         return True
+    return state.st_uid in (0, os.geteuid()) and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+
+
+def _trusted(where: Path) -> bool:
+    """Return whether nobody else can have put native code there for this user to run."""
     state = where.stat()
-    if state.st_uid in (0, os.geteuid()) and not state.st_mode & stat.S_IWOTH:
+    if not stat.S_ISDIR(state.st_mode):
+        raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(where))
+    if _safe(state):
         return True
     _warn(
-        f'the cache folder {str(where)!r} belongs to user {state.st_uid} or is writable by '
-        f'everybody (mode {stat.filemode(state.st_mode)}), so it is not used: set {VARIABLE} to '
-        'a folder of your own, or to nothing'
+        str(where),
+        f'the cache folder {str(where)!r} belongs to user {state.st_uid} and has mode '
+        f'{stat.filemode(state.st_mode)}, so others could put code there: it is not used. Make it '
+        f'your own and take group and others the right to write (chmod go-w), or set {VARIABLE} '
+        'to a folder of your own, or to nothing',
     )
     return False
 
 
-@cache
-def _warn(text: str) -> None:
-    """Say something once."""
-    LOG.warning(text)
+def _warn(about: str, text: str) -> None:
+    """Say something, once, of one thing; threads that come at once agree on who says it."""
+    if _said.setdefault(about, text) is text:
+        LOG.warning('%s', text)
 
 
 def _bound(where: Path, added: int) -> None:
     """Remove what was not used for longest, once a folder holds more than the limit."""
-    if where in _held:
-        _held[where] += added
-        if _held[where] <= LIMIT:
-            return
-    files = []
-    for entry in os.scandir(where):
-        with suppress(FileNotFoundError):  # another process removes, too
-            if OWN.fullmatch(entry.name):
-                state = entry.stat()
-                files.append((state.st_mtime_ns, state.st_size, entry.path))
-    total = sum(size for _, size, _ in files)
+    written = _written.get(where)
+    if written is not None and written + added <= SLICE:
+        _written[where] = written + added
+        return
+    _written[where] = 0
+    kept = []
+    soon = time.time_ns() + HOUR
+    for path, state in _own_files(where):
+        # Times in the future are those of a clock that was wrong: they do not make a file young.
+        young = state.st_mtime_ns <= soon
+        if path.name.startswith(UNFINISHED) and (not young or state.st_mtime_ns < soon - 2 * HOUR):
+            _remove(path)
+        else:
+            kept.append((young, state.st_mtime_ns, state.st_size, path))
+    total = sum(size for _, _, size, _ in kept)
     if total > LIMIT:
-        for _, size, path in sorted(files):
+        for _, _, size, path in sorted(kept):
             if total <= TRIMMED:
                 break
-            with suppress(FileNotFoundError):
-                os.unlink(path)
-            total -= size
-    _held[where] = total
+            total -= size if _remove(path) else 0
+
+
+def _own_files(where: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    """Yield the regular files that the cache wrote, as far as they can be seen."""
+    with suppress(OSError), os.scandir(where) as entries:
+        for entry in entries:
+            with suppress(OSError):  # another process removes, too
+                if OWN.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
+                    yield Path(entry.path), entry.stat(follow_symlinks=False)
+
+
+def _remove(path: Path) -> bool:
+    """Remove a file and return whether it is gone."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError:
+        return False
+    return True

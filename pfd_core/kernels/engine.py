@@ -14,6 +14,7 @@ and a kept one are brought into the process in the same way.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 import re
@@ -27,6 +28,10 @@ from pfd_core.kernels import cache as disk
 
 # A function that a module shows to the outside.
 SHOWN = re.compile(r'^define (?!internal )[^@\n]*@([\w.]+)\(', re.MULTILINE)
+# Bytes of an object before the first that is its own, by the four with which the format begins:
+# ELF (up to e_machine) and Mach-O (up to filetype). COFF begins with the machine at once.
+FORMATS = {b'\x7fELF': 20, b'\xcf\xfa\xed\xfe': 16}
+COFF_MACHINE = 2
 # What modules may name that lies in this process: addresses by name.
 _symbols: dict[str, int] = {}
 
@@ -143,11 +148,12 @@ def compile_outlined(
     start = time.perf_counter()
     target = host()
     name = object_key(known.digest, target, optimisation)
-    code = disk.read(name)
-    if code is None:
+    kept = disk.read(name)
+    library = None if kept is None else _load_kept(kept, known.functions, target)
+    if library is None:
         code = emit(text(), target, optimisation)
         disk.write(name, code)
-    library = _load(code, known.functions, target)
+        library = _load(code, known.functions, target)
     return Native(time.perf_counter() - start, library)
 
 
@@ -243,6 +249,23 @@ def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
     options.loop_vectorization = optimisation.loop_vectorization
     builder = llvm.create_pass_builder(machine, options)
     builder.getModulePassManager().run(module, builder)
+
+
+def _load_kept(code: bytes, functions: Sequence[str], target: Target) -> Any:
+    """Return the same as `_load` of an object from disk, or None if it is none for the target."""
+    # LLVM links what is for another processor, too.
+    if code.startswith(_beginning(target)):
+        with suppress(RuntimeError):
+            return _load(code, functions, target)
+    disk.LOG.info('an object in the cache cannot be linked here: it is compiled again')
+    return None
+
+
+@cache
+def _beginning(target: Target) -> bytes:
+    """Return the bytes with which every object for a target begins: its format and processor."""
+    empty = bytes(_machine(target, USUAL).emit_object(llvm.parse_assembly('')))
+    return empty[: FORMATS.get(empty[:4], COFF_MACHINE)]
 
 
 def _load(code: bytes, functions: Sequence[str], target: Target) -> Any:

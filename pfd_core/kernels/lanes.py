@@ -30,7 +30,7 @@ from pfd_core.kernels.fuse import fuse
 from pfd_core.kernels.lanes_fold import fold_lanes
 from pfd_core.kernels.lanes_llvm import module_text
 from pfd_core.kernels.lower import drop, expand
-from pfd_core.kernels.python_objects import python_function
+from pfd_core.kernels.python_objects import python_function, supported
 from pfd_core.kernels.recipe import Recipe, plant_of, turned_joints
 from pfd_core.kernels.schedule import schedule
 from pfd_core.machine.program import Program
@@ -152,8 +152,12 @@ def compile_lanes(
     ValueError
         If the method is not one of these, above all if it is serial and has no lanes; or as for
         compile_kernel.
+    RuntimeError
+        If this Python cannot call native code that reads its arrays.
 
     """
+    if not supported():
+        raise RuntimeError('kernels on lanes need 64-bit CPython and its arrays: use pfd.Kernel')
     if method in SERIAL:
         raise ValueError(f'{method!r} is a serial method and has no lanes: take one of {PARALLEL}')
     if method not in PARALLEL:

@@ -5,26 +5,44 @@ Objects of Python and NumPy as native code sees them.
 
 Native code reads arrays through the fields that NumPy's C API publishes, and becomes a function
 that Python calls directly (METH_FASTCALL of its C API). Whether this Python and this NumPy lay
-their objects out so is checked once, on import of the kernels.
+their objects out so is checked once, before the first function is made. Where they do not,
+kernels work without such functions: each call is converted and checked in Python.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 import ctypes
+from functools import cache
+import logging
+import sys
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_core.kernels.engine import Native, add_symbol
 
 # Fields of a NumPy array after Python's object header (PyArrayObject_fields, NumPy's C API).
-HEADER = object.__basicsize__
+HEADER: int = getattr(object, '__basicsize__', 16)
 TYPE, DATA, DIMENSIONS, STRIDES = HEADER - 8, HEADER, HEADER + 16, HEADER + 24
 NDIM, DESCR, FLAGS = HEADER + 8, HEADER + 40, HEADER + 48
 ALIGNED, WRITEABLE = 0x100, 0x400
 
 METH_FASTCALL = 0x80
+# Functions of Python's C API, by the names that modules give them.
+FUNCTIONS = {
+    'incref': 'Py_IncRef',
+    'save': 'PyEval_SaveThread',
+    'restore': 'PyEval_RestoreThread',
+    'lock': 'PyThread_acquire_lock',
+    'unlock': 'PyThread_release_lock',
+    'error': 'PyErr_SetString',
+}
+
+LOG = logging.getLogger('pfd_core')
+# Where modules are told that a function is if this Python lacks it; then nobody calls it.
+_nowhere = ctypes.c_int64()
 
 
 class _MethodDef(ctypes.Structure):
@@ -46,17 +64,8 @@ def load(name: str, base: str, offset: int, kind: str) -> tuple[str, str]:
 
 def register_symbols() -> None:
     """Tell the compiler where this process has what the text names."""
-    for name, function in (
-        ('incref', 'Py_IncRef'),
-        ('save', 'PyEval_SaveThread'),
-        ('restore', 'PyEval_RestoreThread'),
-        ('lock', 'PyThread_acquire_lock'),
-        ('unlock', 'PyThread_release_lock'),
-        ('error', 'PyErr_SetString'),
-    ):
-        address = ctypes.cast(getattr(ctypes.pythonapi, function), ctypes.c_void_p).value
-        assert address is not None
-        add_symbol(f'pfd.{name}', address)
+    for name, function in FUNCTIONS.items():
+        add_symbol(f'pfd.{name}', _address(function) or ctypes.addressof(_nowhere))
     add_symbol('pfd.none', id(None))
     add_symbol('pfd.ValueError', id(ValueError))
     add_symbol('pfd.ndarray', id(np.ndarray))
@@ -65,7 +74,13 @@ def register_symbols() -> None:
 
 
 def python_function(native: Native, name: str = 'entry') -> Callable[..., Any]:
-    """Return the Python function that a module has as `ptr @name(self, args, count)`."""
+    """
+    Return the Python function that a module has as `ptr @name(self, args, count)`.
+
+    Where `supported` is False it is `refuse`.
+    """
+    if not supported():
+        return refuse
     definition = _MethodDef(b'evaluate', native.address(name), METH_FASTCALL, None)
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.py_object]
@@ -76,38 +91,80 @@ def python_function(native: Native, name: str = 'entry') -> Callable[..., Any]:
     return function
 
 
-def check_layout() -> None:
-    """
-    Read an array through its published fields and compare with what NumPy says of it.
+def refuse(*_: object) -> None:
+    """Return None for any arguments, as native functions do for those that they cannot take."""
 
-    Raises
-    ------
-    RuntimeError
-        If this Python or NumPy lays its objects out in another way.
 
-    """
-    probe = np.zeros(3)
-    base = id(probe)
+@cache
+def supported() -> bool:
+    """Return whether Python can call native code that reads its arrays; say once why not."""
+    try:
+        obstacle = _obstacle()
+    except Exception as error:  # an object that is not laid out as expected may be anything
+        obstacle = repr(error)
+    if obstacle:
+        LOG.warning(
+            'each call of a kernel takes a longer way, because native code cannot read the '
+            'arrays of Python %s with NumPy %s: %s',
+            *(sys.version.split()[0], np.__version__, obstacle),
+        )
+    return not obstacle
+
+
+def _obstacle() -> str:
+    """Return what differs from what native code expects, if anything does."""
+    if sys.implementation.name != 'cpython' or ctypes.sizeof(ctypes.c_void_p) != 8:
+        bits = 8 * ctypes.sizeof(ctypes.c_void_p)
+        return f'expected 64-bit CPython, found {sys.implementation.name} of {bits} bits'
+    absent = [name for name in (*FUNCTIONS.values(), 'PyCFunction_NewEx') if not _address(name)]
+    if absent:
+        return f'its C API lacks {", ".join(absent)}'
+    fixed = np.zeros(3)
+    fixed.flags.writeable = False
+    probes = (np.zeros(3), fixed, np.zeros((4, 3), np.float32)[::2, ::-1])
+    differences = (_difference(probe) for probe in probes)
+    return next(filter(None, differences), '')
+
+
+def _address(function: str) -> int | None:
+    """Return where a function of Python's C API lies, or None."""
+    found = getattr(getattr(ctypes, 'pythonapi', None), function, None)
+    return None if found is None else ctypes.cast(found, ctypes.c_void_p).value
+
+
+def _difference(probe: NDArray[Any]) -> str:
+    """Read an array through its published fields and return what NumPy says otherwise of it."""
+    if FLAGS + ctypes.sizeof(ctypes.c_int) > type(probe).__basicsize__:
+        return f'an array holds {type(probe).__basicsize__} bytes'
 
     def field(offset: int, kind: Any) -> Any:
-        return kind.from_address(base + offset).value
+        return kind.from_address(id(probe) + offset).value
 
-    found = (
+    flags = ALIGNED * probe.flags.aligned | WRITEABLE * probe.flags.writeable
+    wanted: tuple[Any, ...] = (
+        id(type(probe)),
+        probe.ctypes.data,
+        probe.ndim,
+        id(probe.dtype),
+        flags,
+    )
+    found: tuple[Any, ...] = (
         field(TYPE, ctypes.c_void_p),
         field(DATA, ctypes.c_void_p),
         field(NDIM, ctypes.c_int),
-        ctypes.c_int64.from_address(field(DIMENSIONS, ctypes.c_void_p)).value,
-        ctypes.c_int64.from_address(field(STRIDES, ctypes.c_void_p)).value,
         field(DESCR, ctypes.c_void_p),
         field(FLAGS, ctypes.c_int) & (ALIGNED | WRITEABLE),
     )
-    wanted = (id(np.ndarray), probe.ctypes.data, 1, 3, 8, id(probe.dtype), ALIGNED | WRITEABLE)
-    if found != wanted:
-        raise RuntimeError(
-            'this build of Python or NumPy lays arrays out differently than '
-            f'NumPy {np.__version__} documents: found {found}, expected {wanted}'
+    # What they point to only where all else is in its place.
+    if found == wanted:
+        numbers = ctypes.c_int64 * probe.ndim
+        wanted = (*probe.shape, *probe.strides)
+        found = tuple(
+            number
+            for offset in (DIMENSIONS, STRIDES)
+            for number in numbers.from_address(field(offset, ctypes.c_void_p))
         )
+    return '' if found == wanted else f'an array has fields {found}, expected {wanted}'
 
 
-check_layout()
 register_symbols()

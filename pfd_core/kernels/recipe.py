@@ -20,11 +20,11 @@ from pfd_core.algorithms.conjugate_gradient import TOLERANCE
 from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.dynamics import record_inverse_dynamics
 from pfd_core.algorithms.refinement import record_refined
-from pfd_core.kernels.cache import T, remember
 from pfd_core.kernels.engine import Native, Outline, compile_outlined, outline
 from pfd_core.kernels.llvm import arguments
 from pfd_core.kernels.lower import finish, operations, simplify
 from pfd_core.kernels.parts import effort
+from pfd_core.kernels.remember import T, remember
 from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant, Robot, Scene, resolve
 
@@ -61,7 +61,7 @@ class Recipe:
     ) -> None:
         self._record = record
         self._key = key
-        facts = self.remember('facts', self._facts)
+        facts = self.remember('facts', self._facts, _are_facts)
         self.inputs: dict[str, int] = facts['inputs']
         self.elements: int = facts['elements']
         self.operations: dict[str, dict[str, int]] = facts['operations']
@@ -81,14 +81,14 @@ class Recipe:
         """The operations of the lowered program."""
         return sum(list(self.operations.values())[-1].values())
 
-    def remember(self, what: str, make: Callable[[], T]) -> T:
+    def remember(self, what: str, make: Callable[[], T], fits: Callable[[Any], bool]) -> T:
         """Return `make()`, which depends on the program and on `what` alone, or find it kept."""
-        return remember((*self._key, what), make) if self._key else make()
+        return remember((*self._key, what), make, fits) if self._key else make()
 
     def compile(self, what: str, text: Callable[[], str]) -> Native:
         """Return the native code of a text, which depends on the program and on `what` alone."""
         once = cache(text)
-        known = self.remember(what, lambda: asdict(outline(once())))
+        known = self.remember(what, lambda: asdict(outline(once())), _is_outline)
         return compile_outlined(Outline(**known), once, effort(self.work))
 
     def _facts(self) -> dict[str, Any]:
@@ -145,6 +145,38 @@ def plant_of(robot: Robot, scene: Scene | None, dtype: str) -> tuple[Plant, Scen
 def turned_joints(robot: Robot) -> tuple[int, ...]:
     """Return the joints whose position is an angle."""
     return tuple(i for i, kind in enumerate(robot.joint_types) if kind != 'prismatic')
+
+
+def _are_facts(value: Any) -> bool:
+    """Return whether a JSON value can be what a recipe keeps of its program."""
+    return (
+        isinstance(value, dict)
+        and value.keys() == {'inputs', 'elements', 'operations'}
+        and _are_counts(value['inputs'])
+        and _are_counts({'elements': value['elements']})
+        and isinstance(value['operations'], dict)
+        and bool(value['operations'])
+        and all(_are_counts(stage) for stage in value['operations'].values())
+    )
+
+
+def _are_counts(value: Any) -> bool:
+    return (
+        isinstance(value, dict)
+        and bool(value)
+        and all(type(count) is int and count > 0 for count in value.values())
+    )
+
+
+def _is_outline(value: Any) -> bool:
+    """Return whether a JSON value can be an Outline."""
+    return (
+        isinstance(value, dict)
+        and value.keys() == {'digest', 'functions'}
+        and isinstance(value['digest'], str)
+        and isinstance(value['functions'], list)
+        and all(isinstance(name, str) for name in value['functions'])
+    )
 
 
 @contextmanager

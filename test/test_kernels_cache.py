@@ -10,6 +10,7 @@ import errno
 import json
 import os
 from pathlib import Path
+import stat
 import subprocess
 import sys
 from typing import Any
@@ -269,18 +270,21 @@ def test_where_nothing_can_be_written_kernels_work_and_one_warning_says_so(
     assert folder.is_file() or not contents(folder)
 
 
-def test_a_folder_that_anybody_may_write_to_is_not_used(
-    folder: Path, emitted: list[str], caplog: pytest.LogCaptureFixture
+@pytest.mark.parametrize('mode', [0o777, 0o770, 0o720, 0o702, 0o1777])
+def test_a_folder_that_others_may_write_to_is_not_used(
+    folder: Path, emitted: list[str], mode: int, caplog: pytest.LogCaptureFixture
 ) -> None:
     native = engine.compile_ir(IR)
-    folder.chmod(0o777)
+    folder.chmod(mode)
     before = contents(folder)
     for text in (IR, IR + '\n'):
         assert engine.compile_ir(text).address('f') != native.address('f')
     assert len(emitted) == 3
     assert contents(folder) == before
     (record,) = caplog.records
-    assert 'has mode drwxrwxrwx' in record.message
+    assert stat.filemode(stat.S_IFDIR | mode) in record.message
+    assert repr(str(folder)) in record.message
+    assert 'chmod go-w' in record.message
 
 
 def test_the_folder_belongs_to_the_user_alone(folder: Path) -> None:
@@ -299,6 +303,8 @@ def test_the_variable_moves_the_cache_and_switches_it_off(
     monkeypatch.delenv(cache.VARIABLE)
     assert cache.folder() == tmp_path / 'xdg' / 'pfd_ros'
     monkeypatch.setenv('XDG_CACHE_HOME', 'relative')
+    assert cache.folder() == tmp_path / '.cache' / 'pfd_ros'
+    monkeypatch.setenv('XDG_CACHE_HOME', '')
     assert cache.folder() == tmp_path / '.cache' / 'pfd_ros'
     monkeypatch.setenv(cache.VARIABLE, '')
     assert cache.folder() is None

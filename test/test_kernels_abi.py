@@ -1,0 +1,145 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Where Python or NumPy is another than native code expects: slower, and the same bits."""
+
+from __future__ import annotations
+
+from functools import cache
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pfd_core.kernels import python_objects
+
+ROOT = Path(__file__).resolve().parent.parent
+LIFETIME = 120  # [s] of a child; far above what it takes
+# What is done to a process before it makes its first kernel.
+BUILDS = {
+    'as expected': '',
+    'no C API': 'del ctypes.pythonapi',
+    'a C API that lacks a function': 'ctypes.pythonapi = object()',
+    'another interpreter': 'sys.implementation.name = "pypy"',
+    '32 bits': 'objects.ctypes = types.SimpleNamespace(sizeof=lambda kind: 4, c_void_p=None)',
+    'arrays of another layout': 'objects.NDIM, objects.FLAGS = objects.FLAGS, objects.NDIM',
+    'strides in another place': 'objects.STRIDES = objects.DIMENSIONS',
+    'smaller arrays': 'objects.FLAGS = 2**20',
+    'told so': 'objects.supported = lambda: False',
+}
+CHILD = """
+import ctypes, json, logging, sys, types
+import numpy as np
+import llvmlite.binding
+before_import, build = sys.argv[1:]
+exec(before_import)
+import pfd_core as pfd
+from pfd_core.kernels import python_objects as objects
+from pfd_core.kernels.kernel import compile_inverse_kernel
+exec(build)
+warnings = []
+logging.getLogger('pfd_core').addHandler(handler := logging.Handler())
+handler.emit = lambda record: warnings.append(record.getMessage())
+found = {}
+
+def note(name, array):
+    found[name] = [str(array.dtype), array.shape, np.ascontiguousarray(array).tobytes().hex()]
+
+def refused(*arguments, **options):
+    try:
+        kernel(*arguments, **options)
+    except ValueError as error:
+        return str(error)
+
+robot = pfd.load_robot('ur5')
+rng = np.random.default_rng(1)
+for dtype in ('float64', 'float32'):
+    kernel = pfd.compile_kernel(robot, dtype=dtype)
+    rows = rng.uniform(-1, 1, (3, 9, robot.n)).astype(dtype)
+    one = rows[:, 0].copy()
+    note(f'{dtype} one', kernel(*one))
+    note(f'{dtype} batch', kernel(*rows))
+    note(f'{dtype} columns', kernel(*(np.asfortranarray(row) for row in rows)))
+    note(f'{dtype} strided', kernel(*rows[:, ::2]))
+    note(f'{dtype} threads', kernel(*rows, threads=2))
+    note(f'{dtype} lists', kernel(*one.tolist()))
+    for name, given in (('one', one), ('batch', rows)):
+        out = np.zeros_like(given[0])
+        assert kernel(*given, out=out) is out
+        note(f'{dtype} {name} out', out)
+        bound = kernel.bind(*given, out)
+        given[2] *= 0.5
+        assert bound() is out
+        note(f'{dtype} {name} bound', out)
+        given[0].flat[1] = np.nan
+        try:
+            bound()
+        except ValueError:
+            found[f'{dtype} {name} refused'] = refused(*given)
+    inverse = compile_inverse_kernel(robot, dtype=dtype)
+    note(f'{dtype} inverse', inverse(*one))
+scene = pfd.Scene(external_wrench=True)
+kernel = pfd.compile_kernel(robot, scene=scene, refine=1)
+wrench = rng.uniform(-1, 1, 6)
+one = rng.uniform(-1, 1, (3, robot.n))
+note('wrench', kernel(*one, wrench))
+note('error', kernel.error_estimate(*one, wrench)[1])
+sim = pfd.Simulator(robot)
+sim.step(one[0])
+note('step', sim.q)
+note('rollout', sim.rollout(np.tile(one[1], (5, 1))).q)
+print(json.dumps({'found': found, 'warnings': warnings}))
+"""
+
+
+@cache
+def run(build: str) -> dict[str, Any]:
+    """Return what a process of a build computes, and its warnings."""
+    change = BUILDS[build]
+    # Without a C API not even the import of this package finds it.
+    before, after = (change, '') if 'pythonapi' in change else ('', change)
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    command = [sys.executable, '-c', CHILD, before, after]
+    done = subprocess.run(
+        command,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=LIFETIME,
+    )
+    assert done.returncode == 0, done.stderr
+    found: dict[str, Any] = json.loads(done.stdout)
+    return found
+
+
+@pytest.mark.parametrize('build', [build for build in BUILDS if build != 'as expected'])
+def test_another_build_of_python_or_numpy_computes_the_same_bits(build: str) -> None:
+    expected, other = run('as expected'), run(build)
+    assert other['found'] == expected['found']
+    assert len(expected['found']) == 32
+    assert not expected['warnings']
+    if build != 'told so':
+        (warning,) = other['warnings']
+        assert 'takes a longer way' in warning
+        assert np.__version__ in warning
+
+
+def test_this_build_is_as_expected() -> None:
+    assert python_objects.supported()
+    assert not python_objects._obstacle()
+
+
+@pytest.mark.parametrize(
+    'field', ['TYPE', 'DATA', 'NDIM', 'DIMENSIONS', 'STRIDES', 'DESCR', 'FLAGS']
+)
+def test_every_field_is_looked_at(field: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    # The place of another field, which holds what may be read like this one.
+    place = {'DIMENSIONS': 'STRIDES', 'STRIDES': 'DIMENSIONS'}.get(field, 'HEADER')
+    moved = getattr(python_objects, place) + (32 if place == 'HEADER' else 0)
+    monkeypatch.setattr(python_objects, field, moved)
+    assert python_objects._obstacle()

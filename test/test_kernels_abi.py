@@ -81,7 +81,7 @@ for dtype in ('float64', 'float32'):
         except ValueError:
             found[f'{dtype} {name} refused'] = refused(*given)
     inverse = compile_inverse_kernel(robot, dtype=dtype)
-    note(f'{dtype} inverse', inverse(*one))
+    note(f'{dtype} inverse', inverse(*rows[:, 1]))
 scene = pfd.Scene(external_wrench=True)
 kernel = pfd.compile_kernel(robot, scene=scene, refine=1)
 wrench = rng.uniform(-1, 1, 6)
@@ -121,7 +121,6 @@ def run(build: str) -> dict[str, Any]:
 def test_another_build_of_python_or_numpy_computes_the_same_bits(build: str) -> None:
     expected, other = run('as expected'), run(build)
     assert other['found'] == expected['found']
-    assert len(expected['found']) == 32
     assert not expected['warnings']
     if build != 'told so':
         (warning,) = other['warnings']

@@ -14,6 +14,8 @@ from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import cache, cached_property
 import gc
+import os
+import threading
 from typing import Any
 
 from pfd_core.algorithms.conjugate_gradient import TOLERANCE
@@ -31,6 +33,13 @@ from pfd_core.model import Plant, Robot, Scene, resolve
 # Where iterative methods stop: their residual has fallen to the rounding of the number format.
 TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
 DTYPES = tuple(TOLERANCES)
+_recording = threading.RLock()
+if hasattr(os, 'register_at_fork'):
+    os.register_at_fork(
+        before=_recording.acquire,
+        after_in_parent=_recording.release,
+        after_in_child=_recording.release,
+    )
 
 
 class Recipe:
@@ -185,14 +194,16 @@ def _uncollected() -> Iterator[None]:
     Keep Python from looking for cycles, of which a recording has none.
 
     It would go over all instructions again and again, for a third of the time of a long program.
+    The collector is the process's, so threads record in turn, and a process is copied in between.
     """
-    running = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if running:
-            gc.enable()
+    with _recording:
+        running = gc.isenabled()
+        gc.disable()
+        try:
+            yield
+        finally:
+            if running:
+                gc.enable()
 
 
 def _joined(program: Program) -> Program:

@@ -1,0 +1,134 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recording and compiling from many threads and in children of a process that does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+import gc
+import os
+import signal
+import threading
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from zoo import random_chain
+
+import pfd_core as pfd
+from pfd_core.kernels import cache, engine, recipe
+
+THREADS = 8
+TURNS = 100
+LIFETIME = 60  # [s] of a child; far above what it takes
+
+
+@pytest.fixture
+def hurried(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Let another thread run between the look at the collector and what is done about it."""
+
+    def enabled() -> bool:
+        found = gc.isenabled()
+        time.sleep(1e-5)
+        return found
+
+    slow = SimpleNamespace(isenabled=enabled, enable=gc.enable, disable=gc.disable)
+    monkeypatch.setattr(recipe, 'gc', slow)
+    yield
+    gc.enable()
+
+
+@pytest.fixture
+def uncached(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compile everything."""
+    monkeypatch.setenv(cache.VARIABLE, '')
+
+
+def record_nothing(turns: int) -> None:
+    for _ in range(turns):
+        with recipe._uncollected():
+            time.sleep(1e-5)
+            assert not gc.isenabled()
+
+
+def test_cycles_are_collected_again_after_recordings_by_many_threads(hurried: None) -> None:
+    with ThreadPoolExecutor(THREADS) as pool:
+        list(pool.map(record_nothing, [TURNS] * THREADS))
+    assert gc.isenabled()
+
+
+def test_cycles_stay_where_somebody_does_not_want_them_collected(hurried: None) -> None:
+    gc.disable()
+    record_nothing(1)
+    assert not gc.isenabled()
+
+
+def fork_and_record() -> int:
+    """Return the number of a child that fails if it collects no cycles."""
+    child = os.fork()
+    if not child:
+        enabled = gc.isenabled()
+        signal.alarm(LIFETIME)
+        record_nothing(1)
+        os._exit(not enabled)
+    return child
+
+
+@pytest.mark.skipif(not hasattr(os, 'fork'), reason='needs fork')
+@pytest.mark.filterwarnings('ignore:This process .* is multi-threaded:DeprecationWarning')
+def test_a_child_of_a_process_that_records_may_record(hurried: None) -> None:
+    over = threading.Event()
+
+    def record() -> None:
+        while not over.is_set():
+            record_nothing(10)
+
+    with ThreadPoolExecutor(2) as pool:
+        busy = [pool.submit(record) for _ in range(2)]
+        try:
+            ends = [os.waitpid(fork_and_record(), 0)[1] for _ in range(20)]
+        finally:
+            over.set()
+    assert not any(ends)
+    assert all(future.result() is None for future in busy)
+
+
+def test_threads_that_compile_one_kernel_together_get_the_same_bits(uncached: None) -> None:
+    robot = random_chain(np.random.default_rng(1), 3)
+    rows = np.random.default_rng(2).uniform(-1, 1, (3, 5, robot.n))
+
+    def bits(_: int) -> bytes:
+        kernel = pfd.compile_kernel(robot)
+        return kernel(*rows[:, 0]).tobytes() + kernel(*rows).tobytes()
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        assert set(pool.map(bits, range(THREADS))) == {bits(0)}
+
+
+def test_threads_that_call_a_batch_first_together_get_the_same_bits(uncached: None) -> None:
+    robot = random_chain(np.random.default_rng(1), 3)
+    rows = np.random.default_rng(2).uniform(-1, 1, (3, 5, robot.n))
+    wanted = pfd.compile_kernel(robot)(*rows).tobytes()
+    for _ in range(4):
+        kernel = pfd.compile_kernel(robot)
+        barrier = threading.Barrier(THREADS)
+
+        def bits(_: int, kernel: pfd.Kernel = kernel, start: threading.Barrier = barrier) -> bytes:
+            start.wait()
+            return kernel(*rows).tobytes()
+
+        with ThreadPoolExecutor(THREADS) as pool:
+            assert set(pool.map(bits, range(THREADS))) == {wanted}
+
+
+def test_a_text_compiled_by_many_threads_is_compiled_soundly(uncached: None) -> None:
+    ir = 'define i64 @f(i64 %x) {{\n  %y = add i64 %x, {}\n  ret i64 %y\n}}'
+    assert engine.compile_ir(ir.format(1)).address('f')
+
+    def address(k: int) -> int:
+        return engine.compile_ir(ir.format(k % 3)).address('f')
+
+    with ThreadPoolExecutor(THREADS) as pool:
+        assert all(pool.map(address, range(10 * THREADS)))

@@ -29,7 +29,7 @@ from pfd_core.kernels.engine import Native, simd_width
 from pfd_core.kernels.entry import batch_entry_ir, entry_ir
 from pfd_core.kernels.evaluate import evaluate
 from pfd_core.kernels.parts import body
-from pfd_core.kernels.python_objects import python_function
+from pfd_core.kernels.python_objects import python_function, refuse
 from pfd_core.kernels.recipe import Recipe, forward, inverse, plant_of, turned_joints
 from pfd_core.kernels.threads import BatchWork, block_size, run, thread_count
 from pfd_core.machine.program import Program
@@ -82,7 +82,7 @@ class Kernel:
         self._width = simd_width(dtype)
         self._single = self._compile(1)
         # The short way takes arrays by their places, of which brakes have none.
-        self._fast = _refuse if 'free' in self._names else python_function(self._single)
+        self._fast = refuse if 'free' in self._names else python_function(self._single)
 
     def __reduce__(self) -> tuple[Callable[[], Kernel], tuple[()]]:
         """Be pickled as its arguments: native code is compiled, or found on disk, over there."""
@@ -118,7 +118,7 @@ class Kernel:
 
     @cached_property
     def _fast_batch(self) -> Callable[..., Any]:
-        return _refuse if 'free' in self._names else python_function(self._batch)
+        return refuse if 'free' in self._names else python_function(self._batch)
 
     def _compile(self, width: int) -> Native:
         return self._recipe.compile(f'kernel {width}', partial(self._text, width))
@@ -382,7 +382,3 @@ def compile_inverse_kernel(
     plant, scene = plant_of(robot, replace(scene or Scene(), brakes=False), dtype)
     again = partial(compile_inverse_kernel, robot, scene=scene, dtype=dtype)
     return Kernel(robot, scene, 'newton_euler', dtype, inverse(plant, dtype), again)
-
-
-def _refuse(*arrays: object) -> None:
-    """Take the place of a short way that a kernel has not."""

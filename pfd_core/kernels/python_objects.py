@@ -35,8 +35,6 @@ FUNCTIONS = {
     'incref': 'Py_IncRef',
     'save': 'PyEval_SaveThread',
     'restore': 'PyEval_RestoreThread',
-    'lock': 'PyThread_acquire_lock',
-    'unlock': 'PyThread_release_lock',
     'error': 'PyErr_SetString',
 }
 

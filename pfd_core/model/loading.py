@@ -65,7 +65,8 @@ def load_robot(
     Warns
     -----
     PhysicsWarning
-        If an inertia breaks the triangle rule.
+        If an inertia breaks the triangle rule, or a link within the chain of a URDF has no
+        <inertial> and is taken as massless.
 
     """
     text, origin, is_urdf = _read(source)

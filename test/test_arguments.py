@@ -49,7 +49,7 @@ STRANGE = {
     'a mapping': ({'q': 1}, "got {'q': 1}"),
     'a generator': ((x for x in TWO), 'generator object'),
     'a huge integer': ([10**400, 1], 'must fit float'),
-    'too huge to be shown': ([10**5000, 1], 'must fit float.*, got an object of type list'),
+    'too huge to be shown': ([10**5000, 1], 'must fit float'),
     'masked': (np.ma.masked_array(TWO, [True, False]), 'masked array'),
     'masked nowhere': (np.ma.masked_array(TWO), 'masked array'),
     'rows that are masked': ([np.ma.masked_array(TWO, [True, False])] * 2, 'masked array'),

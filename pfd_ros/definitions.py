@@ -82,10 +82,10 @@ def full_text(type_name: str) -> str:
 
 
 def type_hash(type_name: str) -> str:
-    """Return the type's hash ('RIHS01_...'), or '' where ROS did not install one."""
+    """Return the type's hash ('RIHS01_...'), or '' where ROS did not install a valid one."""
     try:
         described = json.loads(_file(type_name, '.json').read_text(encoding='utf-8'))
-    except ValueError:
+        hashes = {entry['type_name']: entry['hash_string'] for entry in described['type_hashes']}
+        return str(hashes.get(type_name, ''))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return ''
-    hashes = {entry['type_name']: entry['hash_string'] for entry in described['type_hashes']}
-    return str(hashes.get(type_name, ''))

@@ -16,7 +16,7 @@ import yaml
 import pfd_core as pfd
 from pfd_ros import log
 from pfd_ros import settings as settings_file
-from pfd_ros.recording import Contents, TimeBase
+from pfd_ros.mcap_file import Contents, TimeBase
 from pfd_ros.settings import Settings
 
 # What DDS calls "for ever".
@@ -32,7 +32,7 @@ def _installed(name: str) -> str:
 
 def _processor() -> str:
     try:
-        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
+        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8', errors='replace').splitlines()
     except OSError:
         return platform.processor()
     names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]

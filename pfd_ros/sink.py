@@ -4,8 +4,17 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
+import errno
 import os
 from pathlib import Path
+
+# Longest part of a path in a message.
+_SHOWN = 200
+
+
+class FileGoneError(OSError):
+    """The file has lost its name: it was removed, moved or replaced."""
 
 
 class Sink:
@@ -17,23 +26,30 @@ class Sink:
     Raises
     ------
     FileExistsError
-        If the file exists.
+        If the file exists; a folder, a FIFO, a device and a dangling link exist too.
     OSError
         If it cannot be made.
+    ValueError
+        If no file can have this name.
     """
 
     def __init__(self, path: Path) -> None:
         self._waiting = bytearray()
         self._written = 0
+        self._name = _shown(path)
         flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, 'O_CLOEXEC', 0)
         try:
-            self._file = os.open(path, flags, 0o644)
+            # The process may change its folder.
+            self._path = os.path.abspath(path)
+            self._file = os.open(self._path, flags, 0o644)
         except FileExistsError as error:
             raise FileExistsError(
-                f'{path} exists and is never written over; name another'
+                f'{self._name} exists and is never written over; name another'
             ) from error
         except OSError as error:
-            raise OSError(f'{path} cannot be written: {error.strerror}') from error
+            raise self._refusal(error) from error
+        except ValueError as error:
+            raise ValueError(f'{self._name} cannot be the name of a file: {error}') from error
 
     def write(self, data: bytes) -> int:
         """Take bytes for the next flush."""
@@ -46,21 +62,79 @@ class Sink:
 
     def flush(self) -> None:
         """Hand everything to the operating system, or nothing; OSError if it refuses."""
-        view = memoryview(self._waiting)
+        data, self._waiting = self._waiting, bytearray()
         done = 0
         try:
-            while done < len(view):
-                done += os.write(self._file, view[done:])
-        except OSError:
-            os.ftruncate(self._file, self._written)
+            with memoryview(data) as view:
+                while done < len(view):
+                    count = os.write(self._file, view[done:])
+                    if count == 0:
+                        raise OSError(errno.EIO, 'it takes no more')
+                    done += count
+        except BaseException as error:
+            # A disk that refuses this too leaves a torn end, which readers leave out.
+            with suppress(OSError):
+                os.ftruncate(self._file, self._written)
+            if isinstance(error, OSError):
+                raise self._refusal(error) from error
             raise
         self._written += done
-        self._waiting = bytearray()
 
     def sync(self) -> None:
-        """Have the disk hold what was flushed; a kill needs no such thing, a power cut does."""
-        getattr(os, 'fdatasync', os.fsync)(self._file)
+        """Have the disk hold what was flushed; a kill needs no such thing, a power cut does.
+
+        Raises
+        ------
+        FileGoneError
+            If the file was removed, moved or replaced.
+        OSError
+            If the disk refuses.
+        """
+        try:
+            getattr(os, 'fdatasync', os.fsync)(self._file)
+            gone = self._loss()
+        except OSError as error:
+            raise self._refusal(error) from error
+        if gone:
+            raise FileGoneError(f'{self._name} was {gone} while it was written')
 
     def close(self) -> None:
         """Close the file; what was not flushed is gone."""
-        os.close(self._file)
+        file, self._file = self._file, -1
+        if file < 0:
+            return
+        try:
+            os.close(file)
+        except OSError as error:
+            raise self._refusal(error) from error
+
+    def discard(self) -> None:
+        """Close and remove the file, which holds nothing worth keeping."""
+        with suppress(OSError):
+            if not self._loss():
+                os.unlink(self._path)
+        with suppress(OSError):
+            self.close()
+
+    def _loss(self) -> str:
+        """Return how the file lost its name, or '' if it has it still."""
+        own = os.fstat(self._file)
+        if own.st_nlink == 0:
+            return 'removed'
+        try:
+            found = os.stat(self._path)
+        except (FileNotFoundError, NotADirectoryError):
+            return 'moved'
+        except PermissionError:
+            return ''  # the folder was closed to us, the file is in it still
+        return '' if os.path.samestat(own, found) else 'replaced'
+
+    def _refusal(self, error: OSError) -> OSError:
+        return OSError(f'{self._name} cannot be written: {error.strerror or error}')
+
+
+def _shown(path: Path) -> str:
+    """Return a path as a message may show it: on one line, and not a page of it."""
+    text = str(path)
+    text = text if text.isprintable() else repr(text)
+    return text if len(text) <= _SHOWN else f'...{text[-_SHOWN:]}'

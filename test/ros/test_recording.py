@@ -9,65 +9,31 @@ import json
 from pathlib import Path
 import resource
 import threading
-import time
 
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
-import numpy as np
 import pytest
-
-from pfd_ros import convert, definitions, log
-from pfd_ros.provenance import qos_text
-from pfd_ros.recording import Contents, Recorder, TimeBase, Topic
-from pfd_ros.sink import Sink
-
-STATES = Topic('/joint_states', convert.JOINT_STATE, qos_text(10))
-COMMANDS = Topic('/joint_commands', convert.JOINT_STATE, qos_text(1), vital=True)
-NAMES = ('a', 'b')
-PATIENCE = 60.0
-
-pytestmark = pytest.mark.skipif(
-    not any((share / 'sensor_msgs').is_dir() for share in definitions.shares()),
-    reason='the message definitions of ROS are not installed',
+from recordings import (
+    COMMANDS,
+    HAS_DEFINITIONS,
+    PATIENCE,
+    STATES,
+    Reports,
+    contents,
+    digests,
+    read,
+    state,
+    wait_for,
+    write,
 )
 
+from pfd_ros import convert, definitions, log
+from pfd_ros.recording import Contents, Recorder, TimeBase
+from pfd_ros.sink import Sink
 
-def contents() -> Contents:
-    told = {
-        'format': log.FORMAT,
-        'topics': json.dumps({'joint_states': STATES.name, 'joint_commands': COMMANDS.name}),
-    }
-    return Contents('test', {log.NAME: told}, {log.ROBOT: 'robot: 1'}, TimeBase())
-
-
-def state(k: int) -> bytes:
-    values = np.array([k, -k / 3])
-    return convert.JointStateEncoder(NAMES).encode(k * 1_000_000, values, values, values)
-
-
-class Reports(list):
-    """What the recorder had to say."""
-
-
-def write(path: Path, count: int, **options) -> tuple[Recorder, Reports]:
-    reports = Reports()
-    recorder = Recorder(path, (STATES, COMMANDS), contents(), reports.append, **options)
-    for k in range(1, count + 1):
-        recorder.record(0, k, state(k))
-    recorder.close(lambda: {'said': 'goodbye'})
-    return recorder, reports
-
-
-def read(path: Path) -> tuple[log.Log, list[log.Entry]]:
-    found = log.Log(path)
-    return found, list(found.entries())
-
-
-def wait_for(done) -> None:
-    deadline = time.monotonic() + PATIENCE
-    while not done():
-        assert time.monotonic() < deadline
-        time.sleep(0.005)
+pytestmark = pytest.mark.skipif(
+    not HAS_DEFINITIONS, reason='the message definitions of ROS are not installed'
+)
 
 
 def test_what_was_recorded_is_read_back(tmp_path: Path) -> None:
@@ -78,7 +44,8 @@ def test_what_was_recorded_is_read_back(tmp_path: Path) -> None:
     assert {entry.role for entry in entries} == {'joint_states'}
     assert found.complete
     assert found.robot_yaml == 'robot: 1'
-    assert found.ending == {'said': 'goodbye'}
+    assert found.ending['said'] == 'goodbye'
+    assert json.loads(found.ending['digests']) == digests(entries)
     assert (recorder.recorded, recorder.dropped, reports) == ([1000, 0], [0, 0], [])
     times = [entry.log_ns for entry in entries]
     assert times == sorted(times)
@@ -154,7 +121,7 @@ def test_a_full_queue_drops_and_counts_and_keeps_the_commands_longest(
 ) -> None:
     go_on = threading.Event()
     drain = Recorder._drain
-    monkeypatch.setattr(Recorder, '_drain', lambda self: (go_on.wait(PATIENCE), drain(self)))
+    monkeypatch.setattr(Recorder, '_drain', lambda *args: (go_on.wait(PATIENCE), drain(*args)))
     recorder = Recorder(tmp_path / 'a.mcap', (STATES, COMMANDS), contents(), Reports(), limit=100)
     for k in range(1, 81):
         recorder.record(0, k, state(k))

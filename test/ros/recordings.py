@@ -16,11 +16,12 @@ from typing import Any
 import numpy as np
 
 from pfd_ros import convert, definitions, log
-from pfd_ros.provenance import qos_text
 from pfd_ros.recording import Contents, Recorder, TimeBase, Topic
 
-STATES = Topic('/joint_states', convert.JOINT_STATE, qos_text(10))
-COMMANDS = Topic('/joint_commands', convert.JOINT_STATE, qos_text(1), vital=True)
+# Not from `provenance`: processes that are started by the hundred need not import pfd_core.
+QOS = '- history: keep_last\n  depth: 10\n'
+STATES = Topic('/joint_states', convert.JOINT_STATE, QOS)
+COMMANDS = Topic('/joint_commands', convert.JOINT_STATE, QOS, vital=True)
 TOPICS = (STATES, COMMANDS)
 ROLES = {'joint_states': STATES.name, 'joint_commands': COMMANDS.name}
 NAMES = ('a', 'b')
@@ -43,9 +44,11 @@ class Reports(list):
     """What the recorder had to say."""
 
 
-def start(path: Path, **options: Any) -> tuple[Recorder, Reports]:
+def start(
+    path: Path, topics: Sequence[Topic] = TOPICS, **options: Any
+) -> tuple[Recorder, Reports]:
     reports = Reports()
-    return Recorder(path, TOPICS, contents(), reports.append, **options), reports
+    return Recorder(path, topics, contents(), reports.append, **options), reports
 
 
 def write(path: Path, count: int, **options: Any) -> tuple[Recorder, Reports]:

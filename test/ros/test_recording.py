@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 import errno
 import json
 from pathlib import Path
@@ -28,8 +29,11 @@ from recordings import (
 )
 
 from pfd_ros import convert, definitions, log
+from pfd_ros.provenance import qos_text
 from pfd_ros.recording import Contents, Recorder, TimeBase
 from pfd_ros.sink import Sink
+
+ROS_TOPICS = [replace(topic, qos=qos_text(depth=10)) for topic in (STATES, COMMANDS)]
 
 pytestmark = pytest.mark.skipif(
     not HAS_DEFINITIONS, reason='the message definitions of ROS are not installed'
@@ -52,7 +56,7 @@ def test_what_was_recorded_is_read_back(tmp_path: Path) -> None:
 
 
 def test_a_recording_follows_the_profile_of_ros_2(tmp_path: Path) -> None:
-    write(tmp_path / 'a.mcap', 10)
+    write(tmp_path / 'a.mcap', 10, topics=ROS_TOPICS)
     with (tmp_path / 'a.mcap').open('rb') as stream:
         reader = make_reader(stream, validate_crcs=True)
         summary = reader.get_summary()
@@ -80,7 +84,7 @@ def test_mcap_ros2_decodes_the_states_by_the_definitions_in_the_file(tmp_path: P
 
 def test_rosbags_opens_the_file_as_a_bag(tmp_path: Path) -> None:
     rosbags = pytest.importorskip('rosbags.highlevel')
-    write(tmp_path / 'a.mcap', 5)
+    write(tmp_path / 'a.mcap', 5, topics=ROS_TOPICS)
     with rosbags.AnyReader([tmp_path / 'a.mcap']) as reader:
         got = [
             reader.deserialize(data, connection.msgtype).position.tolist()

@@ -1,0 +1,102 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A process that records until something happens to it: `recording_process.py FILE WAY`.
+
+Prints `ready` once messages are in the file, and last what the recorder says of itself.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import os
+from pathlib import Path
+import sys
+import threading
+import time
+
+from recordings import PATIENCE, start, wait_for
+
+from pfd_ros import recording
+from pfd_ros.recording import Recorder
+
+# Producers wait from here on, as the node does at unlimited speed.
+BACKLOG = 0.01
+
+
+def produce(recorder: Recorder, topic: int, stop: threading.Event) -> None:
+    """Record as fast as the disk takes it."""
+    for k in itertools.count(1):
+        if stop.is_set() or recorder.failed:
+            return
+        recorder.record(topic, k, k.to_bytes(8, 'little') * (k % 64))
+        if k % 64 == 0:
+            time.sleep(0.0005)
+
+
+def tell(recorder: Recorder) -> None:
+    told = {'recorded': recorder.recorded, 'dropped': recorder.dropped, 'error': recorder.error}
+    print(json.dumps(told), flush=True)
+
+
+def clog(path: Path) -> None:
+    """Put a pipe that is full and has no reader in the place of the open file."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    try:
+        while True:
+            os.write(writing, bytes(4096))
+    except BlockingIOError:
+        os.set_blocking(writing, True)
+    assert reading >= 0
+    links = {entry: os.path.realpath(entry) for entry in Path('/proc/self/fd').iterdir()}
+    (file,) = [int(entry.name) for entry, name in links.items() if name == str(path)]
+    os.dup2(writing, file)
+
+
+def main(path: Path, way: str) -> None:
+    # Many flushes to be caught in, and a short wait for the first.
+    recording.FLUSH_SECONDS = 0.02
+    if way == 'stopped':
+        recording.STALL_SECONDS = 5.0
+        recording.SYNC_SECONDS = 1e9
+    recorder, _ = start(path)
+    stop = threading.Event()
+    threads = [
+        threading.Thread(target=produce, args=(recorder, topic, stop), daemon=True)
+        for topic in (0, 1)
+    ]
+    for thread in threads:
+        thread.start()
+    wait_for(lambda: min(recorder.recorded) > 0 or recorder.failed)
+    print('ready', flush=True)
+    if way == 'close':
+        # Producers that go on: what comes after this moment is no part of the recording.
+        recorder.close(lambda: {'recorded': json.dumps(recorder.recorded)})
+    elif way == 'clog':
+        clog(path)
+        recorder.close(timeout=0.2)
+    elif way == 'raise':
+        raise ZeroDivisionError
+    elif way == 'full':
+        wait_for(lambda: recorder.failed)
+        recorder.close()
+    elif way in ('kill', 'stopped'):
+        deadline = time.monotonic() + PATIENCE
+        # The end of the input says that the parent has let this process go on.
+        reading = threading.Thread(target=sys.stdin.read, daemon=True)
+        reading.start()
+        while reading.is_alive() and time.monotonic() < deadline:
+            assert recorder.backlog <= 1.0
+            time.sleep(0.001)
+        assert recorder.backlog <= 1.0
+        stop.set()
+        recorder.close()
+    tell(recorder)
+    if way == 'full':
+        # The small file system ends with this process.
+        sys.stdin.read()
+
+
+if __name__ == '__main__':
+    main(Path(sys.argv[1]), sys.argv[2])

@@ -1,0 +1,231 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Recordings whose threads and processes end at any moment, many times over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+import json
+import os
+from pathlib import Path
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+
+import pytest
+from recordings import HAS_DEFINITIONS, PATIENCE, counts, digests, read, start
+from ros_processes import environment
+
+from pfd_ros import log
+from pfd_ros.mcap_file import McapFile
+
+HERE = Path(__file__).resolve().parent
+OFTEN = [10, pytest.param(100, marks=pytest.mark.slow)]
+# Longest time that a process lives on before its signal, s.
+LIFE = 0.3
+AT_ONCE = 4
+
+pytestmark = pytest.mark.skipif(
+    not HAS_DEFINITIONS, reason='the message definitions of ROS are not installed'
+)
+
+
+@contextmanager
+def recording(path: Path, way: str, *before: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Start a process that records, wait until it does, and leave none behind."""
+    command = [*before, sys.executable, str(HERE / 'recording_process.py'), str(path), way]
+    process = subprocess.Popen(
+        command,
+        env=environment(0),
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        # Unbuffered: `communicate` does not see what `readline` read ahead.
+        bufsize=0,
+    )
+    try:
+        assert process.stdout.readline() == b'ready\n', process.communicate()
+        yield process
+    finally:
+        process.kill()
+        process.communicate(timeout=PATIENCE)
+
+
+def check_messages(entries: list[log.Entry]) -> None:
+    """Check that the messages of each topic are the first that were recorded, in order."""
+    for role in ('joint_states', 'joint_commands'):
+        mine = [entry for entry in entries if entry.role == role]
+        assert [e.sequence for e in mine] == list(range(1, len(mine) + 1))
+        assert all(e.data == e.sequence.to_bytes(8, 'little') * (e.sequence % 64) for e in mine)
+    times = [entry.log_ns for entry in entries]
+    assert times == sorted(times)
+
+
+def several(often: int, once: Callable[[Path], None], folder: Path) -> None:
+    """Do something often, a few at a time: mostly it waits for processes."""
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        for _ in pool.map(once, [folder / f'{k}.mcap' for k in range(often)]):
+            pass
+
+
+@pytest.mark.parametrize('often', OFTEN)
+def test_a_killed_process_leaves_the_first_messages_of_each_topic(
+    often: int, tmp_path: Path
+) -> None:
+    rng = random.Random(1)
+
+    def once(path: Path) -> None:
+        with recording(path, 'kill') as process:
+            time.sleep(LIFE * rng.random())
+            process.kill()
+            assert process.wait(PATIENCE) == -signal.SIGKILL
+        found, entries = read(path)
+        assert not found.complete
+        assert min(counts(entries)) > 0
+        check_messages(entries)
+
+    several(often, once, tmp_path)
+
+
+@pytest.mark.parametrize('often', OFTEN)
+def test_closing_beside_two_threads_that_go_on_leaves_exact_counts_and_digests(
+    often: int, tmp_path: Path
+) -> None:
+    def once(path: Path) -> None:
+        with recording(path, 'close') as process:
+            output, errors = process.communicate(timeout=PATIENCE)
+        assert (process.returncode, errors) == (0, b'')
+        found, entries = read(path)
+        assert found.complete
+        told = json.loads(output)
+        assert told['error'] == ''
+        assert told['dropped'] == [0, 0]
+        assert json.loads(found.ending['recorded']) == told['recorded'] == counts(entries)
+        assert json.loads(found.ending['digests']) == digests(entries)
+        check_messages(entries)
+
+    several(often, once, tmp_path)
+
+
+@pytest.mark.parametrize('often', OFTEN)
+def test_a_process_whose_disk_hangs_in_the_kernel_ends_all_the_same(
+    often: int, tmp_path: Path
+) -> None:
+    def once(path: Path) -> None:
+        with recording(path, 'clog') as process:
+            output, errors = process.communicate(timeout=PATIENCE)
+        assert (process.returncode, errors) == (0, b'')
+        told = json.loads(output)
+        assert 'within 0.2 s of closing' in told['error']
+        found, entries = read(path)
+        assert not found.complete
+        assert counts(entries) == told['recorded']
+        check_messages(entries)
+
+    several(often, once, tmp_path)
+
+
+@pytest.mark.parametrize('often', OFTEN)
+def test_a_process_that_ends_without_closing_leaves_what_was_flushed(
+    often: int, tmp_path: Path
+) -> None:
+    def once(path: Path) -> None:
+        with recording(path, 'raise') as process:
+            _, errors = process.communicate(timeout=PATIENCE)
+        assert process.returncode == 1
+        assert errors.endswith(b'ZeroDivisionError\n')
+        found, entries = read(path)
+        assert not found.complete
+        assert min(counts(entries)) > 0
+        check_messages(entries)
+
+    several(often, once, tmp_path)
+
+
+@pytest.mark.slow
+def test_a_process_that_was_stopped_itself_does_not_take_it_for_a_stall(tmp_path: Path) -> None:
+    with recording(tmp_path / 'a.mcap', 'stopped') as process:
+        process.send_signal(signal.SIGSTOP)
+        # Longer than what the process takes for a stall, so that the test can fail.
+        time.sleep(6.0)
+        process.send_signal(signal.SIGCONT)
+        time.sleep(0.5)
+        output, errors = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, errors) == (0, b'')
+    assert json.loads(output)['error'] == ''
+    assert read(tmp_path / 'a.mcap')[0].complete
+
+
+def may_mount() -> bool:
+    tool = shutil.which('unshare')
+    command = [tool or 'false', '--mount', 'mount', '-t', 'tmpfs', 'tmpfs', '/mnt']
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0
+
+
+def test_a_full_file_system_ends_the_recording_and_leaves_it_readable(tmp_path: Path) -> None:
+    if not may_mount():
+        pytest.skip('only root may mount a small file system')
+    folder = tmp_path / 'small'
+    folder.mkdir()
+    # The mount is the process's own and ends with it; its file is read through /proc.
+    script = 'mount -t tmpfs -o size=256k tmpfs "$0" && exec "$@"'
+    before = ('unshare', '--mount', 'sh', '-c', script, str(folder))
+    with recording(folder / 'a.mcap', 'full', *before) as process:
+        told = json.loads(process.stdout.readline())
+        found, entries = read(Path(f'/proc/{process.pid}/root{folder}/a.mcap'))
+    assert told['error'].endswith(
+        'a.mcap cannot be written: No space left on device; what was written stays readable'
+    )
+    assert not found.complete
+    assert counts(entries) == told['recorded']
+    check_messages(entries)
+
+
+@pytest.mark.parametrize('often', OFTEN)
+def test_recorded_and_dropped_are_all_that_came_whenever_the_disk_fails(
+    often: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = random.Random(2)
+    add = McapFile.add
+    left = 0
+
+    def failing(self: McapFile, *args) -> None:
+        nonlocal left
+        left -= 1
+        if left == 0:
+            raise OSError('it broke')
+        add(self, *args)
+
+    monkeypatch.setattr(McapFile, 'add', failing)
+    for k in range(often):
+        left = rng.randrange(1, 20_000)
+        recorder, reports = start(tmp_path / f'{k}.mcap', limit=rng.choice([100, 10_000]))
+        calls = [0] * 4
+
+        def produce(place: int, recorder=recorder, calls=calls) -> None:
+            for number in range(1, 3001):
+                recorder.record(place % 2, number, b'x' * (number % 50))
+                calls[place] += 1
+
+        threads = [threading.Thread(target=produce, args=(place,)) for place in range(4)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        recorder.close()
+        came = [calls[0] + calls[2], calls[1] + calls[3]]
+        sums = [sum(pair) for pair in zip(recorder.recorded, recorder.dropped, strict=True)]
+        assert sums == came == [6000, 6000]
+        assert len(reports) == recorder.failed
+        found, entries = read(tmp_path / f'{k}.mcap')
+        assert found.complete != recorder.failed
+        assert counts(entries) == recorder.recorded
+        if found.complete:
+            assert json.loads(found.ending['digests']) == digests(entries)
+        os.unlink(tmp_path / f'{k}.mcap')

@@ -59,6 +59,8 @@ def main(path: Path, way: str) -> None:
     recording.FLUSH_SECONDS = 0.02
     if way == 'stopped':
         recording.STALL_SECONDS = 5.0
+    if way in ('stopped', 'clog'):
+        # It may be slow, and it would see that the file has been replaced.
         recording.SYNC_SECONDS = 1e9
     recorder, _ = start(path)
     stop = threading.Event()

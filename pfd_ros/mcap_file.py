@@ -51,7 +51,7 @@ class TimeBase:
     def now_ns(self) -> int:
         """Return the time of day, as the steady clock has it since then, within 0 to LAST_NS."""
         now = self.wall_ns + time.monotonic_ns() - self.steady_ns
-        return min(max(now, 0), LAST_NS)
+        return now if 0 <= now <= LAST_NS else max(0, min(now, LAST_NS))
 
 
 @dataclass(frozen=True)

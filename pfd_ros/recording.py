@@ -114,6 +114,7 @@ class Recorder:
         self._rounds = 0
         self._seen, self._looked, self._stalled = 0, time.monotonic(), 0.0
         self._last_ns = 0
+        self._closed = False
         self._finished = False
         self._closing = threading.Event()
         self._ending: Callable[[], Mapping[str, str]] = dict
@@ -153,7 +154,7 @@ class Recorder:
         size = len(data)
         most, most_bytes = self._rooms[topic]
         with self._lock:
-            if self._closing.is_set():
+            if self._closed:
                 return
             waiting = self._bytes_in - self._bytes_out + size
             full = len(self._queue) >= most or waiting > most_bytes or size > MESSAGE_BYTES
@@ -161,7 +162,9 @@ class Recorder:
                 self.dropped[topic] += 1
                 return
             # Readers want the order of the file to be the order of its times.
-            self._last_ns = max(self._last_ns, self._base.now_ns())
+            now = self._base.now_ns()
+            if now > self._last_ns:
+                self._last_ns = now
             self._queue.append((topic, self._last_ns, sequence & SEQUENCE_MASK, data))
             self._bytes_in += size
             self._accepted[topic] += 1
@@ -178,9 +181,10 @@ class Recorder:
         topics are added to it.
         """
         with self._lock:
-            if not self._closing.is_set():
+            if not self._closed:
+                self._closed = True
                 self._ending = ending
-                self._closing.set()
+        self._closing.set()
         self._thread.join(timeout)
         if self._thread.is_alive():
             self._fail(f'the disk did not answer within {timeout:g} s of closing{_READABLE}')

@@ -108,6 +108,22 @@ def test_a_missing_definition_is_named_with_where_it_was_sought() -> None:
         definitions.full_text('nix_msgs/msg/Nix')
 
 
+@pytest.mark.parametrize(
+    'text', ['', '[]', '{}', '{"type_hashes": [1]}', '{"type_hashes": [{}]}', '[' * 100_000, '\0']
+)
+def test_a_hash_that_is_not_installed_as_it_should_be_is_left_out(
+    text: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / 'share' / 'sensor_msgs' / 'msg' / 'JointState.json'
+    path.parent.mkdir(parents=True)
+    path.write_text(text, encoding='utf-8')
+    monkeypatch.setenv('AMENT_PREFIX_PATH', str(tmp_path))
+    assert definitions.type_hash(convert.JOINT_STATE) == ''
+    # The text of the definition is found in the next folder.
+    write(tmp_path / 'a.mcap', 1)
+    assert len(read(tmp_path / 'a.mcap')[1]) == 1
+
+
 def test_a_file_is_never_written_over(tmp_path: Path) -> None:
     (tmp_path / 'a.mcap').write_bytes(b'dear')
     with pytest.raises(FileExistsError, match=r'a\.mcap exists and is never written over'):

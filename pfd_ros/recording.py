@@ -131,7 +131,8 @@ class Recorder:
     @property
     def failed(self) -> bool:
         """Whether the recording ended before it was closed."""
-        return bool(self.error) or (not self._thread.is_alive() and not self._finished)
+        self._look_for_death()
+        return bool(self.error)
 
     @property
     def backlog(self) -> float:
@@ -187,8 +188,12 @@ class Recorder:
         self._closing.set()
         self._thread.join(timeout)
         if self._thread.is_alive():
-            self._fail(f'the disk did not answer within {timeout:g} s of closing{_READABLE}')
-        elif self.failed:
+            self._fail(f'the disk did not take it all within {timeout:g} s of closing{_READABLE}')
+        self._look_for_death()
+
+    def _look_for_death(self) -> None:
+        # In this order: the thread says that it has finished before it ends.
+        if not self._thread.is_alive() and not self._finished:
             self._fail(f'its thread ended without a word{_READABLE}')
 
     def _look_for_stall(self) -> None:

@@ -153,9 +153,9 @@ def test_a_thread_that_ends_without_a_word_is_seen(
     flushed(recorder, 20)
     monkeypatch.setattr(Writer, 'add_message', raising(MuteError()))
     sent = fail_after(recorder, 20)
+    assert 'without a word' in recorder.error
     assert recorder.backlog == 0.0
     check_failed(recorder, reports, sent, tmp_path / 'a.mcap')
-    assert 'without a word' in recorder.error
 
 
 def test_a_last_record_that_cannot_be_made_leaves_all_messages(tmp_path: Path) -> None:

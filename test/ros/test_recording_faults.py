@@ -15,6 +15,8 @@ import shutil
 import struct
 import sys
 import threading
+import time
+from types import SimpleNamespace
 
 from mcap.writer import Writer
 import pytest
@@ -243,15 +245,20 @@ def test_a_producer_that_is_always_faster_delays_neither_flush_nor_sync_nor_clos
 
 @dataclass
 class Hang:
-    """A call that does not come back until it is let go."""
+    """Calls of the system that do not come back until they are let go."""
 
     go_on: threading.Event
     reached: threading.Event
 
-    def __call__(self, *args: object) -> None:
-        self.reached.set()
-        self.go_on.wait(PATIENCE)
-        refuse()
+    def before(self, real):
+        """Return a call that waits first."""
+
+        def call(*args: object) -> object:
+            self.reached.set()
+            self.go_on.wait(PATIENCE)
+            return real(*args)
+
+        return only_there(call, real)
 
 
 @pytest.fixture
@@ -268,7 +275,7 @@ def test_closing_returns_though_the_disk_does_not_answer(
     monkeypatch.setattr(recording, 'SYNC_SECONDS', 1e9)
     recorder, reports = start(tmp_path / 'a.mcap')
     flushed(recorder, 20)
-    monkeypatch.setattr(os, name, only_there(hang, getattr(os, name)))
+    monkeypatch.setattr(os, name, hang.before(getattr(os, name)))
     for k in range(21, 31):
         recorder.record(0, k, state(k))
     # On a busy machine the thread may need longer than that to get there.
@@ -288,8 +295,13 @@ def test_closing_returns_though_the_disk_does_not_answer(
     hang.go_on.set()
     wait_for(lambda: not recorder._thread.is_alive())
     recorder.close()
+    # It went on, but nothing that has been reported changes.
     assert len(reports) == 1
     assert recorder.recorded[0] == count
+    assert recorder.recorded[0] + recorder.dropped[0] == 30
+    found, entries = read(tmp_path / 'a.mcap')
+    assert found.complete == (name != 'write')
+    assert counts(entries) == [30, 0]
 
 
 def test_who_waits_for_a_disk_that_hangs_waits_no_longer_than_the_limit(
@@ -298,7 +310,7 @@ def test_who_waits_for_a_disk_that_hangs_waits_no_longer_than_the_limit(
     monkeypatch.setattr(recording, 'STALL_SECONDS', 0.3)
     recorder, reports = start(tmp_path / 'a.mcap')
     flushed(recorder, 20)
-    monkeypatch.setattr(os, 'write', only_there(hang, os.write))
+    monkeypatch.setattr(os, 'write', hang.before(os.write))
     for k in range(21, 31):
         recorder.record(0, k, state(k))
     wait_for(hang.reached.is_set)
@@ -312,7 +324,27 @@ def test_who_waits_for_a_disk_that_hangs_waits_no_longer_than_the_limit(
     hang.go_on.set()
     recorder.close()
     assert reports == [recorder.error]
-    assert counts(read(tmp_path / 'a.mcap')[1]) == [20, 0]
+    assert (recorder.recorded[0], recorder.dropped[0]) == (20, 20)
+
+
+def test_a_pause_of_this_process_is_no_stall_of_the_disk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, hang: Hang
+) -> None:
+    recorder, _ = start(tmp_path / 'a.mcap')
+    flushed(recorder, 20)
+    monkeypatch.setattr(os, 'write', hang.before(os.write))
+    recorder.record(0, 21, state(21))
+    wait_for(hang.reached.is_set)
+    recorder.record(0, 22, state(22))
+    assert recorder.backlog > 0.0
+    # As after SIGSTOP, an hour, and SIGCONT.
+    later = SimpleNamespace(monotonic=lambda: time.monotonic() + 3600.0)
+    monkeypatch.setattr(recording, 'time', later)
+    assert recorder.backlog > 0.0
+    assert not recorder.failed
+    hang.go_on.set()
+    recorder.close()
+    assert not recorder.failed
 
 
 def remove(path: Path) -> None:

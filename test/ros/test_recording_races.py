@@ -148,20 +148,6 @@ def test_a_process_that_ends_without_closing_leaves_what_was_flushed(
     several(often, once, tmp_path)
 
 
-@pytest.mark.slow
-def test_a_process_that_was_stopped_itself_does_not_take_it_for_a_stall(tmp_path: Path) -> None:
-    with recording(tmp_path / 'a.mcap', 'stopped') as process:
-        process.send_signal(signal.SIGSTOP)
-        # Longer than what the process takes for a stall, so that the test can fail.
-        time.sleep(6.0)
-        process.send_signal(signal.SIGCONT)
-        time.sleep(0.5)
-        output, errors = process.communicate(timeout=PATIENCE)
-    assert (process.returncode, errors) == (0, b'')
-    assert json.loads(output)['error'] == ''
-    assert read(tmp_path / 'a.mcap')[0].complete
-
-
 def may_mount() -> bool:
     tool = shutil.which('unshare')
     command = [tool or 'false', '--mount', 'mount', '-t', 'tmpfs', 'tmpfs', '/mnt']

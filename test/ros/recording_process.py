@@ -22,7 +22,7 @@ from pfd_ros.recording import Recorder
 
 
 def produce(recorder: Recorder, topic: int) -> None:
-    """Record some 100 000 messages per second, until the process ends."""
+    """Record in bursts until the process ends."""
     for k in itertools.count(1):
         recorder.record(topic, k, k.to_bytes(8, 'little') * (k % 64))
         if k % 64 == 0:

@@ -7,13 +7,18 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 import importlib.util
+import os
 from pathlib import Path
 import sys
+
+from pfd_ros.shown import one_line
 
 REPORTS = {
     'counts': 'counts: steps of every method beside what the paper claims',
     'speed': 'speed: times beside those of other libraries, some ten minutes',
 }
+# Exit status of a program that Ctrl-C ended, as shells have it.
+INTERRUPTED = 130
 NO_ROS = (
     'this needs ROS 2 (rclpy), which this Python does not have; '
     "install it with: pip install 'pfd_ros[ros]'"
@@ -64,10 +69,27 @@ def main(args: Sequence[str] | None = None) -> int:
         return 2
     try:
         status: int = chosen.run(chosen)
+        # Here, while a full disk or a closed pipe can still be told.
+        if sys.stdout is not None:
+            sys.stdout.flush()
     except (ValueError, OSError) as error:
-        print(f'pfd {chosen.command}: {error}', file=sys.stderr)
+        _give_up_output()
+        if sys.stderr is not None:
+            print(one_line(f'pfd {chosen.command}: {error}'), file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        _give_up_output()
+        return INTERRUPTED
     return status
+
+
+def _give_up_output() -> None:
+    """Flush what can be flushed; where nobody reads it, Python would say so once more at exit."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except (ValueError, OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _has_ros() -> bool:

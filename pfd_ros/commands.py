@@ -33,6 +33,7 @@ class Verdict(IntEnum):
     ALL_NAN = 9
     WRONG_SIZE = 10
     NOT_FINITE = 11
+    OVERFLOWED = 12
 
 
 # A driver sends NaN until a controller has claimed the joint: no command, and no mistake.

@@ -1,14 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a recording again and compares every state it published, bit for bit.
+"""Runs a recording again and compares every state and clock tick it published, bit for bit.
 
 Needs the file alone, no ROS: settings and robot are in its head, the commands as they came in,
-and for each of them the step before which it was taken.
+and for each of them the step before which it was taken. The file is read twice: first to see
+that it is whole and can have happened (`survey.py`), then to simulate it.
 """
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,65 +16,31 @@ from pathlib import Path
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros import settings as settings_file
 from pfd_ros.commands import Verdict
-from pfd_ros.convert import JointMessage, decode_joint_state, decode_rows
-from pfd_ros.log import Entry, Log, LogError
-from pfd_ros.plant import Plant, Source
+from pfd_ros.convert import JointMessage, decode_clock, decode_joint_state
+from pfd_ros.events import (
+    ROLE_OF_SOURCE,
+    SOURCE_OF_ROLE,
+    TAKEN_COLUMNS,
+    Event,
+    Row,
+    events,
+)
+from pfd_ros.head import Ending
+from pfd_ros.log import ROBOT, Log, LogError, damage_named
+from pfd_ros.plant import Plant
 from pfd_ros.recording import SEQUENCE_MASK
+from pfd_ros.survey import Summary, Survey, survey
 
-# Columns of the channel that says which command was taken before which step.
-TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict')
-ROLE_OF_SOURCE = {Source.NAMED: 'joint_commands', Source.ARRAY: 'commands'}
-_SOURCE_OF_ROLE = {role: source for source, role in ROLE_OF_SOURCE.items()}
+__all__ = ['ROLE_OF_SOURCE', 'TAKEN_COLUMNS', 'DifferenceError', 'Summary', 'read']
+
 FIELDS = ('position', 'velocity', 'effort')
+# Part of the time that looking through the file takes when it is simulated too.
+LOOKING = 0.1
 
 
 class DifferenceError(LogError):
     """The first place where the recording and its replay differ."""
-
-
-@dataclass
-class Summary:
-    """What a file holds, and what the replay made of it."""
-
-    path: Path
-    complete: bool = False
-    settings: settings_file.Settings | None = None
-    versions: dict[str, str] = field(default_factory=dict)
-    steps: int = 0
-    states: int = 0
-    missing: int = 0
-    verdicts: Counter[Verdict] = field(default_factory=Counter)
-    waiting: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
-
-    @property
-    def seconds(self) -> float:
-        """Wall time from the first recorded state to the last, s."""
-        return (self.last_ns - self.first_ns) / 1e9
-
-    @property
-    def rate(self) -> float:
-        """Recorded states per second of wall time, Hz; 0 if there are too few to say."""
-        published = self.states + self.missing
-        return (published - 1) / self.seconds if published > 1 and self.seconds > 0 else 0.0
-
-
-@dataclass
-class _Run:
-    """A recording while it is read: its plant, and the commands not yet taken."""
-
-    log: Log
-    summary: Summary
-    verify: bool
-    plant: Plant | None = None
-    cycle: int = 0
-    published: int = 0
-    taken_rows: int = 0
-    commands: dict[tuple[int, int], bytes] = field(default_factory=dict)
-    schedule: dict[int, list[list[int]]] = field(default_factory=lambda: defaultdict(list))
 
 
 def read(
@@ -87,7 +53,7 @@ def read(
     path
         The file; a cut-off one is read up to the cut.
     verify
-        Simulate everything again and compare all states.
+        Simulate everything again and compare all states and clock ticks.
     progress
         Called now and then with the part that is done, 0 to 1.
 
@@ -100,107 +66,139 @@ def read(
     OSError
         If it cannot be read.
     """
+
+    def part(start: float, share: float) -> Callable[[float], None] | None:
+        return None if progress is None else lambda done: progress(start + share * done)
+
+    path = Path(path)
     log = Log(path)
-    run = _Run(log, Summary(path), verify)
-    size = max(1, path.stat().st_size)
-    for count, entry in enumerate(log.entries()):
-        if run.summary.settings is None:
-            _open(run)
-        _take(run, entry)
+    with damage_named(path):
+        found = survey(log, part(0.0, LOOKING if verify else 1.0))
+        if verify:
+            _replay(log, found, part(LOOKING, 1.0 - LOOKING))
+        if found.altered:
+            raise ValueError(found.altered)
+    return found.summary
+
+
+def _replay(log: Log, found: Survey, progress: Callable[[float], None] | None) -> None:
+    """Simulate what a recording holds and compare."""
+    if found.summary.states == 0:
+        raise LogError(f'{log.path} holds no states, so there is nothing to verify')
+    if found.summary.obstacle:
+        raise LogError(f'{log.path} {found.summary.obstacle}')
+    text = log.robot_yaml
+    # A single line would be taken for the name of a robot or a file, and `<` for URDF.
+    if '\n' not in text or text.lstrip().startswith('<'):
+        raise LogError(f'{log.path} has no robot in its attachment {ROBOT!r}')
+    run = _Run(Plant(found.summary.settings, pfd.load_robot(text)))
+    for count, event in enumerate(events(log)):
+        run.follow(event)
         if progress is not None and count % 1000 == 0:
-            progress(log.position / size)
-    if run.summary.settings is None:
-        _open(run)
-    run.summary.complete = log.complete
-    run.summary.waiting = len(run.commands)
-    if verify and run.summary.states == 0:
-        raise LogError(f'{path} holds no states, so there is nothing to verify')
-    return run.summary
+            progress(log.position / log.size)
+    if found.ending is not None:
+        run.finish(found.ending)
+    if run.plant.failure:
+        found.summary.stopped_at = run.plant.step
+        found.summary.failure = run.plant.failure
 
 
-def _open(run: _Run) -> None:
-    """Build what the head of the file describes."""
-    settings = settings_file.from_values(run.log.json('settings'))
-    run.summary.settings = settings
-    run.summary.versions = dict(run.log.json('versions'))
-    if run.verify:
-        run.plant = Plant(settings, pfd.load_robot(run.log.robot_yaml))
+@dataclass
+class _Run:
+    """A plant that follows a recording, and the commands not yet taken."""
 
+    plant: Plant
+    cycle: int = 0
+    commands: dict[tuple[int, int], bytes] = field(default_factory=dict)
 
-def _take(run: _Run, entry: Entry) -> None:
-    if entry.role in _SOURCE_OF_ROLE:
-        run.commands[_SOURCE_OF_ROLE[entry.role], entry.sequence] = entry.data
-    elif entry.role == 'taken':
-        _take_rows(run, entry)
-    elif entry.role == 'joint_states':
-        _take_state(run, entry)
-
-
-def _take_rows(run: _Run, entry: Entry) -> None:
-    """Note which commands were taken before which step."""
-    if entry.sequence != (run.taken_rows + 1) & SEQUENCE_MASK:
-        raise LogError(
-            f'{run.log.path} lacks {entry.sequence - run.taken_rows - 1} records of commands '
-            f'taken before step {run.cycle + 1}: the disk was too slow, and what follows '
-            'cannot be replayed'
-        )
-    run.taken_rows += 1
-    for row in decode_rows(entry.data, len(TAKEN_COLUMNS)):
-        run.summary.verdicts[Verdict(row[3])] += 1
-        if run.plant is None:
-            run.commands.pop((row[1], row[2]), None)
+    def follow(self, event: Event) -> None:
+        """Do what the node did, and compare what it published."""
+        if event.role in SOURCE_OF_ROLE:
+            key = SOURCE_OF_ROLE[event.role], event.number & SEQUENCE_MASK
+            self.commands[key] = event.data
+        elif event.role == 'taken':
+            self._advance(event.step - 1)
+            for row in event.rows:
+                self._receive(row)
         else:
-            run.schedule[row[0]].append(row)
+            self._advance_to_stamp(event)
+            if event.role == 'joint_states':
+                _compare_state(event, self.plant.state())
+            else:
+                _compare_tick(event, self.plant.clock())
 
-
-def _take_state(run: _Run, entry: Entry) -> None:
-    summary = run.summary
-    skipped = (entry.sequence - run.published - 1) & SEQUENCE_MASK
-    summary.missing += skipped
-    run.published += skipped + 1
-    summary.first_ns = summary.first_ns or entry.log_ns
-    summary.last_ns = entry.log_ns
-    assert summary.settings is not None
-    target = run.published * summary.settings.publish_every
-    if run.plant is not None:
-        while run.cycle < target:
-            _step(run, run.plant)
-        _compare(run.plant, entry.data)
-    summary.steps = target
-    summary.states += 1
-
-
-def _step(run: _Run, plant: Plant) -> None:
-    """Do one step with the commands that were taken before it."""
-    run.cycle += 1
-    for _, source, sequence, verdict in run.schedule.pop(run.cycle, ()):
-        data = run.commands.pop((source, sequence), None)
-        if data is None:
-            raise LogError(
-                f'{run.log.path} lacks command {sequence} of {ROLE_OF_SOURCE[Source(source)]}, '
-                f'taken before step {run.cycle}; what follows cannot be replayed'
-            )
-        judged = plant.receive(source, data).verdict
-        if judged != verdict:
+    def finish(self, ending: Ending) -> None:
+        """Go on to where the node stopped, and compare whether it had failed by then."""
+        # The failure itself is one step behind the last good one.
+        self._advance(ending.steps + bool(ending.failure))
+        ours, theirs = self.plant.failure, ending.failure
+        if bool(ours) != bool(theirs) or self.plant.step != ending.steps:
             raise DifferenceError(
-                f'step {run.cycle}: command {sequence} of {ROLE_OF_SOURCE[Source(source)]}: '
-                f'recorded as {Verdict(verdict).name}, replayed as {judged.name}'
+                f'the end: recorded {ending.steps} steps and {theirs or "no failure"!r}, '
+                f'replayed {self.plant.step} steps and {ours or "no failure"!r}'
             )
-    plant.advance()
+
+    def _advance(self, step: int) -> None:
+        while self.cycle < step:
+            self.cycle += 1
+            self.plant.advance()
+            if self.plant.failure:
+                # It stands still from here on, however long.
+                self.cycle = step
+
+    def _advance_to_stamp(self, event: Event) -> None:
+        """Advance to the step of an event, through a gap only if its stamp says the same.
+
+        A failed arm has an earlier stamp; then no step behind that stamp can have been done.
+        """
+        settings = self.plant.settings
+        if event.lost:
+            stamp = decode_clock(event.data)
+            done = (stamp - settings.start_ns) // settings.step_ns
+            if done < event.step:
+                self._advance(done + 1)
+                if not self.plant.failure:
+                    raise DifferenceError(
+                        f'step {event.step}: {event.role} {event.number}: recorded stamp '
+                        f'{stamp} ns, expected that of step {event.step}'
+                    )
+        self._advance(event.step)
+
+    def _receive(self, row: Row) -> None:
+        data = self.commands.pop((row.source, row.number))
+        if row.verdict is Verdict.OVERFLOWED:
+            return
+        judged = self.plant.receive(row.source, data).verdict
+        if judged != row.verdict:
+            raise DifferenceError(
+                f'step {self.cycle + 1}: command {row.number} of {ROLE_OF_SOURCE[row.source]}: '
+                f'recorded as {row.verdict.name}, replayed as {judged.name}'
+            )
 
 
-def _compare(plant: Plant, recorded: bytes) -> None:
-    """Compare one published state with the plant's; almost always one comparison of bytes."""
-    computed = plant.state()
-    if recorded == computed:
+def _compare_tick(event: Event, computed: bytes) -> None:
+    if event.data == computed:
         return
     try:
-        ours, theirs = decode_joint_state(computed), decode_joint_state(recorded)
+        theirs = f'{decode_clock(event.data)} ns'
     except ValueError as error:
-        raise DifferenceError(f'step {plant.step}: the recorded state: {error}') from error
-    where = _first_difference(theirs, ours)
-    if where:
-        raise DifferenceError(f'step {plant.step}: {where}')
+        theirs = str(error)
+    raise DifferenceError(
+        f'step {event.step}: clock {event.number}: recorded {theirs}, '
+        f'replayed {decode_clock(computed)} ns'
+    )
+
+
+def _compare_state(event: Event, computed: bytes) -> None:
+    """Compare one published state with the plant's; almost always one comparison of bytes."""
+    if event.data == computed:
+        return
+    try:
+        ours, theirs = decode_joint_state(computed), decode_joint_state(event.data)
+    except ValueError as error:
+        raise DifferenceError(f'step {event.step}: the recorded state: {error}') from error
+    where = _first_difference(theirs, ours) or 'the same numbers, in other bytes'
+    raise DifferenceError(f'step {event.step}: {where}')
 
 
 def _first_difference(recorded: JointMessage, computed: JointMessage) -> str:

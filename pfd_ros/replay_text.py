@@ -11,9 +11,17 @@ import sys
 from pfd_ros.commands import Verdict
 from pfd_ros.provenance import versions
 from pfd_ros.replay import Summary, read
+from pfd_ros.shown import one_line
 
 # What may change the bits if it changes.
 DECISIVE = ('pfd', 'numpy', 'llvmlite')
+NOUNS = {
+    'joint_states': 'states',
+    'clock': 'clock ticks',
+    'taken': 'records of commands taken',
+    'joint_commands': 'joint_commands',
+    'commands': 'commands',
+}
 
 
 def progress_on(stream: object) -> Callable[[float], None] | None:
@@ -45,20 +53,26 @@ def run(path: Path, *, verify: bool) -> int:
     for line in describe(summary):
         print(line)
     if verify:
-        print(f'verified: {summary.states} states, every bit equal')
+        print(f'verified: {summary.states} states, every bit equal{_end(summary)}')
     return 0
+
+
+def _end(summary: Summary) -> str:
+    """Return how the run ended, for the last line: a failed arm replays to the same bits too."""
+    if summary.stopped_at is None:
+        return ''
+    return f', and the simulation stopped after step {summary.stopped_at} as recorded'
 
 
 def describe(summary: Summary) -> list[str]:
     """Return the lines that describe a recording."""
     settings = summary.settings
-    assert settings is not None
-    simulated = summary.steps * settings.step_size
+    simulated = summary.simulated * settings.step_size
     accepted = summary.verdicts[Verdict.ACCEPTED]
     lines = [
-        f'{summary.path}: {settings.robot}',
+        one_line(f'{summary.path}: {settings.robot}'),
         f'duration   {simulated:.3f} s simulated, {summary.seconds:.3f} s on the clock',
-        f'steps      {summary.steps} of {settings.step_size:g} s',
+        f'steps      {summary.simulated} of {settings.step_size:g} s',
         f'states     {summary.states}, {summary.rate:.2f} Hz',
         f'commands   {accepted} accepted, {summary.verdicts.total() - accepted} not',
     ]
@@ -67,13 +81,22 @@ def describe(summary: Summary) -> list[str]:
         for verdict, count in sorted(summary.verdicts.items())
         if verdict is not Verdict.ACCEPTED
     ]
-    if summary.missing:
-        lines.append(f'missing    {summary.missing} states were not recorded')
+    if summary.stopped_at is not None:
+        reason = summary.failure or 'its states stand still from there on'
+        lines.append(
+            one_line(f'FAILED     simulation stopped after step {summary.stopped_at}: {reason}')
+        )
+    lines += [
+        f'missing    {count} {NOUNS[role]} were not recorded'
+        for role, count in sorted(summary.lost.items())
+    ]
+    if summary.obstacle:
+        lines.append(f'note       it {summary.obstacle}')
     if not summary.complete:
         lines.append('cut off    the file was never closed; all of this is up to the cut')
     here = versions()
     lines += [
-        f'note       recorded with {name} {summary.versions[name]}, this is {here[name]}'
+        one_line(f'note       recorded with {name} {summary.versions[name]}, this is {here[name]}')
         for name in DECISIVE
         if name in summary.versions and summary.versions[name] != here[name]
     ]

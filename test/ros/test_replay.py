@@ -11,11 +11,9 @@ import struct
 import subprocess
 import sys
 
-from mcap.records import Attachment, Channel, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader
-from mcap.writer import Writer
 import numpy as np
 import pytest
+from rewriting import END, STATES, Sent, load, rewrite
 from ros_processes import environment
 
 from pfd_ros import command_line
@@ -28,41 +26,14 @@ from pfd_ros.replay_text import progress_on
 pytestmark = pytest.mark.ros
 
 
-def rewrite(source: Path, target: Path, change: Callable[[str, Message], Message | None]) -> None:
-    """Copy a recording message by message; `change` gets topic and message, None drops it."""
-    topics: dict[int, str] = {}
-    with source.open('rb') as old, target.open('wb') as new:
-        writer = Writer(new)
-        writer.start('ros2')
-        for record in StreamReader(old).records:
-            if isinstance(record, Metadata):
-                writer.add_metadata(record.name, record.metadata)
-            elif isinstance(record, Attachment):
-                writer.add_attachment(0, 0, record.name, record.media_type, record.data)
-            elif isinstance(record, Schema) and record.id > len(topics):
-                writer.register_schema(record.name, record.encoding, record.data)
-            elif isinstance(record, Channel) and record.id not in topics:
-                topics[record.id] = record.topic
-                writer.register_channel(
-                    record.topic, 'cdr', record.schema_id, dict(record.metadata)
-                )
-            elif isinstance(record, Message):
-                kept = change(topics[record.channel_id], record)
-                if kept is not None:
-                    writer.add_message(
-                        kept.channel_id, kept.log_time, kept.data, kept.publish_time, kept.sequence
-                    )
-        writer.finish()
-
-
-def flipped(message: Message, at: int) -> Message:
+def flipped(message: Sent, at: int) -> Sent:
     data = bytearray(message.data)
     data[at] ^= 1
     message.data = bytes(data)
     return message
 
 
-def only(topic: str, sequences: Iterable[int]) -> Callable[[str, Message], bool]:
+def only(topic: str, sequences: Iterable[int]) -> Callable[[str, Sent], bool]:
     wanted = set(sequences)
     return lambda name, message: name == topic and message.sequence in wanted
 
@@ -105,7 +76,7 @@ def test_one_flipped_bit_is_found_and_placed(
 ) -> None:
     hit = only('/joint_states', [123])
 
-    def change(topic: str, message: Message) -> Message:
+    def change(topic: str, message: Sent) -> Sent:
         if not hit(topic, message):
             return message
         # The last joint's number in the array, counted from the end: three arrays of a count,
@@ -134,7 +105,7 @@ def test_one_flipped_bit_is_found_and_placed(
 def test_the_sign_of_a_zero_is_a_bit_like_any_other(recorded: Path, tmp_path: Path) -> None:
     hit = only('/joint_states', [5])
 
-    def change(topic: str, message: Message) -> Message:
+    def change(topic: str, message: Sent) -> Sent:
         # The last number is the effort of a held joint; its sign is the top bit of its last byte.
         if hit(topic, message):
             assert message.data[-8:] == bytes(8)
@@ -163,7 +134,7 @@ def test_a_changed_command_is_found_by_what_it_does(recorded: Path, tmp_path: Pa
 def test_a_command_that_is_judged_otherwise_is_found(recorded: Path, tmp_path: Path) -> None:
     hit = only('/joint_commands', [3])
 
-    def change(topic: str, message: Message) -> Message:
+    def change(topic: str, message: Sent) -> Sent:
         if hit(topic, message):
             message.data = message.data[:-8] + struct.pack('<d', float('inf'))
         return message
@@ -173,37 +144,60 @@ def test_a_command_that_is_judged_otherwise_is_found(recorded: Path, tmp_path: P
         read(tmp_path / 'a.mcap', verify=True)
 
 
+def without(recorded: Path, tmp_path: Path, topic: str, numbers: Iterable[int]) -> Path:
+    """Return the recording of a run that was killed, and whose disk had been too slow before."""
+    hit = only(topic, numbers)
+    return rewrite(
+        recorded, tmp_path / 'a.mcap', lambda t, m: None if hit(t, m) else m, closed=False
+    )
+
+
 def test_a_lost_command_is_named(recorded: Path, tmp_path: Path) -> None:
-    hit = only('/joint_commands', [3])
-    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: None if hit(t, m) else m)
+    path = without(recorded, tmp_path, '/joint_commands', [3])
     with pytest.raises(LogError, match=r'lacks command 3 of joint_commands, taken before step'):
-        read(tmp_path / 'a.mcap', verify=True)
+        read(path, verify=True)
 
 
-def test_a_lost_record_of_taken_commands_is_named(recorded: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize('number', [2, 21])
+def test_a_lost_record_of_taken_commands_is_named(
+    recorded: Path, tmp_path: Path, number: int
+) -> None:
     # The 21st command was for a joint that nobody has: without it no state differs.
-    hit = only('/sim_arm/applied_commands', [21])
-    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: None if hit(t, m) else m)
+    path = without(recorded, tmp_path, '/sim_arm/applied_commands', [number])
     with pytest.raises(LogError, match='lacks 1 records of commands taken before step'):
-        read(tmp_path / 'a.mcap', verify=True)
+        read(path, verify=True)
+    assert 'lacks 1 records' in read(path).obstacle
 
 
-def test_a_lost_record_of_a_command_that_moved_the_arm_is_found(
+def test_a_lost_last_record_of_a_command_that_moved_the_arm_is_found(
     recorded: Path, tmp_path: Path
 ) -> None:
-    hit = only('/sim_arm/applied_commands', [2])
-    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: None if hit(t, m) else m)
+    # Nothing follows it on its channel, so that only the states can tell.
+    path = without(recorded, tmp_path, '/sim_arm/applied_commands', [22])
     with pytest.raises(DifferenceError, match=r'step \d+: joint'):
-        read(tmp_path / 'a.mcap', verify=True)
+        read(path, verify=True)
 
 
 def test_lost_states_are_counted_and_the_others_still_equal(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = without(recorded, tmp_path, STATES, range(50, 90))
+    summary = read(path, verify=True)
+    assert (summary.missing, summary.states) == (40, read(recorded).states - 40)
+    assert command_line.main(['replay', str(path)]) == 0
+    assert 'missing    40 states' in capsys.readouterr().out
+
+
+def test_states_that_the_node_says_it_dropped_are_missing_and_no_damage(
     recorded: Path, tmp_path: Path
 ) -> None:
-    hit = only('/joint_states', range(50, 90))
-    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: None if hit(t, m) else m)
-    summary = read(tmp_path / 'a.mcap', verify=True)
-    assert (summary.missing, summary.states) == (40, read(recorded).states - 40)
+    slow = load(recorded)
+    last = slow.on(STATES)[-1].sequence
+    slow.keep(lambda m: m.topic != STATES or m.sequence not in (*range(50, 90), last))
+    slow.recount(digests=True)
+    slow.edit(END, 'dropped', lambda dropped: dropped.update({STATES: 41}))
+    summary = read(slow.save(tmp_path / 'a.mcap'), verify=True)
+    assert (summary.missing, summary.states) == (41, last - 41)
 
 
 def test_a_cut_off_recording_verifies_up_to_the_cut(
@@ -219,10 +213,10 @@ def test_a_cut_off_recording_verifies_up_to_the_cut(
 
 
 def test_a_recording_without_states_cannot_be_verified(recorded: Path, tmp_path: Path) -> None:
-    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: None if t == '/joint_states' else m)
+    path = without(recorded, tmp_path, STATES, range(1, 1 << 20))
     with pytest.raises(LogError, match='holds no states'):
-        read(tmp_path / 'a.mcap', verify=True)
-    assert read(tmp_path / 'a.mcap').states == 0
+        read(path, verify=True)
+    assert read(path).states == 0
 
 
 def test_a_summary_says_what_is_in_the_file(

@@ -1,0 +1,167 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Takes a recording apart and writes it anew, with valid checksums whatever was done to it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+import copy
+from dataclasses import dataclass, field
+import hashlib
+import json
+from pathlib import Path
+import struct
+from typing import Any
+
+from mcap.records import Attachment, Channel, DataEnd, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
+
+HEAD, END = 'pfd_ros', 'pfd_ros_end'
+STATES, CLOCK = '/joint_states', '/clock'
+NAMED, ARRAY, TAKEN = '/joint_commands', '/sim_arm/commands', '/sim_arm/applied_commands'
+
+
+@dataclass
+class Sent:
+    """One message."""
+
+    topic: str
+    sequence: int
+    log_ns: int
+    data: bytes
+
+
+@dataclass
+class Type:
+    """A channel and its schema."""
+
+    topic: str
+    encoding: str
+    schema: str
+    schema_encoding: str
+
+
+@dataclass
+class Recording:
+    """Everything in a file that can be altered."""
+
+    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    attachments: list[tuple[str, bytes]] = field(default_factory=list)
+    channels: list[Type] = field(default_factory=list)
+    messages: list[Sent] = field(default_factory=list)
+
+    def head(self, name: str) -> dict[str, str]:
+        return dict(self.metadata)[name]
+
+    def edit(self, record: str, key: str, change: Callable[[Any], Any]) -> None:
+        """Change one JSON value of a metadata record; `change` may edit in place."""
+        values = self.head(record)
+        value = json.loads(values[key])
+        changed = change(value)
+        values[key] = json.dumps(value if changed is None else changed)
+
+    def on(self, topic: str) -> list[Sent]:
+        return [m for m in self.messages if m.topic == topic]
+
+    def keep(self, wanted: Callable[[Sent], bool]) -> None:
+        self.messages = [m for m in self.messages if wanted(m)]
+
+    def recount(self, *, digests: bool = False) -> None:
+        """Make the end record say what is in the file now."""
+        counts = Counter(m.topic for m in self.messages)
+        self.edit(END, 'recorded', lambda old: {topic: counts[topic] for topic in old})
+        values = self.head(END)
+        values.pop('digests', None)
+        if digests:
+            values['digests'] = json.dumps(
+                {c.topic: digest(self.on(c.topic)) for c in self.channels}
+            )
+
+    def save(
+        self,
+        path: Path,
+        *,
+        closed: bool = True,
+        compression: CompressionType = CompressionType.ZSTD,
+        chunk_size: int = 1 << 18,
+    ) -> Path:
+        """Write the file; one that is not closed has no end record either."""
+        with path.open('wb') as stream:
+            writer = Writer(stream, chunk_size, compression)
+            writer.start('ros2', 'test')
+            for name, values in self.metadata:
+                if name != END:
+                    writer.add_metadata(name, values)
+            for name, data in self.attachments:
+                writer.add_attachment(0, 0, name, 'application/yaml', data)
+            ids: dict[str, int] = {}
+            for kind in self.channels:
+                schema = writer.register_schema(kind.schema, kind.schema_encoding, b'')
+                ids[kind.topic] = writer.register_channel(kind.topic, kind.encoding, schema)
+            for m in self.messages:
+                writer.add_message(ids[m.topic], m.log_ns, m.data, m.log_ns, m.sequence)
+            for name, values in self.metadata:
+                if name == END and closed:
+                    writer.add_metadata(name, values)
+            if closed:
+                writer.finish()
+            else:
+                writer.flush()
+        return path
+
+    def copy(self) -> Recording:
+        return copy.deepcopy(self)
+
+
+def digest(messages: list[Sent]) -> str:
+    found = hashlib.sha256()
+    for m in messages:
+        found.update(struct.pack('<IQ', m.sequence, len(m.data)) + m.data)
+    return found.hexdigest()
+
+
+def load(path: Path) -> Recording:
+    """Return what a good, closed recording holds."""
+    found = Recording()
+    schemas: dict[int, Schema] = {}
+    topics: dict[int, str] = {}
+    with path.open('rb') as stream:
+        for record in StreamReader(stream).records:
+            if isinstance(record, Metadata):
+                found.metadata.append((record.name, dict(record.metadata)))
+            elif isinstance(record, Attachment):
+                found.attachments.append((record.name, record.data))
+            elif isinstance(record, Schema):
+                schemas[record.id] = record
+            elif isinstance(record, Channel) and record.id not in topics:
+                schema = schemas[record.schema_id]
+                topics[record.id] = record.topic
+                found.channels.append(
+                    Type(record.topic, record.message_encoding, schema.name, schema.encoding)
+                )
+            elif isinstance(record, Message):
+                found.messages.append(
+                    Sent(topics[record.channel_id], record.sequence, record.log_time, record.data)
+                )
+            elif isinstance(record, DataEnd):
+                break
+    return found
+
+
+def rewrite(
+    source: Path,
+    target: Path,
+    change: Callable[[str, Sent], Sent | None],
+    *,
+    closed: bool = True,
+    recount: bool = False,
+) -> Path:
+    """Copy a recording message by message; `change` gets topic and message, None drops it."""
+    found = load(source)
+    changed = [change(m.topic, m) for m in found.messages]
+    found.messages = [m for m in changed if m is not None]
+    if recount:
+        found.recount()
+    return found.save(target, closed=closed)

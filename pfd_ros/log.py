@@ -163,7 +163,9 @@ class Log:
         except CutOffError as error:
             # A file that was closed does not end early, unless a length in it is wrong.
             if _ends_with_magic(stream, self.size):
-                raise LogError(f'{self.path} is damaged after byte {self.position}') from error
+                raise LogError(f'{self.path} is damaged after byte {records.position}') from error
+        finally:
+            self.position = records.position
         self.complete = records.complete
 
     def _note(self, record: Record) -> None:

@@ -122,10 +122,13 @@ class _Run:
                 self._receive(row)
         else:
             self._advance_to_stamp(event)
-            if event.role == 'joint_states':
-                _compare_state(event, self.plant.state())
-            else:
-                _compare_tick(event, self.plant.clock())
+            states = event.role == 'joint_states'
+            computed = self.plant.state() if states else self.plant.clock()
+            # Almost always one comparison of bytes.
+            if event.data != computed:
+                where = (_state_difference if states else _tick_difference)(event.data, computed)
+                why = f'; the replay: {self.plant.failure}' if self.plant.failure else ''
+                raise DifferenceError(f'step {event.step}: {where}{why}')
 
     def finish(self, ending: Ending) -> None:
         """Go on to where the node stopped, and compare whether it had failed by then."""
@@ -176,29 +179,20 @@ class _Run:
             )
 
 
-def _compare_tick(event: Event, computed: bytes) -> None:
-    if event.data == computed:
-        return
+def _tick_difference(recorded: bytes, computed: bytes) -> str:
     try:
-        theirs = f'{decode_clock(event.data)} ns'
+        theirs = f'{decode_clock(recorded)} ns'
     except ValueError as error:
         theirs = str(error)
-    raise DifferenceError(
-        f'step {event.step}: clock {event.number}: recorded {theirs}, '
-        f'replayed {decode_clock(computed)} ns'
-    )
+    return f'clock: recorded {theirs}, replayed {decode_clock(computed)} ns'
 
 
-def _compare_state(event: Event, computed: bytes) -> None:
-    """Compare one published state with the plant's; almost always one comparison of bytes."""
-    if event.data == computed:
-        return
+def _state_difference(recorded: bytes, computed: bytes) -> str:
     try:
-        ours, theirs = decode_joint_state(computed), decode_joint_state(event.data)
+        ours, theirs = decode_joint_state(computed), decode_joint_state(recorded)
     except ValueError as error:
-        raise DifferenceError(f'step {event.step}: the recorded state: {error}') from error
-    where = _first_difference(theirs, ours) or 'the same numbers, in other bytes'
-    raise DifferenceError(f'step {event.step}: {where}')
+        return f'the recorded state: {error}'
+    return _first_difference(theirs, ours) or 'the same numbers, in other bytes'
 
 
 def _first_difference(recorded: JointMessage, computed: JointMessage) -> str:

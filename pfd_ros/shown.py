@@ -10,6 +10,7 @@ LIMIT = 600
 def one_line(value: object, limit: int = LIMIT) -> str:
     """Return a text for one line of a terminal; what would move the cursor is escaped."""
     text = str(value)
-    text = f'{text[:limit]}...' if len(text) > limit else text
+    if len(text) > limit:
+        text = f'{text[: 2 * limit // 3]}...{text[-limit // 3 :]}'
     words = ' '.join(text.split())
     return ''.join(c if c.isprintable() else repr(c)[1:-1] for c in words)

@@ -1,0 +1,49 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Verifies files in this process and prints what each cost, one JSON object a line.
+
+    python read_hostile.py SECONDS FILE ...
+
+A file that takes more than SECONDS of processor time is given up.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import resource
+import signal
+import sys
+import traceback
+
+from pfd_ros.command_line import main
+
+
+class TooLongError(BaseException):
+    """Not an Exception: nothing may catch it."""
+
+
+def give_up(*_: object) -> None:
+    raise TooLongError
+
+
+def verify(path: str, seconds: float) -> dict[str, object]:
+    out, err = io.StringIO(), io.StringIO()
+    signal.setitimer(signal.ITIMER_PROF, seconds)
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            status = main(['replay', path, '--verify'])
+    except BaseException:
+        status = -1
+        err.write(traceback.format_exc())
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return {'status': status, 'out': out.getvalue(), 'err': err.getvalue(), 'peak_mb': peak}
+
+
+if __name__ == '__main__':
+    signal.signal(signal.SIGPROF, give_up)
+    for name in sys.argv[2:]:
+        print(json.dumps(verify(name, float(sys.argv[1]))), flush=True)

@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+import re
+
 LIMIT = 600
 
 
@@ -12,5 +14,5 @@ def one_line(value: object, limit: int = LIMIT) -> str:
     text = str(value)
     if len(text) > limit:
         text = f'{text[: 2 * limit // 3]}...{text[-limit // 3 :]}'
-    words = ' '.join(text.split())
-    return ''.join(c if c.isprintable() else repr(c)[1:-1] for c in words)
+    line = re.sub(r'\s*[\r\n\t]\s*', ' ', text)
+    return ''.join(c if c.isprintable() else repr(c)[1:-1] for c in line)

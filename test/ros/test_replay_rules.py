@@ -1,0 +1,291 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a replay makes of arms that fail, commands that overflow, and files that still grow."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+from rewriting import ARRAY, END, STATES, TAKEN, Recording, Sent
+from ros_processes import environment
+from simulating import START_NS, efforts, simulate
+
+from pfd_ros import command_line, convert
+from pfd_ros.commands import Verdict
+from pfd_ros.events import TAKEN_COLUMNS, events
+from pfd_ros.log import Entry, Log, LogError
+from pfd_ros.replay import DifferenceError, read
+
+MOVE = {3: [efforts(1.0, 2.0)], 9: [efforts(-1.0, 0.5), efforts(2.0, 0.0)]}
+BLOW_UP = {5: [efforts(1.0, 2.0)], 12: [efforts(1e308, -1e308)]}
+
+
+def told(path: Path, capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, str]:
+    status = command_line.main(['replay', str(path), *args])
+    return status, capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    'settings',
+    [
+        {},
+        {'publish_clock': False},
+        {'publish_rate': 200.0, 'clock_rate': 500.0},
+        {'publish_rate': 500.0, 'clock_rate': 200.0, 'start_time': 3.0},
+        {'real_time_factor': 0.0},
+    ],
+    ids=str,
+)
+def test_a_run_verifies_at_any_rates(tmp_path: Path, settings: dict[str, float]) -> None:
+    summary = read(simulate(37, MOVE, **settings).save(tmp_path / 'a.mcap'), verify=True)
+    assert summary.complete
+    assert summary.verdicts == {Verdict.ACCEPTED: 3}
+    assert (summary.missing, summary.stopped_at, summary.failure) == (0, None, '')
+
+
+def test_a_failed_arm_verifies_and_is_called_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = simulate(30, BLOW_UP).save(tmp_path / 'a.mcap')
+    status, text = told(path, capsys, '--verify')
+    assert status == 0
+    assert 'FAILED     simulation stopped after step 11: ' in text
+    assert 'steps      11 of 0.001 s' in text
+    assert text.splitlines()[-1] == (
+        'verified: 30 states, every bit equal, '
+        'and the simulation stopped after step 11 as recorded'
+    )
+    assert 'FAILED     simulation stopped after step 11: ' in told(path, capsys)[1]
+
+
+def test_a_failed_arm_in_a_cut_off_file_is_called_one(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = simulate(30, BLOW_UP).save(tmp_path / 'a.mcap', closed=False)
+    for args in ((), ('--verify',)):
+        status, text = told(path, capsys, *args)
+        assert status == 0
+        assert 'FAILED     simulation stopped after step 11: ' in text
+
+
+def test_an_arm_that_failed_behind_the_last_state_verifies(tmp_path: Path) -> None:
+    run = simulate(14, BLOW_UP, publish_rate=100.0, clock_rate=100.0)
+    summary = read(run.save(tmp_path / 'a.mcap'), verify=True)
+    assert (summary.states, summary.stopped_at) == (1, 11)
+
+
+@pytest.mark.parametrize('change', [{'failure': ''}, {'failure': '', 'steps': 30}, {'steps': 10}])
+def test_a_failure_that_is_recorded_otherwise_is_a_difference(
+    tmp_path: Path, change: dict[str, object]
+) -> None:
+    run = simulate(30, BLOW_UP)
+    run.edit(END, 'totals', lambda totals: totals.update(change))
+    with pytest.raises(LogError, match=r'the end: recorded|its end record counts'):
+        read(run.save(tmp_path / 'a.mcap'), verify=True)
+
+
+def test_a_failure_is_no_way_out_of_the_comparison(tmp_path: Path) -> None:
+    run = simulate(30, MOVE)
+    run.edit(END, 'totals', lambda totals: totals.update(failure='x', steps=20))
+    with pytest.raises(DifferenceError, match=r'the end: recorded 20 steps'):
+        read(run.save(tmp_path / 'a.mcap'), verify=True)
+
+
+def test_commands_behind_the_last_state_are_judged_too(tmp_path: Path) -> None:
+    run = simulate(14, {12: [efforts(1.0, 2.0)]}, publish_rate=100.0, publish_clock=False)
+    assert read(run.save(tmp_path / 'a.mcap'), verify=True).verdicts == {Verdict.ACCEPTED: 1}
+    run.on(ARRAY)[0].data = efforts(1.0)
+    with pytest.raises(
+        DifferenceError, match=r'step 12: .* recorded as ACCEPTED, replayed as WRON'
+    ):
+        read(run.save(tmp_path / 'a.mcap'), verify=True)
+
+
+def overflowing(step: int) -> Recording:
+    """Return a run with a command that never reached the arm, and a row that says so."""
+    run = simulate(20, MOVE)
+    at = next(k for k, m in enumerate(run.messages) if m.topic == TAKEN and m.sequence == 2)
+    command, row = run.messages[at - 1], run.messages[at]
+    # One number further for the commands and rows behind it.
+    lost = Sent(ARRAY, 4, command.log_ns, efforts(1e308, 1e308))
+    rows = convert.decode_rows(row.data, 4)
+    rows.append([step, 1, 4, Verdict.OVERFLOWED])
+    row.data = convert.encode_rows(rows, TAKEN_COLUMNS)
+    run.messages.insert(at, lost)
+    run.recount(digests=True)
+    return run
+
+
+@pytest.mark.parametrize('step', [9, 7, 8])
+def test_a_command_that_overflowed_is_not_given_to_the_arm(tmp_path: Path, step: int) -> None:
+    summary = read(overflowing(step).save(tmp_path / 'a.mcap'), verify=True)
+    assert summary.verdicts == {Verdict.ACCEPTED: 3, Verdict.OVERFLOWED: 1}
+    assert summary.waiting == 0
+
+
+def test_a_record_of_overflows_alone_may_come_at_any_time(tmp_path: Path) -> None:
+    run = simulate(20, MOVE)
+    last = run.messages[-1].log_ns
+    rows = convert.encode_rows([[5, 1, 4, Verdict.OVERFLOWED]], TAKEN_COLUMNS)
+    run.messages += [Sent(ARRAY, 4, last, b'junk'), Sent(TAKEN, 3, last, rows)]
+    run.recount(digests=True)
+    summary = read(run.save(tmp_path / 'a.mcap'), verify=True)
+    assert summary.verdicts[Verdict.OVERFLOWED] == 1
+
+
+def test_a_command_that_was_never_taken_waits(tmp_path: Path) -> None:
+    run = simulate(20, MOVE)
+    run.messages.append(Sent(ARRAY, 4, run.messages[-1].log_ns, efforts(1.0, 1.0)))
+    run.recount(digests=True)
+    assert read(run.save(tmp_path / 'a.mcap'), verify=True).waiting == 1
+
+
+def test_a_cut_off_file_without_ticks_says_how_many_are_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = simulate(20, MOVE)
+    run.keep(lambda m: m.topic != '/clock' or m.sequence <= 8)
+    path = run.save(tmp_path / 'a.mcap', closed=False)
+    status, text = told(path, capsys, '--verify')
+    assert status == 0
+    # The last state may have been cut off from its tick.
+    assert 'missing    11 clock ticks' in text
+
+
+def test_a_digest_says_so_if_a_replay_cannot(tmp_path: Path) -> None:
+    run = simulate(20, MOVE)
+    run.messages.append(Sent(ARRAY, 4, run.messages[-1].log_ns, efforts(1.0, 1.0)))
+    run.recount(digests=True)
+    run.messages[-1].data = efforts(1.0, -1.0)
+    path = run.save(tmp_path / 'a.mcap')
+    for verify in (False, True):
+        with pytest.raises(LogError, match='messages commands are not the recorded ones'):
+            read(path, verify=verify)
+
+
+def test_without_digests_counts_are_compared(tmp_path: Path) -> None:
+    run = simulate(20, MOVE)
+    run.recount()
+    assert 'digests' not in run.head(END)
+    assert read(run.save(tmp_path / 'a.mcap'), verify=True).complete
+    run.keep(lambda m: m.topic != STATES or m.sequence != 7)
+    with pytest.raises(LogError, match='holds 19 of 20 messages joint_states: 7 to 7 are missing'):
+        read(run.save(tmp_path / 'a.mcap'), verify=True)
+
+
+def test_a_file_that_a_power_cut_left_full_of_zeros_is_cut_off(tmp_path: Path) -> None:
+    path = simulate(20, MOVE).save(tmp_path / 'a.mcap', closed=False)
+    with path.open('ab') as stream:
+        stream.write(bytes(100_000))
+    summary = read(path, verify=True)
+    assert (summary.complete, summary.states) == (False, 20)
+
+
+def test_a_file_that_still_grows_is_verified_up_to_where_it_was(tmp_path: Path) -> None:
+    whole = simulate(20, MOVE).save(tmp_path / 'a.mcap', closed=False, chunk_size=500).read_bytes()
+    path = tmp_path / 'b.mcap'
+    path.write_bytes(whole[: len(whole) // 2])
+
+    def grow(part: float) -> None:
+        path.write_bytes(whole)
+
+    summary = read(path, verify=True, progress=grow)
+    assert 0 < summary.states < 20
+
+
+def test_numbers_go_on_where_32_bits_end(tmp_path: Path) -> None:
+    from pfd_ros.events import _Order
+
+    log = Log(simulate(1).save(tmp_path / 'a.mcap'))
+    list(events(log))
+    order = _Order(log)
+    order._last['joint_states'] = (1 << 32) - 2
+    later = START_NS + (1 << 33) * 1_000_000
+    found = [
+        order.event(Entry('joint_states', later, n & 0xFFFFFFFF, b''))
+        for n in range((1 << 32) - 1, (1 << 32) + 2)
+    ]
+    assert [event.number for event in found] == [(1 << 32) - 1, 1 << 32, (1 << 32) + 1]
+    assert [event.lost for event in found] == [0, 0, 0]
+
+
+# --- what is no file, and nobody who listens
+
+
+def replay(*args: str, **options: object) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, '-m', 'pfd_ros.command_line', 'replay', *args],
+        env=environment(1),
+        text=True,
+        check=False,
+        timeout=60,
+        **{'capture_output': True, **options},
+    )
+
+
+def assert_one_line(done: subprocess.CompletedProcess[str], expected: str) -> None:
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert expected in done.stderr
+
+
+@pytest.mark.parametrize(
+    ('name', 'expected'),
+    [
+        ('fifo', 'is no regular file'),
+        ('/dev/zero', 'is no regular file'),
+        ('folder', 'directory'),
+        ('nix', 'No such file'),
+        ('empty', 'does not begin as MCAP files do'),
+        ('loop', 'symbolic links'),
+    ],
+)
+def test_what_is_no_recording_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, expected: str
+) -> None:
+    os.mkfifo(tmp_path / 'fifo')
+    (tmp_path / 'folder').mkdir()
+    (tmp_path / 'empty').touch()
+    (tmp_path / 'loop').symlink_to('loop')
+    assert command_line.main(['replay', str(tmp_path / name)]) == 1
+    err = capsys.readouterr().err
+    assert len(err.splitlines()) == 1
+    assert expected in err
+    assert name in err
+
+
+def test_a_pipe_that_nobody_reads_is_one_line(tmp_path: Path) -> None:
+    path = simulate(20, MOVE).save(tmp_path / 'a.mcap')
+    reading, writing = os.pipe()
+    os.close(reading)
+    try:
+        done = replay(str(path), capture_output=False, stdout=writing, stderr=subprocess.PIPE)
+    finally:
+        os.close(writing)
+    assert_one_line(done, 'Broken pipe')
+
+
+@pytest.mark.skipif(not Path('/dev/full').exists(), reason='there is no full disk')
+def test_a_full_disk_is_one_line(tmp_path: Path) -> None:
+    path = simulate(20, MOVE).save(tmp_path / 'a.mcap')
+    with open('/dev/full', 'w') as full:
+        done = replay(str(path), capture_output=False, stdout=full, stderr=subprocess.PIPE)
+    assert_one_line(done, 'No space left')
+
+
+def test_a_name_that_no_terminal_should_show_is_escaped(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = simulate(20, MOVE)
+    name = '\x1b[2Jred\n\r\x07'
+    run.edit('pfd_ros', 'settings', lambda settings: settings.update(robot=name))
+    assert json.loads(run.head('pfd_ros')['settings'])['robot'] == name
+    status, text = told(run.save(tmp_path / 'a.mcap'), capsys)
+    assert status == 0
+    assert text.replace('\n', '').isprintable()
+    assert r'\x1b[2Jred' in text

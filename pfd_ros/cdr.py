@@ -53,19 +53,41 @@ class Reader:
         value: int = struct.unpack_from(self._order + 'I', self._data, self._take(4, 4))[0]
         return value
 
+    def count(self, least: int) -> int:
+        """Return the length of a sequence whose elements take `least` bytes or more each."""
+        count = self.uint32()
+        left = len(self._data) - self._at
+        if count * least > left:
+            raise ValueError(
+                f'message ends at byte {len(self._data)}, expected {count} elements of {least} '
+                f'bytes or more from byte {self._at} on'
+            )
+        return count
+
     def string(self) -> str:
         """Return a string."""
         size = self.uint32()
+        if size == 0:
+            # Not plain CDR, but so do some serialisers write an empty string.
+            return ''
         start = self._take(size, 1)
-        return bytes(self._data[start : start + size]).removesuffix(b'\0').decode('utf-8')
+        data = bytes(self._data[start : start + size])
+        if data[-1] != 0:
+            raise ValueError(f'string of {size} bytes at byte {start}, expected a closing zero')
+        try:
+            return data[:-1].decode('utf-8')
+        except UnicodeDecodeError as error:
+            raise ValueError(
+                f'string of {size} bytes at byte {start}, expected UTF-8: {error.reason}'
+            ) from error
 
     def strings(self) -> tuple[str, ...]:
         """Return a sequence of strings."""
-        return tuple(self.string() for _ in range(self.uint32()))
+        return tuple(self.string() for _ in range(self.count(4)))
 
     def numbers(self, kind: str) -> np.ndarray:
         """Return a sequence of eight-byte numbers, (count,); kind 'f8' or 'u8'."""
-        count = self.uint32()
+        count = self.count(8)
         if count == 0:
             # An empty sequence is not followed by the padding its elements would need.
             return np.zeros(0, kind)

@@ -58,7 +58,7 @@ def decode_joint_state(data: bytes) -> JointMessage:
 
 
 def _skip_layout(reader: Reader) -> None:
-    for _ in range(reader.uint32()):
+    for _ in range(reader.count(12)):
         reader.string()
         reader.uint32()
         reader.uint32()

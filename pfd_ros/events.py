@@ -14,7 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from pfd_ros.commands import Verdict
-from pfd_ros.convert import decode_rows
+from pfd_ros.convert import decode_rows, encode_rows
 from pfd_ros.head import settings_of, started_ns
 from pfd_ros.log import Entry, Log
 from pfd_ros.plant import Source
@@ -165,6 +165,8 @@ def _rows(entry: Entry) -> tuple[int, tuple[Row, ...]]:
     A command that overflowed was never taken; its row may come at any time.
     """
     decoded = decode_rows(entry.data, len(TAKEN_COLUMNS))
+    if encode_rows(decoded, TAKEN_COLUMNS) != entry.data:
+        raise ValueError(f'taken {entry.sequence} is not as the node writes it')
     for _, source, _, verdict in decoded:
         if source not in ROLE_OF_SOURCE or verdict not in Verdict._value2member_map_:
             raise ValueError(

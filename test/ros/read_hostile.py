@@ -9,6 +9,7 @@ A file that takes more than SECONDS of processor time is given up.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import contextlib
 import io
 import json
@@ -28,22 +29,34 @@ def give_up(*_: object) -> None:
     raise TooLongError
 
 
-def verify(path: str, seconds: float) -> dict[str, object]:
-    out, err = io.StringIO(), io.StringIO()
+@contextlib.contextmanager
+def bounded(seconds: float) -> Iterator[None]:
+    """Raise TooLongError after so much processor time of this process."""
+    before = signal.signal(signal.SIGPROF, give_up)
     signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+
+
+def verify(path: str, seconds: float) -> dict[str, object]:
+    out, err = io.StringIO(), io.StringIO()
+    try:
+        with (
+            contextlib.redirect_stdout(out),
+            contextlib.redirect_stderr(err),
+            bounded(seconds),
+        ):
             status = main(['replay', path, '--verify'])
     except BaseException:
         status = -1
         err.write(traceback.format_exc())
-    finally:
-        signal.setitimer(signal.ITIMER_PROF, 0)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return {'status': status, 'out': out.getvalue(), 'err': err.getvalue(), 'peak_mb': peak}
 
 
 if __name__ == '__main__':
-    signal.signal(signal.SIGPROF, give_up)
     for name in sys.argv[2:]:
         print(json.dumps(verify(name, float(sys.argv[1]))), flush=True)

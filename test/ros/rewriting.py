@@ -89,7 +89,7 @@ class Recording:
     ) -> Path:
         """Write the file; one that is not closed has no end record either."""
         with path.open('wb') as stream:
-            writer = Writer(stream, chunk_size, compression)
+            writer = Writer(stream, chunk_size, compression, enable_data_crcs=True)
             writer.start('ros2', 'test')
             for name, values in self.metadata:
                 if name != END:

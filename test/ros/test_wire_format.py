@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import random
 import struct
@@ -132,13 +133,63 @@ def test_rows_that_do_not_fill_up_are_refused() -> None:
         convert.decode_rows(data, 4)
 
 
+def joint_state(names: bytes) -> bytes:
+    """Return a JointState at time 0 in frame '' whose sequence of names is given as bytes."""
+    return convert.HEADER + bytes(8) + struct.pack('<I', 1) + bytes(4) + names
+
+
+@pytest.mark.parametrize(
+    ('names', 'expected'),
+    [
+        (struct.pack('<II', 1, 3) + b'abc' + bytes(13), 'expected a closing zero'),
+        (struct.pack('<II', 1, 3) + b'\xff\xfe\0' + bytes(13), 'expected UTF-8'),
+        (struct.pack('<II', 1, 1 << 31) + bytes(16), 'message ends at byte'),
+        (struct.pack('<I', (1 << 32) - 1) + bytes(16), 'expected 4294967295 elements'),
+        (struct.pack('<I', 5) + bytes(16), 'expected 5 elements of 4 bytes'),
+        (struct.pack('<II', 0, (1 << 32) - 1) + bytes(16), 'expected 4294967295 elements of 8'),
+        (struct.pack('<II', 0, 3) + bytes(23), 'message ends at byte'),
+    ],
+)
+def test_a_string_or_sequence_that_is_none_is_refused(names: bytes, expected: str) -> None:
+    with pytest.raises(ValueError, match=expected) as error:
+        convert.decode_joint_state(joint_state(names))
+    assert type(error.value) is ValueError
+
+
+def test_an_empty_string_may_come_without_its_zero() -> None:
+    got = convert.decode_joint_state(joint_state(struct.pack('<III', 2, 0, 0) + bytes(12)))
+    assert got.names == ('', '')
+
+
 def test_garbage_is_refused_with_a_value_error_and_nothing_else() -> None:
     draw = random.Random(3)
-    refused = 0
+    decoders = (
+        convert.decode_joint_state,
+        convert.decode_floats,
+        convert.decode_clock,
+        lambda data: convert.decode_rows(data, 4),
+    )
+    read = 0
     for _ in range(3000):
-        data = convert.HEADER + draw.randbytes(draw.randrange(80))
+        # Small numbers, or nearly everything would be a length that is too large.
+        data = bytes(draw.choice((0, 0, 0, 0, 1, 2, 4, 255)) for _ in range(draw.randrange(90)))
+        data = draw.choice((convert.HEADER, bytes(4), b'')) + data
+        for decode in decoders:
+            with contextlib.suppress(ValueError):
+                decode(data)
+                read += 1
+    assert 500 < read < 6000
+
+
+def test_a_flipped_bit_is_another_message_or_a_value_error() -> None:
+    q = np.array([1.0, -2.0])
+    good = convert.JointStateEncoder(['a', 'bcd'], 'base').encode(STAMP, q, q, q)
+    refused = 0
+    for at in range(8 * len(good)):
+        data = bytearray(good)
+        data[at // 8] ^= 1 << at % 8
         try:
-            convert.decode_joint_state(data)
+            convert.decode_joint_state(bytes(data))
         except ValueError:
             refused += 1
-    assert refused > 2900
+    assert 8 * 4 < refused < 4 * len(good)

@@ -30,7 +30,7 @@ FORMAT = '1'
 NAME = 'pfd_ros'
 END_NAME = 'pfd_ros_end'
 ROBOT = 'robot.yaml'
-# Some 500 joints.
+# Some thousand joints.
 ROBOT_LIMIT = 1 << 18
 # What the topics are to the node, and the type of each.
 TYPES = {

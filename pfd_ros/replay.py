@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -87,11 +88,7 @@ def _replay(log: Log, found: Survey, progress: Callable[[float], None] | None) -
         raise LogError(f'{log.path} holds no states, so there is nothing to verify')
     if found.summary.obstacle:
         raise LogError(f'{log.path} {found.summary.obstacle}')
-    text = log.robot_yaml
-    # A single line would be taken for the name of a robot or a file, and `<` for URDF.
-    if '\n' not in text or text.lstrip().startswith('<'):
-        raise LogError(f'{log.path} has no robot in its attachment {ROBOT!r}')
-    run = _Run(Plant(found.summary.settings, pfd.load_robot(text)))
+    run = _Run(Plant(found.summary.settings, _robot(log, found.state)))
     for count, event in enumerate(events(log)):
         run.follow(event)
         if progress is not None and count % 1000 == 0:
@@ -101,6 +98,19 @@ def _replay(log: Log, found: Survey, progress: Callable[[float], None] | None) -
     if run.plant.failure:
         found.summary.stopped_at = run.plant.step
         found.summary.failure = run.plant.failure
+
+
+def _robot(log: Log, state: bytes) -> Any:
+    """Return the robot of a recording; compiling one of other joints could take minutes."""
+    text = log.robot_yaml
+    # A single line would be taken for the name of a robot or a file, and `<` for URDF.
+    if '\n' not in text or text.lstrip().startswith('<'):
+        raise LogError(f'{log.path} has no robot in its attachment {ROBOT!r}')
+    robot = pfd.load_robot(text)
+    names = decode_joint_state(state).names
+    if sorted(names) != sorted(robot.joint_names):
+        raise DifferenceError(f'names: recorded {names!r}, its robot has {robot.joint_names!r}')
+    return robot
 
 
 @dataclass
@@ -168,7 +178,7 @@ class _Run:
         self._advance(event.step)
 
     def _receive(self, row: Row) -> None:
-        data = self.commands.pop((row.source, row.number))
+        data = self.commands.pop((row.source, row.number), b'')
         if row.verdict is Verdict.OVERFLOWED:
             return
         judged = self.plant.receive(row.source, data).verdict

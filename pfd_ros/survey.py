@@ -107,11 +107,14 @@ class Survey:
     altered
         Why the file is not the one that was closed, or ''; found by a digest, which cannot say
         where, so a replay should look first.
+    state
+        The last state, as it was recorded.
     """
 
     summary: Summary
     ending: Ending | None = None
     altered: str = ''
+    state: bytes = b''
 
 
 def survey(log: Log, progress: Callable[[float], None] | None = None) -> Survey:
@@ -160,8 +163,9 @@ def survey(log: Log, progress: Callable[[float], None] | None = None) -> Survey:
             obstacle=inbox.obstacle,
         ),
         ending_of(log),
+        state=states.data,
     )
-    _add_stop(found, states)
+    _add_stop(found)
     _check_complete(log, found, tallies)
     return found
 
@@ -197,7 +201,8 @@ class _Inbox:
             )
         for row in event.rows:
             size = self._sizes.pop((row.source, row.number), None)
-            if size is None and not self.obstacle:
+            # One that overflowed did nothing, whatever it was.
+            if size is None and not self.obstacle and row.verdict is not Verdict.OVERFLOWED:
                 self._block(
                     f'lacks command {row.number} of {ROLE_OF_SOURCE[row.source]}, '
                     f'taken before step {event.step}'
@@ -210,7 +215,7 @@ class _Inbox:
         self._bytes = 0
 
 
-def _add_stop(found: Survey, states: _Tally) -> None:
+def _add_stop(found: Survey) -> None:
     """Note whether and where the arm stopped: by the file's end, or its last stamp."""
     summary, ending = found.summary, found.ending
     if ending is not None:
@@ -218,7 +223,7 @@ def _add_stop(found: Survey, states: _Tally) -> None:
             summary.stopped_at, summary.failure = ending.steps, ending.failure
         return
     try:
-        stamp = decode_clock(states.data)
+        stamp = decode_clock(found.state)
     except ValueError:
         return
     done = (stamp - summary.settings.start_ns) // summary.settings.step_ns
@@ -271,7 +276,8 @@ def _check_totals(found: Survey, ending: Ending) -> None:
     if 'clock' in published:
         first = states * every if ending.failure else last
         ticks, each = published['clock'], settings.clock_every
-        if not first // each <= ticks <= last // each:
+        # A node that ends when it cannot publish a state has not come to its tick.
+        if not first // each - 1 <= ticks <= last // each:
             raise ValueError(
                 f'its end record counts {ticks} clock ticks, one in {each} of {last} steps'
             )

@@ -108,3 +108,28 @@ def test_report_speed_hands_the_folder_to_the_benchmark(
     )
     assert command_line.main(['report', 'speed', '--out', str(tmp_path)]) == 0
     assert asked == [tmp_path]
+
+
+def test_ctrl_c_is_no_traceback(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr('pfd_ros.replay_text.run', interrupt)
+    assert command_line.main(['replay', 'a.mcap']) == 130
+    assert capsys.readouterr() == ('', '')
+
+
+def test_an_error_of_several_lines_is_told_in_one(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise ValueError('not YAML:\n  line 1\n\x1b[2Jand ' + 'x' * 10_000)
+
+    monkeypatch.setattr('pfd_ros.replay_text.run', refuse)
+    assert command_line.main(['replay', 'a.mcap']) == 1
+    told = capsys.readouterr().err
+    assert told.startswith(r'pfd replay: not YAML: line 1 \x1b[2Jand xxx')
+    assert told.count('\n') == 1
+    assert len(told) < 1000

@@ -401,6 +401,11 @@ altered(
 ALIASES = 'a: &a [x, x, x, x, x, x, x, x, x]\n' + ''.join(
     f'{chr(98 + k)}: &{chr(98 + k)} [{", ".join(["*" + chr(97 + k)] * 9)}]\n' for k in range(12)
 )
+LONG = 'robot: x\njoints:\n' + ''.join(
+    f'- {{name: j{k}, type: revolute, mass: 1.0, inertia: {{xx: 0.1, yy: 0.1, zz: 0.1}}, '
+    'dh: {a: 0.1, d: 0, alpha_deg: 0, theta_deg: 0}}\n'
+    for k in range(500)
+)
 ROBOTS = {
     'name': b'puma560',
     'file': b'/dev/zero.yaml',
@@ -413,11 +418,13 @@ ROBOTS = {
     'empty': b'',
     'tag': b'robot: !!python/object/apply:os.system ["true"]\njoints: []\n',
     'nothing': b'robot: x\njoints: []\n',
+    # Valid, and minutes to compile.
+    'long': LONG.encode(),
 }
 for NAME, TEXT in ROBOTS.items():
     altered(
         f'robot_{NAME}',
-        'GOLDEN',
+        'its robot has' if NAME == 'long' else 'GOLDEN',
         lambda r, text=TEXT: setattr(r, 'attachments', [('robot.yaml', text)]),
     )
 altered('no_robot', 'no robot in its attachment', lambda r: r.attachments.clear())

@@ -162,7 +162,8 @@ def survey(log: Log, progress: Callable[[float], None] | None = None) -> Survey:
             last_ns=span[1],
             obstacle=inbox.obstacle,
         ),
-        ending_of(log),
+        # It may lie before the last chunk, which a cut-off file lacks.
+        ending_of(log) if log.complete else None,
         state=states.data,
     )
     _add_stop(found)

@@ -11,7 +11,7 @@ damaged number would otherwise be simulated through.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from pfd_ros.commands import Verdict
 from pfd_ros.convert import decode_rows, encode_rows
@@ -33,8 +33,7 @@ AHEAD = 1.0
 _TAKEN, _STATE, _TICK = range(3)
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(NamedTuple):
     """What became of one command; `number` is the one of its message."""
 
     source: Source
@@ -42,8 +41,7 @@ class Row:
     verdict: Verdict
 
 
-@dataclass(frozen=True)
-class Event:
+class Event(NamedTuple):
     """One message in its place.
 
     Attributes
@@ -95,9 +93,10 @@ class _Order:
     """Checks that each event can follow the ones before it."""
 
     def __init__(self, log: Log) -> None:
-        self._settings = settings_of(log)
-        factor = self._settings.real_time_factor
-        nominal = factor / self._settings.step_size if factor else FASTEST
+        settings = settings_of(log)
+        self._publish_every, self._clock_every = settings.publish_every, settings.clock_every
+        factor = settings.real_time_factor
+        nominal = factor / settings.step_size if factor else FASTEST
         self._rate = min(nominal, FASTEST)
         self._started_ns = self._last_ns = started_ns(log)
         self._last = dict.fromkeys(log.roles.values(), 0)
@@ -122,10 +121,10 @@ class _Order:
             if step:
                 self._follow(entry, (step, _TAKEN))
         elif role == 'joint_states':
-            step = number * self._settings.publish_every
+            step = number * self._publish_every
             self._follow(entry, (step, _STATE))
         else:
-            step = number * self._settings.clock_every
+            step = number * self._clock_every
             self._follow(entry, (step, _TICK))
         return Event(role, number, lost, step, entry.log_ns, entry.data, rows)
 

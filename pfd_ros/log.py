@@ -11,7 +11,7 @@ import json
 import os
 from pathlib import Path
 import stat
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple
 
 from pfd_ros import convert
 from pfd_ros.mcap_records import (
@@ -80,8 +80,7 @@ def strict_json(text: str) -> Any:
     return json.loads(text, parse_constant=refuse, object_pairs_hook=unique)
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(NamedTuple):
     """One recorded message; `role` is what the topic is to the node ('joint_states', ...)."""
 
     role: str

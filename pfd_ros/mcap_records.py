@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 import struct
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 import zlib
 
 import lz4.frame
@@ -77,8 +77,7 @@ class Channel:
     encoding: str
 
 
-@dataclass(frozen=True)
-class Message:
+class Message(NamedTuple):
     """A message on a channel; times in ns."""
 
     channel_id: int
@@ -316,7 +315,12 @@ def _unpacked(body: memoryview) -> Iterator[Record]:
             raise ValueError(f'a chunk holds a record of kind {opcode:#04x}, {length} bytes')
         if length > _LIMITS.get(opcode, RECORD_LIMIT):
             raise ValueError(f'a record of {length} bytes, expected at most {_LIMITS[opcode]}')
-        yield from _parsed(opcode, data[at : at + length])
+        if opcode == Opcode.MESSAGE and length >= _MESSAGE.size:
+            # Nearly all of a file, so without detours.
+            channel, sequence, log_ns, _ = _MESSAGE.unpack_from(data, at)
+            yield Message(channel, sequence, log_ns, bytes(data[at + _MESSAGE.size : at + length]))
+        else:
+            yield from _parsed(opcode, data[at : at + length])
         at += length
 
 

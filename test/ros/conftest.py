@@ -52,11 +52,15 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
         peer.connect()
         peer.let_pass(100)
         for k in range(20):
-            peer.command(JOINTS[:3], [0.1 * k, -1.0, 0.5])
+            # The node keeps one command of a topic: the next may only follow when it is taken.
+            efforts = [0.1 * k, -1.0, 0.5]
+            peer.command(JOINTS[:3], efforts)
+            peer.wait(lambda efforts=efforts: list(peer.states[-1].effort[:3]) == efforts)
             peer.let_pass(5)
         peer.command(['nobody'], [1.0])
-        peer.let_pass(10)
+        peer.let_pass(100)
         peer.plain_command([0.0, 1.0, 0.0, 0.1, 0.0, 0.1])
+        peer.wait(lambda: list(peer.states[-1].effort) == [0.0, 1.0, 0.0, 0.1, 0.0, 0.1])
         peer.let_pass(100)
         assert arm.end(signal.SIGINT) == 0, arm.text()
         yield processes.folder / 'arm.mcap'

@@ -411,6 +411,7 @@ ROBOTS = {
     'file': b'/dev/zero.yaml',
     'urdf': b'<robot name="x"/>\n',
     'aliases': ALIASES.encode() + b'robot: *l\njoints: *l\n',
+    'aliases_in_a_name': ALIASES.encode() + b'robot: *l\njoints: 5\n',
     'nested': b'robot: ' + b'[' * 5000 + b'\n',
     'huge': b'# ' + b'x' * (1 << 20) + b'\n',
     'digits': b'robot: x\njoints:\n- {name: a, type: revolute, mass: 1' + b'0' * 400 + b'}\n',

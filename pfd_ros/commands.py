@@ -16,6 +16,7 @@ from enum import IntEnum
 import numpy as np
 
 from pfd_ros.convert import JointMessage
+from pfd_ros.text import NAME_COUNT, cut, listed
 
 
 class Verdict(IntEnum):
@@ -33,6 +34,7 @@ class Verdict(IntEnum):
     ALL_NAN = 9
     WRONG_SIZE = 10
     NOT_FINITE = 11
+    # Never judged: newer commands needed its place before the next step.
     OVERFLOWED = 12
 
 
@@ -43,13 +45,17 @@ ERRORS = frozenset({Verdict.INFINITE, Verdict.NOT_FINITE})
 
 @dataclass(frozen=True)
 class Command:
-    """One message, judged: the joints (model order) it commands and their efforts."""
+    """One message, judged: the joints (model order) it commands and their efforts.
+
+    `unknown` holds the first few names that are of no joint, cut; `unknown_count` counts all.
+    """
 
     verdict: Verdict
     detail: str = ''
     joints: tuple[int, ...] = ()
     efforts: tuple[float, ...] = ()
     unknown: tuple[str, ...] = ()
+    unknown_count: int = 0
 
 
 @dataclass(frozen=True)
@@ -117,10 +123,14 @@ def judge_named(message: JointMessage, index: Mapping[str, int], since_ns: int) 
 def _named_efforts(
     names: Sequence[str], efforts: Sequence[float], index: Mapping[str, int]
 ) -> Command:
-    unknown = tuple(name for name in names if name not in index)
-    if len(unknown) == len(names):
+    strange = [name for name in names if name not in index]
+    unknown = tuple(cut(name) for name in strange[:NAME_COUNT])
+    if len(strange) == len(names):
         return Command(
-            Verdict.UNKNOWN_NAMES, f'none of {list(names)} is a joint of the arm', unknown=unknown
+            Verdict.UNKNOWN_NAMES,
+            f'none of {listed(names)} is a joint of the arm',
+            unknown=unknown,
+            unknown_count=len(strange),
         )
     # NaN is the one number that differs from itself: no command for that joint.
     given = [
@@ -129,9 +139,11 @@ def _named_efforts(
         if name in index and effort == effort
     ]
     if not given:
-        return Command(Verdict.ALL_NAN, 'every effort is NaN', unknown=unknown)
+        return Command(
+            Verdict.ALL_NAN, 'every effort is NaN', unknown=unknown, unknown_count=len(strange)
+        )
     joints, values = zip(*given, strict=True)
-    return Command(Verdict.ACCEPTED, '', joints, values, unknown)
+    return Command(Verdict.ACCEPTED, '', joints, values, unknown, len(strange))
 
 
 def judge_array(efforts: np.ndarray, order: Sequence[int]) -> Command:

@@ -18,6 +18,10 @@ import pfd_core as pfd
 from pfd_ros import convert
 from pfd_ros.commands import Command, Verdict, held, judge_array, judge_named, merge
 from pfd_ros.settings import NANOSECONDS, Settings
+from pfd_ros.text import cut, listed, one_line
+
+# A command for ten joints has half a kilobyte; decoding this much takes about a second.
+LARGEST_MESSAGE = 1 << 22
 
 
 class Source(IntEnum):
@@ -30,7 +34,10 @@ class Source(IntEnum):
 def load_robot(settings: Settings) -> Any:
     """Return the robot that the settings name."""
     return pfd.load_robot(
-        settings.robot, base=settings.base_link or None, tip=settings.tip_link or None
+        settings.robot,
+        base=settings.base_link or None,
+        tip=settings.tip_link or None,
+        locked=dict(settings.locked) or None,
     )
 
 
@@ -47,7 +54,7 @@ def joint_order(wanted: Sequence[str], robot: Any) -> tuple[int, ...]:
         return tuple(range(robot.n))
     if sorted(wanted) != sorted(names):
         raise ValueError(
-            f'joints is {list(wanted)}, expected each joint of {robot.name!r} once: {names}'
+            f'joints is {listed(wanted)}, expected each joint of {cut(robot.name)!r} once: {names}'
         )
     return tuple(names.index(name) for name in wanted)
 
@@ -118,13 +125,15 @@ class Plant:
     def receive(self, source: int, data: bytes) -> Command:
         """Judge one message and let it act from the next step on."""
         try:
+            if len(data) > LARGEST_MESSAGE:
+                raise ValueError(f'{len(data)} bytes, expected {LARGEST_MESSAGE} at most')
             if source == Source.NAMED:
                 message = convert.decode_joint_state(data)
                 command = judge_named(message, self._index, self.settings.start_ns)
             else:
                 command = judge_array(convert.decode_floats(data), self.order)
         except ValueError as error:
-            command = Command(Verdict.MALFORMED, str(error))
+            command = Command(Verdict.MALFORMED, one_line(error))
         self._drive = merge(self._drive, command)
         return command
 

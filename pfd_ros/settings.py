@@ -8,17 +8,26 @@ replay reads them back from the file, so both run the same simulation. No ROS in
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import dataclasses
 from dataclasses import dataclass
 import json
 import math
 from typing import Any
 
+from pfd_ros.text import cut, listed
+
 NANOSECONDS = 1_000_000_000
 # How far a product of step size and rate may lie from a whole number before it is refused:
 # decimal fractions such as 1/3 kHz carry that much rounding.
 WHOLE = 1e-6
+# No arm comes near; a mistaken file must not fill a log or the memory.
+MOST_VALUES = 1000
+LONGEST_TEXT = 1 << 20
+# Slower than this, a period in nanoseconds is no number to count with.
+SLOWEST_FACTOR = 1e-6
+# One message in so many steps is none.
+SLOWEST_SHARE = 1e-12
 
 
 def _field(
@@ -44,6 +53,9 @@ class Settings:
     tip_link: str = _field('', "Last link of the chain; '' takes the only leaf of the model")
     joints: tuple[str, ...] = _field(
         (), 'Order of the joints in states and in ~/commands; empty takes the order of the model'
+    )
+    locked: tuple[tuple[str, float], ...] = _field(
+        (), 'Joints to weld, such as those of a gripper, each with its position, rad or m'
     )
     step_size: float = _field(0.001, 'Simulated time per step, s', 1e-5, 0.1)
     substeps: int = _field(2, 'Steps of the integrator per step', 1, 100)
@@ -78,6 +90,14 @@ class Settings:
             _check_range(field.name, getattr(self, field.name), field.metadata['range'])
         if len(self.gravity) != 3:
             raise ValueError(f'gravity needs 3 numbers (x, y, z), got {len(self.gravity)}')
+        names = [name for name, _ in self.locked]
+        if len(set(names)) < len(names):
+            raise ValueError(f'locked names a joint twice: {listed(names)}')
+        if 0.0 < self.real_time_factor < SLOWEST_FACTOR:
+            raise ValueError(
+                f'real_time_factor is {self.real_time_factor!r}, '
+                f'expected 0 or {SLOWEST_FACTOR!r} and more'
+            )
         if not self.robot:
             raise ValueError('robot is empty; name one that `pfd robots` lists, or a file')
         if abs(self.step_ns / NANOSECONDS - self.step_size) > WHOLE * self.step_size:
@@ -109,6 +129,8 @@ class Settings:
     def _steps_per(self, name: str, rate: float) -> int:
         if rate == 0.0:
             return 1
+        if rate * self.step_size < SLOWEST_SHARE:
+            raise ValueError(f'{name} is {rate!r} Hz, expected more, or 0 for every step')
         steps = 1.0 / (rate * self.step_size)
         whole = round(steps)
         if whole < 1 or abs(steps - whole) > WHOLE * steps:
@@ -120,9 +142,10 @@ class Settings:
 
 
 def _check_finite(name: str, value: Any) -> None:
-    numbers = value if isinstance(value, tuple) else (value,)
-    for number in numbers:
-        if isinstance(number, float) and not math.isfinite(number):
+    for number in value if isinstance(value, tuple) else (value,):
+        if isinstance(number, tuple):
+            _check_finite(f'{name}.{cut(number[0])}', number[1])
+        elif isinstance(number, float) and not math.isfinite(number):
             raise ValueError(f'{name} holds {number!r}, expected finite numbers')
 
 
@@ -133,7 +156,8 @@ def _check_range(name: str, value: Any, span: tuple[float, float] | None) -> Non
 
 def to_json(settings: Settings) -> str:
     """Return the settings as JSON text; every number comes back with the same bits."""
-    return json.dumps(dataclasses.asdict(settings), sort_keys=True)
+    values = dataclasses.asdict(settings) | {'locked': dict(settings.locked)}
+    return json.dumps(values, sort_keys=True)
 
 
 def from_json(text: str) -> Settings:
@@ -144,16 +168,100 @@ def from_json(text: str) -> Settings:
     ValueError
         If the text is no JSON object, names an unknown setting, or a value is refused.
     """
-    values = json.loads(text)
-    if not isinstance(values, dict):
-        raise ValueError(f'the settings are {type(values).__name__}, expected a JSON object')
+    try:
+        values = json.loads(text)
+    except RecursionError:
+        raise ValueError('the settings are nested too deep, expected a JSON object') from None
     return from_values(values)
 
 
 def from_values(values: Mapping[str, Any]) -> Settings:
-    """Return settings from a mapping; what is not named keeps its default."""
-    known = {field.name for field in dataclasses.fields(Settings)}
-    unknown = sorted(set(values) - known)
+    """Return settings from a mapping; what is not named keeps its default.
+
+    Parameters
+    ----------
+    values
+        Name -> value; lists and tuples are the same, `locked` is a mapping too.
+
+    Raises
+    ------
+    ValueError
+        If a name is not known, or a value has the wrong type or is refused.
+    """
+    if not isinstance(values, Mapping):
+        raise ValueError(f'the settings are {type(values).__name__}, expected a JSON object')
+    fields = {field.name: field for field in dataclasses.fields(Settings)}
+    unknown = [str(name) for name in values if name not in fields]
     if unknown:
-        raise ValueError(f'unknown settings {unknown}; the file is from another version of pfd')
-    return Settings(**{name: tuple(v) if isinstance(v, list) else v for name, v in values.items()})
+        raise ValueError(
+            f'unknown settings {listed(sorted(unknown))}; the file is from another version of pfd'
+        )
+    return Settings(
+        **{name: _READERS[str(fields[name].type)](name, value) for name, value in values.items()}
+    )
+
+
+def _wrong(name: str, value: Any, expected: str) -> ValueError:
+    shown = cut(repr(value) if isinstance(value, str | int | float) else type(value).__name__)
+    return ValueError(f'{name} is {shown}, expected {expected}')
+
+
+def _text(name: str, value: Any) -> str:
+    if not isinstance(value, str):
+        raise _wrong(name, value, 'text')
+    if len(value) > LONGEST_TEXT or '\0' in value:
+        raise ValueError(
+            f'{name} is {cut(value)!r}, expected {LONGEST_TEXT} characters at most and no NUL'
+        )
+    return value
+
+
+def _flag(name: str, value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise _wrong(name, value, 'true or false')
+    return value
+
+
+def _whole(name: str, value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise _wrong(name, value, 'a whole number')
+    return value
+
+
+def _number(name: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise _wrong(name, value, 'a number')
+    try:
+        return float(value)
+    except OverflowError:
+        raise ValueError(f'{name} is a number too large for a float') from None
+
+
+def _values(name: str, value: Any, read: Callable[[str, Any], Any]) -> tuple[Any, ...]:
+    if not isinstance(value, list | tuple):
+        raise _wrong(name, value, 'a list')
+    if len(value) > MOST_VALUES:
+        raise ValueError(f'{name} holds {len(value)} values, expected {MOST_VALUES} at most')
+    return tuple(read(name, entry) for entry in value)
+
+
+def _positions(name: str, value: Any) -> tuple[tuple[str, float], ...]:
+    """Read joint name -> position; the order does not matter, so it is always the same."""
+    if not isinstance(value, Mapping):
+        raise _wrong(name, value, 'a position for each name')
+    if len(value) > MOST_VALUES:
+        raise ValueError(f'{name} holds {len(value)} values, expected {MOST_VALUES} at most')
+    pairs = ((_text(name, joint), position) for joint, position in value.items())
+    return tuple(sorted((joint, _number(f'{name}.{cut(joint)}', p)) for joint, p in pairs))
+
+
+# By the annotation of the field.
+_READERS: dict[str, Callable[[str, Any], Any]] = {
+    'str': _text,
+    'bool': _flag,
+    'int': _whole,
+    'float': _number,
+    'tuple[str, ...]': lambda name, value: _values(name, value, _text),
+    'tuple[float, ...]': lambda name, value: _values(name, value, _number),
+    'tuple[tuple[str, float], ...]': _positions,
+}

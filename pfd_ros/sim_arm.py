@@ -8,7 +8,6 @@ bytes into a queue. See docs/decisions/0003-executor-and-stepping-thread.md.
 
 from __future__ import annotations
 
-from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 import itertools
@@ -17,6 +16,7 @@ from pathlib import Path
 import time
 from typing import Any
 
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -25,16 +25,22 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from pfd_ros import convert, parameters, provenance
-from pfd_ros.commands import ERRORS, QUIET, Verdict
+from pfd_ros.commands import ERRORS, QUIET, Command, Verdict
+from pfd_ros.inbox import Inbox
+from pfd_ros.notices import Notices
+from pfd_ros.outlet import Outlet
+from pfd_ros.peers import Peers, type_name
 from pfd_ros.plant import Plant, Source, load_robot
 from pfd_ros.recording import Recorder, TimeBase, Topic
 from pfd_ros.replay import ROLE_OF_SOURCE, TAKEN_COLUMNS
 from pfd_ros.schedule import Schedule
 from pfd_ros.settings import NANOSECONDS
+from pfd_ros.tally import Tally
+from pfd_ros.text import cut, listed
 
 NAME = 'sim_arm'
-# Commands that wait for the next step; more than that is a flood, not control.
-INBOX_LIMIT = 1000
+# Rows of one message on ~/applied_commands: after a flood there may be a million.
+MOST_ROWS = 4096
 # At unlimited speed the arm waits for the disk from this backlog on.
 BACKLOG_LIMIT = 0.25
 # The channels of the recording; the commands come first, by Source.
@@ -49,6 +55,7 @@ KINDS = (
 TAKEN, STATES, CLOCK = 2, 3, 4
 # What a replay cannot do without.
 VITAL = frozenset(ROLES[:3])
+OVERFLOWED = Command(Verdict.OVERFLOWED, 'newer ones came before the next step')
 
 
 def qos_of(profile: QoSProfile) -> str:
@@ -78,42 +85,73 @@ class SimArm(Node):
         factor = self.settings.real_time_factor
         self.schedule = Schedule(self.settings.step_ns / factor if factor else 0)
         self.cycles = 0
-        self.verdicts: Counter[tuple[int, Verdict]] = Counter()
-        self.unknown: Counter[str] = Counter()
-        self.overflowed = 0
+        self.tally = Tally()
+        self.callback_failures = 0
+        self._callback_failure = ''
         self._published = 0
         self._ticks = 0
         self._taken = 0
-        self._details: dict[tuple[int, Verdict], str] = {}
-        self._told: Counter[Any] = Counter()
-        self._inbox: deque[tuple[int, int, bytes]] = deque()
+        self._notices = Notices(self.get_logger())
+        self._inbox = Inbox()
         self._recorder: Recorder | None = None
         self._connect(robot)
-        for name in parameters.misspelt(self):
-            self.get_logger().warning(f'parameter {name!r} is not one of mine; misspelt?')
+        misspelt = parameters.misspelt(self)
+        if misspelt:
+            self._notices.once('misspelt', f'not parameters of this node: {misspelt}; misspelt?')
+        for name in ('armature', 'damping'):
+            if getattr(self.settings, name) and not getattr(robot, name).any():
+                self._notices.once(
+                    name, f'{name} is true, but the model of {cut(robot.name)!r} states none'
+                )
 
     def _connect(self, robot: Any) -> None:
         """Create the endpoints, and last the recording: a refused parameter leaves no file."""
         overridable = {'qos_overriding_options': QoSOverridingOptions.with_default_policies()}
-        self._state_publisher = self.create_publisher(
-            JointState, 'joint_states', QoSProfile(depth=10), **overridable
+        # The graph tells it with names and cures, and only once: peers.py.
+        silent = PublisherEventCallbacks(use_default_callbacks=False)
+        states = self.create_publisher(
+            JointState, 'joint_states', QoSProfile(depth=10), event_callbacks=silent, **overridable
         )
-        self._clock_publisher = (
-            self.create_publisher(Clock, '/clock', QoSProfile(depth=1), **overridable)
+        clock = (
+            self.create_publisher(
+                Clock, '/clock', QoSProfile(depth=1), event_callbacks=silent, **overridable
+            )
             if self.settings.publish_clock
             else None
         )
-        ends: list[Any] = [
+        self._commands = [
             self.create_subscription(
-                kind, topic, self._listen(source), QoSProfile(depth=1), raw=True, **overridable
+                kind,
+                topic,
+                self._listen(source),
+                QoSProfile(depth=1),
+                raw=True,
+                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+                **overridable,
             )
             for source, (kind, topic) in enumerate(
                 ((JointState, 'joint_commands'), (Float64MultiArray, '~/commands'))
             )
         ]
+        self._outlets = {STATES: Outlet(states)} | ({CLOCK: Outlet(clock)} if clock else {})
+        self._peers = Peers(self, self._commands, states, clock, self._notices)
         if self.settings.recording:
-            ends += [None, self._state_publisher, self._clock_publisher]
-            self._recorder = self._start_recording(robot, ends)
+            self._recorder = self._start_recording(robot, [*self._commands, None, states, clock])
+
+    def introduce(self) -> None:
+        """Log what the node listens to and what it publishes, by resolved names."""
+        named, plain = self._commands
+        order = ', '.join(cut(name) for name in self.plant.names)
+        published = ' and '.join(
+            f'{o.publisher.topic_name} ({type_name(o.publisher)})' for o in self._outlets.values()
+        )
+        log = self.get_logger()
+        log.info(
+            f'takes commands on {named.topic_name} ({type_name(named)}: name and effort) and '
+            f'{plain.topic_name} ({type_name(plain)}: efforts in this order: {order})'
+        )
+        log.info(f'publishes {published}')
+        log.info(f'{cut(self.settings.robot)}: {len(self.plant.names)} joints, held')
 
     def _start_recording(self, robot: Any, ends: list[Any]) -> Recorder:
         """Open the file; `ends` are the endpoints of the channels, None where there is none."""
@@ -138,15 +176,17 @@ class SimArm(Node):
         numbers = itertools.count(1)
 
         def on_message(data: bytes) -> None:
-            if len(self._inbox) >= INBOX_LIMIT:
-                self.overflowed += 1
-                return
             number = next(numbers)
             if self._recorder is not None:
                 self._recorder.record(source, number, data)
-            self._inbox.append((source, number, data))
+            self._inbox.put(source, number, data)
 
         return on_message
+
+    def callback_failed(self, error: Exception) -> None:
+        """Count a callback that raised: a fault, but no reason to let the arm go deaf."""
+        self.callback_failures += 1
+        self._callback_failure = f'{type(error).__name__}: {error}'
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Step on schedule until `stopped` says so."""
@@ -160,8 +200,11 @@ class SimArm(Node):
             self.cycle()
 
     def _waits_for_disk(self) -> bool:
-        free = self.schedule.period_ns == 0
-        return free and self._recorder is not None and self._recorder.backlog > BACKLOG_LIMIT
+        recorder = self._recorder
+        if recorder is None or self.schedule.period_ns:
+            return False
+        # What waits when the disk has failed will wait for ever.
+        return not recorder.failed and recorder.backlog > BACKLOG_LIMIT
 
     def cycle(self) -> None:
         """Take what came in, do one step, publish: the state before the clock."""
@@ -170,72 +213,88 @@ class SimArm(Node):
         self.plant.advance()
         if self.cycles % self.settings.publish_every == 0:
             self._published += 1
-            self._send(STATES, self._published, self.plant.state(), self._state_publisher)
-        if self._clock_publisher is not None and self.cycles % self.settings.clock_every == 0:
+            self._send(STATES, self._published, self.plant.state())
+        if CLOCK in self._outlets and self.cycles % self.settings.clock_every == 0:
             self._ticks += 1
-            self._send(CLOCK, self._ticks, self.plant.clock(), self._clock_publisher)
+            self._send(CLOCK, self._ticks, self.plant.clock())
 
-    def _send(self, topic: int, number: int, data: bytes, publisher: Any) -> None:
+    def _send(self, topic: int, number: int, data: bytes) -> None:
         """Record and publish the same bytes; recorded first, so that no answer precedes it."""
         if self._recorder is not None:
             self._recorder.record(topic, number, data)
-        publisher.publish(data)
+        self._outlets[topic].send(data)
 
     def _take_commands(self) -> None:
         """Give the plant what waits, and record before which step it was taken."""
-        rows = []
-        while self._inbox:
-            source, number, data = self._inbox.popleft()
+        waiting = self._inbox.take()
+        rows: list[tuple[int, int, int, Verdict]] = []
+        for source, numbers in waiting.dropped.items():
+            self.tally.add(source, OVERFLOWED, len(numbers))
+            rows += ((self.cycles, source, number, Verdict.OVERFLOWED) for number in numbers)
+        for source, number, data in waiting.commands:
             command = self.plant.receive(source, data)
-            key = source, command.verdict
-            self.verdicts[key] += 1
-            self._details[key] = command.detail
-            self.unknown.update(command.unknown)
+            self.tally.add(source, command)
             rows.append((self.cycles, source, number, command.verdict))
-        if rows and self._recorder is not None:
+        if self._recorder is None:
+            return
+        for start in range(0, len(rows), MOST_ROWS):
             self._taken += 1
-            self._recorder.record(TAKEN, self._taken, convert.encode_rows(rows, TAKEN_COLUMNS))
+            data = convert.encode_rows(rows[start : start + MOST_ROWS], TAKEN_COLUMNS)
+            self._recorder.record(TAKEN, self._taken, data)
 
-    def report(self) -> None:
+    def report(self, *, last: bool = False) -> None:
         """Log what went wrong since the last call; called about once a second."""
-        for (source, verdict), count in list(self.verdicts.items()):
-            if verdict in QUIET:
-                continue
-            detail = self._details[source, verdict][:200]
-            text = (
-                f'{{}} messages on {ROLE_OF_SOURCE[Source(source)]} dropped: '
-                f'{verdict.name.lower()} ({detail})'
-            )
-            self._tell((source, verdict), count, text, error=verdict in ERRORS)
-        unknown = sorted(self.unknown)[:8]
-        self._tell('unknown', sum(self.unknown.values()), f'{{}} unknown joint names: {unknown}')
-        self._tell('inbox', self.overflowed, '{} commands dropped: they came too fast')
-        self._tell('missed', self.schedule.missed, '{} periods missed: this machine is too slow')
+        tell = self._notices.count
+        for (source, verdict), (count, detail) in self.tally.verdicts().items():
+            if verdict not in QUIET:
+                text = (
+                    f'messages on {ROLE_OF_SOURCE[Source(source)]} dropped: '
+                    f'{verdict.name.lower()} ({detail})'
+                )
+                tell((source, verdict), count, text, error=verdict in ERRORS, last=last)
+        count, names = self.tally.unknown()
+        tell('unknown', count, f'unknown joint names: {listed(names)}', last=last)
+        missed = self.schedule.missed
+        tell('missed', missed, 'periods missed: this machine is too slow', last=last)
+        for outlet in self._outlets.values():
+            topic = outlet.publisher.topic_name
+            text = f'messages not published on {topic}, a reader takes none: {outlet.detail}'
+            tell(topic, outlet.refused, text, last=last)
         if self._recorder is not None and not self._recorder.failed:
             dropped = sum(self._recorder.dropped)
-            self._tell('recorder', dropped, '{} messages not recorded: the disk is too slow')
-        failed = bool(self.plant.failure)
-        self._tell('plant', failed, f'simulation stopped: {self.plant.failure}', error=True)
+            tell('recorder', dropped, 'messages not recorded: the disk is too slow', last=last)
+        text = f'callbacks failed, the newest by {self._callback_failure}'
+        tell('callbacks', self.callback_failures, text, error=True, last=last)
+        if self.plant.failure:
+            self._notices.once('plant', f'simulation stopped: {self.plant.failure}', error=True)
+        if not last:
+            self._peers.look()
 
-    def _tell(self, key: Any, count: int, text: str, *, error: bool = False) -> None:
-        new = count - self._told[key]
-        if new > 0:
-            self._told[key] = count
-            # Not a conditional call: rclpy wants one severity for one line.
-            if error:
-                self.get_logger().error(text.format(new))
-            else:
-                self.get_logger().warning(text.format(new))
+    def problems(self) -> list[str]:
+        """Return why the run was no success, though it came to its end."""
+        found = []
+        if self.plant.failure:
+            found.append('the simulation did not go on to the end')
+        if self._recorder is not None:
+            topics = zip(self._recorder.topics, self._recorder.dropped, strict=True)
+            lost = sum(count for topic, count in topics if topic.vital)
+            if self._recorder.failed:
+                found.append('the recording does not hold everything')
+            elif lost:
+                found.append(f'the recording lacks {lost} messages that a replay needs')
+        return found
 
     def totals(self) -> dict[str, Any]:
         """Return what the node did, as numbers."""
-        accepted = sum(n for (_, v), n in self.verdicts.items() if v is Verdict.ACCEPTED)
+        verdicts = self.tally.verdicts()
+        accepted = sum(n for (_, v), (n, _) in verdicts.items() if v is Verdict.ACCEPTED)
         return {
             'steps': self.plant.step,
             'simulated_seconds': self.plant.step * self.settings.step_ns / NANOSECONDS,
             'states': self._published,
+            'not_published': sum(outlet.refused for outlet in self._outlets.values()),
             'commands_accepted': accepted,
-            'commands_dropped': sum(self.verdicts.values()) - accepted + self.overflowed,
+            'commands_dropped': sum(n for n, _ in verdicts.values()) - accepted,
             'late_steps': self.schedule.late,
             'missed_periods': self.schedule.missed,
             'failure': self.plant.failure,

@@ -9,6 +9,7 @@ import importlib.util
 import itertools
 import os
 from pathlib import Path
+import resource
 import signal
 import subprocess
 import sys
@@ -22,7 +23,24 @@ PATIENCE = 60.0
 HAS_ROS = importlib.util.find_spec('rclpy') is not None
 NODE = ('-m', 'pfd_ros.node')
 JOINTS = tuple(f'joint{i}' for i in range(1, 7))
+FAULTY = str(Path(__file__).with_name('faulty.py'))
+READER = str(Path(__file__).with_name('reader.py'))
 _domains = itertools.count(os.getpid())
+
+
+def example_robot(path: str) -> Path:
+    """Return a robot of the package example-robot-data, which lies beside Pinocchio."""
+    pinocchio = importlib.util.find_spec('pinocchio')
+    assert pinocchio is not None
+    assert pinocchio.origin is not None
+    prefix = Path(pinocchio.origin).parents[4]
+    return prefix / 'share' / 'example-robot-data' / 'robots' / path
+
+
+def resident_bytes(pid: int) -> int:
+    """Return how much memory a process holds."""
+    pages = int(Path(f'/proc/{pid}/statm').read_text(encoding='ascii').split()[1])
+    return pages * resource.getpagesize()
 
 
 def environment(domain: int) -> dict[str, str]:
@@ -82,7 +100,14 @@ class Processes:
 
     def arm(self, *ros_args: str, ready: bool = True) -> Process:
         """Start a node; with `ready`, return once it steps."""
-        process = self.python(*NODE, '--ros-args', *ros_args)
+        return self._node(NODE, ros_args, ready)
+
+    def faulty(self, fault: str, *ros_args: str, ready: bool = True) -> Process:
+        """Start a node with a fault in it; see faulty.py."""
+        return self._node((FAULTY, fault), ros_args, ready)
+
+    def _node(self, command: Sequence[str], ros_args: Sequence[str], ready: bool) -> Process:
+        process = self.python(*command, '--ros-args', *ros_args)
         if ready:
             process.wait_for_text('joints, held')
         return process

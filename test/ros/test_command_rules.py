@@ -9,6 +9,7 @@ import pytest
 
 from pfd_ros.commands import Command, Verdict, held, judge_array, judge_named, merge
 from pfd_ros.convert import JointMessage
+from pfd_ros.tally import Tally
 
 INDEX = {'a': 0, 'b': 1, 'c': 2}
 START_NS = 5_000_000_000
@@ -98,6 +99,30 @@ def test_unknown_names_are_told_and_the_known_ones_act() -> None:
     assert (command.joints, command.efforts) == ((0,), (2.0,))
 
 
+def test_the_size_of_a_verdict_does_not_depend_on_that_of_the_message() -> None:
+    names = [f'{k}{"x" * 1000}' for k in range(3000)]
+    for command in (judge(names, [1.0] * 3000), judge(['a', *names], [1.0] * 3001)):
+        assert command.unknown_count == 3000
+        assert len(command.unknown) <= 8
+        assert len(repr(command)) < 2000
+    assert judge(['x' * 1_000_000], [1.0]).detail.endswith(
+        "x... (1000000 characters)'] is a joint of the arm"
+    )
+
+
+def test_a_tally_stays_small_however_many_names_come() -> None:
+    tally = Tally()
+    for k in range(1000):
+        tally.add(0, judge([f'{{{k}}}', 'y'], [1.0, 1.0]))
+        tally.add(1, judge('a', [1.0]), 3)
+    assert tally.verdicts() == {
+        (0, Verdict.UNKNOWN_NAMES): (1000, "none of ['{999}', 'y'] is a joint of the arm"),
+        (1, Verdict.ACCEPTED): (3000, ''),
+    }
+    count, names = tally.unknown()
+    assert (count, names[:3], len(names)) == (2000, ['{0}', 'y', '{1}'], 8)
+
+
 def test_the_details_say_what_came() -> None:
     assert judge('ab', [1]).detail == '2 names and 1 numbers in effort'
     assert judge('ab', position=[1, 2], velocity=[1, 2]).detail == (
@@ -144,4 +169,5 @@ def test_recorded_verdicts_keep_their_numbers() -> None:
         'ALL_NAN',
         'WRONG_SIZE',
         'NOT_FINITE',
+        'OVERFLOWED',
     ]

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 import resource
 import signal
@@ -13,12 +14,14 @@ import time
 from mcap.reader import make_reader
 import numpy as np
 import pytest
-from ros_processes import JOINTS, PATIENCE, Processes
+from ros_processes import JOINTS, PATIENCE, READER, Processes, example_robot
 
 from pfd_ros.commands import Verdict
 from pfd_ros.convert import decode_rows
+from pfd_ros.inbox import MOST_COMMANDS
 from pfd_ros.log import Log
 from pfd_ros.plant import Source
+from pfd_ros.recording import QUEUE_LIMIT
 from pfd_ros.replay import TAKEN_COLUMNS, read
 
 pytestmark = pytest.mark.ros
@@ -117,7 +120,7 @@ def test_every_kind_of_command_is_judged_as_the_rules_say(processes: Processes, 
         (signal.SIGTERM,),
         (signal.SIGHUP,),
         (signal.SIGINT, signal.SIGINT),
-        (signal.SIGINT, signal.SIGTERM, signal.SIGINT, signal.SIGHUP),
+        (signal.SIGHUP, signal.SIGTERM),
     ],
     ids=lambda signals: '+'.join(s.name for s in signals),
 )
@@ -196,7 +199,7 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
     steps = np.diff([stamp_ns(state) for state in peer.states])
     assert all(step % (10 * MILLISECOND) == 0 and step > 0 for step in steps)
     assert arm.end(signal.SIGINT) == 0
-    assert "parameter 'colour' is not one of mine" in arm.text()
+    assert "not parameters of this node: ['colour']" in arm.text()
 
 
 @pytest.mark.parametrize(
@@ -208,29 +211,50 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
         (('-p', 'publish_rate:=300.0'), 'publish_rate is 300.0 Hz'),
         (('-p', 'recording:=there.mcap'), 'there.mcap exists and is never written over'),
         (('--params-file', 'nix.yaml'), 'nix.yaml'),
+        (('-p', 'recording:=folder'), 'folder exists and is never written over'),
+        (('-p', 'recording:=fifo'), 'fifo exists and is never written over'),
+        (('-p', 'recording:=/proc/nowhere/arm.mcap'), '/proc/nowhere/arm.mcap cannot be written'),
+        (('-p', 'recording:=nowhere/arm.mcap'), 'nowhere/arm.mcap cannot be written'),
+        (('-p', 'recording:="a\\0b.mcap"'), 'recording is'),
+        (('-p', f'recording:={"x" * 300}'), 'File name too long'),
+        (('-p', 'robot:=fifo'), "no robot file 'fifo'"),
+        (('-p', 'robot:=folder'), 'folder'),
+        (('-p', "robot:='{0}{}%s'"), '{0}{}%s'),
+        (('-p', f'robot:={"x" * 50_000}'), 'xxx'),
+        (('-p', "joints:=['{}','{0}']"), "joints is ['{}', '{0}'], expected each joint"),
+        (('-p', f'step_size:={10**400}'), 'step_size'),
+        (('-p', f'substeps:={10**400}'), 'substeps'),
+        (('-p', 'substeps:=1000000000000'), 'substeps out of range'),
+        (('-p', 'gravity:=[.nan, 0.0, 0.0]'), 'gravity holds nan'),
+        (('-p', 'real_time_factor:=5e-324'), 'real_time_factor is 5e-324'),
+        (('-p', 'publish_rate:=1e-300'), 'publish_rate is 1e-300 Hz'),
+        (('-p', 'locked:=[a]'), 'one parameter for each joint: locked.<joint>:=<position>'),
+        (('-p', 'locked.joint1:=open'), "'locked.joint1' to 'open' of type 'STRING'"),
+        (('-p', 'locked.nobody:=0.5'), 'nobody'),
+        (('--params-file', 'large.yaml'), 'joints holds 300000 values, expected 1000 at most'),
+        (('-r', '__node:={x}'), 'remap rule'),
+        (('-x',), "['-x']"),
     ],
+    ids=lambda value: str(value)[:60],
 )
 def test_a_bad_parameter_is_named_and_the_status_is_1(
     processes: Processes, args: tuple[str, ...], text: str
 ) -> None:
     (processes.folder / 'there.mcap').write_bytes(b'dear')
+    (processes.folder / 'folder').mkdir()
+    os.mkfifo(processes.folder / 'fifo')
+    names = ', '.join(f'joint{k}' for k in range(300_000))
+    (processes.folder / 'large.yaml').write_text(
+        f'/**: {{ros__parameters: {{joints: [{names}]}}}}'
+    )
     arm = processes.arm(*args, ready=False)
     assert arm.end() == 1
-    assert text in arm.text()
-    assert 'Traceback' not in arm.text()
+    lines = [line for line in arm.text().splitlines() if not line.startswith('[WARN]')]
+    assert len(lines) == 1, arm.text()
+    assert lines[0].startswith('sim_arm: ')
+    assert text in lines[0]
+    assert len(lines[0]) < 700
     assert (processes.folder / 'there.mcap').read_bytes() == b'dear'
-
-
-def test_a_peer_with_another_quality_of_service_is_warned_about(
-    processes: Processes, peer_of
-) -> None:
-    from rclpy.qos import qos_profile_sensor_data
-    from sensor_msgs.msg import JointState
-
-    arm = processes.arm()
-    peer = peer_of(processes)
-    peer.node.create_publisher(JointState, 'joint_commands', qos_profile_sensor_data)
-    arm.wait_for_text('incompatible QoS')
 
 
 def test_a_state_that_overflows_is_said_once_and_the_node_goes_on(
@@ -245,8 +269,9 @@ def test_a_state_that_overflows_is_said_once_and_the_node_goes_on(
     last = peer.states[-1]
     assert stamp_ns(last) == stamp_ns(peer.states[-50])
     assert np.isfinite([last.position, last.velocity, last.effort]).all()
-    assert arm.end(signal.SIGINT) == 0
+    assert arm.end(signal.SIGINT) == 1
     assert arm.text().count('simulation stopped') == 1
+    assert 'the simulation did not go on to the end' in arm.text()
     assert read(processes.folder / 'arm.mcap', verify=True).complete
 
 
@@ -258,8 +283,102 @@ def test_a_full_disk_stops_the_recording_and_not_the_arm(processes: Processes, p
     peer.connect()
     arm.wait_for_text('recording stopped')
     peer.let_pass(100)
-    assert arm.end(signal.SIGINT) == 0, arm.text()
+    assert arm.end(signal.SIGINT) == 1, arm.text()
     assert arm.text().count('recording stopped') == 1
+    assert 'the recording does not hold everything' in arm.text()
     summary = read(processes.folder / 'arm.mcap', verify=True)
     assert not summary.complete
     assert summary.states > 0
+
+
+def test_a_failed_recording_does_not_stop_an_arm_at_unlimited_speed(
+    processes: Processes, peer_of
+) -> None:
+    arm = processes.arm('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0')
+    peer = peer_of(processes)
+    peer.connect()
+    resource.prlimit(arm.process.pid, resource.RLIMIT_FSIZE, (1000, 1000))
+    arm.wait_for_text('recording stopped')
+    # More than the queue of the recording ever holds.
+    last = stamp_ns(peer.states[-1])
+    peer.wait(lambda: stamp_ns(peer.states[-1]) > last + 2 * QUEUE_LIMIT * MILLISECOND)
+    assert arm.end(signal.SIGINT) == 1
+
+
+def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
+    processes: Processes, peer_of
+) -> None:
+    arm = processes.arm(
+        *('-p', f'robot:={example_robot("panda_description/urdf/panda.urdf")}'),
+        *('-p', 'locked.panda_finger_joint1:=0.01', '-p', 'locked.panda_finger_joint2:=0.02'),
+        *('-p', 'recording:=arm.mcap'),
+    )
+    peer = peer_of(processes)
+    peer.connect()
+    peer.plain_command([0.5] * 7)
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [0.5] * 7)
+    assert list(peer.states[-1].name) == [f'panda_joint{i}' for i in range(1, 8)]
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    summary = read(processes.folder / 'arm.mcap', verify=True)
+    assert summary.settings is not None
+    assert summary.settings.locked == (
+        ('panda_finger_joint1', 0.01),
+        ('panda_finger_joint2', 0.02),
+    )
+
+
+def test_a_stopped_reader_that_wants_everything_stops_neither_the_arm_nor_its_clock(
+    processes: Processes, peer_of
+) -> None:
+    # At a hundred times real time the publisher's memory is full in a moment.
+    arm = processes.arm(
+        *('-p', 'qos_overrides./joint_states.publisher.history:=keep_all'),
+        *('-p', 'real_time_factor:=100.0', '-p', 'step_size:=0.01'),
+    )
+    reader = processes.python(READER)
+    reader.wait_for_text('heard')
+    reader.process.send_signal(signal.SIGSTOP)
+    arm.wait_for_text('messages not published on /joint_states')
+    peer = peer_of(processes)
+    peer.wait(lambda: peer.clocks)
+    first = stamp_ns(peer.clocks[-1])
+    # Ten seconds of simulated time, without a state.
+    peer.wait(lambda: stamp_ns(peer.clocks[-1]) > first + 10_000 * MILLISECOND)
+    reader.process.send_signal(signal.SIGCONT)
+    peer.wait(lambda: peer.states)
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    reader.process.kill()
+
+
+def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
+    processes: Processes, peer_of
+) -> None:
+    from rclpy.duration import Duration
+
+    count = MOST_COMMANDS + 100
+    arm = processes.faulty(
+        f'first_step_after_{count}',
+        *('-p', 'recording:=arm.mcap'),
+        *('-p', 'qos_overrides./sim_arm/commands.subscription.history:=keep_all'),
+    )
+    peer = peer_of(processes)
+    peer.wait(peer.plain.get_subscription_count)
+    for k in range(count):
+        peer.plain_command([float(k)] * 6)
+        # The publisher keeps ten.
+        if k % 10 == 0:
+            assert peer.plain.wait_for_all_acked(Duration(seconds=PATIENCE))
+    peer.wait(lambda: peer.states and any(peer.states[-1].effort))
+    assert peer.states[-1].effort.tolist() == [count - 1.0] * 6
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    assert 'messages on commands dropped: overflowed' in arm.text()
+    rows = [
+        row
+        for entry in Log(processes.folder / 'arm.mcap').entries()
+        if entry.role == 'taken'
+        for row in decode_rows(entry.data, len(TAKEN_COLUMNS))
+    ]
+    assert [row[2] for row in rows] == list(range(1, count + 1))
+    verdicts = [Verdict(row[3]) for row in rows]
+    assert verdicts[:100] == [Verdict.OVERFLOWED] * 100
+    assert set(verdicts[100:]) == {Verdict.ACCEPTED}

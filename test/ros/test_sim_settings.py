@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 
 import pytest
@@ -17,9 +18,21 @@ CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'sim_arm.yaml'
 
 
 def test_the_shipped_file_holds_every_setting_at_its_default() -> None:
-    given = yaml.safe_load(CONFIG.read_text(encoding='utf-8'))['/**']['ros__parameters']
-    assert set(given) == {field.name for field in dataclasses.fields(Settings)}
+    text = CONFIG.read_text(encoding='utf-8')
+    given = yaml.safe_load(text)['/**']['ros__parameters']
+    # ROS takes no empty mapping.
+    assert set(given) | {'locked'} == {field.name for field in dataclasses.fields(Settings)}
     assert settings_file.from_values(given) == Settings()
+    # What is commented out is as it would be given.
+    lines = text.splitlines(keepends=True)
+    start = next(i for i, line in enumerate(lines) if line.startswith('    # locked:'))
+    example = yaml.safe_load(
+        ''.join(line.replace('# ', '', 1) for line in lines[start : start + 3])
+    )
+    assert settings_file.from_values(example).locked == (
+        ('panda_finger_joint1', 0.0),
+        ('panda_finger_joint2', 0.0),
+    )
 
 
 def test_settings_come_back_from_json_with_the_same_bits() -> None:
@@ -28,6 +41,7 @@ def test_settings_come_back_from_json_with_the_same_bits() -> None:
         joints=('ä', 'b'),
         gravity=(0.1, -0.0, 5e-324),
         initial_positions=(1 / 3, -2e300),
+        locked=(('{0}', -0.0), ('ä', 0.1 + 0.2)),
         step_size=0.0003,
         start_time=1.1,
     )
@@ -52,11 +66,49 @@ def test_settings_come_back_from_json_with_the_same_bits() -> None:
         ({'clock_rate': 2000.0}, 'clock_rate is 2000.0 Hz'),
         ({'robot': ''}, 'robot is empty'),
         ({'colour': 'red'}, r"unknown settings \['colour'\]"),
+        ({'real_time_factor': 5e-324}, 'real_time_factor is 5e-324, expected 0 or'),
+        ({'publish_rate': 5e-324}, 'publish_rate is 5e-324 Hz'),
+        ({'publish_rate': 1e-300}, 'publish_rate is 1e-300 Hz'),
+        ({'step_size': 10**400}, 'step_size is a number too large for a float'),
+        ({'step_size': '0.001'}, 'step_size is .*0.001.*, expected a number'),
+        ({'step_size': True}, 'step_size is True, expected a number'),
+        ({'step_size': None}, 'step_size is NoneType, expected a number'),
+        ({'substeps': 2.0}, 'substeps is 2.0, expected a whole number'),
+        ({'damping': 1}, 'damping is 1, expected true or false'),
+        ({'robot': ['a']}, 'robot is list, expected text'),
+        ({'frame_id': 'a\0b'}, 'frame_id is .* no NUL'),
+        ({'frame_id': '{' * (1 << 21)}, r'\(2097152 characters\)'),
+        ({'joints': 'joint1'}, 'joints is .*joint1.*, expected a list'),
+        ({'joints': [1]}, 'joints is 1, expected text'),
+        ({'joints': ['a'] * 100_000}, 'joints holds 100000 values, expected 1000 at most'),
+        ({'gravity': [[0.0]] * 3}, 'gravity is list, expected a number'),
+        ({'locked': ['a']}, 'locked is list, expected a position for each name'),
+        ({'locked': {'a': 'open'}}, 'locked.a is .*open.*, expected a number'),
+        ({'locked': {'a': float('nan')}}, 'locked.a holds nan'),
+        ({'locked': {1: 0.0}}, 'locked is 1, expected text'),
     ],
 )
 def test_a_wrong_setting_is_refused_and_named(wrong: dict, text: str) -> None:
-    with pytest.raises(ValueError, match=text):
+    with pytest.raises(ValueError, match=text) as refused:
         settings_file.from_values(wrong)
+    assert len(str(refused.value)) < 300
+
+
+def test_a_joint_is_locked_once() -> None:
+    with pytest.raises(ValueError, match='locked names a joint twice'):
+        Settings(locked=(('a', 0.0), ('a', 1.0)))
+
+
+def test_settings_from_before_a_setting_existed_have_its_default() -> None:
+    old = json.loads(settings_file.to_json(Settings(robot='planar2', substeps=3)))
+    del old['locked']
+    assert settings_file.from_values(old) == Settings(robot='planar2', substeps=3)
+
+
+@pytest.mark.parametrize('text', ['[' * 100_000, '1', 'null', '"a"'])
+def test_hostile_text_is_refused_by_one_exception(text: str) -> None:
+    with pytest.raises(ValueError, match='expected a JSON object'):
+        settings_file.from_json(text)
 
 
 def test_text_that_is_no_object_is_refused() -> None:

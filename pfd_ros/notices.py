@@ -1,0 +1,86 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Counts and findings turned into log lines, ever more rarely the longer a trouble lasts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Hashable
+from dataclasses import dataclass, field
+import time
+from typing import Any
+
+from pfd_ros.text import one_line
+
+# Time between two lines of one kind: doubled with every line, short again after a quiet time.
+SHORTEST_SECONDS, LONGEST_SECONDS = 1.0, 60.0
+# Kinds that are told once each; no more of them than this.
+MOST_FINDINGS = 64
+
+
+@dataclass
+class _Kind:
+    told: int = 0
+    interval: float = SHORTEST_SECONDS
+    due: float = -float('inf')
+
+
+@dataclass
+class Notices:
+    """Tells what is new; used by one thread.
+
+    Parameters
+    ----------
+    logger
+        Where the lines go.
+    clock
+        Steady time in s.
+    """
+
+    logger: Any
+    clock: Callable[[], float] = time.monotonic
+    _kinds: dict[Hashable, _Kind] = field(default_factory=dict)
+    _found: set[Hashable] = field(default_factory=set)
+
+    def count(
+        self, key: Hashable, count: int, text: str, *, error: bool = False, last: bool = False
+    ) -> None:
+        """Log how much a count has grown, and the text.
+
+        Parameters
+        ----------
+        key
+            The kind of trouble; of a set that is known beforehand.
+        count
+            How often there was such trouble up to now.
+        text
+            Follows the number.
+        error
+            Log an error, not a warning.
+        last
+            Log now: there is no later.
+        """
+        kind = self._kinds.setdefault(key, _Kind())
+        new, now = count - kind.told, self.clock()
+        if new <= 0 or (now < kind.due and not last):
+            return
+        quiet = now - kind.due > kind.interval
+        kind.interval = SHORTEST_SECONDS if quiet else min(2 * kind.interval, LONGEST_SECONDS)
+        kind.due = now + kind.interval
+        kind.told = count
+        self._log(f'{new} {text}', error)
+
+    def once(self, key: Hashable, text: str, *, error: bool = False) -> None:
+        """Log a text the first time that its key comes."""
+        if key in self._found or len(self._found) > MOST_FINDINGS:
+            return
+        self._found.add(key)
+        self._log(text, error)
+        if len(self._found) > MOST_FINDINGS:
+            self._log('more findings of this kind are not told', error)
+
+    def _log(self, text: str, error: bool) -> None:
+        # Not a conditional call: rclpy wants one severity for one line.
+        if error:
+            self.logger.error(one_line(text))
+        else:
+            self.logger.warning(one_line(text))

@@ -1,0 +1,148 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node with one fault put into it: `python faulty.py FAULT [arguments of the node]`."""
+
+from __future__ import annotations
+
+import ctypes
+import itertools
+import sys
+import threading
+import time
+from types import ModuleType
+
+from pfd_ros import node
+
+
+class FaultyExecutor:
+    """An executor that works for a while and then ends, or fails."""
+
+    def __init__(self, real, fault: str) -> None:
+        self._real = real
+        self._fault = fault
+
+    def __getattr__(self, name: str):
+        return getattr(self._real, name)
+
+    def spin_until_future_complete(self, future, seconds: float) -> None:
+        self._real.spin_until_future_complete(future, 0.5)
+        if self._fault == 'executor_fails':
+            raise SystemError('null argument to {internal} routine')
+        if self._fault == 'executor_exits':
+            raise SystemExit(0)
+
+
+def hang_in_python(*_) -> None:
+    print('hangs', flush=True)
+    while True:
+        time.sleep(1000)
+
+
+def hang_in_c(*_) -> None:
+    """Lock a lock twice: no signal interrupts that, and the interpreter runs no handler."""
+    print('hangs', flush=True)
+    mutex = ctypes.create_string_buffer(128)
+    libc = ctypes.CDLL(None)
+    libc.pthread_mutex_lock(mutex)
+    libc.pthread_mutex_lock(mutex)
+
+
+def wait_and_hang(args: list[str], stop: threading.Event) -> int:
+    print('steps', flush=True)
+    stop.wait()
+    hang_in_python()
+    return 0
+
+
+def wait_and_hang_in_c(args: list[str], stop: threading.Event) -> int:
+    print('steps', flush=True)
+    stop.wait()
+    hang_in_c()
+    return 0
+
+
+def wait_and_end(args: list[str], stop: threading.Event) -> int:
+    print('steps', flush=True)
+    stop.wait()
+    return 0
+
+
+def without_ros(run) -> None:
+    """Leave only the signals: such a process starts in a moment."""
+    stub = ModuleType('pfd_ros.process')
+    stub.run = run
+    sys.modules['pfd_ros.process'] = stub
+
+
+def step_after(count: int) -> None:
+    """Let the arm step once that many commands have come in."""
+    from pfd_ros import sim_arm
+
+    came, enough = itertools.count(1), threading.Event()
+    real_put, real_run = sim_arm.Inbox.put, sim_arm.SimArm.run
+
+    def put(inbox, *command) -> None:
+        real_put(inbox, *command)
+        if next(came) == count:
+            enough.set()
+
+    def run(arm, stopped) -> None:
+        enough.wait()
+        real_run(arm, stopped)
+
+    sim_arm.Inbox.put = put
+    sim_arm.SimArm.run = run
+
+
+def put_in(fault: str) -> None:
+    if fault.startswith('stub_'):
+        runs = {'hangs': wait_and_hang, 'hangs_in_c': wait_and_hang_in_c, 'ends': wait_and_end}
+        without_ros(runs[fault.removeprefix('stub_')])
+        return
+    from pfd_ros import process, sim_arm
+
+    if fault.startswith('executor_'):
+        real = process.EventsExecutor
+        process.EventsExecutor = lambda: FaultyExecutor(real(), fault)
+        # As many as a real one may have before the node gives up.
+        process.MOST_FAILURES = 3
+    elif fault == 'stepping_fails':
+        real_cycle = sim_arm.SimArm.cycle
+
+        def cycle(arm) -> None:
+            if arm.cycles == 200:
+                raise KeyError('{0}')
+            real_cycle(arm)
+
+        sim_arm.SimArm.cycle = cycle
+    elif fault == 'stepping_hangs':
+        process.END_SECONDS = 1
+        real_advance = sim_arm.Plant.advance
+
+        def advance(plant) -> None:
+            if plant.step == 200:
+                hang_in_c()
+            real_advance(plant)
+
+        sim_arm.Plant.advance = advance
+    elif fault == 'reporting_fails':
+        sim_arm.SimArm.report = lambda arm, last=False: {}['{}']
+    elif fault == 'closing_hangs':
+        sim_arm.SimArm.close_recording = hang_in_python
+    elif fault == 'closing_hangs_in_c':
+        sim_arm.SimArm.close_recording = hang_in_c
+    elif fault == 'teardown_hangs':
+        process.END_SECONDS = 2
+        sim_arm.SimArm.destroy_node = hang_in_c
+    elif fault == 'exit_hangs':
+        process.END_SECONDS = 2
+        threading.Thread(target=hang_in_c).start()
+    elif fault.startswith('first_step_after_'):
+        step_after(int(fault.removeprefix('first_step_after_')))
+    else:
+        raise ValueError(f'unknown fault {fault!r}')
+
+
+if __name__ == '__main__':
+    put_in(sys.argv[1])
+    raise SystemExit(node.main(sys.argv[2:]))

@@ -1,0 +1,82 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Log lines: few, short, and with nothing lost between them."""
+
+from __future__ import annotations
+
+import re
+
+from pfd_ros.notices import LONGEST_SECONDS, MOST_FINDINGS, Notices
+from pfd_ros.text import cut, listed, one_line
+
+
+class Logger(list):
+    def warning(self, text: str) -> None:
+        self.append(('warning', text))
+
+    def error(self, text: str) -> None:
+        self.append(('error', text))
+
+
+class Time:
+    now = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+def made() -> tuple[Notices, Logger, Time]:
+    logger, time = Logger(), Time()
+    return Notices(logger, time), logger, time
+
+
+def test_the_first_of_a_kind_is_told_at_once_and_nothing_twice() -> None:
+    notices, logger, time = made()
+    notices.count('a', 2, 'bad', error=True)
+    notices.count('b', 1, 'worse')
+    time.now = 100.0
+    notices.count('a', 2, 'bad', error=True)
+    assert logger == [('error', '2 bad'), ('warning', '1 worse')]
+
+
+def test_a_trouble_that_lasts_is_told_ever_more_rarely_and_every_count_is_told() -> None:
+    notices, logger, time = made()
+    for k in range(1, 36_001):
+        time.now = k / 10
+        notices.count('a', k, '{} {0} %s')
+    notices.count('a', 36_000, '{} {0} %s', last=True)
+    told = [int(text.removesuffix(' {} {0} %s')) for _, text in logger]
+    assert sum(told) == 36_000
+    # An hour: the first minute or two, then one a minute.
+    assert len(told) < 3600 / LONGEST_SECONDS + 10
+
+
+def test_after_a_quiet_time_a_trouble_is_told_promptly_again() -> None:
+    notices, logger, time = made()
+    for k in range(1, 1000):
+        time.now += 1.0
+        notices.count('a', k, 'bad')
+    time.now += 1000.0
+    notices.count('a', 1000, 'bad')
+    time.now += 1.1
+    logger.clear()
+    notices.count('a', 1001, 'bad')
+    assert logger == [('warning', '1 bad')]
+
+
+def test_findings_are_told_once_each_and_not_without_end() -> None:
+    notices, logger, _ = made()
+    for k in range(1000):
+        notices.once(k % 500, f'found {k}')
+    assert len(logger) == MOST_FINDINGS + 2
+    assert logger[-1][1] == 'more findings of this kind are not told'
+
+
+def test_foreign_text_is_shown_short_and_on_one_line() -> None:
+    assert cut('x' * 100) == f'{"x" * 64}... (100 characters)'
+    assert cut('{0}') == '{0}'
+    assert listed(['{', 'a\nb', 'x' * 70]) == f"['{{', 'a\\nb', '{'x' * 64}... (70 characters)']"
+    assert listed([str(k) for k in range(10)]).endswith("'7', and 2 more]")
+    assert listed(['a'], total=4) == "['a', and 3 more]"
+    assert one_line('a\n  b\x1b[31m\0c') == 'a b [31m c'
+    assert re.fullmatch(r'x{500}\.\.\. \(1000000 characters\)', one_line('x' * 1_000_000))

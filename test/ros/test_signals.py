@@ -1,0 +1,96 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Signals: the first stops, the second changes nothing, the third ends whatever hangs."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import pytest
+from ros_processes import FAULTY, PATIENCE, Processes
+
+INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
+STATUS_BASE = 128  # of a shell, for a process that a signal ended
+
+
+def hung(processes: Processes, fault: str, *, wait_for: str = 'hangs'):
+    """Start a process, send the first signal and wait until it hangs."""
+    process = processes.python(FAULTY, fault)
+    process.wait_for_text('steps')
+    process.process.send_signal(INT)
+    process.wait_for_text(wait_for)
+    return process
+
+
+def check_third(processes: Processes, fault: str) -> None:
+    process = hung(processes, fault)
+    process.process.send_signal(TERM)
+    time.sleep(0.05)
+    assert process.process.poll() is None
+    assert process.end(INT) == STATUS_BASE + INT
+    assert 'ended by a third signal' in process.text()
+
+
+@pytest.mark.parametrize('fault', ['stub_hangs', 'stub_hangs_in_c'])
+def test_a_third_signal_ends_a_process_that_hangs(processes: Processes, fault: str) -> None:
+    check_third(processes, fault)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('fault', ['stub_hangs', 'stub_hangs_in_c'])
+def test_a_third_signal_ends_every_one_of_many_processes(processes: Processes, fault: str) -> None:
+    for _ in range(15):
+        check_third(processes, fault)
+
+
+@pytest.mark.parametrize('apart', [0.0, 0.005, 0.1])
+def test_two_signals_are_a_clean_end(processes: Processes, apart: float) -> None:
+    for second in (INT, TERM, HUP):
+        process = processes.python(FAULTY, 'stub_ends')
+        process.wait_for_text('steps')
+        process.process.send_signal(INT)
+        time.sleep(apart)
+        process.process.send_signal(second)
+        assert process.process.wait(PATIENCE) == 0
+
+
+@pytest.mark.slow
+def test_any_burst_of_signals_at_any_moment_ends_a_process_by_itself(
+    processes: Processes,
+) -> None:
+    # A process that closes at once has no time to be killed by the burst: always status 0.
+    for k in range(60):
+        process = processes.python(FAULTY, 'stub_ends')
+        process.wait_for_text('steps')
+        assert process.end(*(INT, TERM, HUP, INT)[: 1 + k % 4], apart=0.001 * (k % 7)) == 0
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('fault', ['closing_hangs', 'closing_hangs_in_c'])
+def test_a_third_signal_ends_a_node_whose_closing_hangs(processes: Processes, fault: str) -> None:
+    arm = processes.faulty(fault)
+    arm.process.send_signal(INT)
+    arm.wait_for_text('hangs')
+    assert arm.end(INT, INT) == STATUS_BASE + INT
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_three_signals_end_a_node_at_any_moment_of_its_life(processes: Processes) -> None:
+    # From before the imports until after the last line; without a handler yet, the first kills.
+    for k in range(20):
+        arm = processes.arm(ready=False)
+        time.sleep(0.1 * k)
+        assert arm.end(INT, INT, INT) in (0, STATUS_BASE + INT, 1, -INT)
+        assert 'Traceback' not in arm.text() or k < 2
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize('fault', ['teardown_hangs', 'exit_hangs'])
+def test_what_hangs_after_the_recording_is_closed_is_ended_by_an_alarm(
+    processes: Processes, fault: str
+) -> None:
+    arm = processes.faulty(fault)
+    assert arm.end(INT) in (-signal.SIGALRM, 1)
+    assert 'stopped: {' in arm.text()

@@ -1,0 +1,63 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The end of any thread is noticed: the node says so, closes its file and exits with 1."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+from ros_processes import JOINTS, PATIENCE, Processes
+
+from pfd_ros.replay import read
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.mark.parametrize(
+    ('fault', 'text'),
+    [
+        ('executor_returns', 'the executor ended by itself'),
+        ('executor_fails', 'the executor failed: RuntimeError: 3 callbacks failed'),
+        ('executor_exits', 'the executor failed: SystemExit: 0'),
+        ('stepping_fails', "stepping failed: KeyError: '{0}'"),
+        ('reporting_fails', "reporting failed: KeyError: '{}'"),
+    ],
+)
+def test_a_thread_that_ends_ends_the_node_with_a_closed_file(
+    processes: Processes, fault: str, text: str
+) -> None:
+    arm = processes.faulty(fault, '-p', 'recording:=arm.mcap', ready=False)
+    assert arm.process.wait(PATIENCE) == 1, arm.text()
+    assert text in arm.text()
+    assert read(processes.folder / 'arm.mcap', verify=True).complete
+
+
+def test_a_step_that_never_ends_is_told_and_the_file_is_closed(processes: Processes) -> None:
+    arm = processes.faulty('stepping_hangs', '-p', 'recording:=arm.mcap')
+    arm.wait_for_text('hangs')
+    assert arm.end(signal.SIGINT) == 1
+    assert 'stepping did not end within 1 s' in arm.text()
+    assert read(processes.folder / 'arm.mcap', verify=True).complete
+
+
+def test_a_callback_that_fails_is_counted_and_the_arm_still_hears(
+    processes: Processes, peer_of
+) -> None:
+    from rcl_interfaces.msg import Parameter, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+
+    arm = processes.arm()
+    peer = peer_of(processes)
+    peer.connect()
+    client = peer.node.create_client(SetParameters, '/sim_arm/set_parameters')
+    peer.wait(client.service_is_ready)
+    # rclpy's own callback raises on a type that does not exist.
+    strange = Parameter(name='{0}', value=ParameterValue(type=200))
+    for _ in range(3):
+        client.call_async(SetParameters.Request(parameters=[strange]))
+        peer.let_pass()
+    arm.wait_for_text('callbacks failed, the newest by ValueError: 200 is not a valid')
+    peer.command(JOINTS, [1.0] * 6)
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [1.0] * 6)
+    assert arm.end(signal.SIGINT) == 0, arm.text()

@@ -14,8 +14,15 @@ from itertools import islice
 import time
 from typing import Any
 
+from rclpy.duration import Infinite
 from rclpy.node import Node
-from rclpy.qos import QoSCompatibility, ReliabilityPolicy, qos_check_compatible
+from rclpy.qos import (
+    LivelinessPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
 
 from pfd_ros.notices import Notices
 from pfd_ros.text import cut
@@ -102,15 +109,17 @@ class Peers:
                 f'type {wanted}: nothing of it arrives{self._other_topic(info, publishing)}',
             )
             return False
-        pair = (info.qos_profile, end.qos_profile)
-        compatible, reason = qos_check_compatible(*(pair if publishing else pair[::-1]))
-        if compatible is QoSCompatibility.ERROR:
+        pair = (info.qos_profile, _effective(end.qos_profile))
+        level, reason = qos_check_compatible(*(pair if publishing else pair[::-1]))
+        # An enumeration of the C++ part, which equals none of Python's.
+        fits = int(level) != QoSCompatibility.ERROR
+        if not fits:
             self.notices.once(
                 ('qos', key),
                 f'{_who(info)} {does} {end.topic_name} with incompatible QoS ({reason.strip()}): '
                 f'nothing of it arrives; {_cure(end, info, publishing)}',
             )
-        return bool(compatible is not QoSCompatibility.ERROR)
+        return fits
 
     def _other_topic(self, info: Any, publishing: bool) -> str:
         """Return where a command of that type is taken, if anywhere."""
@@ -132,6 +141,18 @@ class Peers:
                 f'{who} publishes {clock.topic_name} too: simulated time jumps back and forth; '
                 'set publish_clock:=false on all but one node',
             )
+
+
+def _effective(profile: QoSProfile) -> QoSProfile:
+    """Return our profile as the graph has it: "not set" is without end there."""
+    return QoSProfile(
+        depth=profile.depth,
+        reliability=profile.reliability,
+        durability=profile.durability,
+        deadline=Infinite,
+        liveliness=LivelinessPolicy.AUTOMATIC,
+        liveliness_lease_duration=Infinite,
+    )
 
 
 def _cure(end: Any, info: Any, publishing: bool) -> str:

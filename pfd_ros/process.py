@@ -67,10 +67,14 @@ def run(args: list[str], stop: threading.Event) -> int:
         traceback.print_exc()
         return 1
     finally:
-        # The kernel ends what hangs from here on.
-        signal.signal(signal.SIGALRM, signal.SIG_DFL)
-        signal.alarm(END_SECONDS)
+        _limit_the_rest()
         rclpy.try_shutdown()
+
+
+def _limit_the_rest() -> None:
+    """Have the kernel end whatever hangs from here on until the process is gone."""
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.alarm(END_SECONDS)
 
 
 @dataclass
@@ -140,6 +144,7 @@ def _run(args: list[str], stop: threading.Event) -> int:
         # ROS cannot be taken down under a thread that may still use it.
         sys.stderr.flush()
         os._exit(1)
+    _limit_the_rest()
     node.destroy_node()
     return 1 if problems else 0
 

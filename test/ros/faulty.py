@@ -137,6 +137,15 @@ def put_in(fault: str) -> None:
     elif fault == 'exit_hangs':
         process.END_SECONDS = 2
         threading.Thread(target=hang_in_c).start()
+    elif fault == 'recorder_failed':
+        real_run = sim_arm.SimArm.run
+        sim_arm.Recorder.backlog = property(lambda recorder: 1.0)
+
+        def run(arm, stopped) -> None:
+            arm._recorder.failed = True
+            real_run(arm, stopped)
+
+        sim_arm.SimArm.run = run
     elif fault.startswith('first_step_after_'):
         step_after(int(fault.removeprefix('first_step_after_')))
     else:

@@ -63,12 +63,13 @@ def test_a_publisher_of_another_type_is_named_with_the_topic_that_takes_it(
     from std_msgs.msg import Float64MultiArray
 
     arm = processes.arm()
-    peer = peer_of(processes)
-    peer.node.create_publisher(Float64MultiArray, 'joint_commands', 10)
+    # A participant has one type for a topic, and a peer has commands of its own.
+    peer = peer_of(processes, 'other')
+    peer.node.create_publisher(Float64MultiArray, '/joint_commands', 10)
     arm.wait_for_text(
-        "node '/peer' publishes 'std_msgs/msg/Float64MultiArray' on /joint_commands, which has "
-        'the type sensor_msgs/msg/JointState: nothing of it arrives; /sim_arm/commands takes '
-        'that type'
+        "node '/other/peer' publishes 'std_msgs/msg/Float64MultiArray' on /joint_commands, "
+        'which has the type sensor_msgs/msg/JointState: nothing of it arrives; '
+        '/sim_arm/commands takes that type'
     )
     wait_for_reports(arm)
     assert arm.text().count('nothing of it arrives') == 1
@@ -99,7 +100,7 @@ def test_a_best_effort_publisher_is_named_with_the_cure_and_the_cure_works(
 
     peer.wait(heard)
     wait_for_reports(arm)
-    assert arm.text().count('incompatible QoS') == 1
+    assert arm.text().count('publishes /joint_commands with incompatible QoS') == 1
     assert 'incompatible QoS' not in cured.text()
 
 

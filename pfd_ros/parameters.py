@@ -11,7 +11,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from pfd_ros.settings import MOST_VALUES, Settings, from_values
+from pfd_ros.settings import Settings, from_values
 from pfd_ros.text import listed
 
 # By the annotation of the field: an empty tuple does not say what it is a tuple of.
@@ -23,8 +23,6 @@ _KINDS = {
     'tuple[str, ...]': Parameter.Type.STRING_ARRAY,
     'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
 }
-# One parameter for each joint: locked.<joint>.
-LOCKED = 'locked'
 
 
 def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
@@ -52,9 +50,6 @@ def declare(node: Node) -> Settings:
     """
     values: dict[str, Any] = {}
     for field in dataclasses.fields(Settings):
-        if field.name == LOCKED:
-            values[LOCKED] = _declare_locked(node, field.metadata['text'])
-            continue
         kind = _KINDS[str(field.type)]
         # Without a default value an empty array has no type; the type alone has no default.
         given = kind if isinstance(field.default, tuple) and not field.default else field.default
@@ -69,33 +64,9 @@ def declare(node: Node) -> Settings:
     return from_values(values)
 
 
-def _given(node: Node) -> dict[str, Parameter]:
-    """Return what came from the command line and files; rclpy keeps it nowhere public."""
-    return dict(getattr(node, '_parameter_overrides', {}))
-
-
-def _declare_locked(node: Node, text: str) -> dict[str, float]:
-    """Declare a parameter for each joint that the user locks: how many is up to them."""
-    given = _given(node)
-    if LOCKED in given:
-        raise ValueError(
-            f'{LOCKED} is {given[LOCKED].type_.name.lower()}, expected one parameter for each '
-            f'joint: {LOCKED}.<joint>:=<position>'
-        )
-    prefix = f'{LOCKED}.'
-    names = [name for name in given if name.startswith(prefix)]
-    if len(names) > MOST_VALUES:
-        raise ValueError(f'{LOCKED} names {len(names)} joints, expected {MOST_VALUES} at most')
-    descriptor = ParameterDescriptor(description=text, read_only=True)
-    return {
-        name.removeprefix(prefix): node.declare_parameter(
-            name, Parameter.Type.DOUBLE, descriptor
-        ).value
-        for name in names
-    }
-
-
 def misspelt(node: Node) -> str:
     """Return the parameters the user set that the node does not have, as a list to show."""
-    unknown = sorted(name for name in _given(node) if not node.has_parameter(name))
+    # rclpy keeps what came from the command line and files here and nowhere public.
+    given = getattr(node, '_parameter_overrides', {})
+    unknown = sorted(name for name in given if not node.has_parameter(name))
     return listed(unknown) if unknown else ''

@@ -20,9 +20,6 @@ from pfd_ros.commands import Command, Verdict, held, judge_array, judge_named, m
 from pfd_ros.settings import NANOSECONDS, Settings
 from pfd_ros.text import cut, listed, one_line
 
-# A command for ten joints has half a kilobyte; decoding this much takes about a second.
-LARGEST_MESSAGE = 1 << 22
-
 
 class Source(IntEnum):
     """Where a command came from; the numbers are written into recordings and stay."""
@@ -37,7 +34,7 @@ def load_robot(settings: Settings) -> Any:
         settings.robot,
         base=settings.base_link or None,
         tip=settings.tip_link or None,
-        locked=dict(settings.locked) or None,
+        locked=settings.locks or None,
     )
 
 
@@ -125,8 +122,6 @@ class Plant:
     def receive(self, source: int, data: bytes) -> Command:
         """Judge one message and let it act from the next step on."""
         try:
-            if len(data) > LARGEST_MESSAGE:
-                raise ValueError(f'{len(data)} bytes, expected {LARGEST_MESSAGE} at most')
             if source == Source.NAMED:
                 message = convert.decode_joint_state(data)
                 command = judge_named(message, self._index, self.settings.start_ns)

@@ -54,8 +54,9 @@ class Settings:
     joints: tuple[str, ...] = _field(
         (), 'Order of the joints in states and in ~/commands; empty takes the order of the model'
     )
-    locked: tuple[tuple[str, float], ...] = _field(
-        (), 'Joints to weld, such as those of a gripper, each with its position, rad or m'
+    locked: tuple[str, ...] = _field((), 'Joints to weld, such as those of a gripper')
+    locked_positions: tuple[float, ...] = _field(
+        (), 'Where they are welded, rad or m, in the order of `locked`; empty is zero'
     )
     step_size: float = _field(0.001, 'Simulated time per step, s', 1e-5, 0.1)
     substeps: int = _field(2, 'Steps of the integrator per step', 1, 100)
@@ -90,9 +91,13 @@ class Settings:
             _check_range(field.name, getattr(self, field.name), field.metadata['range'])
         if len(self.gravity) != 3:
             raise ValueError(f'gravity needs 3 numbers (x, y, z), got {len(self.gravity)}')
-        names = [name for name, _ in self.locked]
-        if len(set(names)) < len(names):
-            raise ValueError(f'locked names a joint twice: {listed(names)}')
+        if len(set(self.locked)) < len(self.locked):
+            raise ValueError(f'locked names a joint twice: {listed(self.locked)}')
+        if self.locked_positions and len(self.locked_positions) != len(self.locked):
+            raise ValueError(
+                f'locked_positions holds {len(self.locked_positions)} numbers, expected '
+                f'{len(self.locked)}, one for each of {listed(self.locked)}, or none'
+            )
         if 0.0 < self.real_time_factor < SLOWEST_FACTOR:
             raise ValueError(
                 f'real_time_factor is {self.real_time_factor!r}, '
@@ -105,6 +110,12 @@ class Settings:
                 f'step_size is {self.step_size!r} s, expected a whole number of nanoseconds'
             )
         _ = self.publish_every, self.clock_every
+
+    @property
+    def locks(self) -> dict[str, float]:
+        """Joint to weld -> position, rad or m."""
+        positions = self.locked_positions or (0.0,) * len(self.locked)
+        return dict(zip(self.locked, positions, strict=True))
 
     @property
     def step_ns(self) -> int:
@@ -142,10 +153,9 @@ class Settings:
 
 
 def _check_finite(name: str, value: Any) -> None:
-    for number in value if isinstance(value, tuple) else (value,):
-        if isinstance(number, tuple):
-            _check_finite(f'{name}.{cut(number[0])}', number[1])
-        elif isinstance(number, float) and not math.isfinite(number):
+    numbers = value if isinstance(value, tuple) else (value,)
+    for number in numbers:
+        if isinstance(number, float) and not math.isfinite(number):
             raise ValueError(f'{name} holds {number!r}, expected finite numbers')
 
 
@@ -156,8 +166,7 @@ def _check_range(name: str, value: Any, span: tuple[float, float] | None) -> Non
 
 def to_json(settings: Settings) -> str:
     """Return the settings as JSON text; every number comes back with the same bits."""
-    values = dataclasses.asdict(settings) | {'locked': dict(settings.locked)}
-    return json.dumps(values, sort_keys=True)
+    return json.dumps(dataclasses.asdict(settings), sort_keys=True)
 
 
 def from_json(text: str) -> Settings:
@@ -181,7 +190,7 @@ def from_values(values: Mapping[str, Any]) -> Settings:
     Parameters
     ----------
     values
-        Name -> value; lists and tuples are the same, `locked` is a mapping too.
+        Name -> value; lists and tuples are the same.
 
     Raises
     ------
@@ -245,16 +254,6 @@ def _values(name: str, value: Any, read: Callable[[str, Any], Any]) -> tuple[Any
     return tuple(read(name, entry) for entry in value)
 
 
-def _positions(name: str, value: Any) -> tuple[tuple[str, float], ...]:
-    """Read joint name -> position; the order does not matter, so it is always the same."""
-    if not isinstance(value, Mapping):
-        raise _wrong(name, value, 'a position for each name')
-    if len(value) > MOST_VALUES:
-        raise ValueError(f'{name} holds {len(value)} values, expected {MOST_VALUES} at most')
-    pairs = ((_text(name, joint), position) for joint, position in value.items())
-    return tuple(sorted((joint, _number(f'{name}.{cut(joint)}', p)) for joint, p in pairs))
-
-
 # By the annotation of the field.
 _READERS: dict[str, Callable[[str, Any], Any]] = {
     'str': _text,
@@ -263,5 +262,4 @@ _READERS: dict[str, Callable[[str, Any], Any]] = {
     'float': _number,
     'tuple[str, ...]': lambda name, value: _values(name, value, _text),
     'tuple[float, ...]': lambda name, value: _values(name, value, _number),
-    'tuple[tuple[str, float], ...]': _positions,
 }

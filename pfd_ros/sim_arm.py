@@ -12,7 +12,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 import itertools
 import json
-from pathlib import Path
 import time
 from typing import Any
 
@@ -24,14 +23,15 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from pfd_ros import convert, parameters, provenance
+from pfd_ros import channels, convert, parameters
+from pfd_ros.channels import CLOCK, STATES, TAKEN
 from pfd_ros.commands import ERRORS, QUIET, Command, Verdict
 from pfd_ros.inbox import Inbox
 from pfd_ros.notices import Notices
 from pfd_ros.outlet import Outlet
 from pfd_ros.peers import Peers, type_name
 from pfd_ros.plant import Plant, Source, load_robot
-from pfd_ros.recording import Recorder, TimeBase, Topic
+from pfd_ros.recording import Recorder
 from pfd_ros.replay import ROLE_OF_SOURCE, TAKEN_COLUMNS
 from pfd_ros.schedule import Schedule
 from pfd_ros.settings import NANOSECONDS
@@ -39,33 +39,14 @@ from pfd_ros.tally import Tally
 from pfd_ros.text import cut, listed
 
 NAME = 'sim_arm'
+# A command for ten joints has half a kilobyte; decoding this much takes about a second. What is
+# larger gets no number and no row: it is not looked at, nor kept.
+LARGEST_COMMAND = 1 << 22
 # Rows of one message on ~/applied_commands: after a flood there may be a million.
 MOST_ROWS = 4096
 # At unlimited speed the arm waits for the disk from this backlog on.
 BACKLOG_LIMIT = 0.25
-# The channels of the recording; the commands come first, by Source.
-ROLES = (*ROLE_OF_SOURCE.values(), 'taken', 'joint_states', 'clock')
-KINDS = (
-    convert.JOINT_STATE,
-    convert.FLOAT_ARRAY,
-    convert.INTEGER_ARRAY,
-    convert.JOINT_STATE,
-    convert.CLOCK,
-)
-TAKEN, STATES, CLOCK = 2, 3, 4
-# What a replay cannot do without.
-VITAL = frozenset(ROLES[:3])
 OVERFLOWED = Command(Verdict.OVERFLOWED, 'newer ones came before the next step')
-
-
-def qos_of(profile: QoSProfile) -> str:
-    """Return the text of an endpoint's profile for the recording."""
-    return provenance.qos_text(
-        profile.depth,
-        profile.history.short_key,
-        profile.reliability.short_key,
-        profile.durability.short_key,
-    )
 
 
 class SimArm(Node):
@@ -155,20 +136,11 @@ class SimArm(Node):
 
     def _start_recording(self, robot: Any, ends: list[Any]) -> Recorder:
         """Open the file; `ends` are the endpoints of the channels, None where there is none."""
-        own = self.resolve_topic_name('~/applied_commands')
-        topics, roles = [], {}
-        for role, kind, end in zip(ROLES, KINDS, ends, strict=True):
-            if end is None and role == 'clock':
-                continue
-            name = own if end is None else end.topic_name
-            qos = provenance.qos_text(1) if end is None else qos_of(end.qos_profile)
-            topics.append(Topic(name, kind, qos, vital=role in VITAL))
-            roles[role] = name
         # By name: another version may choose otherwise.
         settings = replace(self.settings, method=self.plant.method)
-        head = provenance.contents(settings, robot, roles, TimeBase())
-        return Recorder(
-            Path(self.settings.recording), topics, head, lambda text: self.get_logger().error(text)
+        own = self.resolve_topic_name('~/applied_commands')
+        return channels.start(
+            settings, robot, own, ends, lambda text: self.get_logger().error(text)
         )
 
     def _listen(self, source: int) -> Callable[[bytes], None]:
@@ -176,6 +148,10 @@ class SimArm(Node):
         numbers = itertools.count(1)
 
         def on_message(data: bytes) -> None:
+            if len(data) > LARGEST_COMMAND:
+                detail = f'{len(data)} bytes, expected {LARGEST_COMMAND} at most'
+                self.tally.add(source, Command(Verdict.MALFORMED, detail))
+                return
             number = next(numbers)
             if self._recorder is not None:
                 self._recorder.record(source, number, data)

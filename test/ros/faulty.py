@@ -138,14 +138,8 @@ def put_in(fault: str) -> None:
         process.END_SECONDS = 2
         threading.Thread(target=hang_in_c).start()
     elif fault == 'recorder_failed':
-        real_run = sim_arm.SimArm.run
         sim_arm.Recorder.backlog = property(lambda recorder: 1.0)
-
-        def run(arm, stopped) -> None:
-            arm._recorder.failed = True
-            real_run(arm, stopped)
-
-        sim_arm.SimArm.run = run
+        sim_arm.Recorder.failed = property(lambda recorder: True, lambda recorder, value: None)
     elif fault.startswith('first_step_after_'):
         step_after(int(fault.removeprefix('first_step_after_')))
     else:

@@ -24,6 +24,7 @@ from pfd_ros.plant import Source
 from pfd_ros.replay import TAKEN_COLUMNS, read
 
 pytestmark = pytest.mark.ros
+LARGEST_COMMAND = 1 << 22
 
 NAN, INF = float('nan'), float('inf')
 MILLISECOND = 1_000_000
@@ -215,7 +216,7 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
         (('-p', 'recording:=/proc/nowhere/arm.mcap'), '/proc/nowhere/arm.mcap cannot be written'),
         (('-p', 'recording:=nowhere/arm.mcap'), 'nowhere/arm.mcap cannot be written'),
         (('-p', f'recording:={"x" * 300}'), 'File name too long'),
-        (('-p', 'robot:=fifo'), "no robot file 'fifo'"),
+        (('-p', 'robot:=fifo'), "unknown robot 'fifo'"),
         (('-p', 'robot:=folder'), 'folder'),
         (('-p', "robot:='{0}{}%s'"), '{0}{}%s'),
         (('-p', f'robot:={"x" * 50_000}'), 'xxx'),
@@ -224,11 +225,11 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
         (('-p', f'substeps:={10**400}'), 'substeps'),
         (('-p', 'substeps:=1000000000000'), 'substeps out of range'),
         (('-p', 'gravity:=[.nan, 0.0, 0.0]'), 'gravity holds nan'),
-        (('-p', 'real_time_factor:=5e-324'), 'real_time_factor is 5e-324'),
+        (('-p', 'real_time_factor:=1e-9'), 'real_time_factor is 1e-09'),
         (('-p', 'publish_rate:=1e-300'), 'publish_rate is 1e-300 Hz'),
-        (('-p', 'locked:=[a]'), 'one parameter for each joint: locked.<joint>:=<position>'),
-        (('-p', 'locked.joint1:=open'), "'locked.joint1' to 'open' of type 'STRING'"),
-        (('-p', 'locked.nobody:=0.5'), 'nobody'),
+        (('-p', 'locked:=[nobody]'), 'nobody'),
+        (('-p', 'locked:=[a, a]'), 'locked names a joint twice'),
+        (('-p', 'locked_positions:=[0.5]'), 'locked_positions holds 1 numbers, expected 0'),
         (('--params-file', 'large.yaml'), 'joints holds 300000 values, expected 1000 at most'),
         (('-r', '__node:={x}'), 'remap rule'),
         (('-x',), "['-x']"),
@@ -308,7 +309,8 @@ def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
 ) -> None:
     arm = processes.arm(
         *('-p', f'robot:={example_robot("panda_description/urdf/panda.urdf")}'),
-        *('-p', 'locked.panda_finger_joint1:=0.01', '-p', 'locked.panda_finger_joint2:=0.02'),
+        *('-p', 'locked:=[panda_finger_joint1, panda_finger_joint2]'),
+        *('-p', 'locked_positions:=[0.01, 0.02]'),
         *('-p', 'recording:=arm.mcap'),
     )
     peer = peer_of(processes)
@@ -319,10 +321,7 @@ def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
     assert arm.end(signal.SIGINT) == 0, arm.text()
     summary = read(processes.folder / 'arm.mcap', verify=True)
     assert summary.settings is not None
-    assert summary.settings.locked == (
-        ('panda_finger_joint1', 0.01),
-        ('panda_finger_joint2', 0.02),
-    )
+    assert summary.settings.locks == {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}
 
 
 def test_a_stopped_reader_that_wants_everything_stops_neither_the_arm_nor_its_clock(
@@ -380,3 +379,23 @@ def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
     verdicts = [Verdict(row[3]) for row in rows]
     assert verdicts[:100] == [Verdict.OVERFLOWED] * 100
     assert set(verdicts[100:]) == {Verdict.ACCEPTED}
+
+
+def test_names_of_any_kind_are_counted_shown_short_and_change_nothing_else(
+    processes: Processes, peer_of
+) -> None:
+    arm = processes.arm('-p', 'recording:=arm.mcap')
+    peer = peer_of(processes)
+    peer.connect()
+    for names in (['{'], ['}'], ['{0}', 'joint1'], ['%s%n'], ['a\nb'], ['x' * 1_000_000]):
+        peer.command(names, [0.0] * len(names))
+        peer.let_pass()
+    peer.plain_command([0.0] * (LARGEST_COMMAND // 8))
+    arm.wait_for_text(f'bytes, expected {LARGEST_COMMAND} at most')
+    peer.command(JOINTS, [1.0] * 6)
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [1.0] * 6)
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    assert "'{0}'" in arm.text()
+    assert max(map(len, arm.text().splitlines())) < 700
+    summary = read(processes.folder / 'arm.mcap', verify=True)
+    assert summary.verdicts == {Verdict.UNKNOWN_NAMES: 5, Verdict.ACCEPTED: 2}

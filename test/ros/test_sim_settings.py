@@ -20,19 +20,8 @@ CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'sim_arm.yaml'
 def test_the_shipped_file_holds_every_setting_at_its_default() -> None:
     text = CONFIG.read_text(encoding='utf-8')
     given = yaml.safe_load(text)['/**']['ros__parameters']
-    # ROS takes no empty mapping.
-    assert set(given) | {'locked'} == {field.name for field in dataclasses.fields(Settings)}
+    assert set(given) == {field.name for field in dataclasses.fields(Settings)}
     assert settings_file.from_values(given) == Settings()
-    # What is commented out is as it would be given.
-    lines = text.splitlines(keepends=True)
-    start = next(i for i, line in enumerate(lines) if line.startswith('    # locked:'))
-    example = yaml.safe_load(
-        ''.join(line.replace('# ', '', 1) for line in lines[start : start + 3])
-    )
-    assert settings_file.from_values(example).locked == (
-        ('panda_finger_joint1', 0.0),
-        ('panda_finger_joint2', 0.0),
-    )
 
 
 def test_settings_come_back_from_json_with_the_same_bits() -> None:
@@ -41,7 +30,8 @@ def test_settings_come_back_from_json_with_the_same_bits() -> None:
         joints=('ä', 'b'),
         gravity=(0.1, -0.0, 5e-324),
         initial_positions=(1 / 3, -2e300),
-        locked=(('{0}', -0.0), ('ä', 0.1 + 0.2)),
+        locked=('ä', '{0}'),
+        locked_positions=(0.1 + 0.2, -0.0),
         step_size=0.0003,
         start_time=1.1,
     )
@@ -82,10 +72,11 @@ def test_settings_come_back_from_json_with_the_same_bits() -> None:
         ({'joints': [1]}, 'joints is 1, expected text'),
         ({'joints': ['a'] * 100_000}, 'joints holds 100000 values, expected 1000 at most'),
         ({'gravity': [[0.0]] * 3}, 'gravity is list, expected a number'),
-        ({'locked': ['a']}, 'locked is list, expected a position for each name'),
-        ({'locked': {'a': 'open'}}, 'locked.a is .*open.*, expected a number'),
-        ({'locked': {'a': float('nan')}}, 'locked.a holds nan'),
-        ({'locked': {1: 0.0}}, 'locked is 1, expected text'),
+        ({'locked': {'a': 1.0}}, 'locked is dict, expected a list'),
+        ({'locked': ['a', 'a']}, 'locked names a joint twice'),
+        ({'locked': ['a'], 'locked_positions': [float('nan')]}, 'locked_positions holds nan'),
+        ({'locked': ['a'], 'locked_positions': [0.0, 1.0]}, r"holds 2 numbers, expected 1, .*'a'"),
+        ({'locked_positions': [0.0]}, 'locked_positions holds 1 numbers, expected 0'),
     ],
 )
 def test_a_wrong_setting_is_refused_and_named(wrong: dict, text: str) -> None:
@@ -94,14 +85,15 @@ def test_a_wrong_setting_is_refused_and_named(wrong: dict, text: str) -> None:
     assert len(str(refused.value)) < 300
 
 
-def test_a_joint_is_locked_once() -> None:
-    with pytest.raises(ValueError, match='locked names a joint twice'):
-        Settings(locked=(('a', 0.0), ('a', 1.0)))
+def test_locked_joints_are_at_zero_unless_positions_are_given() -> None:
+    assert Settings(locked=('a', 'b')).locks == {'a': 0.0, 'b': 0.0}
+    assert Settings(locked=('a',), locked_positions=(0.5,)).locks == {'a': 0.5}
+    assert Settings().locks == {}
 
 
 def test_settings_from_before_a_setting_existed_have_its_default() -> None:
     old = json.loads(settings_file.to_json(Settings(robot='planar2', substeps=3)))
-    del old['locked']
+    del old['locked'], old['locked_positions']
     assert settings_file.from_values(old) == Settings(robot='planar2', substeps=3)
 
 

@@ -8,11 +8,15 @@ a later run adds its own files beside them.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import itertools
 import json
 import os
 from pathlib import Path
+import random
+import secrets
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -30,15 +34,72 @@ START_SECONDS = 60.0
 STOP_SECONDS = 20.0
 POLL_SECONDS = 0.05
 COMMAND_DEPTH = 10
+# Domains up to this one stay clear of the ports that Linux hands out itself. A domain begins
+# with its discovery ports; the first participant takes the one 10 above.
+MOST_DOMAINS = 101
+FIRST_PORT, PORTS_PER_DOMAIN = 7410, 250
+# Variables that choose domain, range, discovery server, peers, transport, security, profiles.
+MIDDLEWARE = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'ZENOH_')
+# Variables of those names that say where the installation is and how it logs.
+HARMLESS = frozenset(
+    {
+        'ROS_DISTRO',
+        'ROS_VERSION',
+        'ROS_PYTHON_VERSION',
+        'ROS_ETC_DIR',
+        'ROS_HOME',
+        'ROS_LOG_DIR',
+        'RMW_IMPLEMENTATION',
+    }
+)
 
 
-def environment() -> dict[str, str]:
-    """Return the environment of the two processes: a domain of their own on this machine."""
-    chosen = dict(os.environ)
-    # Domains up to 101 stay clear of the ports that Linux hands out itself.
-    chosen.setdefault('ROS_DOMAIN_ID', str(10 + os.getpid() % 90))
-    chosen.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    return chosen
+def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
+    """Return the environment of the two processes: nothing that leads to another system.
+
+    Parameters
+    ----------
+    inherited
+        The environment of this process.
+    domain
+        The ROS domain they get.
+    """
+    chosen = {
+        name: value
+        for name, value in inherited.items()
+        if name in HARMLESS or not name.startswith(MIDDLEWARE)
+    }
+    return chosen | {
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        # Fast DDS would take a profile from the folder it is started in.
+        'SKIP_DEFAULT_XML_FILE': '1',
+    }
+
+
+def free_domain(inherited: Mapping[str, str]) -> int:
+    """Return a domain at random, neither the inherited one nor one in use on this machine."""
+    taken = {0, _domain_of(inherited.get('ROS_DOMAIN_ID', ''))}
+    domains = [domain for domain in range(1, MOST_DOMAINS + 1) if domain not in taken]
+    random.SystemRandom().shuffle(domains)
+    return next((domain for domain in domains if _is_free(domain)), domains[0])
+
+
+def _domain_of(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        return 0
+
+
+def _is_free(domain: int) -> bool:
+    """Return whether no participant has the first port of a domain, by the rules of RTPS."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(('', FIRST_PORT + PORTS_PER_DOMAIN * domain))
+        except OSError:
+            return False
+    return True
 
 
 def free_name(folder: Path) -> Path:
@@ -93,18 +154,22 @@ def run(robot_name: str, seconds: float, folder: Path) -> int:
     robot = pfd.load_robot(robot_name)
     folder.mkdir(parents=True, exist_ok=True)
     base = free_name(folder)
+    # A name that nobody else has, in case a domain is not our own after all.
+    namespace = f'/pfd_demo_{secrets.token_hex(4)}'
     parameters = {
         'robot': robot_name,
         'initial_positions': motion_of(robot).start.tolist(),
         'recording': str(base.with_suffix('.mcap')),
         # At depth 1 a newer command may replace one that waits; the demo counts every one.
-        'qos_overrides': {'/joint_commands': {'subscription': {'depth': COMMAND_DEPTH}}},
+        'qos_overrides': {
+            f'{namespace}/joint_commands': {'subscription': {'depth': COMMAND_DEPTH}}
+        },
     }
     base.with_suffix('.yaml').write_text(
         yaml.safe_dump({'/**': {'ros__parameters': parameters}}), encoding='utf-8'
     )
     print(f'{robot_name}: arm and controller for {seconds:g} s, recorded to {base}.mcap')
-    told, problems = _run_processes(robot_name, seconds, base)
+    told, problems = _run_processes(robot_name, seconds, base, namespace)
     if told is not None:
         try:
             problems += demo_results.show(base, robot, told)
@@ -118,16 +183,22 @@ def run(robot_name: str, seconds: float, folder: Path) -> int:
 
 
 def _run_processes(
-    robot_name: str, seconds: float, base: Path
+    robot_name: str, seconds: float, base: Path, namespace: str
 ) -> tuple[dict[str, Any] | None, list[str]]:
     """Run both processes; return what the controller said and what went wrong."""
-    env = environment()
+    env = environment(os.environ, free_domain(os.environ))
+    # /clock is the one topic that a namespace leaves alone.
+    names = ['--ros-args', '-r', f'__ns:={namespace}', '-r', '/clock:=clock']
     arm_output, output = (Path(f'{base}.{name}.txt') for name in ('sim_arm', 'controller'))
-    arm = _start(['pfd_ros.node', '--ros-args', '--params-file', f'{base}.yaml'], arm_output, env)
+    arm = _start(['pfd_ros.node', *names, '--params-file', f'{base}.yaml'], arm_output, env)
     controller = None
     try:
         controller = _start(
-            ['pfd_ros.demo_controller', '--robot', robot_name, '--seconds', str(seconds)],
+            [
+                'pfd_ros.demo_controller',
+                *('--robot', robot_name, '--seconds', str(seconds)),
+                *names,
+            ],
             output,
             env,
         )

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 import re
 import subprocess
@@ -11,12 +12,15 @@ import sys
 
 import numpy as np
 import pytest
-from ros_processes import PATIENCE, environment
+from ros_processes import HAS_ROS, PATIENCE, Processes, environment
 
 import pfd_core as pfd
 from pfd_ros import demo
 from pfd_ros.demo_motion import motion_of
 from pfd_ros.replay import read
+
+if HAS_ROS:
+    from sensor_msgs.msg import JointState
 
 # Central differences with step h err by h^2 / 6 times a derivative of third or fourth order,
 # which stays below 1000 for this motion; rounding over h is a hundred times less.
@@ -64,26 +68,122 @@ def test_an_unknown_robot_is_named_before_anything_starts(tmp_path: Path) -> Non
     assert not (tmp_path / 'out').exists()
 
 
+HOSTILE = {
+    'ROS_LOCALHOST_ONLY': '0',
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET',
+    'ROS_STATIC_PEERS': '127.0.0.1;192.0.2.1',
+    'ROS_DISCOVERY_SERVER': '127.0.0.1:11811',
+    'ROS_SUPER_CLIENT': 'TRUE',
+    'ROS_SECURITY_ENABLE': 'true',
+    'ROS_SECURITY_STRATEGY': 'Enforce',
+    'FASTRTPS_DEFAULT_PROFILES_FILE': '/nowhere/profiles.xml',
+    'FASTDDS_DEFAULT_PROFILES_FILE': '/nowhere/profiles.xml',
+    'RMW_FASTRTPS_USE_QOS_FROM_XML': '1',
+    'CYCLONEDDS_URI': '<CycloneDDS/>',
+    'ZENOH_ROUTER_CONFIG_URI': '/nowhere',
+}
+
+
+def test_the_processes_inherit_nothing_that_leads_to_another_system() -> None:
+    kept = {'PATH': '/bin', 'ROS_DISTRO': 'jazzy', 'ROS_LOG_DIR': 'logs', 'AMENT_PREFIX_PATH': 'a'}
+    chosen = demo.environment(HOSTILE | kept | {'ROS_DOMAIN_ID': '7'}, 42)
+    assert chosen == kept | {
+        'ROS_DOMAIN_ID': '42',
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        'SKIP_DEFAULT_XML_FILE': '1',
+    }
+
+
+@pytest.mark.parametrize('inherited', [{}, {'ROS_DOMAIN_ID': '7'}, {'ROS_DOMAIN_ID': '{'}])
+def test_the_domain_is_never_the_inherited_one_and_not_always_the_same(inherited: dict) -> None:
+    domains = {demo.free_domain(inherited) for _ in range(300)}
+    assert domains <= set(range(1, demo.MOST_DOMAINS + 1))
+    assert int(inherited.get('ROS_DOMAIN_ID', '0').replace('{', '0')) not in domains
+    assert len(domains) > 20
+
+
 @pytest.mark.ros
-def test_the_demo_runs_proves_itself_and_leaves_its_files(tmp_path: Path) -> None:
-    env = environment(1)
-    del env['ROS_DOMAIN_ID'], env['ROS_AUTOMATIC_DISCOVERY_RANGE']
-    done = subprocess.run(
+def test_a_domain_with_a_node_on_it_is_not_free(processes: Processes, peer_of) -> None:
+    peer_of(processes)
+    assert not demo._is_free(processes.domain)
+    inherited = {'ROS_DOMAIN_ID': str(1 + processes.domain % 100)}
+    assert processes.domain not in {demo.free_domain(inherited) for _ in range(300)}
+
+
+def start_demo(folder: Path, domain: int) -> subprocess.Popen[str]:
+    return subprocess.Popen(
         [sys.executable, '-m', 'pfd_ros.command_line', 'demo', '--seconds', '1', '--out', 'here'],
-        cwd=tmp_path,
-        env=env,
-        capture_output=True,
+        cwd=folder,
+        env=environment(domain) | HOSTILE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
         text=True,
-        check=False,
-        timeout=2 * PATIENCE,
     )
-    told = done.stdout + done.stderr
+
+
+def check_demo(folder: Path, process: subprocess.Popen[str]) -> str:
+    told = process.communicate(timeout=3 * PATIENCE)[0]
     # The rate is the machine's business: a busy one may miss it, and nothing else.
     failures = re.findall('FAILED: (.*)', told)
     assert all(failure.startswith('the rate is') for failure in failures), told
-    assert done.returncode == (1 if failures else 0), told
+    assert process.returncode == (1 if failures else 0), told
     assert re.search(r'replay +\d+ states, \d+ steps: every bit equal', told)
     assert re.search(r'commands +sent \d+, recorded \d+, lost \d+', told)
     assert re.search(r'joint6 +\d\.\d+e-\d+ +\d\.\d+e-\d+', told)
-    assert (tmp_path / 'here' / 'arm_0.png').read_bytes().startswith(b'\x89PNG')
-    assert read(tmp_path / 'here' / 'arm_0.mcap', verify=True).complete
+    assert (folder / 'here' / 'arm_0.png').read_bytes().startswith(b'\x89PNG')
+    assert read(folder / 'here' / 'arm_0.mcap', verify=True).complete
+    return told
+
+
+@pytest.mark.ros
+def test_the_demo_proves_itself_and_no_live_arm_hears_of_it(
+    processes: Processes, peer_of, tmp_path: Path
+) -> None:
+    (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').write_text('<no profile')
+    # An arm on the domain, and by the names, that the demo's environment would lead to.
+    peer = peer_of(processes)
+    commands, seen = [], set()
+    peer.node.create_subscription(JointState, '/joint_commands', commands.append, 10)
+    process = start_demo(tmp_path, processes.domain)
+    try:
+        while process.poll() is None:
+            peer.executor.spin_once(timeout_sec=0.05)
+            seen |= set(peer.node.get_node_names())
+        check_demo(tmp_path, process)
+    finally:
+        process.kill()
+    assert commands == peer.states == peer.clocks == []
+    assert seen == {'peer'}
+    told = (tmp_path / 'here' / 'arm_0.sim_arm.txt').read_text()
+    assert re.search(r'takes commands on /pfd_demo_[0-9a-f]{8}/joint_commands', told)
+    assert re.search(r'/pfd_demo_[0-9a-f]{8}/clock \(', told)
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_demos_side_by_side_do_not_disturb_each_other(tmp_path: Path) -> None:
+    folders = [tmp_path / str(k) for k in range(3)]
+    for folder in folders:
+        folder.mkdir()
+    running = [start_demo(folder, 1) for folder in folders]
+    try:
+        for folder, process in zip(folders, running, strict=True):
+            check_demo(folder, process)
+    finally:
+        for process in running:
+            process.kill()
+
+
+@pytest.mark.ros
+def test_even_on_one_domain_two_demos_are_apart(tmp_path: Path, monkeypatch) -> None:
+    # A domain that looked free to both: their names and clocks still differ.
+    started = []
+    monkeypatch.setattr(demo, '_start', lambda command, *_: started.append(command))
+    monkeypatch.setattr(demo, '_stop', lambda process: 1)
+    for _ in range(2):
+        with contextlib.suppress(AttributeError):
+            demo.run('planar2', 1.0, tmp_path)
+    names = [[part for part in command if part.startswith('__ns:=')] for command in started]
+    assert all(len(name) == 1 for name in names)
+    assert len({name[0] for name in names}) == 2
+    assert all('/clock:=clock' in command for command in started)

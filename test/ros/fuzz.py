@@ -1,0 +1,306 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Hostile messages for a real node, at random from a seed, for as long as one likes.
+
+    python test/ros/fuzz.py --seconds 600 --seed 1
+
+Names, shapes, numbers, rates, bytes that are no message, publishers of foreign types, and
+parameter calls that make rclpy's own callback raise. Afterwards the node must be alive and
+its memory flat; it must end with status 0, and its recording must verify. Efforts that are
+accepted stay small: an arm that is torn apart is told, and is no success.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+import contextlib
+from dataclasses import dataclass
+from pathlib import Path
+import random
+import signal
+import struct
+import sys
+import tempfile
+import time
+from typing import Any
+
+import numpy as np
+from ros_processes import JOINTS, Peer, Process, Processes, resident_bytes
+
+from pfd_ros.cdr import Writer
+from pfd_ros.commands import Verdict
+from pfd_ros.convert import JointStateEncoder
+from pfd_ros.plant import Plant, Source, load_robot
+from pfd_ros.replay import Summary, read
+from pfd_ros.settings import Settings
+
+# Buffers of the middleware for the largest messages, the index of the recording, and what the
+# allocator keeps. Of a hundred fresh names of 100 kB each a leak would be 10 MB.
+GROWTH_LIMIT = 64 << 20
+WARM_UP = 0.4  # part of the time after which memory should be flat
+SMALL = 2.0  # N m; more than one joint of the arm never gets
+SAVAGE = (float('nan'), float('inf'), -float('inf'), 1e308, -1e300, 5e-324, -0.0, 2.0**53)
+NAMES = (
+    '',
+    '{',
+    '}',
+    '{0}',
+    '{!r}',
+    '%s%n',
+    '\\',
+    'a\nb',
+    '\x1b[2J',
+    '\x7f',
+    'ä',
+    '关节',
+    '😀',
+    '..',
+)
+LONGEST_NAME = 1 << 20
+# rclpy logs each of them at length.
+SECONDS_PER_PARAMETER_CALL = 3.0
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run came to."""
+
+    sent: int
+    warm_bytes: int
+    end_bytes: int
+    status: int
+    log_bytes: int
+    summary: Summary
+
+
+class Messages:
+    """A source of hostile messages as bytes."""
+
+    def __init__(self, seed: int) -> None:
+        self.random = random.Random(seed)
+        settings = Settings(damping=True)
+        self._plant = Plant(settings, load_robot(settings))
+
+    def name(self) -> str:
+        chance = self.random.random()
+        if chance < 0.4:
+            return self.random.choice(JOINTS)
+        if chance < 0.7:
+            return self.random.choice(NAMES)
+        if chance < 0.997:
+            return f'{self.random.getrandbits(64):x}'
+        return f'{self.random.getrandbits(64):x}' * self.random.randrange(LONGEST_NAME // 16)
+
+    def size(self) -> int:
+        return self.random.choice((0, 0, 1, 2, 5, 6, 6, 6, 6, 7, 100, self.random.randrange(3000)))
+
+    def numbers(self, size: int, *, savage: float) -> np.ndarray:
+        return np.array(
+            [
+                self.random.choice(SAVAGE)
+                if self.random.random() < savage
+                else self.random.uniform(-SMALL, SMALL)
+                for _ in range(size)
+            ]
+        )
+
+    def named(self) -> bytes:
+        """Return a JointState: whole or ragged, known joints or strange ones."""
+        names = list(JOINTS)
+        if self.random.random() < 0.7:
+            names = [self.name() for _ in range(self.size())]
+        writer = Writer()
+        writer.int32(self.random.choice((0, 0, 0, -1, 1, 2**31 - 1)))
+        writer.uint32(self.random.choice((0, 0, 0, 1, 2**32 - 1)))
+        writer.string(self.name())
+        writer.strings(tuple(names))
+        for _ in range(3):
+            size = len(names) if self.random.random() < 0.8 else self.size()
+            size = 0 if self.random.random() < 0.3 else size
+            writer.numbers(self.numbers(size, savage=self.random.choice((0.0, 0.0, 0.2, 1.0))))
+        return bytes(writer.data)
+
+    def plain(self) -> bytes:
+        """Return a Float64MultiArray, some with a layout."""
+        writer = Writer()
+        dimensions = self.random.choice((0, 0, 0, 1, 50))
+        writer.uint32(dimensions)
+        for _ in range(dimensions):
+            writer.string(self.name())
+            writer.uint32(self.random.getrandbits(32))
+            writer.uint32(self.random.getrandbits(32))
+        writer.uint32(self.random.getrandbits(32))
+        writer.numbers(self.numbers(self.size(), savage=self.random.choice((0.0, 0.0, 0.2))))
+        return bytes(writer.data)
+
+    def broken(self, source: Source) -> bytes:
+        """Return bytes that may be no message: cut, changed, with a wild length, or noise."""
+        data = bytearray(self.named() if source is Source.NAMED else self.plain())
+        kind = self.random.randrange(4)
+        if kind == 0:
+            return bytes(data[: self.random.randrange(4, len(data) + 1)])
+        if kind == 1:
+            return bytes(data[:4]) + self.random.randbytes(self.random.randrange(2000))
+        if kind == 2:
+            for _ in range(self.random.randrange(1, 8)):
+                data[self.random.randrange(len(data))] = self.random.randrange(256)
+            return bytes(data)
+        at = 4 * self.random.randrange(len(data) // 4)
+        struct.pack_into('<I', data, at, self.random.choice((2**32 - 1, 2**31, 10**6, 0)))
+        return bytes(data)
+
+    def __iter__(self) -> Iterator[tuple[Source, bytes]]:
+        """Yield messages that do not tear the arm apart."""
+        while True:
+            source = self.random.choice(tuple(Source))
+            chance = self.random.random()
+            if chance < 0.3:
+                data = self.broken(source)
+            elif source is Source.NAMED:
+                data = self.named()
+            else:
+                data = self.plain()
+            efforts = self._plant.receive(source, data).efforts
+            if all(abs(effort) <= SMALL for effort in efforts):
+                yield source, data
+
+
+class Crowd:
+    """Other nodes that come and go on the node's topics."""
+
+    def __init__(self, domain: int, chance: random.Random) -> None:
+        from rclpy.qos import qos_profile_sensor_data
+        from sensor_msgs.msg import JointState
+        from std_msgs.msg import Float64MultiArray, String
+
+        self._peer = Peer(domain, '/crowd')
+        self._random = chance
+        self._ends: list[Any] = []
+        self._choices = (
+            (String, '/joint_commands', 10),
+            (Float64MultiArray, '/joint_commands', 10),
+            (JointState, '/joint_commands', qos_profile_sensor_data),
+            (JointState, '/sim_arm/commands', 1),
+            (JointState, '/joint_states', 1),
+            (String, '/clock', 1),
+        )
+
+    def change(self) -> None:
+        """Add an endpoint, or take one away."""
+        if len(self._ends) > 5:
+            self._peer.node.destroy_publisher(self._ends.pop(0))
+        # A participant has one type for a topic: the middleware refuses some.
+        with contextlib.suppress(RuntimeError):
+            self._ends.append(
+                self._peer.node.create_publisher(*self._random.choice(self._choices))
+            )
+
+    def close(self) -> None:
+        self._peer.close()
+
+
+def _call_parameters(peer: Peer) -> None:
+    from rcl_interfaces.msg import Parameter, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+
+    client = peer.node.create_client(SetParameters, '/sim_arm/set_parameters')
+    if client.service_is_ready():
+        strange = Parameter(name='{0}', value=ParameterValue(type=200))
+        client.call_async(SetParameters.Request(parameters=[strange]))
+    peer.executor.spin_once(timeout_sec=0)
+    peer.node.destroy_client(client)
+
+
+def _flood(arm: Process, peer: Peer, crowd: Crowd, seconds: float, seed: int) -> tuple[int, int]:
+    """Send until the time is over; return how many messages, and the memory after a while."""
+    messages = Messages(seed)
+    publishers = {Source.NAMED: peer.named, Source.ARRAY: peer.plain}
+    begun = time.monotonic()
+    warm, called, sent = 0, begun, 0
+    for source, data in messages:
+        now = time.monotonic()
+        if now - begun > seconds:
+            break
+        if not warm and now - begun > WARM_UP * seconds:
+            warm = resident_bytes(arm.process.pid)
+        if now - called > SECONDS_PER_PARAMETER_CALL:
+            called = now
+            _call_parameters(peer)
+            crowd.change()
+        publishers[source].publish(data)
+        sent += 1
+        if sent % 100 == 0:
+            assert arm.process.poll() is None, arm.text()[-2000:]
+            # From a trickle to as fast as it goes.
+            time.sleep(messages.random.choice((0.0, 0.0, 0.01, 0.2)))
+    return sent, warm
+
+
+def fuzz(processes: Processes, seconds: float, seed: int) -> Outcome:
+    """Run a node under hostile messages and return what came of it."""
+    arm = processes.arm('-p', 'recording:=arm.mcap', '-p', 'damping:=true')
+    peer = Peer(processes.domain)
+    crowd = Crowd(processes.domain, random.Random(seed))
+    try:
+        peer.connect()
+        sent, warm = _flood(arm, peer, crowd, seconds, seed)
+        # It still does what it is told.
+        zeros = np.zeros(len(JOINTS))
+        wanted = [0.25 * k for k in range(len(JOINTS))]
+        hello = JointStateEncoder(JOINTS).encode(0, zeros, zeros, np.array(wanted))
+
+        def heard() -> bool:
+            peer.named.publish(hello)
+            return bool(peer.states[-1].effort.tolist() == wanted)
+
+        peer.wait(heard)
+        end = resident_bytes(arm.process.pid)
+        status = arm.end(signal.SIGINT)
+    finally:
+        crowd.close()
+        peer.close()
+    summary = read(processes.folder / 'arm.mcap', verify=True)
+    return Outcome(sent, warm, end, status, arm.output.stat().st_size, summary)
+
+
+def check(outcome: Outcome, seconds: float) -> None:
+    """Raise AssertionError unless the node came through."""
+    assert outcome.status == 0
+    assert outcome.summary.complete
+    assert outcome.summary.states > 0
+    assert outcome.end_bytes - outcome.warm_bytes <= GROWTH_LIMIT, (
+        f'{outcome.warm_bytes >> 20} MiB grew to {outcome.end_bytes >> 20} MiB'
+    )
+    # Some forty kinds of line, at first each second and then each minute, and rclpy's traces.
+    assert outcome.log_bytes < 500_000 + 2000 * seconds
+    for verdict in set(Verdict) - {Verdict.OVERFLOWED, Verdict.STALE}:
+        assert outcome.summary.verdicts[verdict], f'no message was {verdict.name}'
+
+
+def main() -> int:
+    """Run the fuzz from the command line."""
+    parser = argparse.ArgumentParser(description='Send hostile messages to a real node.')
+    parser.add_argument('--seconds', type=float, default=600.0)
+    parser.add_argument('--seed', type=int, default=1)
+    chosen = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        processes = Processes(Path(folder))
+        try:
+            outcome = fuzz(processes, chosen.seconds, chosen.seed)
+        finally:
+            for process in processes.started:
+                print(process.text()[-5000:], file=sys.stderr)
+            processes.close()
+        counts = {v.name: n for v, n in sorted(outcome.summary.verdicts.items())}
+        print(
+            f'{outcome.sent} messages sent; memory {outcome.warm_bytes / 2**20:.1f} MiB, at the '
+            f'end {outcome.end_bytes / 2**20:.1f} MiB; status {outcome.status}; log '
+            f'{outcome.log_bytes} bytes; {outcome.summary.steps} steps verified; {counts}'
+        )
+        check(outcome, chosen.seconds)
+    return 0
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

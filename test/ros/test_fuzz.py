@@ -1,0 +1,24 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A short run of the fuzz; `python test/ros/fuzz.py --seconds 600` is a long one."""
+
+from __future__ import annotations
+
+import itertools
+
+import fuzz
+import pytest
+from ros_processes import Processes
+
+SECONDS = 20.0
+
+
+def test_the_same_seed_gives_the_same_messages() -> None:
+    runs = [list(itertools.islice(fuzz.Messages(seed), 200)) for seed in (3, 3, 4)]
+    assert runs[0] == runs[1] != runs[2]
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_hostile_messages_leave_a_node_alive_small_and_verifiable(processes: Processes) -> None:
+    fuzz.check(fuzz.fuzz(processes, SECONDS, seed=1), SECONDS)

@@ -11,7 +11,7 @@ import os
 from pathlib import Path
 import sys
 
-from pfd_ros.shown import one_line
+from pfd_ros.text import one_line
 
 REPORTS = {
     'counts': 'counts: steps of every method beside what the paper claims',

@@ -15,7 +15,7 @@ from typing import Any, get_args, get_origin, get_type_hints
 from pfd_ros import settings as settings_file
 from pfd_ros.log import Log, strict_json
 from pfd_ros.settings import Settings
-from pfd_ros.shown import one_line
+from pfd_ros.text import one_line
 
 # More than any recording counts; a larger number is damage, and no loop should run to it.
 COUNT_LIMIT = 1 << 53

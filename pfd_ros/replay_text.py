@@ -11,7 +11,7 @@ import sys
 from pfd_ros.commands import Verdict
 from pfd_ros.provenance import versions
 from pfd_ros.replay import Summary, read
-from pfd_ros.shown import one_line
+from pfd_ros.text import one_line
 
 # What may change the bits if it changes.
 DECISIVE = ('pfd', 'numpy', 'llvmlite')

@@ -8,7 +8,7 @@ bytes into a queue. See docs/decisions/0003-executor-and-stepping-thread.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 import itertools
 import json
@@ -203,20 +203,25 @@ class SimArm(Node):
     def _take_commands(self) -> None:
         """Give the plant what waits, and record before which step it was taken."""
         waiting = self._inbox.take()
-        rows: list[tuple[int, int, int, Verdict]] = []
         for source, numbers in waiting.dropped.items():
             self.tally.add(source, OVERFLOWED, len(numbers))
-            rows += ((self.cycles, source, number, Verdict.OVERFLOWED) for number in numbers)
+            for start in range(0, len(numbers), MOST_ROWS):
+                some = numbers[start : start + MOST_ROWS]
+                self._record_rows([(self.cycles, source, n, Verdict.OVERFLOWED) for n in some])
+        rows = []
         for source, number, data in waiting.commands:
             command = self.plant.receive(source, data)
             self.tally.add(source, command)
             rows.append((self.cycles, source, number, command.verdict))
-        if self._recorder is None:
-            return
-        for start in range(0, len(rows), MOST_ROWS):
+        if rows:
+            # In one message, which says what was taken before the step.
+            self._record_rows(rows)
+
+    def _record_rows(self, rows: Sequence[tuple[int, int, int, Verdict]]) -> None:
+        """Record what became of some commands."""
+        if self._recorder is not None:
             self._taken += 1
-            data = convert.encode_rows(rows[start : start + MOST_ROWS], TAKEN_COLUMNS)
-            self._recorder.record(TAKEN, self._taken, data)
+            self._recorder.record(TAKEN, self._taken, convert.encode_rows(rows, TAKEN_COLUMNS))
 
     def report(self, *, last: bool = False) -> None:
         """Log what went wrong since the last call; called about once a second."""

@@ -24,9 +24,10 @@ from pfd_ros.log import Log
 from pfd_ros.recording import SEQUENCE_MASK
 from pfd_ros.settings import Settings
 
-# Commands that may wait to be taken: the node keeps 1000, and more is a damaged file's.
-WAITING_LIMIT = 1 << 14
-WAITING_BYTES = 1 << 25
+# Commands that may wait to be taken. The node keeps 1000 and 32 MB of them for a step; those that
+# it drops in a flood wait in the file for the row that says so.
+WAITING_LIMIT = 1 << 16
+WAITING_BYTES = 1 << 26
 _NUMBERED = struct.Struct('<IQ')
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from itertools import islice
+import re
 
 NAME_LENGTH = 64
 NAME_COUNT = 8
@@ -17,12 +18,13 @@ def cut(text: str, length: int = NAME_LENGTH) -> str:
     return text if len(text) <= length else f'{text[:length]}... ({len(text)} characters)'
 
 
-def one_line(text: object) -> str:
-    """Return the text of an error or a foreign text on one line, cut."""
-    # Slices first: a text may have a million lines.
-    whole = str(text)
-    line = ' '.join(''.join(c if c.isprintable() else ' ' for c in whole[:LINE_LENGTH]).split())
-    return line if len(whole) <= LINE_LENGTH else f'{line}... ({len(whole)} characters)'
+def one_line(value: object, limit: int = LINE_LENGTH) -> str:
+    """Return a text for one line; its middle is cut, and control characters are escaped."""
+    text = str(value)
+    if len(text) > limit:
+        text = f'{text[: 2 * limit // 3]}... ({len(text)} characters) ...{text[-limit // 3 :]}'
+    line = re.sub(r'\s*[\r\n\t]\s*', ' ', text)
+    return ''.join(c if c.isprintable() else repr(c)[1:-1] for c in line)
 
 
 def listed(names: Collection[str], total: int | None = None) -> str:

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 import gc
 import os
@@ -12,6 +12,7 @@ import signal
 import threading
 import time
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from pfd_core.kernels import cache, engine, recipe
 
 THREADS = 8
 TURNS = 100
-LIFETIME = 60  # [s] of a child; far above what it takes
+LIFETIME = 20  # [s] of a child; far above what it takes
 
 
 @pytest.fixture
@@ -46,6 +47,16 @@ def uncached(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv(cache.VARIABLE, '')
 
 
+# Takes long enough to compile that a process is copied meanwhile.
+LONG = '\n  '.join(
+    [
+        'define double @f(double %y0) {',
+        *(f'%y{k + 1} = fadd double %y{k}, {k}.5' for k in range(1000)),
+        'ret double %y1000\n}',
+    ]
+)
+
+
 def record_nothing(turns: int) -> None:
     for _ in range(turns):
         with recipe._uncollected():
@@ -65,34 +76,41 @@ def test_cycles_stay_where_somebody_does_not_want_them_collected(hurried: None) 
     assert not gc.isenabled()
 
 
-def fork_and_record() -> int:
-    """Return the number of a child that fails if it collects no cycles."""
+def child_ends(work: Callable[[], Any]) -> int:
+    """Return how a child ends that does some work and fails if it collects no cycles."""
     child = os.fork()
     if not child:
         enabled = gc.isenabled()
         signal.alarm(LIFETIME)
-        record_nothing(1)
+        work()
         os._exit(not enabled)
-    return child
+    return os.waitpid(child, 0)[1]
 
 
 @pytest.mark.skipif(not hasattr(os, 'fork'), reason='needs fork')
 @pytest.mark.filterwarnings('ignore:This process .* is multi-threaded:DeprecationWarning')
-def test_a_child_of_a_process_that_records_may_record(hurried: None) -> None:
+@pytest.mark.parametrize(
+    'work',
+    [lambda: record_nothing(10), lambda: engine.compile_ir(LONG).address('f')],
+    ids=['records', 'compiles'],
+)
+def test_a_child_of_a_process_that_is_busy_with_kernels_may_be_so_too(
+    hurried: None, uncached: None, work: Callable[[], Any]
+) -> None:
     over = threading.Event()
 
-    def record() -> None:
+    def busy() -> None:
         while not over.is_set():
-            record_nothing(10)
+            work()
 
     with ThreadPoolExecutor(2) as pool:
-        busy = [pool.submit(record) for _ in range(2)]
+        threads = [pool.submit(busy) for _ in range(2)]
         try:
-            ends = [os.waitpid(fork_and_record(), 0)[1] for _ in range(20)]
+            ends = [child_ends(work) for _ in range(10)]
         finally:
             over.set()
     assert not any(ends)
-    assert all(future.result() is None for future in busy)
+    assert all(thread.result() is None for thread in threads)
 
 
 def test_threads_that_compile_one_kernel_together_get_the_same_bits(uncached: None) -> None:

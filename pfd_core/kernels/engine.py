@@ -17,6 +17,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+import os
 import re
 import time
 from typing import Any
@@ -279,3 +280,12 @@ def _load(code: bytes, functions: Sequence[str], target: Target) -> Any:
     for name in functions:
         builder.export_symbol(name)
     return builder.link(linker, 'kernel')
+
+
+# A process is copied between two calls of LLVM, never during one: a child has no thread that
+# would give llvmlite's lock back.
+_lock = getattr(llvm.ffi.lib, '_lock', None)
+if _lock is not None and hasattr(os, 'register_at_fork'):
+    os.register_at_fork(
+        before=_lock.__enter__, after_in_parent=_lock.__exit__, after_in_child=_lock.__exit__
+    )

@@ -25,8 +25,8 @@ def produce(recorder: Recorder, topic: int) -> None:
     """Record in bursts until the process ends."""
     for k in itertools.count(1):
         recorder.record(topic, k, k.to_bytes(8, 'little') * (k % 64))
-        if k % 64 == 0:
-            time.sleep(0.0005)
+        if k % 16 == 0:
+            time.sleep(0.001)
 
 
 def tell(recorder: Recorder) -> None:

@@ -57,6 +57,8 @@ def leave(count: int) -> None:
 
 def interrupted(count: int) -> None:
     """End by SIGINT in the middle of a call."""
+    # A shell starts what it puts into the background with SIGINT ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
     compute(count, kernel)
     # Not earlier: Python drops a KeyboardInterrupt within a `__del__`, and the compiler's

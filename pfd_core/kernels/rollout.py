@@ -138,6 +138,8 @@ class Rollout:
         The code, which lives as long as this.
     method : str
         The text it was recorded from.
+    work : int
+        Operations of one call of @step.
 
     """
 
@@ -145,6 +147,7 @@ class Rollout:
     accelerations: Callable[..., None]
     native: Native
     method: str
+    work: int
 
 
 def compile_rollout(
@@ -171,6 +174,11 @@ def compile_rollout(
     given: list[Any] = [ctypes.c_void_p] * len(recipe.inputs)
     run = ctypes.CFUNCTYPE(integer, integer, integer, *given, *given[: len(STATE)])
     tell = ctypes.CFUNCTYPE(None, integer, *given, ctypes.c_void_p)
+    calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
     return Rollout(
-        run(native.address('rollout')), tell(native.address('accelerations')), native, method
+        run(native.address('rollout')),
+        tell(native.address('accelerations')),
+        native,
+        method,
+        recipe.work * calls,
     )

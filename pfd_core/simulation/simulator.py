@@ -31,9 +31,10 @@ from pfd_core.simulation.moment import Moment
 from pfd_core.simulation.trajectory import Trajectory
 
 # A rollout runs in pieces, between which Python looks for signals: seconds that one may take,
-# by the time that the one before took, and the substeps of the first. A step is never cut.
+# by the time that the one before took, and operations of the first, a loop's counted once. A
+# step is never cut.
 PIECE = 0.05
-FIRST = 32
+FIRST = 1_000_000
 
 
 class Simulator:
@@ -233,7 +234,7 @@ class Simulator:
     def _pieces(self, rows: Array, held: dict[str, Array], q: Array, qd: Array) -> int:
         """Take a step for each row, piece by piece; return after how many it was all finite."""
         places = [array.ctypes.data for array in (rows, q, qd)]
-        done, sound, count = 0, 0, max(1, FIRST // self.substeps)
+        done, sound, count = 0, 0, max(1, FIRST // (self._native.work * self.substeps))
         while done < len(rows):
             count = min(count, len(rows) - done)
             begin = time.perf_counter()
@@ -252,8 +253,8 @@ class Simulator:
 
         Returns after how many steps the state was finite; arrays are given by their addresses.
         """
-        at = following.at
-        held = [at['wrench']] * self.scene.external_wrench + [at['free']] * self.scene.brakes
+        at, scene = following.at, self.scene
+        held = [at['wrench']] * scene.external_wrench + [at['free']] * scene.brakes
         sound = self._native.run(steps, self.substeps, at['q'], at['qd'], taus, *held, q, qd)
         following.steps += steps
         if sound < steps:
@@ -280,8 +281,9 @@ class Simulator:
         following.take(self._now)
         if tau is not None:
             following.tau[:] = tau
-        for name, value in (held or {}).items():
-            getattr(following, name)[:] = value
+        if held:
+            for name, value in held.items():
+                getattr(following, name)[:] = value
         return following
 
     def _held(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> dict[str, Array]:

@@ -16,7 +16,6 @@ from zoo import random_chain, random_state, to_pinocchio
 import pfd_core as pfd
 from pfd_core.algorithms.dynamics import ITERATIVE
 from pfd_core.algorithms.pcgm import record_pcgm
-from pfd_core.kernels import auto
 from pfd_core.machine.emulator import run
 from pfd_core.model import resolve
 
@@ -157,6 +156,12 @@ def test_each_state_of_a_batch_has_brakes_of_its_own() -> None:
 
 
 CALLS = {
+    'kernel': lambda scene, brakes: pfd.compile_kernel(pfd.load_robot('planar2'), scene=scene)(
+        [0, 0], [0, 0], [1, 1], brakes=brakes
+    ),
+    'forward_dynamics': lambda scene, brakes: pfd.forward_dynamics(
+        pfd.load_robot('planar2'), [0, 0], [0, 0], [1, 1], scene=scene, brakes=brakes
+    ),
     'emulate': lambda scene, brakes: pfd.emulate(
         pfd.load_robot('planar2'), [0, 0], [0, 0], [1, 1], scene=scene, brakes=brakes
     ),
@@ -204,11 +209,3 @@ def test_one_simulation_takes_one_row_of_brakes() -> None:
     sim = pfd.Simulator(pfd.load_robot('planar2'), BRAKES)
     with pytest.raises(ValueError, match=r'brakes must have shape \(2,\), got \(1, 2\)'):
         sim.step([1, 1], brakes=[[True, False]])
-
-
-def test_the_method_of_an_arm_in_between_is_not_changed_by_a_pivots_choice() -> None:
-    # n choices more than before are not counted, so that 'auto' stands for the same as ever.
-    plant = resolve(random_chain(np.random.default_rng(1), 8), BRAKES)
-    few, many = (auto.cost(plant, name) for name in (auto.FEW_JOINTS, auto.MANY_JOINTS))
-    wanted = auto.FEW_JOINTS if few - 8 <= many else auto.MANY_JOINTS
-    assert auto.choose(plant, 'auto', 0) == wanted

@@ -342,7 +342,7 @@ TWO = np.zeros(2)
         ((TWO, TWO, TWO), {'out': np.zeros(2, 'f4')}, r'out must be .* got float32 \(2,\)'),
         ((TWO, TWO, TWO), {'out': [0, 0]}, 'out must be .* got list'),
         ((TWO, TWO, TWO, np.zeros(6)), {}, 'wrench was given, but .*external_wrench=True'),
-        ((TWO, TWO, TWO), {'brakes': [True, False]}, 'brakes was given, but .*brakes=True'),
+        ((TWO, TWO, TWO), {'brakes': [True, False]}, 'brakes were given, but .*brakes=True'),
         ((TWO, TWO, TWO, None, None, [True, False]), {}, 'positional'),
     ],
 )
@@ -407,7 +407,7 @@ def test_inverse_dynamics_knows_no_brakes() -> None:
     robot = pfd.load_robot('planar2')
     kernel = compile_inverse_kernel(robot, scene=pfd.Scene(brakes=True))
     np.testing.assert_array_equal(kernel(TWO, TWO, TWO), compile_inverse_kernel(robot)(*[TWO] * 3))
-    with pytest.raises(ValueError, match='brakes was given, but'):
+    with pytest.raises(ValueError, match='brakes were given, but'):
         kernel(TWO, TWO, TWO, brakes=[True, False])
 
 

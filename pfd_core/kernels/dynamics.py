@@ -13,7 +13,6 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.kernels.kernel import Kernel, compile_inverse_kernel, compile_kernel
@@ -69,8 +68,6 @@ def forward_dynamics(
 
     """
     scene = _with_wrench(scene, wrench)
-    if scene.brakes and brakes is None:
-        brakes = np.zeros(robot.n, dtype=bool)
     kernel = _forward_kernel(robot, scene, method, dtype, refine)
     return kernel(q, qd, tau, wrench, brakes=brakes)
 

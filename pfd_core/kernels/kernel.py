@@ -34,7 +34,7 @@ from pfd_core.kernels.recipe import Recipe, forward, inverse, plant_of, turned_j
 from pfd_core.kernels.threads import BatchWork, block_size, run, thread_count
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
-from pfd_core.model.arguments import held_mask
+from pfd_core.model.arguments import NO_BRAKES, held_mask
 
 
 class Kernel:
@@ -297,15 +297,13 @@ class Kernel:
         """Raise ValueError where an effect is given that the scene lacks, or the wrench is not."""
         if self.scene.external_wrench and wrench is None:
             raise ValueError('the scene has external_wrench=True, so the call needs wrench=')
-        for name, value, field in (
-            ('wrench', wrench, 'external_wrench'),
-            ('brakes', brakes, 'brakes'),
-        ):
-            if value is not None and not getattr(self.scene, field):
-                raise ValueError(
-                    f'{name} was given, but the kernel was made for a scene without: '
-                    f'compile it with Scene({field}=True)'
-                )
+        if not self.scene.external_wrench and wrench is not None:
+            raise ValueError(
+                'wrench was given, but the kernel was made for a scene without: '
+                'compile it with Scene(external_wrench=True)'
+            )
+        if not self.scene.brakes and brakes is not None:
+            raise ValueError(NO_BRAKES)
 
     def _target(
         self, out: NDArray[Any] | None, shape: tuple[int, ...], inputs: dict[str, NDArray[Any]]

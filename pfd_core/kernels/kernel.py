@@ -173,7 +173,7 @@ class Kernel:
             If an argument has the wrong shape or type, is missing, or is not finite.
 
         """
-        if brakes is None and threads == 1:
+        if brakes is None and (threads == 1 or self._alone(q, threads)):
             given = (q, qd, tau) if wrench is None else (q, qd, tau, wrench)
             if isinstance(q, np.ndarray) and q.ndim == 2:
                 result = self._quick_batch(q, given, out)
@@ -212,6 +212,14 @@ class Kernel:
                 'the kernel has no error estimate: compile it with refine=1 or more, got refine=0'
             )
         return self._estimating()
+
+    def _alone(self, q: ArrayLike, threads: int) -> bool:
+        """Return whether states are too few for two threads; ValueError for a wrong number."""
+        threads = thread_count(threads)
+        if not isinstance(q, np.ndarray):
+            return False
+        states = len(q) if q.ndim == 2 else 1
+        return block_size(states, threads, self._width, self._recipe.work) >= states
 
     def _quick_batch(
         self, q: NDArray[Any], given: tuple[ArrayLike, ...], out: NDArray[Any] | None

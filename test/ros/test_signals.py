@@ -77,13 +77,19 @@ def test_a_third_signal_ends_a_node_whose_closing_hangs(processes: Processes, fa
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_three_signals_end_a_node_at_any_moment_of_its_life(processes: Processes) -> None:
-    # From before the imports until after the last line; without a handler yet, the first kills.
+def test_a_node_ends_under_repeated_signals_at_any_moment_of_its_life(
+    processes: Processes,
+) -> None:
+    # From before the imports until after the last line. Signals that are due at once are one.
     for k in range(20):
         arm = processes.arm(ready=False)
         time.sleep(0.1 * k)
-        assert arm.end(INT, INT, INT) in (0, STATUS_BASE + INT, 1, -INT)
-        assert 'Traceback' not in arm.text() or k < 2
+        deadline = time.monotonic() + PATIENCE
+        while arm.process.poll() is None and time.monotonic() < deadline:
+            arm.process.send_signal(INT)
+            time.sleep(0.02)
+        # Without a handler yet, the first one kills.
+        assert arm.process.poll() in (0, 1, STATUS_BASE + INT, -INT), arm.text()
 
 
 @pytest.mark.ros

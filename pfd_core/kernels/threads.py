@@ -3,11 +3,12 @@
 """
 Blocks of a batch, or of an ensemble, on a pool of threads.
 
-The members of a batch are cut into blocks of whole vector registers. The caller and the workers
-of one `concurrent.futures.ThreadPoolExecutor` take blocks from a queue until it is empty; each
-block is a call of native code without the interpreter's lock. The same code computes a member
-from the same numbers in whichever block it lies: the bits of a result depend neither on the
-number of threads nor on the order in which blocks are taken.
+The members of a batch are cut into blocks of whole vector registers, and these into one part for
+each thread. The caller and the workers of one `concurrent.futures.ThreadPoolExecutor` take blocks
+of their own part, which their core may still have in its cache from the call before, then of the
+others'; each block is a call of native code without the interpreter's lock. The same code computes
+a member from the same numbers in whichever block it lies: the bits of a result depend neither on
+the number of threads nor on the order in which blocks are taken.
 
 A batch too small for two blocks is computed by the caller alone (LEAST), and no block is longer
 than MOST, so that a signal is answered in time. See docs/decisions/0007-threads.md.
@@ -18,9 +19,11 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextlib import suppress
 import ctypes
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
+from itertools import pairwise
 import os
 from typing import Any
 
@@ -117,24 +120,30 @@ def run(work: Callable[[int, int], int], count: int, block: int, threads: int) -
     blocks.
 
     """
-    waiting = deque(range(0, count, block))
+    starts = range(0, count, block)
+    threads = max(min(threads, len(starts)), 1)
+    ends = [k * len(starts) // threads for k in range(threads + 1)]
+    parts = [deque(starts[begin:end]) for begin, end in pairwise(ends)]
 
-    def take_blocks() -> int:
+    def take_blocks(own: int) -> int:
         flags = 0
-        while True:
-            try:
-                first = waiting.popleft()
-            except IndexError:
-                return flags
-            flags |= work(first, min(block, count - first))
+        for part in (*parts[own:], *parts[:own]):
+            # From the end, where it is another's.
+            take = part.popleft if part is parts[own] else part.pop
+            with suppress(IndexError):
+                while True:
+                    first = take()
+                    flags |= work(first, min(block, count - first))
+        return flags
 
     workers: list[Future[int]] = []
     try:
-        for _ in range(min(threads, len(waiting)) - 1):
-            workers += _submitted(take_blocks)
-        flags = take_blocks()
+        for own in range(1, threads):
+            workers += _submitted(partial(take_blocks, own))
+        flags = take_blocks(0)
     finally:
-        waiting.clear()
+        for part in parts:
+            part.clear()
         # A worker that has not begun has nothing left to do.
         begun = [worker for worker in workers if not worker.cancel()]
         wait(begun)

@@ -10,8 +10,6 @@ deaf, or does not step, must not look like one that works.
 from __future__ import annotations
 
 from collections.abc import Callable
-import contextlib
-import ctypes
 from dataclasses import dataclass, field
 import gc
 import os
@@ -39,8 +37,6 @@ FOREVER_SECONDS = 1e8
 END_SECONDS = 10
 # Callbacks that may fail before the node gives up: rclpy logs each one at length.
 MOST_FAILURES = 1000
-# Of malloc.h; a threshold that is set does not grow.
-M_MMAP_THRESHOLD, LARGE_BLOCK = -3, 1 << 16
 # What a wrong argument, parameter or file makes rclpy and this package raise.
 MISTAKES = (
     ValueError,
@@ -62,7 +58,6 @@ def run(args: list[str], stop: threading.Event) -> int:
     stop
         Set by a signal, and by the node itself when it cannot go on.
     """
-    _give_memory_back()
     try:
         return _run(args, stop)
     except MISTAKES as error:
@@ -74,16 +69,6 @@ def run(args: list[str], stop: threading.Event) -> int:
     finally:
         _limit_the_rest()
         rclpy.try_shutdown()
-
-
-def _give_memory_back() -> None:
-    """Have the C library return large blocks to the system when they are freed.
-
-    The GNU one keeps blocks of up to 32 MiB once it has seen one of that size, in pieces for
-    each thread: foreign messages of a megabyte let the process grow by megabytes per second.
-    """
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE_BLOCK)
 
 
 def _limit_the_rest() -> None:

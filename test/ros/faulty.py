@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node with one fault put into it: `python faulty.py FAULT [arguments of the node]`."""
+"""The node with a fault put into it, or observed: `python faulty.py FAULT [node arguments]`."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import itertools
 import sys
 import threading
 import time
+import tracemalloc
 from types import ModuleType
 
 from pfd_ros import node
@@ -94,10 +95,27 @@ def step_after(count: int) -> None:
     sim_arm.SimArm.run = run
 
 
+def trace() -> None:
+    """Tell with every report how much memory the objects take."""
+    tracemalloc.start()
+    from pfd_ros import sim_arm
+
+    real_report = sim_arm.SimArm.report
+
+    def report(arm, **options) -> None:
+        real_report(arm, **options)
+        print(f'traced {tracemalloc.get_traced_memory()[0]}', flush=True)
+
+    sim_arm.SimArm.report = report
+
+
 def put_in(fault: str) -> None:
     if fault.startswith('stub_'):
         runs = {'hangs': wait_and_hang, 'hangs_in_c': wait_and_hang_in_c, 'ends': wait_and_end}
         without_ros(runs[fault.removeprefix('stub_')])
+        return
+    if fault == 'traced':
+        trace()
         return
     from pfd_ros import process, sim_arm
 

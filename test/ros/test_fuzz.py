@@ -20,5 +20,8 @@ def test_the_same_seed_gives_the_same_messages() -> None:
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_hostile_messages_leave_a_node_alive_small_and_verifiable(processes: Processes) -> None:
-    fuzz.check(fuzz.fuzz(processes, SECONDS, seed=1), SECONDS)
+@pytest.mark.parametrize('largest', [fuzz.SMALL_BYTES, 1 << 24])
+def test_hostile_messages_leave_a_node_alive_small_and_verifiable(
+    processes: Processes, largest: int
+) -> None:
+    fuzz.check(fuzz.fuzz(processes, SECONDS, seed=1, largest=largest), SECONDS)

@@ -174,6 +174,7 @@ def test_the_bits_do_not_depend_on_the_threads(
     count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(threads, 'LEAST', 1)
+    monkeypatch.setattr(threads, 'ALONE', 0)
     q, qd, taus = sequences(2, 100)
     many = pfd.Ensemble(pfd.load_robot('planar2'), 100)
     many.reset(q, qd)

@@ -21,6 +21,7 @@ from pfd_core.kernels import threads
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     # Blocks of single registers, so that a small batch is shared, and more threads than cores.
     monkeypatch.setattr(threads, 'LEAST', 1)
+    monkeypatch.setattr(threads, 'ALONE', 0)
     monkeypatch.setattr(threads, 'cores', lambda: 8)
     monkeypatch.setattr(threads, '_pool', threads._new_pool())
 
@@ -114,7 +115,9 @@ def test_a_block_is_worth_a_worker_and_answers_a_signal_in_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(threads, 'LEAST', 500_000)
-    assert threads.block_size(1000, 8, 8, 500) == 8000
+    monkeypatch.setattr(threads, 'ALONE', 1_000_000)
+    assert threads.block_size(16_000, 8, 8, 500) == 16_000
+    assert threads.block_size(17_000, 8, 8, 500) == 8000
     assert threads.block_size(1000, 8, 8, 50_000) == 80
     for number in (1, 2):
         assert threads.block_size(10**9, number, 8, 500) == 8 * threads.MOST // 500

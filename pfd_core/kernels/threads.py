@@ -10,8 +10,8 @@ others'; each block is a call of native code without the interpreter's lock. The
 a member from the same numbers in whichever block it lies: the bits of a result depend neither on
 the number of threads nor on the order in which blocks are taken.
 
-A batch too small for two blocks is computed by the caller alone (LEAST), and no block is longer
-than MOST, so that a signal is answered in time. See docs/decisions/0007-threads.md.
+A small batch is computed by the caller (ALONE), and no block is longer than MOST, so that a signal
+is answered in time. See docs/decisions/0007-threads.md.
 """
 
 from __future__ import annotations
@@ -34,9 +34,11 @@ from pfd_core.kernels.conversion import address
 from pfd_core.kernels.engine import Native
 from pfd_core.model.arguments import integer
 
-# Operations on vector registers in a block, at least: some 100 microseconds of one core, twice
-# as long as it takes to wake a worker.
-LEAST = 500_000
+# Operations on vector registers up to which a batch is computed by the caller alone: half of it
+# takes as long as a worker needs to wake up and bring the arrays into the cache of its core.
+ALONE = 2_500_000
+# In a block, at least: some 50 microseconds of one core, to which its start adds two or three.
+LEAST = 250_000
 # And at most: 50 ms of a processor that does one a nanosecond, a fifth of what most of them do.
 MOST = 50_000_000
 # Blocks for each thread, where LEAST lets them be so small: a thread that is held up by other
@@ -94,8 +96,9 @@ def block_size(count: int, threads: int, width: int, operations: int) -> int:
     """
     least, most = (max(limit // max(operations, 1), 1) for limit in (LEAST, MOST))
     registers = -(-count // width)
-    share = registers if threads == 1 else -(-registers // (threads * TURNS))
-    return width * min(max(share, least), most)
+    alone = threads == 1 or registers * operations <= ALONE
+    share = registers if alone else max(-(-registers // (threads * TURNS)), least)
+    return width * max(min(share, most), 1)
 
 
 def run(work: Callable[[int, int], int], count: int, block: int, threads: int) -> int:

@@ -216,7 +216,7 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
         (('-p', 'recording:=/proc/nowhere/arm.mcap'), '/proc/nowhere/arm.mcap cannot be written'),
         (('-p', 'recording:=nowhere/arm.mcap'), 'nowhere/arm.mcap cannot be written'),
         (('-p', f'recording:={"x" * 300}'), 'File name too long'),
-        (('-p', 'robot:=fifo'), "unknown robot 'fifo'"),
+        (('-p', 'robot:=fifo'), "'fifo' must end in .urdf"),
         (('-p', 'robot:=folder'), 'folder'),
         (('-p', "robot:='{0}{}%s'"), '{0}{}%s'),
         (('-p', f'robot:={"x" * 50_000}'), 'xxx'),
@@ -384,7 +384,9 @@ def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
 def test_names_of_any_kind_are_counted_shown_short_and_change_nothing_else(
     processes: Processes, peer_of
 ) -> None:
-    arm = processes.arm('-p', 'recording:=arm.mcap')
+    # At depth 1 a busy machine would see some replaced by newer ones.
+    depth = 'qos_overrides./joint_commands.subscription.depth:=10'
+    arm = processes.arm('-p', 'recording:=arm.mcap', '-p', depth)
     peer = peer_of(processes)
     peer.connect()
     for names in (['{'], ['}'], ['{0}', 'joint1'], ['%s%n'], ['a\nb'], ['x' * 1_000_000]):

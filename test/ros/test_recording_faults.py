@@ -562,13 +562,19 @@ def test_the_part_of_a_run_before_the_disk_was_full_replays_to_the_same_bits(
     tmp_path: Path,
 ) -> None:
     path = tmp_path / 'a.mcap'
-    settings = Settings(robot='puma560')
+    settings = Settings(robot='puma560', publish_clock=False, real_time_factor=0.0)
     robot = pfd.load_robot(settings.robot)
     plant = Plant(settings, robot)
-    names = {'joint_commands': '/commands', 'taken': '/taken', 'joint_states': '/states'}
+    names = {'joint_commands': '/named', 'commands': '/plain', 'taken': '/taken'}
+    names['joint_states'] = '/states'
     head = provenance.contents(settings, robot, names, TimeBase())
     reports = Reports()
-    kinds = (convert.JOINT_STATE, convert.INTEGER_ARRAY, convert.JOINT_STATE)
+    kinds = (
+        convert.JOINT_STATE,
+        convert.FLOAT_ARRAY,
+        convert.INTEGER_ARRAY,
+        convert.JOINT_STATE,
+    )
     topics = [Topic(name, kind, '') for name, kind in zip(names.values(), kinds, strict=True)]
     recorder = Recorder(path, topics, head, reports.append)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -577,7 +583,7 @@ def test_the_part_of_a_run_before_the_disk_was_full_replays_to_the_same_bits(
 
         def failed() -> bool:
             plant.advance()
-            recorder.record(2, plant.step, plant.state())
+            recorder.record(3, plant.step, plant.state())
             return recorder.failed
 
         wait_for(failed)
@@ -586,7 +592,7 @@ def test_the_part_of_a_run_before_the_disk_was_full_replays_to_the_same_bits(
     recorder.close()
     summary = replay.read(path, verify=True)
     assert not summary.complete
-    assert summary.states == recorder.recorded[2] > 0
+    assert summary.states == recorder.recorded[3] > 0
 
 
 class Clock(TimeBase):

@@ -246,8 +246,8 @@ class SimArm(Node):
             tell('recorder', dropped, 'messages not recorded: the disk is too slow', last=last)
         text = f'callbacks failed, the newest by {self._callback_failure}'
         tell('callbacks', self.callback_failures, text, error=True, last=last)
-        if self.plant.failure:
-            self._notices.once('plant', f'simulation stopped: {self.plant.failure}', error=True)
+        text = f'failure, simulation stopped: {self.plant.failure}'
+        tell('plant', int(bool(self.plant.failure)), text, error=True, last=last)
         if not last:
             self._peers.look()
 

@@ -70,6 +70,9 @@ def test_findings_are_told_once_each_and_not_without_end() -> None:
         notices.once(k % 500, f'found {k}')
     assert len(logger) == MOST_FINDINGS + 2
     assert logger[-1][1] == 'more findings of this kind are not told'
+    # What is counted is of a kind known beforehand, and told all the same.
+    notices.count('plant', 1, 'failure', error=True)
+    assert logger[-1] == ('error', '1 failure')
 
 
 def test_foreign_text_is_shown_short_and_on_one_line() -> None:

@@ -211,7 +211,7 @@ def test_a_wrong_robot_is_refused_and_the_cause_named(
         [-(10**400)],
         [1e101],
         [[[[[1.0]]]]],
-        [np.timedelta64(1)],
+        [np.timedelta64(1, 's')],
         None,
     ],
     ids=repr,

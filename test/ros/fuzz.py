@@ -175,7 +175,9 @@ class Messages:
                 data = self.plain()
             if len(data) > self._largest:
                 continue
-            efforts = self._plant.receive(source, data).efforts
+            # The middleware fills up to four bytes: a message that was cut may come out whole.
+            arriving = data + bytes(-len(data) % 4)
+            efforts = self._plant.receive(source, arriving).efforts
             if all(abs(effort) <= SMALL for effort in efforts):
                 yield source, data
 

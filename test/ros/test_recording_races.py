@@ -26,7 +26,7 @@ from pfd_ros import log
 from pfd_ros.mcap_file import McapFile
 
 HERE = Path(__file__).resolve().parent
-OFTEN = [10, pytest.param(100, marks=pytest.mark.slow)]
+OFTEN = [10, pytest.param(40, marks=pytest.mark.slow)]
 # Longest time that a process lives on before its signal, s.
 LIFE = 0.3
 AT_ONCE = 4

@@ -42,8 +42,8 @@ LEAST = 250_000
 # And at most: 50 ms of a processor that does one a nanosecond, a fifth of what most of them do.
 MOST = 50_000_000
 # Blocks for each thread, where LEAST lets them be so small: a thread that is held up by other
-# processes then holds up the result by a fraction of its share.
-TURNS = 4
+# processes can give half of its share away. More of them cost more than they bring.
+TURNS = 2
 BATCH = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
 
 

@@ -90,7 +90,10 @@ def _typed(label: str, value: Any, kind: Any) -> Any:
 def versions_of(log: Log) -> dict[str, str]:
     """Return the versions a recording was made with."""
     found = table(log.json('versions'), 'versions')
-    return {name: str(version)[:200] for name, version in found.items()}
+    for name, version in found.items():
+        if not isinstance(version, str):
+            raise ValueError(f'version of {_quoted(name)} is no text')
+    return {name: version[:200] for name, version in found.items()}
 
 
 def started_ns(log: Log) -> int:

@@ -11,8 +11,8 @@ from typing import Any
 from rclpy.qos import QoSProfile
 
 from pfd_ros import convert, provenance
+from pfd_ros.events import ROLE_OF_SOURCE
 from pfd_ros.recording import Recorder, TimeBase, Topic
-from pfd_ros.replay import ROLE_OF_SOURCE
 from pfd_ros.settings import Settings
 
 # By place in the recording; the commands come first, by Source.

@@ -22,7 +22,6 @@ from pfd_ros.convert import JointMessage, decode_clock, decode_joint_state
 from pfd_ros.events import (
     ROLE_OF_SOURCE,
     SOURCE_OF_ROLE,
-    TAKEN_COLUMNS,
     Event,
     Row,
     events,
@@ -33,7 +32,7 @@ from pfd_ros.plant import Plant
 from pfd_ros.recording import SEQUENCE_MASK
 from pfd_ros.survey import Summary, Survey, survey
 
-__all__ = ['ROLE_OF_SOURCE', 'TAKEN_COLUMNS', 'DifferenceError', 'Summary', 'read']
+__all__ = ['DifferenceError', 'Summary', 'read']
 
 FIELDS = ('position', 'velocity', 'effort')
 # Part of the time that looking through the file takes when it is simulated too.

@@ -26,13 +26,13 @@ from std_msgs.msg import Float64MultiArray
 from pfd_ros import channels, convert, parameters
 from pfd_ros.channels import CLOCK, STATES, TAKEN
 from pfd_ros.commands import ERRORS, QUIET, Command, Verdict
+from pfd_ros.events import ROLE_OF_SOURCE, TAKEN_COLUMNS
 from pfd_ros.inbox import Inbox
 from pfd_ros.notices import Notices
 from pfd_ros.outlet import Outlet
 from pfd_ros.peers import Peers, type_name
 from pfd_ros.plant import Plant, Source, load_robot
 from pfd_ros.recording import Recorder
-from pfd_ros.replay import ROLE_OF_SOURCE, TAKEN_COLUMNS
 from pfd_ros.schedule import Schedule
 from pfd_ros.settings import NANOSECONDS
 from pfd_ros.tally import Tally

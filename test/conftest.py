@@ -5,8 +5,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import pytest
+
+from pfd_core.kernels import cache, engine, remember
 
 
 @pytest.fixture(scope='session', autouse=True)
@@ -15,3 +19,29 @@ def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv('PFD_CACHE', str(tmp_path_factory.mktemp('cache')))
         yield
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a cache folder of the test's own, which is in use and does not exist yet."""
+    where = tmp_path / 'cache'
+    monkeypatch.setenv(cache.VARIABLE, str(where))
+    monkeypatch.setattr(remember, 'IMPORTED', 0.0)
+    remember.sources.cache_clear()
+    cache._said.clear()
+    cache._written.clear()
+    return where
+
+
+@pytest.fixture
+def emitted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return the list of the texts that the compiler was run on, which grows."""
+    texts: list[str] = []
+    emit = engine.emit
+
+    def counted(ir: str, *rest: Any) -> bytes:
+        texts.append(ir)
+        return emit(ir, *rest)
+
+    monkeypatch.setattr(engine, 'emit', counted)
+    return texts

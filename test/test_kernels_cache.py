@@ -65,32 +65,6 @@ IR = 'define double @f(double %x) {\n  %y = fmul double %x, %x\n  ret double %y\
 HOST = engine.Target('x86_64-unknown-linux-gnu', 'haswell', '+avx,+avx2')
 
 
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return an empty cache folder, which is in use."""
-    where = tmp_path / 'cache'
-    monkeypatch.setenv(cache.VARIABLE, str(where))
-    monkeypatch.setattr(remember, 'IMPORTED', 0.0)
-    remember.sources.cache_clear()
-    cache._said.clear()
-    cache._written.clear()
-    return where
-
-
-@pytest.fixture
-def emitted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Return the list of what the compiler was run on, which grows."""
-    texts: list[str] = []
-    emit = engine.emit
-
-    def counted(ir: str, *rest: Any) -> bytes:
-        texts.append(ir)
-        return emit(ir, *rest)
-
-    monkeypatch.setattr(engine, 'emit', counted)
-    return texts
-
-
 def start_child(robot: str) -> subprocess.Popen[str]:
     environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
     command = [sys.executable, '-c', CHILD, robot]

@@ -22,39 +22,13 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.kernels import cache, engine, remember
+from pfd_core.kernels import cache, engine
 
 pwd = pytest.importorskip('pwd', reason='users and modes are those of POSIX')
 
 ROOT = Path(__file__).resolve().parent.parent
 LIFETIME = 120  # [s] of a child; far above what it takes
 IR = 'define double @f(double %x) {\n  %y = fmul double %x, %x\n  ret double %y\n}'
-
-
-@pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the cache folder, which is in use and does not exist yet."""
-    where = tmp_path / 'cache'
-    monkeypatch.setenv(cache.VARIABLE, str(where))
-    monkeypatch.setattr(remember, 'IMPORTED', 0.0)
-    remember.sources.cache_clear()
-    cache._said.clear()
-    cache._written.clear()
-    return where
-
-
-@pytest.fixture
-def emitted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Return the list of what the compiler was run on, which grows."""
-    texts: list[str] = []
-    emit = engine.emit
-
-    def counted(ir: str, *rest: Any) -> bytes:
-        texts.append(ir)
-        return emit(ir, *rest)
-
-    monkeypatch.setattr(engine, 'emit', counted)
-    return texts
 
 
 def contents(folder: Path) -> dict[str, bytes]:

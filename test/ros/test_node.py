@@ -18,10 +18,11 @@ from ros_processes import JOINTS, PATIENCE, READER, Processes, example_robot
 
 from pfd_ros.commands import Verdict
 from pfd_ros.convert import decode_rows
+from pfd_ros.events import TAKEN_COLUMNS
 from pfd_ros.inbox import MOST_COMMANDS
 from pfd_ros.log import Log
 from pfd_ros.plant import Source
-from pfd_ros.replay import TAKEN_COLUMNS, read
+from pfd_ros.replay import read
 
 pytestmark = pytest.mark.ros
 LARGEST_COMMAND = 1 << 22

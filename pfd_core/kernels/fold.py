@@ -32,12 +32,11 @@ def fold(program: Program) -> Program:
 
 
 class Folder:
-    """Rewrites a program one instruction at a time, by value numbering; here of one lane."""
+    """Rewrites a program one instruction at a time, by value numbering."""
 
     def __init__(self) -> None:
         self.instructions: list[Instruction] = []
         self.names: list[int] = []  # register of the old program -> register of the new one
-        self.active = 1  # the lanes that what is written works on
         self._known: dict[tuple[object, ...], int] = {}
         self._section = ''
 
@@ -61,7 +60,7 @@ class Folder:
         key = _key(op, args, data)
         if key not in self._known:
             self._known[key] = len(self.instructions)
-            self.instructions.append(Instruction(op, args, data, self.active, self._section))
+            self.instructions.append(Instruction(op, args, data, 1, self._section))
         return self._known[key]
 
     def value(self, register: int) -> float | None:

@@ -26,7 +26,6 @@ LATENCY = {
     'div': 16,
     'sqrt': 20,
     'select': 4,
-    'shuffle': 3,
 }
 
 

@@ -64,10 +64,6 @@ class Format:
             return self.number(value)
         return f'splat ({self.scalar} {self.number(value)})'
 
-    def row(self, values: Sequence[float]) -> str:
-        """Return a constant of a program, given for each of its lanes."""
-        return self.constant(values[0])
-
     def pointers(self, names: Sequence[str]) -> str:
         """Return some arrays as parameters or, spelled alike, as arguments."""
         stride = ', i64 %{0}.stride' if self.strided else ''
@@ -115,7 +111,7 @@ def body(program: Program, form: Format) -> str:
         op, args, data, *_ = instruction
         operands.append(f'%v{register}')
         if op == 'constant':
-            operands[-1] = form.row(data)
+            operands[-1] = form.constant(data[0])
         elif op in ('state', 'result'):
             operands[-1] = f'%{op[0]}{args[0]}.{data if data >= 0 else "trips"}'
         elif op == 'loop':

@@ -26,10 +26,6 @@ from pfd_core.kernels.schedule import schedule
 from pfd_core.machine.program import Instruction, Output, Program, renamed
 from pfd_core.machine.recorder import Lanes, Recorder
 
-# What moves data between lanes.
-MOVING = ('route', 'shuffle')
-LOOPED = ('loop', 'state', 'end', 'result')
-
 
 def lower(
     program: Program, dtype: str, outputs: Collection[str] | None = None, fma: bool = True
@@ -70,70 +66,25 @@ def drop(program: Program, outputs: Collection[str] | None = None) -> Program:
     kept = {k: v for k, v in program.outputs.items() if outputs is None or k in outputs}
     if not kept:
         raise ValueError(f'no output of {sorted(program.outputs)} is in {sorted(outputs or ())}')
-    wanted = _wanted_lanes(program, kept.values())
+    read = _read_registers(program, kept.values())
     names: list[int] = []
     instructions: list[Instruction] = []
     for register, instruction in enumerate(program.instructions):
         names.append(len(instructions))
-        if wanted[register]:
-            if wanted[register] != instruction.active or instruction.op in MOVING:
-                instruction = _narrowed(instruction, wanted[register])
-            op, args, data, active, section = instruction
-            args = tuple([names[a] for a in args])
-            instructions.append(Instruction(op, args, data, active, section))
+        if register in read:
+            args = tuple(names[a] for a in instruction.args)
+            instructions.append(instruction._replace(args=args))
     pruned = Program(program.lanes, program.instructions, program.inputs, kept)
     return renamed(pruned, instructions, names)
 
 
-def _wanted_lanes(program: Program, outputs: Iterable[Output]) -> list[int]:
-    """Return for each register the lanes of it that reach an output, as a bit mask."""
-    wanted = [0] * len(program.instructions)
-    for output in outputs:
-        for register, lane in output.places:
-            wanted[register] |= 1 << lane
-    for register in range(len(wanted) - 1, -1, -1):
-        if not wanted[register]:
-            continue
-        instruction = program.instructions[register]
-        if instruction.op in LOOPED:
-            # What a later trip reads is not known yet when the end of the loop is met.
-            wanted[register] = instruction.active
-            for a in instruction.args:
-                wanted[a] |= program.instructions[a].active
-        elif instruction.op not in MOVING:
-            for a in instruction.args:
-                wanted[a] |= wanted[register]
-        else:
-            read = _read(instruction, wanted[register])
-            for a, lanes in zip(instruction.args, read, strict=True):
-                wanted[a] |= lanes
-    return wanted
-
-
-def _read(instruction: Instruction, lanes: int) -> tuple[int, ...]:
-    """Return the lanes that one that moves data reads of each operand, for some of its result."""
-    n = len(instruction.data)
-    read = [0, 0]
-    for lane in range(n):
-        if lanes >> lane & 1:
-            source = instruction.data[lane]
-            source = n + lane if source is None else source
-            read[source // n] |= 1 << source % n
-    return tuple(read)
-
-
-def _narrowed(instruction: Instruction, lanes: int) -> Instruction:
-    """Return an instruction for some of its lanes; one that moves data reads no other."""
-    narrow = instruction._replace(active=instruction.active & lanes)
-    if instruction.op not in MOVING:
-        return narrow
-    data = tuple(k if lanes >> lane & 1 else None for lane, k in enumerate(instruction.data))
-    first, second = instruction.args
-    read_first, read_second = _read(instruction, lanes)
-    # An operand of which nothing is read may be gone.
-    return narrow._replace(
-        args=(first if read_first else second, second if read_second else first), data=data
-    )
+def _read_registers(program: Program, outputs: Iterable[Output]) -> set[int]:
+    """Return the registers that reach an output."""
+    read = {register for output in outputs for register, _ in output.places}
+    for register in range(len(program.instructions) - 1, -1, -1):
+        if register in read:
+            read.update(program.instructions[register].args)
+    return read
 
 
 def expand(program: Program, dtype: str) -> Program:

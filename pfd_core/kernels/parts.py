@@ -111,7 +111,7 @@ def _part(
         instruction = program.instructions[register]
         operands[register] = f'%v{register}'
         if instruction.op == 'constant':
-            operands[register] = form.row(instruction.data)
+            operands[register] = form.constant(instruction.data[0])
         elif instruction.op == 'input':
             yield from form.spell(instruction, register, [])
         else:

@@ -141,10 +141,6 @@ class _Machine:
             return np.stack([zero if k is None else self.inputs[name][..., k] for name, k in data])
         if op == 'route':
             return self._route(self.registers[args[0]], self.registers[args[1]], data, active)
-        if op == 'shuffle':
-            both = np.concatenate([self.registers[a] for a in args])
-            zero = np.full(self.batch, number(0.0))
-            return np.stack([zero if source is None else both[source] for source in data])
         if op == 'call':
             return self.functions[data](*(self.registers[a] for a in args))
         if op in ('state', 'result'):

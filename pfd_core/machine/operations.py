@@ -62,9 +62,6 @@ OPERATIONS = {
         Operation('constant', 0),
         # Lane i takes the value of a given lane, or of its own lane of the second operand.
         Operation('route', 2, 'routes'),
-        # Lane i takes the value of a given lane of either operand. No text has it and no step
-        # counts it: kernels put it in the place of routes (pfd_core.kernels.lanes_fold).
-        Operation('shuffle', 2),
         # The second operand where the first is above zero, else the third.
         Operation('select', 3, None, _select),
         Operation('add', 2, 'additions', np.add, 'fadd {type} {0}, {1}'),

@@ -31,9 +31,8 @@ class Instruction(NamedTuple):
     data : object
         input: (name, flat index or None per lane); constant: one float per lane;
         route: the lane each lane takes its value from, None for its own lane of the second
-        operand; shuffle: the same, lanes of the second operand counted on after those of the
-        first, None for no value; call: the function's name; loop: the most trips it takes;
-        state, result: which row of the loop, -1 for the number of trips; otherwise None.
+        operand; call: the function's name; loop: the most trips it takes; state, result: which
+        row of the loop, -1 for the number of trips; otherwise None.
     active : int
         Bit i is set when lane i takes part.
     section : str

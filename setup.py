@@ -60,8 +60,8 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            'pfd = pfd_ros.command_line:main',
-            'sim_node = pfd_ros.node:main',
+            'pfd = pfd_ros.cli.main:main',
+            'sim_node = pfd_ros.node.main:main',
         ],
     },
 )

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print the constants of pfd_core/kernels/elementary.py: parts of pi/2 and two polynomials.
+Print the constants of pfd_core/kernels/passes/sincos.py: parts of pi/2 and two polynomials.
 
     python benchmarks/fit_sine.py
 

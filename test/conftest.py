@@ -10,7 +10,9 @@ from typing import Any
 
 import pytest
 
-from pfd_core.kernels import cache, engine, remember
+from pfd_core.kernels.runtime import disk_cache as cache
+from pfd_core.kernels.runtime import jit as engine
+from pfd_core.kernels.runtime import kept_facts as remember
 
 
 @pytest.fixture(scope='session', autouse=True)

@@ -16,7 +16,7 @@ import time
 import numpy as np
 
 import pfd_core as pfd
-from pfd_core.kernels import threads
+from pfd_core.kernels.runtime import threads
 
 STATUS = 7
 # Nothing is computed for longer, should whoever waits for this process be gone [s].

@@ -10,9 +10,9 @@ from test_algorithms_physics import WRENCH, Oracle, chains, jacobi_condition, re
 from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import random_chain, random_state
 
-from pfd_core.algorithms.dynamics import record_pcrbm
-from pfd_core.algorithms.triangular_array import SECTION, record_pcrbm_array
-from pfd_core.kernels.lower import lower
+from pfd_core.algorithms.paper.triangular_array import SECTION, record_pcrbm_array
+from pfd_core.algorithms.programs import record_pcrbm
+from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Steps
 from pfd_core.machine.recorder import SCHEDULES

@@ -13,9 +13,9 @@ import pytest
 from tolerances import FIFTY_DIGITS
 from zoo import Array
 
-from pfd_core.algorithms.cholesky import Factors, factorise, one_square_root, solve
-from pfd_core.algorithms.elimination_schedule import SCHEDULES, Stage, stages
-from pfd_core.kernels.lower import lower
+from pfd_core.algorithms.paper.cholesky import Factors, factorise, one_square_root, solve
+from pfd_core.algorithms.paper.elimination_schedule import SCHEDULES, Stage, stages
+from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import SCHEDULES as RECORDINGS

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from zoo import random_chain
 
-from pfd_core.algorithms.dynamics import record_inverse_dynamics, record_pcrbm, record_terms
+from pfd_core.algorithms.programs import record_inverse_dynamics, record_pcrbm, record_terms
 from pfd_core.machine.program import Steps
 from pfd_core.model import Robot, Scene, resolve
 

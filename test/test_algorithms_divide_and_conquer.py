@@ -14,11 +14,11 @@ from test_algorithms_physics import ARMS, WRENCH, Oracle, chains, jacobi_conditi
 from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state
 
-from pfd_core.algorithms.divide_and_conquer import record_divide_and_conquer
-from pfd_core.algorithms.dynamics import record_inverse_dynamics, record_pcrbm
-from pfd_core.algorithms.lent_rotors import lent_rotors
-from pfd_core.algorithms.pivoting import solve_pivoted
-from pfd_core.kernels.lower import lower
+from pfd_core.algorithms.beyond.divide_and_conquer import record_divide_and_conquer
+from pfd_core.algorithms.beyond.lent_rotors import lent_rotors
+from pfd_core.algorithms.beyond.pivoting import solve_pivoted
+from pfd_core.algorithms.programs import record_inverse_dynamics, record_pcrbm
+from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES, Recorder
 from pfd_core.machine.vectors import array

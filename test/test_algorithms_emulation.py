@@ -11,7 +11,7 @@ from tolerances import ACCELERATION
 from zoo import random_chain, random_state, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.algorithms.dynamics import ITERATIVE, SERIAL
+from pfd_core.algorithms.programs import ITERATIVE, SERIAL
 from pfd_core.machine.emulator import run
 
 STRUCTURE = ['revolute', 'prismatic', 'revolute', 'continuous', 'revolute']

@@ -10,8 +10,8 @@ from test_algorithms_physics import Oracle, chains, jacobi_condition, relative
 from tolerances import ACCELERATION
 from zoo import random_state
 
-from pfd_core.algorithms.dynamics import FORWARD
-from pfd_core.kernels.lower import drop, fold, operations
+from pfd_core.algorithms.programs import FORWARD
+from pfd_core.kernels.passes.pipeline import drop, fold, operations
 from pfd_core.machine.emulator import run
 from pfd_core.model import Robot, Scene, load_robot, resolve
 from pfd_core.report.counts import uniform_chain as uniform

@@ -12,8 +12,8 @@ from test_algorithms_physics import Oracle, chains, jacobi_condition, relative
 from tolerances import ACCELERATION
 from zoo import random_chain, random_state
 
-from pfd_core.algorithms.conjugate_gradient import default_limit
-from pfd_core.algorithms.pcgm import record_pcgm
+from pfd_core.algorithms.paper.conjugate_gradient import default_limit
+from pfd_core.algorithms.paper.pcgm import record_pcgm
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES
 from pfd_core.model import Robot, Scene, resolve

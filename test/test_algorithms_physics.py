@@ -13,11 +13,7 @@ import pytest
 from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state, to_pinocchio
 
-from pfd_core.algorithms.dynamics import (
-    record_inverse_dynamics,
-    record_pcrbm,
-    record_terms,
-)
+from pfd_core.algorithms.programs import record_inverse_dynamics, record_pcrbm, record_terms
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES
 from pfd_core.model import Robot, Scene, load_robot, resolve

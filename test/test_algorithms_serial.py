@@ -22,18 +22,18 @@ from test_algorithms_physics import (
 from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import Array, random_chain, random_rotation, random_state
 
-from pfd_core.algorithms.articulated_body import record_articulated_body
-from pfd_core.algorithms.dynamics import record_pcrbm
-from pfd_core.algorithms.link_coordinates import zxz
-from pfd_core.algorithms.walker_orin import (
+from pfd_core.algorithms.chain.link_axes import zxz
+from pfd_core.algorithms.programs import record_pcrbm
+from pfd_core.algorithms.serial.articulated_body import record_articulated_body
+from pfd_core.algorithms.serial.walker_orin import (
     record_walker_orin_1,
     record_walker_orin_2,
     record_walker_orin_3,
     record_walker_orin_4,
 )
 from pfd_core.kernels.kernel import Kernel
-from pfd_core.kernels.lower import lower
-from pfd_core.kernels.recipe import Recipe
+from pfd_core.kernels.passes.pipeline import lower
+from pfd_core.kernels.source import Recipe
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, load_robot, resolve

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from zoo import Array, random_chain, random_state
 
-from pfd_core.algorithms.dynamics import record_terms
-from pfd_core.algorithms.literal_cholesky import literal_array, literal_cholesky
-from pfd_core.algorithms.set_ordering import record_literal_cholesky, set_ordering
+from pfd_core.algorithms.paper.literal_array import literal_array, literal_cholesky
+from pfd_core.algorithms.paper.set_ordering import record_literal_cholesky, set_ordering
+from pfd_core.algorithms.programs import record_terms
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES
 from pfd_core.model import load_robot, resolve

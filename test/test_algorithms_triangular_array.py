@@ -12,8 +12,8 @@ import pytest
 from tolerances import FIFTY_DIGITS
 from zoo import Array
 
-from pfd_core.algorithms.array_solver import factor, pipeline, solve
-from pfd_core.algorithms.literal_cholesky import (
+from pfd_core.algorithms.paper.array_solver import factor, pipeline, solve
+from pfd_core.algorithms.paper.literal_array import (
     STORE,
     literal_array,
     literal_cholesky,
@@ -22,7 +22,7 @@ from pfd_core.algorithms.literal_cholesky import (
     literal_square,
     literal_streams,
 )
-from pfd_core.algorithms.triangular_array import (
+from pfd_core.algorithms.paper.triangular_array import (
     DIVIDE,
     MULTIPLY,
     ROOT,

@@ -14,12 +14,16 @@ from test_algorithms_physics import ARMS, WRENCH, Oracle, chains, jacobi_conditi
 from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state
 
-from pfd_core.algorithms import base_origin, inertia_times
-from pfd_core.algorithms.base_origin import inertia_matrix_base_origin, record_pcrbm_base_origin
-from pfd_core.algorithms.dynamics import record_inverse_dynamics, record_pcrbm
-from pfd_core.algorithms.equations import armature, begin, finish, joint_input, torque
-from pfd_core.algorithms.omega import bias_omega
-from pfd_core.algorithms.pcrbm import inertia_matrix
+from pfd_core.algorithms.beyond import base_origin
+from pfd_core.algorithms.beyond.base_origin import (
+    inertia_matrix_base_origin,
+    record_pcrbm_base_origin,
+)
+from pfd_core.algorithms.beyond.omega import bias_omega
+from pfd_core.algorithms.chain.equations import armature, begin, finish, joint_input, torque
+from pfd_core.algorithms.paper import ne1_product as inertia_times
+from pfd_core.algorithms.paper.pcrbm import inertia_matrix
+from pfd_core.algorithms.programs import record_inverse_dynamics, record_pcrbm
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import SCHEDULES, Lanes

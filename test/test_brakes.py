@@ -14,8 +14,8 @@ from tolerances import ACCELERATION
 from zoo import random_chain, random_state, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.algorithms.dynamics import ITERATIVE
-from pfd_core.algorithms.pcgm import record_pcgm
+from pfd_core.algorithms.paper.pcgm import record_pcgm
+from pfd_core.algorithms.programs import ITERATIVE
 from pfd_core.machine.emulator import run
 from pfd_core.model import resolve
 

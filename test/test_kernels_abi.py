@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfd_core.kernels import python_objects
+from pfd_core.kernels.runtime import cpython_abi as python_objects
 
 ROOT = Path(__file__).resolve().parent.parent
 LIFETIME = 120  # [s] of a child; far above what it takes
@@ -38,7 +38,7 @@ import llvmlite.binding
 before_import, build = sys.argv[1:]
 exec(before_import)
 import pfd_core as pfd
-from pfd_core.kernels import python_objects as objects
+from pfd_core.kernels.runtime import cpython_abi as objects
 from pfd_core.kernels.kernel import compile_inverse_kernel
 exec(build)
 warnings = []

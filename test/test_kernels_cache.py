@@ -22,8 +22,10 @@ import pytest
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
-from pfd_core.kernels import cache, engine, remember
 from pfd_core.kernels.kernel import compile_inverse_kernel
+from pfd_core.kernels.runtime import disk_cache as cache
+from pfd_core.kernels.runtime import jit as engine
+from pfd_core.kernels.runtime import kept_facts as remember
 
 ROOT = Path(__file__).resolve().parent.parent
 LIFETIME = 120  # [s] of a child; far above what it takes
@@ -32,7 +34,7 @@ import json, sys, time
 start = time.perf_counter()
 import numpy as np
 import pfd_core as pfd
-from pfd_core.kernels import engine, remember
+from pfd_core.kernels.runtime import jit as engine, kept_facts as remember
 remember.IMPORTED = 0.0  # whoever edits the package while its tests run knows what he does
 remember.sources.cache_clear()
 emitted, emit = [], engine.emit
@@ -54,7 +56,7 @@ print(json.dumps({
 # Edits nothing, but lets the package believe that its source changed after the import.
 EDITED = """
 from pathlib import Path
-from pfd_core.kernels import remember
+from pfd_core.kernels.runtime import kept_facts as remember
 before = remember.sources()
 remember.PACKAGE = Path('test')
 assert remember.sources() == before

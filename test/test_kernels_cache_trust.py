@@ -22,7 +22,8 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.kernels import cache, engine
+from pfd_core.kernels.runtime import disk_cache as cache
+from pfd_core.kernels.runtime import jit as engine
 
 pwd = pytest.importorskip('pwd', reason='users and modes are those of POSIX')
 
@@ -334,7 +335,7 @@ def test_what_other_processes_wrote_is_counted_from_time_to_time(
 
 RACE = """
 import os, shutil, sys
-from pfd_core.kernels import cache, engine
+from pfd_core.kernels.runtime import disk_cache as cache, jit as engine
 
 def fill_and_clear(turns):
     for turn in range(turns):
@@ -385,7 +386,8 @@ ZIPPED = """
 import json, sys
 import numpy as np
 import pfd_core as pfd
-from pfd_core.kernels import engine, kernel
+from pfd_core.kernels import kernel
+from pfd_core.kernels.runtime import jit as engine
 assert '.zip' in pfd.__file__, pfd.__file__
 emitted, emit = [], engine.emit
 engine.emit = lambda *args: emitted.append(1) or emit(*args)

@@ -17,7 +17,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from pfd_core.kernels.elementary import WRAP_LIMIT, sincos
+from pfd_core.kernels.passes.sincos import WRAP_LIMIT, sincos
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import Recorder
 

@@ -12,7 +12,7 @@ import pytest
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
-from pfd_core.kernels import threads
+from pfd_core.kernels.runtime import threads
 from pfd_core.simulation import ensemble
 
 STEPS = 7

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.algorithms.dynamics import record_forward_dynamics
-from pfd_core.kernels.fuse import LATENCY, fuse
-from pfd_core.kernels.lower import drop, lower, operations
-from pfd_core.kernels.wrap import WRAP_LIMIT
+from pfd_core.algorithms.programs import record_forward_dynamics
+from pfd_core.kernels.codegen.wrap import WRAP_LIMIT
+from pfd_core.kernels.passes.fuse import LATENCY, fuse
+from pfd_core.kernels.passes.pipeline import drop, lower, operations
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, cos, sin, where
@@ -24,7 +24,7 @@ from pfd_core.model import resolve
 
 Text = Callable[[Lanes, Lanes, Lanes], Any]
 NAMES = 'xyz'
-# What pfd_core.kernels.elementary promises, in units in the last place.
+# What pfd_core.kernels.passes.sincos promises, in units in the last place.
 ULPS = 1.5
 # The largest of all float32 up to the limit, and less than a thousandth for the reference.
 ALL_FLOAT32 = 1.42

@@ -17,7 +17,7 @@ from tolerances import DYNAMICS, SINGLE
 from zoo import random_chain, random_state, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.algorithms.dynamics import ITERATIVE
+from pfd_core.algorithms.programs import ITERATIVE
 from pfd_core.kernels.kernel import compile_inverse_kernel
 from pfd_core.machine.emulator import run
 

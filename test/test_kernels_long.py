@@ -11,9 +11,11 @@ from tolerances import ACCELERATION
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
-from pfd_core.kernels import auto, chunks, parts
-from pfd_core.kernels.engine import simd_width
-from pfd_core.kernels.llvm import Format
+from pfd_core.kernels import auto
+from pfd_core.kernels.codegen import chunks
+from pfd_core.kernels.codegen import split as parts
+from pfd_core.kernels.codegen.spelling import Format
+from pfd_core.kernels.runtime.jit import simd_width
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model import resolve

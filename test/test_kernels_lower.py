@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from zoo import random_chain, random_state
 
-from pfd_core.algorithms.dynamics import record_pcrbm
-from pfd_core.kernels.fold import fold
+from pfd_core.algorithms.programs import record_pcrbm
 from pfd_core.kernels.kernel import compile_kernel
-from pfd_core.kernels.lower import drop, expand, lower, operations
+from pfd_core.kernels.passes.fold import fold
+from pfd_core.kernels.passes.pipeline import drop, expand, lower, operations
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder, cos, sin, sqrt, where

@@ -17,13 +17,13 @@ import pytest
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
-from pfd_core.kernels import engine
-from pfd_core.kernels.batch import batch
-from pfd_core.kernels.engine import Target, emit, simd_width
-from pfd_core.kernels.evaluate import evaluate
+from pfd_core.kernels.codegen.batch import batch
+from pfd_core.kernels.codegen.evaluate import evaluate
+from pfd_core.kernels.codegen.spelling import Format, arguments, body, module
 from pfd_core.kernels.kernel import Kernel
-from pfd_core.kernels.llvm import Format, arguments, body, module
-from pfd_core.kernels.recipe import turned_joints
+from pfd_core.kernels.runtime import jit as engine
+from pfd_core.kernels.runtime.jit import Target, emit, simd_width
+from pfd_core.kernels.source import turned_joints
 from pfd_core.model import Robot
 
 ARM64 = Target('aarch64-unknown-linux-gnu')

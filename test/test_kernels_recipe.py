@@ -19,7 +19,9 @@ import pytest
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.kernels import cache, engine, recipe
+from pfd_core.kernels import source as recipe
+from pfd_core.kernels.runtime import disk_cache as cache
+from pfd_core.kernels.runtime import jit as engine
 
 THREADS = 8
 TURNS = 100

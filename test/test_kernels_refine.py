@@ -14,9 +14,9 @@ import pytest
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.algorithms.dynamics import record_forward_dynamics
+from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.algorithms.refinement import record_refined
-from pfd_core.kernels.lower import lower, operations
+from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.machine.emulator import run
 from pfd_core.model import Plant, Robot, Scene, resolve
 

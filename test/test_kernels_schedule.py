@@ -9,11 +9,11 @@ import pytest
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
-from pfd_core.algorithms.dynamics import record_forward_dynamics
-from pfd_core.kernels.fold import fold
-from pfd_core.kernels.fuse import LATENCY, fuse
-from pfd_core.kernels.lower import drop, expand, operations
-from pfd_core.kernels.schedule import FREE, LONGEST, REGISTERS, WIDTH, schedule
+from pfd_core.algorithms.programs import record_forward_dynamics
+from pfd_core.kernels.passes.fold import fold
+from pfd_core.kernels.passes.fuse import LATENCY, fuse
+from pfd_core.kernels.passes.pipeline import drop, expand, operations
+from pfd_core.kernels.passes.schedule import FREE, LONGEST, REGISTERS, WIDTH, schedule
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder

@@ -14,7 +14,7 @@ from test_kernels_kernel import states
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.kernels import threads
+from pfd_core.kernels.runtime import threads
 
 
 @pytest.fixture(autouse=True)

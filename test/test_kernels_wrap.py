@@ -12,8 +12,8 @@ import mpmath
 import numpy as np
 import pytest
 
-from pfd_core.kernels import wrap
-from pfd_core.kernels.wrap import WRAP_ANGLE_IR, WRAP_LIMIT, wrap_angle
+from pfd_core.kernels.codegen import wrap
+from pfd_core.kernels.codegen.wrap import WRAP_ANGLE_IR, WRAP_LIMIT, wrap_angle
 
 DIGITS = 1200  # of the reference: x has up to 309 before the point, the remainder 20 zeros after
 # Rounding to nearest, and 2^-70 for what the integers drop (see the module).

@@ -9,11 +9,11 @@ import ctypes
 import numpy as np
 import pytest
 
-from pfd_core.kernels.batch import batch
-from pfd_core.kernels.engine import compile_ir
-from pfd_core.kernels.evaluate import evaluate
-from pfd_core.kernels.llvm import Format, body, module
-from pfd_core.kernels.lower import lower
+from pfd_core.kernels.codegen.batch import batch
+from pfd_core.kernels.codegen.evaluate import evaluate
+from pfd_core.kernels.codegen.spelling import Format, body, module
+from pfd_core.kernels.passes.pipeline import lower
+from pfd_core.kernels.runtime.jit import compile_ir
 from pfd_core.machine.emulator import run
 from pfd_core.machine.patterns import total
 from pfd_core.machine.program import Program

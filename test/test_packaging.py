@@ -54,7 +54,7 @@ def test_a_wheel_holds_code_robots_parameters_and_the_ament_marker(copy: Path) -
         'pfd_core/py.typed',
         'pfd_core/config/robots/puma560.yaml',
         'pfd_core/config/sim_arm.yaml',
-        'pfd_ros/node.py',
+        'pfd_ros/node/main.py',
         'share/pfd_ros/package.xml',
         'share/pfd_ros/config/sim_arm.yaml',
         'share/ament_index/resource_index/packages/pfd_ros',

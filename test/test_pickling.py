@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.kernels import dynamics
+from pfd_core.kernels import functions as dynamics
 
 EVERYTHING = pfd.Scene(external_wrench=True, brakes=True, damping=[0.1, 0.2])
 WRENCH = np.arange(6) / 7

@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from pfd_core.algorithms.array_solver import factor
-from pfd_core.algorithms.triangular_array import solve_cycles
+from pfd_core.algorithms.paper.array_solver import factor
+from pfd_core.algorithms.paper.triangular_array import solve_cycles
 from pfd_core.report.array_activity import activity_svg, activity_text, solve_picture
 
 SVG = '{http://www.w3.org/2000/svg}'

@@ -13,9 +13,9 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
-from pfd_core.algorithms.dynamics import ITERATIVE, METHODS, SERIAL
-from pfd_core.algorithms.literal_cholesky import literal_array
-from pfd_core.algorithms.triangular_array import ROOT
+from pfd_core.algorithms.paper.literal_array import literal_array
+from pfd_core.algorithms.paper.triangular_array import ROOT
+from pfd_core.algorithms.programs import ITERATIVE, METHODS, SERIAL
 from pfd_core.model import load_robot
 from pfd_core.report.convergence import ARMS, CHAINS, convergence, measure_convergence, robots
 from pfd_core.report.counts import PRINTED_AT, SIZES, as_data, best_serial, measure, row

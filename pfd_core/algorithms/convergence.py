@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from pfd_core.algorithms.link_coordinates import finish
+from pfd_core.algorithms.chain.link_axes import finish
 from pfd_core.algorithms.refinement import inline
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder, where

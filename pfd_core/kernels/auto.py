@@ -11,9 +11,9 @@ chain, and both are recorded, lowered and counted.
 
 from __future__ import annotations
 
-from pfd_core.algorithms.dynamics import METHODS, record_forward_dynamics
-from pfd_core.kernels.lower import lower, operations
-from pfd_core.kernels.remember import remember
+from pfd_core.algorithms.programs import METHODS, record_forward_dynamics
+from pfd_core.kernels.passes.pipeline import lower, operations
+from pfd_core.kernels.runtime.kept_facts import remember
 from pfd_core.model import Plant
 from pfd_core.model.arguments import integer
 

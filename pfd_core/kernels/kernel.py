@@ -8,7 +8,7 @@ Kernels: a robot, a scene and a method as a native function of arrays.
 
 A kernel is recorded, lowered and compiled once and may then be called from any thread. A batch
 runs without Python's lock. One state in contiguous arrays takes a short way in native code
-(pfd_core.kernels.entry); every other call is checked and converted here.
+(pfd_core.kernels.codegen.python_entry); every other call is checked and converted here.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.kernels import llvm
+from pfd_core.kernels.arguments import as_numbers, as_rows, common_shape, raise_not_finite
 from pfd_core.kernels.auto import choose
-from pfd_core.kernels.chunks import batch_of
-from pfd_core.kernels.conversion import as_numbers, as_rows, common_shape, raise_not_finite
-from pfd_core.kernels.engine import Native, simd_width
-from pfd_core.kernels.entry import batch_entry_ir, entry_ir
-from pfd_core.kernels.evaluate import evaluate
-from pfd_core.kernels.parts import body
-from pfd_core.kernels.python_objects import python_function, refuse
-from pfd_core.kernels.recipe import Recipe, forward, inverse, plant_of, turned_joints
-from pfd_core.kernels.threads import BatchWork, block_size, run, thread_count
+from pfd_core.kernels.codegen import spelling as llvm
+from pfd_core.kernels.codegen.chunks import batch_of
+from pfd_core.kernels.codegen.evaluate import evaluate
+from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir
+from pfd_core.kernels.codegen.split import body
+from pfd_core.kernels.runtime.cpython_abi import python_function, refuse
+from pfd_core.kernels.runtime.jit import Native, simd_width
+from pfd_core.kernels.runtime.threads import BatchWork, block_size, run, thread_count
+from pfd_core.kernels.source import Recipe, forward, inverse, plant_of, turned_joints
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
 from pfd_core.model.arguments import NO_BRAKES, held_mask

@@ -7,7 +7,7 @@ A program holds nothing but these. The emulator reads the column `meaning`, the 
 `llvm`, the step counts read `cost`; a new operation is a new row here and nowhere else.
 
 Every meaning is a correctly rounded IEEE 754 operation, except `sin` and `cos`: a kernel
-replaces those two by the other rows before it is compiled (pfd_core.kernels.elementary).
+replaces those two by the other rows before it is compiled (pfd_core.kernels.passes.sincos).
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ OPERATIONS = {
         Operation('div', 2, 'divisions', np.divide, 'fdiv {type} {0}, {1}'),
         Operation('neg', 1, None, np.negative, 'fneg {type} {0}'),
         # One rounding of a b + c. No text has it and no step counts it: kernels put it in the
-        # place of an addition and a multiplication (pfd_core.kernels.fuse).
+        # place of an addition and a multiplication (pfd_core.kernels.passes.fuse).
         Operation(
             'fma',
             3,

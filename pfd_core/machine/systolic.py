@@ -14,8 +14,8 @@ a link may lie outside: streams enter there, and results leave. A cell reads the
 its own links and no others.
 
 This is the array of Lee and Chang 1987, section 2.6, as a machine; what its cells do is in
-pfd_core.algorithms.triangular_array. An item on a link may be anything, and nothing here looks
-into one: numbers of any kind, or values over lanes, so that running the array records it.
+pfd_core.algorithms.paper.triangular_array. An item on a link may be anything, and nothing here
+looks into one: numbers of any kind, or values over lanes, so that running the array records it.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from html import escape
 
-from pfd_core.algorithms.array_solver import solve
+from pfd_core.algorithms.paper.array_solver import solve
 from pfd_core.machine.systolic import Place, Trace
 
 # Letter and colour of each action; colours that people who see few of them can tell apart.

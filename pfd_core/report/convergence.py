@@ -19,10 +19,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.algorithms.dynamics import ITERATIVE, record_pcrbm
-from pfd_core.algorithms.pcgm import record_pcgm
-from pfd_core.algorithms.walker_orin import record_walker_orin_4
-from pfd_core.kernels.lower import expand
+from pfd_core.algorithms.paper.pcgm import record_pcgm
+from pfd_core.algorithms.programs import ITERATIVE, record_pcrbm
+from pfd_core.algorithms.serial.walker_orin import record_walker_orin_4
+from pfd_core.kernels.passes.pipeline import expand
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, load_robot, resolve

@@ -15,7 +15,7 @@ import time
 
 import numpy as np
 
-from pfd_core.kernels.cache import VARIABLE
+from pfd_core.kernels.runtime.disk_cache import VARIABLE
 from pfd_core.model import Robot
 from pfd_core.report.speed_ours import Ours
 from pfd_core.report.timing import Contender, Row, Side, Work

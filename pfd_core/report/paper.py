@@ -103,8 +103,8 @@ def _roots(count: int = 0, parts: Formula | None = None, remark: str = '') -> Cl
 
 ONE_ROOT = (
     "one root is enough for L of H = L L' by way of L D L' (one_square_root in "
-    'pfd_core.algorithms.cholesky); (11) and (12), taken as printed, take their roots in one step '
-    "and yield another matrix; a solve by L D L', which is counted here, needs none"
+    'pfd_core.algorithms.paper.cholesky); (11) and (12), taken as printed, take their roots in '
+    "one step and yield another matrix; a solve by L D L', which is counted here, needs none"
 )
 ROOTS_OF_THE_ARRAY = (
     'each of the n circular cells takes one root, in n different cycles, in the design as printed '

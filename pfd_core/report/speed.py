@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.kernels.dynamics import inverse_dynamics
+from pfd_core.kernels.functions import inverse_dynamics
 from pfd_core.model import Robot, known_robots, load_robot
 from pfd_core.report import peers, speed_ours, textbook
 from pfd_core.report.first_results import first_results, fresh_process

@@ -13,7 +13,7 @@ import subprocess
 import time
 from typing import Any
 
-from pfd_core.kernels.engine import simd_width
+from pfd_core.kernels.runtime.jit import simd_width
 
 PACKAGES = {
     'pfd_ros': 'pfd_ros',

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.kernels.law import GAINS, JOINTS, MATRIX, NONE, REFERENCES, WHOLE
+from pfd_core.kernels.codegen.law import GAINS, JOINTS, MATRIX, NONE, REFERENCES, WHOLE
 from pfd_core.simulation.inputs import Array, spread
 
 

@@ -12,7 +12,7 @@ import time
 import tracemalloc
 from types import ModuleType
 
-from pfd_ros import node
+from pfd_ros.node import main as node
 
 
 class FaultyExecutor:
@@ -70,14 +70,14 @@ def wait_and_end(args: list[str], stop: threading.Event) -> int:
 
 def without_ros(run) -> None:
     """Leave only the signals: such a process starts in a moment."""
-    stub = ModuleType('pfd_ros.process')
+    stub = ModuleType('pfd_ros.node.process')
     stub.run = run
-    sys.modules['pfd_ros.process'] = stub
+    sys.modules['pfd_ros.node.process'] = stub
 
 
 def step_after(count: int) -> None:
     """Let the arm step once that many commands have come in."""
-    from pfd_ros import sim_arm
+    from pfd_ros.node import sim_arm
 
     came, enough = itertools.count(1), threading.Event()
     real_put, real_run = sim_arm.Inbox.put, sim_arm.SimArm.run
@@ -98,7 +98,7 @@ def step_after(count: int) -> None:
 def trace() -> None:
     """Tell with every report how much memory the objects take."""
     tracemalloc.start()
-    from pfd_ros import sim_arm
+    from pfd_ros.node import sim_arm
 
     real_report = sim_arm.SimArm.report
 
@@ -117,7 +117,7 @@ def put_in(fault: str) -> None:
     if fault == 'traced':
         trace()
         return
-    from pfd_ros import process, sim_arm
+    from pfd_ros.node import process, sim_arm
 
     if fault.startswith('executor_'):
         real = process.EventsExecutor

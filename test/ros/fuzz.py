@@ -34,12 +34,12 @@ from typing import Any
 import numpy as np
 from ros_processes import JOINTS, Peer, Process, Processes, resident_bytes
 
-from pfd_ros.cdr import Writer
-from pfd_ros.commands import Verdict
-from pfd_ros.convert import JointStateEncoder
-from pfd_ros.plant import Plant, Source, load_robot
-from pfd_ros.replay import Summary, read
-from pfd_ros.settings import Settings
+from pfd_ros.arm.commands import Verdict
+from pfd_ros.arm.plant import Plant, Source, load_robot
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.cdr import Writer
+from pfd_ros.messages.convert import JointStateEncoder
+from pfd_ros.replay.verify import Summary, read
 
 # Largest message for which the memory of the whole process is judged.
 SMALL_BYTES = 2048

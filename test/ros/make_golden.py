@@ -18,7 +18,7 @@ import tempfile
 
 from ros_processes import JOINTS, Peer, Processes
 
-from pfd_ros import convert
+from pfd_ros.messages import convert
 
 # Slower than time, so that discovery does not fill the file with an arm at rest.
 PARAMETERS = {

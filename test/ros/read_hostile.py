@@ -19,7 +19,7 @@ import signal
 import sys
 import traceback
 
-from pfd_ros.command_line import main
+from pfd_ros.cli.main import main
 
 
 class TooLongError(BaseException):

@@ -17,8 +17,8 @@ import time
 
 from recordings import PATIENCE, start, wait_for
 
-from pfd_ros import recording
-from pfd_ros.recording import Recorder
+from pfd_ros.recording import recorder as recording
+from pfd_ros.recording.recorder import Recorder
 
 
 def produce(recorder: Recorder, topic: int) -> None:

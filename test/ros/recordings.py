@@ -15,8 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from pfd_ros import convert, definitions, log
-from pfd_ros.recording import Contents, Recorder, TimeBase, Topic
+from pfd_ros.messages import convert, definitions
+from pfd_ros.recording import reader as log
+from pfd_ros.recording.recorder import Contents, Recorder, TimeBase, Topic
 
 # Not from `provenance`: processes that are started by the hundred need not import pfd_core.
 QOS = '- history: keep_last\n  depth: 10\n'

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 from rewriting import ARRAY, CLOCK, END, NAMED, STATES, TAKEN, Recording, Sent, Type
 
-from pfd_ros import cdr, convert, provenance
-from pfd_ros.commands import Verdict
-from pfd_ros.events import TAKEN_COLUMNS
-from pfd_ros.log import TYPES
-from pfd_ros.plant import Plant, Source, load_robot
-from pfd_ros.recording import TimeBase
-from pfd_ros.settings import Settings
+from pfd_ros.arm.commands import Verdict
+from pfd_ros.arm.plant import Plant, Source, load_robot
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages import cdr, convert
+from pfd_ros.recording import provenance
+from pfd_ros.recording.reader import TYPES
+from pfd_ros.recording.recorder import TimeBase
+from pfd_ros.replay.events import TAKEN_COLUMNS
 
 ROLES = {
     'joint_commands': NAMED,

@@ -13,14 +13,14 @@ import pytest
 from ros_processes import Processes, environment
 
 import pfd_core as pfd
-from pfd_ros import command_line
+from pfd_ros.cli import main as command_line
 
 WITHOUT_ROS = (
     'import importlib.util, sys\n'
     'find = importlib.util.find_spec\n'
     "importlib.util.find_spec = lambda name, *a: None if name == 'rclpy' else find(name, *a)\n"
     "sys.modules['rclpy'] = None\n"
-    'from pfd_ros.command_line import main\n'
+    'from pfd_ros.cli.main import main\n'
     'raise SystemExit(main(sys.argv[1:]))\n'
 )
 
@@ -92,7 +92,7 @@ def test_robots_and_help_work_without_ros(tmp_path: Path) -> None:
 @pytest.mark.ros
 def test_pfd_sim_is_the_node(processes: Processes) -> None:
     arm = processes.python(
-        '-m', 'pfd_ros.command_line', 'sim', '--robot', 'planar2', '--ros-args', '-r', '__ns:=/x'
+        '-m', 'pfd_ros.cli.main', 'sim', '--robot', 'planar2', '--ros-args', '-r', '__ns:=/x'
     )
     arm.wait_for_text('planar2: 2 joints, held')
     assert arm.end(signal.SIGINT) == 0
@@ -116,7 +116,7 @@ def test_ctrl_c_is_no_traceback(
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr('pfd_ros.replay_text.run', interrupt)
+    monkeypatch.setattr('pfd_ros.cli.replay.run', interrupt)
     assert command_line.main(['replay', 'a.mcap']) == 130
     assert capsys.readouterr() == ('', '')
 
@@ -127,7 +127,7 @@ def test_an_error_of_several_lines_is_told_in_one(
     def refuse(*_: object, **__: object) -> None:
         raise ValueError('not YAML:\n  line 1\n\x1b[2Jand ' + 'x' * 10_000)
 
-    monkeypatch.setattr('pfd_ros.replay_text.run', refuse)
+    monkeypatch.setattr('pfd_ros.cli.replay.run', refuse)
     assert command_line.main(['replay', 'a.mcap']) == 1
     told = capsys.readouterr().err
     assert told.startswith(r'pfd replay: not YAML: line 1 \x1b[2Jand xxx')

@@ -7,9 +7,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pfd_ros.commands import Command, Verdict, held, judge_array, judge_named, merge
-from pfd_ros.convert import JointMessage
-from pfd_ros.tally import Tally
+from pfd_ros.arm.commands import Command, Verdict, held, judge_array, judge_named, merge
+from pfd_ros.messages.convert import JointMessage
+from pfd_ros.node.tally import Tally
 
 INDEX = {'a': 0, 'b': 1, 'c': 2}
 START_NS = 5_000_000_000

@@ -15,9 +15,9 @@ import pytest
 from ros_processes import HAS_ROS, PATIENCE, Processes, environment
 
 import pfd_core as pfd
-from pfd_ros import demo
-from pfd_ros.demo_motion import motion_of
-from pfd_ros.replay import read
+from pfd_ros.demo import run as demo
+from pfd_ros.demo.motion import motion_of
+from pfd_ros.replay.verify import read
 
 if HAS_ROS:
     from sensor_msgs.msg import JointState
@@ -112,7 +112,7 @@ def test_a_domain_with_a_node_on_it_is_not_free(processes: Processes, peer_of) -
 
 def start_demo(folder: Path, domain: int) -> subprocess.Popen[str]:
     return subprocess.Popen(
-        [sys.executable, '-m', 'pfd_ros.command_line', 'demo', '--seconds', '1', '--out', 'here'],
+        [sys.executable, '-m', 'pfd_ros.cli.main', 'demo', '--seconds', '1', '--out', 'here'],
         cwd=folder,
         env=environment(domain) | HOSTILE,
         stdout=subprocess.PIPE,

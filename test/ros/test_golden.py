@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from pfd_ros.commands import Verdict
-from pfd_ros.replay import read
+from pfd_ros.arm.commands import Verdict
+from pfd_ros.replay.verify import read
 
 DATA = Path(__file__).resolve().parents[1] / 'data'
 GOLDEN = sorted(DATA.glob('golden_*.mcap'))

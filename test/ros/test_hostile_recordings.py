@@ -24,9 +24,9 @@ from rewriting import ARRAY, CLOCK, END, HEAD, NAMED, STATES, TAKEN, Recording, 
 from ros_processes import environment
 import zstandard
 
-from pfd_ros import convert
-from pfd_ros.events import TAKEN_COLUMNS
-from pfd_ros.mcap_records import MAGIC, RECORD_LIMIT
+from pfd_ros.messages import convert
+from pfd_ros.recording.mcap_records import MAGIC, RECORD_LIMIT
+from pfd_ros.replay.events import TAKEN_COLUMNS
 
 HERE = Path(__file__).resolve().parent
 GOLDEN = HERE.parent / 'data' / 'golden_1.mcap'

@@ -7,7 +7,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 import sys
 
-from pfd_ros.inbox import Inbox
+from pfd_ros.node.inbox import Inbox
 
 
 def test_what_was_put_is_taken_once_and_in_order() -> None:

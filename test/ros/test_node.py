@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 from ros_processes import JOINTS, PATIENCE, READER, Processes, example_robot
 
-from pfd_ros.commands import Verdict
-from pfd_ros.convert import decode_rows
-from pfd_ros.events import TAKEN_COLUMNS
-from pfd_ros.inbox import MOST_COMMANDS
-from pfd_ros.log import Log
-from pfd_ros.plant import Source
-from pfd_ros.replay import read
+from pfd_ros.arm.commands import Verdict
+from pfd_ros.arm.plant import Source
+from pfd_ros.messages.convert import decode_rows
+from pfd_ros.node.inbox import MOST_COMMANDS
+from pfd_ros.recording.reader import Log
+from pfd_ros.replay.events import TAKEN_COLUMNS
+from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 LARGEST_COMMAND = 1 << 22

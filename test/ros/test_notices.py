@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 
-from pfd_ros.notices import LONGEST_SECONDS, MOST_FINDINGS, Notices
+from pfd_ros.node.notices import LONGEST_SECONDS, MOST_FINDINGS, Notices
 from pfd_ros.text import cut, listed, one_line
 
 

@@ -11,10 +11,15 @@ import pytest
 from ros_processes import example_robot
 
 import pfd_core as pfd
-from pfd_ros.commands import Verdict
-from pfd_ros.convert import JointMessage, JointStateEncoder, decode_clock, decode_joint_state
-from pfd_ros.plant import Plant, Source, load_robot
-from pfd_ros.settings import Settings
+from pfd_ros.arm.commands import Verdict
+from pfd_ros.arm.plant import Plant, Source, load_robot
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.convert import (
+    JointMessage,
+    JointStateEncoder,
+    decode_clock,
+    decode_joint_state,
+)
 
 STEP_NS = 1_000_000
 
@@ -70,7 +75,7 @@ def test_an_arm_that_is_free_follows_the_simulator_bit_for_bit() -> None:
 
 def array(efforts) -> bytes:
     """Return a Float64MultiArray: an empty layout, then the numbers."""
-    from pfd_ros.cdr import Writer
+    from pfd_ros.messages.cdr import Writer
 
     writer = Writer()
     writer.uint32(0)

@@ -28,10 +28,11 @@ from recordings import (
     write,
 )
 
-from pfd_ros import convert, definitions, log
-from pfd_ros.provenance import qos_text
-from pfd_ros.recording import Contents, Recorder, TimeBase
-from pfd_ros.sink import Sink
+from pfd_ros.messages import convert, definitions
+from pfd_ros.recording import reader as log
+from pfd_ros.recording.provenance import qos_text
+from pfd_ros.recording.recorder import Contents, Recorder, TimeBase
+from pfd_ros.recording.sink import Sink
 
 ROS_TOPICS = [replace(topic, qos=qos_text(depth=10)) for topic in (STATES, COMMANDS)]
 

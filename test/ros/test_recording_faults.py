@@ -40,12 +40,15 @@ from recordings import (
 from zstandard import ZstdError
 
 import pfd_core as pfd
-from pfd_ros import convert, provenance, recording, replay
-from pfd_ros.mcap_file import LAST_NS, McapFile
-from pfd_ros.plant import Plant
-from pfd_ros.recording import Recorder, TimeBase, Topic
-from pfd_ros.settings import Settings
-from pfd_ros.sink import Sink
+from pfd_ros.arm.plant import Plant
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages import convert
+from pfd_ros.recording import provenance
+from pfd_ros.recording import recorder as recording
+from pfd_ros.recording.mcap_file import LAST_NS, McapFile
+from pfd_ros.recording.recorder import Recorder, TimeBase, Topic
+from pfd_ros.recording.sink import Sink
+from pfd_ros.replay import verify as replay
 
 pytestmark = pytest.mark.skipif(
     not HAS_DEFINITIONS, reason='the message definitions of ROS are not installed'

@@ -14,8 +14,8 @@ from read_hostile import bounded
 from rewriting import ARRAY, NAMED, Recording, load
 from simulating import efforts, simulate
 
-from pfd_ros.log import Log, LogError
-from pfd_ros.replay import Summary, read
+from pfd_ros.recording.reader import Log, LogError
+from pfd_ros.replay.verify import Summary, read
 
 GOLDEN = Path(__file__).resolve().parents[1] / 'data' / 'golden_1.mcap'
 # Processor time that one file may take, s.

@@ -22,8 +22,8 @@ import pytest
 from recordings import HAS_DEFINITIONS, PATIENCE, counts, digests, read, start
 from ros_processes import environment
 
-from pfd_ros import log
-from pfd_ros.mcap_file import McapFile
+from pfd_ros.recording import reader as log
+from pfd_ros.recording.mcap_file import McapFile
 
 HERE = Path(__file__).resolve().parent
 OFTEN = [10, pytest.param(40, marks=pytest.mark.slow)]

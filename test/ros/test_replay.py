@@ -16,12 +16,12 @@ import pytest
 from rewriting import END, STATES, TAKEN, Sent, load, rewrite
 from ros_processes import environment
 
-from pfd_ros import command_line
-from pfd_ros.commands import Verdict
-from pfd_ros.convert import decode_clock, decode_joint_state
-from pfd_ros.log import Log, LogError
-from pfd_ros.replay import DifferenceError, read
-from pfd_ros.replay_text import progress_on
+from pfd_ros.arm.commands import Verdict
+from pfd_ros.cli import main as command_line
+from pfd_ros.cli.replay import progress_on
+from pfd_ros.messages.convert import decode_clock, decode_joint_state
+from pfd_ros.recording.reader import Log, LogError
+from pfd_ros.replay.verify import DifferenceError, read
 
 pytestmark = pytest.mark.ros
 
@@ -255,7 +255,7 @@ def test_a_recording_is_verified_where_there_is_no_ros(recorded: Path, tmp_path:
     program = (
         'import sys\n'
         "for name in ('rclpy', 'sensor_msgs', 'std_msgs'): sys.modules[name] = None\n"
-        'from pfd_ros.command_line import main\n'
+        'from pfd_ros.cli.main import main\n'
         'raise SystemExit(main(sys.argv[1:]))\n'
     )
     done = subprocess.run(

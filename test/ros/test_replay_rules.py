@@ -15,11 +15,12 @@ from rewriting import ARRAY, END, STATES, TAKEN, Recording, Sent
 from ros_processes import environment
 from simulating import START_NS, efforts, simulate
 
-from pfd_ros import command_line, convert
-from pfd_ros.commands import Verdict
-from pfd_ros.events import TAKEN_COLUMNS, events
-from pfd_ros.log import Entry, Log, LogError
-from pfd_ros.replay import DifferenceError, read
+from pfd_ros.arm.commands import Verdict
+from pfd_ros.cli import main as command_line
+from pfd_ros.messages import convert
+from pfd_ros.recording.reader import Entry, Log, LogError
+from pfd_ros.replay.events import TAKEN_COLUMNS, events
+from pfd_ros.replay.verify import DifferenceError, read
 
 MOVE = {3: [efforts(1.0, 2.0)], 9: [efforts(-1.0, 0.5), efforts(2.0, 0.0)]}
 BLOW_UP = {5: [efforts(1.0, 2.0)], 12: [efforts(1e308, -1e308)]}
@@ -199,7 +200,7 @@ def test_a_file_that_still_grows_is_verified_up_to_where_it_was(tmp_path: Path) 
 
 
 def test_numbers_go_on_where_32_bits_end(tmp_path: Path) -> None:
-    from pfd_ros.events import _Order
+    from pfd_ros.replay.events import _Order
 
     log = Log(simulate(1).save(tmp_path / 'a.mcap'))
     list(events(log))
@@ -219,7 +220,7 @@ def test_numbers_go_on_where_32_bits_end(tmp_path: Path) -> None:
 
 def replay(*args: str, **options: object) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, '-m', 'pfd_ros.command_line', 'replay', *args],
+        [sys.executable, '-m', 'pfd_ros.cli.main', 'replay', *args],
         env=environment(1),
         text=True,
         check=False,

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from pfd_ros.schedule import CATCH_UP_NS, LONGEST_SLEEP_NS, Schedule
+from pfd_ros.node.schedule import CATCH_UP_NS, LONGEST_SLEEP_NS, Schedule
 
 MILLISECOND = 1_000_000
 

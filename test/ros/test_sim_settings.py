@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 import yaml
 
-from pfd_ros import settings as settings_file
-from pfd_ros.settings import Settings
+from pfd_ros.arm import settings as settings_file
+from pfd_ros.arm.settings import Settings
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'sim_arm.yaml'
 

@@ -9,7 +9,7 @@ import signal
 import pytest
 from ros_processes import JOINTS, PATIENCE, Processes
 
-from pfd_ros.replay import read
+from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 

@@ -12,7 +12,7 @@ import struct
 import numpy as np
 import pytest
 
-from pfd_ros import convert
+from pfd_ros.messages import convert
 
 STAMP = 12_345_678_901
 TAKEN = ('step', 'source', 'sequence', 'verdict')

@@ -1,0 +1,266 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Articulated bodies on one processor, in link axes, with grouped inertial parameters.
+
+H qdd = y is solved at rest: the bias is in y already (grouped_newton_euler). With S the unit
+motion along z of B_i and X the way from B_i to B_(i-1), rotation and shift of origin,
+
+    I = body_i + what hangs on it, symmetric 6 x 6                       tip to base
+    U = I S,  d = S.U + rotor,  g = U / d,  r = (y - S.f) / d
+    X (I - U g') X' and X (f + U r) hang on the link before
+    qdd_i = r - g.a,  a_i = a + S qdd_i,  a = X' a_(i-1), a_0 = 0        base to tip
+
+I - U g' has no row along S, because the joint gives way; nothing is computed there, and the zeros
+make the rotation by the joint's own angle cheap. A rotor leaves U rotor/d of that row, a held
+joint (1/d = 0) all of it. H qdd = y holds exactly there, so that S.(f + U r) is y.
+
+Featherstone 1983; base parameters as in grouped_links. This is the serial method at its cheapest
+for a long chain. Grouped bodies have no mass beyond the joint that carries it, and their inertia
+need not be positive; the articulated body's d is a pivot of H all the same.
+
+I is kept as moment = J wd + K a, force = K' wd + M a. One register holds one number; everything
+of link i is in axes B_i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from pfd_core.algorithms.grouped.newton_euler import Link, begin, inward_symmetric, moved, outward
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, where
+from pfd_core.machine.vectors import array, cross, dot
+from pfd_core.model import Plant
+
+# The six different elements of a symmetric matrix, in the order in which vectors has them.
+UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+@dataclass(frozen=True)
+class Body:
+    """
+    An inertia: moment = J wd + K a, force = K' wd + M a.
+
+    Attributes
+    ----------
+    J, K, M : LaneArray
+        (3, 3) each [kg m^2, kg m, kg].
+
+    """
+
+    J: LaneArray
+    K: LaneArray
+    M: LaneArray
+
+
+@dataclass(frozen=True)
+class Joint:
+    """
+    How a joint gives way to what it carries.
+
+    Attributes
+    ----------
+    U_n, U_f : LaneArray
+        (3,), moment and force that its unit acceleration takes.
+    d : Lanes
+        Their part along the joint, with its rotor: a pivot of H; infinite for a held joint.
+    inverse : Lanes
+        1/d, or zero for a held joint.
+    kept : Lanes
+        The share of U that the joint passes on along its own axis.
+    stiff : bool
+        Whether kept is anything but zero, for some input.
+
+    """
+
+    U_n: LaneArray
+    U_f: LaneArray
+    d: Lanes
+    inverse: Lanes
+    kept: Lanes
+    stiff: bool
+
+
+def record_grouped_articulated_body(plant: Plant, schedule: str) -> Program:
+    """Return the program of qdd and pivots, (n,), from q, qd and tau; the schedule is one."""
+    recorder, links, y = begin(plant)
+    free = [recorder.input('free', [i]) for i in range(len(y))] if plant.brakes else None
+    with recorder.section('articulated bodies'):
+        joints = _joints(recorder, plant, links, free)
+    with recorder.section('solve'):
+        rates = _rates(links, joints, y)
+        qdd = _accelerations(recorder, links, joints, rates)
+    pivots = [joint.d for joint in joints]
+    for name, values in (('qdd', qdd), ('pivots', pivots)):
+        recorder.output(name, (len(values),), [(value, 0) for value in values])
+    return recorder.program()
+
+
+def _joints(
+    recorder: Recorder, plant: Plant, links: Sequence[Link], free: Sequence[Lanes] | None
+) -> list[Joint]:
+    """Return the joints, base to tip, from the articulated bodies that they carry."""
+    joints: list[Joint] = []
+    body: Body | None = None
+    for i in range(len(links) - 1, -1, -1):
+        whole = _with_link(recorder, links[i], body)
+        rotor = recorder.constant(0.0 if plant.armature is None else plant.armature[i])
+        joint = _joint(links[i].slides, whole, rotor, None if free is None else free[i])
+        stiff = plant.brakes or (plant.armature is not None and plant.armature[i] != 0)
+        joints.insert(0, Joint(*joint, bool(stiff)))
+        if i:
+            body = _moved(links[i], _given_way(links[i].slides, whole, joints[0]))
+    return joints
+
+
+def _with_link(recorder: Recorder, link: Link, beyond: Body | None) -> Body:
+    """Return the body of a link with what hangs on it."""
+    zero, m, h = recorder.constant(0.0), link.m, link.h
+    J = _full(link.inertia)
+    K = array([[zero, -h[2], h[1]], [h[2], zero, -h[0]], [-h[1], h[0], zero]])
+    M = array([[m, zero, zero], [zero, m, zero], [zero, zero, m]])
+    if beyond is None:
+        return Body(J, K, M)
+    return Body(_symmetric_sum(beyond.J, J), beyond.K + K, _symmetric_sum(beyond.M, M))
+
+
+def _joint(
+    slides: bool, body: Body, rotor: Lanes, free: Lanes | None
+) -> tuple[LaneArray, LaneArray, Lanes, Lanes, Lanes]:
+    """Return U, d, 1/d and the share that is kept, as Joint has them."""
+    U_n, U_f = (body.K[:, 2], body.M[:, 2]) if slides else (body.J[:, 2], body.K[2])
+    d = (U_f if slides else U_n)[2] + rotor
+    inverse = 1.0 / d
+    kept = rotor * inverse
+    if free is not None:
+        inverse, kept = where(free, inverse, 0.0), where(free, kept, 1.0)
+        d = where(free, d, math.inf)
+    return U_n, U_f, d, inverse, kept
+
+
+def _given_way(slides: bool, body: Body, joint: Joint) -> Body:
+    """Return I - U g', the part of a body that is felt beyond its joint."""
+    U_n, U_f = joint.U_n, joint.U_f
+    g_n, g_f = joint.inverse * U_n, joint.inverse * U_f
+    J, K, M = body.J.copy(), body.K.copy(), body.M.copy()
+    along_n, along_f = joint.kept * U_n, joint.kept * U_f
+    if slides:
+        K[:, 2], M[2], M[:, 2] = along_n, along_f, along_f
+    else:
+        K[2], J[2], J[:, 2] = along_f, along_n, along_n
+    for i, j in UPPER:
+        if slides or j < 2:
+            J[i, j] = J[j, i] = J[i, j] - g_n[i] * U_n[j]
+        if not slides or j < 2:
+            M[i, j] = M[j, i] = M[i, j] - g_f[i] * U_f[j]
+    for i, j in np.ndindex(3, 3):
+        if (j if slides else i) < 2:
+            K[i, j] = K[i, j] - g_n[i] * U_f[j]
+    return Body(J, K, M)
+
+
+def _moved(link: Link, body: Body) -> Body:
+    """Return a body of B_i in the axes and about the origin of B_(i-1)."""
+    J, M = (_full(inward_symmetric(link, _six(X))) for X in (body.J, body.M))
+    K = _inward_matrix(link, body.K)
+    shifted, about = np.empty((3, 3), dtype=object), np.empty((3, 3), dtype=object)
+    for i, j in np.ndindex(3, 3):
+        shifted[i, j] = K[i, j] + _crossed(link.r, M, i, j)
+    for i, j in UPPER:
+        both = _crossed(link.r, shifted.T, i, j) + _crossed(link.r, K.T, j, i)
+        about[i, j] = about[j, i] = J[i, j] + both
+    return Body(about, shifted, M)
+
+
+def _inward_matrix(link: Link, X: LaneArray) -> LaneArray:
+    """Return R X R', (3, 3), for any X of B_i."""
+    (c, s), (ca, sa) = link.turn, link.twist
+    X = _turned(c, s, X)
+    if link.square:  # y and z change places, which takes no rounding
+        (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = X
+        return array([[xx, -(sa * xz), sa * xy], [-(sa * zx), zz, -zy], [sa * yx, -yz, yy]])
+    # About x: the same with y, z, x in place of x, y, z.
+    X = np.roll(X, (-1, -1), (0, 1))
+    return np.roll(_turned(ca, sa, X), (1, 1), (0, 1))
+
+
+def _turned(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
+    """Return Rz X Rz'; cos^2 + sin^2 = 1 is used (12 multiplications, 11 additions)."""
+    t = s * (X[0, 0] - X[1, 1]) + c * (X[0, 1] + X[1, 0])
+    st, ct = s * t, c * t
+    return array(
+        [
+            [X[0, 0] - st, ct - X[1, 0], c * X[0, 2] - s * X[1, 2]],
+            [ct - X[0, 1], X[1, 1] + st, s * X[0, 2] + c * X[1, 2]],
+            [c * X[2, 0] - s * X[2, 1], s * X[2, 0] + c * X[2, 1], X[2, 2]],
+        ]
+    )
+
+
+def _crossed(p: LaneArray, X: LaneArray, i: int, j: int) -> Lanes:
+    """Return an element of the matrix whose columns are p x (columns of X)."""
+    k, m = (i + 1) % 3, (i + 2) % 3
+    result: Lanes = p[k] * X[m, j] - p[m] * X[k, j]
+    return result
+
+
+def _rates(links: Sequence[Link], joints: Sequence[Joint], y: Sequence[Lanes]) -> list[Lanes]:
+    """Return r, (n,): the accelerations of joints whose link before does not accelerate."""
+    rates: list[Lanes] = []
+    carried: tuple[LaneArray, LaneArray] | None = None
+    for i in range(len(links) - 1, -1, -1):
+        link, joint = links[i], joints[i]
+        u = y[i]
+        if carried is not None:
+            u = u - carried[not link.slides][2]
+        rate = joint.inverse * u
+        rates.append(rate)
+        n, f = joint.U_n * rate, joint.U_f * rate
+        if carried is not None:
+            f, n = carried[0] + f, carried[1] + n
+        if not joint.stiff:
+            (f if link.slides else n)[2] = y[i]
+        if i:
+            carried = moved(link, f, n)
+    return rates[::-1]
+
+
+def _accelerations(
+    recorder: Recorder, links: Sequence[Link], joints: Sequence[Joint], rates: Sequence[Lanes]
+) -> list[Lanes]:
+    """Return the accelerations of the joints, (n,), base to tip."""
+    wd = a = array([recorder.constant(0.0)] * 3)
+    qdd = []
+    for link, joint, rate in zip(links, joints, rates, strict=True):
+        a, wd = outward(link, a + cross(wd, link.r)), outward(link, wd)
+        along = a if link.slides else wd
+        g_n, g_f = joint.inverse * joint.U_n, joint.inverse * joint.U_f
+        if joint.stiff:
+            qdd.append(rate - (dot(g_n, wd) + dot(g_f, a)))
+            along[2] = along[2] + qdd[-1]
+            continue
+        # The joint's own part of g is one: what it takes away, the link's motion has.
+        rest = (g_f if link.slides else g_n)[:2] @ along[:2]
+        rest = rest + (dot(g_n, wd) if link.slides else dot(g_f, a))
+        qdd.append(rate - rest - along[2])
+        along[2] = rate - rest
+    return qdd
+
+
+def _full(X: LaneArray) -> LaneArray:
+    """Return a symmetric matrix, (3, 3), of its six elements."""
+    xx, xy, xz, yy, yz, zz = X
+    return array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def _six(X: LaneArray) -> LaneArray:
+    return array([X[i, j] for i, j in UPPER])
+
+
+def _symmetric_sum(X: LaneArray, Y: LaneArray) -> LaneArray:
+    return _full(_six(X) + _six(Y))

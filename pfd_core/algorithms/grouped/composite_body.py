@@ -1,0 +1,138 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Composite rigid bodies on one processor, in link axes, with grouped inertial parameters.
+
+Inertia matrix, tip to base, C the composite body of links i..n in axes B_i
+
+    C_(i-1) = body_(i-1) + C_i moved,  f = C z (first moment), n = C z;  h_ii = n_z,
+    h_ji = n_z after moving (f, n) down to B_j          [rotational], {translational: f_z}
+
+and H = L' D L from the tip: the last row is eliminated first. The bias is that of
+grouped_newton_euler.
+
+Walker and Orin 1982 (method 3), Featherstone 1983; base parameters as in grouped_links. This is
+the serial method at its cheapest for a short chain, which a kernel for one processor is made of.
+
+One register holds one number; everything of link i is in axes B_i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+
+from pfd_core.algorithms.grouped.newton_euler import Link, begin, inward, inward_symmetric, moved
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, where
+from pfd_core.machine.vectors import array
+from pfd_core.model import Plant
+
+
+def record_composite_body(plant: Plant, schedule: str) -> Program:
+    """Return the program of qdd and pivots, (n,), from q, qd and tau; the schedule is one."""
+    recorder, links, y = begin(plant)
+    with recorder.section('inertia matrix'):
+        H = _inertia_matrix(links)
+        if plant.armature is not None:
+            for i, rotor in enumerate(plant.armature):
+                H[i][i] = H[i][i] + float(rotor)
+    free = None
+    if plant.brakes:
+        free = [recorder.input('free', [i]) for i in range(len(y))]
+        H, y = _held(recorder, free, H, y)
+    with recorder.section('solve'):
+        x, pivots = solve(H, y, free)
+    for name, values in (('qdd', x), ('pivots', pivots)):
+        recorder.output(name, (len(values),), [(value, 0) for value in values])
+    return recorder.program()
+
+
+def _inertia_matrix(links: Sequence[Link]) -> list[list[Lanes]]:
+    """Return the lower triangle of H by rows, from composite bodies."""
+    H: list[list[Lanes]] = [[] for _ in links]
+    body: tuple[Lanes, LaneArray, LaneArray] | None = None
+    for i in range(len(links) - 1, -1, -1):
+        link = links[i]
+        m, h, inertia = link.m, link.h, link.inertia
+        if body is not None:
+            m, h, inertia = m + body[0], h + body[1], inertia + body[2]
+        H[i] = _row(links, i, m, h, inertia)
+        if i:
+            body = _moved_body(link, m, h, inertia)
+    return H
+
+
+def _row(links: Sequence[Link], i: int, m: Lanes, h: LaneArray, inertia: LaneArray) -> list[Lanes]:
+    """Return h_ij, j <= i, of the composite body of links i..n."""
+    zero = m * 0.0
+    if links[i].slides:
+        f, n = array([zero, zero, m]), array([h[1], -h[0], zero])
+    else:
+        f, n = array([-h[1], h[0], zero]), array([inertia[2], inertia[4], inertia[5]])
+    row = [f[2] if links[i].slides else n[2]]
+    for j in range(i - 1, -1, -1):
+        f, n = moved(links[j + 1], f, n)
+        row.append(f[2] if links[j].slides else n[2])
+    return row[::-1]
+
+
+def _moved_body(
+    link: Link, m: Lanes, h: LaneArray, inertia: LaneArray
+) -> tuple[Lanes, LaneArray, LaneArray]:
+    """Return a body of B_i in the axes and about the origin of B_(i-1)."""
+    h = inward(link, h)
+    x, y, z = link.r
+    moment = h + h + m * link.r
+    xx, yy, zz = (link.r[k] * moment[k] for k in range(3))
+    xy = link.r[0] * h[1] + h[0] * link.r[1] + m * (x * y)
+    xz = link.r[0] * h[2] + h[0] * link.r[2] + m * (x * z)
+    yz = link.r[1] * h[2] + h[1] * link.r[2] + m * (y * z)
+    shift = array([yy + zz, -xy, -xz, xx + zz, -yz, xx + yy])
+    return m, h + m * link.r, inward_symmetric(link, inertia) + shift
+
+
+def _held(
+    recorder: Recorder, free: Sequence[Lanes], H: list[list[Lanes]], y: list[Lanes]
+) -> tuple[list[list[Lanes]], list[Lanes]]:
+    """Return the equations with the accelerations of held joints set to zero."""
+    with recorder.section('brakes'):
+        rows = [
+            [
+                row[j] if i == j else where(free[i], where(free[j], row[j], 0.0), 0.0)
+                for j in range(i + 1)
+            ]
+            for i, row in enumerate(H)
+        ]
+        return rows, [where(moves, value, 0.0) for moves, value in zip(free, y, strict=True)]
+
+
+def solve(
+    H: Sequence[Sequence[Lanes]], y: Sequence[Lanes], free: Sequence[Lanes] | None = None
+) -> tuple[list[Lanes], list[Lanes]]:
+    """
+    Return x of H x = y and the pivots, by H = L' D L from the last row on.
+
+    The pivot of a held joint is infinite, so that it may have no inertia.
+    """
+    n = len(y)
+    rows, x = [list(row) for row in H], list(y)
+    L: list[list[Lanes]] = [[] for _ in y]
+    inverses = list(y)
+    for k in range(n - 1, -1, -1):
+        last = rows[k]
+        inverses[k] = 1.0 / last[k]
+        if free is not None:
+            inverses[k] = where(free[k], inverses[k], 0.0)
+        L[k] = [h * inverses[k] for h in last[:k]]
+        for i, factor in enumerate(L[k]):
+            rows[i] = [h - factor * last[j] for j, h in enumerate(rows[i])]
+            x[i] = x[i] - factor * x[k]
+    for k in range(n):
+        x[k] = x[k] * inverses[k]
+        for i, factor in enumerate(L[k]):
+            x[k] = x[k] - factor * x[i]
+    pivots = [rows[k][k] for k in range(n)]
+    if free is not None:
+        pivots = [where(moves, d, math.inf) for moves, d in zip(free, pivots, strict=True)]
+    return x, pivots

@@ -1,0 +1,188 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A chain on one processor with the fewest numbers that its dynamics depend on.
+
+Axes B_i are fixed to link i, with z along the axis of joint i and the origin on it. From B_(i-1)
+to B_i:
+
+    R_i = Rx(alpha_(i-1)) Rz(theta_i),  r_i = p_(i-1) [+ q_i Rx(alpha_(i-1)) z]
+
+Denavit and Hartenberg's frames, brought about for any chain: turning B_i about its z is a
+constant added to an angle, and moving its origin along z makes p_y vanish where that does not
+send the origin far away (nearly parallel axes have their common normal there).
+
+A body is its mass m, first moment h and inertia I about the origin. What of link i is symmetric
+about the axis of its own rotational joint, m, h_z and diag(I_yy, I_yy, 0), moves with link i - 1
+as well as with link i, and is added to link i - 1 once, while recording; so is the inertia about
+the centre of mass of a link on a translational joint. What is left, I_xx - I_yy, I_xy, I_xz,
+I_yz, I_zz, h_x and h_y, are the base parameters: no kernel reads more of a link.
+
+Source: Mayeda, Yoshida and Osuka 1990 and Gautier and Khalil 1990 (base inertial parameters);
+Khalil and Kleinfinger 1987 (that they cut the cost of the recursions).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfd_core.algorithms.chain.link_axes import zxz
+from pfd_core.model import Plant
+from pfd_core.model.geometry import product, rotation_x, rotation_z
+
+Array = NDArray[np.float64]
+
+# How far an origin may be moved along its axis, in lengths of the link: farther, and the large
+# first moments that it causes cancel, at the cost of as many digits.
+REACH = 2.0
+
+
+@dataclass(frozen=True)
+class GroupedLink:
+    """
+    Numbers of one link in its axes B_i.
+
+    Attributes
+    ----------
+    slides : bool
+        Whether its joint is translational.
+    start : tuple of float
+        Cosine and sine of theta_i at q_i = 0.
+    twist : tuple of float
+        Cosine and sine of alpha_(i-1), from the axis of joint i - 1 to that of joint i.
+    p : ndarray
+        (3,), origin of B_i at q_i = 0, in axes B_(i-1) [m].
+    m : float
+        Mass [kg].
+    h : ndarray
+        (3,), first moment [kg m].
+    inertia : ndarray
+        (3, 3), about the origin [kg m^2].
+
+    """
+
+    slides: bool
+    start: tuple[float, float]
+    twist: tuple[float, float]
+    p: Array
+    m: float
+    h: Array
+    inertia: Array
+
+
+@dataclass(frozen=True)
+class Tip:
+    """Axes of frame n, (3, 3), and its origin, (3,) [m], in axes B_n."""
+
+    rotation: Array
+    p: Array
+
+
+def grouped_links(plant: Plant) -> tuple[list[GroupedLink], Tip]:
+    """Return the links of a plant, base to tip, grouped; and where frame n is."""
+    links, tip = _in_joint_axes(plant)
+    for i in range(len(links) - 1, 0, -1):
+        links[i], moved = _split(links[i])
+        links[i - 1] = _added(links[i - 1], _outward(links[i], moved))
+    return links, tip
+
+
+Body = tuple[float, Array, Array]  # mass, first moment, inertia about the origin
+
+
+def _in_joint_axes(plant: Plant) -> tuple[list[GroupedLink], Tip]:
+    """Return the links as they are given, in axes B_i, and the tip."""
+    robot = plant.robot
+    links: list[GroupedLink] = []
+    before, twist, p = (1.0, 0.0), (1.0, 0.0), np.zeros(3)
+    slid = 0.0  # how far the origin of B_i was moved along its axis
+    for i in range(robot.n):
+        A, a = robot.rotations[i], robot.translations[i]
+        first, tilt, following = zxz(A)
+        Z = rotation_z(*first)
+        axis = np.array([0.0, 0.0, slid])
+        center = product(Z.T, a + product(A, robot.centers[i])) - axis
+        J = product(Z.T, A, robot.inertias[i], A.T, Z)
+        m = float(robot.masses[i])
+        offset = product(Z.T, a) - axis
+        start = _sum_of_angles(before, first)
+        links.append(
+            GroupedLink(
+                robot.joint_types[i] == 'prismatic',
+                start,
+                twist,
+                p,
+                m,
+                m * center,
+                J + m * _moments(center, center),
+            )
+        )
+        if i == robot.n - 1:
+            tip = Tip(product(rotation_x(*tilt), rotation_z(*following)), offset)
+        slid = _slide(offset, tilt)
+        p = offset + slid * product(rotation_x(*tilt), np.array([0.0, 0.0, 1.0]))
+        if slid:
+            p[1] = 0.0  # what it was moved for, without the rounding
+        before, twist = following, tilt
+    return links, tip
+
+
+def _slide(offset: Array, tilt: tuple[float, float]) -> float:
+    """Return how far along the next axis the next origin goes to make p_y vanish, or zero."""
+    sine = tilt[1]
+    if offset[1] == 0 or sine == 0:
+        return 0.0
+    distance = float(offset[1]) / sine
+    return distance if abs(distance) <= REACH * float(np.sqrt(offset @ offset)) else 0.0
+
+
+def _split(link: GroupedLink) -> tuple[GroupedLink, Body]:
+    """Return a link without what moves with the link before it as well, and that."""
+    if link.slides:
+        J = link.inertia - (_moments(link.h, link.h) / link.m if link.m else 0.0)
+        rest = GroupedLink(True, link.start, link.twist, link.p, link.m, link.h, link.inertia - J)
+        return rest, (0.0, np.zeros(3), J)
+    yy = float(link.inertia[1, 1])
+    inertia = link.inertia - np.diag([yy, yy, 0.0])
+    h = np.array([link.h[0], link.h[1], 0.0])
+    rest = GroupedLink(False, link.start, link.twist, link.p, 0.0, h, inertia)
+    return rest, (link.m, np.array([0.0, 0.0, link.h[2]]), np.diag([yy, yy, 0.0]))
+
+
+def _outward(link: GroupedLink, body: Body) -> Body:
+    """Return a body in axes B_i, the same however far its joint is turned, in B_(i-1)."""
+    m, h, inertia = body
+    R = rotation_x(*link.twist)
+    if link.slides:
+        R = product(R, rotation_z(*link.start))
+    h = product(R, h)
+    inertia = product(R, inertia, R.T)
+    shift = _moments(link.p, h) + _moments(h, link.p) + m * _moments(link.p, link.p)
+    return m, h + m * link.p, inertia + shift
+
+
+def _added(link: GroupedLink, body: Body) -> GroupedLink:
+    m, h, inertia = body
+    return GroupedLink(
+        link.slides,
+        link.start,
+        link.twist,
+        link.p,
+        link.m + m,
+        link.h + h,
+        link.inertia + inertia,
+    )
+
+
+def _moments(a: Array, b: Array) -> Array:
+    """Return a.b 1 - b a' (3, 3): the inertia of a point at a for the first moment b."""
+    dot = math.fsum((a * b).tolist())
+    return dot * np.eye(3) - np.multiply.outer(b, a)
+
+
+def _sum_of_angles(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
+    return a[0] * b[0] - a[1] * b[1], a[1] * b[0] + a[0] * b[1]

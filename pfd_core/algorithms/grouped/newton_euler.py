@@ -1,0 +1,220 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The equations of motion on one processor, in link axes, with grouped inertial parameters.
+
+    H(q) qdd = y,   y = tau - bias [- damping qd]
+
+The bias, base to tip and back (W = [wd] + [w][w], so that W p is the acceleration of a point p):
+
+    w_i = R'w [+ z qd],  wd_i = R'wd [+ R'w x z qd],  a_i = R'(a + W r) {+ 2 R'w x z qd}
+    f = m a + W h,  n = h x a + (I wd + w x I w),  sums of f and n from the tip
+
+[rotational], {translational}. Luh, Walker and Paul 1980; base parameters as in grouped_links,
+Khalil and Kleinfinger 1987. composite_body and grouped_articulated_body solve H qdd = y.
+
+One register holds one number; everything of link i is in axes B_i.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from pfd_core.algorithms.grouped.links import GroupedLink, Tip, grouped_links
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, cos, sin
+from pfd_core.machine.vectors import array, cross
+from pfd_core.model import Plant
+
+
+@dataclass(frozen=True)
+class Link:
+    """
+    A link at the input q.
+
+    Attributes
+    ----------
+    slides : bool
+        Whether its joint is translational.
+    turn, twist : tuple of Lanes
+        Cosine and sine of theta_i and of alpha_(i-1).
+    square : bool
+        Whether alpha_(i-1) is 90 degrees, one way or the other, exactly.
+    r : LaneArray
+        (3,), origin of B_i from that of B_(i-1), in axes B_(i-1) [m].
+    m : Lanes
+        Mass [kg].
+    h : LaneArray
+        (3,), first moment [kg m].
+    inertia : LaneArray
+        (6,), about the origin: xx, xy, xz, yy, yz, zz [kg m^2].
+
+    """
+
+    slides: bool
+    turn: tuple[Lanes, Lanes]
+    twist: tuple[Lanes, Lanes]
+    square: bool
+    r: LaneArray
+    m: Lanes
+    h: LaneArray
+    inertia: LaneArray
+
+
+def begin(plant: Plant) -> tuple[Recorder, list[Link], list[Lanes]]:
+    """Return a recording, the links of a plant at the input q, and y, (n,) [N m or N]."""
+    recorder = Recorder(1, 'sequential')
+    numbers, tip = grouped_links(plant)
+    q, qd, tau = (
+        [recorder.input(name, [i]) for i in range(plant.robot.n)] for name in ('q', 'qd', 'tau')
+    )
+    with recorder.section('rotations'):
+        links = [_link(recorder, link, q[i]) for i, link in enumerate(numbers)]
+    with recorder.section('bias'):
+        bias = _bias(recorder, plant, links, tip, qd)
+        y = [t - b for t, b in zip(tau, bias, strict=True)]
+        if plant.damping is not None:
+            y = [v - float(d) * rate for v, d, rate in zip(y, plant.damping, qd, strict=True)]
+    return recorder, links, y
+
+
+def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
+    c0, s0 = (recorder.constant(value) for value in link.start)
+    twist = recorder.constant(link.twist[0]), recorder.constant(link.twist[1])
+    r = array([recorder.constant(value) for value in link.p])
+    turn = c0, s0
+    if link.slides:
+        r = array([r[0], r[1] - twist[1] * q, r[2] + twist[0] * q])
+    else:
+        c, s = cos(q), sin(q)
+        turn = c * c0 - s * s0, s * c0 + c * s0
+    upper = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+    return Link(
+        slides=link.slides,
+        turn=turn,
+        twist=twist,
+        square=link.twist[0] == 0,
+        r=r,
+        m=recorder.constant(link.m),
+        h=array([recorder.constant(value) for value in link.h]),
+        inertia=array([recorder.constant(link.inertia[k]) for k in upper]),
+    )
+
+
+def inward(link: Link, v: LaneArray) -> LaneArray:
+    """Return a vector of B_i in the axes B_(i-1): R v."""
+    (c, s), (ca, sa) = link.turn, link.twist
+    x, y = c * v[0] - s * v[1], s * v[0] + c * v[1]
+    return array([x, ca * y - sa * v[2], sa * y + ca * v[2]])
+
+
+def outward(link: Link, v: LaneArray) -> LaneArray:
+    """Return a vector of B_(i-1) in the axes B_i: R' v."""
+    (c, s), (ca, sa) = link.turn, link.twist
+    y, z = ca * v[1] + sa * v[2], ca * v[2] - sa * v[1]
+    return array([c * v[0] + s * y, c * y - s * v[0], z])
+
+
+def inward_symmetric(link: Link, X: LaneArray) -> LaneArray:
+    """Return a symmetric matrix of B_i, six elements, in the axes B_(i-1): R X R'."""
+    (c, s), (ca, sa) = link.turn, link.twist
+    xx, xy, xz, yy, yz, zz = _turned(c, s, X)
+    if link.square:  # y and z change places, which takes no rounding
+        return array([xx, -(sa * xz), sa * xy, zz, -yz, yy])
+    # About x: the same with y, z, x in place of x, y, z.
+    yy, yz, xy, zz, xz, xx = _turned(ca, sa, array([yy, yz, xy, zz, xz, xx]))
+    return array([xx, xy, xz, yy, yz, zz])
+
+
+def _turned(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
+    """Return Rz X Rz'; cos^2 + sin^2 = 1 is used (8 multiplications, 8 additions)."""
+    xx, xy, xz, yy, yz, zz = X
+    t = s * (xx - yy) + c * (xy + xy)
+    st = s * t
+    return array([xx - st, c * t - xy, c * xz - s * yz, yy + st, s * xz + c * yz, zz])
+
+
+def _bias(
+    recorder: Recorder, plant: Plant, links: Sequence[Link], tip: Tip, qd: Sequence[Lanes]
+) -> list[Lanes]:
+    """Return the torques at qdd = 0 of links, gravity and wrench."""
+    zero = recorder.constant(0.0)
+    w, wd = (array([zero] * 3) for _ in range(2))
+    a = array([recorder.constant(-float(g)) for g in plant.gravity])
+    spin: Any = None  # W of the link before
+    forces = []
+    for link, rate in zip(links, qd, strict=True):
+        w, wd = outward(link, w), outward(link, wd)
+        a = outward(link, a if spin is None else a + spin @ link.r)
+        if link.slides:
+            a = a + 2.0 * array([w[1] * rate, -(w[0] * rate), zero])
+        else:
+            wd = array([wd[0] + w[1] * rate, wd[1] - w[0] * rate, wd[2]])
+            w = array([w[0], w[1], w[2] + rate])
+        squares = _products(w)
+        spin = _spin(squares, wd)
+        n = _moment(squares, spin, wd, link.inertia) + cross(link.h, a)
+        forces.append((link.m * a + spin @ link.h, n))
+    if plant.external_wrench:
+        forces[-1] = _pushed(recorder, tip, forces[-1])
+    return _torques(links, forces)
+
+
+def _products(w: LaneArray) -> LaneArray:
+    """Return xx, xy, xz, yy, yz, zz of w w'."""
+    return array([w[i] * w[j] for i in range(3) for j in range(i, 3)])
+
+
+def _spin(squares: LaneArray, wd: LaneArray) -> LaneArray:
+    """Return W = [wd] + [w][w], (3, 3), from w w'."""
+    xx, xy, xz, yy, yz, zz = squares
+    return array(
+        [
+            [-(yy + zz), xy - wd[2], xz + wd[1]],
+            [xy + wd[2], -(xx + zz), yz - wd[0]],
+            [xz - wd[1], yz + wd[0], -(xx + yy)],
+        ]
+    )
+
+
+def _moment(squares: LaneArray, W: LaneArray, wd: LaneArray, inertia: LaneArray) -> LaneArray:
+    """Return I wd + w x I w, by elements of W that are there already."""
+    xx, xy, xz, yy, yz, zz = inertia
+    _, sxy, sxz, _, syz, _ = squares
+    return array(
+        [
+            xx * wd[0] + (zz - yy) * syz + yz * (W[1, 1] - W[2, 2]) + xz * W[1, 0] - xy * W[2, 0],
+            yy * wd[1] + (xx - zz) * sxz + xz * (W[2, 2] - W[0, 0]) + xy * W[2, 1] - yz * W[0, 1],
+            zz * wd[2] + (yy - xx) * sxy + xy * (W[0, 0] - W[1, 1]) + yz * W[0, 2] - xz * W[1, 2],
+        ]
+    )
+
+
+def _pushed(
+    recorder: Recorder, tip: Tip, force: tuple[LaneArray, LaneArray]
+) -> tuple[LaneArray, LaneArray]:
+    """Return the last link's force and moment less the wrench on it."""
+    k = array([recorder.input('wrench', [i]) for i in range(6)])
+    R = array([[recorder.constant(value) for value in row] for row in tip.rotation])
+    p = array([recorder.constant(value) for value in tip.p])
+    f = R @ k[:3]
+    return force[0] - f, force[1] - (R @ k[3:] + cross(p, f))
+
+
+def _torques(links: Sequence[Link], forces: Sequence[tuple[LaneArray, LaneArray]]) -> list[Lanes]:
+    """Return what each joint feels of the links beyond it."""
+    torques: list[Lanes] = []
+    carried: tuple[LaneArray, LaneArray] | None = None
+    for link, (f, n) in zip(reversed(links), reversed(forces), strict=True):
+        if carried is not None:
+            f, n = f + carried[0], n + carried[1]
+        torques.append(f[2] if link.slides else n[2])
+        carried = moved(link, f, n)
+    return torques[::-1]
+
+
+def moved(link: Link, f: LaneArray, n: LaneArray) -> tuple[LaneArray, LaneArray]:
+    """Return force and moment about the origin of B_i as they are about that of B_(i-1)."""
+    f, n = inward(link, f), inward(link, n)
+    return f, n + cross(link.r, f)

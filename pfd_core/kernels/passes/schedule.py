@@ -1,0 +1,133 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Scheduling: the same operations in an order that a processor gets through faster.
+
+As a text has it, one operation often waits for the one before. The order here is chosen one
+operation at a time among those whose operands are computed or under way. While registers are
+left, these count: how long it would wait for its operands, how much work must follow it, and of
+how many values it is the last reader, whose registers become free. When too many values are
+alive the last counts most. The compiler orders again within narrow bounds and assigns the
+registers; it keeps most of this.
+
+Measured with AVX-512 (minimum of 30 interleaved runs) against the order of the text: batches in
+float64 take 6 to 9 % less time on UR5, Puma and Panda, and within 4 % of the same on a dense arm
+of six joints; one state alone takes 4 to 8 % less. With the 16 registers of AVX2 batches gain
+nothing, or lose up to 10 %.
+
+Source: list scheduling under register pressure, Goodman and Hsu, Code scheduling and register
+allocation in large basic blocks, ICS 1988.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pfd_core.kernels.passes.fuse import LATENCY
+from pfd_core.machine.program import Instruction, Program, renamed
+
+# Values alive at once, above which freeing registers comes first: the 32 registers of AVX-512
+# and NEON, less what constants take.
+REGISTERS = 28
+# Operations begun in a cycle.
+WIDTH = 2
+# What is worth the register of a value: cycles of waiting, when registers are left and when they
+# are not, and cycles of work that follow.
+WAIT, WAIT_CROWDED, FOLLOWING = 2, 16, 32
+# Operations among which one is chosen, those that stand first in the text: keeps the time for
+# scheduling in proportion to the length of a program.
+CHOICE = 128
+# Beyond this many operations, programs are cut into parts (pfd_core.kernels.codegen.split) anyway.
+LONGEST = 6000
+LOOPED = ('loop', 'state', 'end', 'result')
+# No work of their own: part of the operation that reads them.
+FREE = ('constant', 'input', 'neg')
+
+
+def schedule(program: Program) -> Program:
+    """Return a program in a better order; one with a loop, or too long, as it is."""
+    instructions = program.instructions
+    if len(instructions) > LONGEST or any(i.op in LOOPED for i in instructions):
+        return program
+    written: list[Instruction] = []
+    names = [-1] * len(instructions)
+
+    def write(register: int) -> None:
+        if names[register] < 0:
+            for a in instructions[register].args:
+                write(a)
+            args = tuple(names[a] for a in instructions[register].args)
+            names[register] = len(written)
+            written.append(instructions[register]._replace(args=args))
+
+    for register in _order(program):
+        write(register)
+    for output in program.outputs.values():
+        for register, _ in output.places:
+            write(register)
+    return renamed(program, written, names)
+
+
+def _operands(instructions: Sequence[Instruction]) -> list[list[int]]:
+    """Return for each instruction the computed registers it reads, signs left out."""
+    bases: list[int] = []  # what a register is, up to its sign
+    operands: list[list[int]] = []
+    for register, (op, args, *_) in enumerate(instructions):
+        bases.append(bases[args[0]] if op == 'neg' else register)
+        read = {bases[a] for a in args}
+        operands.append([a for a in read if instructions[a].op not in FREE])
+    return operands
+
+
+def _order(program: Program) -> list[int]:
+    """Return the registers of all operations, FREE ones apart, in the order to compute them."""
+    instructions = program.instructions
+    operands = _operands(instructions)
+    work = [r for r, instruction in enumerate(instructions) if instruction.op not in FREE]
+    users: list[list[int]] = [[] for _ in instructions]
+    for register in work:
+        for a in operands[register]:
+            users[a].append(register)
+    after = [0] * len(instructions)  # cycles from here to the end
+    for register in reversed(work):
+        rest = max((after[user] for user in users[register]), default=0)
+        after[register] = rest + LATENCY.get(instructions[register].op, 0)
+    unread = [len(found) for found in users]
+    for output in program.outputs.values():
+        for register, _ in output.places:
+            unread[register] += 1
+    missing = [len(found) for found in operands]
+    last_of = [sum(unread[a] == 1 for a in found) for found in operands]
+    start = [0.0] * len(instructions)  # when the operands of an instruction are there
+    ready = [r for r in work if not missing[r]]
+    order: list[int] = []
+    alive, time = 0, 0.0
+
+    def gain(register: int) -> tuple[float, int, int]:
+        wait = start[register] - time if start[register] > time else 0.0
+        if alive >= REGISTERS:
+            return last_of[register] - wait / WAIT_CROWDED, after[register], -register
+        value = last_of[register] - wait / WAIT + after[register] / FOLLOWING
+        return value, 0, -register
+
+    while ready:
+        chosen = max(ready[:CHOICE], key=gain)
+        ready.remove(chosen)
+        order.append(chosen)
+        alive += 1
+        time = max(time, start[chosen])
+        end = time + LATENCY.get(instructions[chosen].op, 0)
+        time += 1 / WIDTH
+        for a in operands[chosen]:
+            unread[a] -= 1
+            alive -= unread[a] == 0
+            if unread[a] == 1:
+                for user in users[a]:
+                    last_of[user] += 1
+        for user in users[chosen]:
+            start[user] = max(start[user], end)
+            missing[user] -= 1
+            if not missing[user]:
+                ready.append(user)
+        ready.sort()
+    return order

@@ -1,0 +1,181 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Sine and cosine as text over the machine's operations.
+
+The text knows `+ - *` and floats; it runs on NumPy arrays and on lane values that are being
+recorded. Every operation in it is rounded correctly and the order is fixed, so
+it gives the same bits on every machine, in the emulator and in a kernel. The table of
+operations counts sine and cosine as one step each; this is what a kernel puts in their place.
+
+Method: x = k pi/2 + r with the nearest integer k, where pi/2 is cut into parts so short that k
+times a part is exact (Cody and Waite, Software Manual for the Elementary Functions, 1980), a
+minimax polynomial for each of sin r and cos r, and the sum of angles r and k pi/2, in which one
+product is zero and the other exact. `wrap_angle` in
+pfd_core.kernels.codegen.wrap brings larger arguments into reach.
+
+Error, for |x| <= WRAP_LIMIT, in units in the last place of the result: at most 1.36 in float64
+(the worst case of every rounding, added up; the largest seen in 5e7 arguments is 1.33) and at
+most 1.40 in float32 (the largest of all its arguments). Where the result comes from the sine's
+polynomial it is below 1.1. No result exceeds one in magnitude, and the sine of -0 is -0.
+
+Operations for sine and cosine together:
+
+    =======  ===  =======  ===
+    dtype    mul  add/sub  all
+    =======  ===  =======  ===
+    float64   24       30   54
+    float32   21       30   51
+    =======  ===  =======  ===
+
+A kernel fuses additions and multiplications of these (pfd_core.kernels.passes.fuse), which leaves
+36 operations and signs. The errors are then at most 1.42 in float32 (the largest of all its
+arguments) and have been seen up to 1.34 in float64 (4e7 arguments); the rest holds as well.
+
+The coefficients are printed by benchmarks/fit_sine.py.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike
+
+from pfd_core.kernels.codegen.wrap import WRAP_ANGLE_IR, WRAP_LIMIT, wrap_angle
+
+__all__ = ['WRAP_ANGLE_IR', 'WRAP_LIMIT', 'sincos', 'wrap_angle']
+
+
+@dataclass(frozen=True)
+class _Constants:
+    """
+    What differs between the number formats.
+
+    pi/2 is the sum of all parts: `exact + middle + (last,)`. k times a part is exact but for the
+    last; x minus the exact ones is exact as well, however much cancels. `unit` is a number
+    between whose double and itself neighbours lie one apart: adding and subtracting 1.5 of it
+    rounds to an integer, 3 of it to a multiple of two.
+    """
+
+    unit: float
+    two_over_pi: float
+    exact: tuple[float, ...]
+    middle: tuple[float, ...]
+    last: float
+    sine: tuple[float, ...]  # sin r = r - r h (s0 + s1 h + ...), h = r r / 2
+    cosine: tuple[float, ...]  # cos r = 1 - h + h h (c0 + c1 h + ...)
+
+
+_CONSTANTS = {
+    'float64': _Constants(
+        unit=2.0**52,
+        two_over_pi=0.6366197723675814,
+        exact=(1.5707963267923333,),
+        middle=(2.5633441515839558e-12,),
+        last=1.0562999066987428e-23,
+        sine=(
+            0.3333333333333326,
+            -0.03333333333328736,
+            0.0015873015863486822,
+            -4.409170166162355e-05,
+            8.016235004629642e-07,
+            -1.017307731952648e-08,
+        ),
+        cosine=(
+            0.16666666666666638,
+            -0.011111111111098674,
+            0.0003968253966240333,
+            -8.818340549453201e-06,
+            1.336045145381423e-07,
+            -1.4539199081353166e-09,
+        ),
+    ),
+    'float32': _Constants(
+        unit=2.0**23,
+        two_over_pi=0.6366197466850281,
+        exact=(1.5703125, 0.0004825592041015625, 1.2516975402832031e-06),
+        middle=(1.5832483768463135e-08, 6.093614501878619e-11),
+        last=-1.6513995574653217e-13,
+        sine=(0.3333330750465393, -0.033328425139188766, 0.0015606306260451674),
+        cosine=(0.16666658222675323, -0.01110984105616808, 0.00039089188794605434),
+    ),
+}
+
+
+def sincos(x: Any, dtype: DTypeLike) -> tuple[Any, Any]:
+    """
+    Sine and cosine of an angle.
+
+    Parameters
+    ----------
+    x : array or lane value
+        Angle in radians, any shape, at most WRAP_LIMIT in magnitude: above it the result
+        loses its accuracy, so call `wrap_angle` first. NaN and infinity give NaN.
+    dtype : {'float64', 'float32'}
+        Number format of x; all arithmetic is done in it.
+
+    Returns
+    -------
+    sine, cosine : like x
+        Within 1.5 units in the last place.
+
+    Raises
+    ------
+    ValueError
+        If dtype is neither of the two.
+
+    """
+    name = np.dtype(dtype).name
+    if name not in _CONSTANTS:
+        raise ValueError(f'dtype must be one of {tuple(_CONSTANTS)}, got {name!r}')
+    c = _CONSTANTS[name]
+    k = _round(x * c.two_over_pi, 1.5 * c.unit)
+    r, excess = _reduce(x, k, c)
+    h = r * 0.5 * r
+    # r carries a rounding, which sine passes on and cosine dampens: only sine puts it right.
+    sine = r - (r * h * _polynomial(c.sine, h) + excess)
+    cosine = 1.0 - (h - h * (h * _polynomial(c.cosine, h)))
+
+    # Cosine and minus sine of k quarter turns, each 1, 0 or -1: how far k + 1 and k are from the
+    # nearest multiple of two, which halfway between two of them is the multiple of four.
+    turned = k + 1.0
+    along = turned - _round(turned, 3.0 * c.unit)
+    down = _round(k, 3.0 * c.unit) - k
+    return sine * along - cosine * down, cosine * along + sine * down
+
+
+def _round(x: Any, magic: float) -> Any:
+    """Round to a multiple of the spacing that numbers near `magic` have."""
+    return (x + magic) - magic
+
+
+def _reduce(x: Any, k: Any, c: _Constants) -> tuple[Any, Any]:
+    """Return r and a correction `excess` with r - excess = x - k pi/2 to twice the digits."""
+    for part in c.exact:
+        x = x - k * part
+    first, *others = c.middle
+    r, excess = _difference(x, k * first)
+    for part in others:
+        r, excess = _difference(r, k * part + excess)
+    return r, excess + k * c.last
+
+
+def _difference(a: Any, b: Any) -> tuple[Any, Any]:
+    """
+    Return d = a - b, rounded, and d - (a - b).
+
+    The latter is exact where a is not smaller than b and also where d is exact. In this order of
+    operations it is +0 for a = -0, b = +0, and -0 - 0 keeps the sign of a zero.
+    """
+    d = a - b
+    return d, d - a + b
+
+
+def _polynomial(coefficients: tuple[float, ...], h: Any) -> Any:
+    """Evaluate a polynomial, lowest power first in `coefficients`, after Horner."""
+    value: Any = coefficients[-1]
+    for coefficient in reversed(coefficients[:-1]):
+        value = value * h + coefficient
+    return value

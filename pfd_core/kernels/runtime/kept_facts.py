@@ -1,0 +1,99 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What this source made of a key once, as JSON on disk (pfd_core.kernels.runtime.disk_cache)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from functools import cache
+from importlib.resources import files
+from itertools import chain
+import json
+import os
+from pathlib import Path
+import sys
+import time
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from pfd_core.kernels.runtime.cpython_abi import HEADER
+from pfd_core.kernels.runtime.disk_cache import LOG, digest, folder, read, write
+
+if TYPE_CHECKING:
+    from importlib.abc import Traversable
+
+PACKAGE: Traversable = files(__name__.partition('.')[0])
+# A source file changed while this package was imported may not be what runs.
+IMPORTED = time.time()
+IMPORTING = 1.0  # [s]
+
+T = TypeVar('T')
+
+
+@cache
+def sources() -> str | None:
+    """
+    Return the digest of the source files of this package as it was imported, or None.
+
+    None is for a package without source files, and for files so new that they may have been
+    written while they were imported. Times in the future say nothing, and do no harm.
+    """
+    try:
+        found = sorted(_sources(PACKAGE, getattr(sys.modules[__name__].__loader__, 'archive', '')))
+    except Exception:  # of whatever kind the loader of this package raises
+        return None
+    times = [changed for _, _, changed in found]
+    if not found or any(IMPORTED - IMPORTING < changed <= IMPORTED for changed in times):
+        return None
+    return digest(*chain.from_iterable((name, text) for name, text, _ in found))
+
+
+def _sources(where: Traversable, archive: str, at: str = '') -> Iterator[tuple[str, str, float]]:
+    """Yield name, text and time of each source file; files in an archive have that one's time."""
+    for entry in where.iterdir():
+        name = f'{at}/{entry.name}'
+        if entry.is_dir():
+            yield from _sources(entry, archive, name)
+        elif name.endswith('.py'):
+            changed = os.stat(archive or Path(str(entry))).st_mtime
+            yield name, entry.read_text('utf-8'), changed
+
+
+def remember(key: tuple[str, ...], make: Callable[[], T], fits: Callable[[Any], bool]) -> T:
+    """
+    Return `make()`, or what it returned when it was called for the same key before.
+
+    Parameters
+    ----------
+    key : tuple of str
+        All that the result depends on, besides the source of this package and the versions of
+        Python and NumPy.
+    make : callable
+        Returns what JSON can hold: dict with str for keys, list, str, int, float, bool, None.
+    fits : callable
+        Tells of any JSON value whether `make` may have returned it; one that it cannot have
+        returned counts as absent.
+
+    """
+    source = None if folder() is None else sources()
+    if source is None:
+        return make()
+    # Python also because kernels know how it lays out its objects.
+    python = f'{sys.version} {HEADER}'
+    name = digest('made', source, python, np.__version__, *key)
+    kept = read(name)
+    if kept is not None:
+        with suppress(ValueError, RecursionError):
+            value: T = json.loads(kept)
+            if fits(value):
+                return value
+        LOG.info('what is kept for %r does not fit: it is made again', key)
+    made = json.dumps(make()).encode()
+    write(name, made)
+    return json.loads(made)  # type: ignore[no-any-return]
+
+
+# At once, because files may be edited while this process runs.
+sources()

@@ -1,0 +1,213 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Recipes: a robot, a scene and a method as a lowered program, recorded only where somebody needs it.
+
+Recording and lowering take longer than bringing a kept object into a process. What a kernel needs
+to know of its program and of the texts made of it is therefore kept on disk, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from functools import cache, cached_property
+import gc
+import os
+import threading
+from typing import Any
+
+from pfd_core.algorithms.convergence import with_nan_unless_converged
+from pfd_core.algorithms.paper.conjugate_gradient import TOLERANCE
+from pfd_core.algorithms.programs import record_inverse_dynamics
+from pfd_core.algorithms.refinement import record_refined
+from pfd_core.kernels.codegen.spelling import arguments
+from pfd_core.kernels.codegen.split import effort
+from pfd_core.kernels.passes.pipeline import finish, operations, simplify
+from pfd_core.kernels.runtime.jit import Native, Outline, compile_outlined, outline
+from pfd_core.kernels.runtime.kept_facts import T, remember
+from pfd_core.machine.program import Output, Program
+from pfd_core.model import Plant, Robot, Scene, resolve
+
+# Where iterative methods stop: their residual has fallen to the rounding of the number format.
+TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
+DTYPES = tuple(TOLERANCES)
+_recording = threading.RLock()
+if hasattr(os, 'register_at_fork'):
+    os.register_at_fork(
+        before=_recording.acquire,
+        after_in_parent=_recording.release,
+        after_in_child=_recording.release,
+    )
+
+
+class Recipe:
+    """
+    How to come by a lowered program with one output.
+
+    Parameters
+    ----------
+    record : callable
+        Records and lowers it: the stages of the program by name, of which the last is lowered.
+    key : tuple of str, optional
+        All that decides the program, besides the source of this package (a plant's digest, a
+        method, a number format); without it nothing is kept on disk.
+
+    Attributes
+    ----------
+    inputs : dict
+        Elements of each input, in the order in which a kernel takes them.
+    elements : int
+        Elements of the output.
+    operations : dict
+        Operations by name, of each stage.
+
+    """
+
+    def __init__(
+        self, record: Callable[[], dict[str, Program]], key: tuple[str, ...] = ()
+    ) -> None:
+        self._record = record
+        self._key = key
+        facts = self.remember('facts', self._facts, _are_facts)
+        self.inputs: dict[str, int] = facts['inputs']
+        self.elements: int = facts['elements']
+        self.operations: dict[str, dict[str, int]] = facts['operations']
+
+    @cached_property
+    def program(self) -> Program:
+        """The lowered program."""
+        return _joined(list(self._stages.values())[-1])
+
+    @cached_property
+    def _stages(self) -> dict[str, Program]:
+        with _uncollected():
+            return self._record()
+
+    @property
+    def work(self) -> int:
+        """The operations of the lowered program."""
+        return sum(list(self.operations.values())[-1].values())
+
+    def remember(self, what: str, make: Callable[[], T], fits: Callable[[Any], bool]) -> T:
+        """Return `make()`, which depends on the program and on `what` alone, or find it kept."""
+        return remember((*self._key, what), make, fits) if self._key else make()
+
+    def compile(self, what: str, text: Callable[[], str]) -> Native:
+        """Return the native code of a text, which depends on the program and on `what` alone."""
+        once = cache(text)
+        known = self.remember(what, lambda: asdict(outline(once())), _is_outline)
+        return compile_outlined(Outline(**known), once, effort(self.work))
+
+    def _facts(self) -> dict[str, Any]:
+        (output,) = self.program.outputs.values()
+        return {
+            'inputs': {name: self.program.inputs[name] for name in arguments(self.program)},
+            'elements': len(output.places),
+            'operations': {name: operations(stage) for name, stage in self._stages.items()},
+        }
+
+
+def forward(
+    plant: Plant, method: str, refine: int, dtype: str, names: Collection[str] = ('qdd',)
+) -> Recipe:
+    """Return the recipe of forward dynamics by a method, with some of its outputs."""
+
+    def record() -> dict[str, Program]:
+        recorded = record_refined(plant, method, refine, TOLERANCES[dtype])
+        return stages(with_nan_unless_converged(recorded), dtype, names)
+
+    return Recipe(record, ('forward', plant.digest, method, str(refine), dtype, *names))
+
+
+def inverse(plant: Plant, dtype: str) -> Recipe:
+    """Return the recipe of inverse dynamics."""
+
+    def record() -> dict[str, Program]:
+        return stages(record_inverse_dynamics(plant, 'sequential'), dtype)
+
+    return Recipe(record, ('inverse', plant.digest, dtype))
+
+
+def stages(
+    recorded: Program, dtype: str, outputs: Collection[str] | None = None
+) -> dict[str, Program]:
+    """
+    Return a sequential program on its way to a kernel.
+
+    `recorded` as the text has it, `folded` with what is the same for every state gone, and
+    `compiled` with sines written out and additions fused with the multiplications they add.
+    """
+    folded = simplify(recorded, outputs)
+    return {'recorded': recorded, 'folded': folded, 'compiled': finish(folded, dtype)}
+
+
+def plant_of(robot: Robot, scene: Scene | None, dtype: str) -> tuple[Plant, Scene]:
+    """Return the robot in its scene, and the scene; ValueError if they do not fit."""
+    if dtype not in DTYPES:
+        raise ValueError(f'dtype must be one of {DTYPES}, got {dtype!r}')
+    scene = Scene() if scene is None else scene
+    return resolve(robot, scene), scene
+
+
+def turned_joints(robot: Robot) -> tuple[int, ...]:
+    """Return the joints whose position is an angle."""
+    return tuple(i for i, kind in enumerate(robot.joint_types) if kind != 'prismatic')
+
+
+def _are_facts(value: Any) -> bool:
+    """Return whether a JSON value can be what a recipe keeps of its program."""
+    return (
+        isinstance(value, dict)
+        and value.keys() == {'inputs', 'elements', 'operations'}
+        and _are_counts(value['inputs'])
+        and _are_counts({'elements': value['elements']})
+        and isinstance(value['operations'], dict)
+        and bool(value['operations'])
+        and all(_are_counts(stage) for stage in value['operations'].values())
+    )
+
+
+def _are_counts(value: Any) -> bool:
+    return (
+        isinstance(value, dict)
+        and bool(value)
+        and all(type(count) is int and count > 0 for count in value.values())
+    )
+
+
+def _is_outline(value: Any) -> bool:
+    """Return whether a JSON value can be an Outline."""
+    return (
+        isinstance(value, dict)
+        and value.keys() == {'digest', 'functions'}
+        and isinstance(value['digest'], str)
+        and isinstance(value['functions'], list)
+        and all(isinstance(name, str) for name in value['functions'])
+    )
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """
+    Keep Python from looking for cycles, of which a recording has none.
+
+    It would go over all instructions again and again, for a third of the time of a long program.
+    The collector is the process's, so threads record in turn, and a process is copied in between.
+    """
+    with _recording:
+        running = gc.isenabled()
+        gc.disable()
+        try:
+            yield
+        finally:
+            if running:
+                gc.enable()
+
+
+def _joined(program: Program) -> Program:
+    """Return a program with its outputs one after the other, as a kernel writes them."""
+    name = next(iter(program.outputs))
+    places = tuple(place for output in program.outputs.values() for place in output.places)
+    return replace(program, outputs={name: Output((len(places),), places)})

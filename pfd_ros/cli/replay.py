@@ -1,0 +1,103 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What `pfd replay` prints."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+import sys
+
+from pfd_ros.arm.commands import Verdict
+from pfd_ros.recording.provenance import versions
+from pfd_ros.replay.verify import Summary, read
+from pfd_ros.text import one_line
+
+# What may change the bits if it changes.
+DECISIVE = ('pfd', 'numpy', 'llvmlite')
+NOUNS = {
+    'joint_states': 'states',
+    'clock': 'clock ticks',
+    'taken': 'records of commands taken',
+    'joint_commands': 'joint_commands',
+    'commands': 'commands',
+}
+
+
+def progress_on(stream: object) -> Callable[[float], None] | None:
+    """Return a function that draws the progress on a terminal, or None where there is none."""
+    if stream is None or not getattr(stream, 'isatty', bool)():
+        return None
+    shown = -1
+
+    def draw(part: float) -> None:
+        nonlocal shown
+        if int(100 * part) != shown:
+            shown = int(100 * part)
+            print(f'\r{shown:3d} %', end='\r', file=sys.stderr, flush=True)
+
+    return draw
+
+
+def run(path: Path, *, verify: bool) -> int:
+    """Read a recording, replay it if asked to, and print what came of it.
+
+    Raises
+    ------
+    LogError
+        If it is damaged or differs; the text says where.
+    OSError
+        If it cannot be read.
+    """
+    summary = read(path, verify=verify, progress=progress_on(sys.stderr))
+    for line in describe(summary):
+        print(line)
+    if verify:
+        print(f'verified: {summary.states} states, every bit equal{_end(summary)}')
+    return 0
+
+
+def _end(summary: Summary) -> str:
+    """Return how the run ended, for the last line: a failed arm replays to the same bits too."""
+    if summary.stopped_at is None:
+        return ''
+    return f', and the simulation stopped after step {summary.stopped_at} as recorded'
+
+
+def describe(summary: Summary) -> list[str]:
+    """Return the lines that describe a recording."""
+    settings = summary.settings
+    simulated = summary.simulated * settings.step_size
+    accepted = summary.verdicts[Verdict.ACCEPTED]
+    lines = [
+        one_line(f'{summary.path}: {settings.robot}'),
+        f'duration   {simulated:.3f} s simulated, {summary.seconds:.3f} s on the clock',
+        f'steps      {summary.simulated} of {settings.step_size:g} s',
+        f'states     {summary.states}, {summary.rate:.2f} Hz',
+        f'commands   {accepted} accepted, {summary.verdicts.total() - accepted} not',
+    ]
+    lines += [
+        f'           {count} {verdict.name.lower()}'
+        for verdict, count in sorted(summary.verdicts.items())
+        if verdict is not Verdict.ACCEPTED
+    ]
+    if summary.stopped_at is not None:
+        reason = summary.failure or 'its states stand still from there on'
+        lines.append(
+            one_line(f'FAILED     simulation stopped after step {summary.stopped_at}: {reason}')
+        )
+    lines += [
+        f'missing    {count} {NOUNS[role]} were not recorded'
+        for role, count in sorted(summary.lost.items())
+    ]
+    if summary.obstacle:
+        lines.append(f'note       it {summary.obstacle}')
+    if not summary.complete:
+        lines.append('cut off    the file was never closed; all of this is up to the cut')
+    here = versions()
+    lines += [
+        one_line(f'note       recorded with {name} {summary.versions[name]}, this is {here[name]}')
+        for name in DECISIVE
+        if name in summary.versions and summary.versions[name] != here[name]
+    ]
+    return lines

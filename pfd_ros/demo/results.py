@@ -1,0 +1,152 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What the demo's recording shows: rate, jitter, tracking, losses, and the same bits again."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pfd_ros.arm.settings import NANOSECONDS
+from pfd_ros.demo.motion import motion_of
+from pfd_ros.messages.convert import decode_joint_state
+from pfd_ros.recording.reader import Log
+from pfd_ros.replay.verify import Summary, read
+
+# The promise about the rate: mean period within this part of the wanted one.
+RATE_TOLERANCE = 0.01
+# A controller that works follows within this many rad or m; one that is not heard falls.
+TRACKING_LIMIT = 0.1
+
+
+@dataclass(frozen=True)
+class States:
+    """All recorded states: times in ns (count,), positions (count, n), messages by role."""
+
+    logged_ns: np.ndarray
+    stamp_ns: np.ndarray
+    position: np.ndarray
+    names: tuple[str, ...]
+    messages: Counter[str]
+
+
+def read_states(path: Path) -> States:
+    """Return the states of a recording, and how many messages there are of each kind."""
+    messages: Counter[str] = Counter()
+    logged, states = [], []
+    for entry in Log(path).entries():
+        messages[entry.role] += 1
+        if entry.role == 'joint_states':
+            logged.append(entry.log_ns)
+            states.append(decode_joint_state(entry.data))
+    return States(
+        np.array(logged),
+        np.array([state.stamp_ns for state in states]),
+        np.array([state.position for state in states]),
+        states[0].names if states else (),
+        messages,
+    )
+
+
+def show(base: Path, robot: Any, told: Mapping[str, int]) -> list[str]:
+    """Print the results, write the plot and return what did not work.
+
+    Parameters
+    ----------
+    base
+        The recording's path without `.mcap`; the plot goes beside it.
+    robot
+        The robot of the demo.
+    told
+        What the controller said: `sent` commands, motion from `start_ns` to `end_ns` of
+        simulated time.
+
+    Raises
+    ------
+    LogError
+        If the recording is damaged or does not replay to the same bits.
+    """
+    path = base.with_suffix('.mcap')
+    states = read_states(path)
+    if not len(states.position):
+        return [f'{path} holds no states']
+    motion = motion_of(robot)
+    moving = (states.stamp_ns >= told['start_ns']) & (states.stamp_ns < told['end_ns'])
+    t = (states.stamp_ns[moving] - told['start_ns']) / NANOSECONDS
+    wanted, shown = motion.at(t)[0], states.position[moving]
+    problems = _show_rate(states)
+    problems += _show_tracking(states.names, wanted, shown)
+    recorded = states.messages['joint_commands']
+    print(
+        f'commands   sent {told["sent"]}, recorded {recorded}, lost {told["sent"] - recorded}\n'
+        f'file       {path}, {path.stat().st_size / 1e6:.2f} MB, '
+        f'{states.messages.total()} messages'
+    )
+    problems += _show_replay(read(path, verify=True))
+    _plot(base.with_suffix('.png'), states.names, t, wanted, shown)
+    return problems
+
+
+def _show_rate(states: States) -> list[str]:
+    period = (states.stamp_ns[-1] - states.stamp_ns[0]) / (len(states.stamp_ns) - 1) / 1e6
+    steps = np.diff(states.logged_ns) / 1e6
+    off = abs(steps.mean() / period - 1)
+    verdict = 'within' if off <= RATE_TOLERANCE else 'NOT within'
+    jitter = np.abs(steps - period) * 1e3
+    print(
+        f'rate       {1e3 / steps.mean():.2f} Hz, mean period {steps.mean():.5f} ms, '
+        f'{verdict} {RATE_TOLERANCE:.0%} of {period:g} ms\n'
+        f'jitter     of the period: p50 {np.percentile(jitter, 50):.0f} us, '
+        f'p99 {np.percentile(jitter, 99):.0f} us, max {jitter.max():.0f} us'
+    )
+    return [] if off <= RATE_TOLERANCE else [f'the rate is {off:.1%} off']
+
+
+def _show_tracking(names: tuple[str, ...], wanted: np.ndarray, shown: np.ndarray) -> list[str]:
+    if not len(shown):
+        return ['the arm never moved']
+    error = shown - wanted
+    rms, most = np.sqrt((error**2).mean(axis=0)), np.abs(error).max(axis=0)
+    print('tracking   joint                    rms          max')
+    for name, one, other in zip(names, rms, most, strict=True):
+        print(f'           {name:18s} {one:12.3e} {other:12.3e}')
+    if not most.max() <= TRACKING_LIMIT:
+        return [f'the arm was {most.max():.3g} off its motion, expected {TRACKING_LIMIT} at most']
+    return []
+
+
+def _show_replay(summary: Summary) -> list[str]:
+    print(f'replay     {summary.states} states, {summary.steps} steps: every bit equal')
+    problems = []
+    if not summary.complete:
+        problems.append('the recording was not closed')
+    if summary.missing:
+        problems.append(f'{summary.missing} states are not in the recording')
+    return problems
+
+
+def _plot(
+    path: Path, names: tuple[str, ...], t: np.ndarray, wanted: np.ndarray, shown: np.ndarray
+) -> None:
+    """Plot commanded and simulated joints, if there is something to plot with."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        print("plot       none: needs matplotlib, pip install 'pfd_ros[report]'")
+        return
+    count = len(names)
+    figure = Figure(figsize=(8, 1.5 * count), layout='constrained')
+    for i, axes in enumerate(np.atleast_1d(figure.subplots(count, 1, sharex=True))):
+        axes.plot(t, wanted[:, i], color='0.6', linewidth=3, label='commanded')
+        axes.plot(t, shown[:, i], color='C0', linewidth=1, label='simulated')
+        axes.set_ylabel(names[i])
+        if i == 0:
+            axes.legend(loc='upper right')
+    axes.set_xlabel('simulated time, s')
+    figure.savefig(path, dpi=120)
+    print(f'plot       {path}')

@@ -1,0 +1,223 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd demo`: the arm and a controller under test as two real processes, then the proof.
+
+Leaves the recording, the node's parameters, both processes' output and a plot in one folder;
+a later run adds its own files beside them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import itertools
+import json
+import os
+from pathlib import Path
+import random
+import secrets
+import signal
+import socket
+import subprocess
+import sys
+import time
+from typing import Any
+
+import yaml
+
+import pfd_core as pfd
+from pfd_ros.demo import results as demo_results
+from pfd_ros.demo.motion import motion_of
+from pfd_ros.recording.reader import LogError
+
+# Finding each other and compiling the robot, with a busy machine in mind.
+START_SECONDS = 60.0
+STOP_SECONDS = 20.0
+POLL_SECONDS = 0.05
+COMMAND_DEPTH = 10
+# Domains up to this one stay clear of the ports that Linux hands out itself. A domain begins
+# with its discovery ports; the first participant takes the one 10 above.
+MOST_DOMAINS = 101
+FIRST_PORT, PORTS_PER_DOMAIN = 7410, 250
+# Variables that choose domain, range, discovery server, peers, transport, security, profiles.
+MIDDLEWARE = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'ZENOH_')
+# Variables of those names that say where the installation is and how it logs.
+HARMLESS = frozenset(
+    {
+        'ROS_DISTRO',
+        'ROS_VERSION',
+        'ROS_PYTHON_VERSION',
+        'ROS_ETC_DIR',
+        'ROS_HOME',
+        'ROS_LOG_DIR',
+        'RMW_IMPLEMENTATION',
+    }
+)
+
+
+def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
+    """Return the environment of the two processes: nothing that leads to another system.
+
+    Parameters
+    ----------
+    inherited
+        The environment of this process.
+    domain
+        The ROS domain they get.
+    """
+    chosen = {
+        name: value
+        for name, value in inherited.items()
+        if name in HARMLESS or not name.startswith(MIDDLEWARE)
+    }
+    return chosen | {
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        # Fast DDS would take a profile from the folder it is started in.
+        'SKIP_DEFAULT_XML_FILE': '1',
+    }
+
+
+def free_domain(inherited: Mapping[str, str]) -> int:
+    """Return a domain at random, neither the inherited one nor one in use on this machine."""
+    taken = {0, _domain_of(inherited.get('ROS_DOMAIN_ID', ''))}
+    domains = [domain for domain in range(1, MOST_DOMAINS + 1) if domain not in taken]
+    random.SystemRandom().shuffle(domains)
+    return next((domain for domain in domains if _is_free(domain)), domains[0])
+
+
+def _domain_of(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        return 0
+
+
+def _is_free(domain: int) -> bool:
+    """Return whether no participant has the first port of a domain, by the rules of RTPS."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind(('', FIRST_PORT + PORTS_PER_DOMAIN * domain))
+        except OSError:
+            return False
+    return True
+
+
+def free_name(folder: Path) -> Path:
+    """Return the first of folder/arm_0, arm_1, ... that has no recording yet."""
+    names = (folder / f'arm_{number}' for number in itertools.count())
+    return next(name for name in names if not name.with_suffix('.mcap').exists())
+
+
+def _start(command: list[str], output: Path, env: dict[str, str]) -> subprocess.Popen[bytes]:
+    with output.open('wb') as stream:
+        return subprocess.Popen(
+            [sys.executable, '-m', *command],
+            stdin=subprocess.DEVNULL,
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+            env=env,
+        )
+
+
+def _stop(process: subprocess.Popen[bytes]) -> int:
+    """End a process the way Ctrl-C does and return its exit status."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGINT)
+    try:
+        return process.wait(STOP_SECONDS)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        return process.wait()
+
+
+def run(robot_name: str, seconds: float, folder: Path) -> int:
+    """Run the demo and print what it did; 0 only if all of it worked.
+
+    Parameters
+    ----------
+    robot_name
+        A robot that `pfd robots` lists.
+    seconds
+        Simulated length of the motion, s.
+    folder
+        Where the files go; made if it is not there.
+
+    Raises
+    ------
+    ValueError
+        If the robot is not known or the length is not positive.
+    OSError
+        If the files cannot be written.
+    """
+    if not 0 < seconds < float('inf'):
+        raise ValueError(f'--seconds is {seconds!r}, expected a positive number')
+    robot = pfd.load_robot(robot_name)
+    folder.mkdir(parents=True, exist_ok=True)
+    base = free_name(folder)
+    # A name that nobody else has, in case a domain is not our own after all.
+    namespace = f'/pfd_demo_{secrets.token_hex(4)}'
+    parameters = {
+        'robot': robot_name,
+        'initial_positions': motion_of(robot).start.tolist(),
+        'recording': str(base.with_suffix('.mcap')),
+        # At depth 1 a newer command may replace one that waits; the demo counts every one.
+        'qos_overrides': {
+            f'{namespace}/joint_commands': {'subscription': {'depth': COMMAND_DEPTH}}
+        },
+    }
+    base.with_suffix('.yaml').write_text(
+        yaml.safe_dump({'/**': {'ros__parameters': parameters}}), encoding='utf-8'
+    )
+    print(f'{robot_name}: arm and controller for {seconds:g} s, recorded to {base}.mcap')
+    told, problems = _run_processes(robot_name, seconds, base, namespace)
+    if told is not None:
+        try:
+            problems += demo_results.show(base, robot, told)
+        except (LogError, OSError) as error:
+            problems.append(str(error))
+    for problem in problems:
+        print(f'FAILED: {problem}', file=sys.stderr)
+    if not problems:
+        print('everything worked')
+    return 1 if problems else 0
+
+
+def _run_processes(
+    robot_name: str, seconds: float, base: Path, namespace: str
+) -> tuple[dict[str, Any] | None, list[str]]:
+    """Run both processes; return what the controller said and what went wrong."""
+    env = environment(os.environ, free_domain(os.environ))
+    # /clock is the one topic that a namespace leaves alone.
+    names = ['--ros-args', '-r', f'__ns:={namespace}', '-r', '/clock:=clock']
+    arm_output, output = (Path(f'{base}.{name}.txt') for name in ('sim_arm', 'controller'))
+    arm = _start(['pfd_ros.node.main', *names, '--params-file', f'{base}.yaml'], arm_output, env)
+    controller = None
+    try:
+        controller = _start(
+            [
+                'pfd_ros.demo.controller',
+                *('--robot', robot_name, '--seconds', str(seconds)),
+                *names,
+            ],
+            output,
+            env,
+        )
+        deadline = time.monotonic() + START_SECONDS + 4 * seconds
+        # If the arm is gone, the controller would wait for it in vain.
+        while controller.poll() is None and arm.poll() is None and time.monotonic() < deadline:
+            time.sleep(POLL_SECONDS)
+    finally:
+        controller_status = None if controller is None else _stop(controller)
+        arm_status = _stop(arm)
+    problems = [
+        f'the {name} ended with status {status}, see {path}'
+        for name, status, path in (
+            ('controller', controller_status, output),
+            ('arm', arm_status, arm_output),
+        )
+        if status != 0
+    ]
+    told: dict[str, Any] | None = None
+    if not problems:
+        told = json.loads(output.read_text(encoding='utf-8').splitlines()[-1])
+    return told, problems

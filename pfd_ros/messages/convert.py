@@ -1,0 +1,149 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages to arrays and back: the only file that knows the fields of a message.
+
+Works on the bytes that travel, so that what is published is what is recorded, and a recording
+can be replayed without ROS.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import struct
+
+import numpy as np
+
+from pfd_ros.messages.cdr import HEADER, Reader, Writer
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+FLOAT_ARRAY = 'std_msgs/msg/Float64MultiArray'
+INTEGER_ARRAY = 'std_msgs/msg/UInt64MultiArray'
+CLOCK = 'rosgraph_msgs/msg/Clock'
+
+NANOSECONDS = 1_000_000_000
+_TIME = struct.Struct('<iI')
+
+
+@dataclass(frozen=True)
+class JointMessage:
+    """A sensor_msgs/JointState: rad, rad/s and N m, or m, m/s and N; arrays may be ragged."""
+
+    stamp_ns: int
+    frame_id: str
+    names: tuple[str, ...]
+    position: np.ndarray
+    velocity: np.ndarray
+    effort: np.ndarray
+
+
+def decode_joint_state(data: bytes) -> JointMessage:
+    """Return the fields of a JointState.
+
+    Raises
+    ------
+    ValueError
+        If the bytes are no such message.
+    """
+    reader = Reader(data)
+    seconds, nanoseconds = reader.int32(), reader.uint32()
+    return JointMessage(
+        stamp_ns=seconds * NANOSECONDS + nanoseconds,
+        frame_id=reader.string(),
+        names=reader.strings(),
+        position=reader.numbers('f8'),
+        velocity=reader.numbers('f8'),
+        effort=reader.numbers('f8'),
+    )
+
+
+def _skip_layout(reader: Reader) -> None:
+    for _ in range(reader.count(12)):
+        reader.string()
+        reader.uint32()
+        reader.uint32()
+    reader.uint32()
+
+
+def decode_floats(data: bytes) -> np.ndarray:
+    """Return the numbers of a Float64MultiArray, (count,); its layout is not looked at."""
+    reader = Reader(data)
+    _skip_layout(reader)
+    return reader.numbers('f8')
+
+
+def encode_rows(rows: Sequence[Sequence[int]], columns: Sequence[str]) -> bytes:
+    """Return a UInt64MultiArray of `rows`, (rows, columns); the layout names the columns."""
+    writer = Writer()
+    count, width = len(rows), len(columns)
+    writer.uint32(2)
+    for label, size, stride in (
+        ('row', count, count * width),
+        (','.join(columns), width, width),
+    ):
+        writer.string(label)
+        writer.uint32(size)
+        writer.uint32(stride)
+    writer.uint32(0)
+    writer.numbers(np.array(rows, np.uint64).reshape(-1))
+    return bytes(writer.data)
+
+
+def decode_rows(data: bytes, width: int) -> list[list[int]]:
+    """Return the rows that `encode_rows` wrote.
+
+    Raises
+    ------
+    ValueError
+        If the numbers do not fill rows of `width`.
+    """
+    reader = Reader(data)
+    _skip_layout(reader)
+    numbers = reader.numbers('u8')
+    if len(numbers) % width:
+        raise ValueError(f'{len(numbers)} numbers, expected whole rows of {width}')
+    rows: list[list[int]] = numbers.reshape(-1, width).tolist()
+    return rows
+
+
+def encode_clock(stamp_ns: int) -> bytes:
+    """Return a Clock message."""
+    return HEADER + _TIME.pack(*divmod(stamp_ns, NANOSECONDS))
+
+
+def decode_clock(data: bytes) -> int:
+    """Return the time of a Clock message in nanoseconds."""
+    reader = Reader(data)
+    return reader.int32() * NANOSECONDS + reader.uint32()
+
+
+class JointStateEncoder:
+    """Writes JointState messages of one arm: the names are laid out once, the numbers each time.
+
+    Parameters
+    ----------
+    names
+        Joint names in the order of the arrays.
+    frame_id
+        header.frame_id.
+    """
+
+    def __init__(self, names: Sequence[str], frame_id: str = '') -> None:
+        writer = Writer()
+        writer.int32(0)
+        writer.uint32(0)
+        writer.string(frame_id)
+        writer.strings(tuple(names))
+        zeros = np.zeros(len(names))
+        starts = [writer.numbers(zeros) for _ in range(3)]
+        self._data = writer.data
+        self._arrays = [np.frombuffer(self._data, '<f8', len(names), at) for at in starts]
+
+    def encode(
+        self, stamp_ns: int, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray
+    ) -> bytes:
+        """Return the message; the arrays are (n,) in the order of the names."""
+        _TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
+        for target, values in zip(self._arrays, (position, velocity, effort), strict=True):
+            target[:] = values
+        return bytes(self._data)

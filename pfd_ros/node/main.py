@@ -1,0 +1,74 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Starts the node `sim_arm` and takes its signals; the entry point `sim_node`.
+
+A second SIGINT (a terminal sends one, a launcher another) interrupts whatever cleans up after
+the first. So a signal only sets a flag, from before the slow imports until the interpreter goes
+down; the third one ends the process, whatever it hangs in, after a moment to finish a close
+that does not hang.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+import time
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+LAST = 3
+# A close that works takes a fraction of this; signals may come in bursts.
+GRACE_SECONDS = 1.0
+# Of a shell, for a process that a signal ended.
+STATUS_BASE = 128
+
+
+def _count_signals(stop: threading.Event) -> None:
+    """Set `stop` at the first signal and end the process at the third.
+
+    On a thread of its own, which a main thread that hangs does not hinder.
+    """
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
+    for number in SIGNALS:
+        # The interpreter writes to the pipe only where a signal has a handler.
+        signal.signal(number, lambda *_: None)
+
+    def count() -> None:
+        came = 0
+        while came < LAST:
+            number = os.read(reading, 1)[0]
+            if number in SIGNALS:
+                came += 1
+                stop.set()
+        time.sleep(GRACE_SECONDS)
+        os.write(2, b'sim_arm: ended by a third signal; the recording was not closed\n')
+        os._exit(STATUS_BASE + number)
+
+    threading.Thread(target=count, name='signals', daemon=True).start()
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node until SIGINT, SIGTERM or SIGHUP; return its exit status.
+
+    Parameters
+    ----------
+    args
+        Command line without the program's name; None takes the process's own.
+    """
+    stop = threading.Event()
+    _count_signals(stop)
+    try:
+        from pfd_ros.node.process import run
+
+        return run(sys.argv[1:] if args is None else args, stop)
+    finally:
+        # A signal from here on would turn a clean exit into a killed one; `run` has set an alarm.
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+
+
+if __name__ == '__main__':
+    raise SystemExit(main())

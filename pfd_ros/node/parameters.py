@@ -1,0 +1,72 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Declares the settings as parameters of a node and reads them back."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from pfd_ros.arm.settings import Settings, from_values
+from pfd_ros.text import listed
+
+# By the annotation of the field: an empty tuple does not say what it is a tuple of.
+_KINDS = {
+    'str': Parameter.Type.STRING,
+    'bool': Parameter.Type.BOOL,
+    'int': Parameter.Type.INTEGER,
+    'float': Parameter.Type.DOUBLE,
+    'tuple[str, ...]': Parameter.Type.STRING_ARRAY,
+    'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
+}
+
+
+def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(description=field.metadata['text'], read_only=True)
+    if field.metadata['range'] is not None:
+        least, most = field.metadata['range']
+        if field.type == 'int':
+            descriptor.integer_range = [IntegerRange(from_value=least, to_value=most, step=1)]
+        else:
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=least, to_value=most, step=0.0)
+            ]
+    return descriptor
+
+
+def declare(node: Node) -> Settings:
+    """Declare every setting as a read-only parameter and return what the user chose.
+
+    Raises
+    ------
+    rclpy.exceptions.ParameterException
+        If a value has the wrong type or lies outside its range.
+    ValueError
+        If the values do not go together.
+    """
+    values: dict[str, Any] = {}
+    for field in dataclasses.fields(Settings):
+        kind = _KINDS[str(field.type)]
+        # Without a default value an empty array has no type; the type alone has no default.
+        given = kind if isinstance(field.default, tuple) and not field.default else field.default
+        parameter = node.declare_parameter(
+            field.name, list(given) if isinstance(given, tuple) else given, _descriptor(field)
+        )
+        if parameter.type_ is not Parameter.Type.NOT_SET:
+            value = parameter.value
+            values[field.name] = (
+                value if isinstance(value, str | bool | int | float) else tuple(value)
+            )
+    return from_values(values)
+
+
+def misspelt(node: Node) -> str:
+    """Return the parameters the user set that the node does not have, as a list to show."""
+    # rclpy keeps what came from the command line and files here and nowhere public.
+    given = getattr(node, '_parameter_overrides', {})
+    unknown = sorted(name for name in given if not node.has_parameter(name))
+    return listed(unknown) if unknown else ''

@@ -1,0 +1,165 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Who else is on the node's topics, and why the two ends do not hear each other.
+
+The graph is asked, about once a second, instead of the middleware's events: those would have
+to be trusted to an experimental executor, and come without the name of the other node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from itertools import islice
+import time
+from typing import Any
+
+from rclpy.duration import Infinite
+from rclpy.node import Node
+from rclpy.qos import (
+    LivelinessPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
+
+from pfd_ros.node.notices import Notices
+from pfd_ros.text import cut
+
+# Discovery alone takes up to three seconds.
+PATIENCE_SECONDS = 5.0
+# A crowd is not looked at one by one.
+MOST_ENDPOINTS = 100
+
+
+def type_name(end: Any) -> str:
+    """Return the type of a publisher or subscription as ROS writes it: 'package/msg/Name'."""
+    package, folder, _ = end.msg_type.__module__.split('.', 2)
+    return f'{package}/{folder}/{end.msg_type.__name__}'
+
+
+def _who(info: Any) -> str:
+    name = f'{info.node_namespace.rstrip("/")}/{info.node_name}'
+    return f'node {cut(name)!r}'
+
+
+@dataclass
+class Peers:
+    """Says once each: nobody commands, a foreign type, incompatible QoS, a second clock.
+
+    Parameters
+    ----------
+    node
+        The node.
+    commands
+        Its subscriptions for commands.
+    states
+        Its publisher of states.
+    clock
+        Its publisher of the clock, if it has one.
+    notices
+        Where findings go.
+    now
+        Steady time in s.
+    """
+
+    node: Node
+    commands: Sequence[Any]
+    states: Any
+    clock: Any | None
+    notices: Notices
+    now: Callable[[], float] = time.monotonic
+
+    def __post_init__(self) -> None:
+        """Begin to wait for a first publisher."""
+        self._since = self.now()
+        self._commanded = False
+
+    def look(self) -> None:
+        """Ask the graph and tell what cannot work."""
+        for end in self.commands:
+            self._look_at_commands(end)
+        if not self._commanded and self.now() - self._since > PATIENCE_SECONDS:
+            topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in self.commands)
+            self.notices.once(
+                'nobody',
+                f'after {PATIENCE_SECONDS:g} s nobody publishes commands on {topics}; '
+                'check topic names, remappings and ROS_DOMAIN_ID of the controller',
+            )
+        readers = self.node.get_subscriptions_info_by_topic(self.states.topic_name)
+        for info in islice(readers, MOST_ENDPOINTS):
+            self._check(self.states, info, publishing=False)
+        if self.clock is not None:
+            self._look_at_clock(self.clock)
+
+    def _look_at_commands(self, end: Any) -> None:
+        for info in islice(self.node.get_publishers_info_by_topic(end.topic_name), MOST_ENDPOINTS):
+            if self._check(end, info, publishing=True):
+                self._commanded = True
+
+    def _check(self, end: Any, info: Any, *, publishing: bool) -> bool:
+        """Return whether a peer's endpoint goes with ours, and tell it if it does not."""
+        key, wanted = tuple(info.endpoint_gid), type_name(end)
+        does = 'publishes' if publishing else 'subscribes to'
+        if info.topic_type != wanted:
+            self.notices.once(
+                ('type', key),
+                f'{_who(info)} {does} {cut(info.topic_type)!r} on {end.topic_name}, which has the '
+                f'type {wanted}: nothing of it arrives{self._other_topic(info, publishing)}',
+            )
+            return False
+        pair = (info.qos_profile, _effective(end.qos_profile))
+        level, reason = qos_check_compatible(*(pair if publishing else pair[::-1]))
+        # An enumeration of the C++ part, which equals none of Python's.
+        fits = int(level) != QoSCompatibility.ERROR
+        if not fits:
+            self.notices.once(
+                ('qos', key),
+                f'{_who(info)} {does} {end.topic_name} with incompatible QoS ({reason.strip()}): '
+                f'nothing of it arrives; {_cure(end, info, publishing)}',
+            )
+        return fits
+
+    def _other_topic(self, info: Any, publishing: bool) -> str:
+        """Return where a command of that type is taken, if anywhere."""
+        fitting: Iterable[Any] = self.commands if publishing else ()
+        for end in fitting:
+            if type_name(end) == info.topic_type:
+                return f'; {end.topic_name} takes that type'
+        return ''
+
+    def _look_at_clock(self, clock: Any) -> None:
+        found = self.node.get_publishers_info_by_topic(clock.topic_name)
+        own = (self.node.get_name(), self.node.get_namespace())
+        others = [info for info in found if (info.node_name, info.node_namespace) != own]
+        # Another node of our name counts too, wherever it runs.
+        if len(found) > 1:
+            who = _who(others[0]) if others else 'another node of the same name'
+            self.notices.once(
+                'clock',
+                f'{who} publishes {clock.topic_name} too: simulated time jumps back and forth; '
+                'set publish_clock:=false on all but one node',
+            )
+
+
+def _effective(profile: QoSProfile) -> QoSProfile:
+    """Return our profile as the graph has it: "not set" is without end there."""
+    return QoSProfile(
+        depth=profile.depth,
+        reliability=profile.reliability,
+        durability=profile.durability,
+        deadline=Infinite,
+        liveliness=LivelinessPolicy.AUTOMATIC,
+        liveliness_lease_duration=Infinite,
+    )
+
+
+def _cure(end: Any, info: Any, publishing: bool) -> str:
+    """Return what makes the two ends fit."""
+    if not publishing:
+        return 'subscribe reliable or best effort, volatile, without deadline and liveliness'
+    if info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT:
+        override = f'qos_overrides.{end.topic_name}.subscription.reliability'
+        return f'publish reliable, or start this node with -p {override}:=best_effort'
+    return 'publish reliable and volatile, without deadline and liveliness'

@@ -1,0 +1,167 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The MCAP file of a recording: its head, its channels, its last record and its digests.
+
+See docs/decisions/0004-recording-layout.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+import hashlib
+import json
+from pathlib import Path
+import struct
+import time
+
+from mcap.writer import CompressionType, Writer
+
+from pfd_ros.messages.definitions import full_text, type_hash
+from pfd_ros.recording.sink import Sink
+
+# A chunk of this size holds the interpreter for well under a millisecond or two.
+CHUNK_BYTES = 1 << 18
+# MCAP holds 64 bits, the time of ROS a sign among them.
+LAST_NS = (1 << 63) - 1
+# Before each message in the digest of its topic: sequence and length.
+_DIGEST_HEAD = struct.Struct('<IQ')
+
+
+@dataclass(frozen=True)
+class Topic:
+    """One channel of the file.
+
+    A replay cannot do without a `vital` topic: such messages are dropped last.
+    """
+
+    name: str
+    type: str
+    qos: str
+    vital: bool = False
+
+
+@dataclass(frozen=True)
+class TimeBase:
+    """One moment on two clocks, ns: recorded times follow the steady one, not the date."""
+
+    wall_ns: int = field(default_factory=time.time_ns)
+    steady_ns: int = field(default_factory=time.monotonic_ns)
+
+    def now_ns(self) -> int:
+        """Return the time of day, as the steady clock has it since then, within 0 to LAST_NS."""
+        now = self.wall_ns + time.monotonic_ns() - self.steady_ns
+        return now if 0 <= now <= LAST_NS else max(0, min(now, LAST_NS))
+
+
+@dataclass(frozen=True)
+class Contents:
+    """What the file says before its first message: metadata records and attached texts."""
+
+    library: str
+    metadata: Mapping[str, Mapping[str, str]]
+    attachments: Mapping[str, str]
+    base: TimeBase
+
+
+class McapFile:
+    """The file of a recording, written by one thread.
+
+    Parameters
+    ----------
+    path
+        The file; it must not exist.
+    topics
+        The channels.
+    contents
+        Written and flushed at once.
+
+    Attributes
+    ----------
+    sink
+        What the file is written through.
+    counts
+        Messages added, by place in `topics`.
+    waiting
+        Bytes of messages added since the last flush.
+
+    Raises
+    ------
+    OSError
+        If the file exists or cannot be written.
+    ValueError
+        If a message definition is not installed, two topics have one name, or no file can
+        have this one.
+    """
+
+    def __init__(self, path: Path, topics: Sequence[Topic], contents: Contents) -> None:
+        names = [topic.name for topic in topics]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f'a recording has one channel for a topic; {twice} have more')
+        schemas = {topic.type: full_text(topic.type) for topic in topics}
+        self.counts = [0] * len(topics)
+        self.waiting = 0
+        self._digests = {name: hashlib.sha256() for name in names}
+        self._updates = [digest.update for digest in self._digests.values()]
+        self.sink = Sink(path)
+        try:
+            self._writer, self._channels = _begin(self.sink, topics, schemas, contents)
+        except BaseException:
+            self.sink.discard()
+            raise
+
+    def add(self, topic: int, log_ns: int, sequence: int, data: bytes) -> None:
+        """Take one message for the next flush."""
+        self._updates[topic](_DIGEST_HEAD.pack(sequence, len(data)) + data)
+        self._writer.add_message(self._channels[topic], log_ns, data, log_ns, sequence)
+        self.counts[topic] += 1
+        self.waiting += len(data)
+
+    def flush(self) -> None:
+        """Hand all messages to the operating system."""
+        self._writer.flush()
+        self.waiting = 0
+
+    def finish(self, ending: Mapping[str, str]) -> None:
+        """Write the last metadata record and the index, and have the disk hold everything."""
+        digests = {name: digest.hexdigest() for name, digest in self._digests.items()}
+        told = {**ending, 'digests': json.dumps(digests)}
+        self._writer.add_metadata('pfd_ros_end', told)
+        self._writer.finish()
+        self.sink.flush()
+        self.sink.sync()
+
+
+def _begin(
+    sink: Sink, topics: Sequence[Topic], schemas: Mapping[str, str], contents: Contents
+) -> tuple[Writer, list[int]]:
+    """Write the head of the file and return the writer and the channel of each topic."""
+    writer = Writer(
+        sink,
+        chunk_size=CHUNK_BYTES,
+        compression=CompressionType.ZSTD,
+        enable_crcs=True,
+        enable_data_crcs=True,
+    )
+    writer.start('ros2', contents.library)
+    for name, values in contents.metadata.items():
+        writer.add_metadata(name, dict(values))
+    for name, text in contents.attachments.items():
+        writer.add_attachment(0, contents.base.now_ns(), name, 'application/yaml', text.encode())
+    ids = {
+        name: writer.register_schema(name, 'ros2msg', text.encode())
+        for name, text in schemas.items()
+    }
+    channels = [
+        writer.register_channel(topic.name, 'cdr', ids[topic.type], _channel_metadata(topic))
+        for topic in topics
+    ]
+    writer.flush()
+    return writer, channels
+
+
+def _channel_metadata(topic: Topic) -> dict[str, str]:
+    found = {'offered_qos_profiles': topic.qos}
+    digest = type_hash(topic.type)
+    return found | ({'topic_type_hash': digest} if digest else {})

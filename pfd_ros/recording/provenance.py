@@ -1,0 +1,110 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What a recording says about itself: settings, robot, versions, topics and clocks."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+import json
+from pathlib import Path
+import platform
+from typing import Any
+
+import yaml
+
+import pfd_core as pfd
+from pfd_ros.arm import settings as settings_file
+from pfd_ros.arm.settings import Settings
+from pfd_ros.recording import reader as log
+from pfd_ros.recording.mcap_file import Contents, TimeBase
+
+# What DDS calls "for ever".
+_FOREVER = {'sec': 9223372036, 'nsec': 854775807}
+
+
+def _installed(name: str) -> str:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return ''
+
+
+def _processor() -> str:
+    try:
+        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8', errors='replace').splitlines()
+    except OSError:
+        return platform.processor()
+    names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
+    return names[0] if names else platform.processor()
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that the numbers depend on, and the processor."""
+    found = {name: _installed(name) for name in ('numpy', 'llvmlite', 'mcap')}
+    return {
+        'pfd': pfd.__version__,
+        'python': platform.python_version(),
+        **found,
+        'platform': platform.platform(),
+        'cpu': _processor(),
+    }
+
+
+def contents(
+    settings: Settings, robot: Any, topics: Mapping[str, str], base: TimeBase
+) -> Contents:
+    """Return the head of a recording.
+
+    Parameters
+    ----------
+    settings
+        What is simulated.
+    robot
+        The robot, stored whole: the file it came from may change.
+    topics
+        Role of each topic to its full name.
+    base
+        The recording's clock.
+    """
+    told = {
+        'format': log.FORMAT,
+        'settings': settings_file.to_json(settings),
+        'topics': json.dumps(dict(topics)),
+        'versions': json.dumps(versions()),
+        'clock': json.dumps(
+            {
+                'wall_ns': base.wall_ns,
+                'steady_ns': base.steady_ns,
+                'log_time': 'wall_ns + steady clock since steady_ns',
+                'header.stamp': 'simulated time: start_time + step * step_size',
+            }
+        ),
+    }
+    return Contents(
+        library=f'pfd_ros/{pfd.__version__} mcap-python/{_installed("mcap")}',
+        metadata={log.NAME: told},
+        attachments={log.ROBOT: pfd.robot_to_yaml(robot)},
+        base=base,
+    )
+
+
+def qos_text(
+    depth: int,
+    history: str = 'keep_last',
+    reliability: str = 'reliable',
+    durability: str = 'volatile',
+) -> str:
+    """Return a QoS profile as rosbag2 writes it; the other policies have their defaults."""
+    profile = {
+        'history': history,
+        'depth': depth,
+        'reliability': reliability,
+        'durability': durability,
+        'deadline': dict(_FOREVER),
+        'lifespan': dict(_FOREVER),
+        'liveliness': 'automatic',
+        'liveliness_lease_duration': dict(_FOREVER),
+        'avoid_ros_namespace_conventions': False,
+    }
+    return str(yaml.safe_dump([profile], sort_keys=False))

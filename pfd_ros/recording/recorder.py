@@ -1,0 +1,278 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Writes everything that went in and came out to one MCAP file, on a thread of its own.
+
+The callers only append to a queue, bounded in messages and bytes. The thread empties it in
+bounded rounds every few milliseconds, closes a chunk every 0.2 s and syncs once a second, so
+that a killed process loses a fraction of a second and a power cut little more. Whatever goes
+wrong with the disk or the thread is counted and said, and does not stop the arm.
+See docs/decisions/0004-recording-layout.md.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+import threading
+import time
+
+from pfd_ros.recording.mcap_file import Contents, McapFile, TimeBase, Topic
+from pfd_ros.recording.sink import FileGoneError
+
+__all__ = ['SEQUENCE_MASK', 'Contents', 'Recorder', 'TimeBase', 'Topic']
+
+# Waking per message would double the cost; longer drains hold the interpreter too long.
+DRAIN_SECONDS = 0.015
+FLUSH_SECONDS = 0.2
+SYNC_SECONDS = 1.0
+# A round of the thread ends at either, so that flushes are on time while others are faster.
+ROUND_MESSAGES = 1 << 12
+ROUND_BYTES = 1 << 22
+# About 40 MB of states: more than a minute at 1 kHz with the disk standing still.
+QUEUE_LIMIT = 1 << 17
+# What long messages may take together.
+QUEUE_BYTES = 1 << 26
+# No message of an arm comes near. A chunk may be this much longer than CHUNK_BYTES, and
+# readers bound what they read at once.
+MESSAGE_BYTES = 1 << 24
+# What ros2 launch and docker stop give between the first signal and SIGKILL is 10 s.
+CLOSE_SECONDS = 8.0
+# Of waiting for a disk that does not answer: some wake up slowly, network drives come back.
+STALL_SECONDS = 30.0
+# A longer pause between two looks is one of this process, not of the disk.
+_LOOK_SECONDS = 0.1
+# MCAP counts messages in 32 bits.
+SEQUENCE_MASK = 0xFFFFFFFF
+# Longest text of a foreign error in a report.
+_SHOWN = 300
+_READABLE = '; what was written stays readable'
+
+
+class Recorder:
+    """An open recording.
+
+    Parameters
+    ----------
+    path
+        The file; it must not exist.
+    topics
+        The channels; messages are recorded by their place in here.
+    contents
+        Written first, so that a cut-off file still says what it is.
+    report
+        Called once, with one line, if the recording fails. It may be called on any thread.
+    limit, limit_bytes
+        Most messages and bytes that wait for the disk.
+
+    Attributes
+    ----------
+    recorded, dropped
+        Messages in the file, and messages that are not, by place in `topics`. Together they
+        are all that came until the recording was closed, once that or a failure is over.
+    error
+        The line that was reported, '' if nothing was.
+
+    Raises
+    ------
+    OSError
+        If the file exists or cannot be written.
+    ValueError
+        If a message definition is not installed, two topics have one name, or no file can
+        have this one.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        topics: Sequence[Topic],
+        contents: Contents,
+        report: Callable[[str], None],
+        limit: int = QUEUE_LIMIT,
+        limit_bytes: int = QUEUE_BYTES,
+    ) -> None:
+        self.topics = tuple(topics)
+        self.dropped = [0] * len(topics)
+        self.recorded = [0] * len(topics)
+        self.error = ''
+        self._accepted = [0] * len(topics)
+        self._base = contents.base
+        self._report = report
+        self._limits = limit, limit_bytes
+        # Replaceable messages leave half of the queue to vital ones.
+        self._rooms = [
+            (limit, limit_bytes) if topic.vital else (limit // 2, limit_bytes // 2)
+            for topic in topics
+        ]
+        # Of those who record, fail and close; the thread that writes never holds it for long.
+        self._lock = threading.Lock()
+        self._queue: deque[tuple[int, int, int, bytes]] = deque()
+        # Each has one writer: whoever holds the lock, and the recording's thread.
+        self._bytes_in = 0
+        self._bytes_out = 0
+        self._rounds = 0
+        self._seen, self._looked, self._stalled = 0, time.monotonic(), 0.0
+        self._last_ns = 0
+        self._closed = False
+        self._finished = False
+        self._closing = threading.Event()
+        self._ending: Callable[[], Mapping[str, str]] = dict
+        file = McapFile(path, self.topics, contents)
+        self._thread = threading.Thread(
+            target=self._run, args=(file,), name='recording', daemon=True
+        )
+        try:
+            self._thread.start()
+        except BaseException:
+            file.sink.discard()
+            raise
+
+    @property
+    def failed(self) -> bool:
+        """Whether the recording ended before it was closed."""
+        self._look_for_death()
+        return bool(self.error)
+
+    @property
+    def backlog(self) -> float:
+        """How full the queue is, 0 to 1; 0 once the recording has failed.
+
+        For one thread, which waits for the disk: a disk that does not answer for STALL_SECONDS
+        is a failure from here.
+        """
+        self._look_for_stall()
+        if self.failed:
+            return 0.0
+        waiting = len(self._queue), self._bytes_in - self._bytes_out
+        return max(have / most for have, most in zip(waiting, self._limits, strict=True))
+
+    def record(self, topic: int, sequence: int, data: bytes) -> None:
+        """Queue one message; counts it as dropped if it has no room or the recording failed.
+
+        What comes after `close` is no part of the recording, and is not counted.
+        """
+        size = len(data)
+        most, most_bytes = self._rooms[topic]
+        with self._lock:
+            if self._closed:
+                return
+            waiting = self._bytes_in - self._bytes_out + size
+            full = len(self._queue) >= most or waiting > most_bytes or size > MESSAGE_BYTES
+            if full or self.error:
+                self.dropped[topic] += 1
+                return
+            # Readers want the order of the file to be the order of its times.
+            now = self._base.now_ns()
+            if now > self._last_ns:
+                self._last_ns = now
+            self._queue.append((topic, self._last_ns, sequence & SEQUENCE_MASK, data))
+            self._bytes_in += size
+            self._accepted[topic] += 1
+
+    def close(
+        self,
+        ending: Callable[[], Mapping[str, str]] = dict,
+        timeout: float = CLOSE_SECONDS,
+    ) -> None:
+        """Write what waits, a last metadata record and the index, and close the file.
+
+        Returns after `timeout` seconds at most: a disk that hangs is a failure like others.
+        `ending` is asked for that record once everything else is written; the digests of the
+        topics are added to it.
+        """
+        with self._lock:
+            if not self._closed:
+                self._closed = True
+                self._ending = ending
+        self._closing.set()
+        self._thread.join(timeout)
+        if self._thread.is_alive():
+            self._fail(f'the disk did not take it all within {timeout:g} s of closing{_READABLE}')
+        self._look_for_death()
+
+    def _look_for_death(self) -> None:
+        # In this order: the thread says that it has finished before it ends.
+        if not self._thread.is_alive() and not self._finished:
+            self._fail(f'its thread ended without a word{_READABLE}')
+
+    def _look_for_stall(self) -> None:
+        now = time.monotonic()
+        self._stalled += min(now - self._looked, _LOOK_SECONDS)
+        self._looked = now
+        if self._rounds != self._seen:
+            self._seen, self._stalled = self._rounds, 0.0
+        if self._stalled > STALL_SECONDS:
+            self._fail(f'the disk did not answer for {STALL_SECONDS:g} s{_READABLE}')
+
+    def _fail(self, cause: str) -> None:
+        """End the recording, once: nobody waits for it any more, and its memory is free."""
+        with self._lock:
+            if self.error:
+                return
+            self.error = f'recording stopped: {cause}'
+            self._queue.clear()
+            for topic, count in enumerate(self._accepted):
+                self.dropped[topic] += count - self.recorded[topic]
+        with suppress(Exception):
+            self._report(self.error)
+
+    def _run(self, file: McapFile) -> None:
+        try:
+            self._write(file)
+            file.sink.close()
+            self._finished = True
+        except BaseException as error:
+            self._fail(_line(error))
+        finally:
+            with suppress(OSError):
+                file.sink.close()
+
+    def _write(self, file: McapFile) -> None:
+        flushed = synced = time.monotonic()
+        while not self._closing.wait(0 if self._behind() else DRAIN_SECONDS):
+            self._drain(file)
+            now = time.monotonic()
+            if now - flushed >= FLUSH_SECONDS or file.waiting >= ROUND_BYTES:
+                self._flush(file)
+                flushed = now
+            if now - synced >= SYNC_SECONDS:
+                file.sink.sync()
+                synced = now
+        while self._queue:
+            self._drain(file)
+            self._flush(file)
+        # The counts that `ending` may tell are those of the file from here on.
+        self._flush(file)
+        file.finish(self._ending())
+
+    def _behind(self) -> bool:
+        """Whether more waits than one round takes."""
+        waiting = self._bytes_in - self._bytes_out
+        return len(self._queue) >= ROUND_MESSAGES or waiting >= ROUND_BYTES
+
+    def _drain(self, file: McapFile) -> None:
+        """Move waiting messages to the file, a round at most."""
+        self._rounds += 1
+        for _ in range(ROUND_MESSAGES):
+            if not self._queue or file.waiting >= ROUND_BYTES:
+                return
+            topic, log_ns, sequence, data = self._queue.popleft()
+            file.add(topic, log_ns, sequence, data)
+            self._bytes_out += len(data)
+
+    def _flush(self, file: McapFile) -> None:
+        file.flush()
+        with self._lock:
+            if self.error:
+                raise TimeoutError('closing has been given up')
+            self.recorded[:] = file.counts
+
+
+def _line(error: BaseException) -> str:
+    """Return one line about the end of a recording."""
+    text = ' '.join(str(error).split())[:_SHOWN]
+    if isinstance(error, FileGoneError):
+        return text
+    known = isinstance(error, OSError)
+    return (text if known else f'{type(error).__name__}: {text}') + _READABLE

@@ -142,7 +142,8 @@ def test_folders_and_files_are_the_users_alone_whatever_the_mask(
 ) -> None:
     where = tmp_path / 'a' / 'b' / 'c'
     environment = {**os.environ, 'PYTHONPATH': str(ROOT), cache.VARIABLE: str(where)}
-    program = f'import os; os.umask({mask}); from pfd_core.kernels import cache; '
+    program = f'import os; os.umask({mask}); '
+    program += 'from pfd_core.kernels.runtime import disk_cache as cache; '
     program += "cache.write('0' * 64, b'x'); assert cache.read('0' * 64) == b'x'"
     subprocess.run([sys.executable, '-c', program], env=environment, check=True, timeout=LIFETIME)
     for path in (where, *where.parents[:2]):

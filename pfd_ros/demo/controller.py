@@ -18,7 +18,7 @@ from rclpy.duration import Duration
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.task import Future
-from rclpy.utilities import remove_ros_args
+from rclpy.utilities import remove_ros_args, try_shutdown
 from sensor_msgs.msg import JointState
 
 import pfd_core as pfd
@@ -89,7 +89,7 @@ def main(args: list[str] | None = None) -> int:
     start_ns = node.found_ns + SETTLE_NS
     told = {'sent': node.sent, 'start_ns': start_ns, 'end_ns': start_ns + node.length_ns}
     node.destroy_node()
-    rclpy.try_shutdown()
+    try_shutdown()
     print(json.dumps(told), flush=True)
     return 0
 

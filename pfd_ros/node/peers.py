@@ -112,7 +112,7 @@ class Peers:
         pair = (info.qos_profile, _effective(end.qos_profile))
         level, reason = qos_check_compatible(*(pair if publishing else pair[::-1]))
         # An enumeration of the C++ part, which equals none of Python's.
-        fits = int(level) != QoSCompatibility.ERROR
+        fits = bool(int(level) != QoSCompatibility.ERROR)
         if not fits:
             self.notices.once(
                 ('qos', key),

@@ -25,7 +25,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-from rclpy.utilities import remove_ros_args
+from rclpy.utilities import remove_ros_args, try_shutdown
 
 from pfd_ros.node.sim_arm import NAME, SimArm
 from pfd_ros.text import listed, one_line
@@ -68,7 +68,7 @@ def run(args: list[str], stop: threading.Event) -> int:
         return 1
     finally:
         _limit_the_rest()
-        rclpy.try_shutdown()
+        try_shutdown()
 
 
 def _limit_the_rest() -> None:

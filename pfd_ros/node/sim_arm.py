@@ -35,12 +35,12 @@ from pfd_ros.node.peers import Peers, type_name
 from pfd_ros.node.schedule import Schedule
 from pfd_ros.node.tally import Tally
 from pfd_ros.recording import channels
-from pfd_ros.recording.channels import CLOCK, STATES, TAKEN
+from pfd_ros.recording.format import ROLE_OF_SOURCE, ROLES, TAKEN_COLUMNS
 from pfd_ros.recording.recorder import Recorder
-from pfd_ros.replay.events import ROLE_OF_SOURCE, TAKEN_COLUMNS
 from pfd_ros.text import cut, listed
 
 NAME = 'sim_arm'
+TAKEN, STATES, CLOCK = map(ROLES.index, ('taken', 'joint_states', 'clock'))
 # A command for ten joints has half a kilobyte; decoding this much takes about a second. What is
 # larger gets no number and no row: it is not looked at, nor kept.
 LARGEST_COMMAND = 1 << 22
@@ -89,7 +89,9 @@ class SimArm(Node):
 
     def _connect(self, robot: Any) -> None:
         """Create the endpoints, and last the recording: a refused parameter leaves no file."""
-        overridable = {'qos_overriding_options': QoSOverridingOptions.with_default_policies()}
+        overridable: dict[str, Any] = {
+            'qos_overriding_options': QoSOverridingOptions.with_default_policies()
+        }
         # The graph tells it with names and cures, and only once: peers.py.
         silent = PublisherEventCallbacks(use_default_callbacks=False)
         states = self.create_publisher(

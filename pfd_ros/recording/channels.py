@@ -11,23 +11,10 @@ from typing import Any
 from rclpy.qos import QoSProfile
 
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages import convert
 from pfd_ros.recording import provenance
-from pfd_ros.recording.recorder import Recorder, TimeBase, Topic
-from pfd_ros.replay.events import ROLE_OF_SOURCE
-
-# By place in the recording; the commands come first, by Source.
-ROLES = (*ROLE_OF_SOURCE.values(), 'taken', 'joint_states', 'clock')
-KINDS = (
-    convert.JOINT_STATE,
-    convert.FLOAT_ARRAY,
-    convert.INTEGER_ARRAY,
-    convert.JOINT_STATE,
-    convert.CLOCK,
-)
-TAKEN, STATES, CLOCK = 2, 3, 4
-# What a replay cannot do without.
-VITAL = frozenset(ROLES[:3])
+from pfd_ros.recording.format import CHANNELS
+from pfd_ros.recording.mcap_file import TimeBase, Topic
+from pfd_ros.recording.recorder import Recorder
 
 
 def qos_of(profile: QoSProfile) -> str:
@@ -68,12 +55,12 @@ def start(
         If the file exists or cannot be written.
     """
     topics, roles = [], {}
-    for role, kind, end in zip(ROLES, KINDS, ends, strict=True):
-        if end is None and role == 'clock':
+    for (role, channel), end in zip(CHANNELS.items(), ends, strict=True):
+        if end is None and not channel.always:
             continue
         name = own if end is None else end.topic_name
         qos = provenance.qos_text(1) if end is None else qos_of(end.qos_profile)
-        topics.append(Topic(name, kind, qos, vital=role in VITAL))
+        topics.append(Topic(name, channel.type, qos, vital=channel.vital))
         roles[role] = name
     head = provenance.contents(settings, robot, roles, TimeBase())
     return Recorder(Path(settings.recording), topics, head, report)

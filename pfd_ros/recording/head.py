@@ -14,13 +14,12 @@ from typing import Any, get_args, get_origin, get_type_hints
 
 from pfd_ros.arm import settings as settings_file
 from pfd_ros.arm.settings import Settings
+from pfd_ros.recording.format import CHANNELS
 from pfd_ros.recording.reader import Log, strict_json
 from pfd_ros.text import one_line
 
 # More than any recording counts; a larger number is damage, and no loop should run to it.
 COUNT_LIMIT = 1 << 53
-# Roles without which nothing can be replayed.
-NEEDED = frozenset({'joint_commands', 'commands', 'taken', 'joint_states'})
 _DIGEST = re.compile('[0-9a-f]{64}')
 
 
@@ -66,8 +65,9 @@ def settings_of(log: Log) -> Settings:
         for name, value in given.items()
     }
     settings = settings_file.from_values(typed)
-    if not set(log.roles.values()) >= NEEDED:
-        raise ValueError(f'its topics are {sorted(log.roles.values())}, expected {sorted(NEEDED)}')
+    needed = {role for role, channel in CHANNELS.items() if channel.always}
+    if not set(log.roles.values()) >= needed:
+        raise ValueError(f'its topics are {sorted(log.roles.values())}, expected {sorted(needed)}')
     if ('clock' in log.roles.values()) != settings.publish_clock:
         raise ValueError(
             f'publish_clock is {settings.publish_clock}, its topics are {list(log.roles)}'

@@ -12,20 +12,19 @@ from dataclasses import dataclass, field
 import hashlib
 import json
 from pathlib import Path
-import struct
 import time
+from typing import IO, cast
 
 from mcap.writer import CompressionType, Writer
 
 from pfd_ros.messages.definitions import full_text, type_hash
+from pfd_ros.recording.format import DIGEST_PREFIX
 from pfd_ros.recording.sink import Sink
 
 # A chunk of this size holds the interpreter for well under a millisecond or two.
 CHUNK_BYTES = 1 << 18
 # MCAP holds 64 bits, the time of ROS a sign among them.
 LAST_NS = (1 << 63) - 1
-# Before each message in the digest of its topic: sequence and length.
-_DIGEST_HEAD = struct.Struct('<IQ')
 
 
 @dataclass(frozen=True)
@@ -113,7 +112,7 @@ class McapFile:
 
     def add(self, topic: int, log_ns: int, sequence: int, data: bytes) -> None:
         """Take one message for the next flush."""
-        self._updates[topic](_DIGEST_HEAD.pack(sequence, len(data)) + data)
+        self._updates[topic](DIGEST_PREFIX.pack(sequence, len(data)) + data)
         self._writer.add_message(self._channels[topic], log_ns, data, log_ns, sequence)
         self.counts[topic] += 1
         self.waiting += len(data)
@@ -138,7 +137,7 @@ def _begin(
 ) -> tuple[Writer, list[int]]:
     """Write the head of the file and return the writer and the channel of each topic."""
     writer = Writer(
-        sink,
+        cast('IO[bytes]', sink),  # it has all of a file that the writer uses
         chunk_size=CHUNK_BYTES,
         compression=CompressionType.ZSTD,
         enable_crcs=True,

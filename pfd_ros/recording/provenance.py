@@ -16,7 +16,7 @@ import yaml
 import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
 from pfd_ros.arm.settings import Settings
-from pfd_ros.recording import reader as log
+from pfd_ros.recording.format import FORMAT, HEAD, ROBOT
 from pfd_ros.recording.mcap_file import Contents, TimeBase
 
 # What DDS calls "for ever".
@@ -68,7 +68,7 @@ def contents(
         The recording's clock.
     """
     told = {
-        'format': log.FORMAT,
+        'format': FORMAT,
         'settings': settings_file.to_json(settings),
         'topics': json.dumps(dict(topics)),
         'versions': json.dumps(versions()),
@@ -83,8 +83,8 @@ def contents(
     }
     return Contents(
         library=f'pfd_ros/{pfd.__version__} mcap-python/{_installed("mcap")}',
-        metadata={log.NAME: told},
-        attachments={log.ROBOT: pfd.robot_to_yaml(robot)},
+        metadata={HEAD: told},
+        attachments={ROBOT: pfd.robot_to_yaml(robot)},
         base=base,
     )
 

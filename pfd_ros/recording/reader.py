@@ -13,7 +13,7 @@ from pathlib import Path
 import stat
 from typing import Any, BinaryIO, NamedTuple
 
-from pfd_ros.messages import convert
+from pfd_ros.recording.format import CHANNELS, END, FORMAT, HEAD, ROBOT
 from pfd_ros.recording.mcap_records import (
     MAGIC,
     Attachment,
@@ -26,20 +26,8 @@ from pfd_ros.recording.mcap_records import (
     Schema,
 )
 
-FORMAT = '1'
-NAME = 'pfd_ros'
-END_NAME = 'pfd_ros_end'
-ROBOT = 'robot.yaml'
 # Some thousand joints.
 ROBOT_LIMIT = 1 << 18
-# What the topics are to the node, and the type of each.
-TYPES = {
-    'joint_commands': convert.JOINT_STATE,
-    'commands': convert.FLOAT_ARRAY,
-    'taken': convert.INTEGER_ARRAY,
-    'joint_states': convert.JOINT_STATE,
-    'clock': convert.CLOCK,
-}
 # A name is kept for each; the node has a handful.
 CHANNEL_LIMIT = 256
 
@@ -122,7 +110,7 @@ class Log:
     def json(self, name: str) -> Any:
         """Return one value of the file's metadata; LogError if it is not there."""
         if not self.info:
-            raise LogError(f'{self.path} is no recording of this node: it has no {NAME!r} record')
+            raise LogError(f'{self.path} is no recording of this node: it has no {HEAD!r} record')
         if name not in self.info:
             raise LogError(f'{self.path} has no {name!r} in its metadata')
         with damage_named(self.path, lambda: f': {name!r} in its metadata'):
@@ -168,16 +156,16 @@ class Log:
         self.complete = records.complete
 
     def _note(self, record: Record) -> None:
-        if isinstance(record, Metadata) and record.name == NAME:
-            _once(self.info, NAME)
+        if isinstance(record, Metadata) and record.name == HEAD:
+            _once(self.info, HEAD)
             self.info = record.values
             if self.info.get('format') != FORMAT:
                 raise LogError(
                     f'{self.path} has format {self.info.get("format")!r}, expected {FORMAT!r}'
                 )
             self.roles = _roles(self.json('topics'))
-        elif isinstance(record, Metadata) and record.name == END_NAME:
-            _once(self.ending, END_NAME)
+        elif isinstance(record, Metadata) and record.name == END:
+            _once(self.ending, END)
             self.ending = record.values
         elif isinstance(record, Attachment) and record.name == ROBOT:
             _once(self.robot_yaml, ROBOT)
@@ -215,10 +203,10 @@ class _Channels:
         role = roles.get(channel.topic, '')
         schema = self._schemas.get(channel.schema_id, Schema(0, '', ''))
         found = channel.encoding, schema.encoding, schema.name
-        if role and found != ('cdr', 'ros2msg', TYPES[role]):
+        if role and found != ('cdr', 'ros2msg', CHANNELS[role].type):
             raise ValueError(
                 f'channel {channel.topic!r} holds {" ".join(found)!r}, '
-                f'expected {TYPES[role]!r} as cdr, by a definition as ros2msg'
+                f'expected {CHANNELS[role].type!r} as cdr, by a definition as ros2msg'
             )
         return role
 
@@ -232,10 +220,12 @@ def _roles(topics: Any) -> dict[str, str]:
     """Return the role of each topic, from the topic of each role."""
     if not isinstance(topics, dict) or not all(isinstance(t, str) for t in topics.values()):
         raise ValueError("'topics' in its metadata is no table of names")
-    unknown = sorted(set(topics) - set(TYPES))
+    unknown = sorted(set(topics) - set(CHANNELS))
     roles = {topic: role for role, topic in topics.items()}
     if unknown or len(roles) < len(topics):
-        raise ValueError(f"'topics' in its metadata is {topics}, expected topics of {list(TYPES)}")
+        raise ValueError(
+            f"'topics' in its metadata is {topics}, expected topics of {list(CHANNELS)}"
+        )
     return roles
 
 

@@ -18,10 +18,9 @@ from pathlib import Path
 import threading
 import time
 
-from pfd_ros.recording.mcap_file import Contents, McapFile, TimeBase, Topic
+from pfd_ros.recording.format import SEQUENCE_MASK
+from pfd_ros.recording.mcap_file import Contents, McapFile, Topic
 from pfd_ros.recording.sink import FileGoneError
-
-__all__ = ['SEQUENCE_MASK', 'Contents', 'Recorder', 'TimeBase', 'Topic']
 
 # Waking per message would double the cost; longer drains hold the interpreter too long.
 DRAIN_SECONDS = 0.015
@@ -43,8 +42,6 @@ CLOSE_SECONDS = 8.0
 STALL_SECONDS = 30.0
 # A longer pause between two looks is one of this process, not of the disk.
 _LOOK_SECONDS = 0.1
-# MCAP counts messages in 32 bits.
-SEQUENCE_MASK = 0xFFFFFFFF
 # Longest text of a foreign error in a report.
 _SHOWN = 300
 _READABLE = '; what was written stays readable'

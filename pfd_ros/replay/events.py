@@ -17,14 +17,10 @@ from pfd_ros.arm.commands import Verdict
 from pfd_ros.arm.plant import Source
 from pfd_ros.arm.settings import NANOSECONDS
 from pfd_ros.messages.convert import decode_rows, encode_rows
+from pfd_ros.recording.format import ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE, TAKEN_COLUMNS
 from pfd_ros.recording.head import settings_of, started_ns
 from pfd_ros.recording.reader import Entry, Log
-from pfd_ros.recording.recorder import SEQUENCE_MASK
 
-# Columns of the channel that says which command was taken before which step.
-TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict')
-ROLE_OF_SOURCE = {Source.NAMED: 'joint_commands', Source.ARRAY: 'commands'}
-SOURCE_OF_ROLE = {role: source for source, role in ROLE_OF_SOURCE.items()}
 # Steps per second that no node reaches; the bound where the settings name none.
 FASTEST = 1e6
 # By how much the arm may be ahead of its schedule, s: it makes up for delays of 0.05 s.

@@ -14,21 +14,19 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 import hashlib
 from pathlib import Path
-import struct
 
 from pfd_ros.arm.commands import Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import decode_clock
+from pfd_ros.recording.format import DIGEST_PREFIX, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending, ending_of, settings_of, versions_of
 from pfd_ros.recording.reader import Log
-from pfd_ros.recording.recorder import SEQUENCE_MASK
-from pfd_ros.replay.events import ROLE_OF_SOURCE, SOURCE_OF_ROLE, Event, events
+from pfd_ros.replay.events import Event, events
 
 # Commands that may wait to be taken. The node keeps 1000 and 32 MB of them for a step; those that
 # it drops in a flood wait in the file for the row that says so.
 WAITING_LIMIT = 1 << 16
 WAITING_BYTES = 1 << 26
-_NUMBERED = struct.Struct('<IQ')
 
 
 @dataclass
@@ -91,7 +89,7 @@ class _Tally:
             self.lost += event.lost
             self.gap = self.gap or f'{event.number - event.lost} to {event.number - 1}'
         self.data = event.data
-        self.digest.update(_NUMBERED.pack(event.number & SEQUENCE_MASK, len(event.data)))
+        self.digest.update(DIGEST_PREFIX.pack(event.number & SEQUENCE_MASK, len(event.data)))
         self.digest.update(event.data)
 
 

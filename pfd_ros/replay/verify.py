@@ -20,10 +20,10 @@ import pfd_core as pfd
 from pfd_ros.arm.commands import Verdict
 from pfd_ros.arm.plant import Plant
 from pfd_ros.messages.convert import JointMessage, decode_clock, decode_joint_state
+from pfd_ros.recording.format import ROBOT, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending
-from pfd_ros.recording.reader import ROBOT, Log, LogError, damage_named
-from pfd_ros.recording.recorder import SEQUENCE_MASK
-from pfd_ros.replay.events import ROLE_OF_SOURCE, SOURCE_OF_ROLE, Event, Row, events
+from pfd_ros.recording.reader import Log, LogError, damage_named
+from pfd_ros.replay.events import Event, Row, events
 from pfd_ros.replay.survey import Summary, Survey, survey
 
 __all__ = ['DifferenceError', 'Summary', 'read']

@@ -17,7 +17,9 @@ import numpy as np
 
 from pfd_ros.messages import convert, definitions
 from pfd_ros.recording import reader as log
-from pfd_ros.recording.recorder import Contents, Recorder, TimeBase, Topic
+from pfd_ros.recording.format import FORMAT, HEAD, ROBOT
+from pfd_ros.recording.mcap_file import Contents, TimeBase, Topic
+from pfd_ros.recording.recorder import Recorder
 
 # Not from `provenance`: processes that are started by the hundred need not import pfd_core.
 QOS = '- history: keep_last\n  depth: 10\n'
@@ -32,8 +34,8 @@ HAS_DEFINITIONS = any((share / 'sensor_msgs').is_dir() for share in definitions.
 
 
 def contents(base: TimeBase | None = None) -> Contents:
-    told = {'format': log.FORMAT, 'topics': json.dumps(ROLES)}
-    return Contents('test', {log.NAME: told}, {log.ROBOT: 'robot: 1'}, base or TimeBase())
+    told = {'format': FORMAT, 'topics': json.dumps(ROLES)}
+    return Contents('test', {HEAD: told}, {ROBOT: 'robot: 1'}, base or TimeBase())
 
 
 def state(k: int) -> bytes:

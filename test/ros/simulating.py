@@ -16,9 +16,8 @@ from pfd_ros.arm.plant import Plant, Source, load_robot
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import cdr, convert
 from pfd_ros.recording import provenance
-from pfd_ros.recording.reader import TYPES
-from pfd_ros.recording.recorder import TimeBase
-from pfd_ros.replay.events import TAKEN_COLUMNS
+from pfd_ros.recording.format import CHANNELS, TAKEN_COLUMNS
+from pfd_ros.recording.mcap_file import TimeBase
 
 ROLES = {
     'joint_commands': NAMED,
@@ -61,7 +60,9 @@ def simulate(
     made = Recording(
         metadata=[(name, dict(values)) for name, values in head.metadata.items()],
         attachments=[(name, text.encode()) for name, text in head.attachments.items()],
-        channels=[Type(topic, 'cdr', TYPES[role], 'ros2msg') for role, topic in roles.items()],
+        channels=[
+            Type(topic, 'cdr', CHANNELS[role].type, 'ros2msg') for role, topic in roles.items()
+        ],
     )
     counts = dict.fromkeys(ROLES.values(), 0)
     accepted = 0

@@ -25,8 +25,8 @@ from ros_processes import environment
 import zstandard
 
 from pfd_ros.messages import convert
+from pfd_ros.recording.format import TAKEN_COLUMNS
 from pfd_ros.recording.mcap_records import MAGIC, RECORD_LIMIT
-from pfd_ros.replay.events import TAKEN_COLUMNS
 
 HERE = Path(__file__).resolve().parent
 GOLDEN = HERE.parent / 'data' / 'golden_1.mcap'

@@ -20,8 +20,8 @@ from pfd_ros.arm.commands import Verdict
 from pfd_ros.arm.plant import Source
 from pfd_ros.messages.convert import decode_rows
 from pfd_ros.node.inbox import MOST_COMMANDS
+from pfd_ros.recording.format import TAKEN_COLUMNS
 from pfd_ros.recording.reader import Log
-from pfd_ros.replay.events import TAKEN_COLUMNS
 from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros

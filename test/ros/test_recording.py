@@ -30,8 +30,10 @@ from recordings import (
 
 from pfd_ros.messages import convert, definitions
 from pfd_ros.recording import reader as log
+from pfd_ros.recording.format import HEAD
+from pfd_ros.recording.mcap_file import Contents, TimeBase
 from pfd_ros.recording.provenance import qos_text
-from pfd_ros.recording.recorder import Contents, Recorder, TimeBase
+from pfd_ros.recording.recorder import Recorder
 from pfd_ros.recording.sink import Sink
 
 ROS_TOPICS = [replace(topic, qos=qos_text(depth=10)) for topic in (STATES, COMMANDS)]
@@ -286,7 +288,7 @@ def test_the_recording_of_another_program_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_recording_of_another_format_is_refused(tmp_path: Path) -> None:
-    told = Contents('test', {log.NAME: {'format': '99'}}, {}, TimeBase())
+    told = Contents('test', {HEAD: {'format': '99'}}, {}, TimeBase())
     Recorder(tmp_path / 'a.mcap', (STATES,), told, Reports()).close()
     with pytest.raises(log.LogError, match="has format '99', expected '1'"):
         read(tmp_path / 'a.mcap')

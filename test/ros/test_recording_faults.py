@@ -45,8 +45,8 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import convert
 from pfd_ros.recording import provenance
 from pfd_ros.recording import recorder as recording
-from pfd_ros.recording.mcap_file import LAST_NS, McapFile
-from pfd_ros.recording.recorder import Recorder, TimeBase, Topic
+from pfd_ros.recording.mcap_file import LAST_NS, McapFile, TimeBase, Topic
+from pfd_ros.recording.recorder import Recorder
 from pfd_ros.recording.sink import Sink
 from pfd_ros.replay import verify as replay
 

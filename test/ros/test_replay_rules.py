@@ -18,8 +18,9 @@ from simulating import START_NS, efforts, simulate
 from pfd_ros.arm.commands import Verdict
 from pfd_ros.cli import main as command_line
 from pfd_ros.messages import convert
+from pfd_ros.recording.format import TAKEN_COLUMNS
 from pfd_ros.recording.reader import Entry, Log, LogError
-from pfd_ros.replay.events import TAKEN_COLUMNS, events
+from pfd_ros.replay.events import events
 from pfd_ros.replay.verify import DifferenceError, read
 
 MOVE = {3: [efforts(1.0, 2.0)], 9: [efforts(-1.0, 0.5), efforts(2.0, 0.0)]}

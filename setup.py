@@ -54,6 +54,7 @@ setup(
             'mypy',
             'pytest',
             'pytest-timeout',
+            'pytest-xdist',
             'rosbags',
             'ruff',
         ],

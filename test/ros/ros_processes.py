@@ -25,7 +25,20 @@ NODE = ('-m', 'pfd_ros.node.main')
 JOINTS = tuple(f'joint{i}' for i in range(1, 7))
 FAULTY = str(Path(__file__).with_name('faulty.py'))
 READER = str(Path(__file__).with_name('reader.py'))
-_domains = itertools.count(os.getpid())
+# Domains of the tests: above the default one, and low enough for its ports on every system.
+FIRST_DOMAIN, DOMAINS = 10, 90
+_numbers = itertools.count()
+
+
+def next_domain() -> int:
+    """Return a domain that no other worker of this run uses, nor the tests just before."""
+    worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
+    workers = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
+    # Workers share the start, so that their sequences never meet.
+    start = os.getppid() if workers > 1 else os.getpid()
+    each = max(DOMAINS // workers, 1)
+    place = (start + next(_numbers)) % each * workers + int(worker)
+    return FIRST_DOMAIN + place % DOMAINS
 
 
 def example_robot(path: str) -> Path:
@@ -91,7 +104,7 @@ class Processes:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.domain = 10 + next(_domains) % 90
+        self.domain = next_domain()
         self.started: list[Process] = []
 
     def python(self, *command: str) -> Process:

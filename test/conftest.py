@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import os
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +19,12 @@ from pfd_core.kernels.runtime import kept_facts as remember
 @pytest.fixture(scope='session', autouse=True)
 def own_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Leave the user's cache alone, also in the processes that tests start."""
+    own = tmp_path_factory.getbasetemp()
+    # The workers of one run share it: their folders lie side by side.
+    where = (own.parent if 'PYTEST_XDIST_WORKER' in os.environ else own) / 'cache'
+    where.mkdir(mode=0o700, exist_ok=True)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv('PFD_CACHE', str(tmp_path_factory.mktemp('cache')))
+        patch.setenv('PFD_CACHE', str(where))
         yield
 
 

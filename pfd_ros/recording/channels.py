@@ -14,7 +14,7 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS
 from pfd_ros.recording.mcap_file import TimeBase, Topic
-from pfd_ros.recording.recorder import Recorder
+from pfd_ros.recording.recorder import LogRecorder
 
 
 def qos_of(profile: QoSProfile) -> str:
@@ -33,7 +33,7 @@ def start(
     own: str,
     ends: Sequence[Any],
     report: Callable[[str], None],
-) -> Recorder:
+) -> LogRecorder:
     """Open the file that the settings name.
 
     Parameters
@@ -62,5 +62,5 @@ def start(
         qos = provenance.qos_text(1) if end is None else qos_of(end.qos_profile)
         topics.append(Topic(name, channel.type, qos, vital=channel.vital))
         roles[role] = name
-    head = provenance.contents(settings, robot, roles, TimeBase())
-    return Recorder(Path(settings.recording), topics, head, report)
+    head = provenance.file_head(settings, robot, roles, TimeBase())
+    return LogRecorder(Path(settings.recording), topics, head, report)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes everything that went in and came out to one MCAP file, on a thread of its own.
+"""Records all inputs and outputs of the arm in one MCAP file, on a thread of its own.
 
 The callers only append to a queue, bounded in messages and bytes. The thread empties it in
 bounded rounds every few milliseconds, closes a chunk every 0.2 s and syncs once a second, so
@@ -18,8 +18,8 @@ from pathlib import Path
 import threading
 import time
 
-from pfd_ros.recording.format import SEQUENCE_MASK
-from pfd_ros.recording.mcap_file import Contents, McapFile, Topic
+from pfd_ros.recording.format import MESSAGE_BYTES, SEQUENCE_MASK
+from pfd_ros.recording.mcap_file import FileHead, McapFile, Topic
 from pfd_ros.recording.sink import FileGoneError
 
 # Waking per message would double the cost; longer drains hold the interpreter too long.
@@ -33,9 +33,6 @@ ROUND_BYTES = 1 << 22
 QUEUE_LIMIT = 1 << 17
 # What long messages may take together.
 QUEUE_BYTES = 1 << 26
-# No message of an arm comes near. A chunk may be this much longer than CHUNK_BYTES, and
-# readers bound what they read at once.
-MESSAGE_BYTES = 1 << 24
 # What ros2 launch and docker stop give between the first signal and SIGKILL is 10 s.
 CLOSE_SECONDS = 8.0
 # Of waiting for a disk that does not answer: some wake up slowly, network drives come back.
@@ -47,7 +44,7 @@ _SHOWN = 300
 _READABLE = '; what was written stays readable'
 
 
-class Recorder:
+class LogRecorder:
     """An open recording.
 
     Parameters
@@ -56,8 +53,8 @@ class Recorder:
         The file; it must not exist.
     topics
         The channels; messages are recorded by their place in here.
-    contents
-        Written first, so that a cut-off file still says what it is.
+    head
+        Written first, so that a cut-off file still tells its settings, robot and topics.
     report
         Called once, with one line, if the recording fails. It may be called on any thread.
     limit, limit_bytes
@@ -84,7 +81,7 @@ class Recorder:
         self,
         path: Path,
         topics: Sequence[Topic],
-        contents: Contents,
+        head: FileHead,
         report: Callable[[str], None],
         limit: int = QUEUE_LIMIT,
         limit_bytes: int = QUEUE_BYTES,
@@ -94,7 +91,7 @@ class Recorder:
         self.recorded = [0] * len(topics)
         self.error = ''
         self._accepted = [0] * len(topics)
-        self._base = contents.base
+        self._base = head.base
         self._report = report
         self._limits = limit, limit_bytes
         # Replaceable messages leave half of the queue to vital ones.
@@ -115,7 +112,7 @@ class Recorder:
         self._finished = False
         self._closing = threading.Event()
         self._ending: Callable[[], Mapping[str, str]] = dict
-        file = McapFile(path, self.topics, contents)
+        file = McapFile(path, self.topics, head)
         self._thread = threading.Thread(
             target=self._run, args=(file,), name='recording', daemon=True
         )

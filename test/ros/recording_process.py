@@ -18,10 +18,10 @@ import time
 from recordings import PATIENCE, start, wait_for
 
 from pfd_ros.recording import recorder as recording
-from pfd_ros.recording.recorder import Recorder
+from pfd_ros.recording.recorder import LogRecorder
 
 
-def produce(recorder: Recorder, topic: int) -> None:
+def produce(recorder: LogRecorder, topic: int) -> None:
     """Record in bursts until the process ends."""
     for k in itertools.count(1):
         recorder.record(topic, k, k.to_bytes(8, 'little') * (k % 64))
@@ -29,7 +29,7 @@ def produce(recorder: Recorder, topic: int) -> None:
             time.sleep(0.001)
 
 
-def tell(recorder: Recorder) -> None:
+def tell(recorder: LogRecorder) -> None:
     told = {'recorded': recorder.recorded, 'dropped': recorder.dropped, 'error': recorder.error}
     print(json.dumps(told), flush=True)
 

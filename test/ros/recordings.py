@@ -18,8 +18,8 @@ import numpy as np
 from pfd_ros.messages import convert, definitions
 from pfd_ros.recording import reader as log
 from pfd_ros.recording.format import FORMAT, HEAD, ROBOT
-from pfd_ros.recording.mcap_file import Contents, TimeBase, Topic
-from pfd_ros.recording.recorder import Recorder
+from pfd_ros.recording.mcap_file import FileHead, TimeBase, Topic
+from pfd_ros.recording.recorder import LogRecorder
 
 # Not from `provenance`: processes that are started by the hundred need not import pfd_core.
 QOS = '- history: keep_last\n  depth: 10\n'
@@ -33,9 +33,9 @@ PATIENCE = 60.0
 HAS_DEFINITIONS = any((share / 'sensor_msgs').is_dir() for share in definitions.shares())
 
 
-def contents(base: TimeBase | None = None) -> Contents:
+def contents(base: TimeBase | None = None) -> FileHead:
     told = {'format': FORMAT, 'topics': json.dumps(ROLES)}
-    return Contents('test', {HEAD: told}, {ROBOT: 'robot: 1'}, base or TimeBase())
+    return FileHead('test', {HEAD: told}, {ROBOT: 'robot: 1'}, base or TimeBase())
 
 
 def state(k: int) -> bytes:
@@ -49,12 +49,12 @@ class Reports(list):
 
 def start(
     path: Path, topics: Sequence[Topic] = TOPICS, **options: Any
-) -> tuple[Recorder, Reports]:
+) -> tuple[LogRecorder, Reports]:
     reports = Reports()
-    return Recorder(path, topics, contents(), reports.append, **options), reports
+    return LogRecorder(path, topics, contents(), reports.append, **options), reports
 
 
-def write(path: Path, count: int, **options: Any) -> tuple[Recorder, Reports]:
+def write(path: Path, count: int, **options: Any) -> tuple[LogRecorder, Reports]:
     recorder, reports = start(path, **options)
     for k in range(1, count + 1):
         recorder.record(0, k, state(k))
@@ -74,7 +74,7 @@ def wait_for(done: Callable[[], bool]) -> None:
         time.sleep(0.005)
 
 
-def flushed(recorder: Recorder, count: int) -> None:
+def flushed(recorder: LogRecorder, count: int) -> None:
     """Record states and wait until they are in the file."""
     first = recorder.recorded[0]
     for k in range(first + 1, first + count + 1):

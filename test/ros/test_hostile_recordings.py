@@ -25,8 +25,8 @@ from ros_processes import environment
 import zstandard
 
 from pfd_ros.messages import convert
-from pfd_ros.recording.format import TAKEN_COLUMNS
-from pfd_ros.recording.mcap_records import MAGIC, RECORD_LIMIT
+from pfd_ros.recording.format import RECORD_BYTES, TAKEN_COLUMNS
+from pfd_ros.recording.mcap_stream import MAGIC
 
 HERE = Path(__file__).resolve().parent
 GOLDEN = HERE.parent / 'data' / 'golden_1.mcap'
@@ -511,7 +511,7 @@ raw('lz4_bomb', 'or more', lambda: HEADER + chunk('lz4', lz4.frame.compress(byte
 raw(
     'zstd_of_the_largest_size',
     'GOLDEN',
-    lambda: HEADER + chunk('zstd', zstd_bomb(RECORD_LIMIT), RECORD_LIMIT) + MAGIC,
+    lambda: HEADER + chunk('zstd', zstd_bomb(RECORD_BYTES), RECORD_BYTES) + MAGIC,
 )
 raw('zstd_short', 'or more', lambda: HEADER + chunk('zstd', zstd_bomb(1 << 24), (1 << 24) + 1))
 raw('zstd_garbage', 'damaged', lambda: HEADER + chunk('zstd', b'\xff' * 99, 10))

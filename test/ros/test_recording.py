@@ -23,6 +23,7 @@ from recordings import (
     contents,
     digests,
     read,
+    start,
     state,
     wait_for,
     write,
@@ -31,9 +32,9 @@ from recordings import (
 from pfd_ros.messages import convert, definitions
 from pfd_ros.recording import reader as log
 from pfd_ros.recording.format import HEAD
-from pfd_ros.recording.mcap_file import Contents, TimeBase
+from pfd_ros.recording.mcap_file import FileHead, TimeBase
 from pfd_ros.recording.provenance import qos_text
-from pfd_ros.recording.recorder import Recorder
+from pfd_ros.recording.recorder import LogRecorder
 from pfd_ros.recording.sink import Sink
 
 ROS_TOPICS = [replace(topic, qos=qos_text(depth=10)) for topic in (STATES, COMMANDS)]
@@ -51,8 +52,8 @@ def test_what_was_recorded_is_read_back(tmp_path: Path) -> None:
     assert {entry.role for entry in entries} == {'joint_states'}
     assert found.complete
     assert found.robot_yaml == 'robot: 1'
-    assert found.ending['said'] == 'goodbye'
-    assert json.loads(found.ending['digests']) == digests(entries)
+    assert found.end_texts['said'] == 'goodbye'
+    assert json.loads(found.end_texts['digests']) == digests(entries)
     assert (recorder.recorded, recorder.dropped, reports) == ([1000, 0], [0, 0], [])
     times = [entry.log_ns for entry in entries]
     assert times == sorted(times)
@@ -143,9 +144,11 @@ def test_a_full_queue_drops_and_counts_and_keeps_the_commands_longest(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     go_on = threading.Event()
-    drain = Recorder._drain
-    monkeypatch.setattr(Recorder, '_drain', lambda *args: (go_on.wait(PATIENCE), drain(*args)))
-    recorder = Recorder(tmp_path / 'a.mcap', (STATES, COMMANDS), contents(), Reports(), limit=100)
+    drain = LogRecorder._drain
+    monkeypatch.setattr(LogRecorder, '_drain', lambda *args: (go_on.wait(PATIENCE), drain(*args)))
+    recorder = LogRecorder(
+        tmp_path / 'a.mcap', (STATES, COMMANDS), contents(), Reports(), limit=100
+    )
     for k in range(1, 81):
         recorder.record(0, k, state(k))
     for k in range(1, 81):
@@ -162,7 +165,7 @@ def test_a_full_queue_drops_and_counts_and_keeps_the_commands_longest(
 def test_a_disk_that_fills_up_is_said_once_and_leaves_a_readable_file(tmp_path: Path) -> None:
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     reports = Reports()
-    recorder = Recorder(tmp_path / 'a.mcap', (STATES, COMMANDS), contents(), reports.append)
+    recorder = LogRecorder(tmp_path / 'a.mcap', (STATES, COMMANDS), contents(), reports.append)
     try:
         # The kernel writes up to this size and then refuses, as a full disk does.
         resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, limits[1]))
@@ -211,8 +214,8 @@ def test_two_threads_that_overtake_each_other_leave_the_times_in_order(tmp_path:
             return next(times)
 
     times = iter([10, 30, 20, 40])
-    told = Contents('test', contents().metadata, {}, Overtaken())
-    recorder = Recorder(tmp_path / 'a.mcap', (STATES,), told, Reports())
+    told = FileHead('test', contents().metadata, {}, Overtaken())
+    recorder = LogRecorder(tmp_path / 'a.mcap', (STATES,), told, Reports())
     for k in range(1, 5):
         recorder.record(0, k, state(k))
     recorder.close()
@@ -227,7 +230,7 @@ def test_an_error_of_the_disk_when_closing_is_said(
         raise OSError(errno.EIO, 'Input/output error')
 
     reports = Reports()
-    recorder = Recorder(tmp_path / 'a.mcap', (STATES,), contents(), reports.append)
+    recorder = LogRecorder(tmp_path / 'a.mcap', (STATES,), contents(), reports.append)
     recorder.record(0, 1, state(1))
     monkeypatch.setattr(Sink, 'sync', refuse)
     recorder.close()
@@ -238,7 +241,7 @@ def test_an_error_of_the_disk_when_closing_is_said(
 @pytest.mark.parametrize('part', [0.0, 0.5, 0.9, 0.999])
 def test_a_cut_off_file_gives_what_was_whole(tmp_path: Path, part: float) -> None:
     whole, cut = tmp_path / 'whole.mcap', tmp_path / 'cut.mcap'
-    recorder = Recorder(whole, (STATES, COMMANDS), contents(), Reports())
+    recorder = LogRecorder(whole, (STATES, COMMANDS), contents(), Reports())
     for k in range(1, 6001):
         recorder.record(0, k, state(k))
     recorder.close()
@@ -284,11 +287,11 @@ def test_the_recording_of_another_program_is_refused(tmp_path: Path) -> None:
         writer.finish()
     found, _ = read(tmp_path / 'a.mcap')
     with pytest.raises(log.LogError, match='is no recording of this node'):
-        found.json('settings')
+        _ = found.settings
 
 
 def test_a_recording_of_another_format_is_refused(tmp_path: Path) -> None:
-    told = Contents('test', {HEAD: {'format': '99'}}, {}, TimeBase())
-    Recorder(tmp_path / 'a.mcap', (STATES,), told, Reports()).close()
+    told = FileHead('test', {HEAD: {'format': '99'}}, {}, TimeBase())
+    LogRecorder(tmp_path / 'a.mcap', (STATES,), told, Reports()).close()
     with pytest.raises(log.LogError, match="has format '99', expected '1'"):
         read(tmp_path / 'a.mcap')

@@ -45,8 +45,9 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import convert
 from pfd_ros.recording import provenance
 from pfd_ros.recording import recorder as recording
-from pfd_ros.recording.mcap_file import LAST_NS, McapFile, TimeBase, Topic
-from pfd_ros.recording.recorder import Recorder
+from pfd_ros.recording.format import LAST_NS, MESSAGE_BYTES
+from pfd_ros.recording.mcap_file import McapFile, TimeBase, Topic
+from pfd_ros.recording.recorder import LogRecorder
 from pfd_ros.recording.sink import Sink
 from pfd_ros.replay import verify as replay
 
@@ -81,7 +82,7 @@ def raising(error: BaseException):
     return call
 
 
-def fail_after(recorder: Recorder, count: int) -> int:
+def fail_after(recorder: LogRecorder, count: int) -> int:
     """Record states until the recording has failed; return how many came in all."""
     sent = count
 
@@ -97,7 +98,7 @@ def fail_after(recorder: Recorder, count: int) -> int:
 
 
 def check_failed(
-    recorder: Recorder, reports: Reports, sent: int, path: Path, *, torn: bool = False
+    recorder: LogRecorder, reports: Reports, sent: int, path: Path, *, torn: bool = False
 ) -> None:
     """Check that a failure was said once, counts and frees everything, and spares the file."""
     wait_for(lambda: not recorder._thread.is_alive())
@@ -136,7 +137,7 @@ def test_a_report_that_fails_changes_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     report = raising(RuntimeError('no logger'))
-    recorder = Recorder(tmp_path / 'a.mcap', TOPICS, contents(), report)
+    recorder = LogRecorder(tmp_path / 'a.mcap', TOPICS, contents(), report)
     flushed(recorder, 20)
     monkeypatch.setattr(Writer, 'add_message', raising(struct.error('too large')))
     sent = fail_after(recorder, 20)
@@ -194,8 +195,8 @@ def test_the_queue_is_bounded_in_bytes_and_keeps_room_for_commands(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     go_on = threading.Event()
-    drain = Recorder._drain
-    monkeypatch.setattr(Recorder, '_drain', lambda *args: (go_on.wait(PATIENCE), drain(*args)))
+    drain = LogRecorder._drain
+    monkeypatch.setattr(LogRecorder, '_drain', lambda *args: (go_on.wait(PATIENCE), drain(*args)))
     recorder, _ = start(tmp_path / 'a.mcap', limit_bytes=10 * MEGABYTE)
     for k in range(1, 21):
         recorder.record(0, k, bytes(MEGABYTE))
@@ -211,11 +212,11 @@ def test_the_queue_is_bounded_in_bytes_and_keeps_room_for_commands(
 
 def test_a_message_longer_than_readers_take_is_dropped_and_counted(tmp_path: Path) -> None:
     recorder, _ = start(tmp_path / 'a.mcap')
-    recorder.record(1, 1, bytes(recording.MESSAGE_BYTES))
-    recorder.record(1, 2, bytes(recording.MESSAGE_BYTES + 1))
+    recorder.record(1, 1, bytes(MESSAGE_BYTES))
+    recorder.record(1, 2, bytes(MESSAGE_BYTES + 1))
     recorder.close()
     assert (recorder.recorded, recorder.dropped) == ([0, 1], [0, 1])
-    assert [len(e.data) for e in read(tmp_path / 'a.mcap')[1]] == [recording.MESSAGE_BYTES]
+    assert [len(e.data) for e in read(tmp_path / 'a.mcap')[1]] == [MESSAGE_BYTES]
 
 
 def test_a_producer_that_is_always_faster_delays_neither_flush_nor_sync_nor_closing(
@@ -491,7 +492,7 @@ def test_a_thread_that_cannot_be_started_leaves_no_file(
 
 def test_two_channels_of_one_name_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"'/joint_states'\] have more"):
-        Recorder(tmp_path / 'a.mcap', (STATES, COMMANDS, STATES), contents(), Reports())
+        LogRecorder(tmp_path / 'a.mcap', (STATES, COMMANDS, STATES), contents(), Reports())
     assert not list(tmp_path.iterdir())
 
 
@@ -570,7 +571,7 @@ def test_the_part_of_a_run_before_the_disk_was_full_replays_to_the_same_bits(
     plant = Plant(settings, robot)
     names = {'joint_commands': '/named', 'commands': '/plain', 'taken': '/taken'}
     names['joint_states'] = '/states'
-    head = provenance.contents(settings, robot, names, TimeBase())
+    head = provenance.file_head(settings, robot, names, TimeBase())
     reports = Reports()
     kinds = (
         convert.JOINT_STATE,
@@ -579,7 +580,7 @@ def test_the_part_of_a_run_before_the_disk_was_full_replays_to_the_same_bits(
         convert.JOINT_STATE,
     )
     topics = [Topic(name, kind, '') for name, kind in zip(names.values(), kinds, strict=True)]
-    recorder = Recorder(path, topics, head, reports.append)
+    recorder = LogRecorder(path, topics, head, reports.append)
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     try:
         resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 40_000, limits[1]))
@@ -626,7 +627,7 @@ def test_the_times_in_the_file_are_valid_and_in_order_whatever_the_clock(
     name: str, tmp_path: Path
 ) -> None:
     reports = Reports()
-    recorder = Recorder(tmp_path / 'a.mcap', TOPICS, contents(BASES[name]), reports.append)
+    recorder = LogRecorder(tmp_path / 'a.mcap', TOPICS, contents(BASES[name]), reports.append)
     for k in range(1, 101):
         recorder.record(0, k, state(k))
     recorder.close()
@@ -651,8 +652,8 @@ def test_the_end_record_has_the_digest_of_each_topic_and_exact_counts(tmp_path: 
     recorder.close(ending)
     recorder.record(0, 1, state(1))
     found, entries = read(tmp_path / 'a.mcap')
-    assert json.loads(found.ending['digests']) == digests(entries)
-    assert json.loads(found.ending['recorded']) == counts(entries) == [3000, 1000]
+    assert json.loads(found.end_texts['digests']) == digests(entries)
+    assert json.loads(found.end_texts['recorded']) == counts(entries) == [3000, 1000]
     assert recorder.dropped == [0, 0]
 
 
@@ -662,4 +663,4 @@ def test_the_digest_of_a_topic_without_messages_is_that_of_nothing(tmp_path: Pat
     found, _ = read(tmp_path / 'a.mcap')
     # SHA-256 of the empty text, FIPS 180-4.
     empty = 'e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855'
-    assert json.loads(found.ending['digests']) == {STATES.name: empty, COMMANDS.name: empty}
+    assert json.loads(found.end_texts['digests']) == {STATES.name: empty, COMMANDS.name: empty}

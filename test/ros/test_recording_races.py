@@ -106,8 +106,8 @@ def test_closing_beside_two_threads_that_go_on_leaves_exact_counts_and_digests(
         told = json.loads(output)
         assert told['error'] == ''
         assert told['dropped'] == [0, 0]
-        assert json.loads(found.ending['recorded']) == told['recorded'] == counts(entries)
-        assert json.loads(found.ending['digests']) == digests(entries)
+        assert json.loads(found.end_texts['recorded']) == told['recorded'] == counts(entries)
+        assert json.loads(found.end_texts['digests']) == digests(entries)
         check_messages(entries)
 
     several(often, once, tmp_path)
@@ -213,5 +213,5 @@ def test_recorded_and_dropped_are_all_that_came_whenever_the_disk_fails(
         assert found.complete != recorder.failed
         assert counts(entries) == recorder.recorded
         if found.complete:
-            assert json.loads(found.ending['digests']) == digests(entries)
+            assert json.loads(found.end_texts['digests']) == digests(entries)
         os.unlink(tmp_path / f'{k}.mcap')

@@ -11,6 +11,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 
 from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.qos import qos_text
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS
 from pfd_ros.recording.mcap_file import TimeBase, Topic
@@ -19,7 +20,7 @@ from pfd_ros.recording.recorder import LogRecorder
 
 def qos_of(profile: QoSProfile) -> str:
     """Return the text of an endpoint's profile for the recording."""
-    return provenance.qos_text(
+    return qos_text(
         profile.depth,
         profile.history.short_key,
         profile.reliability.short_key,
@@ -59,7 +60,7 @@ def start(
         if end is None and not channel.always:
             continue
         name = own if end is None else end.topic_name
-        qos = provenance.qos_text(1) if end is None else qos_of(end.qos_profile)
+        qos = qos_text(1) if end is None else qos_of(end.qos_profile)
         topics.append(Topic(name, channel.type, qos, vital=channel.vital))
         roles[role] = name
     head = provenance.file_head(settings, robot, roles, TimeBase())

@@ -11,16 +11,11 @@ from pathlib import Path
 import platform
 from typing import Any
 
-import yaml
-
 import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
 from pfd_ros.arm.settings import Settings
 from pfd_ros.recording.format import FORMAT, HEAD, ROBOT, HeadKey
 from pfd_ros.recording.mcap_file import FileHead, TimeBase
-
-# What DDS calls "for ever".
-_FOREVER = {'sec': 9223372036, 'nsec': 854775807}
 
 
 def _installed(name: str) -> str:
@@ -87,24 +82,3 @@ def file_head(
         attachments={ROBOT: pfd.robot_to_yaml(robot)},
         base=base,
     )
-
-
-def qos_text(
-    depth: int,
-    history: str = 'keep_last',
-    reliability: str = 'reliable',
-    durability: str = 'volatile',
-) -> str:
-    """Return a QoS profile as rosbag2 writes it; the other policies have their defaults."""
-    profile = {
-        'history': history,
-        'depth': depth,
-        'reliability': reliability,
-        'durability': durability,
-        'deadline': dict(_FOREVER),
-        'lifespan': dict(_FOREVER),
-        'liveliness': 'automatic',
-        'liveliness_lease_duration': dict(_FOREVER),
-        'avoid_ros_namespace_conventions': False,
-    }
-    return str(yaml.safe_dump([profile], sort_keys=False))

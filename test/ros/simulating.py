@@ -31,7 +31,7 @@ START_NS = 1_700_000_000_000_000_000
 
 def efforts(*values: float) -> bytes:
     """Return a command without names."""
-    writer = cdr.Writer()
+    writer = cdr.CdrWriter()
     writer.uint32(0)
     writer.uint32(0)
     writer.numbers(np.array(values))

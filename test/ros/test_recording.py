@@ -30,10 +30,10 @@ from recordings import (
 )
 
 from pfd_ros.messages import convert, definitions
+from pfd_ros.messages.qos import qos_text
 from pfd_ros.recording import reader as log
 from pfd_ros.recording.format import HEAD
 from pfd_ros.recording.mcap_file import FileHead, TimeBase
-from pfd_ros.recording.provenance import qos_text
 from pfd_ros.recording.recorder import LogRecorder
 from pfd_ros.recording.sink import Sink
 
@@ -146,9 +146,7 @@ def test_a_full_queue_drops_and_counts_and_keeps_the_commands_longest(
     go_on = threading.Event()
     drain = LogRecorder._drain
     monkeypatch.setattr(LogRecorder, '_drain', lambda *args: (go_on.wait(PATIENCE), drain(*args)))
-    recorder = LogRecorder(
-        tmp_path / 'a.mcap', (STATES, COMMANDS), contents(), Reports(), limit=100
-    )
+    recorder, _ = start(tmp_path / 'a.mcap', limit=100)
     for k in range(1, 81):
         recorder.record(0, k, state(k))
     for k in range(1, 81):

@@ -6,8 +6,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import hashlib
 import json
 from pathlib import Path
@@ -18,7 +17,9 @@ from mcap.records import Attachment, Channel, DataEnd, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
-HEAD, END = 'pfd_ros', 'pfd_ros_end'
+from pfd_ros.recording.format import END
+
+GOLDEN = Path(__file__).resolve().parents[1] / 'data' / 'golden_1.mcap'
 STATES, CLOCK = '/joint_states', '/clock'
 NAMED, ARRAY, TAKEN = '/joint_commands', '/sim_arm/commands', '/sim_arm/applied_commands'
 
@@ -112,7 +113,12 @@ class Recording:
         return path
 
     def copy(self) -> Recording:
-        return copy.deepcopy(self)
+        return Recording(
+            [(name, dict(values)) for name, values in self.metadata],
+            list(self.attachments),
+            [replace(kind) for kind in self.channels],
+            [replace(message) for message in self.messages],
+        )
 
 
 def digest(messages: list[Sent]) -> str:

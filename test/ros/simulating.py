@@ -9,14 +9,14 @@ import json
 from typing import Any
 
 import numpy as np
-from rewriting import ARRAY, CLOCK, END, NAMED, STATES, TAKEN, Recording, Sent, Type
+from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, Recording, Sent, Type
 
 from pfd_ros.arm.commands import Verdict
 from pfd_ros.arm.plant import Plant, Source, load_robot
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import cdr, convert
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, TAKEN_COLUMNS
+from pfd_ros.recording.format import CHANNELS, END, TAKEN_COLUMNS
 from pfd_ros.recording.mcap_file import TimeBase
 
 ROLES = {

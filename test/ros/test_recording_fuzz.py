@@ -11,13 +11,13 @@ import random
 
 import pytest
 from read_hostile import bounded
-from rewriting import ARRAY, NAMED, Recording, load
+from rewriting import ARRAY, GOLDEN, NAMED, Recording, load
 from simulating import efforts, simulate
 
+from pfd_ros.recording.format import END
 from pfd_ros.recording.reader import Log, LogError
 from pfd_ros.replay.verify import Summary, read
 
-GOLDEN = Path(__file__).resolve().parents[1] / 'data' / 'golden_1.mcap'
 # Processor time that one file may take, s.
 SECONDS = 3.0
 FEW, MANY = range(15), range(15, 120)
@@ -255,7 +255,7 @@ def test_a_cut_in_the_last_chunk_is_no_damage(
 ) -> None:
     whole, original = small if name == 'small' else (GOLDEN.read_bytes(), messages(GOLDEN))
     # The end record lies before that chunk; behind its name come its texts.
-    start = whole.index(b'pfd_ros_end') - 4
+    start = whole.index(END.encode()) - 4
     size = start + int.from_bytes(whole[start - 8 : start], 'little') + 20
     assert check_cut(tmp_path / 'a.mcap', whole, size, original)
     assert 0 < len(messages(tmp_path / 'a.mcap')) < len(original)

@@ -1,19 +1,23 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of made-up messages, and what is in them by the format's description."""
+"""Recordings of made-up messages, their expected contents, and faults to record with."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+import errno
 import hashlib
 import json
 from pathlib import Path
+import resource
 import struct
 import threading
 import time
 from typing import Any
 
 import numpy as np
+import pytest
 
 from pfd_ros.messages import convert, definitions
 from pfd_ros.recording import reader as log
@@ -30,10 +34,13 @@ ROLES = {'joint_states': STATES.name, 'joint_commands': COMMANDS.name}
 NAMES = ('a', 'b')
 # Longest wait for anything that another thread or process does; nothing is measured by it.
 PATIENCE = 60.0
-HAS_DEFINITIONS = any((share / 'sensor_msgs').is_dir() for share in definitions.shares())
+needs_definitions = pytest.mark.skipif(
+    not any((share / 'sensor_msgs').is_dir() for share in definitions.shares()),
+    reason='the message definitions of ROS are not installed',
+)
 
 
-def contents(base: TimeBase | None = None) -> FileHead:
+def head(base: TimeBase | None = None) -> FileHead:
     told = {'format': FORMAT, 'topics': json.dumps(ROLES)}
     return FileHead('test', {HEAD: told}, {ROBOT: 'robot: 1'}, base or TimeBase())
 
@@ -43,18 +50,25 @@ def state(k: int) -> bytes:
     return convert.JointStateEncoder(NAMES).encode(k * 1_000_000, values, values, values)
 
 
-class Reports(list):
-    """What the recorder had to say."""
-
-
 def start(
-    path: Path, topics: Sequence[Topic] = TOPICS, **options: Any
-) -> tuple[LogRecorder, Reports]:
-    reports = Reports()
-    return LogRecorder(path, topics, contents(), reports.append, **options), reports
+    path: Path,
+    topics: Sequence[Topic] = TOPICS,
+    base: TimeBase | None = None,
+    **options: Any,
+) -> tuple[LogRecorder, list[str]]:
+    """Start to record; return the recorder and the list of its reports."""
+    reports: list[str] = []
+    return LogRecorder(path, topics, head(base), reports.append, **options), reports
 
 
-def write(path: Path, count: int, **options: Any) -> tuple[LogRecorder, Reports]:
+def running(path: Path, **options: Any) -> tuple[LogRecorder, list[str]]:
+    """Return a recorder with 20 states in the file, and the list of its reports."""
+    recorder, reports = start(path, **options)
+    flushed(recorder, 20)
+    return recorder, reports
+
+
+def write(path: Path, count: int, **options: Any) -> tuple[LogRecorder, list[str]]:
     recorder, reports = start(path, **options)
     for k in range(1, count + 1):
         recorder.record(0, k, state(k))
@@ -108,3 +122,62 @@ def only_there(fake: Callable[..., Any], original: Callable[..., Any]) -> Callab
         return (fake if there else original)(*args, **options)
 
     return call
+
+
+def refuse(*args: object) -> int:
+    raise OSError(errno.EIO, 'Input/output error')
+
+
+def raising(error: BaseException) -> Callable[..., None]:
+    def call(*args: object, **options: object) -> None:
+        raise error
+
+    return call
+
+
+@contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """Let the kernel write files up to a size and then refuse, as a full disk does."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def fail_after(recorder: LogRecorder, count: int) -> int:
+    """Record states until the recording has failed; return how many came in all."""
+    sent = count
+
+    def failed() -> bool:
+        nonlocal sent
+        for _ in range(5):
+            sent += 1
+            recorder.record(0, sent, state(sent))
+        return recorder.failed
+
+    wait_for(failed)
+    return sent
+
+
+def check_failed(
+    recorder: LogRecorder, reports: list[str], sent: int, path: Path, *, torn: bool = False
+) -> None:
+    """Check that a failure was said once, counts and frees everything, and spares the file."""
+    wait_for(lambda: not recorder._thread.is_alive())
+    recorder.close()
+    assert recorder.failed
+    assert recorder.backlog == 0.0
+    assert reports == [recorder.error]
+    assert recorder.error.startswith('recording stopped: ')
+    assert recorder.error.isprintable()
+    assert len(recorder.error) < 500
+    assert len(recorder._queue) == 0
+    assert recorder.recorded[0] + recorder.dropped[0] == sent
+    found, entries = read(path)
+    assert not found.complete
+    # A torn flush that could not be taken back may hold more than is promised.
+    assert counts(entries)[0] >= recorder.recorded[0]
+    assert torn or counts(entries) == recorder.recorded
+    assert [entry.data for entry in entries] == [state(k + 1) for k in range(len(entries))]

@@ -19,7 +19,7 @@ import threading
 import time
 
 import pytest
-from recordings import HAS_DEFINITIONS, PATIENCE, counts, digests, read, start
+from recordings import PATIENCE, counts, digests, needs_definitions, read, start
 from ros_processes import environment
 
 from pfd_ros.recording import reader as log
@@ -31,9 +31,7 @@ OFTEN = [10, pytest.param(40, marks=pytest.mark.slow)]
 LIFE = 0.3
 AT_ONCE = 4
 
-pytestmark = pytest.mark.skipif(
-    not HAS_DEFINITIONS, reason='the message definitions of ROS are not installed'
-)
+pytestmark = needs_definitions
 
 
 @contextmanager

@@ -58,7 +58,7 @@ def _parser() -> argparse.ArgumentParser:
 def main(args: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status: 0 only if it did what was asked."""
     words = list(sys.argv[1:] if args is None else args)
-    # What follows belongs to ROS, and is not for argparse to understand.
+    # These arguments are for ROS, and argparse would not understand them.
     cut = words.index('--ros-args') if '--ros-args' in words else len(words)
     given = _parser().parse_args(words[:cut])
     given.ros_args = words[cut:]
@@ -71,7 +71,7 @@ def main(args: Sequence[str] | None = None) -> int:
         return 1
     try:
         status = command.run(given)
-        # Here, while a full disk or a closed pipe can still be told.
+        # Here, while a full disk or a closed pipe can still be reported.
         if sys.stdout is not None:
             sys.stdout.flush()
     except (ValueError, OSError) as error:

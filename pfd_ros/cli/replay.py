@@ -65,7 +65,7 @@ def progress_on(stream: object) -> Callable[[float], None] | None:
 
 
 def _end(summary: Summary) -> str:
-    """Return how the run ended, for the last line: a failed arm replays to the same bits too."""
+    """Return the end of the last line: a failed arm replays to the same bits too."""
     if summary.stopped_at is None:
         return ''
     return f', and the simulation stopped after step {summary.stopped_at} as recorded'

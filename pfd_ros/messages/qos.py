@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import yaml
 
-# What DDS calls an infinite duration.
+# An infinite duration of DDS.
 _INFINITE = {'sec': 9223372036, 'nsec': 854775807}
 
 

@@ -35,7 +35,7 @@ from pfd_ros.recording.sink import Sink
 class Topic:
     """One channel of the file.
 
-    A replay cannot do without a `vital` topic: such messages are dropped last.
+    A replay needs every message of a `vital` topic: they are dropped last.
     """
 
     name: str
@@ -127,7 +127,7 @@ class McapFile:
         self.waiting = 0
 
     def finish(self, ending: Mapping[str, str]) -> None:
-        """Write the last metadata record and the index, and have the disk hold everything."""
+        """Write the last metadata record and the index, and bring everything to the disk."""
         digests = {name: digest.hexdigest() for name, digest in self._digests.items()}
         self._writer.add_metadata(END, {**ending, EndKey.DIGESTS: json.dumps(digests)})
         self._writer.finish()

@@ -47,7 +47,7 @@ class LogError(ValueError):
 
 @contextmanager
 def damage_named(path: Path, place: Callable[[], str] = str) -> Iterator[None]:
-    """Turn whatever the content of a file may cause into a LogError that names the file.
+    """Turn any exception that the content of a file causes into a LogError that names the file.
 
     The only place that does: a hostile file reaches the parsers of JSON and YAML, the model,
     the compiler and the arithmetic, and each has exceptions of its own.

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Records all inputs and outputs of the arm in one MCAP file, on a thread of its own.
 
-The callers only append to a queue, bounded in messages and bytes. The thread empties it in
-bounded rounds every few milliseconds, closes a chunk every 0.2 s and syncs once a second, so
-that a killed process loses a fraction of a second and a power cut little more. Whatever goes
-wrong with the disk or the thread is counted and said, and does not stop the arm.
+Callers only append to a queue, bounded in messages and bytes. The thread empties it in bounded
+rounds every few milliseconds, closes a chunk every 0.2 s and syncs once a second, so that a
+killed process loses a fraction of a second and a power cut little more. A fault of the disk or
+of the thread is counted and reported, and does not stop the arm.
 See docs/decisions/0004-recording-layout.md.
 """
 
@@ -26,18 +26,18 @@ from pfd_ros.recording.sink import FileGoneError
 DRAIN_SECONDS = 0.015
 FLUSH_SECONDS = 0.2
 SYNC_SECONDS = 1.0
-# A round of the thread ends at either, so that flushes are on time while others are faster.
+# A round of the thread ends at either, so that flushes are on time though callers are faster.
 ROUND_MESSAGES = 1 << 12
 ROUND_BYTES = 1 << 22
 # About 40 MB of states: more than a minute at 1 kHz with the disk standing still.
 QUEUE_LIMIT = 1 << 17
-# What long messages may take together.
+# Memory for waiting messages, if they are long.
 QUEUE_BYTES = 1 << 26
-# What ros2 launch and docker stop give between the first signal and SIGKILL is 10 s.
+# ros2 launch and docker stop wait 10 s between the first signal and SIGKILL.
 CLOSE_SECONDS = 8.0
-# Of waiting for a disk that does not answer: some wake up slowly, network drives come back.
+# Longest wait for a disk: some wake up slowly, and network drives come back.
 STALL_SECONDS = 30.0
-# A longer pause between two looks is one of this process, not of the disk.
+# A longer pause between two looks is a pause of this process, not of the disk.
 _LOOK_SECONDS = 0.1
 # Longest text of a foreign error in a report.
 _SHOWN = 300
@@ -63,10 +63,10 @@ class LogRecorder:
     Attributes
     ----------
     recorded, dropped
-        Messages in the file, and messages that are not, by place in `topics`. Together they
-        are all that came until the recording was closed, once that or a failure is over.
+        Number of messages in the file, and of messages left out, by place in `topics`. After a
+        close or a failure their sum is the number of messages that came before it.
     error
-        The line that was reported, '' if nothing was.
+        The line that was reported, or ''.
 
     Raises
     ------
@@ -99,10 +99,10 @@ class LogRecorder:
             (limit, limit_bytes) if topic.vital else (limit // 2, limit_bytes // 2)
             for topic in topics
         ]
-        # Of those who record, fail and close; the thread that writes never holds it for long.
+        # For recording, failing and closing; the thread that writes never holds it for long.
         self._lock = threading.Lock()
         self._queue: deque[tuple[int, int, int, bytes]] = deque()
-        # Each has one writer: whoever holds the lock, and the recording's thread.
+        # Bytes queued are counted under the lock, bytes written on the recording's thread.
         self._bytes_in = 0
         self._bytes_out = 0
         self._rounds = 0
@@ -132,8 +132,8 @@ class LogRecorder:
     def backlog(self) -> float:
         """How full the queue is, 0 to 1; 0 once the recording has failed.
 
-        For one thread, which waits for the disk: a disk that does not answer for STALL_SECONDS
-        is a failure from here.
+        To be asked by one thread only, again and again while it waits for the disk: this is
+        where a disk that does not answer for STALL_SECONDS becomes a failure.
         """
         self._look_for_stall()
         if self.failed:
@@ -142,9 +142,9 @@ class LogRecorder:
         return max(have / most for have, most in zip(waiting, self._limits, strict=True))
 
     def record(self, topic: int, sequence: int, data: bytes) -> None:
-        """Queue one message; counts it as dropped if it has no room or the recording failed.
+        """Queue one message; it counts as dropped if it has no room or the recording failed.
 
-        What comes after `close` is no part of the recording, and is not counted.
+        A message that comes after `close` is no part of the recording, and is not counted.
         """
         size = len(data)
         most, most_bytes = self._rooms[topic]
@@ -169,11 +169,15 @@ class LogRecorder:
         ending: Callable[[], Mapping[str, str]] = dict,
         timeout: float = CLOSE_SECONDS,
     ) -> None:
-        """Write what waits, a last metadata record and the index, and close the file.
+        """Write the queue, a last metadata record and the index, and close the file.
 
-        Returns after `timeout` seconds at most: a disk that hangs is a failure like others.
-        `ending` is asked for that record once everything else is written; the digests of the
-        topics are added to it.
+        Parameters
+        ----------
+        ending
+            Called for the texts of that record once everything else is written; the digests of
+            the topics are added to them.
+        timeout
+            Longest time to wait, s: a disk that hangs is a failure like others.
         """
         with self._lock:
             if not self._closed:
@@ -200,7 +204,7 @@ class LogRecorder:
             self._fail(f'the disk did not answer for {STALL_SECONDS:g} s{_READABLE}')
 
     def _fail(self, cause: str) -> None:
-        """End the recording, once: nobody waits for it any more, and its memory is free."""
+        """End the recording, once: count the queue as dropped, free its memory, report."""
         with self._lock:
             if self.error:
                 return
@@ -241,12 +245,12 @@ class LogRecorder:
         file.finish(self._ending())
 
     def _behind(self) -> bool:
-        """Whether more waits than one round takes."""
+        """Whether the queue holds more than one round takes."""
         waiting = self._bytes_in - self._bytes_out
         return len(self._queue) >= ROUND_MESSAGES or waiting >= ROUND_BYTES
 
     def _drain(self, file: McapFile) -> None:
-        """Move waiting messages to the file, a round at most."""
+        """Move messages from the queue to the file, a round at most."""
         self._rounds += 1
         for _ in range(ROUND_MESSAGES):
             if not self._queue or file.waiting >= ROUND_BYTES:

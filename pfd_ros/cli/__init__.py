@@ -5,6 +5,5 @@
 - `main`: the table of commands, `--ros-args`, errors as one line and an exit status
 - `demo`, `sim`, `replay`, `report`, `robots`: one command each, its arguments and its run
 
-A new command is a module with `HELP`, `NEEDS_ROS`, `add_arguments` and `run`, and a row in
-`main.COMMANDS`.
+A new command is a module with `HELP`, `add_arguments` and `run`, and a place in `main.COMMANDS`.
 """

@@ -8,7 +8,6 @@ import argparse
 from pathlib import Path
 
 HELP = 'the arm and a controller as two ROS 2 processes for a few seconds'
-NEEDS_ROS = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import importlib.util
 import os
 import sys
-from typing import Protocol
 
 from pfd_ros.cli import demo, replay, report, robots, sim
 from pfd_ros.text import one_line
@@ -22,27 +21,9 @@ NO_ROS = (
 )
 
 
-class Command(Protocol):
-    """A module of this package; none imports rclpy before it runs."""
-
-    HELP: str
-    NEEDS_ROS: bool
-
-    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        """Declare the arguments."""
-
-    def run(self, given: argparse.Namespace) -> int:
-        """Run the command; return its exit status."""
-
-
-# In the order of `pfd --help`.
-COMMANDS: dict[str, Command] = {
-    'demo': demo,
-    'sim': sim,
-    'replay': replay,
-    'report': report,
-    'robots': robots,
-}
+# In the order of `pfd --help`; none imports rclpy before it runs.
+COMMANDS = {'demo': demo, 'sim': sim, 'replay': replay, 'report': report, 'robots': robots}
+NEED_ROS = {'demo', 'sim'}
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -65,12 +46,11 @@ def main(args: Sequence[str] | None = None) -> int:
     if given.ros_args and given.command != 'sim':
         print(f'pfd: {given.command} takes no --ros-args', file=sys.stderr)
         return 2
-    command = COMMANDS[given.command]
-    if command.NEEDS_ROS and importlib.util.find_spec('rclpy') is None:
+    if given.command in NEED_ROS and importlib.util.find_spec('rclpy') is None:
         print(f'pfd: {NO_ROS}', file=sys.stderr)
         return 1
     try:
-        status = command.run(given)
+        status: int = COMMANDS[given.command].run(given)
         # Here, while a full disk or a closed pipe can still be reported.
         if sys.stdout is not None:
             sys.stdout.flush()

@@ -16,7 +16,6 @@ from pfd_ros.replay.verify import Summary, read
 from pfd_ros.text import one_line
 
 HELP = 'look at a recording, or check it bit for bit'
-NEEDS_ROS = False
 # Software whose versions may change the bits.
 DECISIVE = ('pfd', 'numpy', 'llvmlite')
 # Words for the messages of roles whose names are no words.

@@ -12,7 +12,6 @@ REPORTS = {
     'speed': 'speed: times beside those of other libraries, some ten minutes',
 }
 HELP = 'tables and plots, measured here and now'
-NEEDS_ROS = False
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,7 +9,6 @@ import argparse
 import pfd_core as pfd
 
 HELP = 'the robots it knows'
-NEEDS_ROS = False
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

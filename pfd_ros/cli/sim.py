@@ -7,7 +7,6 @@ from __future__ import annotations
 import argparse
 
 HELP = 'the node; takes --ros-args as every ROS 2 node does'
-NEEDS_ROS = True
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -88,7 +88,7 @@ def read_versions(value: Any) -> dict[str, str]:
 
 def read_started_ns(value: Any) -> int:
     """Return the time of day when a recording was opened, ns."""
-    return _count(_table(value, HeadKey.CLOCK), 'wall_ns', 'clock', 1 << 64)
+    return _count(_table(value, HeadKey.CLOCK), 'wall_ns', HeadKey.CLOCK, 1 << 64)
 
 
 def read_ending(texts: Mapping[str, str], roles: Mapping[str, str]) -> Ending:

@@ -9,7 +9,6 @@ Source: the MCAP format specification, version 0.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 import struct
 from typing import NamedTuple
 import zlib
@@ -29,8 +28,7 @@ _LIMITS: dict[int, int] = {
 }
 
 
-@dataclass(frozen=True)
-class SchemaRecord:
+class SchemaRecord(NamedTuple):
     """The type of a channel's messages; its definition is skipped."""
 
     id: int
@@ -38,8 +36,7 @@ class SchemaRecord:
     encoding: str
 
 
-@dataclass(frozen=True)
-class ChannelRecord:
+class ChannelRecord(NamedTuple):
     """A topic."""
 
     id: int
@@ -57,16 +54,14 @@ class MessageRecord(NamedTuple):
     data: bytes
 
 
-@dataclass(frozen=True)
-class MetadataRecord:
+class MetadataRecord(NamedTuple):
     """Texts by name."""
 
     name: str
     values: dict[str, str]
 
 
-@dataclass(frozen=True)
-class AttachmentRecord:
+class AttachmentRecord(NamedTuple):
     """A file within the file."""
 
     name: str

@@ -187,7 +187,6 @@ def _records_in_chunk(body: memoryview) -> Iterator[Record]:
         at += _FRAME.size
         if opcode not in _IN_CHUNK or length > size - at:
             raise ValueError(f'a chunk holds a record of kind {opcode:#04x}, {length} bytes')
-        check_length(opcode, length)
         end = at + length
         if opcode == Opcode.MESSAGE and length >= MESSAGE_PREFIX.size:
             # Nearly all of a file, so without detours.
@@ -195,6 +194,7 @@ def _records_in_chunk(body: memoryview) -> Iterator[Record]:
             message = bytes(data[at + MESSAGE_PREFIX.size : end])
             yield MessageRecord(channel, sequence, log_ns, message)
         else:
+            check_length(opcode, length)
             record = parse(opcode, data[at:end])
             if record is not None:
                 yield record

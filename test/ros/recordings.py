@@ -17,7 +17,6 @@ import time
 from typing import Any
 
 import numpy as np
-import pytest
 
 from pfd_ros.messages import convert, definitions
 from pfd_ros.recording import reader as log
@@ -34,10 +33,7 @@ ROLES = {'joint_states': STATES.name, 'joint_commands': COMMANDS.name}
 NAMES = ('a', 'b')
 # Longest wait for anything that another thread or process does; nothing is measured by it.
 PATIENCE = 60.0
-needs_definitions = pytest.mark.skipif(
-    not any((share / 'sensor_msgs').is_dir() for share in definitions.shares()),
-    reason='the message definitions of ROS are not installed',
-)
+HAS_DEFINITIONS = any((share / 'sensor_msgs').is_dir() for share in definitions.shares())
 
 
 def head(base: TimeBase | None = None) -> FileHead:

@@ -12,10 +12,10 @@ from mcap.reader import make_reader
 import pytest
 from recordings import (
     COMMANDS,
+    HAS_DEFINITIONS,
     STATES,
     counts,
     digests,
-    needs_definitions,
     read,
     start,
     state,
@@ -31,7 +31,7 @@ ROS_TOPICS = [replace(topic, qos=qos_text(depth=10)) for topic in (STATES, COMMA
 EMPTY = 'e3b0c44298fc1c149afbf4c8996fb92427ae41e4649b934ca495991b7852b855'
 POSITIONS = [[k, -k / 3] for k in range(1, 6)]
 
-pytestmark = needs_definitions
+pytestmark = pytest.mark.skipif(not HAS_DEFINITIONS, reason='needs definitions of ROS')
 
 
 def test_a_recording_is_read_back(tmp_path: Path) -> None:

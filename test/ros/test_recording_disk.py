@@ -14,13 +14,13 @@ import threading
 import pytest
 from recordings import (
     COMMANDS,
+    HAS_DEFINITIONS,
     STATES,
     check_failed,
     counts,
     fail_after,
     flushed,
     largest_file,
-    needs_definitions,
     only_there,
     raising,
     read,
@@ -40,7 +40,7 @@ from pfd_ros.recording.recorder import LogRecorder
 from pfd_ros.recording.sink import Sink
 from pfd_ros.replay import verify as replay
 
-pytestmark = needs_definitions
+pytestmark = pytest.mark.skipif(not HAS_DEFINITIONS, reason='needs definitions of ROS')
 
 # --- faults of the disk
 

@@ -18,6 +18,7 @@ from typing import Any
 from mcap.writer import Writer
 import pytest
 from recordings import (
+    HAS_DEFINITIONS,
     PATIENCE,
     TOPICS,
     check_failed,
@@ -25,7 +26,6 @@ from recordings import (
     fail_after,
     flushed,
     head,
-    needs_definitions,
     only_there,
     raising,
     read,
@@ -43,7 +43,7 @@ from pfd_ros.recording.mcap_file import McapFile, TimeBase
 from pfd_ros.recording.recorder import LogRecorder
 from pfd_ros.recording.sink import Sink
 
-pytestmark = needs_definitions
+pytestmark = pytest.mark.skipif(not HAS_DEFINITIONS, reason='needs definitions of ROS')
 
 MEGABYTE = 1 << 20
 

@@ -20,7 +20,7 @@ import time
 from typing import Any
 
 import pytest
-from recordings import PATIENCE, counts, digests, needs_definitions, read, start
+from recordings import HAS_DEFINITIONS, PATIENCE, counts, digests, read, start
 from ros_processes import environment
 
 from pfd_ros.recording import reader as log
@@ -32,7 +32,7 @@ OFTEN = [10, pytest.param(40, marks=pytest.mark.slow)]
 LIFE = 0.3
 AT_ONCE = 4
 
-pytestmark = needs_definitions
+pytestmark = pytest.mark.skipif(not HAS_DEFINITIONS, reason='needs definitions of ROS')
 
 
 @contextmanager

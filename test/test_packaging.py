@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What pip and colcon install is complete."""
+"""Installations by pip and colcon are complete."""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ HOSTILE_JSON = {
     'surrogate': '"\\ud800"',
     'nothing': '',
 }
-# Texts take any text, and `robot`, `recording` and what is empty make no difference.
+# Settings of text take any text, and the values of these make no difference.
 ALLOWED = {
     **{name: {'text', 'surrogate'} for name in ('robot', 'recording', 'frame_id')},
     **{name: {'text', 'surrogate'} for name in ('base_link', 'tip_link')},

@@ -14,7 +14,7 @@ from pfd_ros.messages import convert
 from pfd_ros.recording.format import END, HEAD, TAKEN_COLUMNS
 
 LARGE = 1 << 31
-# A file's own name, for whatever else its line says.
+# The file's own name: the rest of the line is left open.
 NAMED_FILE = 'GOLDEN'
 Change = Callable[[Recording], object]
 

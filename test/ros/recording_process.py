@@ -61,7 +61,7 @@ def main(path: Path, way: str) -> None:
     wait_for(lambda: min(recorder.recorded) > 0 or recorder.failed)
     print('ready', flush=True)
     if way == 'close':
-        # Producers that go on: what comes after this moment is no part of the recording.
+        # Producers go on: messages after this moment are no part of the recording.
         recorder.close(lambda: {'recorded': json.dumps(recorder.recorded)})
     elif way == 'clog':
         clog(path)

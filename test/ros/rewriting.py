@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Takes a recording apart and writes it anew, with valid checksums whatever was done to it."""
+"""Takes a recording apart and writes it anew, altered, but with valid checksums."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ class Recording:
         self.messages = [m for m in self.messages if wanted(m)]
 
     def recount(self, *, digests: bool = False) -> None:
-        """Make the end record say what is in the file now."""
+        """Make the end record count the messages that are in the file now."""
         counts = Counter(m.topic for m in self.messages)
         self.edit(END, 'recorded', lambda old: {topic: counts[topic] for topic in old})
         values = self.head(END)
@@ -88,7 +88,7 @@ class Recording:
         compression: CompressionType = CompressionType.ZSTD,
         chunk_size: int = 1 << 18,
     ) -> Path:
-        """Write the file; one that is not closed has no end record either."""
+        """Write the file; if it is not closed, it has no end record either."""
         with path.open('wb') as stream:
             writer = Writer(stream, chunk_size, compression, enable_data_crcs=True)
             writer.start('ros2', 'test')
@@ -129,7 +129,7 @@ def digest(messages: list[Sent]) -> str:
 
 
 def load(path: Path) -> Recording:
-    """Return what a good, closed recording holds."""
+    """Return the contents of a good, closed recording."""
     found = Recording()
     schemas: dict[int, Schema] = {}
     topics: dict[int, str] = {}

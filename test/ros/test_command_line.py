@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The command `pfd`: exit statuses, and what works without ROS."""
+"""The command `pfd`: exit statuses, errors, and commands that work without ROS."""
 
 from __future__ import annotations
 

@@ -147,7 +147,7 @@ def test_a_hash_that_is_not_installed_as_it_should_be_is_left_out(
 # --- files that are not whole
 
 
-def test_a_cut_off_file_gives_what_was_whole(tmp_path: Path) -> None:
+def test_a_cut_off_file_gives_all_messages_before_the_cut(tmp_path: Path) -> None:
     whole, cut = tmp_path / 'whole.mcap', tmp_path / 'cut.mcap'
     write(whole, 6000)
     data = whole.read_bytes()

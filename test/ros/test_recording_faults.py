@@ -313,7 +313,7 @@ def test_a_pause_of_this_process_is_no_stall_of_the_disk(
 
 
 class Clock(TimeBase):
-    """A clock that says what it is told, and then stands still."""
+    """A clock that shows the given times, and then stands still."""
 
     def __init__(self, *times: int) -> None:
         super().__init__()

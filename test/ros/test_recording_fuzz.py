@@ -53,7 +53,7 @@ def is_part(found: list[Message], whole: list[Message]) -> bool:
 
 
 def check(path: Path, original: list[Message]) -> Summary | None:
-    """Verify a file that may be damaged; return what it holds, or None if it is refused."""
+    """Verify a file that may be damaged; return its summary, or None if it is refused."""
     try:
         with bounded(SECONDS):
             summary = read(path, verify=True)

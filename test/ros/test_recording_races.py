@@ -45,7 +45,7 @@ def recording(path: Path, way: str, *before: str) -> Iterator[subprocess.Popen[b
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        # Unbuffered: `communicate` does not see what `readline` read ahead.
+        # Unbuffered: `communicate` does not see bytes that `readline` read ahead.
         bufsize=0,
     )
     try:
@@ -101,7 +101,7 @@ def test_a_process_that_ends_without_closing_leaves_the_first_messages_of_each_t
 
 
 def told_by(process: subprocess.Popen[bytes]) -> dict[str, Any]:
-    """Return what a process that ends well says of its recorder."""
+    """Return the last line of a process that must end well: the counts of its recorder."""
     output, errors = process.communicate(timeout=PATIENCE)
     assert (process.returncode, errors) == (0, b'')
     return json.loads(output)

@@ -21,6 +21,7 @@ import time
 from pfd_ros.recording.format import MESSAGE_BYTES, SEQUENCE_MASK
 from pfd_ros.recording.mcap_file import FileHead, McapFile, Topic
 from pfd_ros.recording.sink import FileGoneError
+from pfd_ros.text import one_line
 
 # Waking per message would double the cost; longer drains hold the interpreter too long.
 DRAIN_SECONDS = 0.015
@@ -39,8 +40,6 @@ CLOSE_SECONDS = 8.0
 STALL_SECONDS = 30.0
 # A longer pause between two looks is a pause of this process, not of the disk.
 _LOOK_SECONDS = 0.1
-# Longest text of a foreign error in a report.
-_SHOWN = 300
 _READABLE = '; what was written stays readable'
 
 
@@ -269,7 +268,7 @@ class LogRecorder:
 
 def _line(error: BaseException) -> str:
     """Return one line about the end of a recording."""
-    text = ' '.join(str(error).split())[:_SHOWN]
+    text = one_line(error, 300)
     if isinstance(error, FileGoneError):
         return text
     known = isinstance(error, OSError)

@@ -30,12 +30,11 @@ HOSTILE_JSON = {
     'surrogate': '"\\ud800"',
     'nothing': '',
 }
-# Settings of text take any text, and the values of these make no difference.
+# Good values: any text for a text, true for a flag, no versions at all.
 ALLOWED = {
     **{name: {'text', 'surrogate'} for name in ('robot', 'recording', 'frame_id')},
     **{name: {'text', 'surrogate'} for name in ('base_link', 'tip_link')},
     **{name: {'true'} for name in ('damping', 'armature', 'publish_clock')},
-    # No part of the settings, and as good as none.
     'versions': {'table'},
 }
 

@@ -88,7 +88,7 @@ ALIASES = 'a: &a [x, x, x, x, x, x, x, x, x]\n' + ''.join(
 LONG = 'robot: x\njoints:\n' + ''.join(
     f'- {{name: j{k}, type: revolute, mass: 1.0, inertia: {{xx: 0.1, yy: 0.1, zz: 0.1}}, '
     'dh: {a: 0.1, d: 0, alpha_deg: 0, theta_deg: 0}}\n'
-    for k in range(500)
+    for k in range(200)
 )
 ROBOTS = {
     'name': b'puma560',

@@ -21,12 +21,12 @@ import mpmath as mp
 import numpy as np
 
 DIGITS = 50
-GRID = 1500  # points at which the error is looked at
+GRID = 1500  # points at which the error is evaluated
 EXCHANGES = 12  # Remez steps; it has settled after five
 
 # Part i of pi/2 is a multiple of two to the power LAST_BIT[i]; the last one is full width.
 LAST_BITS = {'float64': (-36, -73), 'float32': (-7, -19, -24, -33, -41)}
-# Largest |r|: pi/4, and what the rounding of x * 2/pi can add before it is rounded to k.
+# Largest |r|: pi/4, and the error of x * 2/pi before it is rounded to k.
 LARGEST = {'float64': mp.mpf('0.785398164'), 'float32': mp.mpf('0.7916')}
 TERMS = {'float64': 6, 'float32': 3}
 

@@ -14,12 +14,12 @@ LINE_LENGTH = 500
 
 
 def cut(text: str, length: int = NAME_LENGTH) -> str:
-    """Return at most `length` characters of a text, and how long it is if that is not all."""
+    """Return the first `length` characters of a text; a longer text is followed by its length."""
     return text if len(text) <= length else f'{text[:length]}... ({len(text)} characters)'
 
 
 def one_line(value: object, limit: int = LINE_LENGTH) -> str:
-    """Return a text for one line; its middle is cut, and control characters are escaped."""
+    """Return a text on one line, with its middle cut and control characters escaped."""
     text = str(value)
     if len(text) > limit:
         text = f'{text[: 2 * limit // 3]}... ({len(text)} characters) ...{text[-limit // 3 :]}'
@@ -28,14 +28,14 @@ def one_line(value: object, limit: int = LINE_LENGTH) -> str:
 
 
 def listed(names: Collection[str], total: int | None = None) -> str:
-    """Return a list of names as one shows it: the first few, each cut.
+    """Return the text of a list of names: the first few, each cut.
 
     Parameters
     ----------
     names
         The names.
     total
-        How many there are, if `names` holds only some of them.
+        Number of names, if `names` holds only some of them.
     """
     shown = [repr(cut(name)) for name in islice(names, NAME_COUNT)]
     more = (len(names) if total is None else total) - len(shown)

@@ -1,10 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What pip and colcon install is complete."""
+"""Installations by pip and colcon are complete."""
 
 from __future__ import annotations
 
 import ast
+from collections.abc import Callable
 import os
 from pathlib import Path
 import shutil
@@ -45,10 +46,28 @@ def run(command: list[str], folder: Path, **environment: str) -> str:
     return done.stdout
 
 
-def test_a_wheel_holds_code_robots_parameters_and_the_ament_marker(copy: Path) -> None:
-    run([sys.executable, '-m', 'pip', 'wheel', '--no-deps', '-q', '-w', 'dist', '.'], copy)
-    (wheel,) = (copy / 'dist').glob('pfd_ros-*.whl')
-    names = zipfile.ZipFile(wheel).namelist()
+def installed(sources: Path) -> dict[str, str]:
+    """Return the text of each file that setup.py installs, by path; it takes half a second."""
+    root = sources / 'dist'
+    options = ('--root', str(root), '--single-version-externally-managed')
+    run([sys.executable, 'setup.py', '-q', 'install', *options], sources)
+    files = [path for path in root.rglob('*') if path.is_file()]
+    return {str(path): path.read_text(encoding='utf-8') for path in files}
+
+
+def wheel(sources: Path) -> dict[str, str]:
+    """Return the text of each file in the wheel, by path; pip fetches its tools for that."""
+    run([sys.executable, '-m', 'pip', 'wheel', '--no-deps', '-q', '-w', 'dist', '.'], sources)
+    (path,) = (sources / 'dist').glob('pfd_ros-*.whl')
+    with zipfile.ZipFile(path) as found:
+        return {name: found.read(name).decode() for name in found.namelist()}
+
+
+@pytest.mark.parametrize('build', [installed, pytest.param(wheel, marks=pytest.mark.slow)])
+def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
+    copy: Path, build: Callable[[Path], dict[str, str]]
+) -> None:
+    files = build(copy)
     for part in (
         'pfd_core/kernels/kernel.py',
         'pfd_core/py.typed',
@@ -59,12 +78,17 @@ def test_a_wheel_holds_code_robots_parameters_and_the_ament_marker(copy: Path) -
         'share/pfd_ros/config/sim_arm.yaml',
         'share/ament_index/resource_index/packages/pfd_ros',
     ):
-        assert any(name.endswith(part) for name in names), part
-    text = zipfile.ZipFile(wheel).read(next(n for n in names if n.endswith('METADATA'))).decode()
-    required = [line for line in text.splitlines() if line.startswith('Requires-Dist')]
-    # ROS comes only with its extra: it must not lie over a machine's own.
-    assert all('extra == "ros"' in line for line in required if 'ros-jazzy' in line)
-    assert sum('ros-jazzy' in line for line in required) == 3
+        assert any(name.endswith(part) for name in files), part
+
+
+def test_ros_comes_only_with_its_extra(copy: Path) -> None:
+    # Otherwise it would lie over a machine's own.
+    files = installed(copy)
+    (text,) = (text for name, text in files.items() if name.endswith('egg-info/requires.txt'))
+    needed, _, ros = text.partition('\n[ros]\n')
+    assert 'ros-jazzy' not in needed
+    assert ros.split('\n\n')[0].count('ros-jazzy') == 3
+    assert 'ros-jazzy' not in ros.split('\n\n')[1]
 
 
 def test_package_xml_and_setup_py_tell_the_same() -> None:

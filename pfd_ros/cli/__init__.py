@@ -1,3 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""cli."""
+"""The command `pfd`.
+
+- `main`: the table of commands, `--ros-args`, errors as one line and an exit status
+- `demo`, `sim`, `replay`, `report`, `robots`: one command each, its arguments and its run
+
+A new command is a module with `HELP`, `add_arguments` and `run`, and a place in `main.COMMANDS`.
+"""

@@ -1,27 +1,51 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What `pfd replay` prints."""
+"""`pfd replay`: tells about a recording, or checks it bit for bit."""
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 from pathlib import Path
 import sys
 
 from pfd_ros.arm.commands import Verdict
+from pfd_ros.recording.format import CLOCK, STATES, TAKEN
 from pfd_ros.recording.provenance import versions
 from pfd_ros.replay.verify import Summary, read
 from pfd_ros.text import one_line
 
-# What may change the bits if it changes.
+HELP = 'look at a recording, or check it bit for bit'
+# Software whose versions may change the bits.
 DECISIVE = ('pfd', 'numpy', 'llvmlite')
-NOUNS = {
-    'joint_states': 'states',
-    'clock': 'clock ticks',
-    'taken': 'records of commands taken',
-    'joint_commands': 'joint_commands',
-    'commands': 'commands',
-}
+# Words for the messages of roles whose names are no words.
+NOUNS = {STATES: 'states', CLOCK: 'clock ticks', TAKEN: 'records of commands taken'}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the recording and the check."""
+    parser.add_argument('log', type=Path, metavar='LOG.mcap')
+    parser.add_argument(
+        '--verify', action='store_true', help='simulate it again; fail at the first differing bit'
+    )
+
+
+def run(given: argparse.Namespace) -> int:
+    """Read a recording, replay it if asked to, and print the result.
+
+    Raises
+    ------
+    LogError
+        If it is damaged or differs; the text says where.
+    OSError
+        If it cannot be read.
+    """
+    summary = read(given.log, verify=given.verify, progress=progress_on(sys.stderr))
+    for line in describe(summary):
+        print(line)
+    if given.verify:
+        print(f'verified: {summary.states} states, every bit equal{_end(summary)}')
+    return 0
 
 
 def progress_on(stream: object) -> Callable[[float], None] | None:
@@ -39,26 +63,8 @@ def progress_on(stream: object) -> Callable[[float], None] | None:
     return draw
 
 
-def run(path: Path, *, verify: bool) -> int:
-    """Read a recording, replay it if asked to, and print what came of it.
-
-    Raises
-    ------
-    LogError
-        If it is damaged or differs; the text says where.
-    OSError
-        If it cannot be read.
-    """
-    summary = read(path, verify=verify, progress=progress_on(sys.stderr))
-    for line in describe(summary):
-        print(line)
-    if verify:
-        print(f'verified: {summary.states} states, every bit equal{_end(summary)}')
-    return 0
-
-
 def _end(summary: Summary) -> str:
-    """Return how the run ended, for the last line: a failed arm replays to the same bits too."""
+    """Return the end of the last line: a failed arm replays to the same bits too."""
     if summary.stopped_at is None:
         return ''
     return f', and the simulation stopped after step {summary.stopped_at} as recorded'
@@ -87,7 +93,7 @@ def describe(summary: Summary) -> list[str]:
             one_line(f'FAILED     simulation stopped after step {summary.stopped_at}: {reason}')
         )
     lines += [
-        f'missing    {count} {NOUNS[role]} were not recorded'
+        f'missing    {count} {NOUNS.get(role, role)} were not recorded'
         for role, count in sorted(summary.lost.items())
     ]
     if summary.obstacle:

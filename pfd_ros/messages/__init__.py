@@ -1,3 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""messages."""
+"""Bytes of ROS 2 messages to arrays and back, without ROS.
+
+- `cdr`: the wire format, one value at a time
+- `convert`: the fields of each message that the node reads or writes; names of the types
+- `definitions`: the text and the hash of a message type, from where ROS installed them
+- `qos`: QoS profiles as rosbag2 writes them
+"""

@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The wire format of ROS 2 messages: plain CDR, the first encoding of the OMG's XTypes.
+"""Reads and writes plain CDR, the wire format of ROS 2 messages.
 
-Written out here because a recording must be readable where ROS is not installed, and because
-the node's own bytes must not depend on memory that a serialiser left unset between fields.
+Spelled out here because a recording must be readable where ROS is not installed, and because
+rclpy leaves the padding between fields to chance, but a replay compares bytes.
 Numbers are aligned to their size, counted from the end of the four-byte header; a string is
 its length with the closing zero, then its bytes; a sequence is its length, then its elements.
 Source: OMG DDS-XTYPES 1.3, section 7.4.1 (encoding version 1).
@@ -19,7 +19,7 @@ HEADER = b'\x00\x01\x00\x00'
 _ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
 
 
-class Reader:
+class CdrReader:
     """Takes values off the front of one message.
 
     Every method raises ValueError where the bytes end early or hold no such value.
@@ -34,7 +34,7 @@ class Reader:
         self._at = len(HEADER)
 
     def _take(self, size: int, align: int) -> int:
-        """Skip to the alignment, claim `size` bytes and return where they start."""
+        """Pass over the next `size` bytes from a multiple of `align` on; return their start."""
         start = self._at + (len(HEADER) - self._at) % align
         if start + size > len(self._data):
             raise ValueError(
@@ -45,15 +45,17 @@ class Reader:
 
     def int32(self) -> int:
         """Return a signed integer of four bytes."""
-        value: int = struct.unpack_from(self._order + 'i', self._data, self._take(4, 4))[0]
-        return value
+        return self._integer('i')
 
     def uint32(self) -> int:
         """Return an unsigned integer of four bytes."""
-        value: int = struct.unpack_from(self._order + 'I', self._data, self._take(4, 4))[0]
+        return self._integer('I')
+
+    def _integer(self, form: str) -> int:
+        value: int = struct.unpack_from(self._order + form, self._data, self._take(4, 4))[0]
         return value
 
-    def count(self, least: int) -> int:
+    def length(self, least: int) -> int:
         """Return the length of a sequence whose elements take `least` bytes or more each."""
         count = self.uint32()
         left = len(self._data) - self._at
@@ -68,7 +70,7 @@ class Reader:
         """Return a string."""
         size = self.uint32()
         if size == 0:
-            # Not plain CDR, but so do some serialisers write an empty string.
+            # Not plain CDR, but some serialisers write an empty string like that.
             return ''
         start = self._take(size, 1)
         data = bytes(self._data[start : start + size])
@@ -83,11 +85,11 @@ class Reader:
 
     def strings(self) -> tuple[str, ...]:
         """Return a sequence of strings."""
-        return tuple(self.string() for _ in range(self.count(4)))
+        return tuple(self.string() for _ in range(self.length(4)))
 
     def numbers(self, kind: str) -> np.ndarray:
         """Return a sequence of eight-byte numbers, (count,); kind 'f8' or 'u8'."""
-        count = self.count(8)
+        count = self.length(8)
         if count == 0:
             # An empty sequence is not followed by the padding its elements would need.
             return np.zeros(0, kind)
@@ -96,8 +98,8 @@ class Reader:
         return found.astype(kind)
 
 
-class Writer:
-    """Puts values behind one another into a message."""
+class CdrWriter:
+    """Appends values to one message."""
 
     def __init__(self) -> None:
         self.data = bytearray(HEADER)
@@ -128,7 +130,7 @@ class Writer:
             self.string(value)
 
     def numbers(self, values: np.ndarray) -> int:
-        """Append a sequence of eight-byte numbers and return where its first one lies."""
+        """Append a sequence of eight-byte numbers; return the place of its first byte."""
         self.uint32(len(values))
         if len(values):
             self._align(8)

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Messages to arrays and back: the only file that knows the fields of a message.
 
-Works on the bytes that travel, so that what is published is what is recorded, and a recording
-can be replayed without ROS.
+It works on the bytes that travel: the same bytes are published and recorded, and a recording can
+be replayed without ROS.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import struct
 
 import numpy as np
 
-from pfd_ros.messages.cdr import HEADER, Reader, Writer
+from pfd_ros.messages.cdr import HEADER, CdrReader, CdrWriter
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 FLOAT_ARRAY = 'std_msgs/msg/Float64MultiArray'
@@ -45,10 +45,9 @@ def decode_joint_state(data: bytes) -> JointMessage:
     ValueError
         If the bytes are no such message.
     """
-    reader = Reader(data)
-    seconds, nanoseconds = reader.int32(), reader.uint32()
+    reader = CdrReader(data)
     return JointMessage(
-        stamp_ns=seconds * NANOSECONDS + nanoseconds,
+        stamp_ns=_time_ns(reader),
         frame_id=reader.string(),
         names=reader.strings(),
         position=reader.numbers('f8'),
@@ -57,8 +56,12 @@ def decode_joint_state(data: bytes) -> JointMessage:
     )
 
 
-def _skip_layout(reader: Reader) -> None:
-    for _ in range(reader.count(12)):
+def _time_ns(reader: CdrReader) -> int:
+    return reader.int32() * NANOSECONDS + reader.uint32()
+
+
+def _skip_layout(reader: CdrReader) -> None:
+    for _ in range(reader.length(12)):
         reader.string()
         reader.uint32()
         reader.uint32()
@@ -66,15 +69,15 @@ def _skip_layout(reader: Reader) -> None:
 
 
 def decode_floats(data: bytes) -> np.ndarray:
-    """Return the numbers of a Float64MultiArray, (count,); its layout is not looked at."""
-    reader = Reader(data)
+    """Return the numbers of a Float64MultiArray, (count,); its layout is skipped."""
+    reader = CdrReader(data)
     _skip_layout(reader)
     return reader.numbers('f8')
 
 
 def encode_rows(rows: Sequence[Sequence[int]], columns: Sequence[str]) -> bytes:
     """Return a UInt64MultiArray of `rows`, (rows, columns); the layout names the columns."""
-    writer = Writer()
+    writer = CdrWriter()
     count, width = len(rows), len(columns)
     writer.uint32(2)
     for label, size, stride in (
@@ -97,7 +100,7 @@ def decode_rows(data: bytes, width: int) -> list[list[int]]:
     ValueError
         If the numbers do not fill rows of `width`.
     """
-    reader = Reader(data)
+    reader = CdrReader(data)
     _skip_layout(reader)
     numbers = reader.numbers('u8')
     if len(numbers) % width:
@@ -113,8 +116,7 @@ def encode_clock(stamp_ns: int) -> bytes:
 
 def decode_clock(data: bytes) -> int:
     """Return the time of a Clock message in nanoseconds."""
-    reader = Reader(data)
-    return reader.int32() * NANOSECONDS + reader.uint32()
+    return _time_ns(CdrReader(data))
 
 
 class JointStateEncoder:
@@ -129,7 +131,7 @@ class JointStateEncoder:
     """
 
     def __init__(self, names: Sequence[str], frame_id: str = '') -> None:
-        writer = Writer()
+        writer = CdrWriter()
         writer.int32(0)
         writer.uint32(0)
         writer.string(frame_id)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The text of message definitions, as a recording must carry it.
+"""Message definitions as a recording must carry them: the texts and their hashes.
 
 Readers without ROS decode a file by the definitions inside it: the type's own text, then each
 type it uses, once, behind a line of 80 `=` and its name. ROS installs the texts under
@@ -43,7 +43,7 @@ def _file(type_name: str, suffix: str) -> Path:
 
 
 def _uses(type_name: str, text: str) -> Iterator[str]:
-    """Yield the full name of every message type that a definition uses."""
+    """Yield the full name of each message type among the fields of a definition."""
     package = type_name.split('/')[0]
     for line in text.splitlines():
         found = _FIELD.match(line.split('#')[0])

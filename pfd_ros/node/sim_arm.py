@@ -36,7 +36,7 @@ from pfd_ros.node.schedule import Schedule
 from pfd_ros.node.tally import Tally
 from pfd_ros.recording import channels
 from pfd_ros.recording.format import ROLE_OF_SOURCE, ROLES, TAKEN_COLUMNS
-from pfd_ros.recording.recorder import Recorder
+from pfd_ros.recording.recorder import LogRecorder
 from pfd_ros.text import cut, listed
 
 NAME = 'sim_arm'
@@ -76,7 +76,7 @@ class SimArm(Node):
         self._taken = 0
         self._notices = Notices(self.get_logger())
         self._inbox = Inbox()
-        self._recorder: Recorder | None = None
+        self._recorder: LogRecorder | None = None
         self._connect(robot)
         misspelt = parameters.misspelt(self)
         if misspelt:
@@ -138,7 +138,7 @@ class SimArm(Node):
         log.info(f'publishes {published}')
         log.info(f'{cut(self.settings.robot)}: {len(self.plant.names)} joints, held')
 
-    def _start_recording(self, robot: Any, ends: list[Any]) -> Recorder:
+    def _start_recording(self, robot: Any, ends: list[Any]) -> LogRecorder:
         """Open the file; `ends` are the endpoints of the channels, None where there is none."""
         # By name: another version may choose otherwise.
         settings = replace(self.settings, method=self.plant.method)

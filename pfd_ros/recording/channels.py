@@ -11,15 +11,16 @@ from typing import Any
 from rclpy.qos import QoSProfile
 
 from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.qos import qos_text
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS
 from pfd_ros.recording.mcap_file import TimeBase, Topic
-from pfd_ros.recording.recorder import Recorder
+from pfd_ros.recording.recorder import LogRecorder
 
 
 def qos_of(profile: QoSProfile) -> str:
     """Return the text of an endpoint's profile for the recording."""
-    return provenance.qos_text(
+    return qos_text(
         profile.depth,
         profile.history.short_key,
         profile.reliability.short_key,
@@ -33,7 +34,7 @@ def start(
     own: str,
     ends: Sequence[Any],
     report: Callable[[str], None],
-) -> Recorder:
+) -> LogRecorder:
     """Open the file that the settings name.
 
     Parameters
@@ -59,8 +60,8 @@ def start(
         if end is None and not channel.always:
             continue
         name = own if end is None else end.topic_name
-        qos = provenance.qos_text(1) if end is None else qos_of(end.qos_profile)
+        qos = qos_text(1) if end is None else qos_of(end.qos_profile)
         topics.append(Topic(name, channel.type, qos, vital=channel.vital))
         roles[role] = name
-    head = provenance.contents(settings, robot, roles, TimeBase())
-    return Recorder(Path(settings.recording), topics, head, report)
+    head = provenance.file_head(settings, robot, roles, TimeBase())
+    return LogRecorder(Path(settings.recording), topics, head, report)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The format of a recording: names of its records, roles, types and columns of its channels.
+"""The format of a recording, the only place of it: names, roles, types, columns, bounds.
 
 A role says what a topic is to the node; topics may be remapped, roles are not. Everything here is
 written into files and stays as it is as long as FORMAT does.
@@ -20,14 +20,31 @@ FORMAT = '1'
 HEAD, END = 'pfd_ros', 'pfd_ros_end'
 # Attachment: the robot, whole.
 ROBOT = 'robot.yaml'
-# MCAP counts messages in 32 bits: 49 days at 1 kHz.
-SEQUENCE_MASK = 0xFFFFFFFF
-# Before each message in the digest of its topic: sequence and length.
-DIGEST_PREFIX = struct.Struct('<IQ')
+# As MCAP names the profile of ROS 2, its messages and their definitions.
+PROFILE, MESSAGE_ENCODING, SCHEMA_ENCODING = 'ros2', 'cdr', 'ros2msg'
+
+
+class HeadKey:
+    """Keys of the record HEAD; each value is JSON, but for FORMAT itself."""
+
+    FORMAT = 'format'
+    SETTINGS = 'settings'
+    TOPICS = 'topics'  # by role
+    VERSIONS = 'versions'
+    CLOCK = 'clock'
+
+
+class EndKey:
+    """Keys of the record END; each value is JSON, and all but TOTALS are by topic."""
+
+    TOTALS = 'totals'
+    RECORDED = 'recorded'
+    DROPPED = 'dropped'
+    DIGESTS = 'digests'
 
 
 class Channel(NamedTuple):
-    """What every message of a role has in common.
+    """The properties that all messages of a role share.
 
     Attributes
     ----------
@@ -44,16 +61,40 @@ class Channel(NamedTuple):
     always: bool = True
 
 
+NAMED_COMMANDS, ARRAY_COMMANDS = 'joint_commands', 'commands'
+TAKEN, STATES, CLOCK = 'taken', 'joint_states', 'clock'
 # In the order of the recorder's topics: the commands come first, by Source.
 CHANNELS = {
-    'joint_commands': Channel(convert.JOINT_STATE, vital=True),
-    'commands': Channel(convert.FLOAT_ARRAY, vital=True),
-    'taken': Channel(convert.INTEGER_ARRAY, vital=True),
-    'joint_states': Channel(convert.JOINT_STATE),
-    'clock': Channel(convert.CLOCK, always=False),
+    NAMED_COMMANDS: Channel(convert.JOINT_STATE, vital=True),
+    ARRAY_COMMANDS: Channel(convert.FLOAT_ARRAY, vital=True),
+    TAKEN: Channel(convert.INTEGER_ARRAY, vital=True),
+    STATES: Channel(convert.JOINT_STATE),
+    CLOCK: Channel(convert.CLOCK, always=False),
 }
 ROLES = tuple(CHANNELS)
-ROLE_OF_SOURCE = {Source.NAMED: 'joint_commands', Source.ARRAY: 'commands'}
+ROLE_OF_SOURCE = {Source.NAMED: NAMED_COMMANDS, Source.ARRAY: ARRAY_COMMANDS}
 SOURCE_OF_ROLE = {role: source for source, role in ROLE_OF_SOURCE.items()}
-# Columns of the role 'taken': before which step a command was taken, and its verdict.
+# Columns of the role TAKEN: before which step a command was taken, and its verdict.
 TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict')
+
+# MCAP counts messages in 32 bits: 49 days at 1 kHz.
+SEQUENCE_MASK = 0xFFFFFFFF
+# Before each message in the digest of its topic: sequence and length.
+DIGEST_PREFIX = struct.Struct('<IQ')
+# MCAP holds 64 bits of a time, ROS keeps one of them for the sign.
+LAST_NS = (1 << 63) - 1
+
+# The recorder keeps to these bounds, and the reader relies on them.
+# No message of an arm comes near; longer ones are dropped.
+MESSAGE_BYTES = 1 << 24
+# A chunk is closed at this size, so only one long message makes it longer. Compressing it holds
+# the interpreter for well under a millisecond or two.
+CHUNK_BYTES = 1 << 18
+# Bounds of the reader alone: of a record or an unpacked chunk, a text, and a name.
+RECORD_BYTES = 1 << 25
+TEXT_BYTES = 1 << 20
+NAME_BYTES = 1 << 12
+# A robot of some thousand joints.
+ROBOT_BYTES = 1 << 18
+# The reader keeps a name for each channel; the node has a handful.
+CHANNEL_LIMIT = 256

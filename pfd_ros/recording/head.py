@@ -1,21 +1,22 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the metadata records of a recording say, read strictly: settings and totals.
+"""The metadata records HEAD and END of a recording, read strictly.
 
 Everything here raises ValueError with a text that names the value, and nothing else.
+`provenance.py` writes HEAD; the node and `mcap_file.py` write END.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+import json
 import re
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any
 
 from pfd_ros.arm import settings as settings_file
 from pfd_ros.arm.settings import Settings
-from pfd_ros.recording.format import CHANNELS
-from pfd_ros.recording.reader import Log, strict_json
+from pfd_ros.recording.format import CHANNELS, CLOCK, EndKey, HeadKey
 from pfd_ros.text import one_line
 
 # More than any recording counts; a larger number is damage, and no loop should run to it.
@@ -25,7 +26,7 @@ _DIGEST = re.compile('[0-9a-f]{64}')
 
 @dataclass(frozen=True)
 class Ending:
-    """What a node said about its run when it closed the file; counts by role."""
+    """The totals of the node's run, written when it closed the file; messages by role."""
 
     steps: int
     states: int
@@ -37,109 +38,123 @@ class Ending:
     digests: Mapping[str, str]
 
 
-def _quoted(value: object) -> str:
-    return one_line(repr(value), 80)
+def strict_json(text: str) -> Any:
+    """Return the value of a JSON text; ValueError if a name comes twice or a number is none."""
+
+    def refuse(number: str) -> None:
+        raise ValueError(f'{number} is no number of JSON')
+
+    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            raise ValueError('a name comes twice')
+        return found
+
+    return json.loads(text, parse_constant=refuse, object_pairs_hook=unique)
 
 
-def table(value: Any, label: str) -> dict[str, Any]:
-    """Return a value that should be a JSON object."""
-    if not isinstance(value, dict):
-        raise ValueError(f'{label} is {_quoted(value)}, expected a table')
-    return value
+def read_roles(topics: Any) -> dict[str, str]:
+    """Return the role of each topic, from the topic of each role."""
+    label = f'{HeadKey.TOPICS!r} in its metadata is'
+    if not isinstance(topics, dict) or not all(isinstance(t, str) for t in topics.values()):
+        raise ValueError(f'{label} no table of names')
+    roles = {topic: role for role, topic in topics.items()}
+    if not set(topics) <= set(CHANNELS) or len(roles) < len(topics):
+        raise ValueError(f'{label} {topics}, expected topics of {list(CHANNELS)}')
+    return roles
 
 
-def count(values: Mapping[str, Any], name: str, label: str) -> int:
-    """Return a number of things that a table should hold."""
-    value = values.get(name)
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < COUNT_LIMIT:
-        raise ValueError(f'{name} of {label} is {_quoted(value)}, expected a count')
-    return value
-
-
-def settings_of(log: Log) -> Settings:
-    """Return the settings of a recording."""
-    kinds = get_type_hints(Settings)
-    given = table(log.json('settings'), 'settings')
-    typed = {
-        name: _typed(f'setting {name}', value, kinds[name]) if name in kinds else value
-        for name, value in given.items()
-    }
-    settings = settings_file.from_values(typed)
+def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
+    """Return the settings of a recording with channels of these roles, by topic."""
+    settings = settings_file.from_values(_table(value, HeadKey.SETTINGS))
     needed = {role for role, channel in CHANNELS.items() if channel.always}
-    if not set(log.roles.values()) >= needed:
-        raise ValueError(f'its topics are {sorted(log.roles.values())}, expected {sorted(needed)}')
-    if ('clock' in log.roles.values()) != settings.publish_clock:
+    if not set(roles.values()) >= needed:
+        raise ValueError(f'its topics are {sorted(roles.values())}, expected {sorted(needed)}')
+    if (CLOCK in roles.values()) != settings.publish_clock:
         raise ValueError(
-            f'publish_clock is {settings.publish_clock}, its topics are {list(log.roles)}'
+            f'publish_clock is {settings.publish_clock}, its topics are {list(roles)}'
         )
     return settings
 
 
-def _typed(label: str, value: Any, kind: Any) -> Any:
-    """Return a JSON value as the type of a field; whole numbers will do for others."""
-    if get_origin(kind) is tuple and isinstance(value, list):
-        return tuple(_typed(label, item, get_args(kind)[0]) for item in value)
-    if kind is float and type(value) is int and abs(value) < COUNT_LIMIT:
-        return float(value)
-    if (get_origin(kind) or kind) in (bool, int, float, str, tuple) and type(value) is not kind:
-        wanted = getattr(kind, '__name__', str(kind)) if get_origin(kind) is None else kind
-        raise ValueError(f'{label} is {_quoted(value)}, expected {wanted}')
-    return value
-
-
-def versions_of(log: Log) -> dict[str, str]:
-    """Return the versions a recording was made with."""
-    found = table(log.json('versions'), 'versions')
+def read_versions(value: Any) -> dict[str, str]:
+    """Return the versions of the software that made a recording."""
+    found = _table(value, HeadKey.VERSIONS)
     for name, version in found.items():
         if not isinstance(version, str):
             raise ValueError(f'version of {_quoted(name)} is no text')
     return {name: version[:200] for name, version in found.items()}
 
 
-def started_ns(log: Log) -> int:
-    """Return the time of day when the recording was opened, ns."""
-    value = table(log.json('clock'), 'clock').get('wall_ns')
-    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < 1 << 64:
-        raise ValueError(f'wall_ns of clock is {_quoted(value)}, expected nanoseconds')
-    return value
+def read_started_ns(value: Any) -> int:
+    """Return the time of day when a recording was opened, ns."""
+    return _count(_table(value, HeadKey.CLOCK), 'wall_ns', HeadKey.CLOCK, 1 << 64)
 
 
-def ending_of(log: Log) -> Ending | None:
-    """Return what the node said when it closed the file, or None if it never did."""
-    if not log.ending:
-        return None
-    told = {
-        name: table(strict_json(log.ending.get(name, 'null')), f'{name} of its end record')
-        for name in ('totals', 'recorded', 'dropped')
-    }
-    totals = told['totals']
+def read_ending(texts: Mapping[str, str], roles: Mapping[str, str]) -> Ending:
+    """Return the contents of a record END.
+
+    Parameters
+    ----------
+    texts
+        The record.
+    roles
+        Role of each topic of the recording.
+    """
+    totals = _table_of(texts, EndKey.TOTALS)
     failure = totals.get('failure')
     if not isinstance(failure, str):
         raise ValueError(f'failure of its end record is {_quoted(failure)}, expected a text')
+
+    def counted(key: str) -> dict[str, int]:
+        label = f'messages {key}'
+        values = _by_role(_table_of(texts, key), roles, f'{label} are')
+        return {role: _count(values, role, label) for role in values}
+
     return Ending(
-        steps=count(totals, 'steps', 'its end record'),
-        states=count(totals, 'states', 'its end record'),
-        accepted=count(totals, 'commands_accepted', 'its end record'),
+        steps=_count(totals, 'steps', 'its end record'),
+        states=_count(totals, 'states', 'its end record'),
+        accepted=_count(totals, 'commands_accepted', 'its end record'),
         failure=failure,
-        recorded=_by_role(log, told['recorded'], 'messages recorded'),
-        dropped=_by_role(log, told['dropped'], 'messages dropped'),
-        digests=_digests(log),
+        recorded=counted(EndKey.RECORDED),
+        dropped=counted(EndKey.DROPPED),
+        digests=_digests(texts, roles),
     )
 
 
-def _by_role(log: Log, values: dict[str, Any], label: str) -> dict[str, int]:
-    if set(values) != set(log.roles):
-        raise ValueError(f'{label} are of {_quoted(list(values))}, expected {list(log.roles)}')
-    return {role: count(values, topic, label) for topic, role in log.roles.items()}
-
-
-def _digests(log: Log) -> dict[str, str]:
-    if 'digests' not in log.ending:
+def _digests(texts: Mapping[str, str], roles: Mapping[str, str]) -> dict[str, str]:
+    if EndKey.DIGESTS not in texts:
         return {}
-    found = table(strict_json(log.ending['digests']), 'digests of its end record')
-    if set(found) != set(log.roles):
-        raise ValueError(f'digests are of {_quoted(list(found))}, expected {list(log.roles)}')
-    for topic, digest in found.items():
+    found = _by_role(_table_of(texts, EndKey.DIGESTS), roles, 'digests are')
+    for role, digest in found.items():
         if not isinstance(digest, str) or not _DIGEST.fullmatch(digest):
-            raise ValueError(f'digest of {topic} is {_quoted(digest)}, expected SHA-256 in hex')
-    return {role: found[topic] for topic, role in log.roles.items()}
+            raise ValueError(f'digest of {role} is {_quoted(digest)}, expected SHA-256 in hex')
+    return found
+
+
+def _by_role(values: Mapping[str, Any], roles: Mapping[str, str], label: str) -> dict[str, Any]:
+    """Return the values of each topic by role."""
+    if set(values) != set(roles):
+        raise ValueError(f'{label} of {_quoted(list(values))}, expected {list(roles)}')
+    return {role: values[topic] for topic, role in roles.items()}
+
+
+def _table_of(texts: Mapping[str, str], key: str) -> dict[str, Any]:
+    return _table(strict_json(texts.get(key, 'null')), f'{key} of its end record')
+
+
+def _table(value: Any, label: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise ValueError(f'{label} is {_quoted(value)}, expected a table')
+    return value
+
+
+def _count(values: Mapping[str, Any], name: str, label: str, limit: int = COUNT_LIMIT) -> int:
+    value = values.get(name)
+    if not isinstance(value, int) or isinstance(value, bool) or not 0 <= value < limit:
+        raise ValueError(f'{name} of {label} is {_quoted(value)}, expected a count')
+    return value
+
+
+def _quoted(value: object) -> str:
+    return one_line(repr(value), 80)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The MCAP file of a recording: its head, its channels, its last record and its digests.
+"""Writes the MCAP file of a recording: its head, its channels, its last record and its digests.
 
 See docs/decisions/0004-recording-layout.md.
 """
@@ -18,20 +18,24 @@ from typing import IO, cast
 from mcap.writer import CompressionType, Writer
 
 from pfd_ros.messages.definitions import full_text, type_hash
-from pfd_ros.recording.format import DIGEST_PREFIX
+from pfd_ros.recording.format import (
+    CHUNK_BYTES,
+    DIGEST_PREFIX,
+    END,
+    LAST_NS,
+    MESSAGE_ENCODING,
+    PROFILE,
+    SCHEMA_ENCODING,
+    EndKey,
+)
 from pfd_ros.recording.sink import Sink
-
-# A chunk of this size holds the interpreter for well under a millisecond or two.
-CHUNK_BYTES = 1 << 18
-# MCAP holds 64 bits, the time of ROS a sign among them.
-LAST_NS = (1 << 63) - 1
 
 
 @dataclass(frozen=True)
 class Topic:
     """One channel of the file.
 
-    A replay cannot do without a `vital` topic: such messages are dropped last.
+    A replay needs every message of a `vital` topic: they are dropped last.
     """
 
     name: str
@@ -54,8 +58,8 @@ class TimeBase:
 
 
 @dataclass(frozen=True)
-class Contents:
-    """What the file says before its first message: metadata records and attached texts."""
+class FileHead:
+    """The part of a file before its first message: metadata records and attached texts."""
 
     library: str
     metadata: Mapping[str, Mapping[str, str]]
@@ -72,13 +76,13 @@ class McapFile:
         The file; it must not exist.
     topics
         The channels.
-    contents
+    head
         Written and flushed at once.
 
     Attributes
     ----------
     sink
-        What the file is written through.
+        The file on the disk.
     counts
         Messages added, by place in `topics`.
     waiting
@@ -93,7 +97,7 @@ class McapFile:
         have this one.
     """
 
-    def __init__(self, path: Path, topics: Sequence[Topic], contents: Contents) -> None:
+    def __init__(self, path: Path, topics: Sequence[Topic], head: FileHead) -> None:
         names = [topic.name for topic in topics]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -105,7 +109,7 @@ class McapFile:
         self._updates = [digest.update for digest in self._digests.values()]
         self.sink = Sink(path)
         try:
-            self._writer, self._channels = _begin(self.sink, topics, schemas, contents)
+            self._writer, self._channels = _begin(self.sink, topics, schemas, head)
         except BaseException:
             self.sink.discard()
             raise
@@ -123,17 +127,16 @@ class McapFile:
         self.waiting = 0
 
     def finish(self, ending: Mapping[str, str]) -> None:
-        """Write the last metadata record and the index, and have the disk hold everything."""
+        """Write the last metadata record and the index, and bring everything to the disk."""
         digests = {name: digest.hexdigest() for name, digest in self._digests.items()}
-        told = {**ending, 'digests': json.dumps(digests)}
-        self._writer.add_metadata('pfd_ros_end', told)
+        self._writer.add_metadata(END, {**ending, EndKey.DIGESTS: json.dumps(digests)})
         self._writer.finish()
         self.sink.flush()
         self.sink.sync()
 
 
 def _begin(
-    sink: Sink, topics: Sequence[Topic], schemas: Mapping[str, str], contents: Contents
+    sink: Sink, topics: Sequence[Topic], schemas: Mapping[str, str], head: FileHead
 ) -> tuple[Writer, list[int]]:
     """Write the head of the file and return the writer and the channel of each topic."""
     writer = Writer(
@@ -143,17 +146,19 @@ def _begin(
         enable_crcs=True,
         enable_data_crcs=True,
     )
-    writer.start('ros2', contents.library)
-    for name, values in contents.metadata.items():
+    writer.start(PROFILE, head.library)
+    for name, values in head.metadata.items():
         writer.add_metadata(name, dict(values))
-    for name, text in contents.attachments.items():
-        writer.add_attachment(0, contents.base.now_ns(), name, 'application/yaml', text.encode())
+    for name, text in head.attachments.items():
+        writer.add_attachment(0, head.base.now_ns(), name, 'application/yaml', text.encode())
     ids = {
-        name: writer.register_schema(name, 'ros2msg', text.encode())
+        name: writer.register_schema(name, SCHEMA_ENCODING, text.encode())
         for name, text in schemas.items()
     }
     channels = [
-        writer.register_channel(topic.name, 'cdr', ids[topic.type], _channel_metadata(topic))
+        writer.register_channel(
+            topic.name, MESSAGE_ENCODING, ids[topic.type], _channel_metadata(topic)
+        )
         for topic in topics
     ]
     writer.flush()

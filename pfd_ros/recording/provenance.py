@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a recording says about itself: settings, robot, versions, topics and clocks."""
+"""Makes the head of a recording: settings, robot, versions, topics and clocks of the run."""
 
 from __future__ import annotations
 
@@ -11,16 +11,11 @@ from pathlib import Path
 import platform
 from typing import Any
 
-import yaml
-
 import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
 from pfd_ros.arm.settings import Settings
-from pfd_ros.recording.format import FORMAT, HEAD, ROBOT
-from pfd_ros.recording.mcap_file import Contents, TimeBase
-
-# What DDS calls "for ever".
-_FOREVER = {'sec': 9223372036, 'nsec': 854775807}
+from pfd_ros.recording.format import FORMAT, HEAD, ROBOT, HeadKey
+from pfd_ros.recording.mcap_file import FileHead, TimeBase
 
 
 def _installed(name: str) -> str:
@@ -51,28 +46,28 @@ def versions() -> dict[str, str]:
     }
 
 
-def contents(
+def file_head(
     settings: Settings, robot: Any, topics: Mapping[str, str], base: TimeBase
-) -> Contents:
+) -> FileHead:
     """Return the head of a recording.
 
     Parameters
     ----------
     settings
-        What is simulated.
+        Settings of the node.
     robot
         The robot, stored whole: the file it came from may change.
     topics
-        Role of each topic to its full name.
+        Full name of the topic of each role.
     base
         The recording's clock.
     """
     told = {
-        'format': FORMAT,
-        'settings': settings_file.to_json(settings),
-        'topics': json.dumps(dict(topics)),
-        'versions': json.dumps(versions()),
-        'clock': json.dumps(
+        HeadKey.FORMAT: FORMAT,
+        HeadKey.SETTINGS: settings_file.to_json(settings),
+        HeadKey.TOPICS: json.dumps(dict(topics)),
+        HeadKey.VERSIONS: json.dumps(versions()),
+        HeadKey.CLOCK: json.dumps(
             {
                 'wall_ns': base.wall_ns,
                 'steady_ns': base.steady_ns,
@@ -81,30 +76,9 @@ def contents(
             }
         ),
     }
-    return Contents(
+    return FileHead(
         library=f'pfd_ros/{pfd.__version__} mcap-python/{_installed("mcap")}',
         metadata={HEAD: told},
         attachments={ROBOT: pfd.robot_to_yaml(robot)},
         base=base,
     )
-
-
-def qos_text(
-    depth: int,
-    history: str = 'keep_last',
-    reliability: str = 'reliable',
-    durability: str = 'volatile',
-) -> str:
-    """Return a QoS profile as rosbag2 writes it; the other policies have their defaults."""
-    profile = {
-        'history': history,
-        'depth': depth,
-        'reliability': reliability,
-        'durability': durability,
-        'deadline': dict(_FOREVER),
-        'lifespan': dict(_FOREVER),
-        'liveliness': 'automatic',
-        'liveliness_lease_duration': dict(_FOREVER),
-        'avoid_ros_namespace_conventions': False,
-    }
-    return str(yaml.safe_dump([profile], sort_keys=False))

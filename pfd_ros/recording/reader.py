@@ -1,35 +1,44 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads recordings, whole ones and those that a killed process left behind."""
+"""Reads recordings, whole ones and those that a killed process left behind.
+
+`mcap_stream.py` makes records of the bytes, `head.py` reads the metadata among them; here they
+become a log: messages by role, with the settings, the robot and the ending of the run.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-import json
 import os
 from pathlib import Path
 import stat
 from typing import Any, BinaryIO, NamedTuple
 
-from pfd_ros.recording.format import CHANNELS, END, FORMAT, HEAD, ROBOT
-from pfd_ros.recording.mcap_records import (
-    MAGIC,
-    Attachment,
-    Channel,
-    CutOffError,
-    Message,
-    Metadata,
-    Record,
-    Records,
-    Schema,
+from pfd_ros.arm.settings import Settings
+from pfd_ros.recording import head
+from pfd_ros.recording.format import (
+    CHANNEL_LIMIT,
+    CHANNELS,
+    END,
+    FORMAT,
+    HEAD,
+    MESSAGE_ENCODING,
+    ROBOT,
+    ROBOT_BYTES,
+    SCHEMA_ENCODING,
+    HeadKey,
 )
-
-# Some thousand joints.
-ROBOT_LIMIT = 1 << 18
-# A name is kept for each; the node has a handful.
-CHANNEL_LIMIT = 256
+from pfd_ros.recording.mcap_records import (
+    AttachmentRecord,
+    ChannelRecord,
+    MessageRecord,
+    MetadataRecord,
+    Record,
+    SchemaRecord,
+)
+from pfd_ros.recording.mcap_stream import MAGIC, CutOffError, McapStream
 
 
 class LogError(ValueError):
@@ -38,7 +47,7 @@ class LogError(ValueError):
 
 @contextmanager
 def damage_named(path: Path, place: Callable[[], str] = str) -> Iterator[None]:
-    """Turn whatever the content of a file may cause into a LogError that names the file.
+    """Turn any exception that the content of a file causes into a LogError that names the file.
 
     The only place that does: a hostile file reaches the parsers of JSON and YAML, the model,
     the compiler and the arithmetic, and each has exceptions of its own.
@@ -53,23 +62,8 @@ def damage_named(path: Path, place: Callable[[], str] = str) -> Iterator[None]:
         raise LogError(f'{path}{place()}: {type(error).__name__}: {error}') from error
 
 
-def strict_json(text: str) -> Any:
-    """Return what a JSON text says; ValueError if a name comes twice or a number is none."""
-
-    def refuse(number: str) -> None:
-        raise ValueError(f'{number} is no number of JSON')
-
-    def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        found = dict(pairs)
-        if len(found) < len(pairs):
-            raise ValueError('a name comes twice')
-        return found
-
-    return json.loads(text, parse_constant=refuse, object_pairs_hook=unique)
-
-
 class Entry(NamedTuple):
-    """One recorded message; `role` is what the topic is to the node ('joint_states', ...)."""
+    """One recorded message; its role is a key of CHANNELS, or '' if the topic has none."""
 
     role: str
     log_ns: int
@@ -80,6 +74,9 @@ class Entry(NamedTuple):
 @dataclass
 class Log:
     """A recording, read from front to back.
+
+    Its properties need that the iterator `entries` has come to the first message, `ending` that
+    it has ended; they raise LogError if the file does not hold them.
 
     Parameters
     ----------
@@ -94,27 +91,55 @@ class Log:
         Bytes of the file when it was opened first: what a node is still adding is left out.
     position
         Bytes read so far.
-    ending
-        What the node said about itself when it closed the file.
+    head_texts, end_texts
+        The records HEAD and END as they are in the file.
+    robot_yaml
+        The robot.
+    roles
+        Role of each topic.
     """
 
     path: Path
-    complete: bool = False
-    size: int = -1
-    position: int = 0
-    info: Mapping[str, str] = field(default_factory=dict)
-    ending: Mapping[str, str] = field(default_factory=dict)
-    robot_yaml: str = ''
-    roles: Mapping[str, str] = field(default_factory=dict)
+    complete: bool = field(default=False, init=False)
+    size: int = field(default=-1, init=False)
+    position: int = field(default=0, init=False)
+    head_texts: Mapping[str, str] = field(default_factory=dict, init=False)
+    end_texts: Mapping[str, str] = field(default_factory=dict, init=False)
+    robot_yaml: str = field(default='', init=False)
+    roles: Mapping[str, str] = field(default_factory=dict, init=False)
 
-    def json(self, name: str) -> Any:
-        """Return one value of the file's metadata; LogError if it is not there."""
-        if not self.info:
+    @property
+    def settings(self) -> Settings:
+        """Settings of the node."""
+        with damage_named(self.path):
+            return head.read_settings(self._json(HeadKey.SETTINGS), self.roles)
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Versions of the software that made the recording."""
+        with damage_named(self.path):
+            return head.read_versions(self._json(HeadKey.VERSIONS))
+
+    @property
+    def started_ns(self) -> int:
+        """Time of day when the recording was opened, ns."""
+        with damage_named(self.path):
+            return head.read_started_ns(self._json(HeadKey.CLOCK))
+
+    @property
+    def ending(self) -> head.Ending | None:
+        """Totals of the node's run; None if the node never closed the file."""
+        with damage_named(self.path):
+            return head.read_ending(self.end_texts, self.roles) if self.end_texts else None
+
+    def _json(self, key: str) -> Any:
+        """Return one value of the record HEAD."""
+        if not self.head_texts:
             raise LogError(f'{self.path} is no recording of this node: it has no {HEAD!r} record')
-        if name not in self.info:
-            raise LogError(f'{self.path} has no {name!r} in its metadata')
-        with damage_named(self.path, lambda: f': {name!r} in its metadata'):
-            return strict_json(self.info[name])
+        if key not in self.head_texts:
+            raise LogError(f'{self.path} has no {key!r} in its metadata')
+        with damage_named(self.path, lambda: f': {key!r} in its metadata'):
+            return head.strict_json(self.head_texts[key])
 
     def entries(self) -> Iterator[Entry]:
         """Yield the messages in the order in which they were recorded.
@@ -130,20 +155,20 @@ class Log:
         with damage_named(self.path, place), _opened(self.path) as stream:
             if self.size < 0:
                 self.size = os.fstat(stream.fileno()).st_size
-            self.info = self.ending = {}
+            self.head_texts = self.end_texts = {}
             self.robot_yaml = ''
             yield from self._entries(stream)
 
     def _entries(self, stream: BinaryIO) -> Iterator[Entry]:
-        records = Records(stream, self.size)
-        channels = _Channels()
+        records = McapStream(stream, self.size)
+        channels = _ChannelTable()
         try:
             for record in records:
                 self.position = records.position
-                if isinstance(record, Message):
+                if isinstance(record, MessageRecord):
                     role = channels.role(record.channel_id, self.roles)
                     yield Entry(role, record.log_ns, record.sequence, record.data)
-                elif isinstance(record, Schema | Channel):
+                elif isinstance(record, SchemaRecord | ChannelRecord):
                     channels.add(record)
                 else:
                     self._note(record)
@@ -156,33 +181,39 @@ class Log:
         self.complete = records.complete
 
     def _note(self, record: Record) -> None:
-        if isinstance(record, Metadata) and record.name == HEAD:
-            _once(self.info, HEAD)
-            self.info = record.values
-            if self.info.get('format') != FORMAT:
-                raise LogError(
-                    f'{self.path} has format {self.info.get("format")!r}, expected {FORMAT!r}'
+        """Keep the head, the end and the robot; each may come once."""
+        if isinstance(record, MetadataRecord) and record.name == HEAD:
+            _check_first(self.head_texts, HEAD)
+            self.head_texts = record.values
+            found = record.values.get(HeadKey.FORMAT)
+            if found != FORMAT:
+                raise LogError(f'{self.path} has format {found!r}, expected {FORMAT!r}')
+            self.roles = head.read_roles(self._json(HeadKey.TOPICS))
+        elif isinstance(record, MetadataRecord) and record.name == END:
+            _check_first(self.end_texts, END)
+            self.end_texts = record.values
+        elif isinstance(record, AttachmentRecord) and record.name == ROBOT:
+            _check_first(self.robot_yaml, ROBOT)
+            if len(record.data) > ROBOT_BYTES:
+                raise ValueError(
+                    f'{ROBOT} has {len(record.data)} bytes, expected at most {ROBOT_BYTES}'
                 )
-            self.roles = _roles(self.json('topics'))
-        elif isinstance(record, Metadata) and record.name == END:
-            _once(self.ending, END)
-            self.ending = record.values
-        elif isinstance(record, Attachment) and record.name == ROBOT:
-            _once(self.robot_yaml, ROBOT)
-            self.robot_yaml = _robot_text(record.data)
+            self.robot_yaml = record.data.decode('utf-8')
 
 
-class _Channels:
-    """The channels met so far."""
+class _ChannelTable:
+    """The channels and schemas met so far, and the role of each channel."""
 
     def __init__(self) -> None:
-        self._schemas: dict[int, Schema] = {}
-        self._channels: dict[int, Channel] = {}
+        self._schemas: dict[int, SchemaRecord] = {}
+        self._channels: dict[int, ChannelRecord] = {}
         self._roles: dict[int, str] = {}
 
-    def add(self, record: Schema | Channel) -> None:
+    def add(self, record: SchemaRecord | ChannelRecord) -> None:
         """Note a channel or schema; a writer may repeat one, but not change it."""
-        known: dict[int, Any] = self._schemas if isinstance(record, Schema) else self._channels
+        known: dict[int, Any] = (
+            self._schemas if isinstance(record, SchemaRecord) else self._channels
+        )
         if known.setdefault(record.id, record) != record:
             raise ValueError(f'{record} is another than before')
         if len(known) > CHANNEL_LIMIT:
@@ -192,47 +223,29 @@ class _Channels:
             raise ValueError(f'two channels of the topic {topics[-1]!r}')
 
     def role(self, number: int, roles: Mapping[str, str]) -> str:
-        """Return what a channel is to the node, or '' if it is none of its topics."""
+        """Return the role of a channel, or '' if its topic has none."""
         if number not in self._roles:
             if number not in self._channels:
                 raise ValueError(f'a message of channel {number}, which there is not')
             self._roles[number] = self._checked(self._channels[number], roles)
         return self._roles[number]
 
-    def _checked(self, channel: Channel, roles: Mapping[str, str]) -> str:
+    def _checked(self, channel: ChannelRecord, roles: Mapping[str, str]) -> str:
         role = roles.get(channel.topic, '')
-        schema = self._schemas.get(channel.schema_id, Schema(0, '', ''))
+        schema = self._schemas.get(channel.schema_id, SchemaRecord(0, '', ''))
         found = channel.encoding, schema.encoding, schema.name
-        if role and found != ('cdr', 'ros2msg', CHANNELS[role].type):
+        if role and found != (MESSAGE_ENCODING, SCHEMA_ENCODING, CHANNELS[role].type):
             raise ValueError(
-                f'channel {channel.topic!r} holds {" ".join(found)!r}, '
-                f'expected {CHANNELS[role].type!r} as cdr, by a definition as ros2msg'
+                f'channel {channel.topic!r} holds {" ".join(found)!r}, expected '
+                f'{CHANNELS[role].type!r} as {MESSAGE_ENCODING}, '
+                f'by a definition as {SCHEMA_ENCODING}'
             )
         return role
 
 
-def _once(found: object, name: str) -> None:
+def _check_first(found: object, name: str) -> None:
     if found:
         raise ValueError(f'it has two records {name!r}')
-
-
-def _roles(topics: Any) -> dict[str, str]:
-    """Return the role of each topic, from the topic of each role."""
-    if not isinstance(topics, dict) or not all(isinstance(t, str) for t in topics.values()):
-        raise ValueError("'topics' in its metadata is no table of names")
-    unknown = sorted(set(topics) - set(CHANNELS))
-    roles = {topic: role for role, topic in topics.items()}
-    if unknown or len(roles) < len(topics):
-        raise ValueError(
-            f"'topics' in its metadata is {topics}, expected topics of {list(CHANNELS)}"
-        )
-    return roles
-
-
-def _robot_text(data: bytes) -> str:
-    if len(data) > ROBOT_LIMIT:
-        raise ValueError(f'{ROBOT} has {len(data)} bytes, expected at most {ROBOT_LIMIT}')
-    return data.decode('utf-8')
 
 
 @contextmanager

@@ -1,11 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes everything that went in and came out to one MCAP file, on a thread of its own.
+"""Records all inputs and outputs of the arm in one MCAP file, on a thread of its own.
 
-The callers only append to a queue, bounded in messages and bytes. The thread empties it in
-bounded rounds every few milliseconds, closes a chunk every 0.2 s and syncs once a second, so
-that a killed process loses a fraction of a second and a power cut little more. Whatever goes
-wrong with the disk or the thread is counted and said, and does not stop the arm.
+Callers only append to a queue, bounded in messages and bytes. The thread empties it in bounded
+rounds every few milliseconds, closes a chunk every 0.2 s and syncs once a second, so that a
+killed process loses a fraction of a second and a power cut little more. A fault of the disk or
+of the thread is counted and reported, and does not stop the arm.
 See docs/decisions/0004-recording-layout.md.
 """
 
@@ -18,36 +18,32 @@ from pathlib import Path
 import threading
 import time
 
-from pfd_ros.recording.format import SEQUENCE_MASK
-from pfd_ros.recording.mcap_file import Contents, McapFile, Topic
+from pfd_ros.recording.format import MESSAGE_BYTES, SEQUENCE_MASK
+from pfd_ros.recording.mcap_file import FileHead, McapFile, Topic
 from pfd_ros.recording.sink import FileGoneError
+from pfd_ros.text import one_line
 
 # Waking per message would double the cost; longer drains hold the interpreter too long.
 DRAIN_SECONDS = 0.015
 FLUSH_SECONDS = 0.2
 SYNC_SECONDS = 1.0
-# A round of the thread ends at either, so that flushes are on time while others are faster.
+# A round of the thread ends at either, so that flushes are on time though callers are faster.
 ROUND_MESSAGES = 1 << 12
 ROUND_BYTES = 1 << 22
 # About 40 MB of states: more than a minute at 1 kHz with the disk standing still.
 QUEUE_LIMIT = 1 << 17
-# What long messages may take together.
+# Memory for waiting messages, if they are long.
 QUEUE_BYTES = 1 << 26
-# No message of an arm comes near. A chunk may be this much longer than CHUNK_BYTES, and
-# readers bound what they read at once.
-MESSAGE_BYTES = 1 << 24
-# What ros2 launch and docker stop give between the first signal and SIGKILL is 10 s.
+# ros2 launch and docker stop wait 10 s between the first signal and SIGKILL.
 CLOSE_SECONDS = 8.0
-# Of waiting for a disk that does not answer: some wake up slowly, network drives come back.
+# Longest wait for a disk: some wake up slowly, and network drives come back.
 STALL_SECONDS = 30.0
-# A longer pause between two looks is one of this process, not of the disk.
+# A longer pause between two looks is a pause of this process, not of the disk.
 _LOOK_SECONDS = 0.1
-# Longest text of a foreign error in a report.
-_SHOWN = 300
 _READABLE = '; what was written stays readable'
 
 
-class Recorder:
+class LogRecorder:
     """An open recording.
 
     Parameters
@@ -56,8 +52,8 @@ class Recorder:
         The file; it must not exist.
     topics
         The channels; messages are recorded by their place in here.
-    contents
-        Written first, so that a cut-off file still says what it is.
+    head
+        Written first, so that a cut-off file still tells its settings, robot and topics.
     report
         Called once, with one line, if the recording fails. It may be called on any thread.
     limit, limit_bytes
@@ -66,10 +62,10 @@ class Recorder:
     Attributes
     ----------
     recorded, dropped
-        Messages in the file, and messages that are not, by place in `topics`. Together they
-        are all that came until the recording was closed, once that or a failure is over.
+        Number of messages in the file, and of messages left out, by place in `topics`. After a
+        close or a failure their sum is the number of messages that came before it.
     error
-        The line that was reported, '' if nothing was.
+        The line that was reported, or ''.
 
     Raises
     ------
@@ -84,7 +80,7 @@ class Recorder:
         self,
         path: Path,
         topics: Sequence[Topic],
-        contents: Contents,
+        head: FileHead,
         report: Callable[[str], None],
         limit: int = QUEUE_LIMIT,
         limit_bytes: int = QUEUE_BYTES,
@@ -94,7 +90,7 @@ class Recorder:
         self.recorded = [0] * len(topics)
         self.error = ''
         self._accepted = [0] * len(topics)
-        self._base = contents.base
+        self._base = head.base
         self._report = report
         self._limits = limit, limit_bytes
         # Replaceable messages leave half of the queue to vital ones.
@@ -102,10 +98,10 @@ class Recorder:
             (limit, limit_bytes) if topic.vital else (limit // 2, limit_bytes // 2)
             for topic in topics
         ]
-        # Of those who record, fail and close; the thread that writes never holds it for long.
+        # For recording, failing and closing; the thread that writes never holds it for long.
         self._lock = threading.Lock()
         self._queue: deque[tuple[int, int, int, bytes]] = deque()
-        # Each has one writer: whoever holds the lock, and the recording's thread.
+        # Bytes queued are counted under the lock, bytes written on the recording's thread.
         self._bytes_in = 0
         self._bytes_out = 0
         self._rounds = 0
@@ -115,7 +111,7 @@ class Recorder:
         self._finished = False
         self._closing = threading.Event()
         self._ending: Callable[[], Mapping[str, str]] = dict
-        file = McapFile(path, self.topics, contents)
+        file = McapFile(path, self.topics, head)
         self._thread = threading.Thread(
             target=self._run, args=(file,), name='recording', daemon=True
         )
@@ -135,8 +131,8 @@ class Recorder:
     def backlog(self) -> float:
         """How full the queue is, 0 to 1; 0 once the recording has failed.
 
-        For one thread, which waits for the disk: a disk that does not answer for STALL_SECONDS
-        is a failure from here.
+        To be asked by one thread only, again and again while it waits for the disk: this is
+        where a disk that does not answer for STALL_SECONDS becomes a failure.
         """
         self._look_for_stall()
         if self.failed:
@@ -145,9 +141,9 @@ class Recorder:
         return max(have / most for have, most in zip(waiting, self._limits, strict=True))
 
     def record(self, topic: int, sequence: int, data: bytes) -> None:
-        """Queue one message; counts it as dropped if it has no room or the recording failed.
+        """Queue one message; it counts as dropped if it has no room or the recording failed.
 
-        What comes after `close` is no part of the recording, and is not counted.
+        A message that comes after `close` is no part of the recording, and is not counted.
         """
         size = len(data)
         most, most_bytes = self._rooms[topic]
@@ -172,11 +168,15 @@ class Recorder:
         ending: Callable[[], Mapping[str, str]] = dict,
         timeout: float = CLOSE_SECONDS,
     ) -> None:
-        """Write what waits, a last metadata record and the index, and close the file.
+        """Write the queue, a last metadata record and the index, and close the file.
 
-        Returns after `timeout` seconds at most: a disk that hangs is a failure like others.
-        `ending` is asked for that record once everything else is written; the digests of the
-        topics are added to it.
+        Parameters
+        ----------
+        ending
+            Called for the texts of that record once everything else is written; the digests of
+            the topics are added to them.
+        timeout
+            Longest time to wait, s: a disk that hangs is a failure like others.
         """
         with self._lock:
             if not self._closed:
@@ -203,7 +203,7 @@ class Recorder:
             self._fail(f'the disk did not answer for {STALL_SECONDS:g} s{_READABLE}')
 
     def _fail(self, cause: str) -> None:
-        """End the recording, once: nobody waits for it any more, and its memory is free."""
+        """End the recording, once: count the queue as dropped, free its memory, report."""
         with self._lock:
             if self.error:
                 return
@@ -244,12 +244,12 @@ class Recorder:
         file.finish(self._ending())
 
     def _behind(self) -> bool:
-        """Whether more waits than one round takes."""
+        """Whether the queue holds more than one round takes."""
         waiting = self._bytes_in - self._bytes_out
         return len(self._queue) >= ROUND_MESSAGES or waiting >= ROUND_BYTES
 
     def _drain(self, file: McapFile) -> None:
-        """Move waiting messages to the file, a round at most."""
+        """Move messages from the queue to the file, a round at most."""
         self._rounds += 1
         for _ in range(ROUND_MESSAGES):
             if not self._queue or file.waiting >= ROUND_BYTES:
@@ -268,7 +268,7 @@ class Recorder:
 
 def _line(error: BaseException) -> str:
     """Return one line about the end of a recording."""
-    text = ' '.join(str(error).split())[:_SHOWN]
+    text = one_line(error, 300)
     if isinstance(error, FileGoneError):
         return text
     known = isinstance(error, OSError)

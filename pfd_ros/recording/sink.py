@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A file that ends after a whole flush, even when the disk is full."""
+"""The file on the disk: it ends after a whole flush, even when the disk is full."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ class FileGoneError(OSError):
 class Sink:
     """A new file, written in whole flushes.
 
-    Nothing reaches the disk between flushes; a flush that fails is taken back, so that what
-    was written before stays readable. Never writes over a file.
+    Nothing reaches the disk between flushes; a flush that fails is taken back, so that all
+    flushes before it stay readable. Never writes over a file.
 
     Raises
     ------
@@ -81,7 +81,7 @@ class Sink:
         self._written += done
 
     def sync(self) -> None:
-        """Have the disk hold what was flushed; a kill needs no such thing, a power cut does.
+        """Bring all flushed bytes to the disk: a power cut would lose them, a kill would not.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class Sink:
             raise FileGoneError(f'{self._name} was {gone} while it was written')
 
     def close(self) -> None:
-        """Close the file; what was not flushed is gone."""
+        """Close the file; bytes that were not flushed are lost."""
         file, self._file = self._file, -1
         if file < 0:
             return

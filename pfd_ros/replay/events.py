@@ -18,7 +18,6 @@ from pfd_ros.arm.plant import Source
 from pfd_ros.arm.settings import NANOSECONDS
 from pfd_ros.messages.convert import decode_rows, encode_rows
 from pfd_ros.recording.format import ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE, TAKEN_COLUMNS
-from pfd_ros.recording.head import settings_of, started_ns
 from pfd_ros.recording.reader import Entry, Log
 
 # Steps per second that no node reaches; the bound where the settings name none.
@@ -89,12 +88,12 @@ class _Order:
     """Checks that each event can follow the ones before it."""
 
     def __init__(self, log: Log) -> None:
-        settings = settings_of(log)
+        settings = log.settings
         self._publish_every, self._clock_every = settings.publish_every, settings.clock_every
         factor = settings.real_time_factor
         nominal = factor / settings.step_size if factor else FASTEST
         self._rate = min(nominal, FASTEST)
-        self._started_ns = self._last_ns = started_ns(log)
+        self._started_ns = self._last_ns = log.started_ns
         self._last = dict.fromkeys(log.roles.values(), 0)
         self._place = (0, _TICK)
 

@@ -19,7 +19,7 @@ from pfd_ros.arm.commands import Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import decode_clock
 from pfd_ros.recording.format import DIGEST_PREFIX, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
-from pfd_ros.recording.head import Ending, ending_of, settings_of, versions_of
+from pfd_ros.recording.head import Ending
 from pfd_ros.recording.reader import Log
 from pfd_ros.replay.events import Event, events
 
@@ -142,7 +142,7 @@ def survey(log: Log, progress: Callable[[float], None] | None = None) -> Survey:
             span = [span[0] or event.log_ns, event.log_ns]
         if progress is not None and count % 1000 == 0:
             progress(log.position / log.size)
-    settings = settings_of(log)
+    settings = log.settings
     for role in log.roles.values():
         tallies.setdefault(role, _Tally())
     states = tallies['joint_states']
@@ -151,7 +151,7 @@ def survey(log: Log, progress: Callable[[float], None] | None = None) -> Survey:
             path=log.path,
             settings=settings,
             complete=log.complete,
-            versions=versions_of(log),
+            versions=log.versions,
             steps=states.last * settings.publish_every,
             states=states.found,
             lost={role: tally.lost for role, tally in tallies.items() if tally.lost},
@@ -162,7 +162,7 @@ def survey(log: Log, progress: Callable[[float], None] | None = None) -> Survey:
             obstacle=inbox.obstacle,
         ),
         # It may lie before the last chunk, which a cut-off file lacks.
-        ending_of(log) if log.complete else None,
+        log.ending if log.complete else None,
         state=states.data,
     )
     _add_stop(found)

@@ -156,8 +156,8 @@ def put_in(fault: str) -> None:
         process.END_SECONDS = 2
         threading.Thread(target=hang_in_c).start()
     elif fault == 'recorder_failed':
-        sim_arm.Recorder.backlog = property(lambda recorder: 1.0)
-        sim_arm.Recorder.failed = property(lambda recorder: True, lambda recorder, value: None)
+        sim_arm.LogRecorder.backlog = property(lambda recorder: 1.0)
+        sim_arm.LogRecorder.failed = property(lambda recorder: True, lambda recorder, value: None)
     elif fault.startswith('first_step_after_'):
         step_after(int(fault.removeprefix('first_step_after_')))
     else:

@@ -37,7 +37,7 @@ from ros_processes import JOINTS, Peer, Process, Processes, resident_bytes
 from pfd_ros.arm.commands import Verdict
 from pfd_ros.arm.plant import Plant, Source, load_robot
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.cdr import Writer
+from pfd_ros.messages.cdr import CdrWriter
 from pfd_ros.messages.convert import JointStateEncoder
 from pfd_ros.replay.verify import Summary, read
 
@@ -122,7 +122,7 @@ class Messages:
         names = list(JOINTS)
         if self.random.random() < 0.7:
             names = [self.name() for _ in range(self.size())]
-        writer = Writer()
+        writer = CdrWriter()
         writer.int32(self.random.choice((0, 0, 0, -1, 1, 2**31 - 1)))
         writer.uint32(self.random.choice((0, 0, 0, 1, 2**32 - 1)))
         writer.string(self.name())
@@ -135,7 +135,7 @@ class Messages:
 
     def plain(self) -> bytes:
         """Return a Float64MultiArray, some with a layout."""
-        writer = Writer()
+        writer = CdrWriter()
         dimensions = self.random.choice((0, 0, 0, 1, 50))
         writer.uint32(dimensions)
         for _ in range(dimensions):

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Verifies files in this process and prints what each cost, one JSON object a line.
+"""Verifies files in this process and prints the outcome of each, one JSON object a line.
 
     python read_hostile.py SECONDS FILE ...
 

@@ -18,10 +18,10 @@ import time
 from recordings import PATIENCE, start, wait_for
 
 from pfd_ros.recording import recorder as recording
-from pfd_ros.recording.recorder import Recorder
+from pfd_ros.recording.recorder import LogRecorder
 
 
-def produce(recorder: Recorder, topic: int) -> None:
+def produce(recorder: LogRecorder, topic: int) -> None:
     """Record in bursts until the process ends."""
     for k in itertools.count(1):
         recorder.record(topic, k, k.to_bytes(8, 'little') * (k % 64))
@@ -29,7 +29,7 @@ def produce(recorder: Recorder, topic: int) -> None:
             time.sleep(0.001)
 
 
-def tell(recorder: Recorder) -> None:
+def tell(recorder: LogRecorder) -> None:
     told = {'recorded': recorder.recorded, 'dropped': recorder.dropped, 'error': recorder.error}
     print(json.dumps(told), flush=True)
 
@@ -61,7 +61,7 @@ def main(path: Path, way: str) -> None:
     wait_for(lambda: min(recorder.recorded) > 0 or recorder.failed)
     print('ready', flush=True)
     if way == 'close':
-        # Producers that go on: what comes after this moment is no part of the recording.
+        # Producers go on: messages after this moment are no part of the recording.
         recorder.close(lambda: {'recorded': json.dumps(recorder.recorded)})
     elif way == 'clog':
         clog(path)

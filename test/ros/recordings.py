@@ -1,13 +1,16 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recordings of made-up messages, and what is in them by the format's description."""
+"""Recordings of made-up messages, their expected contents, and faults to record with."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+import errno
 import hashlib
 import json
 from pathlib import Path
+import resource
 import struct
 import threading
 import time
@@ -18,8 +21,8 @@ import numpy as np
 from pfd_ros.messages import convert, definitions
 from pfd_ros.recording import reader as log
 from pfd_ros.recording.format import FORMAT, HEAD, ROBOT
-from pfd_ros.recording.mcap_file import Contents, TimeBase, Topic
-from pfd_ros.recording.recorder import Recorder
+from pfd_ros.recording.mcap_file import FileHead, TimeBase, Topic
+from pfd_ros.recording.recorder import LogRecorder
 
 # Not from `provenance`: processes that are started by the hundred need not import pfd_core.
 QOS = '- history: keep_last\n  depth: 10\n'
@@ -33,9 +36,9 @@ PATIENCE = 60.0
 HAS_DEFINITIONS = any((share / 'sensor_msgs').is_dir() for share in definitions.shares())
 
 
-def contents(base: TimeBase | None = None) -> Contents:
+def head(base: TimeBase | None = None) -> FileHead:
     told = {'format': FORMAT, 'topics': json.dumps(ROLES)}
-    return Contents('test', {HEAD: told}, {ROBOT: 'robot: 1'}, base or TimeBase())
+    return FileHead('test', {HEAD: told}, {ROBOT: 'robot: 1'}, base or TimeBase())
 
 
 def state(k: int) -> bytes:
@@ -43,18 +46,25 @@ def state(k: int) -> bytes:
     return convert.JointStateEncoder(NAMES).encode(k * 1_000_000, values, values, values)
 
 
-class Reports(list):
-    """What the recorder had to say."""
-
-
 def start(
-    path: Path, topics: Sequence[Topic] = TOPICS, **options: Any
-) -> tuple[Recorder, Reports]:
-    reports = Reports()
-    return Recorder(path, topics, contents(), reports.append, **options), reports
+    path: Path,
+    topics: Sequence[Topic] = TOPICS,
+    base: TimeBase | None = None,
+    **options: Any,
+) -> tuple[LogRecorder, list[str]]:
+    """Start to record; return the recorder and the list of its reports."""
+    reports: list[str] = []
+    return LogRecorder(path, topics, head(base), reports.append, **options), reports
 
 
-def write(path: Path, count: int, **options: Any) -> tuple[Recorder, Reports]:
+def running(path: Path, **options: Any) -> tuple[LogRecorder, list[str]]:
+    """Return a recorder with 20 states in the file, and the list of its reports."""
+    recorder, reports = start(path, **options)
+    flushed(recorder, 20)
+    return recorder, reports
+
+
+def write(path: Path, count: int, **options: Any) -> tuple[LogRecorder, list[str]]:
     recorder, reports = start(path, **options)
     for k in range(1, count + 1):
         recorder.record(0, k, state(k))
@@ -74,7 +84,7 @@ def wait_for(done: Callable[[], bool]) -> None:
         time.sleep(0.005)
 
 
-def flushed(recorder: Recorder, count: int) -> None:
+def flushed(recorder: LogRecorder, count: int) -> None:
     """Record states and wait until they are in the file."""
     first = recorder.recorded[0]
     for k in range(first + 1, first + count + 1):
@@ -108,3 +118,62 @@ def only_there(fake: Callable[..., Any], original: Callable[..., Any]) -> Callab
         return (fake if there else original)(*args, **options)
 
     return call
+
+
+def refuse(*args: object) -> int:
+    raise OSError(errno.EIO, 'Input/output error')
+
+
+def raising(error: BaseException) -> Callable[..., None]:
+    def call(*args: object, **options: object) -> None:
+        raise error
+
+    return call
+
+
+@contextmanager
+def largest_file(size: int) -> Iterator[None]:
+    """Let the kernel write files up to a size and then refuse, as a full disk does."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+def fail_after(recorder: LogRecorder, count: int) -> int:
+    """Record states until the recording has failed; return how many came in all."""
+    sent = count
+
+    def failed() -> bool:
+        nonlocal sent
+        for _ in range(5):
+            sent += 1
+            recorder.record(0, sent, state(sent))
+        return recorder.failed
+
+    wait_for(failed)
+    return sent
+
+
+def check_failed(
+    recorder: LogRecorder, reports: list[str], sent: int, path: Path, *, torn: bool = False
+) -> None:
+    """Check that a failure was said once, counts and frees everything, and spares the file."""
+    wait_for(lambda: not recorder._thread.is_alive())
+    recorder.close()
+    assert recorder.failed
+    assert recorder.backlog == 0.0
+    assert reports == [recorder.error]
+    assert recorder.error.startswith('recording stopped: ')
+    assert recorder.error.isprintable()
+    assert len(recorder.error) < 500
+    assert len(recorder._queue) == 0
+    assert recorder.recorded[0] + recorder.dropped[0] == sent
+    found, entries = read(path)
+    assert not found.complete
+    # A torn flush that could not be taken back may hold more than is promised.
+    assert counts(entries)[0] >= recorder.recorded[0]
+    assert torn or counts(entries) == recorder.recorded
+    assert [entry.data for entry in entries] == [state(k + 1) for k in range(len(entries))]

@@ -1,13 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Takes a recording apart and writes it anew, with valid checksums whatever was done to it."""
+"""Takes a recording apart and writes it anew, altered, but with valid checksums."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import hashlib
 import json
 from pathlib import Path
@@ -18,7 +17,9 @@ from mcap.records import Attachment, Channel, DataEnd, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
-HEAD, END = 'pfd_ros', 'pfd_ros_end'
+from pfd_ros.recording.format import END
+
+GOLDEN = Path(__file__).resolve().parents[1] / 'data' / 'golden_1.mcap'
 STATES, CLOCK = '/joint_states', '/clock'
 NAMED, ARRAY, TAKEN = '/joint_commands', '/sim_arm/commands', '/sim_arm/applied_commands'
 
@@ -69,7 +70,7 @@ class Recording:
         self.messages = [m for m in self.messages if wanted(m)]
 
     def recount(self, *, digests: bool = False) -> None:
-        """Make the end record say what is in the file now."""
+        """Make the end record count the messages that are in the file now."""
         counts = Counter(m.topic for m in self.messages)
         self.edit(END, 'recorded', lambda old: {topic: counts[topic] for topic in old})
         values = self.head(END)
@@ -87,7 +88,7 @@ class Recording:
         compression: CompressionType = CompressionType.ZSTD,
         chunk_size: int = 1 << 18,
     ) -> Path:
-        """Write the file; one that is not closed has no end record either."""
+        """Write the file; if it is not closed, it has no end record either."""
         with path.open('wb') as stream:
             writer = Writer(stream, chunk_size, compression, enable_data_crcs=True)
             writer.start('ros2', 'test')
@@ -112,7 +113,12 @@ class Recording:
         return path
 
     def copy(self) -> Recording:
-        return copy.deepcopy(self)
+        return Recording(
+            [(name, dict(values)) for name, values in self.metadata],
+            list(self.attachments),
+            [replace(kind) for kind in self.channels],
+            [replace(message) for message in self.messages],
+        )
 
 
 def digest(messages: list[Sent]) -> str:
@@ -123,7 +129,7 @@ def digest(messages: list[Sent]) -> str:
 
 
 def load(path: Path) -> Recording:
-    """Return what a good, closed recording holds."""
+    """Return the contents of a good, closed recording."""
     found = Recording()
     schemas: dict[int, Schema] = {}
     topics: dict[int, str] = {}

@@ -9,14 +9,14 @@ import json
 from typing import Any
 
 import numpy as np
-from rewriting import ARRAY, CLOCK, END, NAMED, STATES, TAKEN, Recording, Sent, Type
+from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, Recording, Sent, Type
 
 from pfd_ros.arm.commands import Verdict
 from pfd_ros.arm.plant import Plant, Source, load_robot
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import cdr, convert
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, TAKEN_COLUMNS
+from pfd_ros.recording.format import CHANNELS, END, TAKEN_COLUMNS
 from pfd_ros.recording.mcap_file import TimeBase
 
 ROLES = {
@@ -31,7 +31,7 @@ START_NS = 1_700_000_000_000_000_000
 
 def efforts(*values: float) -> bytes:
     """Return a command without names."""
-    writer = cdr.Writer()
+    writer = cdr.CdrWriter()
     writer.uint32(0)
     writer.uint32(0)
     writer.numbers(np.array(values))
@@ -56,7 +56,7 @@ def simulate(
     robot = load_robot(chosen)
     plant = Plant(chosen, robot)
     roles = {k: v for k, v in ROLES.items() if k != 'clock' or chosen.publish_clock}
-    head = provenance.contents(chosen, robot, roles, TimeBase(START_NS, 0))
+    head = provenance.file_head(chosen, robot, roles, TimeBase(START_NS, 0))
     made = Recording(
         metadata=[(name, dict(values)) for name, values in head.metadata.items()],
         attachments=[(name, text.encode()) for name, text in head.attachments.items()],

@@ -75,9 +75,9 @@ def test_an_arm_that_is_free_follows_the_simulator_bit_for_bit() -> None:
 
 def array(efforts) -> bytes:
     """Return a Float64MultiArray: an empty layout, then the numbers."""
-    from pfd_ros.messages.cdr import Writer
+    from pfd_ros.messages.cdr import CdrWriter
 
-    writer = Writer()
+    writer = CdrWriter()
     writer.uint32(0)
     writer.uint32(0)
     writer.numbers(np.array(efforts, float))

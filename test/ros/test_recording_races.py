@@ -17,6 +17,7 @@ import subprocess
 import sys
 import threading
 import time
+from typing import Any
 
 import pytest
 from recordings import HAS_DEFINITIONS, PATIENCE, counts, digests, read, start
@@ -31,9 +32,7 @@ OFTEN = [10, pytest.param(40, marks=pytest.mark.slow)]
 LIFE = 0.3
 AT_ONCE = 4
 
-pytestmark = pytest.mark.skipif(
-    not HAS_DEFINITIONS, reason='the message definitions of ROS are not installed'
-)
+pytestmark = pytest.mark.skipif(not HAS_DEFINITIONS, reason='needs definitions of ROS')
 
 
 @contextmanager
@@ -46,7 +45,7 @@ def recording(path: Path, way: str, *before: str) -> Iterator[subprocess.Popen[b
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        # Unbuffered: `communicate` does not see what `readline` read ahead.
+        # Unbuffered: `communicate` does not see bytes that `readline` read ahead.
         bufsize=0,
     )
     try:
@@ -74,23 +73,38 @@ def several(often: int, once: Callable[[Path], None], folder: Path) -> None:
             pass
 
 
+def check_cut_off(path: Path) -> list[int]:
+    """Check a file that was never closed; return how many messages of each topic it holds."""
+    found, entries = read(path)
+    assert not found.complete
+    assert min(counts(entries)) > 0
+    check_messages(entries)
+    return counts(entries)
+
+
 @pytest.mark.parametrize('often', OFTEN)
-def test_a_killed_process_leaves_the_first_messages_of_each_topic(
-    often: int, tmp_path: Path
+@pytest.mark.parametrize('way', ['kill', 'raise'])
+def test_a_process_that_ends_without_closing_leaves_the_first_messages_of_each_topic(
+    way: str, often: int, tmp_path: Path
 ) -> None:
     rng = random.Random(1)
 
     def once(path: Path) -> None:
-        with recording(path, 'kill') as process:
-            time.sleep(LIFE * rng.random())
-            process.kill()
-            assert process.wait(PATIENCE) == -signal.SIGKILL
-        found, entries = read(path)
-        assert not found.complete
-        assert min(counts(entries)) > 0
-        check_messages(entries)
+        with recording(path, way) as process:
+            if way == 'kill':
+                time.sleep(LIFE * rng.random())
+                process.kill()
+            assert process.wait(PATIENCE) == {'kill': -signal.SIGKILL, 'raise': 1}[way]
+        check_cut_off(path)
 
     several(often, once, tmp_path)
+
+
+def told_by(process: subprocess.Popen[bytes]) -> dict[str, Any]:
+    """Return the last line of a process that must end well: the counts of its recorder."""
+    output, errors = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, errors) == (0, b'')
+    return json.loads(output)
 
 
 @pytest.mark.parametrize('often', OFTEN)
@@ -99,15 +113,12 @@ def test_closing_beside_two_threads_that_go_on_leaves_exact_counts_and_digests(
 ) -> None:
     def once(path: Path) -> None:
         with recording(path, 'close') as process:
-            output, errors = process.communicate(timeout=PATIENCE)
-        assert (process.returncode, errors) == (0, b'')
+            told = told_by(process)
         found, entries = read(path)
         assert found.complete
-        told = json.loads(output)
-        assert told['error'] == ''
-        assert told['dropped'] == [0, 0]
-        assert json.loads(found.ending['recorded']) == told['recorded'] == counts(entries)
-        assert json.loads(found.ending['digests']) == digests(entries)
+        assert (told['error'], told['dropped']) == ('', [0, 0])
+        assert json.loads(found.end_texts['recorded']) == told['recorded'] == counts(entries)
+        assert json.loads(found.end_texts['digests']) == digests(entries)
         check_messages(entries)
 
     several(often, once, tmp_path)
@@ -119,31 +130,9 @@ def test_a_process_whose_disk_hangs_in_the_kernel_ends_all_the_same(
 ) -> None:
     def once(path: Path) -> None:
         with recording(path, 'clog') as process:
-            output, errors = process.communicate(timeout=PATIENCE)
-        assert (process.returncode, errors) == (0, b'')
-        told = json.loads(output)
+            told = told_by(process)
         assert 'within 0.2 s of closing' in told['error']
-        found, entries = read(path)
-        assert not found.complete
-        assert counts(entries) == told['recorded']
-        check_messages(entries)
-
-    several(often, once, tmp_path)
-
-
-@pytest.mark.parametrize('often', OFTEN)
-def test_a_process_that_ends_without_closing_leaves_what_was_flushed(
-    often: int, tmp_path: Path
-) -> None:
-    def once(path: Path) -> None:
-        with recording(path, 'raise') as process:
-            _, errors = process.communicate(timeout=PATIENCE)
-        assert process.returncode == 1
-        assert errors.endswith(b'ZeroDivisionError\n')
-        found, entries = read(path)
-        assert not found.complete
-        assert min(counts(entries)) > 0
-        check_messages(entries)
+        assert check_cut_off(path) == told['recorded']
 
     several(often, once, tmp_path)
 
@@ -164,13 +153,11 @@ def test_a_full_file_system_ends_the_recording_and_leaves_it_readable(tmp_path: 
     before = ('unshare', '--mount', 'sh', '-c', script, str(folder))
     with recording(folder / 'a.mcap', 'full', *before) as process:
         told = json.loads(process.stdout.readline())
-        found, entries = read(Path(f'/proc/{process.pid}/root{folder}/a.mcap'))
+        held = check_cut_off(Path(f'/proc/{process.pid}/root{folder}/a.mcap'))
     assert told['error'].endswith(
         'a.mcap cannot be written: No space left on device; what was written stays readable'
     )
-    assert not found.complete
-    assert counts(entries) == told['recorded']
-    check_messages(entries)
+    assert held == told['recorded']
 
 
 @pytest.mark.parametrize('often', OFTEN)
@@ -213,5 +200,5 @@ def test_recorded_and_dropped_are_all_that_came_whenever_the_disk_fails(
         assert found.complete != recorder.failed
         assert counts(entries) == recorder.recorded
         if found.complete:
-            assert json.loads(found.ending['digests']) == digests(entries)
+            assert json.loads(found.end_texts['digests']) == digests(entries)
         os.unlink(tmp_path / f'{k}.mcap')

@@ -13,19 +13,18 @@ import sys
 
 import numpy as np
 import pytest
-from rewriting import END, STATES, TAKEN, Sent, load, rewrite
+from rewriting import GOLDEN, STATES, TAKEN, Sent, load, rewrite
 from ros_processes import environment
 
 from pfd_ros.arm.commands import Verdict
 from pfd_ros.cli import main as command_line
 from pfd_ros.cli.replay import progress_on
 from pfd_ros.messages.convert import decode_clock, decode_joint_state
+from pfd_ros.recording.format import END
 from pfd_ros.recording.reader import Log, LogError
 from pfd_ros.replay.verify import DifferenceError, read
 
 pytestmark = pytest.mark.ros
-
-GOLDEN = Path(__file__).resolve().parents[1] / 'data' / 'golden_1.mcap'
 
 
 def flipped(message: Sent, at: int) -> Sent:

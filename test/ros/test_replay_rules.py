@@ -11,14 +11,14 @@ import subprocess
 import sys
 
 import pytest
-from rewriting import ARRAY, END, STATES, TAKEN, Recording, Sent
+from rewriting import ARRAY, STATES, TAKEN, Recording, Sent
 from ros_processes import environment
 from simulating import START_NS, efforts, simulate
 
 from pfd_ros.arm.commands import Verdict
 from pfd_ros.cli import main as command_line
 from pfd_ros.messages import convert
-from pfd_ros.recording.format import TAKEN_COLUMNS
+from pfd_ros.recording.format import END, TAKEN_COLUMNS
 from pfd_ros.recording.reader import Entry, Log, LogError
 from pfd_ros.replay.events import events
 from pfd_ros.replay.verify import DifferenceError, read

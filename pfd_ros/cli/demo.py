@@ -1,0 +1,26 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd demo`: the arm and a controller as two ROS 2 processes for a few seconds."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+HELP = 'the arm and a controller as two ROS 2 processes for a few seconds'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the length, the robot and the folder."""
+    parser.add_argument('--seconds', type=float, default=5.0, help='length of the motion, s')
+    parser.add_argument('--robot', default='puma560', help='a robot that `pfd robots` lists')
+    parser.add_argument(
+        '--out', type=Path, default=Path('pfd_demo'), help='folder for the results'
+    )
+
+
+def run(given: argparse.Namespace) -> int:
+    """Run the demo; 0 only if all of it worked."""
+    from pfd_ros.demo import run as demo
+
+    return demo.run(given.robot, given.seconds, given.out)

@@ -1,0 +1,22 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd sim`: the node."""
+
+from __future__ import annotations
+
+import argparse
+
+HELP = 'the node; takes --ros-args as every ROS 2 node does'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the robot; all else is for ROS."""
+    parser.add_argument('--robot', help='robot to simulate, the same as -p robot:=...')
+
+
+def run(given: argparse.Namespace) -> int:
+    """Run the node until it is stopped; return its exit status."""
+    from pfd_ros.node import main as node
+
+    robot = [] if given.robot is None else ['--ros-args', '-p', f'robot:={given.robot}', '--']
+    return node.main([*robot, *given.ros_args])

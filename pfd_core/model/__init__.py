@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """What is simulated: a serial chain and the effects a scene switches on."""
 
-from pfd_core.model.edit import Payload, lock, with_payload
 from pfd_core.model.loading import known_robots, load_robot
 from pfd_core.model.robot import PhysicsWarning, Robot
+from pfd_core.model.robot_changes import Payload, lock, with_payload
 from pfd_core.model.scene import Plant, Scene, resolve
-from pfd_core.model.storage import robot_to_yaml
+from pfd_core.model.yaml_robot import robot_to_yaml
 
 __all__ = [
     'Payload',

@@ -9,12 +9,12 @@ import errno
 from os import PathLike, fspath
 from pathlib import Path
 
-from pfd_core.model.edit import lock
 from pfd_core.model.robot import Robot
-from pfd_core.model.storage import robot_from_yaml
-from pfd_core.model.urdf import robot_from_urdf
-from pfd_core.model.urdf_text import RIGHT_ANGLE_SLACK
+from pfd_core.model.robot_changes import lock
+from pfd_core.model.urdf_reader import RIGHT_ANGLE_SLACK
+from pfd_core.model.urdf_robot import robot_from_urdf
 from pfd_core.model.values import shown
+from pfd_core.model.yaml_robot import robot_from_yaml
 
 PACKAGE = Path(__file__).resolve().parent.parent
 # Installed, the configuration lies in the package; in a checkout, beside it.

@@ -23,13 +23,13 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.model.checks import (
+from pfd_core.model.geometry import Array
+from pfd_core.model.rigid_body_checks import (
     INERTIA_TOLERANCE,
     TRIANGLE_TOLERANCE,
     check_inertia,
     check_rotation,
 )
-from pfd_core.model.geometry import Array
 from pfd_core.model.values import FINITE, LARGEST, Frozen, frozen, reals, shown
 
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')

@@ -16,9 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.edit import Payload, with_payload
 from pfd_core.model.geometry import Array, product
 from pfd_core.model.robot import Robot
+from pfd_core.model.robot_changes import Payload, with_payload
 from pfd_core.model.values import Frozen, frozen, listed, numbers, shown
 
 MODEL = 'model'

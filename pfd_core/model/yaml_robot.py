@@ -44,7 +44,7 @@ from pfd_core.model.geometry import (
 )
 from pfd_core.model.robot import Robot
 from pfd_core.model.values import number, number_from_text, shown
-from pfd_core.model.yaml_text import read_yaml
+from pfd_core.model.yaml_reader import read_yaml
 
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}
 LIMITS = {

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.checks import check_inertia
 from pfd_core.model.geometry import Array, merged, product, rotation_z, snapped
+from pfd_core.model.rigid_body_checks import check_inertia
 from pfd_core.model.robot import Robot
 from pfd_core.model.values import listed, number, numbers, shown
 

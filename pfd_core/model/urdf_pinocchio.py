@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.model.geometry import Array, axis_rotation, product
-from pfd_core.model.urdf_text import INERTIA_KEYS, Description, Inertial, Joint, Origin
-from pfd_core.model.urdf_tree import Chain
+from pfd_core.model.urdf_chain import Chain
+from pfd_core.model.urdf_reader import INERTIA_KEYS, Description, Inertial, Joint, Origin
 from pfd_core.model.values import shown
 
 # Each side rounds a few dozen products at 1e-16, relative to the size of the robot; a number that

@@ -11,8 +11,6 @@ import warnings
 
 import numpy as np
 
-from pfd_core.model.checks import check_inertia
-from pfd_core.model.edit import locked_positions
 from pfd_core.model.geometry import (
     Array,
     axis_rotation,
@@ -26,9 +24,12 @@ from pfd_core.model.geometry import (
     welded_frames,
     without_dust,
 )
+from pfd_core.model.rigid_body_checks import check_inertia
 from pfd_core.model.robot import PhysicsWarning, Robot
-from pfd_core.model.urdf_check import check_with_pinocchio
-from pfd_core.model.urdf_text import (
+from pfd_core.model.robot_changes import locked_positions
+from pfd_core.model.urdf_chain import Chain, find_chain
+from pfd_core.model.urdf_pinocchio import check_with_pinocchio
+from pfd_core.model.urdf_reader import (
     RIGHT_ANGLE_SLACK,
     Description,
     Inertial,
@@ -36,7 +37,6 @@ from pfd_core.model.urdf_text import (
     Origin,
     read_urdf,
 )
-from pfd_core.model.urdf_tree import Chain, find_chain
 from pfd_core.model.values import number, shown
 
 Frame = tuple[Array, Array]

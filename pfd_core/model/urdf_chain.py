@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from pfd_core.model.urdf_text import MOVING, NOT_A_CHAIN, Description, Joint
+from pfd_core.model.urdf_reader import MOVING, NOT_A_CHAIN, Description, Joint
 from pfd_core.model.values import LISTED, listed, shown
 
 

@@ -252,7 +252,10 @@ ZEROS = np.zeros((5, 2))
             {'taus': ZEROS, 'feedback': pfd.StateFeedback(np.nan, 0.0)},
             'feedback.gain must be finite',
         ),
-        ({'taus': ZEROS, 'wrench': np.zeros(6)}, 'wrench is given exactly when'),
+        (
+            {'taus': ZEROS, 'wrench': np.zeros(6)},
+            'wrench was given, but the scene has external_wrench=False',
+        ),
         ({'taus': ZEROS, 'brakes': [True, False]}, 'brakes were given, but the scene has none'),
         ({'taus': [['a', 'b']]}, 'taus must be an array of numbers'),
     ],

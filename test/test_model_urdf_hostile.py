@@ -265,7 +265,7 @@ def test_long_names_make_short_errors() -> None:
     [
         ({'locked': {'j1': True}}, "joint 'j1' is locked must be a number"),
         ({'locked': {'j1': '0'}}, "joint 'j1' is locked must be a number"),
-        ({'locked': {'j1': 10**400}}, "joint 'j1' is locked must be finite"),
+        ({'locked': {'j1': 10**400}}, "joint 'j1' is locked must fit float64"),
         ({'locked': {'j1': 1j}}, "joint 'j1' is locked must be a number"),
         ({'locked': ['j1']}, 'locked must map names of joints to positions'),
         ({'base': ['hand']}, 'base .* is not a link'),

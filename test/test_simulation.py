@@ -233,7 +233,7 @@ def test_the_state_handed_out_is_a_copy() -> None:
     ('options', 'message'),
     [
         ({'step_size': 0.0}, 'step_size must be above zero seconds, got 0.0'),
-        ({'step_size': np.nan}, 'step_size must be above zero seconds, got nan'),
+        ({'step_size': np.nan}, 'step_size must be finite, got nan'),
         ({'substeps': 0}, 'substeps must be an integer of at least 1, got 0'),
         ({'substeps': 1.5}, 'substeps must be an integer of at least 1, got 1.5'),
         ({'integrator': 'euler'}, "integrator must be one of .* got 'euler'"),

@@ -5,7 +5,7 @@
 from pfd_core.model.loading import known_robots, load_robot
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.robot_changes import Payload, lock, with_payload
-from pfd_core.model.scene import Plant, Scene, resolve
+from pfd_core.model.scene import Plant, Scene, resolve, scene_inputs
 from pfd_core.model.yaml_robot import robot_to_yaml
 
 __all__ = [
@@ -19,5 +19,6 @@ __all__ = [
     'lock',
     'resolve',
     'robot_to_yaml',
+    'scene_inputs',
     'with_payload',
 ]

@@ -9,11 +9,11 @@ import errno
 from os import PathLike, fspath
 from pathlib import Path
 
+from pfd_core.model.error_text import quote
 from pfd_core.model.robot import Robot
 from pfd_core.model.robot_changes import lock
 from pfd_core.model.urdf_reader import RIGHT_ANGLE_SLACK
 from pfd_core.model.urdf_robot import robot_from_urdf
-from pfd_core.model.values import shown
 from pfd_core.model.yaml_robot import robot_from_yaml
 
 PACKAGE = Path(__file__).resolve().parent.parent
@@ -78,8 +78,8 @@ def load_robot(
     for role, asked, has in (('base', base, robot.base), ('tip', tip, robot.tip)):
         if asked not in (None, has):
             raise ValueError(
-                f'{role}={shown(asked)} cannot be chosen for {shown(robot.name)}: a YAML file '
-                f'holds one chain, from {shown(robot.base)} to {shown(robot.tip)}'
+                f'{role}={quote(asked)} cannot be chosen for {quote(robot.name)}: a YAML file '
+                f'holds one chain, from {quote(robot.base)} to {quote(robot.tip)}'
             )
     return robot if locked is None else lock(robot, locked)
 
@@ -94,7 +94,7 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
         if source in _robot_files():
             return _file(_robot_files()[source])
     elif not isinstance(source, PathLike) or not isinstance(fspath(source), str):
-        raise ValueError(f'source must be a name, a path or text, got {shown(source)}')
+        raise ValueError(f'source must be a name, a path or text, got {quote(source)}')
     path = Path(source)
     if (
         path.suffix not in (*URDF, *YAML, '.xacro')
@@ -102,7 +102,7 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
         and not _is_there(path)
     ):
         raise ValueError(
-            f'unknown robot {shown(str(source))}: known are {", ".join(known_robots())}; or give '
+            f'unknown robot {quote(str(source))}: known are {", ".join(known_robots())}; or give '
             'the path of a .urdf or .yaml file'
         )
     return _file(path)
@@ -116,9 +116,9 @@ def _is_there(path: Path) -> bool:
 
 
 def _file(path: Path) -> tuple[str, str, bool]:
-    label = shown(str(path))
+    label = quote(str(path))
     if not _is_there(path):
-        raise ValueError(f'no robot file {label} (looked in {shown(str(Path.cwd()))})')
+        raise ValueError(f'no robot file {label} (looked in {quote(str(Path.cwd()))})')
     if path.suffix == '.xacro':
         raise ValueError(f'{label} is xacro: run `xacro {label} > robot.urdf` first')
     if path.suffix not in (*URDF, *YAML):

@@ -6,8 +6,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import Array
-from pfd_core.model.values import shown
 
 # A rotation written with 16 digits, or multiplied up from a few, misses orthonormality by some
 # 1e-15; one written with 6 digits misses by 1e-6 and would make every link stretch.
@@ -41,7 +41,7 @@ def check_inertia(label: str, J: Array, moment: float = 0.0) -> None:
     """
     tolerance = INERTIA_TOLERANCE * max(float(np.abs(J).max()), moment)
     if np.abs(J - J.T).max() > tolerance:
-        raise ValueError(f'{label} must be symmetric, got {shown(J.tolist())}')
+        raise ValueError(f'{label} must be symmetric, got {quote(J.tolist())}')
     moments = np.linalg.eigvalsh(J)
     if moments[0] < -tolerance:
         raise ValueError(

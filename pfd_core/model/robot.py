@@ -23,6 +23,9 @@ import warnings
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.model.checked_numbers import LARGEST, real_array
+from pfd_core.model.error_text import quote
+from pfd_core.model.frozen_arrays import FrozenArrays, frozen
 from pfd_core.model.geometry import Array
 from pfd_core.model.rigid_body_checks import (
     INERTIA_TOLERANCE,
@@ -30,7 +33,6 @@ from pfd_core.model.rigid_body_checks import (
     check_inertia,
     check_rotation,
 )
-from pfd_core.model.values import FINITE, LARGEST, Frozen, frozen, reals, shown
 
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
 
@@ -52,7 +54,7 @@ class PhysicsWarning(UserWarning):
 
 
 @dataclass(frozen=True, eq=False)
-class Robot(Frozen):
+class Robot(FrozenArrays):
     """
     A chain of n joints; joint i and link i stand at index i-1.
 
@@ -168,8 +170,8 @@ class Robot(Frozen):
 
 def link_label(robot: Robot, index: int) -> str:
     """Return how an error names link index + 1."""
-    joint = shown(robot.joint_names[index])
-    return f'link {index + 1} of {shown(robot.name)} (moved by joint {joint})'
+    joint = quote(robot.joint_names[index])
+    return f'link {index + 1} of {quote(robot.name)} (moved by joint {joint})'
 
 
 def _shapes(n: int) -> dict[str, tuple[int, ...]]:
@@ -188,45 +190,45 @@ def _shapes(n: int) -> dict[str, tuple[int, ...]]:
 def _names(key: str, value: Iterable[str]) -> tuple[str, ...]:
     names = () if isinstance(value, str) else tuple(value)
     if isinstance(value, str) or not all(isinstance(name, str) for name in names):
-        raise ValueError(f'{key} must be a tuple of texts, got {shown(value)}')
+        raise ValueError(f'{key} must be a tuple of texts, got {quote(value)}')
     return names
 
 
 def _array(robot: Robot, key: str, shape: tuple[int, ...]) -> Array:
     """Return a read-only copy of a field, broadcast from a scalar where it is one per joint."""
-    array = reals(f'{shown(robot.name)}: {key}', getattr(robot, key))
+    label = f'{quote(robot.name)}: {key}'
+    array = real_array(label, getattr(robot, key), finite=False)
     if array.ndim == 0 and shape == (robot.n,):
         array = np.full(shape, array)
     if array.shape != shape:
         raise ValueError(
-            f'{shown(robot.name)}: {key} must have shape {shape} for {robot.n} joints, '
-            f'got {array.shape}'
+            f'{label} must have shape {shape} for {robot.n} joints, got {array.shape}'
         )
     return frozen(array)
 
 
 def _check_joints(robot: Robot) -> None:
     if not isinstance(robot.name, str) or not robot.name:
-        raise ValueError(f'a robot needs a name, got {shown(robot.name)}')
+        raise ValueError(f'a robot needs a name, got {quote(robot.name)}')
     if robot.n == 0:
-        raise ValueError(f'{shown(robot.name)} has no moving joint; a chain needs at least one')
+        raise ValueError(f'{quote(robot.name)} has no moving joint; a chain needs at least one')
     if len(robot.joint_types) != robot.n:
         raise ValueError(
-            f'{shown(robot.name)}: joint_types must have {robot.n} entries, one for each joint, '
+            f'{quote(robot.name)}: joint_types must have {robot.n} entries, one for each joint, '
             f'got {len(robot.joint_types)}'
         )
     for key in ('base', 'tip', 'source'):
         if not isinstance(getattr(robot, key), str):
-            raise ValueError(f'{key} must be a text, got {shown(getattr(robot, key))}')
+            raise ValueError(f'{key} must be a text, got {quote(getattr(robot, key))}')
     many = [name for name, count in Counter(robot.joint_names).items() if count > 1]
     if many:
-        raise ValueError(f'{shown(robot.name)}: joint name {shown(many[0])} occurs more than once')
+        raise ValueError(f'{quote(robot.name)}: joint name {quote(many[0])} occurs more than once')
     for name, kind in zip(robot.joint_names, robot.joint_types, strict=True):
         if not name:
-            raise ValueError(f"{shown(robot.name)}: every joint needs a name, got ''")
+            raise ValueError(f"{quote(robot.name)}: every joint needs a name, got ''")
         if kind not in JOINT_TYPES:
             raise ValueError(
-                f'joint {shown(name)}: type must be one of {JOINT_TYPES}, got {shown(kind)}'
+                f'joint {quote(name)}: type must be one of {JOINT_TYPES}, got {quote(kind)}'
             )
 
 
@@ -235,16 +237,18 @@ def _check_numbers(robot: Robot) -> None:
     for key in _shapes(robot.n):
         array = getattr(robot, key)
         wrong = np.isnan(array) if key in limits else ~(np.abs(array) <= LARGEST)
-        _refuse(robot, key, wrong, f'must be {"a number" if key in limits else FINITE}')
+        size = f'finite and at most {LARGEST:g} in size'
+        rule = f'must be {"a number" if key in limits else size}'
+        _refuse(robot, key, wrong, rule)
     not_negative = ('masses', 'armature', 'velocity_limit', 'effort_limit', 'damping', 'friction')
     for key in not_negative:
         _refuse(robot, key, getattr(robot, key) < 0, 'must not be negative')
     crossed = robot.position_lower > robot.position_upper
     _refuse(robot, 'position_lower', crossed, 'must not exceed position_upper')
-    check_rotation(f'base_rotation of {shown(robot.name)}', robot.base_rotation)
+    check_rotation(f'base_rotation of {quote(robot.name)}', robot.base_rotation)
     moments = _moments(robot)
     for i in range(robot.n):
-        check_rotation(f'rotation of joint {shown(robot.joint_names[i])}', robot.rotations[i])
+        check_rotation(f'rotation of joint {quote(robot.joint_names[i])}', robot.rotations[i])
         check_inertia(f'inertia of {link_label(robot, i)}', robot.inertias[i], moments[i])
 
 
@@ -255,10 +259,10 @@ def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None
     index = int(np.argwhere(wrong)[0][0])
     value = getattr(robot, key)
     if key.startswith('base_'):
-        raise ValueError(f'{shown(robot.name)}: {key} {rule}, got {shown(value.tolist())}')
+        raise ValueError(f'{quote(robot.name)}: {key} {rule}, got {quote(value.tolist())}')
     raise ValueError(
-        f'{shown(robot.name)}: {key} of joint {shown(robot.joint_names[index])} {rule}, '
-        f'got {shown(value[index].tolist())}'
+        f'{quote(robot.name)}: {key} of joint {quote(robot.joint_names[index])} {rule}, '
+        f'got {quote(value[index].tolist())}'
     )
 
 

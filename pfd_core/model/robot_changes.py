@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.model.checked_numbers import LARGEST, real_array, real_number
+from pfd_core.model.error_text import quote, quote_all
 from pfd_core.model.geometry import Array, merged, product, rotation_z, snapped
 from pfd_core.model.rigid_body_checks import check_inertia
 from pfd_core.model.robot import Robot
-from pfd_core.model.values import listed, number, numbers, shown
 
 # Fields of a Robot with one entry for each joint, that go with the joint when it is locked.
 _OF_A_JOINT = (
@@ -52,9 +53,9 @@ class Payload:
 
     def __post_init__(self) -> None:
         # Tuples, so that a payload and the scene that holds it can be compared and hashed.
-        mass = number('payload mass', self.mass)
-        center = numbers('payload center', self.center, (3,))
-        inertia = numbers('payload inertia', self.inertia, (3, 3))
+        mass = real_number('payload mass', self.mass, largest=LARGEST)
+        center = real_array('payload center', self.center, shape=(3,), largest=LARGEST) + 0.0
+        inertia = real_array('payload inertia', self.inertia, shape=(3, 3), largest=LARGEST) + 0.0
         if mass < 0:
             raise ValueError(f'payload mass must not be negative, got {mass} kg')
         check_inertia('payload inertia', inertia, mass * float((center * center).sum()))
@@ -92,12 +93,12 @@ def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
     for name in at:
         if name not in robot.joint_names:
             raise ValueError(
-                f'cannot lock {shown(name)}: {shown(robot.name)} has no such joint, only '
-                f'{listed(robot.joint_names)}'
+                f'cannot lock {quote(name)}: {quote(robot.name)} has no such joint, only '
+                f'{quote_all(robot.joint_names)}'
             )
     if len(at) == robot.n:
         raise ValueError(
-            f'cannot lock all {robot.n} joints of {shown(robot.name)}; leave at least one free'
+            f'cannot lock all {robot.n} joints of {quote(robot.name)}; leave at least one free'
         )
     for name, position in at.items():
         robot = _lock_one(robot, robot.joint_names.index(name), position)
@@ -107,9 +108,11 @@ def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
 def locked_positions(positions: Mapping[str, float]) -> dict[str, float]:
     """Return positions [rad, m] by the name of their joint as floats, or raise ValueError."""
     if not isinstance(positions, Mapping):
-        raise ValueError(f'locked must map names of joints to positions, got {shown(positions)}')
+        raise ValueError(f'locked must map names of joints to positions, got {quote(positions)}')
     return {
-        name: number(f'position at which joint {shown(name)} is locked', position)
+        name: real_number(
+            f'position at which joint {quote(name)} is locked', position, largest=LARGEST
+        )
         for name, position in positions.items()
     }
 

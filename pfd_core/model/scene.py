@@ -14,12 +14,14 @@ import hashlib
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from pfd_core.model.checked_numbers import LARGEST, fit_shape, real_array
+from pfd_core.model.error_text import quote, quote_all
+from pfd_core.model.frozen_arrays import FrozenArrays, frozen
 from pfd_core.model.geometry import Array, product
 from pfd_core.model.robot import Robot
 from pfd_core.model.robot_changes import Payload, with_payload
-from pfd_core.model.values import Frozen, frozen, listed, numbers, shown
 
 MODEL = 'model'
 
@@ -64,15 +66,15 @@ class Scene:
 
     def __post_init__(self) -> None:
         if self.gravity is not None:
-            gravity = numbers('gravity', self.gravity, (3,))
-            object.__setattr__(self, 'gravity', tuple(gravity.tolist()))
+            gravity = real_array('gravity', self.gravity, shape=(3,), largest=LARGEST)
+            object.__setattr__(self, 'gravity', tuple((gravity + 0.0).tolist()))
         for key in ('damping', 'armature'):
             object.__setattr__(self, key, _per_joint(key, getattr(self, key)))
         if self.payload is not None and not isinstance(self.payload, Payload):
-            raise ValueError(f'payload must be a Payload or None, got {shown(self.payload)}')
+            raise ValueError(f'payload must be a Payload or None, got {quote(self.payload)}')
         for key in ('external_wrench', 'brakes'):
             if not isinstance(getattr(self, key), (bool, np.bool_)):
-                raise ValueError(f'{key} must be True or False, got {shown(getattr(self, key))}')
+                raise ValueError(f'{key} must be True or False, got {quote(getattr(self, key))}')
             object.__setattr__(self, key, bool(getattr(self, key)))
         for key in ('friction', 'joint_limits'):
             if getattr(self, key) is not None:
@@ -86,7 +88,7 @@ class Scene:
 
 
 @dataclass(frozen=True, eq=False)
-class Plant(Frozen):
+class Plant(FrozenArrays):
     """
     A scene brought to numbers for one robot.
 
@@ -143,10 +145,10 @@ def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
 
     """
     if not isinstance(robot, Robot):
-        raise ValueError(f'robot must be a Robot, got {shown(robot)}; load_robot() makes one')
+        raise ValueError(f'robot must be a Robot, got {quote(robot)}; load_robot() makes one')
     scene = Scene() if scene is None else scene
     if not isinstance(scene, Scene):
-        raise ValueError(f'scene must be a Scene or None, got {shown(scene)}')
+        raise ValueError(f'scene must be a Scene or None, got {quote(scene)}')
     carrying = robot if scene.payload is None else with_payload(robot, scene.payload)
     gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
     return Plant(
@@ -157,6 +159,79 @@ def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
         external_wrench=scene.external_wrench,
         brakes=scene.brakes,
     )
+
+
+def scene_inputs(
+    scene: Scene,
+    n: int,
+    dtype: str,
+    wrench: ArrayLike | None,
+    brakes: ArrayLike | None,
+    batch: tuple[int, ...] | None = None,
+) -> dict[str, NDArray[Any]]:
+    """
+    Return the inputs that a scene adds to positions, velocities and torques, checked.
+
+    Parameters
+    ----------
+    scene : Scene
+        Which effects are on.
+    n : int
+        Number of joints.
+    dtype : {'float64', 'float32'}
+        Number format of the result.
+    wrench : array_like or None
+        Force [N] and moment [N m] on the last link, (..., 6); exactly if the scene has one.
+    brakes : array_like of bool or None
+        True for joints that are held, (..., n); only if the scene has brakes. None holds none.
+    batch : tuple of int, optional
+        Leading dimensions to which the inputs are broadcast; default: as given.
+
+    Returns
+    -------
+    dict
+        `wrench`, (..., 6), and `free`, (..., n), 1 for joints that move and 0 for held ones; each
+        only if the scene has it.
+
+    Raises
+    ------
+    ValueError
+        If an input is given that the scene lacks, the wrench is missing, or one has another shape
+        or type.
+
+    """
+
+    def in_batch(name: str, array: NDArray[Any], size: int) -> NDArray[Any]:
+        array = fit_shape(name, array, (..., size))
+        return array if batch is None else fit_shape(name, array, (*batch, size), broadcast=True)
+
+    inputs = {}
+    if scene.external_wrench:
+        if wrench is None:
+            raise ValueError('the scene has external_wrench=True, so the call needs wrench=')
+        inputs['wrench'] = in_batch('wrench', real_array('wrench', wrench, dtype), 6)
+    elif wrench is not None:
+        raise ValueError(
+            'wrench was given, but the scene has external_wrench=False: '
+            'use Scene(external_wrench=True)'
+        )
+    if scene.brakes:
+        held = np.zeros(n, bool) if brakes is None else _bools('brakes', brakes)
+        inputs['free'] = (~in_batch('brakes', held, n)).astype(dtype)
+    elif brakes is not None:
+        raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
+    return inputs
+
+
+def _bools(name: str, value: ArrayLike) -> NDArray[np.bool_]:
+    """Return an array of bool; ValueError for numbers, as 1 could mean a joint that moves."""
+    try:
+        array = np.asarray(None if isinstance(value, np.ma.MaskedArray) else value)
+    except (TypeError, ValueError, RuntimeError):
+        array = np.asarray(None)
+    if array.dtype != bool:
+        raise ValueError(f'{name} must be an array of bool, True for held, got {quote(value)}')
+    return array
 
 
 def _per_joint(key: str, value: Any) -> tuple[float, ...] | str | None:
@@ -171,11 +246,11 @@ def _per_joint(key: str, value: Any) -> tuple[float, ...] | str | None:
         length = None
     if length is None:
         raise ValueError(
-            f'{key} must be None, {MODEL!r} or one number a joint, got {shown(value)}'
+            f'{key} must be None, {MODEL!r} or one number a joint, got {quote(value)}'
         )
-    array = numbers(key, value, (length,))
+    array = real_array(key, value, shape=(length,), largest=LARGEST) + 0.0
     if (array < 0).any():
-        raise ValueError(f'{key} must not be negative, got {shown(array.tolist())}')
+        raise ValueError(f'{key} must not be negative, got {quote(array.tolist())}')
     return tuple(array.tolist())
 
 
@@ -186,8 +261,8 @@ def _values(robot: Robot, key: str, switch: Any) -> Array | None:
     values = getattr(robot, key) if switch == MODEL else np.asarray(switch, dtype=np.float64)
     if values.shape != (robot.n,):
         raise ValueError(
-            f'{key} of the scene has {len(values)} numbers, but {shown(robot.name)} has '
-            f'{robot.n} joints: {listed(robot.joint_names)}'
+            f'{key} of the scene has {len(values)} numbers, but {quote(robot.name)} has '
+            f'{robot.n} joints: {quote_all(robot.joint_names)}'
         )
     # Zeros would be an effect that is on and does nothing.
     return values if values.any() else None

@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+from pfd_core.model.error_text import MOST_NAMES, quote, quote_all
 from pfd_core.model.urdf_reader import MOVING, NOT_A_CHAIN, Description, Joint
-from pfd_core.model.values import LISTED, listed, shown
 
 
 @dataclass(frozen=True)
@@ -88,11 +88,11 @@ def find_chain(
     moving = [joint for joint in urdf.joints.values() if carriers.get(joint.child) is joint]
     tip = _last_link(urdf, base, moving, carriers) if tip is None else tip
     if tip not in carriers:
-        raise ValueError(f'tip {shown(tip)} is not below base {shown(base)} in {shown(urdf.name)}')
+        raise ValueError(f'tip {quote(tip)} is not below base {quote(base)} in {quote(urdf.name)}')
     chain = _chain_to(tip, carriers)
     if not chain:
         raise ValueError(
-            f'no joint moves between {shown(base)} and {shown(tip)} in {shown(urdf.name)}'
+            f'no joint moves between {quote(base)} and {quote(tip)} in {quote(urdf.name)}'
         )
     _check_astray(urdf, tip, chain, moving, carriers)
     for joint in chain:
@@ -110,18 +110,18 @@ def _root(urdf: Description, above: Mapping[str, Joint]) -> str:
         for link in (joint.parent, joint.child):
             if link not in urdf.links:
                 raise ValueError(
-                    f'joint {shown(joint.name)} names link {shown(link)}, not in the URDF'
+                    f'joint {quote(joint.name)} names link {quote(link)}, not in the URDF'
                 )
         if above[joint.child] is not joint:
             raise ValueError(
-                f'link {shown(joint.child)} hangs on joints {shown(joint.name)} and '
-                f'{shown(above[joint.child].name)}: closed loops are not supported; cut one of '
+                f'link {quote(joint.child)} hangs on joints {quote(joint.name)} and '
+                f'{quote(above[joint.child].name)}: closed loops are not supported; cut one of '
                 'them'
             )
     roots = [name for name in urdf.links if name not in above]
     if len(roots) != 1:
         raise ValueError(
-            f'a URDF must have one link without a parent, got {listed(roots) or "a loop"}'
+            f'a URDF must have one link without a parent, got {quote_all(roots) or "a loop"}'
         )
     return roots[0]
 
@@ -146,7 +146,8 @@ def _check_reached(urdf: Description, below: list[Joint]) -> None:
         reached = {joint.name for joint in below}
         loop = [name for name in urdf.joints if name not in reached]
         raise ValueError(
-            f'joints {listed(loop)} form a closed loop apart from the rest of {shown(urdf.name)}'
+            f'joints {quote_all(loop)} form a closed loop apart from the rest of '
+            f'{quote(urdf.name)}'
         )
 
 
@@ -168,13 +169,13 @@ def _last_link(
 ) -> str:
     """Return the link moved by the last joint, if there is one such joint."""
     if not moving:
-        raise ValueError(f'no joint moves below {shown(base)} in {shown(urdf.name)}')
+        raise ValueError(f'no joint moves below {quote(base)} in {quote(urdf.name)}')
     before = {id(carriers[joint.parent]) for joint in moving}
     ends = [joint for joint in moving if id(joint) not in before]
     if len(ends) > 1:
         raise ValueError(
-            f'{shown(urdf.name)} is a tree, not a chain: it ends in joints '
-            f'{listed(j.name for j in ends)}; choose one end with tip={shown(ends[0].child)} '
+            f'{quote(urdf.name)} is a tree, not a chain: it ends in joints '
+            f'{quote_all(j.name for j in ends)}; choose one end with tip={quote(ends[0].child)} '
             '(and a base, if the ends part at a link that should stand still), or '
             f'{_how_to_lock(ends)}'
         )
@@ -201,8 +202,8 @@ def _check_astray(
     astray = [joint for joint in moving if on_chain[joint.name] and joint.name not in own]
     if astray:
         raise ValueError(
-            f'{shown(urdf.name)} is a tree, not a chain: {listed(j.name for j in astray)} also '
-            f'move what {shown(chain[0].name)} carries to {shown(tip)}; {_how_to_lock(astray)}'
+            f'{quote(urdf.name)} is a tree, not a chain: {quote_all(j.name for j in astray)} also '
+            f'move what {quote(chain[0].name)} carries to {quote(tip)}; {_how_to_lock(astray)}'
         )
 
 
@@ -210,8 +211,8 @@ def _check_links(urdf: Description, base: str | None, tip: str | None) -> None:
     for role, link in (('base', base), ('tip', tip)):
         if link is not None and (not isinstance(link, str) or link not in urdf.links):
             raise ValueError(
-                f'{role} {shown(link)} is not a link of {shown(urdf.name)}; it has '
-                f'{listed(urdf.links)}'
+                f'{role} {quote(link)} is not a link of {quote(urdf.name)}; it has '
+                f'{quote_all(urdf.links)}'
             )
 
 
@@ -220,28 +221,28 @@ def _check_locked(urdf: Description, locked: Mapping[str, float]) -> None:
         joint = urdf.joints.get(name)
         if joint is None or joint.kind not in MOVING:
             kind = 'has no such joint' if joint is None else f'has it as a {joint.kind} joint'
-            movable = listed(j.name for j in urdf.joints.values() if j.kind in MOVING)
+            movable = quote_all(j.name for j in urdf.joints.values() if j.kind in MOVING)
             raise ValueError(
-                f'cannot lock {shown(name)}: {shown(urdf.name)} {kind}; joints that can be '
+                f'cannot lock {quote(name)}: {quote(urdf.name)} {kind}; joints that can be '
                 f'locked: {movable}'
             )
 
 
 def _check_kind(joint: Joint) -> None:
-    name = shown(joint.name)
+    name = quote(joint.name)
     if joint.kind in NOT_A_CHAIN:
         raise ValueError(
             f'joint {name} is {joint.kind}, which is not supported: choose a base below '
-            f'it, such as base={shown(joint.child)}, or make it fixed'
+            f'it, such as base={quote(joint.child)}, or make it fixed'
         )
     if joint.mimics is not None:
         raise ValueError(
-            f'joint {name} mimics {shown(joint.mimics)}, which is not supported: lock it with '
+            f'joint {name} mimics {quote(joint.mimics)}, which is not supported: lock it with '
             f'locked={{{name}: 0.0}} or take the <mimic> away'
         )
 
 
 def _how_to_lock(joints: Iterable[Joint]) -> str:
     names = [joint.name for joint in joints if joint.kind in MOVING]
-    pairs = ', '.join(f'{shown(name)}: 0.0' for name in names[:LISTED])
-    return f'lock them, locked={{{pairs}{", ..." if len(names) > LISTED else ""}}}'
+    pairs = ', '.join(f'{quote(name)}: 0.0' for name in names[:MOST_NAMES])
+    return f'lock them, locked={{{pairs}{", ..." if len(names) > MOST_NAMES else ""}}}'

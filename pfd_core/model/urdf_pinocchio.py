@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import Array, axis_rotation, product
 from pfd_core.model.urdf_chain import Chain
 from pfd_core.model.urdf_reader import INERTIA_KEYS, Description, Inertial, Joint, Origin
-from pfd_core.model.values import shown
 
 # Each side rounds a few dozen products at 1e-16, relative to the size of the robot; a number that
 # one of them misread is off by far more.
@@ -61,8 +61,8 @@ def check_with_pinocchio(
     try:
         model = pinocchio.buildModelFromXML(text)
     except ValueError as error:
-        problem = shown(str(error))[1:-1]
-        raise ValueError(f'{shown(urdf.name)}: Pinocchio cannot load it: {problem}') from error
+        problem = quote(str(error))[1:-1]
+        raise ValueError(f'{quote(urdf.name)}: Pinocchio cannot load it: {problem}') from error
     model = _reduced(model, {joints[name]: at for name, at in locked.items() if name in joints})
     indices = [model.getJointId(joints[joint.name]) for joint in chain.joints]
     start, end = (
@@ -88,9 +88,9 @@ def _compare(joint: Joint, what: str, ours: ArrayLike, theirs: ArrayLike, most: 
     off = np.abs(np.asarray(ours) - np.asarray(theirs))
     if not (off <= most).all():
         raise ValueError(
-            f'{what} of link {shown(joint.child)}, moved by joint {shown(joint.name)}: this '
-            f'reader makes {shown(np.asarray(ours).tolist())} of the URDF, Pinocchio '
-            f'{shown(np.asarray(theirs).tolist())}'
+            f'{what} of link {quote(joint.child)}, moved by joint {quote(joint.name)}: this '
+            f'reader makes {quote(np.asarray(ours).tolist())} of the URDF, Pinocchio '
+            f'{quote(np.asarray(theirs).tolist())}'
         )
 
 

@@ -17,7 +17,8 @@ import re
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
-from pfd_core.model.values import BLANKS, listed, number_from_text, shown
+from pfd_core.model.checked_numbers import BLANKS, number_from_text
+from pfd_core.model.error_text import quote, quote_all
 
 # Writers of URDF print pi/2 as 1.570796325 or longer; with that many digits a right angle is
 # meant, and only an exact one leaves zeros for a kernel to drop. 1.5708 is taken as written.
@@ -108,11 +109,11 @@ def read_urdf(text: str, slack: float = RIGHT_ANGLE_SLACK) -> Description:
     """
     root = _parsed(text)
     if root.tag != 'robot':
-        raise ValueError(f'a URDF starts with <robot>, this text with <{shown(root.tag)[1:-1]}>')
+        raise ValueError(f'a URDF starts with <robot>, this text with <{quote(root.tag)[1:-1]}>')
     links: dict[str, Inertial | None] = {}
     for element in root.findall('link'):
         name = _name(element, links)
-        links[name] = _inertial(element, f'link {shown(name)}', slack)
+        links[name] = _inertial(element, f'link {quote(name)}', slack)
     if not links:
         raise ValueError('the URDF has no <link>; if it is xacro, expand it first')
     if len(links) > MOST_LINKS:
@@ -160,7 +161,7 @@ def _parsed(text: str) -> ElementTree.Element:
     try:
         return ElementTree.fromstring(text.strip(), ElementTree.XMLParser(target=_Builder()))
     except (ElementTree.ParseError, UnicodeEncodeError) as error:
-        problem = shown(str(error))[1:-1]
+        problem = quote(str(error))[1:-1]
         raise ValueError(f'the URDF is not well-formed XML: {problem}') from error
 
 
@@ -169,7 +170,7 @@ def _name(element: ElementTree.Element, taken: Mapping[str, object]) -> str:
     if not name:
         raise ValueError(f'the URDF has a <{element.tag}> without a name')
     if name in taken:
-        raise ValueError(f'the URDF has two {element.tag}s named {shown(name)}')
+        raise ValueError(f'the URDF has two {element.tag}s named {quote(name)}')
     return name
 
 
@@ -203,7 +204,7 @@ def _triple(
     where = f'<{element.tag} {key}> of {label}'
     words = re.split(f'[{BLANKS}]+', text.strip(BLANKS))
     if len(words) != 3:
-        raise ValueError(f'{where} must be three numbers, got {shown(text)}')
+        raise ValueError(f'{where} must be three numbers, got {quote(text)}')
     x, y, z = (number_from_text(where, word) for word in words)
     return x, y, z
 
@@ -241,10 +242,10 @@ def _inertial(link: ElementTree.Element, label: str, slack: float) -> Inertial |
 
 
 def _joint(element: ElementTree.Element, name: str, slack: float) -> Joint:
-    label, kind = f'joint {shown(name)}', element.get('type', '')
+    label, kind = f'joint {quote(name)}', element.get('type', '')
     if kind not in (*MOVING, *NOT_A_CHAIN, 'fixed'):
         raise ValueError(
-            f'{label} has type {shown(kind)}; known types are {listed((*MOVING, "fixed"))}'
+            f'{label} has type {quote(kind)}; known types are {quote_all((*MOVING, "fixed"))}'
         )
     ends = [_only(element, tag, label) for tag in ('parent', 'child')]
     parent, child = ('' if end is None else end.get('link', '') for end in ends)

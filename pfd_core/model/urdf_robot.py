@@ -11,6 +11,8 @@ import warnings
 
 import numpy as np
 
+from pfd_core.model.checked_numbers import LARGEST, real_number
+from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import (
     Array,
     axis_rotation,
@@ -37,7 +39,6 @@ from pfd_core.model.urdf_reader import (
     Origin,
     read_urdf,
 )
-from pfd_core.model.values import number, shown
 
 Frame = tuple[Array, Array]
 Body = tuple[float, Array, Array]
@@ -91,7 +92,7 @@ def robot_from_urdf(
         If a link between two moving joints has no <inertial>, and so no mass.
 
     """
-    urdf = read_urdf(text, number('right_angle', right_angle))
+    urdf = read_urdf(text, real_number('right_angle', right_angle, largest=LARGEST))
     at = locked_positions({} if locked is None else locked)
     chain = find_chain(urdf, base, tip, at)
     turns = {joint.name: axis_rotation(joint.axis) for joint in chain.joints}
@@ -167,7 +168,7 @@ def _bodies(
         inertial = urdf.links[link]
         if carrier is None or inertial is None:
             continue
-        mass, center, J = _body(f'link {shown(link)}', inertial, length)
+        mass, center, J = _body(f'link {quote(link)}', inertial, length)
         R, p = frames[link]
         body = (mass, p + product(R, center), product(R, J, R.T))
         bodies[carrier.name] = merged(bodies[carrier.name], body)
@@ -195,7 +196,7 @@ def _check_weighed(chain: Chain, weighed: set[str]) -> None:
     """Refuse links without mass at the end of the chain, and warn of those within it."""
     last = max((k for k, j in enumerate(chain.joints) if j.name in weighed), default=-1)
     for k, joint in enumerate(chain.joints):
-        label = f'link {shown(joint.child)}, moved by joint {shown(joint.name)}, has no <inertial>'
+        label = f'link {quote(joint.child)}, moved by joint {quote(joint.name)}, has no <inertial>'
         if k > last:
             raise ValueError(f'{label}, nor has anything fixed to it or further out: give it one')
         if joint.name not in weighed:

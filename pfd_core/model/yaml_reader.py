@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from pfd_core.model.values import shown
+from pfd_core.model.error_text import quote
 
 # Four hundred joints are stored in 26 000 nodes and 330 kB; PyYAML reads 20 000 nodes a second.
 MOST_NODES = 30_000
@@ -42,13 +42,13 @@ def read_yaml(text: str, source: str) -> Any:
     """
     if len(text) > MOST_CHARACTERS:
         raise ValueError(
-            f'{shown(source)} has {len(text)} characters; robots in YAML may have '
+            f'{quote(source)} has {len(text)} characters; robots in YAML may have '
             f'{MOST_CHARACTERS}'
         )
     try:
         return _Loader(text).get_single_data()
     except yaml.YAMLError as error:
-        raise ValueError(f'{shown(source)} is not YAML: {_one_line(error)}') from error
+        raise ValueError(f'{quote(source)} is not YAML: {_one_line(error)}') from error
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
@@ -90,7 +90,7 @@ def _check_node(node: Any) -> None:
     """Raise YAMLError if a node has a tag of its own, or a table two equal keys."""
     problem = ''
     if node.tag not in _PLAIN:
-        problem = f'tag {shown(node.tag)} is not used in robots'
+        problem = f'tag {quote(node.tag)} is not used in robots'
     elif isinstance(node, yaml.MappingNode):
         keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
         counts = Counter(keys)
@@ -98,7 +98,7 @@ def _check_node(node: Any) -> None:
         if len(keys) != len(node.value):
             problem = 'a key is no text'
         elif twice:
-            problem = f'key {shown(twice[0])} occurs more than once'
+            problem = f'key {quote(twice[0])} occurs more than once'
     if problem:
         raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
 
@@ -106,4 +106,4 @@ def _check_node(node: Any) -> None:
 def _one_line(error: yaml.YAMLError) -> str:
     problem = getattr(error, 'problem', None) or getattr(error, 'reason', None) or 'unreadable'
     mark = getattr(error, 'problem_mark', None)
-    return shown(problem)[1:-1] + ('' if mark is None else f' in line {mark.line + 1}')
+    return quote(problem)[1:-1] + ('' if mark is None else f' in line {mark.line + 1}')

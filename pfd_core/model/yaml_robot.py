@@ -33,6 +33,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from pfd_core.model.checked_numbers import number_from_text, real_number
+from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import (
     Array,
     cos_sin_degrees,
@@ -43,7 +45,6 @@ from pfd_core.model.geometry import (
     welded_frames,
 )
 from pfd_core.model.robot import Robot
-from pfd_core.model.values import number, number_from_text, shown
 from pfd_core.model.yaml_reader import read_yaml
 
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}
@@ -109,11 +110,11 @@ def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
 
     """
     document = read_yaml(text, source)
-    document = _table(shown(source), document, ('robot', 'joints'), ('source', 'base', 'tip'))
+    document = _table(quote(source), document, ('robot', 'joints'), ('source', 'base', 'tip'))
     name = document['robot']
     rows = document['joints']
     if not isinstance(rows, list):
-        raise ValueError(f'joints of {shown(name)} must be a list, got {shown(rows)}')
+        raise ValueError(f'joints of {quote(name)} must be a list, got {quote(rows)}')
     joints = [_joint(i, row) for i, row in enumerate(rows)]
     fields: dict[str, Any] = {key: np.array([j[key] for j in joints]) for key in _PER_JOINT}
     base, base_rotation, base_position = _end('base', document.get('base', 'base'))
@@ -140,7 +141,7 @@ def _frames(
     ways = {j['placed_by'] for j in joints}
     if len(ways) > 1:
         raise ValueError(
-            f'joints of {shown(name)} must all be placed the same way, got {sorted(ways)}'
+            f'joints of {quote(name)} must all be placed the same way, got {sorted(ways)}'
         )
     if ways == {'modified_dh'}:
         _, tip_rotation, tip_position = _end('tip', tip)
@@ -151,7 +152,7 @@ def _frames(
         return welded_frames(placements, [j['body'] for j in joints])
     if isinstance(tip, Mapping) and set(tip) != {'link'}:
         raise ValueError(
-            f'tip of {shown(name)} must be the name of a link: where it stands is given by the '
+            f'tip of {quote(name)} must be the name of a link: where it stands is given by the '
             f"last joint's {next(iter(ways), 'frame')}"
         )
     return {
@@ -168,7 +169,7 @@ def _frames(
 def _joint(index: int, row: Any) -> dict[str, Any]:
     """Return the numbers of one joint, with everything left out filled in."""
     name = row.get('name', f'number {index + 1}') if isinstance(row, Mapping) else index + 1
-    label = f'joint {shown(name)}'
+    label = f'joint {quote(name)}'
     optional = ('center', 'inertia', 'limits', 'damping', 'friction', 'armature', 'rotor')
     row = _table(
         label, row, ('name', 'type', 'mass'), (*optional, *PLACED_BY, 'accept_unphysical_inertia')
@@ -259,7 +260,7 @@ def _table(
     for key in value:
         if key not in required + optional:
             known = ', '.join(required + optional)
-            raise ValueError(f'{label} has an unknown key {shown(key)}; known keys are {known}')
+            raise ValueError(f'{label} has an unknown key {quote(key)}; known keys are {known}')
     return value
 
 
@@ -267,7 +268,7 @@ def _truth(label: str, row: Mapping[str, Any]) -> bool:
     value = row.get('accept_unphysical_inertia', 'false')
     if value not in ('true', 'True', 'false', 'False'):
         raise ValueError(
-            f'accept_unphysical_inertia of {label} must be true or false, got {shown(value)}'
+            f'accept_unphysical_inertia of {label} must be true or false, got {quote(value)}'
         )
     return value in ('true', 'True')
 
@@ -276,7 +277,7 @@ def _number(label: str, value: Any, *, infinite: bool = False) -> float:
     """Return a number of a file, or one that was left out."""
     if isinstance(value, str):
         return number_from_text(label, value, infinite=infinite)
-    return number(label, value, infinite=infinite)
+    return real_number(label, value, finite=not infinite)
 
 
 def _numbers(label: str, value: Any, shape: tuple[int, ...]) -> Array:
@@ -286,6 +287,6 @@ def _numbers(label: str, value: Any, shape: tuple[int, ...]) -> Array:
     except ValueError:
         array = np.zeros(())
     if array.shape != shape:
-        raise ValueError(f'{label} must have shape {shape}, got {shown(value)}')
+        raise ValueError(f'{label} must have shape {shape}, got {quote(value)}')
     flat = [_number(label, item) for item in array.ravel()]
     return np.array(flat, dtype=np.float64).reshape(shape)

@@ -29,11 +29,10 @@ from numpy.typing import ArrayLike
 from pfd_core.kernels.codegen.arms import SLOTS, NativeEnsemble, compile_ensemble
 from pfd_core.kernels.codegen.step import REPORT
 from pfd_core.kernels.runtime.threads import MOST, block_size, run, thread_count
-from pfd_core.model import Robot, Scene
-from pfd_core.model.arguments import held_mask, integer
+from pfd_core.model import Robot, Scene, scene_inputs
+from pfd_core.model.checked_numbers import Array, fit_shape, integer, real_array, real_number
 from pfd_core.simulation.feedback import Law, law_arrays
-from pfd_core.simulation.inputs import Array, check_held, instant, numbers, seconds, spread
-from pfd_core.simulation.integrators import record_step
+from pfd_core.simulation.integrators import positive_seconds, record_step
 
 
 @dataclass(frozen=True)
@@ -100,7 +99,7 @@ class Ensemble:
         self.robot = robot
         self.size = integer('size', size, 1)
         self.scene = Scene() if scene is None else scene
-        self.step_size = seconds('step_size', step_size)
+        self.step_size = positive_seconds('step_size', step_size)
         self.substeps = integer('substeps', substeps, 1)
         self.dtype = dtype
         self._settings: dict[str, Any] = {
@@ -172,12 +171,14 @@ class Ensemble:
         """Set positions and velocities, (n,) or (B, n), default zero, and the time [s]."""
         shape = self.size, self.robot.n
         values = {
-            name: spread(name, 0.0 if value is None else value, shape, self.dtype)
+            name: real_array(
+                name, 0.0 if value is None else value, self.dtype, shape, broadcast=True
+            )
             for name, value in (('q', q), ('qd', qd), ('qdd', None))
         }
         for name, value in values.items():
             self._state[name][:] = value
-        self._start = instant(time)
+        self._start = real_number('time', time)
         self._steps = 0
 
     def rollout(
@@ -276,7 +277,7 @@ class Ensemble:
             if steps is None:
                 raise ValueError('steps is needed where taus does not say how many there are')
             return np.broadcast_to(np.zeros(n, self.dtype), (self.size, steps, n)), steps
-        array = numbers('taus', taus, self.dtype)
+        array = real_array('taus', taus, self.dtype)
         if array.ndim not in (2, 3):
             raise ValueError(
                 f'taus must have shape (steps, {n}) or ({self.size}, steps, {n}), '
@@ -285,18 +286,13 @@ class Ensemble:
         found = array.shape[-2]
         if steps not in (None, found):
             raise ValueError(f'taus holds {found} steps, but steps={steps} were asked for')
-        return spread('taus', array, (self.size, found, n), self.dtype), found
+        return fit_shape('taus', array, (self.size, found, n), broadcast=True), found
 
     def _held(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> dict[str, Array]:
         """Return what stays the same for all steps, (B, 6) and (B, n)."""
-        check_held(self.scene, wrench, brakes)
-        held = {}
-        if wrench is not None:
-            held['wrench'] = spread('wrench', wrench, (self.size, 6), self.dtype)
-        if self.scene.brakes:
-            free = held_mask(brakes, self.robot.n, self.dtype)
-            held['free'] = spread('brakes', free, (self.size, self.robot.n), self.dtype)
-        return held
+        return scene_inputs(
+            self.scene, self.robot.n, self.dtype, wrench, brakes, batch=(self.size,)
+        )
 
 
 def pieces(steps: int, every: int, most: int) -> Iterator[tuple[int, int, int]]:

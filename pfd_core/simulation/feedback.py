@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.kernels.codegen.law import GAINS, JOINTS, MATRIX, NONE, REFERENCES, WHOLE
-from pfd_core.simulation.inputs import Array, spread
+from pfd_core.model.checked_numbers import Array, real_array
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def law_arrays(
         )
 
     def array(name: str, *shape: int) -> Array:
-        return spread(f'feedback.{name}', getattr(law, name), shape, dtype)
+        return real_array(f'feedback.{name}', getattr(law, name), dtype, shape, broadcast=True)
 
     arrays = {
         place: array(name, size, steps, n)

@@ -21,6 +21,7 @@ from typing import Any
 
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
+from pfd_core.model.checked_numbers import real_number
 
 State = tuple[Any, ...]
 Accelerations = Callable[[Any, Any], Any]
@@ -55,6 +56,14 @@ CARRIED = {'rk4': ('q', 'qd'), 'velocity_verlet': ('q', 'qd', 'qdd')}
 # What integrator='auto' stands for: the more accurate per evaluation at the steps an arm takes.
 DEFAULT = 'rk4'
 INTEGRATORS = ('auto', *STEPS)
+
+
+def positive_seconds(name: str, value: float) -> float:
+    """Return a duration [s]; ValueError unless it is a number above zero."""
+    seconds = real_number(name, value)
+    if seconds <= 0:
+        raise ValueError(f'{name} must be above zero seconds, got {seconds}')
+    return seconds
 
 
 def record_step(integrator: str, n: int, h: float) -> Program:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.simulation.inputs import Array
+from pfd_core.model.checked_numbers import Array
 
 # Where the parts lie in the numbers of a moment; a wrench has six, every other part one a joint.
 PARTS = ('q', 'qd', 'tau', 'free', 'wrench')

@@ -23,10 +23,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.kernels.codegen.rollout import Rollout, compile_rollout
-from pfd_core.model import Robot, Scene
-from pfd_core.model.arguments import held_mask, integer
-from pfd_core.simulation.inputs import Array, check_held, instant, numbers, seconds
-from pfd_core.simulation.integrators import record_step
+from pfd_core.model import Robot, Scene, scene_inputs
+from pfd_core.model.checked_numbers import Array, integer, real_array, real_number
+from pfd_core.simulation.integrators import positive_seconds, record_step
 from pfd_core.simulation.moment import Moment
 from pfd_core.simulation.trajectory import Trajectory
 
@@ -80,7 +79,7 @@ class Simulator:
     ) -> None:
         self.robot = robot
         self.scene = Scene() if scene is None else scene
-        self.step_size = seconds('step_size', step_size)
+        self.step_size = positive_seconds('step_size', step_size)
         self.substeps = integer('substeps', substeps, 1)
         self.dtype = dtype
         self._settings: dict[str, Any] = {
@@ -168,7 +167,7 @@ class Simulator:
         following = self._following()
         for target, name, value in ((following.q, 'q', q), (following.qd, 'qd', qd)):
             target[:] = 0.0 if value is None else self._vector(name, value)
-        following.start, following.steps, following.status = instant(time), 0, 'ok'
+        following.start, following.steps, following.status = real_number('time', time), 0, 'ok'
         self._turn ^= 1
 
     def step(
@@ -214,9 +213,7 @@ class Simulator:
 
         """
         # The caller may change what was given, before the accelerations are read.
-        rows = np.array(numbers('taus', taus, self.dtype), order='C')
-        if rows.ndim != 2 or rows.shape[1] != self.robot.n:
-            raise ValueError(f'taus must have shape (steps, {self.robot.n}), got {rows.shape}')
+        rows = real_array('taus', taus, self.dtype, ('steps', self.robot.n)).copy(order='C')
         held = self._held(wrench, brakes)
         before = self._now.steps
         q, qd = np.empty_like(rows), np.empty_like(rows)
@@ -288,22 +285,9 @@ class Simulator:
 
     def _held(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> dict[str, Array]:
         """Return copies of what stays the same for all steps, in the order of the kernel."""
-        check_held(self.scene, wrench, brakes)
-        held = {}
-        if wrench is not None:
-            held['wrench'] = np.array(self._vector('wrench', wrench, 6))
-        if self.scene.brakes:
-            held['free'] = held_mask(brakes, self.robot.n, self.dtype)
-            if held['free'].ndim != 1:
-                raise ValueError(
-                    f'brakes must have shape ({self.robot.n},), got {held["free"].shape}'
-                )
-        return held
+        given = scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes, batch=())
+        return {name: value.copy() for name, value in given.items()}
 
-    def _vector(self, name: str, value: ArrayLike, size: int | None = None) -> Array:
+    def _vector(self, name: str, value: ArrayLike) -> Array:
         """Return a finite vector of the right length; ValueError if it is not one."""
-        size = self.robot.n if size is None else size
-        array = numbers(name, value, self.dtype)
-        if array.shape != (size,):
-            raise ValueError(f'{name} must have shape ({size},), got {array.shape}')
-        return array
+        return real_array(name, value, self.dtype, (self.robot.n,))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from pfd_core.simulation.inputs import Array
+from pfd_core.model.checked_numbers import Array
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,244 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The one reader of numbers that users give: real numbers and integers, or a ValueError.
+
+    real_array          real numbers as an array of a format and a shape
+    real_number         one of them as a float
+    number_from_text    one of them from decimal digits
+    integer             an integer with a lower bound
+    check_finite        the error that names the first NaN or infinity
+    fit_shape           an array in a shape, or broadcast to it
+
+Every error names the value, says what was expected and shows what came.
+"""
+
+from __future__ import annotations
+
+import math
+import numbers
+import operator
+import re
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pfd_core.model.error_text import quote
+
+Array = NDArray[Any]
+# Lengths of the dimensions; a str names one of any length, and a leading ... stands for a batch.
+Shape = tuple[Any, ...]
+
+# Nothing about a robot is larger, and products of three such numbers are still finite.
+LARGEST = 1e100
+_NATIVE = {name: np.dtype(name) for name in ('float64', 'float32')}
+# Kinds of NumPy's types whose values are real numbers: integers with and without sign, floats.
+_REAL_KINDS = frozenset('iuf')
+# Elements of a list that NumPy converts without losing a mask, units or a bool.
+_PLAIN = frozenset({float, int, np.float64})
+# Python takes less time than NumPy for the joints of one arm.
+_FEW = 16
+# Decimal digits, as C and XML Schema write numbers: no digits of other scripts, no underscores,
+# no hexadecimals, all of which float() or strtod() take.
+_NUMBER = re.compile(r'[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?')
+_INFINITY = re.compile(r'[+-]?\.?inf(?:inity)?', re.IGNORECASE)
+# XML's and YAML's blanks; str.split() would take some thirty more.
+BLANKS = ' \t\r\n'
+
+
+def real_array(
+    name: str,
+    value: ArrayLike,
+    dtype: str = 'float64',
+    shape: Shape | None = None,
+    *,
+    broadcast: bool = False,
+    finite: bool = True,
+    largest: float = math.inf,
+) -> Array:
+    """
+    Return real numbers as an array, which may be the one that was given.
+
+    Parameters
+    ----------
+    name : str
+        Name of the value, for errors.
+    value : array_like
+        Integers, floats or fractions of any width.
+    dtype : {'float64', 'float32'}
+        Number format of the result.
+    shape : tuple, optional
+        Shape of the result, see `fit_shape`; default: any.
+    broadcast : bool
+        Whether the numbers are broadcast to the shape.
+    finite : bool
+        Whether NaN and infinities are refused.
+    largest : float
+        Largest absolute value, where numbers must be finite.
+
+    Raises
+    ------
+    ValueError
+        If an element is complex, a bool, a text, a date, None, masked or has units; if it is NaN,
+        infinite, larger than `largest` or than the format; if the shape is another.
+
+    """
+    if type(value) is np.ndarray and value.dtype is _NATIVE[dtype]:
+        array = value
+    else:
+        wanted = 'a number' if shape == () else 'an array of numbers'
+        array = _converted(name, value, dtype, wanted)
+    if finite:
+        check_finite(name, array, largest)
+    if shape is None or array.shape == shape:
+        return array
+    return fit_shape(name, array, shape, broadcast)
+
+
+def real_number(name: str, value: Any, *, finite: bool = True, largest: float = math.inf) -> float:
+    """Return one real number, a scalar of Python or NumPy, as a float; as `real_array`."""
+    return float(real_array(name, value, shape=(), finite=finite, largest=largest))
+
+
+def number_from_text(name: str, text: str, *, infinite: bool = False) -> float:
+    """
+    Return the number that a text holds.
+
+    Parameters
+    ----------
+    name : str
+        Name of the number, for errors.
+    text : str
+        Decimal digits with a sign, a point and an exponent, and blanks around them.
+    infinite : bool
+        Whether "inf", signed or not, is a number too, and numbers above LARGEST.
+
+    Raises
+    ------
+    ValueError
+        If it is anything else, too large, or so small that a double is 0.
+
+    """
+    stripped = text.strip(BLANKS)
+    if infinite and _INFINITY.fullmatch(stripped):
+        return -math.inf if stripped.startswith('-') else math.inf
+    if not _NUMBER.fullmatch(stripped):
+        raise ValueError(f'{name} must be a number, got {quote(text)}')
+    value = float(stripped)
+    if value == 0 and re.search('[1-9]', re.split('[eE]', stripped)[0]):
+        raise ValueError(f'{name} is too small for double precision, got {quote(text)}')
+    return real_number(name, value, largest=math.inf if infinite else LARGEST)
+
+
+def integer(name: str, value: object, least: int) -> int:
+    """Return an integer, NumPy's too; ValueError if it is none, a bool or below `least`."""
+    try:
+        if isinstance(value, (bool, np.bool_)):
+            raise TypeError
+        found = operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        found = least - 1
+    if found < least:
+        raise ValueError(f'{name} must be an integer of at least {least}, got {quote(value)}')
+    return found
+
+
+def check_finite(name: str, array: Array, largest: float = math.inf) -> None:
+    """Raise the ValueError that names the first number that is not finite, or above `largest`."""
+    if largest == math.inf:
+        if array.ndim == 1 and len(array) <= _FEW and all(map(math.isfinite, array.tolist())):
+            return
+        wrong = ~np.isfinite(array)
+    else:
+        wrong = ~(np.abs(array) <= largest)
+    if not wrong.any():
+        return
+    rule = 'finite' if largest == math.inf else f'finite and at most {largest:g} in size'
+    if array.ndim == 0:
+        raise ValueError(f'{name} must be {rule}, got {array}')
+    first, *others = np.argwhere(wrong).tolist()
+    raise ValueError(
+        f'{name} must be {rule}, got {array[tuple(first)]} at index {first} '
+        f'({1 + len(others)} of {array.size} elements)'
+    )
+
+
+def fit_shape(name: str, array: Array, shape: Shape, broadcast: bool = False) -> Array:
+    """
+    Return an array that has a shape, or one broadcast to it.
+
+    Parameters
+    ----------
+    name : str
+        Name of the array, for errors.
+    array : numpy.ndarray
+        The array.
+    shape : tuple
+        Lengths of the dimensions. A str names a dimension of any length; a leading ... stands for
+        any number of them.
+    broadcast : bool
+        Whether the array is broadcast to the shape, which then holds lengths alone.
+
+    Raises
+    ------
+    ValueError
+        If the array has another shape.
+
+    """
+    wanted = [shape]
+    if broadcast:
+        try:
+            return np.broadcast_to(array, shape)
+        except ValueError:
+            wanted = [shape[k:] for k in range(len(shape))]
+    else:
+        own = (..., *array.shape[1 - len(shape) :]) if shape[:1] == (...,) else array.shape
+        if len(own) == len(shape) and all(
+            isinstance(length, str) or length == found
+            for length, found in zip(shape, own, strict=True)
+        ):
+            return array
+    if shape == ():
+        raise ValueError(f'{name} must be a number, got an array of shape {array.shape}')
+    text = ' or '.join(map(str, wanted)).replace('Ellipsis', '...').replace("'", '')
+    raise ValueError(f'{name} must have shape {text}, got {array.shape}')
+
+
+def _converted(name: str, value: ArrayLike, dtype: str, wanted: str) -> Array:
+    """Return real numbers as an array of a format; ValueError for anything else."""
+    try:
+        lost = _lost_by_conversion(value)
+        array = np.zeros(()) if lost else np.asarray(value)
+    except (TypeError, ValueError, RuntimeError) as error:  # ragged rows, endless lists
+        raise ValueError(f'{name} must be {wanted}, got {quote(value)}: {error}') from error
+    kind = array.dtype.kind
+    if kind not in _REAL_KINDS and not (kind == 'O' and all(map(_is_real, array.ravel()))):
+        lost = quote(value) if array.ndim == 0 or kind == 'O' else str(array.dtype)
+    if lost:
+        raise ValueError(f'{name} must be {wanted}, got {lost}')
+    if array.dtype is _NATIVE[dtype]:
+        return array
+    try:
+        with np.errstate(over='raise'):
+            return array.astype(dtype)
+    except (OverflowError, FloatingPointError) as error:
+        raise ValueError(f'{name} must fit {dtype}, got {quote(value)}') from error
+
+
+def _lost_by_conversion(value: object) -> str:
+    """Return the mask, units or bool that NumPy would silently convert to numbers, or ''."""
+    if isinstance(value, (list, tuple)):
+        if _PLAIN.issuperset(map(type, value)):
+            return ''
+        return next(filter(None, map(_lost_by_conversion, value)), '')
+    if isinstance(value, np.ma.MaskedArray):
+        return 'a masked array: fill its gaps'
+    if isinstance(value, (bool, np.bool_)):
+        return f'bool {value}'
+    unit = getattr(value, 'unit', getattr(value, 'units', None))
+    return '' if unit is None else f'units ({quote(unit)}): give its plain numbers in SI units'
+
+
+def _is_real(value: object) -> bool:
+    return isinstance(value, numbers.Real) and not isinstance(value, (bool, np.timedelta64))

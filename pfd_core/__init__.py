@@ -20,7 +20,7 @@ from pfd_core.model import (
     robot_to_yaml,
     with_payload,
 )
-from pfd_core.simulation.ensemble import Ensemble, Trajectories
+from pfd_core.simulation.ensemble import Ensemble
 from pfd_core.simulation.feedback import Feedback, StateFeedback
 from pfd_core.simulation.integrators import INTEGRATORS
 from pfd_core.simulation.simulator import Simulator
@@ -46,7 +46,6 @@ __all__ = [
     'Simulator',
     'StateFeedback',
     'Steps',
-    'Trajectories',
     'Trajectory',
     '__version__',
     'compile_kernel',

@@ -104,7 +104,7 @@ def test_a_copied_ensemble_goes_on_with_the_same_bits_and_alone(way: str) -> Non
     np.testing.assert_array_equal(many.q, q)
     assert many.time == time
     second = run(many)
-    for name in ('time', 'q', 'qd', 'qdd', 'sound'):
+    for name in ('time', 'q', 'qd', 'qdd', 'finite_steps'):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
     assert twin.qdd.tobytes() == many.qdd.tobytes()
 
@@ -123,7 +123,7 @@ def test_a_trajectory_keeps_its_accelerations(way: str, read: bool) -> None:
         assert expected.any()
         for name in ('time', 'q', 'qd'):
             np.testing.assert_array_equal(getattr(twin, name), getattr(run, name))
-        assert (twin.status, twin.sound) == (run.status, run.sound)
+        assert (twin.status, twin.finite_steps) == (run.status, run.finite_steps)
 
 
 def test_a_pickled_trajectory_needs_no_compiler_to_be_opened(

@@ -91,9 +91,7 @@ def real_array(
         array = _converted(name, value, dtype, wanted)
     if finite:
         check_finite(name, array, largest)
-    if shape is None or array.shape == shape:
-        return array
-    return fit_shape(name, array, shape, broadcast)
+    return array if shape is None else fit_shape(name, array, shape, broadcast)
 
 
 def real_number(name: str, value: Any, *, finite: bool = True, largest: float = math.inf) -> float:
@@ -146,18 +144,17 @@ def integer(name: str, value: object, least: int) -> int:
 
 def check_finite(name: str, array: Array, largest: float = math.inf) -> None:
     """Raise the ValueError that names the first number that is not finite, or above `largest`."""
-    if largest == math.inf:
-        if array.ndim == 1 and len(array) <= _FEW and all(map(math.isfinite, array.tolist())):
-            return
-        wrong = ~np.isfinite(array)
-    else:
-        wrong = ~(np.abs(array) <= largest)
-    if not wrong.any():
+    bounded = largest < math.inf
+    few = array.ndim == 1 and len(array) <= _FEW and not bounded
+    if few and all(map(math.isfinite, array.tolist())):
         return
-    rule = 'finite' if largest == math.inf else f'finite and at most {largest:g} in size'
+    right = np.abs(array) <= largest if bounded else np.isfinite(array)
+    if right.all():
+        return
+    rule = f'finite and at most {largest:g} in size' if bounded else 'finite'
     if array.ndim == 0:
         raise ValueError(f'{name} must be {rule}, got {array}')
-    first, *others = np.argwhere(wrong).tolist()
+    first, *others = np.argwhere(~right).tolist()
     raise ValueError(
         f'{name} must be {rule}, got {array[tuple(first)]} at index {first} '
         f'({1 + len(others)} of {array.size} elements)'
@@ -186,6 +183,8 @@ def fit_shape(name: str, array: Array, shape: Shape, broadcast: bool = False) ->
         If the array has another shape.
 
     """
+    if array.shape == shape:
+        return array
     wanted = [shape]
     if broadcast:
         try:

@@ -202,8 +202,10 @@ def scene_inputs(
     """
 
     def in_batch(name: str, array: NDArray[Any], size: int) -> NDArray[Any]:
-        array = fit_shape(name, array, (..., size))
-        return array if batch is None else fit_shape(name, array, (*batch, size), broadcast=True)
+        whole = (..., size) if batch is None else (*batch, size)
+        if batch is not None and array.shape != whole:
+            array = fit_shape(name, array, (..., size))
+        return fit_shape(name, array, whole, broadcast=batch is not None)
 
     inputs = {}
     if scene.external_wrench:

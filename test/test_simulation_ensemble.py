@@ -28,7 +28,7 @@ def sequences(n: int, size: int, dtype: str = 'float64') -> tuple[np.ndarray, ..
     return q, qd, rng.uniform(-5, 5, (size, STEPS, n)).astype(dtype)
 
 
-def assert_same(runs: pfd.Trajectories, b: int, alone: pfd.Trajectory) -> None:
+def assert_same(runs: pfd.Trajectory, b: int, alone: pfd.Trajectory) -> None:
     for name in ('q', 'qd', 'qdd'):
         np.testing.assert_array_equal(getattr(runs, name)[b], getattr(alone, name))
     np.testing.assert_array_equal(runs.time, alone.time)
@@ -45,7 +45,7 @@ def test_every_arm_moves_as_it_would_alone(size: int, integrator: str, dtype: st
     many.reset(q, qd, time=1.5)
     runs = many.rollout(taus)
     assert runs.status == 'ok'
-    np.testing.assert_array_equal(runs.sound, STEPS)
+    np.testing.assert_array_equal(runs.finite_steps, STEPS)
     for b in range(size):
         one.reset(q[b], qd[b], time=1.5)
         assert_same(runs, b, one.rollout(taus[b]))
@@ -181,7 +181,7 @@ def test_the_bits_do_not_depend_on_the_threads(
     wanted = many.rollout(taus)
     many.reset(q, qd)
     runs = many.rollout(taus, threads=count)
-    for name in ('q', 'qd', 'qdd', 'sound'):
+    for name in ('q', 'qd', 'qdd', 'finite_steps'):
         np.testing.assert_array_equal(getattr(runs, name), getattr(wanted, name))
 
 
@@ -209,7 +209,7 @@ def test_an_arm_that_overflows_is_told_and_does_not_touch_the_others() -> None:
     many.reset(q, qd)
     runs = many.rollout(taus)
     assert runs.status == 'not_finite'
-    assert runs.sound.tolist() == [STEPS] * 6 + [3] + [STEPS] * 3
+    assert runs.finite_steps.tolist() == [STEPS] * 6 + [3] + [STEPS] * 3
     others = np.arange(10) != 6
     np.testing.assert_array_equal(runs.q[others], whole.q[others])
 
@@ -311,11 +311,11 @@ def test_the_bits_do_not_depend_on_the_pieces(
     q, qd, taus = sequences(2, 19)
     law = pfd.StateFeedback(np.ones((2, 4)), taus / 10)
     found = []
-    for most in (threads.MOST, 1, 3 * many._native.work * many._evaluations):
+    for most in (threads.MOST, 1, 3 * many._work):
         monkeypatch.setattr(ensemble, 'MOST', most)
         many.reset(q, qd)
         runs = many.rollout(taus, feedback=law, every=every)
-        found.append([runs.time, runs.q, runs.qd, runs.qdd, runs.sound, many.q, many.qdd])
+        found.append([runs.time, runs.q, runs.qd, runs.qdd, runs.finite_steps, many.q, many.qdd])
     for one, two, three in zip(*found, strict=True):
         np.testing.assert_array_equal(two, one)
         np.testing.assert_array_equal(three, one)
@@ -327,7 +327,7 @@ def test_an_interrupted_rollout_leaves_time_and_states_together(
     many = pfd.Ensemble(pfd.load_robot('planar2'), 40)
     _, _, taus = sequences(2, 40)
     whole = many.rollout(taus)
-    monkeypatch.setattr(ensemble, 'MOST', 2 * many._native.work * many._evaluations)
+    monkeypatch.setattr(ensemble, 'MOST', 2 * many._work)
     monkeypatch.setattr(threads, 'MOST', 1)
     blocks = itertools.count()
 

@@ -54,7 +54,7 @@ def load_robot(
     right_angle : float
         A rotation of a URDF that is this close to a multiple of 90 degrees [rad] is taken as
         exactly that, since 1.570796325 means it, and exact zeros halve the work of a kernel; the
-        robot's `squared` names the joints that this changed. Negative: as written.
+        robot's `snapped_joints` names the joints that this changed. Negative: as written.
 
     Raises
     ------

@@ -88,8 +88,8 @@ class Robot(FrozenArrays):
         Where the numbers come from.
     accepted : tuple of str
         Joints whose links are known to break the triangle rule, which then needs no warning.
-    squared : tuple of str
-        Joints of the URDF, fixed ones too, of which a nearly right angle was taken as exact.
+    snapped_joints : tuple of str
+        Joints of the URDF, also fixed ones, with a nearly right angle that was made exact.
 
     Raises
     ------
@@ -124,10 +124,10 @@ class Robot(FrozenArrays):
     tip: str = 'tip'
     source: str = ''
     accepted: tuple[str, ...] = ()
-    squared: tuple[str, ...] = ()
+    snapped_joints: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for key in ('joint_names', 'joint_types', 'accepted', 'squared'):
+        for key in ('joint_names', 'joint_types', 'accepted', 'snapped_joints'):
             object.__setattr__(self, key, _names(key, getattr(self, key)))
         _check_joints(self)
         for key, shape in _shapes(self.n).items():
@@ -148,7 +148,7 @@ class Robot(FrozenArrays):
         """SHA-256 of all numbers and names, as 64 hexadecimal digits."""
         state = hashlib.sha256()
         for item in fields(self):
-            if item.name in ('source', 'accepted', 'squared'):
+            if item.name in ('source', 'accepted', 'snapped_joints'):
                 continue
             value = getattr(self, item.name)
             text = value.astype('<f8').tobytes() if isinstance(value, np.ndarray) else repr(value)

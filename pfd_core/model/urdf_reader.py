@@ -68,7 +68,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint; `mimics` names the joint it follows, `squared` tells of a rounded right angle."""
+    """A joint; `mimics` names the joint it follows, `snapped` tells of a rounded right angle."""
 
     name: str
     kind: str
@@ -78,7 +78,7 @@ class Joint:
     axis: Triple
     limits: Limits
     mimics: str | None
-    squared: bool
+    snapped: bool
 
 
 @dataclass(frozen=True)
@@ -255,11 +255,11 @@ def _joint(element: ElementTree.Element, name: str, slack: float) -> Joint:
     empty = written is not None and written.get('xyz') is None
     if kind in MOVING and (empty or not any(axis)):
         raise ValueError(f'<axis xyz> of {label} must be three numbers, not all 0')
-    origin, squared = _origin(element, label, slack)
+    origin, snapped = _origin(element, label, slack)
     mimic = _only(element, 'mimic', label)
     mimics = None if mimic is None else mimic.get('joint', '')
     limits = _limits(element, kind, label)
-    return Joint(name, kind, parent, child, origin, axis, limits, mimics, squared)
+    return Joint(name, kind, parent, child, origin, axis, limits, mimics, snapped)
 
 
 def _limits(element: ElementTree.Element, kind: str, label: str) -> Limits:

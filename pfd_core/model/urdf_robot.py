@@ -107,7 +107,7 @@ def robot_from_urdf(
         base=chain.base,
         tip=chain.tip,
         source=source,
-        squared=tuple(joint.name for joint in urdf.joints.values() if joint.squared),
+        snapped_joints=tuple(joint.name for joint in urdf.joints.values() if joint.snapped),
         **welded_frames(placements, bodies),
         **_limits(chain),
     )

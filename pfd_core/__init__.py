@@ -1,6 +1,19 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parallel forward dynamics after Lee and Chang (1987): counted, emulated and compiled."""
+"""
+Parallel forward dynamics after Lee and Chang (1987): counted, emulated and compiled.
+
+The packages stand in the order in which data flow; each imports only from those above it.
+
+    model         what is simulated: Robot, a serial chain, and Scene, the effects that act on it
+    machine       what it is computed on: elementary operations, programs, the emulator
+    algorithms    the dynamics, each algorithm as one text that records a program
+    kernels       a program as native code for one robot and scene: one state or a batch
+    simulation    time: integrators, Simulator for one arm, Ensemble for many
+    report        tables and plots: steps counted, speed and error measured
+
+The names below are the public ones.
+"""
 
 from importlib.metadata import PackageNotFoundError, version
 

@@ -160,7 +160,7 @@ class _Kernel:
 
 def test_kernels_are_kept_without_a_race(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = pfd.load_robot('planar2')
-    scenes = [pfd.Scene(gravity=(0.0, 0.0, float(k))) for k in range(dynamics.KEPT + 8)]
+    scenes = [pfd.Scene(gravity=(0.0, 0.0, float(k))) for k in range(dynamics.CACHED_KERNELS + 8)]
     monkeypatch.setattr(dynamics, 'compile_kernel', lambda *args, **kwargs: _Kernel())
     monkeypatch.setattr(dynamics, 'compile_inverse_kernel', lambda *args, **kwargs: _Kernel())
     interval = sys.getswitchinterval()

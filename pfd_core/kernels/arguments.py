@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 def common_shape(arrays: dict[str, NDArray[Any]]) -> tuple[int, ...]:
-    """Return the batch shape of some arrays; ValueError if they do not agree."""
+    """Return the batch shape that arrays are broadcast to; ValueError if there is none."""
     own = {value.shape[:-1] for value in arrays.values()}
     if len(own) == 1:
         return own.pop()
@@ -23,7 +23,7 @@ def common_shape(arrays: dict[str, NDArray[Any]]) -> tuple[int, ...]:
 
 
 def as_rows(value: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return an input broadcast to a batch shape, as one row for each state."""
+    """Return an input broadcast to a batch shape, with one row for each state."""
     if len(shape) == 1 and value.ndim == 2 and value.shape[:1] == shape:
         return value
     whole = np.broadcast_to(value, (*shape, value.shape[-1]))

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Robots by name, from a file, or from text."""
+"""Robots by name, from a file or from text."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ URDF, YAML = ('.urdf', '.xml'), ('.yaml', '.yml')
 
 
 def known_robots() -> list[str]:
-    """Return the names of the robots that come along, sorted."""
+    """Return the names of the robots in config/robots, sorted."""
     return sorted(_robot_files())
 
 
@@ -45,16 +45,16 @@ def load_robot(
     source : str or path
         A name of `known_robots`, the path of a .urdf or .yaml file, or the text of one.
     base, tip : str, optional
-        Links of a URDF between which the chain lies. Left out, the base is the root link and
-        the tip the link that the last joint moves. The base stands still, so what is above it
-        and what else hangs on it is left out. What hangs on a moving link keeps its mass, also
-        beyond the tip, but joints there must be locked.
+        First and last link of the chain in a URDF; default: the root link, and the link that the
+        last joint moves. The base stands still: links above it and other branches on it are cut
+        off. Branches on a moving link keep their mass, also beyond the tip, but their joints must
+        be locked.
     locked : mapping, optional
-        Name of a joint -> position [rad, m]. The joint becomes fixed, its link welded on.
+        Name of a joint -> position [rad, m] at which it becomes a fixed joint.
     right_angle : float
-        A rotation of a URDF that is this close to a multiple of 90 degrees [rad] is taken as
-        exactly that, since 1.570796325 means it, and exact zeros halve the work of a kernel; the
-        robot's `snapped_joints` names the joints that this changed. Negative: as written.
+        Angles of a URDF within this distance [rad] of a multiple of 90 degrees become exact:
+        1.570796325 means pi/2, and exact zeros halve the work of a kernel. The robot's
+        `snapped_joints` names the joints that this changed. Negative: angles as written.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def load_robot(
 
 
 def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
-    """Return the text of a robot, where it is from, and whether it is URDF."""
+    """Return the text of a robot, its origin, and whether it is URDF."""
     if isinstance(source, str):
         if source.lstrip().startswith('<'):
             return source, 'URDF text', True
@@ -132,7 +132,7 @@ def _file(path: Path) -> tuple[str, str, bool]:
 
 
 def _content(path: Path) -> bytes:
-    """Return the bytes of a regular file; a pipe is not waited for, a device not read."""
+    """Return the bytes of a regular file; OSError for a pipe, a device and a larger file."""
     if not path.is_file():
         raise OSError(errno.EINVAL, 'it is no regular file')
     with path.open('rb') as file:
@@ -143,7 +143,7 @@ def _content(path: Path) -> bytes:
 
 
 def _robot_files() -> dict[str, Path]:
-    """Return the files of the robots that come along, by name."""
+    """Return the files of config/robots by the name of the robot."""
     for folder in FOLDERS:
         if folder.is_dir():
             return {path.stem: path for path in folder.glob('*.yaml')}

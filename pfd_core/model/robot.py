@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, partial
 import hashlib
 import warnings
 
@@ -35,22 +35,25 @@ from pfd_core.model.rigid_body_checks import (
 )
 
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
+# Fields with one element, of this shape, for each link, and with one number for each joint.
+LINK_FIELDS: dict[str, tuple[int, ...]] = {
+    'rotations': (3, 3),
+    'translations': (3,),
+    'masses': (),
+    'centers': (3,),
+    'inertias': (3, 3),
+}
+LIMIT_FIELDS = ('position_lower', 'position_upper', 'velocity_limit', 'effort_limit')
+JOINT_FIELDS = (*LIMIT_FIELDS, 'damping', 'friction', 'armature')
+_NOT_NEGATIVE = ('masses', *JOINT_FIELDS[2:])
 
 
-def _zero() -> Array:
-    return np.zeros(())
-
-
-def _infinity() -> Array:
-    return np.full((), np.inf)
-
-
-def _minus_infinity() -> Array:
-    return np.full((), -np.inf)
+# Defaults for all joints.
+_zero, _infinity, _minus_infinity = (partial(np.full, (), x) for x in (0.0, np.inf, -np.inf))
 
 
 class PhysicsWarning(UserWarning):
-    """Numbers that can be computed with, but that no rigid body can have."""
+    """Warning of numbers that no rigid body can have, but that can be computed with."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +82,15 @@ class Robot(FrozenArrays):
     armature : ndarray
         (n,) [kg m^2, prismatic kg]: rotor inertia times the square of the gear ratio.
     position_lower, position_upper, velocity_limit, effort_limit : ndarray
-        (n,) [rad, rad/s, N m; prismatic m, m/s, N]: infinite where the model is silent.
+        (n,) [rad, rad/s, N m; prismatic m, m/s, N]: infinite where the model gives none.
     damping, friction : ndarray
-        (n,) [N m s/rad, N m; prismatic N s/m, N]: viscous and Coulomb; 0 where it is silent.
+        (n,) [N m s/rad, N m; prismatic N s/m, N]: viscous and Coulomb; 0 where it gives none.
     base, tip : str
-        Names of the link that is held and of the link whose frame is frame n.
+        Names of the link that stands still and of the link whose frame is frame n.
     source : str
-        Where the numbers come from.
+        Origin of the numbers.
     accepted : tuple of str
-        Joints whose links are known to break the triangle rule, which then needs no warning.
+        Joints whose links are known to break the triangle rule: these cause no warning.
     snapped_joints : tuple of str
         Joints of the URDF, also fixed ones, with a nearly right angle that was made exact.
 
@@ -99,7 +102,7 @@ class Robot(FrozenArrays):
     Warns
     -----
     PhysicsWarning
-        If principal moments of inertia break the triangle rule, which no body's do.
+        If principal moments of inertia break the triangle rule, as those of no body do.
 
     """
 
@@ -111,8 +114,8 @@ class Robot(FrozenArrays):
     masses: Array
     centers: Array
     inertias: Array
-    base_rotation: Array = field(default_factory=lambda: np.eye(3))
-    base_position: Array = field(default_factory=lambda: np.zeros(3))
+    base_rotation: Array = field(default_factory=partial(np.eye, 3))
+    base_position: Array = field(default_factory=partial(np.zeros, 3))
     armature: Array = field(default_factory=_zero)
     position_lower: Array = field(default_factory=_minus_infinity)
     position_upper: Array = field(default_factory=_infinity)
@@ -169,22 +172,17 @@ class Robot(FrozenArrays):
 
 
 def link_label(robot: Robot, index: int) -> str:
-    """Return how an error names link index + 1."""
+    """Return the name of link index + 1 in error messages."""
     joint = quote(robot.joint_names[index])
     return f'link {index + 1} of {quote(robot.name)} (moved by joint {joint})'
 
 
 def _shapes(n: int) -> dict[str, tuple[int, ...]]:
-    joint = dict.fromkeys(
-        (
-            *('masses', 'armature', 'position_lower', 'position_upper', 'velocity_limit'),
-            *('effort_limit', 'damping', 'friction'),
-        ),
-        (n,),
-    )
-    matrix = dict.fromkeys(('rotations', 'inertias'), (n, 3, 3))
-    vector = dict.fromkeys(('translations', 'centers'), (n, 3))
-    return {**matrix, **vector, **joint, 'base_rotation': (3, 3), 'base_position': (3,)}
+    return {
+        **{key: (n, *shape) for key, shape in LINK_FIELDS.items()},
+        **dict.fromkeys(JOINT_FIELDS, (n,)),
+        **{'base_rotation': (3, 3), 'base_position': (3,)},
+    }
 
 
 def _names(key: str, value: Iterable[str]) -> tuple[str, ...]:
@@ -195,7 +193,7 @@ def _names(key: str, value: Iterable[str]) -> tuple[str, ...]:
 
 
 def _array(robot: Robot, key: str, shape: tuple[int, ...]) -> Array:
-    """Return a read-only copy of a field, broadcast from a scalar where it is one per joint."""
+    """Return a read-only copy of a field; a scalar is broadcast to all joints."""
     label = f'{quote(robot.name)}: {key}'
     array = real_array(label, getattr(robot, key), finite=False)
     if array.ndim == 0 and shape == (robot.n,):
@@ -233,15 +231,14 @@ def _check_joints(robot: Robot) -> None:
 
 
 def _check_numbers(robot: Robot) -> None:
-    limits = {'position_lower', 'position_upper', 'velocity_limit', 'effort_limit'}
     for key in _shapes(robot.n):
         array = getattr(robot, key)
-        wrong = np.isnan(array) if key in limits else ~(np.abs(array) <= LARGEST)
-        size = f'finite and at most {LARGEST:g} in size'
-        rule = f'must be {"a number" if key in limits else size}'
-        _refuse(robot, key, wrong, rule)
-    not_negative = ('masses', 'armature', 'velocity_limit', 'effort_limit', 'damping', 'friction')
-    for key in not_negative:
+        if key in LIMIT_FIELDS:
+            _refuse(robot, key, np.isnan(array), 'must be a number')
+        else:
+            rule = f'must be finite and at most {LARGEST:g} in size'
+            _refuse(robot, key, ~(np.abs(array) <= LARGEST), rule)
+    for key in _NOT_NEGATIVE:
         _refuse(robot, key, getattr(robot, key) < 0, 'must not be negative')
     crossed = robot.position_lower > robot.position_upper
     _refuse(robot, 'position_lower', crossed, 'must not exceed position_upper')
@@ -267,7 +264,7 @@ def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None
 
 
 def _moments(robot: Robot) -> Array:
-    """Return the masses times the square of the longest way on the robot, (n,) [kg m^2]."""
+    """Return the masses times the square of the longest distance in a link, (n,) [kg m^2]."""
     longest = max(float(np.abs(robot.translations).max()), float(np.abs(robot.centers).max()))
     moments: Array = robot.masses * longest**2
     return moments

@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Which effects are on.
+Scene: the effects that act on a robot. Plant: a scene and a robot as numbers.
 
-A scene is a plain description that fits any robot; `resolve` turns it and a robot into the
-numbers that an algorithm records. The default is rigid links and gravity, nothing else.
+A scene fits any robot; `resolve` makes a plant of both, which an algorithm records as a program.
+The default is rigid links and gravity, nothing else.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ MODEL = 'model'
 @dataclass(frozen=True)
 class Scene:
     """
-    What acts on a robot, and what does not and so costs nothing.
+    The effects that act on a robot; an effect that is off costs nothing.
 
     Attributes
     ----------
     gravity : array_like or None
-        Acceleration of free fall, (3,) [m/s^2], in the frame of the base link; None for none.
+        Acceleration of free fall, (3,) [m/s^2], in the frame of the base link.
     damping : None, "model" or array_like
         Viscous friction of the joints, (n,) [N m s/rad, N s/m]; "model" for the robot's own.
     armature : None, "model" or array_like
@@ -51,7 +51,7 @@ class Scene:
     Raises
     ------
     ValueError
-        If a value is not of these kinds, or a number is negative or not finite.
+        If a value has another type, or a number is negative or not finite.
 
     """
 
@@ -90,16 +90,16 @@ class Scene:
 @dataclass(frozen=True, eq=False)
 class Plant(FrozenArrays):
     """
-    A scene brought to numbers for one robot.
+    A scene as numbers for one robot.
 
     Attributes
     ----------
     robot : Robot
         The chain, with the payload welded on.
     gravity : ndarray
-        (3,) [m/s^2], in the axes of frame 0; zeros where there is none.
+        (3,) [m/s^2], in the axes of frame 0; zeros without gravity.
     damping, armature : ndarray or None
-        (n,) [N m s/rad, N s/m] and [kg m^2, kg]; None where they play no part.
+        (n,) [N m s/rad, N s/m] and [kg m^2, kg]; None if the effect is off.
     external_wrench, brakes : bool
         Whether a wrench on the last link, and joints held at run time, are inputs.
 
@@ -129,7 +129,7 @@ class Plant(FrozenArrays):
 
 def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
     """
-    Return the numbers of a scene for a robot.
+    Return a scene as numbers for a robot.
 
     Parameters
     ----------
@@ -237,7 +237,7 @@ def _bools(name: str, value: ArrayLike) -> NDArray[np.bool_]:
 
 
 def _per_joint(key: str, value: Any) -> tuple[float, ...] | str | None:
-    """Return a switch as None, "model" or a tuple of numbers."""
+    """Return damping or armature of a scene as None, "model" or a tuple of numbers."""
     if value is None:
         return None
     if isinstance(value, str) and value == MODEL:
@@ -257,7 +257,7 @@ def _per_joint(key: str, value: Any) -> tuple[float, ...] | str | None:
 
 
 def _values(robot: Robot, key: str, switch: Any) -> Array | None:
-    """Return one number a joint, or None if the effect plays no part."""
+    """Return one number a joint, or None if the effect is off."""
     if switch is None:
         return None
     values = getattr(robot, key) if switch == MODEL else np.asarray(switch, dtype=np.float64)
@@ -266,5 +266,5 @@ def _values(robot: Robot, key: str, switch: Any) -> Array | None:
             f'{key} of the scene has {len(values)} numbers, but {quote(robot.name)} has '
             f'{robot.n} joints: {quote_all(robot.joint_names)}'
         )
-    # Zeros would be an effect that is on and does nothing.
+    # Zeros switch the effect off, so that it costs nothing.
     return values if values.any() else None

@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The chain in a URDF: which of its joints move, and which of them carries each link.
+The chain in a URDF: the joints that move, and the links that each of them carries.
 
-Whatever makes a file no serial chain is found here and named.
+Trees, loops and unsupported joints are refused here, by the name of the joint.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ class Chain:
     Attributes
     ----------
     base, tip : str
-        The link that is held, and the link whose frame ends the chain.
+        The link that stands still, and the link whose frame ends the chain.
     held : str
-        The topmost link that is rigid with the base: all others are below it.
+        The topmost link that is rigid with the base; all other links are below it.
     joints : tuple of Joint
         The joints that move, from the base to the tip.
     below : tuple of Joint
-        All joints below the held link, each after the joint above it; other chains that hang
-        on the base are left out.
+        All joints below the held link, each after the joint above it, without other chains on
+        the base.
     carriers : mapping
-        Name of each of these links -> the moving joint that it is rigid with; None for the base's.
+        Name of a link -> the moving joint that carries it; None for links rigid with the base.
 
     """
 
@@ -48,10 +48,10 @@ def find_chain(
     urdf: Description, base: str | None, tip: str | None, locked: Mapping[str, float]
 ) -> Chain:
     """
-    Return the chain of joints that is meant.
+    Return the chain of joints between two links.
 
-    The base is held still: what is above it is cut off, and so is what else hangs on it. What
-    hangs on a moving link stays, welded on; a joint there that could move must be locked.
+    The base stands still: links above it and other branches on it are cut off. Branches on a
+    moving link stay, welded to it; a joint there that could move must be locked.
 
     Parameters
     ----------
@@ -65,8 +65,8 @@ def find_chain(
     Raises
     ------
     ValueError
-        If the links and joints are no tree, or these do not leave exactly one chain of supported
-        joints.
+        If the links and joints are no tree, or these choices do not leave exactly one chain of
+        supported joints.
 
     """
     above = {joint.child: joint for joint in urdf.joints.values()}
@@ -77,7 +77,7 @@ def find_chain(
     _check_locked(urdf, locked)
     free = {j.name for j in urdf.joints.values() if j.kind != 'fixed' and j.name not in locked}
     base = root if base is None else base
-    # The base may be a leaf: what matters is the link at the top of all that is welded to it.
+    # The base may be a leaf: the chain starts at the topmost link that is welded to it.
     held = base
     while held in above and above[held].name not in free:
         held = above[held].parent
@@ -97,7 +97,7 @@ def find_chain(
     _check_astray(urdf, tip, chain, moving, carriers)
     for joint in chain:
         _check_kind(joint)
-    # What the chain does not move, other than what holds it, is not its business.
+    # Links that the chain neither moves nor stands on are left out.
     own = {joint.name for joint in chain}
     carried = {link: carrier for link, carrier in carriers.items() if _is_of(carrier, own)}
     kept = tuple(joint for joint in below if joint.child in carried)
@@ -105,7 +105,7 @@ def find_chain(
 
 
 def _root(urdf: Description, above: Mapping[str, Joint]) -> str:
-    """Return the one link without a parent, after a check of what each joint connects."""
+    """Return the one link without a parent; ValueError for a loop or an unknown link."""
     for joint in urdf.joints.values():
         for link in (joint.parent, joint.child):
             if link not in urdf.links:
@@ -167,7 +167,7 @@ def _chain_to(tip: str, carriers: Mapping[str, Joint | None]) -> list[Joint]:
 def _last_link(
     urdf: Description, base: str, moving: list[Joint], carriers: Mapping[str, Joint | None]
 ) -> str:
-    """Return the link moved by the last joint, if there is one such joint."""
+    """Return the link that the last joint moves; ValueError if the chain has several ends."""
     if not moving:
         raise ValueError(f'no joint moves below {quote(base)} in {quote(urdf.name)}')
     before = {id(carriers[joint.parent]) for joint in moving}
@@ -189,7 +189,7 @@ def _check_astray(
     moving: list[Joint],
     carriers: Mapping[str, Joint | None],
 ) -> None:
-    """Raise ValueError if a joint moves a link that the chain carries, and is not part of it."""
+    """Raise ValueError if a joint outside the chain moves a link that the chain carries."""
     own = {joint.name for joint in chain}
     on_chain: dict[str, bool] = {}
     for joint in carriers.values():

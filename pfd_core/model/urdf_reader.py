@@ -1,11 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a URDF says: its links and joints, with every number read strictly.
+URDF text as links and joints.
 
 Other readers drop an <inertial> that they cannot read and carry on without the link's mass. Here
-a number, an element or a name that is not as the format has it is an error that names its link or
-joint.
+a number, an element or a name that breaks the format is an error that names its link or joint.
 """
 
 from __future__ import annotations
@@ -20,15 +19,15 @@ import xml.etree.ElementTree as ElementTree
 from pfd_core.model.checked_numbers import BLANKS, number_from_text
 from pfd_core.model.error_text import quote, quote_all
 
-# Writers of URDF print pi/2 as 1.570796325 or longer; with that many digits a right angle is
-# meant, and only an exact one leaves zeros for a kernel to drop. 1.5708 is taken as written.
+# Writers of URDF print pi/2 as 1.570796325 or longer: so many digits mean a right angle, and only
+# an exact one gives zeros, which a kernel drops. 1.5708 is taken as written.
 RIGHT_ANGLE_SLACK = 1e-8
 MOVING = ('revolute', 'continuous', 'prismatic')
 NOT_A_CHAIN = ('floating', 'planar')
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
 # Published URDFs have up to 1 MB and some 150 links, and nest 6 deep. Pinocchio's parser takes
-# 4 kB of stack for each link of a chain: 500 fit into a quarter of what a thread has.
+# 4 kB of stack for each link of a chain: 500 fit into a quarter of a thread's stack.
 MOST_CHARACTERS = 16 * 2**20
 MOST_ELEMENTS = 200_000
 MOST_LINKS = 500
@@ -68,7 +67,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint; `mimics` names the joint it follows, `snapped` tells of a rounded right angle."""
+    """A joint; `mimics` names the joint it follows, `snapped` is true if an angle was rounded."""
 
     name: str
     kind: str
@@ -92,19 +91,19 @@ class Description:
 
 def read_urdf(text: str, slack: float = RIGHT_ANGLE_SLACK) -> Description:
     """
-    Return what a URDF says.
+    Return the links and joints of a URDF.
 
     Parameters
     ----------
     text : str
         The URDF.
     slack : float
-        An angle this close to a multiple of pi/2 [rad] is one; none is where it is negative.
+        Angles within this distance of a multiple of pi/2 [rad] become exact; negative: none.
 
     Raises
     ------
     ValueError
-        If it is not XML, not a <robot>, or a link or joint is not as the format has it.
+        If the text is no XML, no <robot>, or a link or joint breaks the format.
 
     """
     root = _parsed(text)
@@ -126,14 +125,14 @@ def read_urdf(text: str, slack: float = RIGHT_ANGLE_SLACK) -> Description:
 
 
 class _Builder(ElementTree.TreeBuilder):
-    """Builds a tree that is not too deep, not too large and defines no entities."""
+    """Builds a tree of elements, with bounds on depth and size and without entities."""
 
     def __init__(self) -> None:
         super().__init__()
         self.depth = self.count = 0
 
     def doctype(self, *_: object) -> None:
-        """Refuse a document type: its entities can expand to any size."""
+        """Refuse a document type, whose entities could expand to any size."""
         raise ValueError('a URDF has no <!DOCTYPE>')
 
     def start(self, tag: Any, attributes: Any) -> Any:
@@ -175,7 +174,7 @@ def _name(element: ElementTree.Element, taken: Mapping[str, object]) -> str:
 
 
 def _only(parent: ElementTree.Element, tag: str, label: str) -> ElementTree.Element | None:
-    """Return the one child of a kind, or None; of two, readers take one or the other."""
+    """Return the one child with a tag, or None; ValueError for two, as readers differ on them."""
     found = parent.findall(tag)
     if len(found) > 1:
         raise ValueError(f'{label} has {len(found)} elements <{tag}>; it may have one')
@@ -185,7 +184,7 @@ def _only(parent: ElementTree.Element, tag: str, label: str) -> ElementTree.Elem
 def _number(
     element: ElementTree.Element, key: str, label: str, silent: float | None = None
 ) -> float:
-    """Return the number in an attribute, or, of one that may be left out, its value then."""
+    """Return the number in an attribute; `silent` is the default of an optional one."""
     text = element.get(key)
     where = f'<{element.tag} {key}> of {label}'
     if text is None and silent is not None:
@@ -210,19 +209,15 @@ def _triple(
 
 
 def _origin(parent: ElementTree.Element, label: str, slack: float) -> tuple[Origin, bool]:
-    """Return an <origin>, right angles made exact, and whether that changed an angle."""
+    """Return an <origin> with exact right angles, and whether that changed an angle."""
     element = _only(parent, 'origin', label)
     written = _triple(element, 'rpy', label)
-    roll, pitch, yaw = (_right_angle(angle, slack) for angle in written)
-    return Origin(_triple(element, 'xyz', label), (roll, pitch, yaw)), (
-        roll,
-        pitch,
-        yaw,
-    ) != written
+    roll, pitch, yaw = rpy = tuple(_right_angle(angle, slack) for angle in written)
+    return Origin(_triple(element, 'xyz', label), (roll, pitch, yaw)), rpy != written
 
 
 def _right_angle(angle: float, slack: float) -> float:
-    """Return an angle [rad], made exact if it is nearly a multiple of pi/2."""
+    """Return the multiple of pi/2 [rad] near an angle, or else the angle."""
     exact = round(angle / (math.pi / 2)) * (math.pi / 2)
     return exact if abs(angle - exact) <= slack else angle
 

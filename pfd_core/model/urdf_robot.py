@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Robots from URDF: the chain's bodies welded together and brought to our frames."""
+"""Robots from URDF: the links of the chain welded, and brought to the frames of a Robot."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from pfd_core.model.checked_numbers import LARGEST, real_number
 from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import (
     Array,
+    Body,
+    Frame,
     axis_rotation,
     chained,
     merged,
@@ -40,8 +42,6 @@ from pfd_core.model.urdf_reader import (
     read_urdf,
 )
 
-Frame = tuple[Array, Array]
-Body = tuple[float, Array, Array]
 NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
 LIMITS = {
     'position_lower': 'lower',
@@ -70,15 +70,13 @@ def robot_from_urdf(
     text : str
         The URDF.
     base, tip : str, optional
-        Links; the root and the link that the last joint moves if not given. Joints above the
-        base are cut off, and so are other branches that start on the base, which stands still.
-        Whatever hangs on a moving link keeps its mass, also beyond the tip.
+        First and last link of the chain, as for `load_robot`.
     locked : mapping, optional
         Name of a joint -> position [rad, m] at which it is welded.
     source : str
-        Where the text comes from.
+        Origin of the text.
     right_angle : float
-        Rotations this close to a multiple of 90 degrees are taken as one [rad]; negative: none.
+        Angles within this distance of a multiple of 90 degrees become exact [rad].
 
     Raises
     ------
@@ -116,7 +114,7 @@ def robot_from_urdf(
 
 
 def _limits(chain: Chain) -> dict[str, Any]:
-    """Return the fields of `Robot` that are limits and friction."""
+    """Return the limits and friction of a `Robot`."""
     return {
         key: np.array([getattr(joint.limits, name) for joint in chain.joints])
         for key, name in LIMITS.items()
@@ -127,10 +125,10 @@ def _link_frames(
     chain: Chain, turns: Mapping[str, Array], locked: Mapping[str, float]
 ) -> dict[str, Frame]:
     """
-    Return the frame of each link in the frame of its carrier.
+    Return the frame of each link in the frame of the moving joint that carries it.
 
-    That is the topmost link for what stands still, and else the moving joint's, in which z is the
-    joint's axis.
+    The axis of a moving joint is z of its frame. Links that stand still are given in the frame of
+    the topmost one.
     """
     frames: dict[str, Frame] = {chain.held: (np.eye(3), np.zeros(3))}
     for joint in chain.below:
@@ -148,7 +146,7 @@ def _placed(origin: Origin) -> Frame:
 
 
 def _motion(joint: Joint, position: float) -> Frame:
-    """Return how far a joint at a position [rad, m] moves its child link."""
+    """Return the frame of the child link of a joint at a position [rad, m], from that at zero."""
     if joint.kind == 'fixed':
         return np.eye(3), np.zeros(3)
     turn = axis_rotation(joint.axis)
@@ -161,7 +159,7 @@ def _motion(joint: Joint, position: float) -> Frame:
 def _bodies(
     urdf: Description, chain: Chain, frames: Mapping[str, Frame], length: float
 ) -> list[Body]:
-    """Return what each moving joint carries, welded together, in the joint's frame."""
+    """Return the links that each moving joint carries, welded to one body, in its frame."""
     bodies = {joint.name: NO_BODY for joint in chain.joints}
     weighed: set[str] = set()
     for link, carrier in chain.carriers.items():
@@ -181,7 +179,7 @@ def _bodies(
 
 
 def _body(label: str, inertial: Inertial, length: float) -> Body:
-    """Return the body of one link in the link's frame, if it is one."""
+    """Return the body of one link in the link's frame; ValueError for an impossible one."""
     if inertial.mass < 0:
         raise ValueError(f'<mass value> of {label} must not be negative, got {inertial.mass} kg')
     R, center = _placed(inertial.origin)
@@ -211,7 +209,7 @@ def _check_weighed(chain: Chain, weighed: set[str]) -> None:
 def _placements(
     chain: Chain, turns: Mapping[str, Array], frames: Mapping[str, Frame]
 ) -> list[Frame]:
-    """Return where each joint's frame stands in the one before it, and the tip in the last."""
+    """Return each joint's frame in that of the joint before it, and the tip in the last one."""
     R, p = frames[chain.base]
     base = (R.T, -product(R.T, p))
     placements = []

@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-YAML from outside: tables, lists and texts, bounded, and nothing guessed.
+YAML as dict, list and str, with bounds on size and depth.
 
 YAML 1.1 reads `no` as false, 1:30 as 90 and 1_0 as 10, and takes the last of two equal keys. Here
-every scalar is a text, read by whoever knows what it should be, and two equal keys are an error.
+every scalar stays a text, which the caller converts, and two equal keys are an error.
 """
 
 from __future__ import annotations
@@ -32,12 +32,13 @@ def read_yaml(text: str, source: str) -> Any:
     text : str
         The text; anchors, aliases and merge keys may be used.
     source : str
-        Where it comes from, for errors.
+        Origin of the text, for errors.
 
     Raises
     ------
     ValueError
-        If it is no YAML, has two equal keys or a tag, or is too large with its aliases expanded.
+        If the text is no YAML, has two equal keys or a tag, or is too large with its aliases
+        expanded.
 
     """
     if len(text) > MOST_CHARACTERS:
@@ -52,9 +53,9 @@ def read_yaml(text: str, source: str) -> Any:
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """Composes texts, lists and tables, and counts them as if no alias were used."""
+    """Composes texts, lists and tables, and counts their nodes with aliases expanded."""
 
-    # Only << means anything by itself.
+    # Of all scalars, only the merge key << keeps its meaning.
     yaml_implicit_resolvers = {'<': yaml.SafeLoader.yaml_implicit_resolvers['<']}  # noqa: RUF012
 
     def __init__(self, text: str) -> None:
@@ -63,7 +64,7 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
         self.sizes: dict[int, int] = {}
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Return the next node; an alias counts as much as the node it stands for."""
+        """Return the next node; an alias counts as many nodes as its anchor."""
         at, before = self.peek_event().start_mark, self.nodes
         if self.check_event(yaml.AliasEvent):
             node = super().compose_node(parent, index)
@@ -87,7 +88,7 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
 
 
 def _check_node(node: Any) -> None:
-    """Raise YAMLError if a node has a tag of its own, or a table two equal keys."""
+    """Raise YAMLError for a node with an explicit tag, and a table with two equal keys."""
     problem = ''
     if node.tag not in _PLAIN:
         problem = f'tag {quote(node.tag)} is not used in robots'

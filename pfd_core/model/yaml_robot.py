@@ -1,12 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Robots as YAML: tables typed in from papers, and robots stored to the last bit.
+Robots as YAML: tables copied from papers, and robots stored to the last bit.
 
 A file holds `robot` (its name), `joints` (a list), and optionally `source`, `base`, `tip`.
 Each joint has `name`, `type` and `mass` [kg]; `center` [m] and `inertia` [kg m^2], about the
-centre of mass, with the elements `xx yy zz xy yz xz`, are zero where left out. Where its link
-stands is given by one of
+centre of mass, with the elements `xx yy zz xy yz xz`, are zero by default. Its placement is one of
 
     dh           {a, d, alpha_deg, theta_deg}, the standard row: turn theta + q about z, move d
                  along it, a along x, turn alpha about x. Body in the frame at the end.
@@ -15,13 +14,13 @@ stands is given by one of
     frame        {rotation, translation}: the end of the link seen from its joint at q = 0, as
                  `Robot` has them. Body in the frame at the end.
 
-and all joints of a file by the same. Optional for a joint: `limits` {lower, upper, velocity,
+and the same one for all joints of a file. Optional for a joint: `limits` {lower, upper, velocity,
 effort}; `damping`, `friction`, `armature` at the joint; `rotor` {inertia, gear_ratio, damping,
 friction} at the motor, carried to the joint by the gear; `accept_unphysical_inertia`, if the
 published numbers break the triangle rule.
 
-`base` and `tip` are names of links, or {link, rotation, translation}: where frame 0 stands in
-the base link; for modified_dh also where the tip stands on the last joint's frame.
+`base` and `tip` are names of links, or {link, rotation, translation}: the placement of frame 0 in
+the base link; for modified_dh also that of the tip in the last joint's frame.
 """
 
 from __future__ import annotations
@@ -37,6 +36,7 @@ from pfd_core.model.checked_numbers import number_from_text, real_number
 from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import (
     Array,
+    Frame,
     cos_sin_degrees,
     product,
     rotation_x,
@@ -44,7 +44,7 @@ from pfd_core.model.geometry import (
     symmetric,
     welded_frames,
 )
-from pfd_core.model.robot import Robot
+from pfd_core.model.robot import JOINT_FIELDS, Robot
 from pfd_core.model.yaml_reader import read_yaml
 
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}
@@ -60,7 +60,7 @@ FRAME = ('rotation', 'translation')
 
 
 def robot_to_yaml(robot: Robot) -> str:
-    """Return a robot as YAML, from which `load_robot` makes the same robot to the last bit."""
+    """Return a robot as YAML; `load_robot` makes the same robot of it, to the last bit."""
     joints = []
     for i, name in enumerate(robot.joint_names):
         joint = {
@@ -101,12 +101,12 @@ def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
     text : str
         The text, in the format of this module.
     source : str
-        Where it comes from, for robots that do not say so themselves.
+        Origin of the text: the robot's `source` if the text has none.
 
     Raises
     ------
     ValueError
-        If it is no YAML, or a key is missing, unknown or has a wrong value; the text names it.
+        If the text is no YAML, or a key is missing, unknown or has a wrong value, which is named.
 
     """
     document = read_yaml(text, source)
@@ -116,7 +116,7 @@ def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
     if not isinstance(rows, list):
         raise ValueError(f'joints of {quote(name)} must be a list, got {quote(rows)}')
     joints = [_joint(i, row) for i, row in enumerate(rows)]
-    fields: dict[str, Any] = {key: np.array([j[key] for j in joints]) for key in _PER_JOINT}
+    fields: dict[str, Any] = {key: np.array([j[key] for j in joints]) for key in JOINT_FIELDS}
     base, base_rotation, base_position = _end('base', document.get('base', 'base'))
     return Robot(
         name=name,
@@ -131,13 +131,8 @@ def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
     )
 
 
-_PER_JOINT = (*(at for at, _ in LIMITS.values()), 'damping', 'friction', 'armature')
-
-
-def _frames(
-    name: str, joints: list[dict[str, Any]], base: tuple[Array, Array], tip: Any
-) -> dict[str, Any]:
-    """Return the fields of `Robot` that say where frames are and what links weigh."""
+def _frames(name: str, joints: list[dict[str, Any]], base: Frame, tip: Any) -> dict[str, Any]:
+    """Return the fields of `Robot` for frames, masses, centres and inertias."""
     ways = {j['placed_by'] for j in joints}
     if len(ways) > 1:
         raise ValueError(
@@ -167,7 +162,7 @@ def _frames(
 
 
 def _joint(index: int, row: Any) -> dict[str, Any]:
-    """Return the numbers of one joint, with everything left out filled in."""
+    """Return the numbers of one joint, with defaults."""
     name = row.get('name', f'number {index + 1}') if isinstance(row, Mapping) else index + 1
     label = f'joint {quote(name)}'
     optional = ('center', 'inertia', 'limits', 'damping', 'friction', 'armature', 'rotor')
@@ -201,8 +196,8 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
     }
 
 
-def _placed(label: str, way: str, value: Any) -> tuple[Array, Array]:
-    """Return axes and origin of a frame in the one before it, at q = 0."""
+def _placed(label: str, way: str, value: Any) -> Frame:
+    """Return a frame in the frame before it, at q = 0."""
     what = f'{way} of {label}'
     if way == 'frame':
         return _placement(what, _table(what, value, FRAME, ()))
@@ -216,8 +211,9 @@ def _placed(label: str, way: str, value: Any) -> tuple[Array, Array]:
 
 
 def _drive(label: str, row: Mapping[str, Any]) -> dict[str, float]:
-    """Return damping, friction and armature at the joint, those of the rotor carried there."""
-    own = {k: _number(f'{k} of {label}', row.get(k, 0.0)) for k in _PER_JOINT[-3:]}
+    """Return damping, friction and armature at the joint, with those of the rotor."""
+    keys = ('damping', 'friction', 'armature')
+    own = {k: _number(f'{k} of {label}', row.get(k, 0.0)) for k in keys}
     if 'rotor' not in row:
         return own
     what = f'rotor of {label}'
@@ -232,14 +228,14 @@ def _drive(label: str, row: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _end(role: str, value: Any) -> tuple[str, Array, Array]:
-    """Return the name of an end link, and axes and origin of the chain's frame in it."""
+    """Return the name of an end link, and the axes and origin of the chain's frame in it."""
     if isinstance(value, str):
         return value, np.eye(3), np.zeros(3)
     table = _table(role, value, ('link',), FRAME)
     return (table['link'], *_placement(role, table))
 
 
-def _placement(label: str, table: Mapping[str, Any]) -> tuple[Array, Array]:
+def _placement(label: str, table: Mapping[str, Any]) -> Frame:
     rotation = table.get('rotation', np.eye(3))
     translation = table.get('translation', np.zeros(3))
     return (
@@ -251,7 +247,7 @@ def _placement(label: str, table: Mapping[str, Any]) -> tuple[Array, Array]:
 def _table(
     label: str, value: Any, required: tuple[str, ...], optional: tuple[str, ...]
 ) -> Mapping[str, Any]:
-    """Return a value that must be a mapping with these keys and no others."""
+    """Return a mapping; ValueError unless it has the required keys and no unknown one."""
     if not isinstance(value, Mapping):
         raise ValueError(f'{label} must be a mapping with {", ".join(required + optional)}')
     for key in required:
@@ -274,14 +270,14 @@ def _truth(label: str, row: Mapping[str, Any]) -> bool:
 
 
 def _number(label: str, value: Any, *, infinite: bool = False) -> float:
-    """Return a number of a file, or one that was left out."""
+    """Return a number from its text, or a default from the number itself."""
     if isinstance(value, str):
         return number_from_text(label, value, infinite=infinite)
     return real_number(label, value, finite=not infinite)
 
 
 def _numbers(label: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Return nested lists as an array of a shape, element by element."""
+    """Return nested lists of texts as an array of a shape."""
     try:
         array = np.asarray(value, dtype=object)
     except ValueError:

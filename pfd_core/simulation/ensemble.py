@@ -9,9 +9,8 @@ An ensemble: many simulations of one robot at once, one arm per SIMD lane.
     runs = many.rollout(steps=1000, feedback=Feedback(kp, kd, q_ref))
     runs = many.rollout(taus, feedback=StateFeedback(gain, q_ref, qd_ref))
 
-The whole loop over the steps is in native code, also where the torque depends on the state. Each
-arm moves by the same bits as a Simulator alone would move it, whatever the size of the ensemble
-and the number of threads.
+The whole loop over the steps is in native code, also with feedback. Each arm moves by the same
+bits as in a Simulator of its own, whatever the size of the ensemble and the number of threads.
 """
 
 from __future__ import annotations
@@ -94,7 +93,7 @@ class Ensemble(Simulation):
         taus : array_like
             Torques of each step [N m or N], (steps, n) or (B, steps, n); default zero.
         steps : int
-            Number of steps; needed where no torques say it.
+            Number of steps; needed without torques.
         feedback : Feedback or StateFeedback
             A law that adds to the torques; default none.
         wrench : array_like
@@ -102,9 +101,9 @@ class Ensemble(Simulation):
         brakes : array_like of bool
             Joints that stay where they are, (n,) or (B, n); only if the scene has brakes.
         every : int
-            Steps from one state that is returned to the next; the last ones may not be.
+            Steps between two states that are returned; default: all states are.
         threads : int
-            The most that are used; 0 is one per core. The bits are the same.
+            Largest number of threads; 0 is one per core. The bits are the same.
 
         Returns
         -------
@@ -187,10 +186,11 @@ class Ensemble(Simulation):
 
 def pieces(steps: int, every: int, most: int) -> Iterator[tuple[int, int, int]]:
     """
-    Yield where pieces of a rollout begin, how many steps they have, and their interval.
+    Cut a rollout into pieces, between which Python looks for signals.
 
-    A piece has at most `most` steps. The interval is counted from its beginning: states are
-    written after `every`, 2 `every`, ... steps of the whole, and nowhere else.
+    Yields the first step of each piece, its number of steps, at most `most`, and the interval at
+    which it writes states: after `every`, 2 `every`, ... steps of the whole rollout. The interval
+    is counted from the beginning of the piece.
     """
     if every <= most:
         most -= most % every
@@ -220,7 +220,7 @@ def _run_block(
 
 
 def _check_memory(size: int, each: int) -> None:
-    """Raise ValueError for more arms than a machine can hold, which some only find out later."""
+    """Raise ValueError for more arms than the memory holds: an allocation might succeed."""
     if hasattr(os, 'sysconf'):
         there = os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')
         if size * each > there:
@@ -231,7 +231,7 @@ def _check_memory(size: int, each: int) -> None:
 
 
 def _table_row(array: Array | None) -> tuple[int, int, int, int]:
-    """Return pointer, and strides from arm to arm, element to element and step to step."""
+    """Return the address, and the strides from arm to arm, element to element, step to step."""
     if array is None:
         return 0, 0, 0, 0
     arm, *step, element = array.strides

@@ -7,7 +7,7 @@ The simulator: an arm in time, advanced by native code.
     sim.step(tau)               one step, the torque held
     sim.rollout(taus)           many, without returning to Python
 
-A step of `step_size` seconds holds the torque as a real arm's controller does between two
+A step of `step_size` seconds holds the torque, as the controller of a real arm does between two
 samples, and integrates in `substeps` equal parts. The same robot, scene, settings and torques
 give the same bits, step by step or in one rollout.
 """
@@ -113,8 +113,8 @@ class Simulator(Simulation):
         """
         Advance the state by one step for each row of torques.
 
-        A KeyboardInterrupt ends it within a fraction of a second; the state and the time are then
-        those after some of the steps, from which another call goes on.
+        A KeyboardInterrupt ends it within a fraction of a second; state and time are then those
+        after some of the steps, and another call continues from there.
 
         Parameters
         ----------

@@ -202,10 +202,9 @@ def scene_inputs(
     """
 
     def in_batch(name: str, array: NDArray[Any], size: int) -> NDArray[Any]:
-        whole = (..., size) if batch is None else (*batch, size)
-        if batch is not None and array.shape != whole:
-            array = fit_shape(name, array, (..., size))
-        return fit_shape(name, array, whole, broadcast=batch is not None)
+        if batch is None or array.shape[-1:] != (size,):
+            return fit_shape(name, array, (..., size))
+        return fit_shape(name, array, (*batch, size), broadcast=True)
 
     inputs = {}
     if scene.external_wrench:

@@ -5,8 +5,8 @@ Parallel forward dynamics after Lee and Chang (1987): counted, emulated and comp
 
 The packages stand in the order in which data flow; each imports only from those above it.
 
-    model         what is simulated: Robot, a serial chain, and Scene, the effects that act on it
-    machine       what it is computed on: elementary operations, programs, the emulator
+    model         Robot, a serial chain, and Scene, the effects that act on it; loading
+    machine       the emulated parallel computer: operations, programs, lanes, the emulator
     algorithms    the dynamics, each algorithm as one text that records a program
     kernels       a program as native code for one robot and scene: one state or a batch
     simulation    time: integrators, Simulator for one arm, Ensemble for many

@@ -153,7 +153,7 @@ print('went on after', done)
 
 
 def interrupt(seed: int, times: int) -> None:
-    """Interrupt a simulation in a fresh process and compare it with one that was not."""
+    """Interrupt a simulation in a fresh process and compare it with an uninterrupted one."""
     done = subprocess.run(
         [sys.executable, '-c', INTERRUPTED, str(seed), str(times)],
         capture_output=True,

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A scene becomes numbers for a robot, and what it does not model is absent."""
+"""A scene becomes numbers for a robot, without the effects that are off."""
 
 from __future__ import annotations
 

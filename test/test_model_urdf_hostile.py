@@ -305,7 +305,7 @@ def test_a_long_chain_is_loaded_and_a_longer_one_refused() -> None:
 def test_pinocchio_is_asked_and_a_difference_names_the_link(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    # What Pinocchio gets is changed, one number at a time.
+    # The URDF for Pinocchio is changed, one number at a time.
     original = urdf_pinocchio._rewritten
     for old, new, what in (
         ('<mass value="4.0"/>', '<mass value="4.0001"/>', "mass of link 'turret', moved by joi"),

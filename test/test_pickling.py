@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulations and what they return: pickled, copied, in other processes, from many threads."""
+"""Simulations and their trajectories: pickled, copied, in other processes, from many threads."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SETTINGS: list[dict[str, Any]] = [
 
 
 def held(settings: dict[str, Any]) -> dict[str, Any]:
-    """Return what a call has to be given in a scene."""
+    """Return the wrench and brakes that a scene asks for."""
     return {'wrench': WRENCH, 'brakes': [True, False]} if 'scene' in settings else {}
 
 
@@ -54,7 +54,7 @@ def facts(sim: pfd.Simulator) -> tuple[Any, ...]:
 
 
 def go_on(sim: pfd.Simulator, settings: dict[str, Any]) -> tuple[Any, ...]:
-    """Take further steps and return what the simulation then tells."""
+    """Take further steps and return the facts."""
     sim.rollout(np.full((20, 2), -0.25), **held(settings))
     sim.step([1.0, 2.0], **held(settings))
     return facts(sim)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Ensembles: every arm moves by the bits of a simulator of its own, whatever steers it."""
+"""Ensembles: every arm moves by the bits of a simulator of its own, with any feedback."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def test_wrench_brakes_and_sliding_joints_are_those_of_each_arm() -> None:
     for b in range(11):
         one.reset(q[b], qd[b])
         assert_same(runs, b, one.rollout(taus[b], wrench[b], brakes=brakes[b]))
-    # What is the same for all arms need not be repeated.
+    # Inputs that all arms share are broadcast.
     many.reset(q[3], qd[3])
     runs = many.rollout(taus[3], wrench=wrench[3], brakes=brakes[3])
     one.reset(q[3], qd[3])

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What is simulated: a robot, which is a serial chain, and a scene, which says what acts on it.
+Models: a robot is a serial chain, and a scene is the set of effects that act on it.
 
     loading             load_robot: a robot by name, from a file or from text
     yaml_reader         YAML text -> dict, list and str, bounded

@@ -7,10 +7,10 @@ The one reader of numbers that users give: real numbers and integers, or a Value
     real_number         one of them as a float
     number_from_text    one of them from decimal digits
     integer             an integer with a lower bound
-    check_finite        the error that names the first NaN or infinity
-    fit_shape           an array in a shape, or broadcast to it
+    check_finite        refuses NaN, infinities and numbers above a bound
+    fit_shape           an array of a shape, or broadcast to it
 
-Every error names the value, says what was expected and shows what came.
+Every error names the argument, states the expectation and quotes the value.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def real_array(
     largest: float = math.inf,
 ) -> Array:
     """
-    Return real numbers as an array, which may be the one that was given.
+    Return real numbers as an array, without a copy if `value` is such an array.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def integer(name: str, value: object, least: int) -> int:
 
 
 def check_finite(name: str, array: Array, largest: float = math.inf) -> None:
-    """Raise the ValueError that names the first number that is not finite, or above `largest`."""
+    """Raise ValueError for a number that is not finite or above `largest`, with its index."""
     bounded = largest < math.inf
     few = array.ndim == 1 and len(array) <= _FEW and not bounded
     if few and all(map(math.isfinite, array.tolist())):

@@ -98,7 +98,7 @@ def chained(*frames: Frame) -> Frame:
 
 
 def without_dust(values: Array, scale: float) -> Array:
-    """Return values with zero for those that are no larger than the rounding at a scale."""
+    """Return values with exact zeros for residues of rounding at a scale."""
     return np.where(np.abs(values) <= RIGHT_ANGLE_TOLERANCE * scale, 0.0, values)
 
 

@@ -119,7 +119,7 @@ class Plant(FrozenArrays):
 
     @property
     def digest(self) -> str:
-        """SHA-256 of everything that decides what a program computes."""
+        """SHA-256 of all numbers and switches, on which the recorded programs depend."""
         state = hashlib.sha256(self.robot.digest.encode())
         for values in (self.gravity, self.damping, self.armature):
             state.update(b'none' if values is None else values.astype('<f8').tobytes())

@@ -81,11 +81,11 @@ def check_with_pinocchio(
         _compare_bodies(joint, body, model.inertias[index], turn, length)
 
 
-def _compare(joint: Joint, what: str, ours: ArrayLike, theirs: ArrayLike, most: float) -> None:
+def _compare(joint: Joint, quantity: str, ours: ArrayLike, theirs: ArrayLike, most: float) -> None:
     off = np.abs(np.asarray(ours) - np.asarray(theirs))
     if not (off <= most).all():
         raise ValueError(
-            f'{what} of link {quote(joint.child)}, moved by joint {quote(joint.name)}: this '
+            f'{quantity} of link {quote(joint.child)}, moved by joint {quote(joint.name)}: this '
             f'reader makes {quote(np.asarray(ours).tolist())} of the URDF, Pinocchio '
             f'{quote(np.asarray(theirs).tolist())}'
         )

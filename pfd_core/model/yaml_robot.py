@@ -173,7 +173,7 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
     if len(ways) != 1:
         raise ValueError(f'{label} must have exactly one of {", ".join(PLACED_BY)}, got {ways}')
     if 'rotor' in row and 'armature' in row:
-        raise ValueError(f'{label} has both rotor and armature; armature is what rotor becomes')
+        raise ValueError(f'{label} has both rotor and armature; give one of them')
     limits = _table(f'limits of {label}', row.get('limits', {}), (), tuple(LIMITS))
     inertia = _table(f'inertia of {label}', row.get('inertia', {}), (), tuple(ELEMENTS))
     elements = [_number(f'inertia {k} of {label}', inertia.get(k, 0.0)) for k in ELEMENTS]
@@ -198,10 +198,10 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
 
 def _placed(label: str, way: str, value: Any) -> Frame:
     """Return a frame in the frame before it, at q = 0."""
-    what = f'{way} of {label}'
+    place = f'{way} of {label}'
     if way == 'frame':
-        return _placement(what, _table(what, value, FRAME, ()))
-    row = {k: _number(f'{k} in {what}', v) for k, v in _table(what, value, ROW, ()).items()}
+        return _placement(place, _table(place, value, FRAME, ()))
+    row = {k: _number(f'{k} in {place}', v) for k, v in _table(place, value, ROW, ()).items()}
     turn = rotation_z(*cos_sin_degrees(row['theta_deg']))
     twist = rotation_x(*cos_sin_degrees(row['alpha_deg']))
     along_x, along_z = np.array([row['a'], 0.0, 0.0]), np.array([0.0, 0.0, row['d']])
@@ -216,9 +216,9 @@ def _drive(label: str, row: Mapping[str, Any]) -> dict[str, float]:
     own = {k: _number(f'{k} of {label}', row.get(k, 0.0)) for k in keys}
     if 'rotor' not in row:
         return own
-    what = f'rotor of {label}'
-    given = _table(what, row['rotor'], ('inertia', 'gear_ratio'), ('damping', 'friction'))
-    rotor = {key: _number(f'{key} of {what}', value) for key, value in given.items()}
+    motor = f'rotor of {label}'
+    given = _table(motor, row['rotor'], ('inertia', 'gear_ratio'), ('damping', 'friction'))
+    rotor = {key: _number(f'{key} of {motor}', value) for key, value in given.items()}
     gear = abs(rotor['gear_ratio'])
     return {
         'damping': own['damping'] + rotor.get('damping', 0.0) * gear**2,

@@ -31,7 +31,7 @@ class Integrator:
     Attributes
     ----------
     step : callable
-        step(f, h, *carried) returns what the next step carries.
+        step(f, h, *carried) returns the carried parts for the next step.
     carried : tuple of str
         Parts of the state that a step takes and returns: q, qd, and qdd if it needs it.
     order : int

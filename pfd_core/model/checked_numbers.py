@@ -163,25 +163,10 @@ def check_finite(name: str, array: Array, largest: float = math.inf) -> None:
 
 def fit_shape(name: str, array: Array, shape: Shape, broadcast: bool = False) -> Array:
     """
-    Return an array that has a shape, or one broadcast to it.
+    Return an array of a shape, broadcast to it on demand; ValueError for another shape.
 
-    Parameters
-    ----------
-    name : str
-        Name of the array, for errors.
-    array : numpy.ndarray
-        The array.
-    shape : tuple
-        Lengths of the dimensions. A str names a dimension of any length; a leading ... stands for
-        any number of them.
-    broadcast : bool
-        Whether the array is broadcast to the shape, which then holds lengths alone.
-
-    Raises
-    ------
-    ValueError
-        If the array has another shape.
-
+    In the shape, a str names a dimension of any length, and a leading ... stands for any number
+    of dimensions; not so in a shape to broadcast to.
     """
     if array.shape == shape:
         return array

@@ -43,8 +43,14 @@ LINK_FIELDS: dict[str, tuple[int, ...]] = {
     'centers': (3,),
     'inertias': (3, 3),
 }
-LIMIT_FIELDS = ('position_lower', 'position_upper', 'velocity_limit', 'effort_limit')
-JOINT_FIELDS = (*LIMIT_FIELDS, 'damping', 'friction', 'armature')
+# Limits by their names in URDF and YAML.
+LIMIT_FIELDS = {
+    'lower': 'position_lower',
+    'upper': 'position_upper',
+    'velocity': 'velocity_limit',
+    'effort': 'effort_limit',
+}
+JOINT_FIELDS = (*LIMIT_FIELDS.values(), 'damping', 'friction', 'armature')
 _NOT_NEGATIVE = ('masses', *JOINT_FIELDS[2:])
 
 
@@ -233,7 +239,7 @@ def _check_joints(robot: Robot) -> None:
 def _check_numbers(robot: Robot) -> None:
     for key in _shapes(robot.n):
         array = getattr(robot, key)
-        if key in LIMIT_FIELDS:
+        if key in LIMIT_FIELDS.values():
             _refuse(robot, key, np.isnan(array), 'must be a number')
         else:
             rule = f'must be finite and at most {LARGEST:g} in size'

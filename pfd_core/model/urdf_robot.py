@@ -29,7 +29,7 @@ from pfd_core.model.geometry import (
     without_dust,
 )
 from pfd_core.model.rigid_body_checks import check_inertia
-from pfd_core.model.robot import PhysicsWarning, Robot
+from pfd_core.model.robot import LIMIT_FIELDS, PhysicsWarning, Robot
 from pfd_core.model.robot_changes import locked_positions
 from pfd_core.model.urdf_chain import Chain, find_chain
 from pfd_core.model.urdf_pinocchio import check_with_pinocchio
@@ -43,14 +43,6 @@ from pfd_core.model.urdf_reader import (
 )
 
 NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
-LIMITS = {
-    'position_lower': 'lower',
-    'position_upper': 'upper',
-    'velocity_limit': 'velocity',
-    'effort_limit': 'effort',
-    'damping': 'damping',
-    'friction': 'friction',
-}
 
 
 def robot_from_urdf(
@@ -115,9 +107,10 @@ def robot_from_urdf(
 
 def _limits(chain: Chain) -> dict[str, Any]:
     """Return the limits and friction of a `Robot`."""
+    names = {**LIMIT_FIELDS, 'damping': 'damping', 'friction': 'friction'}
     return {
         key: np.array([getattr(joint.limits, name) for joint in chain.joints])
-        for key, name in LIMITS.items()
+        for name, key in names.items()
     }
 
 

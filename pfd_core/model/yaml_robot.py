@@ -44,16 +44,10 @@ from pfd_core.model.geometry import (
     symmetric,
     welded_frames,
 )
-from pfd_core.model.robot import JOINT_FIELDS, Robot
+from pfd_core.model.robot import JOINT_FIELDS, LIMIT_FIELDS, Robot
 from pfd_core.model.yaml_reader import read_yaml
 
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}
-LIMITS = {
-    'lower': ('position_lower', -math.inf),
-    'upper': ('position_upper', math.inf),
-    'velocity': ('velocity_limit', math.inf),
-    'effort': ('effort_limit', math.inf),
-}
 PLACED_BY = ('dh', 'modified_dh', 'frame')
 ROW = ('a', 'd', 'alpha_deg', 'theta_deg')
 FRAME = ('rotation', 'translation')
@@ -73,7 +67,7 @@ def robot_to_yaml(robot: Robot) -> str:
             'mass': float(robot.masses[i]),
             'center': robot.centers[i].tolist(),
             'inertia': {key: float(robot.inertias[i][at]) for key, at in ELEMENTS.items()},
-            'limits': {key: float(getattr(robot, at)[i]) for key, (at, _) in LIMITS.items()},
+            'limits': {k: float(getattr(robot, at)[i]) for k, at in LIMIT_FIELDS.items()},
         }
         joint |= {k: float(getattr(robot, k)[i]) for k in ('damping', 'friction', 'armature')}
         if name in robot.accepted:
@@ -174,7 +168,8 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
         raise ValueError(f'{label} must have exactly one of {", ".join(PLACED_BY)}, got {ways}')
     if 'rotor' in row and 'armature' in row:
         raise ValueError(f'{label} has both rotor and armature; give one of them')
-    limits = _table(f'limits of {label}', row.get('limits', {}), (), tuple(LIMITS))
+    limits = _table(f'limits of {label}', row.get('limits', {}), (), tuple(LIMIT_FIELDS))
+    unlimited = dict.fromkeys(LIMIT_FIELDS, math.inf) | {'lower': -math.inf}
     inertia = _table(f'inertia of {label}', row.get('inertia', {}), (), tuple(ELEMENTS))
     elements = [_number(f'inertia {k} of {label}', inertia.get(k, 0.0)) for k in ELEMENTS]
     return {
@@ -189,8 +184,8 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
         ),
         'accepted': _truth(label, row),
         **{
-            at: _number(f'limit {key} of {label}', limits.get(key, silent), infinite=True)
-            for key, (at, silent) in LIMITS.items()
+            LIMIT_FIELDS[k]: _number(f'limit {k} of {label}', value, infinite=True)
+            for k, value in {**unlimited, **limits}.items()
         },
         **_drive(label, row),
     }

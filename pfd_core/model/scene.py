@@ -5,6 +5,9 @@ Scene: the effects that act on a robot. Plant: a scene and a robot as numbers.
 
 A scene fits any robot; `resolve` makes a plant of both, which an algorithm records as a program.
 The default is rigid links and gravity, nothing else.
+
+A new effect is a field of Scene, its numbers a field of Plant, and its force a term in
+`pfd_core.algorithms.chain.equations`; an input at run time is read by `scene_inputs`.
 """
 
 from __future__ import annotations

@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tolerances import ACCELERATION, FIFTY_DIGITS, jacobi_condition, relative
-from zoo import WRENCH, Oracle, chains, random_chain, random_state
+from test_algorithms_physics import WRENCH, Oracle, chains, jacobi_condition, relative
+from tolerances import ACCELERATION, FIFTY_DIGITS
+from zoo import random_chain, random_state
 
 from pfd_core.algorithms.paper.triangular_array import SECTION, record_pcrbm_array
 from pfd_core.algorithms.programs import record_pcrbm

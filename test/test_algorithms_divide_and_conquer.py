@@ -10,8 +10,9 @@ from itertools import islice
 import numpy as np
 import pytest
 from test_algorithms_counts import arithmetic, chain, levels
-from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS, jacobi_condition, relative
-from zoo import ARMS, WRENCH, Array, Oracle, chains, random_chain, random_state, without_mass
+from test_algorithms_physics import ARMS, WRENCH, Oracle, chains, jacobi_condition, relative
+from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
+from zoo import Array, random_chain, random_state
 
 from pfd_core.algorithms.beyond.divide_and_conquer import record_divide_and_conquer
 from pfd_core.algorithms.beyond.lent_rotors import lent_rotors
@@ -21,13 +22,21 @@ from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES, Recorder
 from pfd_core.machine.vectors import array
-from pfd_core.model import Scene, load_robot, resolve
+from pfd_core.model import Robot, Scene, load_robot, resolve
 
 SIZES = range(1, 33)
 MASSLESS = ((4, (1,)), (5, (1, 2)), (6, (0, 2, 4)), (8, (1, 2, 5, 6)))
 
 # A power of two times the inertia, added and taken back, leaves its own rounding in the pivots.
 LENT = 1e-13
+
+
+def without_mass(robot: Robot, links: tuple[int, ...]) -> Robot:
+    """Return the robot with the mass and the inertia of some links taken away."""
+    masses, inertias = robot.masses.copy(), robot.inertias.copy()
+    masses[list(links)] = 0.0
+    inertias[list(links)] = 0.0
+    return replace(robot, masses=masses, inertias=inertias)
 
 
 def solution(oracle: Oracle, q: Array, qd: Array, tau: Array) -> Array:

@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tolerances import ACCELERATION, jacobi_condition, relative
-from zoo import Oracle, chains, random_state
+from test_algorithms_physics import Oracle, chains, jacobi_condition, relative
+from tolerances import ACCELERATION
+from zoo import random_state
 
 from pfd_core.algorithms.programs import FORWARD
 from pfd_core.kernels.passes.pipeline import drop, fold, operations

@@ -8,8 +8,9 @@ import math
 
 import numpy as np
 import pytest
-from tolerances import ACCELERATION, jacobi_condition, relative
-from zoo import Oracle, chains, random_chain, random_state
+from test_algorithms_physics import Oracle, chains, jacobi_condition, relative
+from tolerances import ACCELERATION
+from zoo import random_chain, random_state
 
 from pfd_core.algorithms.paper.conjugate_gradient import default_limit
 from pfd_core.algorithms.paper.pcgm import record_pcgm

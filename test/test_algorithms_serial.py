@@ -11,8 +11,16 @@ from functools import cache
 import mpmath
 import numpy as np
 import pytest
-from tolerances import ACCELERATION, FIFTY_DIGITS, jacobi_condition, relative
-from zoo import ARMS, WRENCH, Array, Oracle, chains, random_chain, random_rotation, random_state
+from test_algorithms_physics import (
+    ARMS,
+    WRENCH,
+    Oracle,
+    chains,
+    jacobi_condition,
+    relative,
+)
+from tolerances import ACCELERATION, FIFTY_DIGITS
+from zoo import Array, random_chain, random_rotation, random_state
 
 from pfd_core.algorithms.chain.link_axes import zxz
 from pfd_core.algorithms.programs import record_pcrbm

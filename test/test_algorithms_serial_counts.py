@@ -9,8 +9,9 @@ from functools import cache
 
 import numpy as np
 import pytest
+from test_algorithms_physics import WRENCH
 from test_algorithms_serial import DIRECT, METHODS, SERIAL
-from zoo import WRENCH, random_chain
+from zoo import random_chain
 
 from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Program

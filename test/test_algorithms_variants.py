@@ -10,8 +10,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 from test_algorithms_counts import arithmetic, chain, elimination, levels, rounds
-from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS, jacobi_condition, relative
-from zoo import ARMS, WRENCH, Array, Oracle, chains, random_chain, random_state
+from test_algorithms_physics import ARMS, WRENCH, Oracle, chains, jacobi_condition, relative
+from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
+from zoo import Array, random_chain, random_state
 
 from pfd_core.algorithms.beyond import base_origin
 from pfd_core.algorithms.beyond.base_origin import (

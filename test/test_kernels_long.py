@@ -6,8 +6,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tolerances import ACCELERATION, jacobi_condition, relative
-from zoo import Oracle, random_chain, random_state
+from test_algorithms_physics import Oracle, jacobi_condition, relative
+from tolerances import ACCELERATION
+from zoo import random_chain, random_state
 
 import pfd_core as pfd
 from pfd_core.kernels import auto

@@ -9,10 +9,11 @@ from pathlib import Path
 import re
 
 import numpy as np
+from oracle import Oracle
 import pinocchio as pin
 import pytest
 from tolerances import DYNAMICS
-from zoo import ODD_ARM, Oracle, random_chain, random_state, to_pinocchio
+from zoo import ODD_ARM, random_chain, random_state, to_pinocchio
 
 from pfd_core.model import Robot, known_robots, load_robot, lock, robot_to_yaml
 from pfd_core.model.loading import LARGEST_FILE

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Robots for tests, and Pinocchio's answers for the same robots, which are the oracle.
+Robots for tests, and the same robots in Pinocchio, which is the oracle.
 
 URDF texts: ODD_ARM (six joints of all kinds on odd axes, with fixed joints between), STRAIGHT_ARM
 (every axis and angle aligned, so that zeros and ones must be exact), FORK (a tree) and TWO_ARMS
@@ -10,18 +10,16 @@ URDF texts: ODD_ARM (six joints of all kinds on odd axes, with fixed joints betw
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 import pinocchio as pin
 
-from pfd_core.model import Robot, Scene
+from pfd_core.model import Robot
 
 Array = NDArray[np.float64]
-ARMS = ('puma560', 'ur5', 'planar2', 'panda')
-WRENCH = Scene(external_wrench=True)
 
 
 def link(name: str, mass: float = 0.0, xyz: str = '0 0 0', rpy: str = '0 0 0', J: str = '') -> str:
@@ -202,17 +200,6 @@ def without_mass(robot: Robot, links: Sequence[int]) -> Robot:
     return replace(robot, masses=masses, inertias=inertias)
 
 
-def chains(count: int, seed: int) -> Iterator[tuple[np.random.Generator, Robot]]:
-    """Yield random chains of 1 to 12 joints, from all-revolute to all-prismatic."""
-    rng = np.random.default_rng(seed)
-    for k in range(count):
-        n = 1 + k % 12
-        share = (0.0, 0.3, 0.6, 1.0)[k // 12 % 4]
-        # More than three prismatic joints in a row leave directions without inertia.
-        types = None if share < 1 or n <= 3 else ['revolute', 'prismatic'] * 6
-        yield rng, random_chain(rng, n, share, types[:n] if types else None)
-
-
 def random_state(rng: np.random.Generator, n: int) -> tuple[Array, Array, Array]:
     """Return positions, velocities and accelerations, (n,) each, of the order of one."""
     return rng.uniform(-np.pi, np.pi, n), rng.uniform(-2, 2, n), rng.uniform(-5, 5, n)
@@ -242,36 +229,3 @@ def to_pinocchio(robot: Robot, armature: ArrayLike | None = None) -> pin.Model:
     if armature is not None:
         model.armature = np.array(armature, dtype=float)
     return model
-
-
-class Oracle:
-    """Pinocchio's answers for one robot, with a wrench on the tip's frame."""
-
-    def __init__(self, robot: Robot, armature: Array | None = None) -> None:
-        self.model = to_pinocchio(robot, armature)
-        self.data = self.model.createData()
-        self.n = robot.n
-        self.tip = self.model.frames[self.model.nframes - 1].placement
-
-    def forces(self, wrench: Array | None) -> pin.StdVec_Force:
-        forces = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.n + 1)])
-        if wrench is not None:
-            forces[self.n] = self.tip.act(pin.Force(wrench))
-        return forces
-
-    def H(self, q: Array) -> Array:
-        upper = np.triu(pin.crba(self.model, self.data, q))
-        return upper + np.triu(upper, 1).T
-
-    def tau(self, q: Array, qd: Array, qdd: Array, wrench: Array | None = None) -> Array:
-        return pin.rnea(self.model, self.data, q, qd, qdd, self.forces(wrench)).copy()
-
-    def qdd(self, q: Array, qd: Array, tau: Array, wrench: Array | None = None) -> Array:
-        return pin.aba(self.model, self.data, q, qd, tau, self.forces(wrench)).copy()
-
-    def braked(self, q: Array, qd: Array, tau: Array, held: Array) -> tuple[Array, Array]:
-        """Return qdd, and the H of the free joints: held ones are struck out of H qdd = y."""
-        free = np.flatnonzero(~held)
-        H, qdd = self.H(q)[np.ix_(free, free)], np.zeros(self.n)
-        qdd[free] = np.linalg.solve(H, (tau - self.tau(q, qd, 0 * q))[free])
-        return qdd, H

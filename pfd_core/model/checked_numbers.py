@@ -96,6 +96,8 @@ def real_array(
 
 def real_number(name: str, value: Any, *, finite: bool = True, largest: float = math.inf) -> float:
     """Return one real number, a scalar of Python or NumPy, as a float; as `real_array`."""
+    if type(value) is float and abs(value) < largest:
+        return value
     return float(real_array(name, value, shape=(), finite=finite, largest=largest))
 
 
@@ -145,8 +147,8 @@ def integer(name: str, value: object, least: int) -> int:
 def check_finite(name: str, array: Array, largest: float = math.inf) -> None:
     """Raise ValueError for a number that is not finite or above `largest`, with its index."""
     bounded = largest < math.inf
-    few = array.ndim == 1 and len(array) <= _FEW and not bounded
-    if few and all(map(math.isfinite, array.tolist())):
+    few = array.size <= _FEW and not bounded
+    if few and all(map(math.isfinite, array.ravel().tolist())):
         return
     right = np.abs(array) <= largest if bounded else np.isfinite(array)
     if right.all():
@@ -176,12 +178,12 @@ def fit_shape(name: str, array: Array, shape: Shape, broadcast: bool = False) ->
             return np.broadcast_to(array, shape)
         except ValueError:
             wanted = [shape[k:] for k in range(len(shape))]
-    else:
-        own = (..., *array.shape[1 - len(shape) :]) if shape[:1] == (...,) else array.shape
-        if len(own) == len(shape) and all(
-            isinstance(length, str) or length == found
-            for length, found in zip(shape, own, strict=True)
-        ):
+    elif shape[:1] == (...,):
+        if array.shape[1 - len(shape) :] == shape[1:]:
+            return array
+    elif array.ndim == len(shape):
+        pairs = zip(array.shape, shape, strict=True)
+        if all(isinstance(length, str) or found == length for found, length in pairs):
             return array
     if shape == ():
         raise ValueError(f'{name} must be a number, got an array of shape {array.shape}')

@@ -97,7 +97,7 @@ def chained(*frames: Frame) -> Frame:
     return R, p
 
 
-def without_dust(values: Array, scale: float) -> Array:
+def without_residue(values: Array, scale: float) -> Array:
     """Return values with exact zeros for residues of rounding at a scale."""
     return np.where(np.abs(values) <= RIGHT_ANGLE_TOLERANCE * scale, 0.0, values)
 

@@ -72,7 +72,7 @@ def find_chain(
     above = {joint.child: joint for joint in urdf.joints.values()}
     root = _root(urdf, above)
     children = _children(urdf)
-    _check_reached(urdf, _below(root, children))
+    _refuse_loops(urdf, _below(root, children))
     _check_links(urdf, base, tip)
     _check_locked(urdf, locked)
     free = {j.name for j in urdf.joints.values() if j.kind != 'fixed' and j.name not in locked}
@@ -94,7 +94,7 @@ def find_chain(
         raise ValueError(
             f'no joint moves between {quote(base)} and {quote(tip)} in {quote(urdf.name)}'
         )
-    _check_astray(urdf, tip, chain, moving, carriers)
+    _refuse_branches(urdf, tip, chain, moving, carriers)
     for joint in chain:
         _check_kind(joint)
     # Links that the chain neither moves nor stands on are left out.
@@ -141,7 +141,7 @@ def _below(link: str, children: Mapping[str, list[Joint]]) -> list[Joint]:
     return found
 
 
-def _check_reached(urdf: Description, below: list[Joint]) -> None:
+def _refuse_loops(urdf: Description, below: list[Joint]) -> None:
     if len(below) < len(urdf.joints):
         reached = {joint.name for joint in below}
         loop = [name for name in urdf.joints if name not in reached]
@@ -182,7 +182,7 @@ def _last_link(
     return ends[0].child
 
 
-def _check_astray(
+def _refuse_branches(
     urdf: Description,
     tip: str,
     chain: list[Joint],
@@ -199,11 +199,11 @@ def _check_astray(
             on_chain[joint.name] = before is not None and (
                 before.name in own or on_chain[before.name]
             )
-    astray = [joint for joint in moving if on_chain[joint.name] and joint.name not in own]
-    if astray:
+    others = [joint for joint in moving if on_chain[joint.name] and joint.name not in own]
+    if others:
         raise ValueError(
-            f'{quote(urdf.name)} is a tree, not a chain: {quote_all(j.name for j in astray)} also '
-            f'move what {quote(chain[0].name)} carries to {quote(tip)}; {_how_to_lock(astray)}'
+            f'{quote(urdf.name)} is a tree, not a chain: {quote_all(j.name for j in others)} also '
+            f'move what {quote(chain[0].name)} carries to {quote(tip)}; {_how_to_lock(others)}'
         )
 
 

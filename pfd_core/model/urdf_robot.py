@@ -26,7 +26,7 @@ from pfd_core.model.geometry import (
     snapped,
     symmetric,
     welded_frames,
-    without_dust,
+    without_residue,
 )
 from pfd_core.model.rigid_body_checks import check_inertia
 from pfd_core.model.robot import LIMIT_FIELDS, PhysicsWarning, Robot
@@ -154,7 +154,7 @@ def _bodies(
 ) -> list[Body]:
     """Return the links that each moving joint carries, welded to one body, in its frame."""
     bodies = {joint.name: NO_BODY for joint in chain.joints}
-    weighed: set[str] = set()
+    massive: set[str] = set()
     for link, carrier in chain.carriers.items():
         inertial = urdf.links[link]
         if carrier is None or inertial is None:
@@ -163,10 +163,10 @@ def _bodies(
         R, p = frames[link]
         body = (mass, p + product(R, center), product(R, J, R.T))
         bodies[carrier.name] = merged(bodies[carrier.name], body)
-        weighed.add(carrier.name)
-    _check_weighed(chain, weighed)
+        massive.add(carrier.name)
+    _check_masses(chain, massive)
     return [
-        (mass, without_dust(center, length), without_dust(J, float(np.abs(J).max())))
+        (mass, without_residue(center, length), without_residue(J, float(np.abs(J).max())))
         for mass, center, J in bodies.values()
     ]
 
@@ -183,14 +183,14 @@ def _body(label: str, inertial: Inertial, length: float) -> Body:
     return inertial.mass, center, product(R, J, R.T)
 
 
-def _check_weighed(chain: Chain, weighed: set[str]) -> None:
+def _check_masses(chain: Chain, massive: set[str]) -> None:
     """Refuse links without mass at the end of the chain, and warn of those within it."""
-    last = max((k for k, j in enumerate(chain.joints) if j.name in weighed), default=-1)
+    last = max((k for k, j in enumerate(chain.joints) if j.name in massive), default=-1)
     for k, joint in enumerate(chain.joints):
         label = f'link {quote(joint.child)}, moved by joint {quote(joint.name)}, has no <inertial>'
         if k > last:
             raise ValueError(f'{label}, nor has anything fixed to it or further out: give it one')
-        if joint.name not in weighed:
+        if joint.name not in massive:
             warnings.warn(
                 f'{label}, nor has anything fixed to it: it is taken as massless. If it is meant, '
                 'give it one of mass 0',
@@ -212,4 +212,4 @@ def _placements(
         placements.append(chained(base, placed) if k == 0 else placed)
     placements.append(frames[chain.tip])
     length = max(float(np.abs(p).max()) for _, p in placements)
-    return [(R, without_dust(p, length)) for R, p in placements]
+    return [(R, without_residue(p, length)) for R, p in placements]

@@ -48,6 +48,7 @@ from pfd_core.model.robot import JOINT_FIELDS, LIMIT_FIELDS, Robot
 from pfd_core.model.yaml_reader import read_yaml
 
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}
+UNLIMITED = dict.fromkeys(LIMIT_FIELDS, math.inf) | {'lower': -math.inf}
 PLACED_BY = ('dh', 'modified_dh', 'frame')
 ROW = ('a', 'd', 'alpha_deg', 'theta_deg')
 FRAME = ('rotation', 'translation')
@@ -169,7 +170,6 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
     if 'rotor' in row and 'armature' in row:
         raise ValueError(f'{label} has both rotor and armature; give one of them')
     limits = _table(f'limits of {label}', row.get('limits', {}), (), tuple(LIMIT_FIELDS))
-    unlimited = dict.fromkeys(LIMIT_FIELDS, math.inf) | {'lower': -math.inf}
     inertia = _table(f'inertia of {label}', row.get('inertia', {}), (), tuple(ELEMENTS))
     elements = [_number(f'inertia {k} of {label}', inertia.get(k, 0.0)) for k in ELEMENTS]
     return {
@@ -185,7 +185,7 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
         'accepted': _truth(label, row),
         **{
             LIMIT_FIELDS[k]: _number(f'limit {k} of {label}', value, infinite=True)
-            for k, value in {**unlimited, **limits}.items()
+            for k, value in (UNLIMITED | dict(limits)).items()
         },
         **_drive(label, row),
     }

@@ -208,10 +208,12 @@ def test_an_arm_that_overflows_is_told_and_does_not_touch_the_others() -> None:
     taus[6, 3] = 1e308
     many.reset(q, qd)
     runs = many.rollout(taus)
-    assert runs.status == 'not_finite'
+    assert runs.status == many.status == 'not_finite'
     assert runs.finite_steps.tolist() == [STEPS] * 6 + [3] + [STEPS] * 3
     others = np.arange(10) != 6
     np.testing.assert_array_equal(runs.q[others], whole.q[others])
+    many.reset()
+    assert many.status == 'ok'
 
 
 def test_no_steps_give_no_states() -> None:

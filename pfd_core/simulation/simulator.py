@@ -140,7 +140,7 @@ class Simulator(Simulation):
             time=self._now.start + self.step_size * steps,
             q=q,
             qd=qd,
-            accelerations=partial(_accelerations, self._native, q, qd, rows, [*inputs.values()]),
+            _qdd=partial(_accelerations, self._native, q, qd, rows, [*inputs.values()]),
             status='ok' if finite_steps == len(rows) else 'not_finite',
             finite_steps=finite_steps,
         )

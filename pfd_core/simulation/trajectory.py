@@ -23,8 +23,8 @@ class Trajectory:
         (K,) [s].
     q, qd : numpy.ndarray
         (K, n) or (B, K, n), positions and velocities [rad or m, s].
-    accelerations : numpy.ndarray or callable
-        qdd, or the function that computes it.
+    _qdd : numpy.ndarray or callable
+        `qdd`, or the function that computes it.
     status : str
         'ok', or 'not_finite' if a state overflowed.
     finite_steps : int or numpy.ndarray
@@ -35,7 +35,7 @@ class Trajectory:
     time: Array
     q: Array
     qd: Array
-    accelerations: Array | Callable[[], Array] = field(repr=False)
+    _qdd: Array | Callable[[], Array] = field(repr=False)
     status: str
     finite_steps: int | Array
 
@@ -46,8 +46,8 @@ class Trajectory:
 
         A single arm's are computed from its states when they are first read: no step needs them.
         """
-        return self.accelerations() if callable(self.accelerations) else self.accelerations
+        return self._qdd() if callable(self._qdd) else self._qdd
 
     def __getstate__(self) -> dict[str, Any]:
         # A pickle holds the accelerations, not the native code that would compute them.
-        return self.__dict__ | {'accelerations': self.qdd}
+        return self.__dict__ | {'_qdd': self.qdd}

@@ -332,8 +332,8 @@ TWO = np.zeros(2)
 @pytest.mark.parametrize(
     ('arguments', 'options', 'message'),
     [
-        ((np.zeros(3), TWO, TWO), {}, r'q must have shape \(..., 2\), got \(3,\)'),
-        ((TWO, 1.0, TWO), {}, r'qd must have shape \(..., 2\), got \(\)'),
+        ((np.zeros(3), TWO, TWO), {}, r'q must have shape \(2,\) or \(B, 2\), got \(3,\)'),
+        ((TWO, 1.0, TWO), {}, r'qd must have shape \(2,\) or \(B, 2\), got \(\)'),
         ((TWO, TWO, [0.0, np.nan]), {}, r'tau must be finite, got nan at index \[1\]'),
         ((np.full((9, 2), np.inf), TWO, TWO), {}, r'q must be finite, got inf at index \[0, 0\]'),
         (('one', TWO, TWO), {}, "q must be an array of numbers, got 'one'"),

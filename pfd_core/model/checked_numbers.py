@@ -181,13 +181,14 @@ def fit_shape(name: str, array: Array, shape: Shape, broadcast: bool = False) ->
     elif shape[:1] == (...,):
         if array.shape[1 - len(shape) :] == shape[1:]:
             return array
+        wanted = [shape[1:], ('B', *shape[1:])]
     elif array.ndim == len(shape):
         pairs = zip(array.shape, shape, strict=True)
         if all(isinstance(length, str) or found == length for found, length in pairs):
             return array
     if shape == ():
         raise ValueError(f'{name} must be a number, got an array of shape {array.shape}')
-    text = ' or '.join(map(str, wanted)).replace('Ellipsis', '...').replace("'", '')
+    text = ' or '.join(map(str, wanted)).replace("'", '')
     raise ValueError(f'{name} must have shape {text}, got {array.shape}')
 
 

@@ -237,6 +237,11 @@ def test_bad_settings_are_named(options, message: str) -> None:  # type: ignore[
         pfd.Simulator(pfd.load_robot('planar2'), **options)
 
 
+def test_a_robot_by_name_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"robot must be a Robot, got 'ur5'; load_robot\(\)"):
+        pfd.Simulator('ur5')  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ('act', 'message'),
     [

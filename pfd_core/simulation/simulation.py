@@ -12,7 +12,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model import Robot, Scene, scene_inputs
+from pfd_core.model import Robot, Scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, integer, real_array, real_number
 from pfd_core.simulation.integrators import integrator_named, record_step
 from pfd_core.simulation.state_buffer import StateBuffer
@@ -40,6 +40,7 @@ class Simulation(ABC):
         dtype: str = 'float64',
         refine: int = 0,
     ) -> None:
+        resolve(robot, scene)  # ValueError for a wrong robot or scene
         self.robot = robot
         self.scene = Scene() if scene is None else scene
         self.step_size = real_number('step_size', step_size)

@@ -16,8 +16,9 @@ from pfd_core.kernels.kernel import compile_kernel
 from pfd_core.kernels.passes.fold import fold
 from pfd_core.kernels.passes.pipeline import drop, expand, lower, operations
 from pfd_core.machine.emulator import run
+from pfd_core.machine.lanes import cos, sin, sqrt, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder, cos, sin, sqrt, where
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Scene, load_robot, resolve
 
 Text = Callable[[Lanes, Lanes], Any]

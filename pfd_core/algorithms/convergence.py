@@ -17,8 +17,9 @@ import math
 
 from pfd_core.algorithms.chain.link_axes import finish
 from pfd_core.algorithms.refinement import inline
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Recorder, where
+from pfd_core.machine.recorder import Recorder
 
 
 def with_nan_unless_converged(program: Program) -> Program:

@@ -37,8 +37,9 @@ import numpy as np
 from pfd_core.algorithms.chain.link_axes import begin, finish, joint_inputs, known
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder, where
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
 
 

@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from pfd_core.machine.lanes import each, merge, shift
 from pfd_core.machine.patterns import prefix, suffix
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, each, merge, shift
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import dot
 
 Slot = tuple[int, int]  # a row of work, and the lane of it

@@ -28,7 +28,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from pfd_core.machine.recorder import Lanes, Recorder, broadcast, merge, on, shift
+from pfd_core.machine.lanes import broadcast, merge, on, shift
+from pfd_core.machine.recorder import Lanes, Recorder
 
 Combine = Callable[[Any, Any], Any]
 

@@ -49,9 +49,10 @@ from pfd_core.algorithms.chain.equations import (
 )
 from pfd_core.algorithms.paper.cholesky import solve
 from pfd_core.algorithms.paper.newton_euler import rotational_part, summed
+from pfd_core.machine.lanes import each, merge, on, shift
 from pfd_core.machine.patterns import prefix, suffix
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, each, merge, on, shift
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
 from pfd_core.model import Plant
 

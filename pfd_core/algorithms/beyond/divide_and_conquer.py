@@ -58,8 +58,9 @@ from pfd_core.algorithms.beyond.omega import bias_omega
 from pfd_core.algorithms.beyond.pivoting import solve_pivoted
 from pfd_core.algorithms.beyond.single_links import SIX, UPPER, Pieces, single_links
 from pfd_core.algorithms.chain.equations import begin, finish, joint_input, torque
+from pfd_core.machine.lanes import each, merge, on, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, each, merge, on, where
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Plant
 

@@ -28,7 +28,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.algorithms.paper.cholesky import solve
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, broadcast, merge, on
+from pfd_core.machine.lanes import broadcast, merge, on
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.model import Plant, Robot
 from pfd_core.model.geometry import product
 

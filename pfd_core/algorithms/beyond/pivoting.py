@@ -17,7 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pfd_core.machine.recorder import LaneArray, Lanes, where
+from pfd_core.machine.lanes import where
+from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array
 
 

@@ -27,7 +27,8 @@ import numpy as np
 
 from pfd_core.algorithms.beyond.base_origin import Bodies, bodies
 from pfd_core.algorithms.chain.base_axes import Links, Pose
-from pfd_core.machine.recorder import LaneArray, Lanes, merge, on, where
+from pfd_core.machine.lanes import merge, on, where
+from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
 
 SIX = range(6)

@@ -27,8 +27,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pfd_core.machine.lanes import cos, merge, on, shift, sin
 from pfd_core.machine.packing import prefix_product
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, cos, merge, on, shift, sin
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, rotated_symmetric
 from pfd_core.model import Robot
 from pfd_core.model.geometry import product

@@ -14,8 +14,9 @@ from collections.abc import Callable
 
 from pfd_core.algorithms.chain.base_axes import Links, Pose, links, pose
 from pfd_core.algorithms.paper.newton_euler import newton_euler, wrench_in_base_axes
+from pfd_core.machine.lanes import broadcast, merge, on, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, broadcast, merge, on, where
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Plant
 

@@ -35,8 +35,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.machine.lanes import cos, sin, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import SCHEDULES, LaneArray, Lanes, Recorder, cos, sin, where
+from pfd_core.machine.recorder import SCHEDULES, LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Plant
 from pfd_core.model.geometry import product, rotation_z

@@ -32,8 +32,9 @@ import math
 import numpy as np
 
 from pfd_core.algorithms.grouped.newton_euler import Link, begin, inward_symmetric, moved, outward
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, where
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot
 from pfd_core.model import Plant
 

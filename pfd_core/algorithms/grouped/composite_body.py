@@ -23,8 +23,9 @@ from collections.abc import Sequence
 import math
 
 from pfd_core.algorithms.grouped.newton_euler import Link, begin, inward, inward_symmetric, moved
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, where
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Plant
 

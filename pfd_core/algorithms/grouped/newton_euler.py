@@ -23,7 +23,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from pfd_core.algorithms.grouped.links import GroupedLink, Tip, grouped_links
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, cos, sin
+from pfd_core.machine.lanes import cos, sin
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross
 from pfd_core.model import Plant
 

@@ -37,8 +37,9 @@ from dataclasses import dataclass
 import math
 
 from pfd_core.algorithms.paper.elimination_schedule import Product, stages
+from pfd_core.machine.lanes import broadcast, on, shift, sqrt, where
 from pfd_core.machine.patterns import collect, column_sweep, gather
-from pfd_core.machine.recorder import Lanes, Recorder, broadcast, on, shift, sqrt, where
+from pfd_core.machine.recorder import Lanes, Recorder
 
 Place = tuple[Lanes, int]
 Element = tuple[int, int]

@@ -27,8 +27,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from pfd_core.machine.iteration import iterate
+from pfd_core.machine.lanes import broadcast, where
 from pfd_core.machine.patterns import total
-from pfd_core.machine.recorder import Lanes, Recorder, broadcast, where
+from pfd_core.machine.recorder import Lanes, Recorder
 
 # The stop of a run in double precision: the recursive residual has fallen to rounding.
 TOLERANCE = 1e-15
@@ -115,7 +117,7 @@ def conjugate_gradient(
 
     trips_limit = default_limit(recorder.lanes) if at_most is None else at_most
     state = (x, w, v, e0)
-    (x, _, _, e), trips = recorder.iterate(step, state, e0, trips_limit, floor=limit)
+    (x, _, _, e), trips = iterate(step, state, e0, trips_limit, floor=limit)
     with recorder.section('verdict'):
         # Met the stop, or had nothing to do; NaN is above nothing, not even minus one.
         return Solution(x, trips, where(e - limit, 0.0, where(e + 1.0, 1.0, 0.0)))

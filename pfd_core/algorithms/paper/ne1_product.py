@@ -30,9 +30,10 @@ from functools import partial
 
 from pfd_core.algorithms.chain.base_axes import Links, Pose
 from pfd_core.algorithms.paper.newton_euler import rotational_part, summed, torques_of
+from pfd_core.machine.lanes import merge, on
 from pfd_core.machine.packing import prefix_sum, suffix_sum
 from pfd_core.machine.patterns import prefix
-from pfd_core.machine.recorder import Lanes, Recorder, merge, on
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, symmetric_times
 
 

@@ -26,8 +26,9 @@ from pfd_core.algorithms.chain.equations import armature, begin, finish, joint_i
 from pfd_core.algorithms.paper.conjugate_gradient import TOLERANCE, conjugate_gradient
 from pfd_core.algorithms.paper.ne1_product import prepare, times
 from pfd_core.algorithms.paper.pcrbm import composite_forces
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, where
+from pfd_core.machine.recorder import Lanes
 from pfd_core.model import Plant
 
 

@@ -34,18 +34,10 @@ Lane j holds the composite body of links j + 1..n, and column j of H: h_ij with 
 from __future__ import annotations
 
 from pfd_core.algorithms.chain.base_axes import Links, Pose
+from pfd_core.machine.lanes import broadcast, merge, on, shift, where
 from pfd_core.machine.packing import packed
 from pfd_core.machine.patterns import row_sweep, suffix, suffix_affine
-from pfd_core.machine.recorder import (
-    LaneArray,
-    Lanes,
-    Recorder,
-    broadcast,
-    merge,
-    on,
-    shift,
-    where,
-)
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, parallel_axis, symmetric_times
 
 

@@ -34,9 +34,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from pfd_core.machine.lanes import sqrt
 from pfd_core.machine.patterns import gather
 from pfd_core.machine.program import Program, check_processors
-from pfd_core.machine.recorder import Lanes, Recorder, sqrt
+from pfd_core.machine.recorder import Lanes, Recorder
 
 Index = tuple[int, int]  # (k, i) of S_ki, counted from 1 as in the paper
 Place = tuple[Lanes, int]  # a value on one lane

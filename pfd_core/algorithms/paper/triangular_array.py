@@ -46,9 +46,10 @@ import numpy as np
 from pfd_core.algorithms.beyond.omega import bias_omega
 from pfd_core.algorithms.chain.equations import armature, begin, held_joints, joint_input, torque
 from pfd_core.algorithms.paper.pcrbm import inertia_matrix
+from pfd_core.machine.lanes import merge, on, sqrt, where
 from pfd_core.machine.patterns import gather
 from pfd_core.machine.program import Program, Steps
-from pfd_core.machine.recorder import Lanes, merge, on, sqrt, where
+from pfd_core.machine.recorder import Lanes
 from pfd_core.machine.systolic import DIRECTIONS, Array, Cell, Link, Place, Ports, Step, Trace
 from pfd_core.model import Plant
 

@@ -76,8 +76,9 @@ from pfd_core.algorithms.serial.luh_walker_paul import (
     outward,
     plus_in_plane,
 )
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, where
+from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array, cross, dot, parallel_axis
 from pfd_core.model import Plant
 

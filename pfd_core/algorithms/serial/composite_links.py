@@ -42,7 +42,8 @@ from pfd_core.algorithms.chain.link_axes import (
     turned,
 )
 from pfd_core.algorithms.serial.luh_walker_paul import along_axis
-from pfd_core.machine.recorder import LaneArray, Lanes, where
+from pfd_core.machine.lanes import where
+from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array, cross, parallel_axis
 
 # Lower triangle of H by rows: row j holds h_ji for i <= j.

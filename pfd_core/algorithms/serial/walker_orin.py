@@ -60,8 +60,10 @@ from pfd_core.algorithms.chain.link_axes import (
 )
 from pfd_core.algorithms.serial.composite_links import Triangle, composite_bodies
 from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
+from pfd_core.machine.iteration import iterate
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, where
+from pfd_core.machine.recorder import Lanes
 from pfd_core.model import Plant
 
 # By then the recursive residual has long left the true one, which stays at the rounding of H.
@@ -136,7 +138,7 @@ def record_walker_orin_4(
 
     start = (*[recorder.constant(0.0)] * n, *y, *y, first)
     limit = TRIPS_PER_JOINT * n + SPARE_TRIPS if at_most is None else at_most
-    state, trips = recorder.iterate(step, start, first, limit, floor=enough)
+    state, trips = iterate(step, start, first, limit, floor=enough)
     with recorder.section('status'):
         # NaN passes the first test, and fails the second; so does infinity.
         finite = where(1.0 / (1.0 + state[-1]), 1.0, 0.0)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from zoo import random_chain
 
-from pfd_core.algorithms.programs import record_inverse_dynamics, record_pcrbm, record_terms
+from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics, record_terms
 from pfd_core.machine.program import Steps
 from pfd_core.model import Robot, Scene, resolve
 
@@ -121,7 +121,7 @@ def test_the_row_sweep_takes_three_additions_a_row(n: int) -> None:
 
 @pytest.mark.parametrize('n', SIZES)
 def test_the_linear_solve_needs_no_square_root(n: int) -> None:
-    program = record_pcrbm(resolve(chain(n)), 'parallel')
+    program = FORWARD['pcrbm'](resolve(chain(n)), 'parallel')
     factor, back = (
         arithmetic(program.count(section=s)) for s in ('factorisation', 'column sweep')
     )
@@ -131,14 +131,14 @@ def test_the_linear_solve_needs_no_square_root(n: int) -> None:
 
 def test_the_linear_solve_of_six_joints_takes_half_of_what_the_paper_prints() -> None:
     # Section 2.5 (e): 31 multiplications, divisions among them, 28 additions, 1 square root.
-    program = record_pcrbm(resolve(chain(6)), 'parallel')
+    program = FORWARD['pcrbm'](resolve(chain(6)), 'parallel')
     parts = [arithmetic(program.count(section=s)) for s in ('factorisation', 'column sweep')]
     assert tuple(np.sum(parts, axis=0)) == (15, 15, 6, 0)
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_pcrbm_as_a_whole_is_the_sum_of_its_parts(n: int) -> None:
-    steps = record_pcrbm(resolve(chain(n)), 'parallel').count()
+    steps = FORWARD['pcrbm'](resolve(chain(n)), 'parallel').count()
     L, s, h = levels(n), elimination(n), math.ceil((n - 1) / 2)
     assert arithmetic(steps) == (
         4 * L + 3 * rounds(n) + s + 9 * h + n + 182,
@@ -156,7 +156,7 @@ def test_packing_saves_arithmetic_and_costs_routes() -> None:
         ('factorisation', 'column sweep'): ((15, 15, 53), (30, 25, 30)),
     }
     for schedule, which in (('parallel', 0), ('unpacked', 1)):
-        program = record_pcrbm(resolve(chain(6)), schedule)
+        program = FORWARD['pcrbm'](resolve(chain(6)), schedule)
         for sections, counts in expected.items():
             parts = [program.count(section=s) for s in sections]
             found = tuple(
@@ -169,8 +169,8 @@ def test_packing_saves_arithmetic_and_costs_routes() -> None:
 def test_the_speed_up_of_n_processors_lies_between_one_and_n() -> None:
     for n in (2, 6, 12):
         plant = resolve(chain(n))
-        serial = record_pcrbm(plant, 'sequential').count()
-        parallel = record_pcrbm(plant, 'parallel')
+        serial = FORWARD['pcrbm'](plant, 'sequential').count()
+        parallel = FORWARD['pcrbm'](plant, 'parallel')
         # Multiplications are another matter: one processor takes reciprocals to spare divisions.
         assert serial.additions <= parallel.count(processors=1).additions
         assert serial.divisions < parallel.count(processors=1).divisions

@@ -23,7 +23,7 @@ from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import Array, random_chain, random_rotation, random_state
 
 from pfd_core.algorithms.chain.link_axes import zxz
-from pfd_core.algorithms.programs import record_pcrbm
+from pfd_core.algorithms.programs import FORWARD
 from pfd_core.algorithms.serial.articulated_body import record_articulated_body
 from pfd_core.algorithms.serial.walker_orin import (
     record_walker_orin_1,
@@ -212,7 +212,9 @@ def right_angled(n: int) -> tuple[Robot, dict[str, Array]]:
 @cache
 def fifty_digits(n: int) -> Array:
     robot, given = right_angled(n)
-    found: Array = run(record_pcrbm(resolve(robot, WRENCH), 'parallel'), given, digits=50)['qdd']
+    found: Array = run(FORWARD['pcrbm'](resolve(robot, WRENCH), 'parallel'), given, digits=50)[
+        'qdd'
+    ]
     return found
 
 

@@ -15,15 +15,14 @@ from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state
 
 from pfd_core.algorithms.beyond import base_origin
-from pfd_core.algorithms.beyond.base_origin import (
-    inertia_matrix_base_origin,
-    record_pcrbm_base_origin,
-)
-from pfd_core.algorithms.beyond.omega import bias_omega
-from pfd_core.algorithms.chain.equations import armature, begin, finish, joint_input, torque
+from pfd_core.algorithms.beyond.base_origin import inertia_matrix_base_origin
+from pfd_core.algorithms.beyond.omega import omega_torques
+from pfd_core.algorithms.chain.base_axes import chain_on_lanes
+from pfd_core.algorithms.chain.equations import armature, torques
+from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
 from pfd_core.algorithms.paper import ne1_product as inertia_times
 from pfd_core.algorithms.paper.pcrbm import inertia_matrix
-from pfd_core.algorithms.programs import record_inverse_dynamics, record_pcrbm
+from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import SCHEDULES, Lanes
@@ -40,7 +39,7 @@ LOST_AT_THE_WRIST = 1e-11
 
 
 def record_H(plant: Plant, schedule: str) -> Program:
-    recorder, links, at = begin(plant, schedule)
+    recorder, links, at = chain_on_lanes(plant, schedule)
     rows = inertia_matrix_base_origin(recorder, links, at, armature(recorder, plant))
     n = recorder.lanes
     elements = [(rows[min(i, j)], max(i, j)) for i in range(n) for j in range(n)]
@@ -50,24 +49,24 @@ def record_H(plant: Plant, schedule: str) -> Program:
 
 def record_product(product: ModuleType, plant: Plant, schedule: str) -> Program:
     """Return the program of H u, with sections for what is prepared and for the product."""
-    recorder, links, at = begin(plant, schedule)
-    u = joint_input(recorder, 'u')
+    recorder, links, at = chain_on_lanes(plant, schedule)
+    u = input_row(recorder, 'u')
     prepared = product.prepare(recorder, links, at, armature(recorder, plant))
     with recorder.section('H u'):
         Hu = product.times(prepared, u)
-    return finish(recorder, Hu=Hu)
+    return program_with_outputs(recorder, Hu=Hu)
 
 
 def record_torque(plant: Plant, schedule: str, with_qdd: bool) -> Program:
-    recorder, links, at = begin(plant, schedule)
-    qd = joint_input(recorder, 'qd')
-    qdd = joint_input(recorder, 'qdd') if with_qdd else None
-    tau = torque(recorder, plant, links, at, qd, qdd, bias_omega)
-    return finish(recorder, tau=tau)
+    recorder, links, at = chain_on_lanes(plant, schedule)
+    qd = input_row(recorder, 'qd')
+    qdd = input_row(recorder, 'qdd') if with_qdd else None
+    tau = torques(plant, links, at, qd, qdd, omega_torques)
+    return program_with_outputs(recorder, tau=tau)
 
 
 def record_diagonal(robot: Robot, method: Callable[..., list[Lanes]]) -> Program:
-    recorder, links, at = begin(resolve(robot), 'parallel')
+    recorder, links, at = chain_on_lanes(resolve(robot), 'parallel')
     rows = method(recorder, links, at, None)
     recorder.output('diagonal', (robot.n,), [(row, i) for i, row in enumerate(rows)])
     return recorder.program()
@@ -127,7 +126,7 @@ def test_the_pcrbm_of_fewest_steps_agrees_with_pinocchio(schedule: str) -> None:
         wrench = rng.normal(size=6) * 10
         tau = oracle.tau(q, qd, qdd, wrench)
         inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench}
-        found = run(record_pcrbm_base_origin(plant, schedule), inputs)['qdd']
+        found = run(FORWARD['pcrbm_base_origin'](plant, schedule), inputs)['qdd']
         wanted = oracle.qdd(q, qd, tau, wrench)
         assert relative(found, wanted) < ACCELERATION * jacobi_condition(oracle.H(q)), robot
 
@@ -146,7 +145,7 @@ def test_fifty_digits_of_the_variants_are_those_of_pcrbm() -> None:
         inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6), 'free': free}
         a, b = (
             fifty_digits(record(plant, 'parallel'), inputs)
-            for record in (record_pcrbm_base_origin, record_pcrbm)
+            for record in (FORWARD['pcrbm_base_origin'], FORWARD['pcrbm'])
         )
         assert max(abs(a - b)) <= FIFTY_DIGITS * max(abs(b)), robot
         assert not a[free == 0].any()
@@ -180,7 +179,7 @@ def test_a_link_without_inertia_leaves_a_pivot_that_is_not_above_zero(schedule: 
         np.zeros((1, 3, 3)),
     )
     inputs = dict.fromkeys(('q', 'qd', 'tau'), np.ones(1))
-    result = run(record_pcrbm_base_origin(resolve(robot), schedule), inputs)
+    result = run(FORWARD['pcrbm_base_origin'](resolve(robot), schedule), inputs)
     assert not result['pivots'][0] > 0
 
 
@@ -188,7 +187,7 @@ def test_a_position_that_is_no_number_shows_in_every_pivot_it_reaches() -> None:
     robot = chain(4)
     q = np.array([0.1, np.nan, 0.2, 0.3])
     result = run(
-        record_pcrbm_base_origin(resolve(robot), 'parallel'),
+        FORWARD['pcrbm_base_origin'](resolve(robot), 'parallel'),
         {'q': q, 'qd': np.ones(4), 'tau': np.ones(4)},
     )
     assert np.isnan(result['pivots']).any()
@@ -260,7 +259,7 @@ def test_ne_as_a_whole_is_pose_and_ne1(n: int) -> None:
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_the_pcrbm_of_fewest_steps_is_the_sum_of_its_parts(n: int) -> None:
-    steps = record_pcrbm_base_origin(resolve(chain(n)), 'parallel').count()
+    steps = FORWARD['pcrbm_base_origin'](resolve(chain(n)), 'parallel').count()
     L, K, e, products = levels(n), n // 2 + 1, elimination(n), rounds(n)
     assert arithmetic(steps) == (
         3 * products + 75 + 66 + 6 * K + 39 + e + n - 1,
@@ -271,7 +270,7 @@ def test_the_pcrbm_of_fewest_steps_is_the_sum_of_its_parts(n: int) -> None:
 
 
 def test_six_joints_take_fewer_steps_than_the_paper_prints() -> None:
-    steps = record_pcrbm_base_origin(resolve(chain(6)), 'parallel').count()
+    steps = FORWARD['pcrbm_base_origin'](resolve(chain(6)), 'parallel').count()
     assert steps.multiplications < 334
     assert steps.additions < 328
     assert steps.square_roots == 0

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 
-from pfd_core.algorithms.chain.link_axes import finish
+from pfd_core.algorithms.chain.interface import program_with_outputs
 from pfd_core.algorithms.refinement import inline
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
@@ -32,4 +32,4 @@ def with_nan_unless_converged(program: Program) -> Program:
     with recorder.section('verdict'):
         nan = recorder.constant(math.nan)
         results['qdd'] = [where(converged, value, nan) for value in results['qdd']]
-    return finish(recorder, **results)
+    return program_with_outputs(recorder, **results)

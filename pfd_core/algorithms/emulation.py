@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.algorithms.paper.triangular_array import SECTION, solve_cycles, solve_steps
+from pfd_core.algorithms.paper.pcrbm_array import SECTION
+from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps, check_processors

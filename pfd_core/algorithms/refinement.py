@@ -34,7 +34,9 @@ from operator import attrgetter
 
 import numpy as np
 
-from pfd_core.algorithms.chain.link_axes import begin, finish, joint_inputs, known
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.chain.joint_torques import plus_joint_torques
+from pfd_core.algorithms.chain.link_axes import chain_in_link_axes, known
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
 from pfd_core.machine.lanes import where
@@ -76,7 +78,7 @@ def record_refined(
     torques = record_link_torques(plant)
     recorder = Recorder(1, 'sequential')
     n = plant.robot.n
-    tau = joint_inputs(recorder, 'tau', n)
+    tau = input_list(recorder, 'tau', n)
     zero = recorder.constant(0.0)
     results = inline(recorder, method_program, {})
     qdd = results['qdd']
@@ -90,21 +92,18 @@ def record_refined(
             qdd = [a + d for a, d in zip(qdd, delta, strict=True)]
     with recorder.section('error estimate'):
         results['error'] = [_estimate(recorder, qdd, delta, results)]
-    return finish(recorder, **results | {'qdd': qdd})
+    return program_with_outputs(recorder, **results | {'qdd': qdd})
 
 
 def record_link_torques(plant: Plant) -> Program:
     """Return the program of tau, (n,), from q, qd and qdd, each link in its own axes."""
-    chain = begin(plant, 'sequential')
+    chain = chain_in_link_axes(plant, 'sequential')
     n = len(chain.links)
-    qd, qdd = (joint_inputs(chain.recorder, name, n) for name in ('qd', 'qdd'))
+    qd, qdd = (input_list(chain.recorder, name, n) for name in ('qd', 'qdd'))
     with chain.recorder.section('torques'):
         tau = known(chain, newton_euler(chain.links, qd, qdd, chain.gravity, chain.wrench))
-        if plant.damping is not None:
-            tau = [t + float(d) * v for t, d, v in zip(tau, plant.damping, qd, strict=True)]
-        if plant.armature is not None:
-            tau = [t + float(m) * a for t, m, a in zip(tau, plant.armature, qdd, strict=True)]
-    return finish(chain.recorder, tau=tau)
+        tau = plus_joint_torques(plant, tau, qd, qdd)
+    return program_with_outputs(chain.recorder, tau=tau)
 
 
 def inline(

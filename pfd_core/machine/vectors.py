@@ -18,6 +18,9 @@ import numpy as np
 
 from pfd_core.machine.recorder import LaneArray, Lanes
 
+# Rows and columns of the six elements of a symmetric matrix, in their order.
+UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
 
 def array(values: Any) -> LaneArray:
     """Return nested lists of lane values as an object array."""

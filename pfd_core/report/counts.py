@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 
 from pfd_core.algorithms.emulation import arithmetic, processors_of
-from pfd_core.algorithms.paper.triangular_array import SECTION, solve_cycles, solve_steps
+from pfd_core.algorithms.paper.pcrbm_array import SECTION
+from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.algorithms.programs import ITERATIVE, METHODS, SERIAL, record_forward_dynamics
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import Robot, resolve

@@ -37,37 +37,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pfd_core.algorithms.beyond.omega import bias_omega
 from pfd_core.algorithms.chain.base_axes import Links, Pose
-from pfd_core.algorithms.chain.equations import (
-    armature,
-    begin,
-    finish,
-    held_joints,
-    joint_input,
-    torque,
-)
-from pfd_core.algorithms.paper.cholesky import solve
 from pfd_core.algorithms.paper.newton_euler import rotational_part, summed
 from pfd_core.machine.lanes import each, merge, on, shift
 from pfd_core.machine.patterns import prefix, suffix
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
-from pfd_core.model import Plant
-
-
-def record_pcrbm_base_origin(plant: Plant, schedule: str) -> Program:
-    """Return the program of qdd, (n,), from q, qd and tau; its pivots show whether H was sound."""
-    recorder, chain, at = begin(plant, schedule)
-    qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
-    y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
-    rows = inertia_matrix_base_origin(recorder, chain, at, armature(recorder, plant))
-    free = None
-    if plant.brakes:
-        rows, y, free = held_joints(recorder, rows, y)
-    qdd, pivots = solve(recorder, rows, y, free=free)
-    return finish(recorder, qdd=qdd, pivots=pivots)
 
 
 @dataclass(frozen=True)

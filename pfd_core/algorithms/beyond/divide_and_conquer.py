@@ -54,10 +54,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from pfd_core.algorithms.beyond.lent_rotors import lent_rotors, without_rotors
-from pfd_core.algorithms.beyond.omega import bias_omega
+from pfd_core.algorithms.beyond.omega import omega_torques
 from pfd_core.algorithms.beyond.pivoting import solve_pivoted
 from pfd_core.algorithms.beyond.single_links import SIX, UPPER, Pieces, single_links
-from pfd_core.algorithms.chain.equations import begin, finish, joint_input, torque
+from pfd_core.algorithms.chain.equations import forward_equations
+from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import each, merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
@@ -88,12 +89,10 @@ class Cuts:
 
 def record_divide_and_conquer(plant: Plant, schedule: str) -> Program:
     """Return the program of qdd, (n,), from q, qd and tau, and of its pivots."""
-    recorder, chain, at = begin(plant, schedule)
-    qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
-    y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
+    recorder, chain, at, y = forward_equations(plant, schedule, omega_torques)
     free = None
     if plant.brakes:
-        free = joint_input(recorder, 'free')
+        free = input_row(recorder, 'free')
         y = where(free, y, 0.0)
     lent = lent_rotors(plant)
     rotors = [recorder.constant(r) for r in (plant.armature, lent) if r is not None and r.any()]
@@ -108,10 +107,10 @@ def record_divide_and_conquer(plant: Plant, schedule: str) -> Program:
         felt = joints.y - joints.IS @ a + joints.u @ phi
         x = felt * joints.inverse
     if not lent.any():
-        return finish(recorder, qdd=x[0], pivots=joints.D)
+        return program_with_outputs(recorder, qdd=x[0], pivots=joints.D)
     with recorder.section('lent rotors'):
         qdd, pivots = without_rotors(recorder, lent, x, joints.D)
-    return finish(recorder, qdd=qdd, pivots=pivots)
+    return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
 
 
 def _joined(n: int, pieces: Pieces) -> list[Cuts]:

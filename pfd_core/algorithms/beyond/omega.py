@@ -34,7 +34,7 @@ from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
 
 
-def bias_omega(
+def omega_torques(
     recorder: Recorder,
     chain: Links,
     pose: Pose,

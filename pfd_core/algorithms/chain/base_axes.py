@@ -27,14 +27,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pfd_core.algorithms.chain.interface import input_row
 from pfd_core.machine.lanes import cos, merge, on, shift, sin
 from pfd_core.machine.packing import prefix_product
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
-from pfd_core.machine.vectors import array, rotated_symmetric
-from pfd_core.model import Robot
-from pfd_core.model.geometry import product
-
-UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+from pfd_core.machine.vectors import UPPER, array, rotated_symmetric
+from pfd_core.model import Plant, Robot
+from pfd_core.model.geometry import Array, product
 
 
 @dataclass(frozen=True)
@@ -95,6 +94,29 @@ class Pose:
     J: LaneArray
 
 
+def chain_on_lanes(plant: Plant, schedule: str) -> tuple[Recorder, Links, Pose]:
+    """Return a recorder on n lanes, the links on it, and their pose at the input q."""
+    recorder = Recorder(plant.robot.n, schedule)
+    chain = links(recorder, plant.robot, keep_tip=plant.external_wrench)
+    return recorder, chain, pose(recorder, chain, input_row(recorder, 'q'))
+
+
+def link_parameters(robot: Robot, keep_tip: bool) -> tuple[Array, Array, Array, Array]:
+    """
+    Return A, (n, 3, 3), a and s, (n, 3), and J, (n, 3, 3), of the links.
+
+    Only an external wrench refers to the tip's frame. If it need not be kept, frame n is laid on
+    the last joint's axis, where its offset and rotation vanish.
+    """
+    A, a, s, J = robot.rotations, robot.translations, robot.centers, robot.inertias
+    if not keep_tip:
+        A, a, s, J = A.copy(), a.copy(), s.copy(), J.copy()
+        s[-1] = a[-1] + product(A[-1], s[-1])
+        J[-1] = product(A[-1], J[-1], A[-1].T)
+        A[-1], a[-1] = np.eye(3), 0.0
+    return A, a, s, J
+
+
 def links(recorder: Recorder, robot: Robot, keep_tip: bool) -> Links:
     """
     Return the constants of a robot's links on lanes.
@@ -106,16 +128,10 @@ def links(recorder: Recorder, robot: Robot, keep_tip: bool) -> Links:
     robot : Robot
         The chain.
     keep_tip : bool
-        Whether frame n must be the tip's frame. Only an external wrench refers to it; without
-        one, frame n is laid on the last joint's axis, where its offset and rotation vanish.
+        As for link_parameters.
 
     """
-    A, a, s, J = robot.rotations, robot.translations, robot.centers, robot.inertias
-    if not keep_tip:
-        A, a, s, J = A.copy(), a.copy(), s.copy(), J.copy()
-        s[-1] = a[-1] + product(A[-1], s[-1])
-        J[-1] = product(A[-1], J[-1], A[-1].T)
-        A[-1], a[-1] = np.eye(3), 0.0
+    A, a, s, J = link_parameters(robot, keep_tip)
     p = np.array([product(A[i].T, a[i]) for i in range(robot.n)])
     n = range(robot.n)
     row = recorder.constant
@@ -143,6 +159,14 @@ def pose(recorder: Recorder, chain: Links, q: Lanes) -> Pose:
         if chain.translational:
             p_star = merge(p_star + z * on(q, chain.translational), p_star)
         return Pose(R, z, p_star, R @ chain.s, rotated_symmetric(R, chain.J))
+
+
+def wrench_in_base_axes(at: Pose, wrench: LaneArray) -> tuple[LaneArray, LaneArray]:
+    """Return force and moment, (3,) each, of a wrench (6,) given in the last link's axes."""
+    recorder = wrench[0].recorder
+    with recorder.section('wrench'):
+        R = on(at.R, [recorder.lanes - 1])
+        return R @ wrench[:3], R @ wrench[3:]
 
 
 def _joint_rotation(recorder: Recorder, chain: Links, q: Lanes) -> LaneArray:

@@ -35,8 +35,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.algorithms.chain.base_axes import link_parameters
+from pfd_core.algorithms.chain.interface import input_list, wrench_input
 from pfd_core.machine.lanes import cos, sin, where
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import SCHEDULES, LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Plant
@@ -106,26 +107,21 @@ class Chain:
     wrench: tuple[LaneArray, LaneArray] | None
 
 
-def begin(plant: Plant, schedule: str) -> Chain:
+def chain_in_link_axes(plant: Plant, schedule: str) -> Chain:
     """Return the chain of a plant at the input q; one processor has but one schedule."""
     if schedule not in SCHEDULES:
         raise ValueError(f'schedule must be one of {SCHEDULES}, got {schedule!r}')
     recorder = Recorder(1, 'sequential')
     robot = plant.robot
-    A, a, s, J = robot.rotations, robot.translations, robot.centers, robot.inertias
-    if not plant.external_wrench:
-        A, a, s, J = A.copy(), a.copy(), s.copy(), J.copy()
-        s[-1] = a[-1] + product(A[-1], s[-1])
-        J[-1] = product(A[-1], J[-1], A[-1].T)
-        A[-1], a[-1] = np.eye(3), 0.0
-    q = joint_inputs(recorder, 'q', robot.n)
+    A, a, s, J = link_parameters(robot, keep_tip=plant.external_wrench)
+    q = input_list(recorder, 'q', robot.n)
     links = []
     last = (1.0, 0.0)
     for i in range(robot.n):
         first, twist, following = zxz(A[i])
         Z = rotation_z(*following)
         slides = robot.joint_types[i] == 'prismatic'
-        turn = _constants(recorder, _sum_of_angles(last, first))
+        turn = _constants(recorder, sum_of_angles(last, first))
         tilt = p = None
         if i < robot.n - 1 or plant.external_wrench:
             tilt = _constants(recorder, twist)
@@ -171,7 +167,8 @@ def _unit(x: float, y: float) -> tuple[float, float]:
     return (x / length + 0.0, y / length + 0.0) if length > 0 else (1.0, 0.0)
 
 
-def _sum_of_angles(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
+def sum_of_angles(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
+    """Return cosine and sine of the sum of two angles given by theirs."""
     return a[0] * b[0] - a[1] * b[1], a[1] * b[0] + a[0] * b[1]
 
 
@@ -205,26 +202,10 @@ def _wrench(
     """Return the input wrench in the axes of the last link, whose frame was turned."""
     if not plant.external_wrench:
         return None
-    k = array([recorder.input('wrench', [element]) for element in range(6)])
+    k = wrench_input(recorder)
     with recorder.section('wrench'):
         angle = _constants(recorder, last)
         return rotated(angle, ABOUT_Z, k[:3]), rotated(angle, ABOUT_Z, k[3:])
-
-
-def joint_inputs(recorder: Recorder, name: str, n: int) -> list[Lanes]:
-    """Return an input of n elements, one register each."""
-    return [recorder.input(name, [i]) for i in range(n)]
-
-
-def applied_torques(plant: Plant, chain: Chain, qd: Sequence[Lanes]) -> list[Lanes]:
-    """Return the input tau less viscous friction."""
-    recorder = chain.recorder
-    tau = joint_inputs(recorder, 'tau', len(chain.links))
-    if plant.damping is None:
-        return tau
-    with recorder.section('friction'):
-        pairs = zip(tau, plant.damping, qd, strict=True)
-        return [t - recorder.constant(d) * rate for t, d, rate in pairs]
 
 
 def known(chain: Chain, values: Sequence[Lanes | None]) -> list[Lanes]:
@@ -238,13 +219,6 @@ def released(free: Sequence[Lanes] | None, values: Sequence[Lanes]) -> list[Lane
     if free is None:
         return list(values)
     return [where(moves, value, 0.0) for moves, value in zip(free, values, strict=True)]
-
-
-def finish(recorder: Recorder, **results: Sequence[Lanes]) -> Program:
-    """Return the program whose outputs are these lists of numbers."""
-    for name, values in results.items():
-        recorder.output(name, (len(values),), [(value, 0) for value in values])
-    return recorder.program()
 
 
 def rotated(angle: Planar, about: tuple[int, int, int], v: LaneArray) -> LaneArray:

@@ -31,15 +31,19 @@ import math
 
 import numpy as np
 
-from pfd_core.algorithms.grouped.newton_euler import Link, begin, inward_symmetric, moved, outward
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.grouped.newton_euler import (
+    Link,
+    grouped_equations,
+    inward_symmetric,
+    moved,
+    outward,
+)
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
-from pfd_core.machine.vectors import array, cross, dot
+from pfd_core.machine.vectors import UPPER, array, cross, dot
 from pfd_core.model import Plant
-
-# The six different elements of a symmetric matrix, in the order in which vectors has them.
-UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True)
@@ -89,17 +93,14 @@ class Joint:
 
 def record_grouped_articulated_body(plant: Plant, schedule: str) -> Program:
     """Return the program of qdd and pivots, (n,), from q, qd and tau; the schedule is one."""
-    recorder, links, y = begin(plant)
-    free = [recorder.input('free', [i]) for i in range(len(y))] if plant.brakes else None
+    recorder, links, y = grouped_equations(plant)
+    free = input_list(recorder, 'free', len(y)) if plant.brakes else None
     with recorder.section('articulated bodies'):
         joints = _joints(recorder, plant, links, free)
     with recorder.section('solve'):
         rates = _rates(links, joints, y)
         qdd = _accelerations(recorder, links, joints, rates)
-    pivots = [joint.d for joint in joints]
-    for name, values in (('qdd', qdd), ('pivots', pivots)):
-        recorder.output(name, (len(values),), [(value, 0) for value in values])
-    return recorder.program()
+    return program_with_outputs(recorder, qdd=qdd, pivots=[joint.d for joint in joints])
 
 
 def _joints(

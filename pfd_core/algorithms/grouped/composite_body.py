@@ -22,7 +22,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 
-from pfd_core.algorithms.grouped.newton_euler import Link, begin, inward, inward_symmetric, moved
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.grouped.newton_euler import (
+    Link,
+    grouped_equations,
+    inward,
+    inward_symmetric,
+    moved,
+)
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
@@ -32,7 +39,7 @@ from pfd_core.model import Plant
 
 def record_composite_body(plant: Plant, schedule: str) -> Program:
     """Return the program of qdd and pivots, (n,), from q, qd and tau; the schedule is one."""
-    recorder, links, y = begin(plant)
+    recorder, links, y = grouped_equations(plant)
     with recorder.section('inertia matrix'):
         H = _inertia_matrix(links)
         if plant.armature is not None:
@@ -40,13 +47,11 @@ def record_composite_body(plant: Plant, schedule: str) -> Program:
                 H[i][i] = H[i][i] + float(rotor)
     free = None
     if plant.brakes:
-        free = [recorder.input('free', [i]) for i in range(len(y))]
+        free = input_list(recorder, 'free', len(y))
         H, y = _held(recorder, free, H, y)
     with recorder.section('solve'):
         x, pivots = solve(H, y, free)
-    for name, values in (('qdd', x), ('pivots', pivots)):
-        recorder.output(name, (len(values),), [(value, 0) for value in values])
-    return recorder.program()
+    return program_with_outputs(recorder, qdd=x, pivots=pivots)
 
 
 def _inertia_matrix(links: Sequence[Link]) -> list[list[Lanes]]:

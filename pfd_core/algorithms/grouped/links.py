@@ -30,7 +30,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.algorithms.chain.link_axes import zxz
+from pfd_core.algorithms.chain.link_axes import sum_of_angles, zxz
 from pfd_core.model import Plant
 from pfd_core.model.geometry import product, rotation_x, rotation_z
 
@@ -109,7 +109,7 @@ def _in_joint_axes(plant: Plant) -> tuple[list[GroupedLink], Tip]:
         J = product(Z.T, A, robot.inertias[i], A.T, Z)
         m = float(robot.masses[i])
         offset = product(Z.T, a) - axis
-        start = _sum_of_angles(before, first)
+        start = sum_of_angles(before, first)
         links.append(
             GroupedLink(
                 robot.joint_types[i] == 'prismatic',
@@ -182,7 +182,3 @@ def _moments(a: Array, b: Array) -> Array:
     """Return a.b 1 - b a' (3, 3): the inertia of a point at a for the first moment b."""
     dot = math.fsum((a * b).tolist())
     return dot * np.eye(3) - np.multiply.outer(b, a)
-
-
-def _sum_of_angles(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
-    return a[0] * b[0] - a[1] * b[1], a[1] * b[0] + a[0] * b[1]

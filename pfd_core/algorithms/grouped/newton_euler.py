@@ -22,10 +22,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pfd_core.algorithms.chain.interface import input_list, wrench_input
+from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
 from pfd_core.algorithms.grouped.links import GroupedLink, Tip, grouped_links
 from pfd_core.machine.lanes import cos, sin
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
-from pfd_core.machine.vectors import array, cross
+from pfd_core.machine.vectors import UPPER, array, cross
 from pfd_core.model import Plant
 
 
@@ -63,20 +65,17 @@ class Link:
     inertia: LaneArray
 
 
-def begin(plant: Plant) -> tuple[Recorder, list[Link], list[Lanes]]:
-    """Return a recording, the links of a plant at the input q, and y, (n,) [N m or N]."""
+def grouped_equations(plant: Plant) -> tuple[Recorder, list[Link], list[Lanes]]:
+    """Return a recorder, the links of a plant at the input q, and y, (n,) [N m or N]."""
     recorder = Recorder(1, 'sequential')
     numbers, tip = grouped_links(plant)
-    q, qd, tau = (
-        [recorder.input(name, [i]) for i in range(plant.robot.n)] for name in ('q', 'qd', 'tau')
-    )
+    q, qd, tau = (input_list(recorder, name, plant.robot.n) for name in ('q', 'qd', 'tau'))
     with recorder.section('rotations'):
         links = [_link(recorder, link, q[i]) for i, link in enumerate(numbers)]
     with recorder.section('bias'):
         bias = _bias(recorder, plant, links, tip, qd)
         y = [t - b for t, b in zip(tau, bias, strict=True)]
-        if plant.damping is not None:
-            y = [v - float(d) * rate for v, d, rate in zip(y, plant.damping, qd, strict=True)]
+        y = minus_joint_torques(plant, y, qd)
     return recorder, links, y
 
 
@@ -90,7 +89,6 @@ def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
     else:
         c, s = cos(q), sin(q)
         turn = c * c0 - s * s0, s * c0 + c * s0
-    upper = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
     return Link(
         slides=link.slides,
         turn=turn,
@@ -99,7 +97,7 @@ def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
         r=r,
         m=recorder.constant(link.m),
         h=array([recorder.constant(value) for value in link.h]),
-        inertia=array([recorder.constant(link.inertia[k]) for k in upper]),
+        inertia=array([recorder.constant(link.inertia[k]) for k in UPPER]),
     )
 
 
@@ -196,7 +194,7 @@ def _pushed(
     recorder: Recorder, tip: Tip, force: tuple[LaneArray, LaneArray]
 ) -> tuple[LaneArray, LaneArray]:
     """Return the last link's force and moment less the wrench on it."""
-    k = array([recorder.input('wrench', [i]) for i in range(6)])
+    k = wrench_input(recorder)
     R = array([[recorder.constant(value) for value in row] for row in tip.rotation])
     p = array([recorder.constant(value) for value in tip.p])
     f = R @ k[:3]

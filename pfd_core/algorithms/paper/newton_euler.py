@@ -138,16 +138,6 @@ def torques_of(
     return dot(pose.z, array(felt))
 
 
-def wrench_in_base_axes(
-    recorder: Recorder, pose: Pose, wrench: LaneArray
-) -> tuple[LaneArray, LaneArray]:
-    """Return force and moment, (3,) each, of a wrench (6,) given in the last link's axes."""
-    with recorder.section('wrench'):
-        last = [recorder.lanes - 1]
-        R = on(pose.R, last)
-        return R @ wrench[:3], R @ wrench[3:]
-
-
 def summed(recurrence: Callable[..., Any], x: LaneArray) -> LaneArray:
     """Return the sums of vectors over lanes, by `prefix` or by `suffix`."""
     result: LaneArray = recurrence(lambda left, right: left + right, x)

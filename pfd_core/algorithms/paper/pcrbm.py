@@ -33,12 +33,25 @@ Lane j holds the composite body of links j + 1..n, and column j of H: h_ij with 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from pfd_core.algorithms.chain.base_axes import Links, Pose
+from pfd_core.algorithms.chain.equations import (
+    LinkTorques,
+    armature,
+    forward_equations,
+    held_joints,
+)
+from pfd_core.algorithms.chain.interface import program_with_outputs
+from pfd_core.algorithms.paper.cholesky import solve
+from pfd_core.algorithms.paper.newton_euler import newton_euler
 from pfd_core.machine.lanes import broadcast, merge, on, shift, where
 from pfd_core.machine.packing import packed
 from pfd_core.machine.patterns import row_sweep, suffix, suffix_affine
+from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, parallel_axis, symmetric_times
+from pfd_core.model import Plant
 
 
 def inertia_matrix(
@@ -64,6 +77,39 @@ def inertia_matrix(
     """
     F, n_jj, diagonal = composite_forces(recorder, chain, pose, armature)
     return _rows(recorder, chain, pose, F, n_jj, diagonal)
+
+
+def record_pcrbm(
+    plant: Plant,
+    schedule: str,
+    *,
+    link_torques: LinkTorques = newton_euler,
+    matrix: Callable[..., list[Lanes]] = inertia_matrix,
+) -> Program:
+    """
+    Return the program of qdd and pivots, (n,), from q, qd and tau.
+
+    H is positive definite exactly when all pivots are above zero.
+
+    Parameters
+    ----------
+    plant : Plant
+        Robot and scene.
+    schedule : str
+        One of SCHEDULES.
+    link_torques : callable
+        Torques of the links for the bias; default NE1, the paper's.
+    matrix : callable
+        H by rows, with the arguments of inertia_matrix.
+
+    """
+    recorder, chain, at, y = forward_equations(plant, schedule, link_torques)
+    rows = matrix(recorder, chain, at, armature(recorder, plant))
+    free = None
+    if plant.brakes:
+        rows, y, free = held_joints(rows, y)
+    qdd, pivots = solve(recorder, rows, y, free=free)
+    return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
 
 
 def composite_forces(

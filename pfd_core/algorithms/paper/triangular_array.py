@@ -38,24 +38,17 @@ clock records a program. There lane 0 holds every number of the array.
 from __future__ import annotations
 
 from collections.abc import Sequence
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfd_core.algorithms.beyond.omega import bias_omega
-from pfd_core.algorithms.chain.equations import armature, begin, held_joints, joint_input, torque
-from pfd_core.algorithms.paper.pcrbm import inertia_matrix
-from pfd_core.machine.lanes import merge, on, sqrt, where
-from pfd_core.machine.patterns import gather
-from pfd_core.machine.program import Program, Steps
+from pfd_core.machine.lanes import sqrt
+from pfd_core.machine.program import Steps
 from pfd_core.machine.recorder import Lanes
 from pfd_core.machine.systolic import DIRECTIONS, Array, Cell, Link, Place, Ports, Step, Trace
-from pfd_core.model import Plant
 
 FLAG, TURN = '*', 'turn'
 MULTIPLY, DIVIDE, ROOT = 'multiply and subtract', 'divide', 'square root'
-SECTION = 'triangular array'
 
 # The streams of one matrix: for each row k, h_kk, h_(k+1)k ... h_nk, and y_k if there is one.
 Problem = Sequence[Sequence[Any]]
@@ -225,31 +218,3 @@ def clock(problems: Sequence[Problem], interval: int | None = None, turn: bool =
     if turn:
         streams[into((n, 1), 'left')][2 * n + 1] = Item(None, TURN)
     return triangle(n, circular, square, back=True).run(streams)
-
-
-def record_pcrbm_array(plant: Plant, schedule: str) -> Program:
-    """
-    Return the program of qdd, (n,), from q, qd and tau: PCRBM on n lanes, the solve by the array.
-
-    The cells' arithmetic is in the section SECTION, one step for each operation of each cell;
-    on the array itself it takes solve_cycles(n) cycles. `pivots`, (n,), are what the roots are
-    taken of: H is positive definite exactly when all are above zero.
-    """
-    recorder, chain, at = begin(plant, schedule)
-    qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
-    y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
-    rows = inertia_matrix(recorder, chain, at, armature(recorder, plant))
-    n = recorder.lanes
-    if plant.brakes:
-        rows, y, free = held_joints(recorder, rows, y)
-        rows = [merge(where(on(free, [k]), rows[k], math.inf), rows[k]) for k in range(n)]
-    with recorder.section(f'streams of the {SECTION}'):
-        places = [[*((rows[k], m) for m in range(k, n)), (y, k)] for k in range(n)]
-        problem = [[gather({0: place}) for place in row] for row in places]
-    with recorder.section(SECTION):
-        trace = clock([problem], turn=True)
-    qdd = [trace.leaving((k, 1), 'left')[0].value for k in range(1, n + 1)]
-    pivots = [trace.states[k, k].radicand for k in range(1, n + 1)]
-    recorder.output('qdd', (n,), [(value, 0) for value in qdd])
-    recorder.output('pivots', (n,), [(value, 0) for value in pivots])
-    return recorder.program()

@@ -53,16 +53,14 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.algorithms.chain.base_axes import UPPER
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
 from pfd_core.algorithms.chain.link_axes import (
     ABOUT_X,
     ABOUT_Z,
     Chain,
     Link,
-    applied_torques,
-    begin,
-    finish,
-    joint_inputs,
+    chain_in_link_axes,
     plus,
     rotated_matrix,
     tilted,
@@ -79,7 +77,7 @@ from pfd_core.algorithms.serial.luh_walker_paul import (
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes
-from pfd_core.machine.vectors import array, cross, dot, parallel_axis
+from pfd_core.machine.vectors import UPPER, array, cross, dot, parallel_axis
 from pfd_core.model import Plant
 
 
@@ -159,12 +157,14 @@ def record_articulated_body(plant: Plant, schedule: str) -> Program:
         Both give the same: there is one processor.
 
     """
-    chain = begin(plant, schedule)
+    chain = chain_in_link_axes(plant, schedule)
     recorder, links = chain.recorder, chain.links
     n = len(links)
-    qd = joint_inputs(recorder, 'qd', n)
-    tau = applied_torques(plant, chain, qd)
-    free = joint_inputs(recorder, 'free', n) if plant.brakes else [None] * n
+    qd = input_list(recorder, 'qd', n)
+    tau = input_list(recorder, 'tau', n)
+    with recorder.section('friction'):
+        tau = minus_joint_torques(plant, tau, qd)
+    free = input_list(recorder, 'free', n) if plant.brakes else [None] * n
     with recorder.section('velocities'):
         motions = _motions(links, qd)
     joints: list[Joint] = []
@@ -179,7 +179,7 @@ def record_articulated_body(plant: Plant, schedule: str) -> Program:
                 body = _through_joint(links[i], whole, joint)
     with recorder.section('accelerations'):
         qdd = _accelerations(chain, motions, joints)
-    return finish(recorder, qdd=qdd, pivots=[joint.pivot for joint in joints])
+    return program_with_outputs(recorder, qdd=qdd, pivots=[joint.pivot for joint in joints])
 
 
 def _motions(links: Sequence[Link], qd: Sequence[Lanes]) -> list[Motion]:

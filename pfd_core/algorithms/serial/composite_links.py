@@ -30,7 +30,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pfd_core.algorithms.chain.base_axes import UPPER
 from pfd_core.algorithms.chain.link_axes import (
     ABOUT_X,
     ABOUT_Z,
@@ -44,7 +43,7 @@ from pfd_core.algorithms.chain.link_axes import (
 from pfd_core.algorithms.serial.luh_walker_paul import along_axis
 from pfd_core.machine.lanes import where
 from pfd_core.machine.recorder import LaneArray, Lanes
-from pfd_core.machine.vectors import array, cross, parallel_axis
+from pfd_core.machine.vectors import UPPER, array, cross, parallel_axis
 
 # Lower triangle of H by rows: row j holds h_ji for i <= j.
 Triangle = list[list[Lanes]]

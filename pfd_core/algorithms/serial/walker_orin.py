@@ -49,15 +49,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 import math
 
-from pfd_core.algorithms.chain.link_axes import (
-    Chain,
-    applied_torques,
-    begin,
-    finish,
-    joint_inputs,
-    known,
-    released,
-)
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
+from pfd_core.algorithms.chain.link_axes import Chain, chain_in_link_axes, known, released
 from pfd_core.algorithms.serial.composite_links import Triangle, composite_bodies
 from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
 from pfd_core.machine.iteration import iterate
@@ -122,9 +116,9 @@ def record_walker_orin_4(
     if not 0 <= tolerance < 1:
         raise ValueError(f'tolerance must be at least 0 and below 1, got {tolerance}')
     n = plant.robot.n
-    chain = begin(plant, schedule)
+    chain = chain_in_link_axes(plant, schedule)
     recorder = chain.recorder
-    free = joint_inputs(recorder, 'free', n) if plant.brakes else None
+    free = input_list(recorder, 'free', n) if plant.brakes else None
     y = released(free, _right_side(plant, chain))
     with recorder.section('start'):
         first = _dot(y, y)
@@ -143,12 +137,12 @@ def record_walker_orin_4(
         # NaN passes the first test, and fails the second; so does infinity.
         finite = where(1.0 / (1.0 + state[-1]), 1.0, 0.0)
         converged = where(state[-1] - enough, 0.0, finite)
-    return finish(recorder, qdd=state[:n], trips=[trips], converged=[converged])
+    return program_with_outputs(recorder, qdd=state[:n], trips=[trips], converged=[converged])
 
 
 def _direct(plant: Plant, schedule: str, inertia_matrix: Callable[[Chain], Triangle]) -> Program:
     """Return the program of a method that has H and solves with it."""
-    chain = begin(plant, schedule)
+    chain = chain_in_link_axes(plant, schedule)
     recorder = chain.recorder
     y = _right_side(plant, chain)
     with recorder.section('inertia matrix'):
@@ -159,7 +153,7 @@ def _direct(plant: Plant, schedule: str, inertia_matrix: Callable[[Chain], Trian
                 row[-1] = row[-1] + recorder.constant(rotor)
     free = None
     if plant.brakes:
-        free = joint_inputs(recorder, 'free', len(y))
+        free = input_list(recorder, 'free', len(y))
         y = released(free, y)
         H = [
             [*(where(moves, h, 0.0) for h in released(free[:j], row[:j])), row[j]]
@@ -167,14 +161,16 @@ def _direct(plant: Plant, schedule: str, inertia_matrix: Callable[[Chain], Trian
         ]
     with recorder.section('solve'):
         qdd, pivots = solve(H, y, free)
-    return finish(recorder, qdd=qdd, pivots=pivots)
+    return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
 
 
 def _right_side(plant: Plant, chain: Chain) -> list[Lanes]:
     """Return tau - bias."""
     n = len(chain.links)
-    qd = joint_inputs(chain.recorder, 'qd', n)
-    tau = applied_torques(plant, chain, qd)
+    qd = input_list(chain.recorder, 'qd', n)
+    tau = input_list(chain.recorder, 'tau', n)
+    with chain.recorder.section('friction'):
+        tau = minus_joint_torques(plant, tau, qd)
     with chain.recorder.section('bias'):
         bias = newton_euler(chain.links, qd, [None] * n, chain.gravity, chain.wrench)
     with chain.recorder.section('right-hand side'):

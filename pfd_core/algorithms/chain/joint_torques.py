@@ -1,0 +1,83 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Torques of the joints themselves, beside those of the links: friction and rotors.
+
+    tau = tau of links, gravity and wrench + damping qd [+ armature qdd]
+
+Every text takes these torques from here, on n lanes (one row for all joints) and on one
+processor (a list with one number per joint). A further effect of a joint, such as Coulomb friction
+or an end stop, is a field of Scene and Plant (pfd_core.model.scene) and a term of `_terms`.
+
+In forward dynamics qdd is unknown, so that each method adds the rotors' inertia to the diagonal
+of H or to the pivot of its joint.
+
+Parallel cost: 1 multiplication and 1 addition for each effect that is on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+import operator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfd_core.machine.recorder import Lanes
+from pfd_core.model import Plant
+
+
+def plus_joint_torques(
+    plant: Plant, tau: Sequence[Lanes], qd: Sequence[Lanes], qdd: Sequence[Lanes] | None = None
+) -> list[Lanes]:
+    """
+    Return tau plus the torques that the joints themselves take.
+
+    Parameters
+    ----------
+    plant : Plant
+        Robot and scene.
+    tau, qd : sequence of Lanes
+        Torques [N m or N] and velocities [rad/s or m/s]: one row over lanes, or n numbers.
+    qdd : sequence of Lanes, optional
+        Accelerations [rad/s^2 or m/s^2]; without them rotors are left out.
+
+    """
+    return _combined(operator.add, plant, tau, qd, qdd)
+
+
+def minus_joint_torques(plant: Plant, tau: Sequence[Lanes], qd: Sequence[Lanes]) -> list[Lanes]:
+    """Return tau minus the torques that the joints take at velocities qd, rotors left out."""
+    return _combined(operator.sub, plant, tau, qd, None)
+
+
+def _combined(
+    combine: Callable[[Lanes, Lanes], Lanes],
+    plant: Plant,
+    tau: Sequence[Lanes],
+    qd: Sequence[Lanes],
+    qdd: Sequence[Lanes] | None,
+) -> list[Lanes]:
+    result = list(tau)
+    for terms in _terms(plant, qd, qdd):
+        result = [combine(total, term) for total, term in zip(result, terms, strict=True)]
+    return result
+
+
+def _terms(
+    plant: Plant, qd: Sequence[Lanes], qdd: Sequence[Lanes] | None
+) -> Iterator[Iterator[Lanes]]:
+    """Yield the torques of each effect, in the order of `qd`; each is recorded when it is read."""
+    if plant.damping is not None:
+        yield (d * rate for d, rate in _with_constants(plant.damping, qd))
+    if plant.armature is not None and qdd is not None:
+        yield (rotor * rate for rotor, rate in _with_constants(plant.armature, qdd))
+
+
+def _with_constants(
+    constants: NDArray[np.float64], rates: Sequence[Lanes]
+) -> Iterator[tuple[Lanes, Lanes]]:
+    """Yield each rate with the constants of its lanes: a row of n, or one number per joint."""
+    rows = constants.reshape(len(rates), -1)
+    for row, rate in zip(rows, rates, strict=True):
+        yield rate.recorder.constant(row), rate

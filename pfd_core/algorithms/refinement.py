@@ -39,7 +39,7 @@ from pfd_core.algorithms.chain.joint_torques import plus_joint_torques
 from pfd_core.algorithms.chain.link_axes import chain_in_link_axes, known
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
-from pfd_core.machine.lanes import where
+from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
@@ -153,8 +153,8 @@ def _estimate(
 ) -> Lanes:
     """Return max |delta| / max |qdd|, or infinity without a sound answer."""
     infinity = recorder.constant(math.inf)
-    sizes = [_absolute(d) for d in delta]
-    change, scale = _largest(sizes), _largest([_absolute(a) for a in qdd])
+    sizes = [absolute(d) for d in delta]
+    change, scale = _largest(sizes), _largest([absolute(a) for a in qdd])
     error: Lanes = where(change, change / scale, 0.0)
     # Comparisons lose NaN, a sum keeps it: one over the sum is zero or NaN for the rest.
     total = sizes[0]
@@ -165,11 +165,6 @@ def _estimate(
         for sound in results.get(name, ()):
             error = where(sound, error, infinity)
     return error
-
-
-def _absolute(x: Lanes) -> Lanes:
-    result: Lanes = where(x, x, -x)
-    return result
 
 
 def _largest(values: Sequence[Lanes]) -> Lanes:

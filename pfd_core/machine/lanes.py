@@ -5,7 +5,7 @@ Functions of lane values that algorithm text calls: which lanes take part, and w
 
     shift, broadcast     move values between lanes, by `route`
     on, merge            empty lanes, and fill empty lanes from another value
-    where                select between two values lane by lane
+    where, absolute      select between two values lane by lane
     sqrt, sin, cos       the operations that Python has no operator for
     each                 any of these, component by component of a vector or matrix
 
@@ -74,6 +74,12 @@ def where(condition: Lanes, chosen: Any, other: Any) -> Any:
         return recorder.apply('select', condition, recorder.lift(x), recorder.lift(y))
 
     return each(choose, chosen, other) if isinstance(chosen, np.ndarray) else choose(chosen, other)
+
+
+def absolute(x: Lanes) -> Lanes:
+    """Return the absolute value; that of a zero may have either sign."""
+    result: Lanes = where(x, x, -x)
+    return result
 
 
 def sqrt(value: Lanes) -> Lanes:

@@ -50,10 +50,38 @@ def symmetric_times(s: LaneArray, v: LaneArray) -> LaneArray:
     )
 
 
+def symmetric_matrix(s: LaneArray) -> LaneArray:
+    """Return the matrix, (3, 3), of the six elements of a symmetric one."""
+    xx, xy, xz, yy, yz, zz = s
+    return array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def six_elements(S: LaneArray) -> LaneArray:
+    """Return the six elements of a symmetric matrix, (3, 3)."""
+    return array([S[k] for k in UPPER])
+
+
+def symmetric_sum(S: LaneArray, T: LaneArray) -> LaneArray:
+    """Return S + T, (3, 3), for symmetric matrices: each of the six elements is added once."""
+    return symmetric_matrix(six_elements(S) + six_elements(T))
+
+
+def cross_matrix(h: LaneArray) -> LaneArray:
+    """Return the matrix, (3, 3), whose product with v is h x v."""
+    zero = h[0].recorder.constant(0.0)
+    return array([[zero, -h[2], h[1]], [h[2], zero, -h[0]], [-h[1], h[0], zero]])
+
+
+def crossed_element(p: LaneArray, X: LaneArray, i: int, j: int) -> Lanes:
+    """Return element (i, j) of the matrix whose columns are p x (columns of X)."""
+    k, m = (i + 1) % 3, (i + 2) % 3
+    result: Lanes = p[k] * X[m, j] - p[m] * X[k, j]
+    return result
+
+
 def rotated_symmetric(R: LaneArray, s: LaneArray) -> LaneArray:
     """Return the six elements of R S R^T (45 multiplications, 30 additions)."""
-    xx, xy, xz, yy, yz, zz = s
-    RS = R @ array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    RS = R @ symmetric_matrix(s)
     return array([dot(RS[i], R[j]) for i in range(3) for j in range(i, 3)])
 
 

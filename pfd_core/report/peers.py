@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from pfd_core.model import Robot
-from pfd_core.report.timing import STEP, Array, LeftOutError, Side, Work
+from pfd_core.report.timing import STEP_SIZE, Array, LeftOutError, Side, Work
 
 THREADS = (1, 2)
 
@@ -86,7 +86,7 @@ class Pinocchio:
     def _rollouts(self, work: Work) -> Iterator[Side]:
         aba = partial(self.pin.aba, self.model, self.data)
         end = np.empty_like(work.q)
-        h = STEP
+        h = STEP_SIZE
 
         def run() -> None:
             x, v, tau = work.q, work.qd, work.tau
@@ -140,7 +140,7 @@ class Mujoco:
         bodies = ''.join(_BODY.format(kinds.get(kind, 'hinge')) for kind in robot.joint_types)
         flags = '<flag contact="disable" constraint="disable"/>'
         self.model = mj.MjModel.from_xml_string(
-            f'<mujoco><option gravity="0 0 -9.81" timestep="{STEP}" integrator="RK4">{flags}'
+            f'<mujoco><option gravity="0 0 -9.81" timestep="{STEP_SIZE}" integrator="RK4">{flags}'
             f'</option><worldbody>{bodies}{"</body>" * robot.n}</worldbody></mujoco>'
         )
         m = self.model

@@ -27,7 +27,7 @@ from pfd_core.report.timing import Contender, LeftOutError, Pace, Row, Work, tak
 ARMS = ('ur5', 'panda', 'puma560', 'dense6')
 CHAINS = (6, 12, 30, 60, 100)
 SIZES = (1, 64, 4096, 65536)
-STEPS = 1000
+ROLLOUT_STEPS = 1000
 FIRST_BATCH = 64
 MOST_NUMBERS = 2_000_000  # of one argument of a batch: more only measures the memory
 SEED = 1
@@ -66,7 +66,7 @@ class Survey:
 
     robots: tuple[str, ...] = (*ARMS, *(f'chain{n}' for n in CHAINS))
     sizes: tuple[int, ...] = SIZES
-    steps: int = STEPS
+    steps: int = ROLLOUT_STEPS
     makers: dict[str, Callable[[Robot], Contender]] = field(default_factory=lambda: dict(MAKERS))
     pace: Pace = field(default_factory=Pace)
 

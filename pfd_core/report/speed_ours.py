@@ -12,7 +12,7 @@ import numpy as np
 
 from pfd_core.kernels.kernel import Kernel, compile_kernel
 from pfd_core.model import Robot
-from pfd_core.report.timing import STEP, LeftOutError, Side, Work
+from pfd_core.report.timing import STEP_SIZE, LeftOutError, Side, Work
 from pfd_core.simulation.simulator import Simulator
 
 # Methods, up to how many joints they are measured, and why not beyond.
@@ -71,7 +71,7 @@ class Ours:
             self.simulators.append(
                 Simulator(
                     self.kernel.robot,
-                    step_size=STEP,
+                    step_size=STEP_SIZE,
                     substeps=1,
                     integrator='rk4',
                     method=self.kernel.method,

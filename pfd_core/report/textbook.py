@@ -24,7 +24,7 @@ import numpy as np
 
 from pfd_core.model import Robot
 from pfd_core.report.peers import installed, joint_frames
-from pfd_core.report.timing import STEP, Array, LeftOutError, Side, Work
+from pfd_core.report.timing import STEP_SIZE, Array, LeftOutError, Side, Work
 
 COMPILER = ('cc', '-O3', '-march=native', '-shared', '-fPIC')
 GRAVITY = 9.81
@@ -188,7 +188,7 @@ class Casadi:
         loop = self.library.rollout
         at = [ctypes.c_void_p(x.ctypes.data) for x in (q, qd, taus)]
         self.kept.append(taus)
-        steps, step = ctypes.c_longlong(work.steps), ctypes.c_double(STEP)
+        steps, step = ctypes.c_longlong(work.steps), ctypes.c_double(STEP_SIZE)
 
         def run() -> None:
             q[:], qd[:] = work.q, work.qd

@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 BETWEEN_REFERENCES = 3
 # Seconds of a rollout's step. What a step costs does not depend on it, and a long chain that falls
 # is soon so chaotic that the results of no two programs can be compared.
-STEP = 1e-5
+STEP_SIZE = 1e-5
 
 
 class LeftOutError(Exception):
@@ -45,7 +45,7 @@ class Work:
     q, qd, tau : ndarray
         Positions [rad or m], velocities and torques, (n,), or (B, n) for a batch.
     steps : int
-        Steps of a rollout of STEP seconds, classical Runge-Kutta.
+        Steps of a rollout of STEP_SIZE seconds, classical Runge-Kutta.
 
     """
 

@@ -56,7 +56,7 @@ import numpy as np
 from pfd_core.algorithms.beyond.lent_rotors import lent_rotors, without_rotors
 from pfd_core.algorithms.beyond.omega import omega_torques
 from pfd_core.algorithms.beyond.pivoting import solve_pivoted
-from pfd_core.algorithms.beyond.single_links import SIX, UPPER, Pieces, single_links
+from pfd_core.algorithms.beyond.single_links import SIX, UPPER_OF_SIX, Pieces, single_links
 from pfd_core.algorithms.chain.equations import forward_equations
 from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
 from pfd_core.machine.lanes import each, merge, on, where
@@ -155,7 +155,7 @@ def _join(
     G, g = x[:, 6:12], x[:, 12:]
     V = B @ x[:, :6]
     side = _at_cuts(first, C, tip, last, N, base)
-    side = side + array([V[i] @ B[j] for i, j in UPPER])
+    side = side + array([V[i] @ B[j] for i, j in UPPER_OF_SIX])
     vector = _at_cuts(first, beta, tip, last, nu, base) + B @ g
     joined = Pieces(
         C=merge(_take(side, first, tip), C),
@@ -202,7 +202,7 @@ def _parted(recorder: Recorder, levels: Sequence[Cuts], k: int) -> tuple[LaneArr
 def _full(upper: LaneArray) -> LaneArray:
     """Return a symmetric matrix, (6, 6), from its upper triangle, (21,)."""
     S = np.empty((6, 6), dtype=object)
-    for (i, j), element in zip(UPPER, upper, strict=True):
+    for (i, j), element in zip(UPPER_OF_SIX, upper, strict=True):
         S[i, j] = S[j, i] = element
     return S
 

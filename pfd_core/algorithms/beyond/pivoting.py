@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pfd_core.machine.lanes import where
+from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array
 
@@ -41,7 +41,7 @@ def solve_pivoted(T: LaneArray, B: LaneArray) -> LaneArray:
 
 def _lead_with_larger(rows: list[list[Lanes]], k: int, r: int) -> None:
     """Exchange rows k and r where the latter has the larger element in column k."""
-    larger = _magnitude(rows[r][k]) - _magnitude(rows[k][k])
+    larger = absolute(rows[r][k]) - absolute(rows[k][k])
     for j in range(k, len(rows[k])):
         x, y = rows[k][j], rows[r][j]
         rows[k][j], rows[r][j] = where(larger, y, x), where(larger, x, y)
@@ -51,8 +51,3 @@ def _subtract(rows: list[list[Lanes]], r: int, k: int, columns: range) -> None:
     """Take from row r what row k, led by one, makes of its element in column k."""
     for j in columns:
         rows[r][j] = rows[r][j] - rows[r][k] * rows[k][j]
-
-
-def _magnitude(x: Lanes) -> Lanes:
-    result: Lanes = where(x, x, -x)
-    return result

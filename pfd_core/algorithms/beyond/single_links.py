@@ -32,7 +32,7 @@ from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
 
 SIX = range(6)
-UPPER = [(i, j) for i in SIX for j in range(i, 6)]
+UPPER_OF_SIX = [(i, j) for i in SIX for j in range(i, 6)]
 
 
 @dataclass(frozen=True)
@@ -113,9 +113,9 @@ def single_links(
     k, ku = inverse * IS, inverse * u
     link, X = _spatial(body), _shift(pose.p_star)
     pieces = Pieces(
-        C=array([u[i] * ku[j] for i, j in UPPER]),
+        C=array([u[i] * ku[j] for i, j in UPPER_OF_SIX]),
         beta=np.multiply.outer(ku, y),
-        N=array([_less(IS[i] * k[j], link.get((i, j))) for i, j in UPPER]),
+        N=array([_less(IS[i] * k[j], link.get((i, j))) for i, j in UPPER_OF_SIX]),
         nu=-np.multiply.outer(k, y),
         A=array([[-_less(u[i] * k[j], X.get((i, j))) for j in SIX] for i in SIX]),
     )

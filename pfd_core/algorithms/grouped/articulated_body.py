@@ -39,28 +39,25 @@ from pfd_core.algorithms.grouped.newton_euler import (
     moved,
     outward,
 )
+from pfd_core.algorithms.serial.articulated_inertia import (
+    Inertia,
+    response,
+    rigid_inertia,
+    shifted,
+)
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
-from pfd_core.machine.vectors import UPPER, array, cross, dot
+from pfd_core.machine.vectors import (
+    UPPER,
+    array,
+    cross,
+    dot,
+    six_elements,
+    symmetric_matrix,
+    symmetric_sum,
+)
 from pfd_core.model import Plant
-
-
-@dataclass(frozen=True)
-class Body:
-    """
-    An inertia: moment = J wd + K a, force = K' wd + M a.
-
-    Attributes
-    ----------
-    J, K, M : LaneArray
-        (3, 3) each [kg m^2, kg m, kg].
-
-    """
-
-    J: LaneArray
-    K: LaneArray
-    M: LaneArray
 
 
 @dataclass(frozen=True)
@@ -108,9 +105,9 @@ def _joints(
 ) -> list[Joint]:
     """Return the joints, base to tip, from the articulated bodies that they carry."""
     joints: list[Joint] = []
-    body: Body | None = None
+    body: Inertia | None = None
     for i in range(len(links) - 1, -1, -1):
-        whole = _with_link(recorder, links[i], body)
+        whole = _with_link(links[i], body)
         rotor = recorder.constant(0.0 if plant.armature is None else plant.armature[i])
         joint = _joint(links[i].slides, whole, rotor, None if free is None else free[i])
         stiff = plant.brakes or (plant.armature is not None and plant.armature[i] != 0)
@@ -120,22 +117,21 @@ def _joints(
     return joints
 
 
-def _with_link(recorder: Recorder, link: Link, beyond: Body | None) -> Body:
-    """Return the body of a link with what hangs on it."""
-    zero, m, h = recorder.constant(0.0), link.m, link.h
-    J = _full(link.inertia)
-    K = array([[zero, -h[2], h[1]], [h[2], zero, -h[0]], [-h[1], h[0], zero]])
-    M = array([[m, zero, zero], [zero, m, zero], [zero, zero, m]])
+def _with_link(link: Link, beyond: Inertia | None) -> Inertia:
+    """Return the inertia of a link with the body beyond it."""
+    own = rigid_inertia(symmetric_matrix(link.inertia), link.m, link.h)
     if beyond is None:
-        return Body(J, K, M)
-    return Body(_symmetric_sum(beyond.J, J), beyond.K + K, _symmetric_sum(beyond.M, M))
+        return own
+    return Inertia(
+        symmetric_sum(beyond.J, own.J), beyond.K + own.K, symmetric_sum(beyond.M, own.M)
+    )
 
 
 def _joint(
-    slides: bool, body: Body, rotor: Lanes, free: Lanes | None
+    slides: bool, body: Inertia, rotor: Lanes, free: Lanes | None
 ) -> tuple[LaneArray, LaneArray, Lanes, Lanes, Lanes]:
     """Return U, d, 1/d and the share that is kept, as Joint has them."""
-    U_n, U_f = (body.K[:, 2], body.M[:, 2]) if slides else (body.J[:, 2], body.K[2])
+    U_n, U_f = response(body, slides)
     d = (U_f if slides else U_n)[2] + rotor
     inverse = 1.0 / d
     kept = rotor * inverse
@@ -145,7 +141,7 @@ def _joint(
     return U_n, U_f, d, inverse, kept
 
 
-def _given_way(slides: bool, body: Body, joint: Joint) -> Body:
+def _given_way(slides: bool, body: Inertia, joint: Joint) -> Inertia:
     """Return I - U g', the part of a body that is felt beyond its joint."""
     U_n, U_f = joint.U_n, joint.U_f
     g_n, g_f = joint.inverse * U_n, joint.inverse * U_f
@@ -163,20 +159,14 @@ def _given_way(slides: bool, body: Body, joint: Joint) -> Body:
     for i, j in np.ndindex(3, 3):
         if (j if slides else i) < 2:
             K[i, j] = K[i, j] - g_n[i] * U_f[j]
-    return Body(J, K, M)
+    return Inertia(J, K, M)
 
 
-def _moved(link: Link, body: Body) -> Body:
+def _moved(link: Link, body: Inertia) -> Inertia:
     """Return a body of B_i in the axes and about the origin of B_(i-1)."""
-    J, M = (_full(inward_symmetric(link, _six(X))) for X in (body.J, body.M))
+    J, M = (symmetric_matrix(inward_symmetric(link, six_elements(X))) for X in (body.J, body.M))
     K = _inward_matrix(link, body.K)
-    shifted, about = np.empty((3, 3), dtype=object), np.empty((3, 3), dtype=object)
-    for i, j in np.ndindex(3, 3):
-        shifted[i, j] = K[i, j] + _crossed(link.r, M, i, j)
-    for i, j in UPPER:
-        both = _crossed(link.r, shifted.T, i, j) + _crossed(link.r, K.T, j, i)
-        about[i, j] = about[j, i] = J[i, j] + both
-    return Body(about, shifted, M)
+    return shifted(Inertia(J, K, M), link.r)
 
 
 def _inward_matrix(link: Link, X: LaneArray) -> LaneArray:
@@ -202,13 +192,6 @@ def _turned(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
             [c * X[2, 0] - s * X[2, 1], s * X[2, 0] + c * X[2, 1], X[2, 2]],
         ]
     )
-
-
-def _crossed(p: LaneArray, X: LaneArray, i: int, j: int) -> Lanes:
-    """Return an element of the matrix whose columns are p x (columns of X)."""
-    k, m = (i + 1) % 3, (i + 2) % 3
-    result: Lanes = p[k] * X[m, j] - p[m] * X[k, j]
-    return result
 
 
 def _rates(links: Sequence[Link], joints: Sequence[Joint], y: Sequence[Lanes]) -> list[Lanes]:
@@ -252,17 +235,3 @@ def _accelerations(
         qdd.append(rate - rest - along[2])
         along[2] = rate - rest
     return qdd
-
-
-def _full(X: LaneArray) -> LaneArray:
-    """Return a symmetric matrix, (3, 3), of its six elements."""
-    xx, xy, xz, yy, yz, zz = X
-    return array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def _six(X: LaneArray) -> LaneArray:
-    return array([X[i, j] for i, j in UPPER])
-
-
-def _symmetric_sum(X: LaneArray, Y: LaneArray) -> LaneArray:
-    return _full(_six(X) + _six(Y))

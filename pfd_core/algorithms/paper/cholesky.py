@@ -11,16 +11,16 @@ Cholesky factorisations and H x = y on n lanes.
 
 Lee and Chang 1987, section 2.4, Parallel-Cholesky-Factorization and column sweep. Corrected:
 equations (11), (12) and (29) to (31), taken as printed, have elements of H where elements of L
-are needed, and yield another matrix or NaN (literal_cholesky). One square root, as claimed there,
-is enough for L L' by way of L D L' (one_square_root), and for a solve none is needed. L D L' and
-what lies in a step are not the paper's.
+are needed, and yield another matrix or NaN (pfd_core.algorithms.paper.literal_array). One square
+root, as claimed there, is enough for L L' by way of L D L' (one_square_root), and a solve needs
+none. L D L' and the order of elimination are not the paper's.
 
 Parallel cost of `solve`: s + n - 1 multiplications, s + n - 1 additions, n divisions, no square
 root, where with c_r = r(r + 3)/2
 
     s = w + ceil(C/n),  w = number of r in 1..n-1 with c_r < n,  C = sum of the other c_r
 
-which no schedule of this kind can be below (pfd_core.algorithms.paper.elimination_schedule). At n
+which no order of this kind can be below (pfd_core.algorithms.paper.elimination_order). At n
 = 6 that is 15, 15, 6 and 0 with 53 routes, or without packing 30, 25, 6 and 0 with 30; the paper
 has 31 (divisions among them), 28 and one square root, and counts no routes. Without a right-hand
 side a factorisation has c_r = r(r + 1)/2 and n - 1 divisions; L L' has n square roots besides, and
@@ -32,11 +32,11 @@ on several elements of one row, the others are routed to lanes that are free.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from pfd_core.algorithms.paper.elimination_schedule import Product, stages
+from pfd_core.algorithms.paper.elimination_order import Product, assigned_lanes, stages
 from pfd_core.machine.lanes import broadcast, on, shift, sqrt, where
 from pfd_core.machine.patterns import collect, column_sweep, gather
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -75,17 +75,12 @@ def solve(
     rows: Sequence[Lanes],
     y: Lanes,
     *,
-    schedule: str | None = None,
+    order: str | None = None,
     square_roots: bool = False,
     free: Lanes | None = None,
 ) -> tuple[Lanes, Lanes]:
     """
-    Return the solution of H x = y and the pivots.
-
-    Parameters
-    ----------
-    recorder, rows, y, schedule, square_roots, free
-        As for factorise.
+    Return the solution of H x = y and the pivots; arguments and errors as for factorise.
 
     Returns
     -------
@@ -97,10 +92,10 @@ def solve(
     """
     apart = recorder.parallel and not recorder.packs
     with recorder.section('factorisation'):
-        # In a row with the columns, y would fill lanes, and each column would wait for it.
+        # As one more row of H, y would take lanes that each column needs.
         beside = None if apart else y
         factors = factorise(
-            recorder, rows, beside, schedule=schedule, square_roots=square_roots, free=free
+            recorder, rows, beside, order=order, square_roots=square_roots, free=free
         )
     with recorder.section('column sweep'):
         z = factors.z
@@ -117,7 +112,7 @@ def factorise(
     rows: Sequence[Lanes],
     y: Lanes | None = None,
     *,
-    schedule: str | None = None,
+    order: str | None = None,
     square_roots: bool = False,
     free: Lanes | None = None,
 ) -> Factors:
@@ -132,8 +127,8 @@ def factorise(
         Row i of H holds h_ij on lane j for j >= i.
     y : Lanes or None
         Right-hand side, y_j on lane j.
-    schedule : str or None
-        A name in elimination_schedule.SCHEDULES; default: `look_ahead` where rows are packed,
+    order : str or None
+        A name in elimination_order.ORDERS; default: `look_ahead` where rows are packed,
         else `by_columns`.
     square_roots : bool
         L L' instead of L D L'.
@@ -143,28 +138,28 @@ def factorise(
     Raises
     ------
     ValueError
-        If the number of rows is not that of the lanes, or the schedule is unknown.
+        If the number of rows is not that of the lanes, or the order is unknown.
 
     """
     n = recorder.lanes
     if len(rows) != n:
         raise ValueError(f'H must have as many rows as there are lanes, {n}, got {len(rows)}')
-    if schedule is None:
-        schedule = 'look_ahead' if recorder.packs else 'by_columns'
+    if order is None:
+        order = 'look_ahead' if recorder.packs else 'by_columns'
     work = _Elimination(recorder, rows, y, square_roots, free)
-    work.finish(0)
-    for m, steps in enumerate(stages(schedule, n, y is not None), start=1):
+    work.finish_column(0)
+    for m, steps in enumerate(stages(order, n, y is not None), start=1):
         for op, products in steps:
             if op == 'mul':
                 work.multiply(products)
             else:
                 work.subtract(products)
-        work.finish(m)
+        work.finish_column(m)
     return work.factors()
 
 
 def one_square_root(
-    recorder: Recorder, rows: Sequence[Lanes], *, schedule: str | None = None
+    recorder: Recorder, rows: Sequence[Lanes], *, order: str | None = None
 ) -> Factors:
     """
     Return L L' by way of L D L': one square root, of all pivots at once.
@@ -173,7 +168,7 @@ def one_square_root(
     (n - s)-th, have n elements together and are scaled in one step.
     """
     n = recorder.lanes
-    plain = factorise(recorder, rows, schedule=schedule)
+    plain = factorise(recorder, rows, order=order)
     root = sqrt(plain.pivots)
     places: dict[Element, Place] = {}
     for s in range(1, n // 2 + 1):
@@ -191,7 +186,7 @@ def one_square_root(
 
 class _Elimination:
     """
-    A factorisation under way: on which lane, and in which register, each element lies.
+    A factorisation in progress: the lane and the register of each element.
 
     Elements are named (row, column); row n is the right-hand side, with its home on the lane
     of the column, and every other element has its home on the lane of its row.
@@ -215,7 +210,7 @@ class _Elimination:
             self.at.update({(n, i): (y, i) for i in range(n)})
         self.formed: dict[Product, Place] = {}
         self.left: list[Lanes] = []  # column j: l_kj on lane k, and z_j on lane j
-        self.right: list[Lanes] = []  # what l_kj is multiplied by: v_ij, y_j; l_ij, z_j in L L'
+        self.right: list[Lanes] = []  # factors of l_kj: v_ij, y_j in L D L'; l_ij, z_j in L L'
         self.pivots: dict[int, Lanes] = {}
         self.roots: dict[int, Lanes] = {}
 
@@ -224,7 +219,7 @@ class _Elimination:
         row, column = element
         return column if row == self.recorder.lanes else row
 
-    def finish(self, j: int) -> None:
+    def finish_column(self, j: int) -> None:
         """Divide column j, all of whose products have been subtracted, by its pivot."""
         n = self.recorder.lanes
         pivot = gather({j: self.at[j, j]})
@@ -256,7 +251,9 @@ class _Elimination:
 
     def multiply(self, products: Sequence[Product]) -> None:
         """Form products, each where its element lies if that lane is free, or near it."""
-        lanes = self._lanes([(self.at[p.element][1], self.home(p.element)) for p in products])
+        lanes = assigned_lanes(
+            [(self.at[p.element][1], self.home(p.element)) for p in products], self.recorder.lanes
+        )
         left, right = {}, {}
         for lane, (row, column, j) in zip(lanes, products, strict=True):
             rhs = row == self.recorder.lanes
@@ -268,26 +265,13 @@ class _Elimination:
     def subtract(self, products: Sequence[Product]) -> None:
         """Subtract products that have been formed from their elements, all different."""
         formed = [self.formed.pop(p) for p in products]
-        lanes = self._lanes(
-            [(self.at[p.element][1], f[1]) for p, f in zip(products, formed, strict=True)]
+        lanes = assigned_lanes(
+            [(self.at[p.element][1], f[1]) for p, f in zip(products, formed, strict=True)],
+            self.recorder.lanes,
         )
         before = gather({i: self.at[p.element] for i, p in zip(lanes, products, strict=True)})
         value = before - gather(dict(zip(lanes, formed, strict=True)))
         self.at.update((p.element, (value, i)) for i, p in zip(lanes, products, strict=True))
-
-    def _lanes(self, wishes: Iterable[Sequence[int]]) -> list[int]:
-        """Return a lane for each item: the first that it wishes for, the next, or any free."""
-        wishes = list(wishes)
-        chosen: dict[int, int] = {}
-        free = dict.fromkeys(range(self.recorder.lanes))
-        for wanted in (*zip(*wishes, strict=True), None):
-            for item in range(len(wishes)):
-                if item not in chosen:
-                    lane = next(iter(free)) if wanted is None else wanted[item]
-                    if lane in free:
-                        chosen[item] = lane
-                        del free[lane]
-        return [chosen[item] for item in range(len(wishes))]
 
     def factors(self) -> Factors:
         """Return the result, when every column is final."""

@@ -37,7 +37,7 @@ import math
 
 from pfd_core.algorithms.chain.equations import LinkTorques, armature, forward_equations
 from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
-from pfd_core.algorithms.paper.ne1_product import prepare, times
+from pfd_core.algorithms.paper.ne1_product import inertia_times
 from pfd_core.algorithms.paper.newton_euler import newton_euler
 from pfd_core.algorithms.paper.pcrbm import composite_forces
 from pfd_core.machine.iteration import iterate
@@ -169,7 +169,6 @@ def record_pcgm(
     """
     recorder, chain, at, y = forward_equations(plant, schedule, link_torques)
     rotors = armature(recorder, plant)
-    prepared = prepare(recorder, chain, at, rotors, packed=True)
     free = input_row(recorder, 'free') if plant.brakes else None
 
     def free_part(x: Lanes) -> Lanes:
@@ -181,7 +180,7 @@ def record_pcgm(
         inverse = 1.0 / (diagonal if free is None else where(free, diagonal, math.inf))
     solution = conjugate_gradient(
         recorder,
-        lambda u: free_part(times(prepared, u)),
+        lambda u: free_part(inertia_times(chain, at, u, rotors, packed=True)),
         free_part(y),
         start=free_part(input_row(recorder, 'start')) if start else None,
         inverse_diagonal=inverse,

@@ -20,12 +20,12 @@ of z_i runs down column i and becomes x_i in P_ii.
     factorisation 3n - 2 cycles, with z 3n - 1, with x 5n - 2
     a new matrix every n cycles, with a right-hand side every n + 1
 
-Lee and Chang 1987, section 2.6. Corrected: the paper's design, which literal_cholesky runs, sends
-h_mi up column i where l_mi is needed, and makes the matrix of equations (29) to (31) instead of
-Cholesky's. Two things differ here. P_ii sends its own result, so that the streams from below and
-their memories disappear; and the diagonal element and its flag come first, because l_mk needs
-l_kk, which also takes a cycle off the paper's 3n - 1. The way back is ours: in Table 1 n
-general-purpose processors stand beside the array.
+Lee and Chang 1987, section 2.6. Corrected: the paper's design, in
+pfd_core.algorithms.paper.literal_array, sends h_mi up column i where l_mi is needed, and makes the
+matrix of equations (29) to (31) instead of Cholesky's. Two things differ here. P_ii sends its own
+result, so that the streams from below and their memories disappear; and the diagonal element and
+its flag come first, because l_mk needs l_kk, which also takes a cycle off the paper's 3n - 1. The
+way back is ours: in Table 1 n general-purpose processors stand beside the array.
 
 Cost of the whole solve, all cells together: (n^3 - n)/6 + n(n - 1) multiplications and as many
 additions, n(n - 1)/2 + 2n divisions, n square roots. A cell multiplies and subtracts, divides

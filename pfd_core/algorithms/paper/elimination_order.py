@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Which products of a Cholesky factorisation n lanes work on together.
+Orders of elimination: which products of a Cholesky factorisation n lanes form in each step.
 
 Element (k, i) of the lower triangle, i <= k, needs the products (k, i, j) for all j < i. They
 can be formed once column j is final and must be subtracted before column i is: stage m, m = 1
@@ -10,10 +10,10 @@ as row n of the matrix the forward substitution is more products of the same kin
 
 Let r = n - m be the columns that stage m still changes, a = 1 with a right-hand side and 0
 without, c = r(r + 1)/2 + a r the elements that it changes, and P the sum of c over the stages,
-which is the number of products. Multiplication steps on n lanes, n > 1:
+which is the number of products. Multiplication steps of each order on n lanes, n > 1:
 
-    by_columns              what is left, a column a step               sum of r + a
-    right_looking           what is left, packed                        sum of ceil(c/n)
+    by_columns              the elements left, a column a step          sum of r + a
+    right_looking           the elements left, packed                   sum of ceil(c/n)
     left_looking            all products of the column that is due      sum of ceil(m(r + a)/n)
     look_ahead              any products, of n different elements;
                             the elements with most waiting first        w + ceil(C/n)
@@ -22,23 +22,23 @@ which is the number of products. Multiplication steps on n lanes, n > 1:
 
 w is the number of stages with c < n and C the sum of c over the others; P/n is (n^2 - 1)/6 or
 (n - 1)(n + 4)/6. Additions: as many, except left_looking, n(n - 1)/2, and
-fewest_multiplications, which has no closed form for them: what it has formed ahead for one
-element has to be subtracted in several steps.
+fewest_multiplications, which has no closed form for them: several products that were formed ahead
+for one element are subtracted in as many steps.
 
-Of all schedules that subtract one product from each of n or fewer elements in a step, none has
+Of all orders that subtract one product from each of n or fewer elements in a step, none has
 fewer subtractions than look_ahead: every stage has a step, with at most c elements, and no step
 has more than n. So its rule of the longest set first attains the minimum of w + ceil(C/n).
 
 Lee and Chang 1987, section 2.4, form all products at once, of elements of H, and sum them by that
-same rule (Procedure Set-Ordering). A product of elements of L, which is what is needed, waits for
-its column. Applied to the products that are there, the rule loses w steps at most, 7 at n = 32,
-against their ceil((n^2 - 1)/6) multiplications, and has fewer than their ceil((n^2 - 1)/2)
-additions (8 for 18 at n = 6; a third for large n). Routes are not among these steps.
+same rule (Procedure Set-Ordering). The products that are needed are of elements of L, and each
+waits for its column. Applied to the products that are there, the rule loses w steps at most, 7 at
+n = 32, against their ceil((n^2 - 1)/6) multiplications, and has fewer than their
+ceil((n^2 - 1)/2) additions (8 for 18 at n = 6; a third for large n). Routes are not counted.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 from itertools import islice
 from typing import NamedTuple
@@ -46,14 +46,14 @@ from typing import NamedTuple
 
 class Product(NamedTuple):
     """
-    What one elimination takes off one element.
+    A product to be subtracted from one element.
 
     Attributes
     ----------
     row, column : int
         The element; row n is the right-hand side.
     source : int
-        The column that is eliminated.
+        The column whose elements are multiplied.
 
     """
 
@@ -63,18 +63,18 @@ class Product(NamedTuple):
 
     @property
     def element(self) -> tuple[int, int]:
-        """The element it is taken off."""
+        """Row and column."""
         return self.row, self.column
 
 
-class Step(NamedTuple):
-    """One lock-step on n lanes or fewer: op is 'mul' (form products) or 'sub' (use them)."""
+class LockStep(NamedTuple):
+    """One operation on n lanes or fewer: op is 'mul' (form products) or 'sub' (subtract them)."""
 
     op: str
     products: tuple[Product, ...]
 
 
-Stage = tuple[Step, ...]
+Stage = tuple[LockStep, ...]
 
 
 def elements(n: int, first: int, augmented: bool) -> list[tuple[int, int]]:
@@ -84,7 +84,7 @@ def elements(n: int, first: int, augmented: bool) -> list[tuple[int, int]]:
 
 
 def by_columns(n: int, augmented: bool) -> list[Stage]:
-    """Return the plain schedule: each column of what is left in a step of its own."""
+    """Return the plain order: each column of the elements left in a step of its own."""
     stages = []
     for m in range(1, n):
         groups = [[(k, i) for k in range(i, n)] for i in range(m, n)]
@@ -95,7 +95,7 @@ def by_columns(n: int, augmented: bool) -> list[Stage]:
 
 
 def right_looking(n: int, augmented: bool) -> list[Stage]:
-    """Return the schedule that applies each column to all that is left, n products a step."""
+    """Return the order that applies each column to all elements left, n products a step."""
     return [
         _fused(_chunks((Product(*e, m - 1) for e in elements(n, m, augmented)), n))
         for m in range(1, n)
@@ -103,7 +103,7 @@ def right_looking(n: int, augmented: bool) -> list[Stage]:
 
 
 def left_looking(n: int, augmented: bool) -> list[Stage]:
-    """Return the schedule that forms the products of a column when it is due."""
+    """Return the order that forms the products of a column when the column is due."""
     stages = []
     for m in range(1, n):
         due = [(k, m) for k in range(m, n + augmented)]
@@ -113,15 +113,15 @@ def left_looking(n: int, augmented: bool) -> list[Stage]:
         ]
         stages.append(
             (
-                *(Step('mul', chunk) for chunk in packed),
-                *(Step('sub', chunk) for chunk in subtracted),
+                *(LockStep('mul', chunk) for chunk in packed),
+                *(LockStep('sub', chunk) for chunk in subtracted),
             )
         )
     return stages
 
 
 def look_ahead(n: int, augmented: bool) -> list[Stage]:
-    """Return the schedule of fewest steps that multiply and subtract on the same lanes."""
+    """Return the order of fewest steps if products are subtracted on the lanes that form them."""
     waiting: dict[tuple[int, int], list[Product]] = {e: [] for e in elements(n, 1, augmented)}
     stages = []
     for m in range(1, n):
@@ -132,7 +132,7 @@ def look_ahead(n: int, augmented: bool) -> list[Stage]:
 
 
 def fewest_multiplications(n: int, augmented: bool) -> list[Stage]:
-    """Return the schedule of fewest multiplication steps, by earliest deadline first."""
+    """Return the order of fewest multiplication steps, by earliest deadline first."""
     to_form: list[Product] = []
     formed: dict[tuple[int, int], list[Product]] = {e: [] for e in elements(n, 1, augmented)}
     stages = []
@@ -142,10 +142,10 @@ def fewest_multiplications(n: int, augmented: bool) -> list[Stage]:
         steps = []
         while to_form and to_form[0].column == m:
             chunk, to_form = tuple(to_form[:n]), to_form[n:]
-            steps.append(Step('mul', chunk))
+            steps.append(LockStep('mul', chunk))
             for product in chunk:
                 formed[product.element].append(product)
-        steps += (Step('sub', chunk) for chunk in _until_final(formed, m, n))
+        steps += (LockStep('sub', chunk) for chunk in _until_final(formed, m, n))
         stages.append(tuple(steps))
     return stages
 
@@ -172,10 +172,10 @@ def _chunks(products: Iterable[Product], n: int) -> list[tuple[Product, ...]]:
 
 def _fused(groups: Iterable[Iterable[Product]]) -> Stage:
     """Return each group as a multiplication and a subtraction."""
-    return tuple(Step(op, tuple(group)) for group in groups for op in ('mul', 'sub'))
+    return tuple(LockStep(op, tuple(group)) for group in groups for op in ('mul', 'sub'))
 
 
-SCHEDULES: dict[str, Callable[[int, bool], list[Stage]]] = {
+ORDERS: dict[str, Callable[[int, bool], list[Stage]]] = {
     'by_columns': by_columns,
     'right_looking': right_looking,
     'left_looking': left_looking,
@@ -187,12 +187,12 @@ SCHEDULES: dict[str, Callable[[int, bool], list[Stage]]] = {
 @lru_cache(maxsize=256)
 def stages(name: str, n: int, augmented: bool) -> tuple[Stage, ...]:
     """
-    Return a schedule: the steps of stages 1 to n - 1.
+    Return the steps of stages 1 to n - 1 in an order.
 
     Parameters
     ----------
     name : str
-        A name in SCHEDULES.
+        A name in ORDERS.
     n : int
         Rows of the matrix and lanes of the machine, at least 1.
     augmented : bool
@@ -204,8 +204,22 @@ def stages(name: str, n: int, augmented: bool) -> tuple[Stage, ...]:
         If the name is unknown or n is below 1.
 
     """
-    if name not in SCHEDULES:
-        raise ValueError(f'schedule must be one of {tuple(SCHEDULES)}, got {name!r}')
+    if name not in ORDERS:
+        raise ValueError(f'order must be one of {tuple(ORDERS)}, got {name!r}')
     if n < 1:
         raise ValueError(f'n must be at least 1, got {n}')
-    return tuple(SCHEDULES[name](n, augmented))
+    return tuple(ORDERS[name](n, augmented))
+
+
+def assigned_lanes(wishes: Sequence[Sequence[int]], n: int) -> list[int]:
+    """Return one of n lanes for each item: its first wish if that is free, its next, or any."""
+    chosen: dict[int, int] = {}
+    free = dict.fromkeys(range(n))
+    for wanted in (*zip(*wishes, strict=True), None):
+        for item in range(len(wishes)):
+            if item not in chosen:
+                lane = next(iter(free)) if wanted is None else wanted[item]
+                if lane in free:
+                    chosen[item] = lane
+                    del free[lane]
+    return [chosen[item] for item in range(len(wishes))]

@@ -5,8 +5,8 @@ Kernels of iterative methods answer NaN where the iteration has not converged.
 
     qdd = qdd where converged, else NaN
 
-A kernel returns an array and no status (pfd_core.emulate has one); the last estimate of a run that
-was given up would look like an answer.
+A kernel returns an array and no status (pfd_core.emulate has one); the last iterate of a run that
+has not converged would look like an answer.
 
 One register holds one number.
 """

@@ -1,17 +1,20 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Whole programs: inverse dynamics, and forward dynamics by each method.
+Whole programs by name: inverse dynamics, and forward dynamics by each method (METHODS).
 
     H(q) qdd + C(q, qd) qd + G(q) = tau        Lee and Chang 1987, eq. (1)
 
     inverse_dynamics   tau from q, qd, qdd, by NE1
-    walker_orin_1 .. 4, articulated_body       serial, what the paper compares with
+    terms              H and bias
+    walker_orin_1 .. 4, articulated_body       serial, which the paper compares with
     pcrbm, pcrbm_array, pcgm                   the paper's, on n lanes, corrected
     pcrbm_base_origin, divide_and_conquer      beyond the paper, on n lanes
     composite_body, grouped_articulated_body   serial methods at their cheapest, for kernels
 
-The inputs are described in pfd_core.algorithms.chain.equations.
+On n lanes all methods take the bias from pfd_core.algorithms.beyond.omega, which has fewer steps
+than the paper's NE1. Inputs are described in pfd_core.algorithms.chain.interface. A new method is
+a row of FORWARD and, if it is serial or iterative, a name in SERIAL or ITERATIVE.
 """
 
 from __future__ import annotations
@@ -43,7 +46,7 @@ from pfd_core.model import Plant
 
 
 def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
-    """Return the program of tau, (n,), from q, qd and qdd; a joint's brake plays no part."""
+    """Return the program of tau, (n,), from q, qd and qdd; brakes play no part."""
     recorder, chain, at = chain_on_lanes(plant, schedule)
     qd, qdd = input_row(recorder, 'qd'), input_row(recorder, 'qdd')
     tau = torques(plant, chain, at, qd, qdd, newton_euler)
@@ -88,7 +91,7 @@ SERIAL = (
     'composite_body',
     'grouped_articulated_body',
 )
-# Methods whose programs repeat a part, and say how often and whether it sufficed.
+# Methods with a repeated part, whose outputs are also `trips` and `converged`.
 ITERATIVE = ('walker_orin_4', 'pcgm')
 
 
@@ -98,10 +101,9 @@ def record_forward_dynamics(
     """
     Return the program of a method.
 
-    Its outputs are `qdd`, (n,), and what tells whether that is sound: `pivots`, (n,), of which
-    one at zero or below says that H was not positive definite, or, for an iterative method,
-    `trips` and `converged`, (1,). An iterative method stops at a tolerance, by default that of
-    double precision.
+    Its outputs are `qdd`, (n,), and `pivots`, (n,), all above zero exactly if H is positive
+    definite, or, for an iterative method, `trips` and `converged`, (1,). An iterative method stops
+    at a tolerance, by default that of double precision. ValueError for an unknown method.
     """
     if method not in FORWARD:
         raise ValueError(f'method must be one of {METHODS}, got {method!r}')

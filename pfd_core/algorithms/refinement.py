@@ -1,22 +1,22 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Iterative refinement: how far the torques of an answer miss the ones asked for, solved for again.
+Iterative refinement: solve again for the torques that an answer misses, and add the correction.
 
     qdd    = a method's answer
     r      = tau - ID(q, qd, qdd)                     link by link, in the same number format
     delta  = the same method at q, for r, at rest, without gravity and wrench:  H delta = r
     qdd    = qdd + delta,   error = max |delta| / max |qdd|
 
-The last three lines are a step. `error` is what the answer was wrong by before the last of them.
+The last three lines are a step. `error` is the relative error of the answer before the last step.
 
-The text of a method is recorded once more for delta. What of it depends on q alone, which is the
-inertia matrix and its factors or the articulated inertias, is the same expressions as before, and
-lowering keeps one of them: of the second recording only a solve with the factors is left.
+The text of a method is recorded once more for delta. Its part that depends on q alone, the inertia
+matrix and its factors or the articulated inertias, consists of the same expressions as before, and
+lowering keeps one of each: of the second recording only a solve with the factors is left.
 
 The residual is that of Luh, Walker and Paul, each link about its own centre of mass in its own
-axes, with the parameters the robot is given by. Torques summed about the base, or from grouped
-parameters, would have just the rounding that is to be removed (docs/decisions/0005-refinement.md).
+axes, with the robot's own parameters. Torques summed about the base, or from grouped parameters,
+would have the same rounding that refinement removes (docs/decisions/0005-refinement.md).
 
 Wilkinson 1963; Skeel 1980: one step in the same precision is enough if the residual is accurate
 relative to its own terms.
@@ -60,14 +60,14 @@ def record_refined(
     steps : int
         Steps of refinement; 0 is the method alone.
     tolerance : float, optional
-        Where an iterative method stops; default that of double precision.
+        Relative residual at which an iterative method stops; default for double precision.
 
     Returns
     -------
     Program
         The method's own outputs, of which qdd is refined, and with one step or more `error`,
-        (1,): the size of the last correction relative to the answer. It is infinite where the
-        answer is not finite or the method itself says that it is not sound.
+        (1,): the size of the last correction relative to the answer, infinite where the answer
+        is not finite, a pivot is not positive or the iteration has not converged.
 
     """
     method_program = record_forward_dynamics(plant, method, 'sequential', tolerance)
@@ -151,7 +151,7 @@ def _estimate(
     delta: Sequence[Lanes],
     results: Mapping[str, Sequence[Lanes]],
 ) -> Lanes:
-    """Return max |delta| / max |qdd|, or infinity without a sound answer."""
+    """Return max |delta| / max |qdd|; infinity for an answer that is not sound."""
     infinity = recorder.constant(math.inf)
     sizes = [absolute(d) for d in delta]
     change, scale = _largest(sizes), _largest([absolute(a) for a in qdd])

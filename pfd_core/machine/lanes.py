@@ -1,12 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Functions of lane values that algorithm text calls: which lanes take part, and what moves.
+Functions of lane values that algorithm text calls: lanes switched on and off, data moved.
 
     shift, broadcast     move values between lanes, by `route`
     on, merge            empty lanes, and fill empty lanes from another value
     where, absolute      select between two values lane by lane
-    sqrt, sin, cos       the operations that Python has no operator for
+    sqrt, sin, cos       operations without a Python operator
     each                 any of these, component by component of a vector or matrix
 
 A lane takes part in an operation when all its operands have a value there: `shift` leaves the

@@ -41,10 +41,10 @@ class Lanes:
     Attributes
     ----------
     recorder : Recorder
-        Where operations on this value are written.
+        Writes the operations on this value.
     registers : tuple of int
-        One register for all lanes (parallel) or one register per lane (sequential; where a
-        lane has no value the entry is without meaning).
+        One register for all lanes (parallel) or one register per lane (sequential; the entry of
+        a lane without a value has no meaning).
     defined : int
         Bit i is set when lane i has a value.
 
@@ -106,7 +106,7 @@ class Recorder:
     lanes : int
         Number of lanes of the text, at least 1.
     schedule : {'parallel', 'unpacked', 'sequential'}
-        See the module.
+        How lanes become instructions; see the module.
 
     """
 
@@ -127,7 +127,7 @@ class Recorder:
 
     @contextmanager
     def section(self, name: str) -> Iterator[None]:
-        """Label what is recorded inside the block, for counting and printing."""
+        """Label the instructions recorded inside the block, for counting and printing."""
         outer, self._section = self._section, name
         try:
             yield
@@ -141,7 +141,7 @@ class Recorder:
 
     def input(self, name: str, elements: Sequence[int | None]) -> Lanes:
         """
-        Return a row of an input: lane i holds the element of the flattened array it names.
+        Return a row of an input: lane i holds element `elements[i]` of the flattened array.
 
         Parameters
         ----------
@@ -204,13 +204,13 @@ class Recorder:
         return Lanes(self, tuple(registers), defined)
 
     def copy(self, instruction: Instruction, operands: Sequence[Lanes]) -> Lanes:
-        """Record an instruction of another program with as many lanes, on operands of this."""
+        """Record an instruction of another program on operands of this recording."""
         args = tuple(operand.registers[0] for operand in operands)
         register = self.write(instruction.op, args, instruction.data, instruction.active)
         return Lanes(self, (register,), instruction.active)
 
     def call(self, function: str, first: Lanes, second: Lanes) -> Lanes:
-        """Record a call of a function of two rows, which is recorded elsewhere."""
+        """Record a call of a function of two rows, whose body is another program."""
         if not self.parallel:
             raise ValueError('a call takes whole rows: record it with the parallel schedule')
         args = (first.registers[0], second.registers[0])
@@ -249,7 +249,7 @@ class Recorder:
         self._outputs[name] = Output(shape, tuple(places))
 
     def program(self) -> Program:
-        """Return what has been recorded."""
+        """Return the program recorded so far."""
         return Program(
             self.lanes if self.parallel else 1,
             tuple(self._instructions),

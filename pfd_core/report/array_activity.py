@@ -1,12 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A picture of what a systolic array does: one small array for every cycle, in SVG or in text.
+Pictures of a run of a systolic array: one small array for every cycle, in SVG or in text.
 
-Every cell that acts in a cycle has the colour, or the letter, of its action; the others are
-outlines, or dots. Row 1 is at the bottom, as in Figure 1 of Lee and Chang 1987, and cells on
-the diagonal are circles. The SVG is plain text that depends on nothing, so that it is the same
-on every machine.
+A cell that acts in a cycle has the colour, or the letter, of its action; idle cells are outlines,
+or dots. Row 1 is at the bottom, as in Figure 1 of Lee and Chang 1987, and cells on the diagonal
+are circles. The SVG is plain text without fonts or dates of the machine, so that it is the same
+everywhere.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from html import escape
 from pfd_core.algorithms.paper.array_solver import solve
 from pfd_core.machine.systolic import Place, Trace
 
-# Letter and colour of each action; colours that people who see few of them can tell apart.
+# Letter and colour of each action, from a palette for colour-blind readers.
 ACTIONS = {
     'square root': ('r', '#0072b2'),
     'divide': ('/', '#e69f00'),
@@ -39,7 +39,7 @@ def activity_svg(trace: Trace, title: str, per_row: int = PER_ROW) -> str:
     Parameters
     ----------
     trace : Trace
-        What the array did.
+        Record of the run.
     title : str
         Heading of the picture.
     per_row : int
@@ -104,7 +104,7 @@ def _cell(place: Place, n: int, action: str | None) -> str:
 
 
 def activity_text(trace: Trace, per_row: int = PER_ROW) -> str:
-    """Return the same as text: for every cycle the cells, a letter for what each does."""
+    """Return a text picture: for every cycle the cells, each the letter of its action."""
     places = sorted(trace.states)
     n = places[-1][0]
     width = max(2 * n, 10)
@@ -127,7 +127,7 @@ def _letter(action: str | None) -> str:
 
 def solve_picture(n: int) -> str:
     """Return the SVG of a whole solve of n equations by the triangular array."""
-    # Which numbers it solves does not matter to what the cells do; these are positive definite.
+    # The actions do not depend on the numbers of a positive definite matrix.
     H = [[n + 1.0 if i == j else 1.0 for j in range(n)] for i in range(n)]
     trace = solve(H, [1.0] * n).trace
     title = (

@@ -45,7 +45,7 @@ class Convergence:
     system, robot : str
         Method and robot.
     n, states : int
-        Joints, and states that were tried.
+        Joints, and number of states.
     least, median, most : int
         Trips until the residual has fallen to rounding; the median is the lower one.
     error_after_n, worst_after_n : float

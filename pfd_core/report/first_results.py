@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How long it takes until a robot's first result: compiling, or finding it on the disk."""
+"""Time to a robot's first result: with compilation, or with the kernel kept on disk."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pfd_core.model import Robot
 from pfd_core.report.speed_ours import Ours
 from pfd_core.report.timing import Contender, Row, Side, Work
 
-# What takes longer is done once.
+# Seconds; longer measurements are made once.
 REPEATED_BELOW = 1.0
 WORKS = ('first result', 'first batch')
 FROM_DISK = ', from disk'
@@ -61,7 +61,7 @@ def first_results(
 
 
 def fresh_process(arm: Robot, repeats: int) -> list[Row]:
-    """Return rows of the seconds in which a new process imports us and answers; arms by name."""
+    """Return rows of the seconds of a new process from import to answer, for arms by name."""
     cold: list[tuple[float]] = []
     warm: list[tuple[float]] = []
     for _ in range(repeats):
@@ -107,7 +107,7 @@ def _rows(
 
 @contextmanager
 def _empty_cache() -> Iterator[None]:
-    """Let kernels be kept in a folder of their own, which is empty and lasts as long as this."""
+    """Keep kernels in an empty folder, which is removed when the block ends."""
     before = os.environ.get(VARIABLE)
     with TemporaryDirectory(prefix='pfd_speed_') as folder:
         os.environ[VARIABLE] = folder

@@ -3,7 +3,7 @@
 """
 Pinocchio and MuJoCo as contenders, made from the numbers of our own robot.
 
-So both sides compute with the same angles; what a URDF rounds, it rounds for everybody. Each is
+Both sides then compute with the same angles, without the rounding of a URDF. Each peer is
 installed by the extra `peers`, and left out where it is absent. CasADi is in textbook.py.
 """
 
@@ -24,7 +24,7 @@ THREADS = (1, 2)
 
 
 def installed(name: str) -> Any:
-    """Return a module, or raise LeftOutError that tells how to install it."""
+    """Return a module, or raise LeftOutError with the extra that installs it."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
@@ -119,7 +119,7 @@ class Pinocchio:
             )
 
     def _one_by_one(self, work: Work) -> Array:
-        """Return what aba gives: abaInParallel takes its world frame, and loses digits there."""
+        """Return aba's result: abaInParallel works in the world frame, and loses digits there."""
         aba = partial(self.pin.aba, self.model, self.data)
         return np.array([aba(*state).copy() for state in zip(*work.arrays, strict=True)])
 

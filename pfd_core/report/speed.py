@@ -3,8 +3,8 @@
 """
 Speed of every method and precision against the peers, on arms and on chains of n joints.
 
-The peers get the numbers of our own robot, states are of the order of one, and torques are those
-of accelerations of the order of one, so that differences between the results mean something.
+Peers get the numbers of our own robot. States are of the order of one, and torques belong to
+accelerations of the order of one, so that differences between the results are not cancellation.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ MAKERS: dict[str, Callable[[Robot], Contender]] = {
 @dataclass(frozen=True)
 class Survey:
     """
-    What to measure.
+    Plan of a measurement.
 
     Attributes
     ----------
@@ -60,7 +60,7 @@ class Survey:
     makers : dict
         Contenders by name.
     pace : Pace
-        How long to measure each.
+        Durations and repetitions.
 
     """
 
@@ -83,7 +83,7 @@ QUICK = Survey(
 
 @dataclass(frozen=True)
 class Findings:
-    """The rows of a survey, what was left out and why, and where it was made."""
+    """Rows of a survey, contenders left out with the reason, and the machine."""
 
     rows: list[Row]
     left_out: list[str]
@@ -143,7 +143,7 @@ def robot(name: str) -> Robot:
 
 
 def survey(plan: Survey) -> Findings:
-    """Measure everything in a plan, telling on a terminal's stderr how far it is."""
+    """Measure everything in a plan; progress goes to a terminal's stderr."""
     before = surroundings()
     rows: list[Row] = []
     left_out: dict[tuple[str, str], list[str]] = {}

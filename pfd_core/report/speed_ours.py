@@ -15,7 +15,7 @@ from pfd_core.model import Robot
 from pfd_core.report.timing import STEP_SIZE, LeftOutError, Side, Work
 from pfd_core.simulation.simulator import Simulator
 
-# Methods, up to how many joints they are measured, and why not beyond.
+# Method to the largest number of joints that is measured, and the reason for the limit.
 GROWTH = 'its straight-line code takes long to compile'
 METHODS = {
     'composite_body': (30, GROWTH),
@@ -25,7 +25,7 @@ METHODS = {
 }
 DTYPES = ('float64', 'float32')
 THREADS = 2
-# States that are worth a second thread.
+# Smallest batch that is measured with a second thread.
 SHARED_FROM = 4096
 
 
@@ -89,7 +89,7 @@ class Ours:
 
 
 def make(method: str, dtype: str, robot: Robot) -> Ours:
-    """Compile a method for a robot; LeftOutError where it is not to be measured."""
+    """Compile a method for a robot; LeftOutError beyond the method's limit of joints."""
     largest, reason = METHODS[method]
     if robot.n > largest:
         raise LeftOutError(f'not measured beyond {largest} joints: {reason}')

@@ -5,8 +5,8 @@ A textbook articulated-body algorithm, written with CasADi and compiled as C.
 
 The text is table 7.1 of Featherstone, Rigid Body Dynamics Algorithms, 2008, in 6-D vectors,
 angular part first. CasADi knows which elements are zero, shares common sub-expressions and
-writes C, which the machine's own compiler translates for this very processor. It is what a user
-gets who generates code today. A loop in C goes over the states of a batch.
+writes C, which the machine's own compiler translates for its processor: the usual way to generate
+such code today. A loop in C goes over the states of a batch.
 """
 
 from __future__ import annotations
@@ -206,7 +206,7 @@ class Casadi:
 
 
 def _compiled(compiler: str, text: str, folder: Path) -> Path:
-    """Return the shared library of a text in C; LeftOutError with what the compiler says."""
+    """Return the shared library of a text in C; LeftOutError with the compiler's message."""
     source, library = folder / 'arm.c', folder / 'arm.so'
     source.write_text(text, encoding='utf-8')
     command = [compiler, *COMPILER[1:], str(source), '-o', str(library), '-lm']

@@ -25,10 +25,10 @@ and 3 L + 15 additions; a product then 36 and 12 L + 23. Rotor inertia adds 1 ad
 As forward dynamics, with the bias of pfd_core.algorithms.beyond.omega, this is the PCRBM of fewest
 steps.
 
-What it costs in digits: terms as large as the whole mass at the whole reach cancel in the rows of
+Loss of digits: terms as large as the whole mass at the whole reach cancel in the rows of
 a light wrist. Diagonal elements of arms of 6 or 7 axes are wrong by up to 5e-13 of themselves in
-double precision and 3e-4 in single, where pcrbm's are right to 1e-15 and 5e-7. A base away from
-the origin would cost more; frame 0 is at the base.
+double precision and 3e-4 in single, where pcrbm's are right to 1e-15 and 5e-7. With frame 0 away
+from the base the loss would be larger; frame 0 is at the base.
 
 Lane i holds link i + 1, or the composite body of links i + 1..n, vectors in base axes.
 """
@@ -72,7 +72,7 @@ class Bodies:
 
 
 def bodies(chain: Links, pose: Pose, c: LaneArray) -> Bodies:
-    """Return the links about points from which their centres of mass are c, (3,) [m]."""
+    """Return the links as bodies about a point; c, (3,) [m], are their centres from there."""
     h = chain.m * c
     x, y, z = h[0] * c[0], h[1] * c[1], h[2] * c[2]
     xy, xz, yz = -(h[0] * c[1]), -(h[0] * c[2]), -(h[1] * c[2])
@@ -82,7 +82,7 @@ def bodies(chain: Links, pose: Pose, c: LaneArray) -> Bodies:
 @dataclass(frozen=True)
 class BaseOrigin:
     """
-    What H and the products with it share.
+    Axes and inertias about the origin of the base, for H and for products with H.
 
     Attributes
     ----------
@@ -135,9 +135,9 @@ def inertia_matrix_base_origin(
     Parameters
     ----------
     recorder : Recorder
-        Where it is recorded.
+        On n lanes.
     chain, pose : Links, Pose
-        The links and where they are.
+        Constants of the links and their pose.
     armature : Lanes or None
         Inertia that each joint's rotor adds to the diagonal [kg m^2 or kg].
 
@@ -171,7 +171,7 @@ def _pairs_at_distance(at: BaseOrigin, n: LaneArray, f: LaneArray, k: int) -> La
     lanes = at.w[0].recorder.lanes
     if k == 0:
         return _power(at.w, at.v, n, f)
-    # Of a pair, the joint nearer the base moves and the body beyond the farther one is moved.
+    # Of a pair, w and v belong to the joint nearer the base, n and f to the farther one.
     inner = range(k, lanes)
     moves = [(j - k) if j in inner else None for j in range(lanes)]
     moved = [None if j in inner else (j - k) % lanes for j in range(lanes)]

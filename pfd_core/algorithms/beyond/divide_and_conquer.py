@@ -3,9 +3,9 @@
 """
 Forward dynamics by divide and conquer: one lane a link, and steps that grow as log2 n.
 
-A piece of the chain, joints b..e with their links, is known by what it answers to the
+A piece of the chain, joints b..e with their links, is described by its response to the
 acceleration a_b of the link before it and to the force f_e that it passes on to the link after
-it (6-vectors, base axes; the first about o_(b-1), the second about o_e):
+it (6-vectors, base axes; a_b about o_(b-1), f_e about o_e):
 
     a_e = A a_b + C phi_e + beta,     phi_b = N a_b + A' phi_e + nu,     phi = -f
 
@@ -20,21 +20,20 @@ At the cut between two pieces 1 and 2 meet a = a_e1 and phi = phi_b2. With T = 1
     phi = T'^-1 (A_2' phi_e + N_2 A_1 a_b + nu_2 + N_2 beta_1)
     C = C_2 + A_2 (T^-1 C_1) A_2',  N = N_1 + A_1' (T'^-1 N_2) A_1,  A = A_2 T^-1 A_1
 
-Either line is the other with the two sides of the cut exchanged, so the two lanes at the cut
-work them out together. Up the tree pieces are joined two by two; the whole chain has a_b = 0 and
-phi_e = 0; down the tree every cut learns a and phi, and every joint
+Either line is the other with the two sides of the cut exchanged, so that the two lanes at the cut
+compute both in the same steps. Up the tree pieces are joined two by two; the whole chain has
+a_b = 0 and phi_e = 0; down the tree a and phi of every cut follow, and for every joint
 
     qdd = (y - (I S)' a_b + u' phi_e) / D,      y = tau - bias
 
 Lee and Chang 1987 conclude from a theorem of Kung's that the articulated-body recurrence cannot be
-parallelised. Nothing here contradicts that: this is another method for the same accelerations,
-after Featherstone, A Divide-and-Conquer Articulated-Body Algorithm, IJRR 18 (1999), whose pieces
-take a force at either end. That form has the inverse of
-every link's inertia, which a massless link lacks; in this one (Redheffer's star product) T is
-invertible for any links, as C_1 N_2 has no positive eigenvalue. What is divided by is D, a
-number known from the model; where it is zero or next to it the joint gets a rotor that is taken
-back at the end (pfd_core.algorithms.beyond.lent_rotors), at the cost of one more column in every
-vector.
+parallelised, because it is not linear. Nothing here contradicts that: this is another method for
+the same accelerations, with far more arithmetic, after Featherstone, A Divide-and-Conquer
+Articulated-Body Algorithm, IJRR 18 (1999), whose pieces take a force at either end. That form has
+the inverse of every link's inertia, which a massless link lacks; here (Redheffer's star product) T
+is invertible for any links, as C_1 N_2 has no positive eigenvalue. The divisor D is known from the
+model; a joint whose D is nearly zero gets a rotor that is taken back at the end
+(pfd_core.algorithms.beyond.lent_rotors), at the cost of one more column in every vector.
 
 Parallel cost without such joints, beside pose and bias, L = ceil(log2 n): 135 multiplications and
 53 additions for single links, 1276 L - 1026 and 1114 L - 882 for joining (L > 1; 358 and 322 for
@@ -133,9 +132,10 @@ def _join(
     pieces: Pieces, joins: Sequence[tuple[int, int, int, int]], whole: bool, halves: bool
 ) -> tuple[Cuts, Pieces]:
     """
-    Return what the cuts of one level need on the way down, and the joined pieces.
+    Return the cuts of one level, for the way down, and the joined pieces.
 
-    The whole chain has no neighbours, and each of its halves only one: their C, N or A are left.
+    The whole chain has no neighbours, and each of its halves only one: C, N or A that no cut
+    reads are left out.
     """
     C, beta, N, nu, A = pieces.C, pieces.beta, pieces.N, pieces.nu, pieces.A
     first, last = [e1 for _, e1, _, _ in joins], [b2 for _, _, b2, _ in joins]

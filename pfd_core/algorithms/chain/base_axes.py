@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A serial chain on lanes: the constants of its links, and where they are at joint positions q.
+A serial chain on lanes: constants of the links (Links) and their pose at positions q (Pose).
 
     R_i   = Rz(q_i) A_i (rotational), A_i (translational)
     0R_i  = 0R_(i-1) R_i                                     eq. (13), FOHRA
@@ -9,7 +9,7 @@ A serial chain on lanes: the constants of its links, and where they are at joint
     p*_i  = 0R_i (A_i' a_i)  [+ q_i z_(i-1), translational]
     s_i   = 0R_i s_i (link axes),  J_i = 0R_i J_i (link axes) 0R_i'
 
-Lee and Chang 1987, section 2.5, steps 1 and 2. Base axes are those of frame 0. Lane i holds
+Lee and Chang 1987, section 2.5, steps 1 and 2. Base axes are the axes of frame 0. Lane i holds
 link i + 1 (the paper counts from 1): its frame, its joint's axis and its inertia.
 
 Parallel cost, L = ceil(log2 n): 12 multiplications and 6 additions for R_i, which the paper takes
@@ -44,7 +44,7 @@ class Links:
     Attributes
     ----------
     rotational, translational : tuple of int
-        The lanes of each kind of joint.
+        Lanes of the joints of each kind.
     A : LaneArray
         (3, 3), orientation of frame i in frame i-1 at q_i = 0.
     p : LaneArray
@@ -70,7 +70,7 @@ class Links:
 @dataclass(frozen=True)
 class Pose:
     """
-    Where the links are, in base axes.
+    Pose of the links, in base axes.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ def links(recorder: Recorder, robot: Robot, keep_tip: bool) -> Links:
     Parameters
     ----------
     recorder : Recorder
-        Where they are recorded.
+        On n lanes.
     robot : Robot
         The chain.
     keep_tip : bool
@@ -147,7 +147,7 @@ def links(recorder: Recorder, robot: Robot, keep_tip: bool) -> Links:
 
 
 def pose(recorder: Recorder, chain: Links, q: Lanes) -> Pose:
-    """Return where the links are at joint positions q [rad or m]."""
+    """Return the pose of the links at joint positions q [rad or m]."""
     with recorder.section('joint rotation'):
         R = _joint_rotation(recorder, chain, q)
     with recorder.section('orientation'):
@@ -170,7 +170,7 @@ def wrench_in_base_axes(at: Pose, wrench: LaneArray) -> tuple[LaneArray, LaneArr
 
 
 def _joint_rotation(recorder: Recorder, chain: Links, q: Lanes) -> LaneArray:
-    """Return R_i = Rz(q_i) A_i, (3, 3); a translational joint turns by nothing."""
+    """Return R_i, (3, 3): Rz(q_i) A_i, and A_i on the lanes of translational joints."""
     A = chain.A
     if not chain.rotational:
         return A

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The equations of motion on n lanes, as the methods with a lane for each link take them.
+The equations of motion on n lanes, for the methods with a lane for each link.
 
     H(q) qdd = y,   y = tau - bias - torques of the joints at qd
 

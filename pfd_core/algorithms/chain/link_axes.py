@@ -7,22 +7,22 @@ A serial chain on one processor: every link's quantities in the link's own axes.
     p_i = A_i' a_i [+ q_i z]           origin of frame i from that of frame i-1, in axes i
 
 This is the rotation of Denavit and Hartenberg, for any chain: A_i = Rz Rx Rz, and the last of
-the three is taken away by turning frame i about its own z axis, which is the axis of joint
-i + 1; the next joint's angle starts from there. Frames are not moved along that axis, so nearly
-parallel axes do no harm. theta_i = q_i + constant for a rotational joint, and a constant for a
-translational one; the constant is added to the angle by its sine and cosine, so that a large
-q_i loses nothing.
+the three is removed by turning frame i about its own z axis, which is the axis of joint i + 1;
+the next joint's angle starts from there. Frames are not moved along that axis, so that nearly
+parallel axes do no harm. theta_i is q_i + constant for a rotational joint, and a constant for a
+translational joint; the constant is added to the angle by its sine and cosine, so that a large
+q_i loses no digits.
 
-A vector is then rotated by two planar rotations, 8 multiplications and 4 additions where a full
-matrix takes 9 and 6. Walker and Orin have frames of this kind. Between
-the two lie the axes of joint i: fixed to link i, with z along the joint's axis.
+A vector is rotated by two planar rotations, 8 multiplications and 4 additions where a full matrix
+takes 9 and 6, as in Walker and Orin 1982. Between the two rotations lie the axes of joint i:
+fixed to link i, with z along the joint's axis.
 
 Cost: 4 multiplications, 2 additions, a sine and a cosine for a rotational joint; 2 and 2 for a
-translational one that is not the last.
+translational joint, none for the last.
 
 None stands for a vector that is known to be zero while recording, and costs nothing. Without an
-external wrench frame n is laid on the last joint's axis: its twist is such a zero, and so is its
-offset unless the joint is translational.
+external wrench frame n is laid on the last joint's axis: its twist is None, and so is its offset
+unless the joint is translational.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from pfd_core.model import Plant
 from pfd_core.model.geometry import product, rotation_z
 
 Planar = tuple[Lanes, Lanes]
-# The plane that a rotation about an axis turns, and the axis.
+# Indices of the two axes of the plane of a rotation, and of its axis.
 ABOUT_X = (1, 2, 0)
 ABOUT_Z = (0, 1, 2)
 
@@ -90,7 +90,7 @@ class Chain:
     Attributes
     ----------
     recorder : Recorder
-        Where it is recorded; one lane.
+        Of one lane.
     links : list of Link
         Base to tip.
     gravity : LaneArray or None
@@ -173,14 +173,14 @@ def sum_of_angles(a: tuple[float, float], b: tuple[float, float]) -> tuple[float
 
 
 def _turned_by(q: Lanes, start: Planar) -> Planar:
-    """Return cosine and sine of q plus the angle of a joint at zero."""
+    """Return cosine and sine of q plus the angle `start`."""
     with q.recorder.section('joint rotation'):
         (c0, s0), c, s = start, cos(q), sin(q)
         return c * c0 - s * s0, s * c0 + c * s0
 
 
 def _slid(p: LaneArray, tilt: Planar, q: Lanes) -> LaneArray:
-    """Return p + q z, z the joint's axis, which has no x component in the link's axes."""
+    """Return p + q z; the joint's axis z has no x component in the link's axes."""
     with q.recorder.section('link vectors'):
         return array([p[0], p[1] + tilt[1] * q, p[2] + tilt[0] * q])
 
@@ -209,13 +209,13 @@ def _wrench(
 
 
 def known(chain: Chain, values: Sequence[Lanes | None]) -> list[Lanes]:
-    """Return numbers, with a constant where one is known to be zero."""
+    """Return values with the constant zero in the place of None."""
     zero = chain.recorder.constant(0.0)
     return [zero if value is None else value for value in values]
 
 
 def released(free: Sequence[Lanes] | None, values: Sequence[Lanes]) -> list[Lanes]:
-    """Return values with those of held joints set to zero: the problem without them."""
+    """Return values, zero for held joints; all of them without brakes (free is None)."""
     if free is None:
         return list(values)
     return [where(moves, value, 0.0) for moves, value in zip(free, values, strict=True)]
@@ -255,22 +255,22 @@ def rotated_matrix(
 
 
 def tilted(link: Link, v: Any) -> Any:
-    """Return a vector given in the link's axes, or None, in the axes of its joint."""
+    """Return v, or None, from the link's axes to the axes of its joint."""
     return v if v is None or link.tilt is None else rotated(link.tilt, ABOUT_X, v)
 
 
 def turned(link: Link, v: Any) -> Any:
-    """Return a vector given in the axes of the link's joint, or None, in those of link i-1."""
+    """Return v, or None, from the axes of the link's joint to the axes of link i-1."""
     return v if v is None else rotated(link.turn, ABOUT_Z, v)
 
 
 def untilted(link: Link, v: Any) -> Any:
-    """Return a vector given in the axes of the link's joint, or None, in the link's own."""
+    """Return v, or None, from the axes of the link's joint to the link's axes."""
     return v if v is None or link.tilt is None else rotated(_back(link.tilt), ABOUT_X, v)
 
 
 def unturned(link: Link, v: Any) -> Any:
-    """Return a vector given in the axes of link i-1, or None, in those of the link's joint."""
+    """Return v, or None, from the axes of link i-1 to the axes of the link's joint."""
     return v if v is None else rotated(_back(link.turn), ABOUT_Z, v)
 
 
@@ -279,7 +279,7 @@ def _back(angle: Planar) -> Planar:
 
 
 def plus(*terms: Any) -> Any:
-    """Return the sum of those vectors or numbers that are not None; None if there are none."""
+    """Return the sum of vectors or numbers, None left out; None if all are None."""
     result = None
     for term in terms:
         if term is not None:

@@ -3,23 +3,24 @@
 """
 Articulated bodies on one processor, in link axes, with grouped inertial parameters.
 
-H qdd = y is solved at rest: the bias is in y already (grouped_newton_euler). With S the unit
-motion along z of B_i and X the way from B_i to B_(i-1), rotation and shift of origin,
+H qdd = y is solved at rest: y contains the bias (pfd_core.algorithms.grouped.newton_euler). With S
+the unit motion along z of B_i and X the transform from B_i to B_(i-1), rotation and shift of
+origin,
 
-    I = body_i + what hangs on it, symmetric 6 x 6                       tip to base
+    I = body_i + the body beyond it, symmetric 6 x 6                     tip to base
     U = I S,  d = S.U + rotor,  g = U / d,  r = (y - S.f) / d
-    X (I - U g') X' and X (f + U r) hang on the link before
+    the body beyond link i-1: X (I - U g') X' and X (f + U r)
     qdd_i = r - g.a,  a_i = a + S qdd_i,  a = X' a_(i-1), a_0 = 0        base to tip
 
 I - U g' has no row along S, because the joint gives way; nothing is computed there, and the zeros
 make the rotation by the joint's own angle cheap. A rotor leaves U rotor/d of that row, a held
-joint (1/d = 0) all of it. H qdd = y holds exactly there, so that S.(f + U r) is y.
+joint (1/d = 0) all of it. S.(f + U r) is y exactly.
 
-Featherstone 1983; base parameters as in grouped_links. This is the serial method at its cheapest
-for a long chain. Grouped bodies have no mass beyond the joint that carries it, and their inertia
-need not be positive; the articulated body's d is a pivot of H all the same.
+Featherstone 1983; base parameters of pfd_core.algorithms.grouped.links. For a long chain this is
+the cheapest serial method. A grouped link can be massless and its inertia need not be positive; d
+is a pivot of H all the same.
 
-I is kept as moment = J wd + K a, force = K' wd + M a. One register holds one number; everything
+I has the form moment = J wd + K a, force = K' wd + M a. One register holds one number; everything
 of link i is in axes B_i.
 """
 
@@ -63,20 +64,20 @@ from pfd_core.model import Plant
 @dataclass(frozen=True)
 class Joint:
     """
-    How a joint gives way to what it carries.
+    Articulated body of a joint, reduced to the joint's own motion.
 
     Attributes
     ----------
     U_n, U_f : LaneArray
-        (3,), moment and force that its unit acceleration takes.
+        (3,), moment and force that a unit acceleration of the joint takes.
     d : Lanes
-        Their part along the joint, with its rotor: a pivot of H; infinite for a held joint.
+        S.U + rotor, a pivot of H; infinite for a held joint.
     inverse : Lanes
         1/d, or zero for a held joint.
     kept : Lanes
-        The share of U that the joint passes on along its own axis.
+        Share of U in the row of I - U g' along the joint: rotor/d, or one for a held joint.
     stiff : bool
-        Whether kept is anything but zero, for some input.
+        Whether `kept` can be other than zero.
 
     """
 
@@ -89,7 +90,7 @@ class Joint:
 
 
 def record_grouped_articulated_body(plant: Plant, schedule: str) -> Program:
-    """Return the program of qdd and pivots, (n,), from q, qd and tau; the schedule is one."""
+    """Return the program of qdd and pivots, (n,), from q, qd and tau; always sequential."""
     recorder, links, y = grouped_equations(plant)
     free = input_list(recorder, 'free', len(y)) if plant.brakes else None
     with recorder.section('articulated bodies'):
@@ -130,7 +131,7 @@ def _with_link(link: Link, beyond: Inertia | None) -> Inertia:
 def _joint(
     slides: bool, body: Inertia, rotor: Lanes, free: Lanes | None
 ) -> tuple[LaneArray, LaneArray, Lanes, Lanes, Lanes]:
-    """Return U, d, 1/d and the share that is kept, as Joint has them."""
+    """Return the attributes U_n, U_f, d, inverse and kept of a Joint."""
     U_n, U_f = response(body, slides)
     d = (U_f if slides else U_n)[2] + rotor
     inverse = 1.0 / d
@@ -142,7 +143,7 @@ def _joint(
 
 
 def _given_way(slides: bool, body: Inertia, joint: Joint) -> Inertia:
-    """Return I - U g', the part of a body that is felt beyond its joint."""
+    """Return I - U g', the part of a body that the link before its joint carries."""
     U_n, U_f = joint.U_n, joint.U_f
     g_n, g_f = joint.inverse * U_n, joint.inverse * U_f
     J, K, M = body.J.copy(), body.K.copy(), body.M.copy()
@@ -195,7 +196,7 @@ def _turned(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
 
 
 def _rates(links: Sequence[Link], joints: Sequence[Joint], y: Sequence[Lanes]) -> list[Lanes]:
-    """Return r, (n,): the accelerations of joints whose link before does not accelerate."""
+    """Return r, (n,): the acceleration of each joint while the link before does not accelerate."""
     rates: list[Lanes] = []
     carried: tuple[LaneArray, LaneArray] | None = None
     for i in range(len(links) - 1, -1, -1):
@@ -229,7 +230,7 @@ def _accelerations(
             qdd.append(rate - (dot(g_n, wd) + dot(g_f, a)))
             along[2] = along[2] + qdd[-1]
             continue
-        # The joint's own part of g is one: what it takes away, the link's motion has.
+        # The joint's own element of g is one: along the joint, the link moves at rate - rest.
         rest = (g_f if link.slides else g_n)[:2] @ along[:2]
         rest = rest + (dot(g_n, wd) if link.slides else dot(g_f, a))
         qdd.append(rate - rest - along[2])

@@ -8,11 +8,12 @@ Inertia matrix, tip to base, C the composite body of links i..n in axes B_i
     C_(i-1) = body_(i-1) + C_i moved,  f = C z (first moment), n = C z;  h_ii = n_z,
     h_ji = n_z after moving (f, n) down to B_j          [rotational], {translational: f_z}
 
-and H = L' D L from the tip: the last row is eliminated first. The bias is that of
-grouped_newton_euler.
+and H = L' D L from the tip: the last row is eliminated first. The bias is computed in
+pfd_core.algorithms.grouped.newton_euler.
 
-Walker and Orin 1982 (method 3), Featherstone 1983; base parameters as in grouped_links. This is
-the serial method at its cheapest for a short chain, which a kernel for one processor is made of.
+Walker and Orin 1982 (method 3), Featherstone 1983; base parameters of
+pfd_core.algorithms.grouped.links. For a short chain this is the cheapest serial method: kernels
+are made of it.
 
 One register holds one number; everything of link i is in axes B_i.
 """
@@ -38,7 +39,7 @@ from pfd_core.model import Plant
 
 
 def record_composite_body(plant: Plant, schedule: str) -> Program:
-    """Return the program of qdd and pivots, (n,), from q, qd and tau; the schedule is one."""
+    """Return the program of qdd and pivots, (n,), from q, qd and tau; always sequential."""
     recorder, links, y = grouped_equations(plant)
     with recorder.section('inertia matrix'):
         H = _inertia_matrix(links)
@@ -119,7 +120,7 @@ def solve(
     """
     Return x of H x = y and the pivots, by H = L' D L from the last row on.
 
-    The pivot of a held joint is infinite, so that it may have no inertia.
+    The pivot of a held joint is infinite, so that a massless joint can be held.
     """
     n = len(y)
     rows, x = [list(row) for row in H], list(y)

@@ -10,8 +10,9 @@ The bias, base to tip and back (W = [wd] + [w][w], so that W p is the accelerati
     w_i = R'w [+ z qd],  wd_i = R'wd [+ R'w x z qd],  a_i = R'(a + W r) {+ 2 R'w x z qd}
     f = m a + W h,  n = h x a + (I wd + w x I w),  sums of f and n from the tip
 
-[rotational], {translational}. Luh, Walker and Paul 1980; base parameters as in grouped_links,
-Khalil and Kleinfinger 1987. composite_body and grouped_articulated_body solve H qdd = y.
+[rotational], {translational}. Luh, Walker and Paul 1980; base parameters of
+pfd_core.algorithms.grouped.links, Khalil and Kleinfinger 1987. H qdd = y is solved by
+composite_body and by articulated_body, beside this module.
 
 One register holds one number; everything of link i is in axes B_i.
 """
@@ -137,7 +138,7 @@ def _turned(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
 def _bias(
     recorder: Recorder, plant: Plant, links: Sequence[Link], tip: Tip, qd: Sequence[Lanes]
 ) -> list[Lanes]:
-    """Return the torques at qdd = 0 of links, gravity and wrench."""
+    """Return the bias, (n,): torques of links, gravity and wrench at qdd = 0."""
     zero = recorder.constant(0.0)
     w, wd = (array([zero] * 3) for _ in range(2))
     a = array([recorder.constant(-float(g)) for g in plant.gravity])
@@ -178,7 +179,7 @@ def _spin(squares: LaneArray, wd: LaneArray) -> LaneArray:
 
 
 def _moment(squares: LaneArray, W: LaneArray, wd: LaneArray, inertia: LaneArray) -> LaneArray:
-    """Return I wd + w x I w, by elements of W that are there already."""
+    """Return I wd + w x I w, from elements of W."""
     xx, xy, xz, yy, yz, zz = inertia
     _, sxy, sxz, _, syz, _ = squares
     return array(
@@ -193,7 +194,7 @@ def _moment(squares: LaneArray, W: LaneArray, wd: LaneArray, inertia: LaneArray)
 def _pushed(
     recorder: Recorder, tip: Tip, force: tuple[LaneArray, LaneArray]
 ) -> tuple[LaneArray, LaneArray]:
-    """Return the last link's force and moment less the wrench on it."""
+    """Return force and moment of the last link minus the wrench on it."""
     k = wrench_input(recorder)
     R = array([[recorder.constant(value) for value in row] for row in tip.rotation])
     p = array([recorder.constant(value) for value in tip.p])
@@ -202,7 +203,7 @@ def _pushed(
 
 
 def _torques(links: Sequence[Link], forces: Sequence[tuple[LaneArray, LaneArray]]) -> list[Lanes]:
-    """Return what each joint feels of the links beyond it."""
+    """Return the torque of each joint, from force and moment of the links beyond it."""
     torques: list[Lanes] = []
     carried: tuple[LaneArray, LaneArray] | None = None
     for link, (f, n) in zip(reversed(links), reversed(forces), strict=True):
@@ -214,6 +215,6 @@ def _torques(links: Sequence[Link], forces: Sequence[tuple[LaneArray, LaneArray]
 
 
 def moved(link: Link, f: LaneArray, n: LaneArray) -> tuple[LaneArray, LaneArray]:
-    """Return force and moment about the origin of B_i as they are about that of B_(i-1)."""
+    """Return force and moment from axes and origin of B_i to those of B_(i-1)."""
     f, n = inward(link, f), inward(link, n)
     return f, n + cross(link.r, f)

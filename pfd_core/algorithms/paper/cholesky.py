@@ -58,9 +58,9 @@ class Factors:
         l_jj on lane j; None for the ones of L D L'.
     pivots : Lanes
         v_jj on lane j, which is d_j, before any square root. H is positive definite exactly
-        when all are above zero; after the first that is not, the rest is without meaning.
+        when all are above zero; pivots after the first other one have no meaning.
     z : Lanes or None
-        Of the right-hand side, if there was one: D^-1 L^-1 y or L^-1 y.
+        D^-1 L^-1 y or L^-1 y; None without a right-hand side.
 
     """
 
@@ -122,7 +122,7 @@ def factorise(
     Parameters
     ----------
     recorder : Recorder
-        Where it is recorded.
+        On n lanes.
     rows : sequence of Lanes
         Row i of H holds h_ij on lane j for j >= i.
     y : Lanes or None
@@ -133,7 +133,7 @@ def factorise(
     square_roots : bool
         L L' instead of L D L'.
     free : Lanes or None
-        Zero where the pivot is to be taken as infinite; the rest of that row is zero.
+        Zero for a row whose pivot is taken as infinite; the rest of that row is zero.
 
     Raises
     ------
@@ -220,7 +220,7 @@ class _Elimination:
         return column if row == self.recorder.lanes else row
 
     def finish_column(self, j: int) -> None:
-        """Divide column j, all of whose products have been subtracted, by its pivot."""
+        """Divide column j by its pivot, after all its products have been subtracted."""
         n = self.recorder.lanes
         pivot = gather({j: self.at[j, j]})
         self.pivots[j] = divisor = pivot
@@ -250,7 +250,7 @@ class _Elimination:
         return held
 
     def multiply(self, products: Sequence[Product]) -> None:
-        """Form products, each where its element lies if that lane is free, or near it."""
+        """Form products, on the lanes of their elements where these are free."""
         lanes = assigned_lanes(
             [(self.at[p.element][1], self.home(p.element)) for p in products], self.recorder.lanes
         )

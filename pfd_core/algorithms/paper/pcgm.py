@@ -57,7 +57,7 @@ TRIPS_PER_JOINT, TRIPS_AT_LEAST = 12, 20
 @dataclass(frozen=True)
 class Solution:
     """
-    What conjugate gradients left.
+    Result of conjugate gradients.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class Solution:
     trips : Lanes
         Iterations taken.
     converged : Lanes
-        Above zero on lane 0 when the residual fell below the tolerance.
+        Above zero on lane 0 if the residual fell below the tolerance.
 
     """
 
@@ -76,7 +76,7 @@ class Solution:
 
 
 def default_limit(n: int) -> int:
-    """Return the trips after which a run that has not converged is given up."""
+    """Return the largest number of trips for n joints."""
     return TRIPS_PER_JOINT * n + TRIPS_AT_LEAST
 
 
@@ -96,7 +96,7 @@ def conjugate_gradient(
     Parameters
     ----------
     recorder : Recorder
-        Where it is recorded.
+        On n lanes.
     times : callable
         times(u) is H u; it is recorded once or, with a start, twice.
     y : Lanes
@@ -108,7 +108,7 @@ def conjugate_gradient(
     tolerance : float
         Stop when the (scaled) residual has fallen by this factor.
     at_most : int, optional
-        Trips after which it stops in any case.
+        Largest number of trips; default default_limit(n).
 
     """
     with recorder.section('first residual'):
@@ -134,7 +134,7 @@ def conjugate_gradient(
     state = (x, w, v, e0)
     (x, _, _, e), trips = iterate(step, state, e0, trips_limit, floor=limit)
     with recorder.section('verdict'):
-        # Met the stop, or had nothing to do; NaN is above nothing, not even minus one.
+        # One if e <= limit, zero residuals included; NaN fails the comparison with minus one.
         return Solution(x, trips, where(e - limit, 0.0, where(e + 1.0, 1.0, 0.0)))
 
 

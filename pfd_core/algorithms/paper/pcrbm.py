@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-PCRBM: the inertia matrix H by parallel composite rigid bodies.
+PCRBM: forward dynamics by parallel composite rigid bodies, which give the inertia matrix H.
 
 For the body made of links j..n, with M its mass, c its centre of mass from o_(j-1), E its
 inertia about that centre (downward recurrences):
@@ -17,10 +17,11 @@ inertia about that centre (downward recurrences):
     h_ij = z_(i-1) . n_ij  (joint i rotational),
            z_(i-1) . F_j   (joint i translational)                        eq. (26)
 
-Lee and Chang 1987, section 2.5. Ours: b_j of (17) simplified, and (19) in the form of the reduced
-mass, equal and cheaper. Corrected: step 6 has the translational branch of Appendix A, which it
-lacks; (26) has the type of joint i, where the last formula of Appendix A has that of joint j; a
-massless end of the chain (M_j = 0) divides by one instead of zero, since c_j is then unused.
+Lee and Chang 1987, section 2.5; the solve is pfd_core.algorithms.paper.cholesky. Ours: b_j of (17)
+simplified, and (19) in the form of the reduced mass, equal and cheaper. Corrected: step 6 has the
+translational branch of Appendix A, which the paper leaves out there; (26) has the type of joint i,
+where the last formula of Appendix A has the type of joint j; a massless end of the chain (M_j = 0)
+divides by one instead of zero, since c_j is then unused.
 
 Parallel cost for rotational joints, L = ceil(log2 n), h = ceil((n-1)/2), n > 1: 4 L + 9 h + 42
 multiplications, 10 L + 5 h + 3 n + 32 additions and 2 divisions. The n(n-1)/2 pairs i < j are
@@ -63,9 +64,9 @@ def inertia_matrix(
     Parameters
     ----------
     recorder : Recorder
-        Where it is recorded.
+        On n lanes.
     chain, pose : Links, Pose
-        The links and where they are.
+        Constants of the links and their pose.
     armature : Lanes or None
         Inertia that each joint's rotor adds to the diagonal [kg m^2 or kg].
 

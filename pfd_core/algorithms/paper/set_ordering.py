@@ -78,9 +78,9 @@ class State:
     order : tuple of (k, i)
         The sets that took part, longest first, as Step 2 orders them: S^(1), S^(2), ...
     picked : tuple of (k, i)
-        Those that were worked on, the l-th by the l-th processor.
+        Sets that got an addition, the l-th from the l-th processor.
     sets : dict
-        (k, i) to the terms that are left, the running sum last.
+        (k, i) to the remaining terms, the running sum last.
     counters : dict
         (k, i) to C_ki, the number of additions done.
     additions : dict
@@ -180,7 +180,7 @@ def record_literal_cholesky(n: int, schedule: str) -> Program:
     -------
     Program
         Input `H`, (n n,), of which the lower triangle is read; outputs `L`, (n, n), which is
-        in general not the Cholesky factor, and `radicands`, (n,), what the roots are taken of.
+        in general not the Cholesky factor, and `radicands`, (n,), the operands of the roots.
 
     """
     states = set_ordering(n)

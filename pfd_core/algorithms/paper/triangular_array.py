@@ -14,8 +14,8 @@ The triangular array: n(n+1)/2 cells that factor H = L L' and solve H x = y in 5
 Row k gets (h_kk, *), h_(k+1)k ... h_nk from cycle 2k - 1. Element m is a sum C that meets
 l_m1, l_m2 ... on its way; it is in P_ki in cycle m + k + i - 2, and so is l_mi, without
 waiting. A right-hand side follows as element n + 1 of each row, y_k, and leaves as z_k,
-z = L^-1 y. A mark after y_n then turns the array round: x_k runs left along row k, what is left
-of z_i runs down column i and becomes x_i in P_ii.
+z = L^-1 y. A mark after y_n then turns the array round: x_k runs left along row k, the rest of
+z_i runs down column i and becomes x_i in P_ii.
 
     factorisation 3n - 2 cycles, with z 3n - 1, with x 5n - 2
     a new matrix every n cycles, with a right-hand side every n + 1
@@ -55,14 +55,14 @@ Problem = Sequence[Sequence[Any]]
 
 
 class Item(NamedTuple):
-    """What is on a link: a number, and FLAG, TURN or nothing beside it."""
+    """Item on a link: a number, with FLAG, TURN or no mark."""
 
     value: Any
     mark: str = ''
 
 
 class Registers(NamedTuple):
-    """What a cell keeps: u, the last result or the last item from below, a root's radicand."""
+    """State of a cell: u, the last result or the last item from below, a root's radicand."""
 
     u: Any = None
     last: Any = None
@@ -86,9 +86,9 @@ def solve_cycles(n: int) -> int:
 
 def solve_steps(n: int) -> Steps:
     """
-    Return the cycles of a whole solve in which some cell multiplies and subtracts, divides ...
+    Return the cycles of a whole solve in which some cell does an operation, by kind.
 
-    Cells do different things in the same cycle, so these add up to more than solve_cycles(n).
+    Cells do different operations in the same cycle, so the sum is above solve_cycles(n).
     """
     return Steps(
         multiplications=max(5 * n - 7, 0),
@@ -113,7 +113,7 @@ def circular(state: Registers | None, ports: Ports) -> Step:
 
 
 def square(state: Registers | None, ports: Ports) -> Step:
-    """Subtract u times what comes along the column from what comes along the row, or back."""
+    """Subtract u times the column's item from the row's; on the way back, the row's from z."""
     state = state or Registers()
     item, below, back = ports['left'], ports['down'], ports['right']
     if back is not None:
@@ -130,14 +130,14 @@ def square(state: Registers | None, ports: Ports) -> Step:
 
 
 def root(value: Any) -> Any:
-    """Return the square root; NaN of a number that is not above zero."""
+    """Return the square root; NaN for a number at or below zero."""
     if isinstance(value, Lanes):
         return sqrt(value)
     return np.sqrt(value) if value > 0 else value * np.nan
 
 
 def quotient(value: Any, divisor: Any) -> Any:
-    """Return value / divisor; NaN if a number is to be divided by zero."""
+    """Return value / divisor; NaN for a number divided by zero."""
     if not isinstance(divisor, Lanes) and divisor == 0:
         return value * np.nan
     return value / divisor
@@ -154,8 +154,8 @@ def triangle(n: int, circular: Cell, square: Cell, *, back: bool) -> Array:
     circular, square : Cell
         Programs of the cells on the diagonal and left of it.
     back : bool
-        Whether it has links to the left and down, for the way back; without them streams
-        enter the diagonal from below.
+        Whether the array has links to the left and down, for the way back; without them
+        streams enter the diagonal from below.
 
     """
     rows = range(1, n + 1)
@@ -177,7 +177,7 @@ def out_of(place: Place, direction: str) -> Link:
 
 
 def into(place: Place, direction: str) -> Link:
-    """Return the link on which a place gets what comes from a direction."""
+    """Return the link on which a place receives items from a direction."""
     link = out_of(place, direction)
     return Link(link.target, link.source)
 
@@ -189,16 +189,16 @@ def clock(problems: Sequence[Problem], interval: int | None = None, turn: bool =
     Parameters
     ----------
     problems : sequence of Problem
-        One or several of the same size.
+        One matrix or several of the same size.
     interval : int, optional
-        Cycles from one problem to the next; default as few as can be.
+        Cycles from one problem to the next; default the fewest possible.
     turn : bool
-        Whether to run back and solve, which the array does for one problem at a time.
+        Whether to run back and solve; the array does so for one problem at a time.
 
     Raises
     ------
     ValueError
-        If the interval is shorter than the longest stream, or it cannot turn round.
+        If the interval is shorter than the longest stream, or the array cannot turn round.
 
     """
     n, length = len(problems[0]), len(problems[0][0])

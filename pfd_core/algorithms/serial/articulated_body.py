@@ -110,7 +110,7 @@ class Body:
 @dataclass(frozen=True)
 class Motion:
     """
-    The terms of a link's motion that depend on the velocities.
+    Terms of a link's motion that depend on the velocities.
 
     Attributes
     ----------
@@ -131,14 +131,14 @@ class Motion:
 @dataclass(frozen=True)
 class Joint:
     """
-    qdd = r - g . (wd, a), of the link before in the axes of the joint; and the pivot.
+    Acceleration of a joint: qdd = r - g . (wd, a), of link i-1 in the axes of the joint.
 
     Attributes
     ----------
     g_n, g_f : LaneArray
         (3,) each.
     r, pivot : Lanes
-        Acceleration of a joint whose link before does not accelerate, and its inertia.
+        Acceleration of the joint while link i-1 does not accelerate, and its inertia d.
 
     """
 
@@ -227,7 +227,7 @@ def _at_joint(link: Link, motion: Motion, body: Body) -> Body:
 
 
 def _shifted(body: Body, p: LaneArray | None, b: Any) -> Body:
-    """Return a body about the point -p, from which b is added to the acceleration of its own."""
+    """Return a body about the point -p; b is its origin's acceleration beyond wd x p."""
     if p is None:
         return body
     n, f = body.n, body.f
@@ -239,7 +239,7 @@ def _shifted(body: Body, p: LaneArray | None, b: Any) -> Body:
 
 
 def _joint(link: Link, body: Body, tau: Lanes, rotor: Lanes | None, free: Lanes | None) -> Joint:
-    """Return how a joint accelerates under tau [N m or N]."""
+    """Return the coefficients of a joint's acceleration under tau [N m or N]."""
     U_n, U_f = response(body.inertia, link.slides)
     pivot = (U_f if link.slides else U_n)[2]
     if rotor is not None:
@@ -266,7 +266,7 @@ def _through_joint(link: Link, body: Body, joint: Joint) -> Body:
 def _accelerations(
     chain: Chain, motions: Sequence[Motion], joints: Sequence[Joint]
 ) -> list[Lanes]:
-    """Return the accelerations of the joints, from the base on."""
+    """Return the accelerations of the joints, base to tip."""
     wd: Any = None
     a: Any = chain.gravity
     qdd = []

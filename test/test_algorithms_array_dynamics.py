@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import numpy as np
+from oracle import WRENCH, Oracle, chains, jacobi_condition, relative
 import pytest
-from test_algorithms_physics import WRENCH, Oracle, chains, jacobi_condition, relative
 from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import random_chain, random_state
 

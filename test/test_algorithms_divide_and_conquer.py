@@ -7,10 +7,10 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import islice
 
+from closed_forms import arithmetic, chain, levels
 import numpy as np
+from oracle import ARMS, WRENCH, Oracle, chains, jacobi_condition, relative
 import pytest
-from test_algorithms_counts import arithmetic, chain, levels
-from test_algorithms_physics import ARMS, WRENCH, Oracle, chains, jacobi_condition, relative
 from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state
 

@@ -8,11 +8,12 @@ from collections.abc import Iterator, Sequence
 from functools import cache
 
 import numpy as np
+from oracle import WRENCH
 import pytest
-from test_algorithms_physics import WRENCH
-from test_algorithms_serial import DIRECT, METHODS, SERIAL
+from test_algorithms_serial import DIRECT, METHODS
 from zoo import random_chain
 
+from pfd_core.algorithms.programs import FORWARD
 from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Program
 from pfd_core.model import resolve
@@ -31,7 +32,7 @@ def sizes(method: str) -> Sequence[int]:
 def recorded(method: str, n: int) -> Program:
     types = ['revolute'] * n
     robot = random_chain(np.random.default_rng(n), n, joint_types=types)
-    return SERIAL[method](resolve(robot), 'sequential')
+    return FORWARD[method](resolve(robot), 'sequential')
 
 
 @cache
@@ -163,8 +164,8 @@ def test_articulated_bodies_overtake_composite_bodies_at_eleven_joints() -> None
 def test_a_wrench_brings_the_last_frame_back(method: str, more: tuple[int, int]) -> None:
     for n in range(2, 8):
         robot = random_chain(np.random.default_rng(n), n, 0.0)
-        found = SERIAL[method](resolve(robot, WRENCH), 'sequential').count()
-        bare = SERIAL[method](resolve(robot), 'sequential').count()
+        found = FORWARD[method](resolve(robot, WRENCH), 'sequential').count()
+        bare = FORWARD[method](resolve(robot), 'sequential').count()
         assert (found.multiplications, found.additions) == (
             bare.multiplications + more[0],
             bare.additions + more[1],

@@ -6,10 +6,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from closed_forms import arithmetic, chain, elimination, levels, rounds
 import numpy as np
+from oracle import ARMS, WRENCH, Oracle, chains, jacobi_condition, relative
 import pytest
-from test_algorithms_counts import arithmetic, chain, elimination, levels, rounds
-from test_algorithms_physics import ARMS, WRENCH, Oracle, chains, jacobi_condition, relative
 from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state
 

@@ -10,6 +10,7 @@ lanes that the instruction works on, as a bit mask. A sequential program has one
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 import math
@@ -136,33 +137,33 @@ class Program:
         """
         processors = check_processors(processors, self.lanes)
         totals = dict.fromkeys(COSTS, 0)
-        for instruction, times in self._repeated(trips):
-            cost = OPERATIONS[instruction.op].cost
-            if cost and (section is None or instruction.section == section):
-                totals[cost] += times * math.ceil(busy_lanes(instruction) / processors)
+        for (cost, lanes), times in self._work(trips, section).items():
+            totals[cost] += times * math.ceil(lanes / processors)
         return Steps(**totals)
 
     def utilisation(self, processors: int | None = None, trips: int = 1) -> float:
         """Return the share of processor-steps of arithmetic that do useful work, 0 to 1."""
         processors = check_processors(processors, self.lanes)
         busy = total = 0
-        for instruction, times in self._repeated(trips):
-            cost = OPERATIONS[instruction.op].cost
-            if cost and cost != 'routes':
-                lanes = busy_lanes(instruction)
+        for (cost, lanes), times in self._work(trips).items():
+            if cost != 'routes':
                 busy += times * lanes
                 total += times * math.ceil(lanes / processors) * processors
         return busy / total if total else 0.0
 
-    def _repeated(self, trips: int) -> Iterator[tuple[Instruction, int]]:
-        """Yield each instruction and how often it runs."""
+    def _work(self, trips: int, section: str | None = None) -> Counter[tuple[str, int]]:
+        """Return the number of runs of instructions by cost column and number of busy lanes."""
+        work: Counter[tuple[str, int]] = Counter()
         times = 1
         for instruction in self.instructions:
             if instruction.op == 'loop':
                 times = trips
-            yield instruction, times
-            if instruction.op == 'end':
+            elif instruction.op == 'end':
                 times = 1
+            cost = OPERATIONS[instruction.op].cost
+            if cost and (section is None or instruction.section == section):
+                work[cost, busy_lanes(instruction)] += times
+        return work
 
 
 def renamed(program: Program, instructions: list[Instruction], names: list[int]) -> Program:

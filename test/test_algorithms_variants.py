@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The faster variants: Omega-matrix NE1, H about the base origin, H times a vector."""
+"""NE1 with the Omega matrix, H about the base origin, H times a vector by NE1."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state
 
-from pfd_core.algorithms.beyond.base_origin import inertia_matrix_base_origin, prepare, times
+from pfd_core.algorithms.beyond.base_origin import inertia_matrix_base_origin
 from pfd_core.algorithms.beyond.omega import omega_torques
 from pfd_core.algorithms.chain.base_axes import chain_on_lanes
 from pfd_core.algorithms.chain.equations import armature, torques
@@ -27,7 +27,6 @@ from pfd_core.machine.recorder import SCHEDULES, Lanes
 from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
 
 SIZES = range(1, 33)
-PRODUCTS = pytest.mark.parametrize('product', ['ne1_product', 'base_origin'])
 
 # Diagonal elements of H about each joint's own point: a few roundings (seen 9e-16).
 OWN_POINT = 1e-14
@@ -45,14 +44,11 @@ def record_H(plant: Plant, schedule: str) -> Program:
     return recorder.program()
 
 
-def record_product(product: str, plant: Plant, schedule: str) -> Program:
-    """Return the program of H u; sections tell the product from what products share."""
+def record_product(plant: Plant, schedule: str) -> Program:
     recorder, links, at = chain_on_lanes(plant, schedule)
     u = input_row(recorder, 'u')
-    rotors = armature(recorder, plant)
-    shared = prepare(recorder, links, at, rotors) if product == 'base_origin' else None
     with recorder.section('H u'):
-        Hu = times(shared, u) if shared else inertia_times(links, at, u, rotors)
+        Hu = inertia_times(links, at, u, armature(recorder, plant))
     return program_with_outputs(recorder, Hu=Hu)
 
 
@@ -80,25 +76,23 @@ def test_h_about_the_base_origin_agrees_with_pinocchio(schedule: str) -> None:
             assert relative(H, Oracle(robot, rotors).H(q)) < DYNAMICS, robot
 
 
-@PRODUCTS
 @pytest.mark.parametrize('schedule', SCHEDULES)
-def test_h_times_a_vector_agrees_with_pinocchio(product: str, schedule: str) -> None:
+def test_h_times_a_vector_agrees_with_pinocchio(schedule: str) -> None:
     for rng, robot in chains(24, seed=22):
         q, _, u = random_state(rng, robot.n)
         for scene, rotors in ((Scene(), None), (Scene(armature='model'), robot.armature)):
-            program = record_product(product, resolve(robot, scene), schedule)
+            program = record_product(resolve(robot, scene), schedule)
             H = Oracle(robot, rotors).H(q)
             found = run(program, {'q': q, 'u': u})['Hu']
             # A product is rounded as its terms are, however much they cancel.
             assert np.abs(found - H @ u).max() < DYNAMICS * (np.abs(H) @ np.abs(u)).max(), robot
 
 
-@PRODUCTS
-def test_h_times_unit_vectors_is_h_on_thirty_two_joints(product: str) -> None:
+def test_h_times_unit_vectors_is_h_on_thirty_two_joints() -> None:
     rng = np.random.default_rng(23)
     robot = random_chain(rng, 32)
     q = random_state(rng, 32)[0]
-    program = record_product(product, resolve(robot), 'parallel')
+    program = record_product(resolve(robot), 'parallel')
     columns = run(program, {'q': np.tile(q, (32, 1)), 'u': np.eye(32)})['Hu']
     H = Oracle(robot).H(q)
     assert relative(columns, H) < DYNAMICS
@@ -224,27 +218,22 @@ def test_h_about_the_base_origin_takes_half_a_row_for_each_joint(n: int, prismat
 
 
 @pytest.mark.parametrize('n', SIZES)
-def test_h_times_a_vector_takes_42_or_36_multiplications(n: int) -> None:
+def test_h_times_a_vector_takes_42_multiplications(n: int) -> None:
     # The paper prints 42 and 12 L + 26, which leaves out one sum of vectors.
-    plant = resolve(chain(n))
-    direct = record_product('ne1_product', plant, 'parallel').count(section='H u')
-    assert arithmetic(direct) == (42, 12 * levels(n) + 29, 0, 0)
-    spatial = record_product('base_origin', plant, 'parallel')
-    assert arithmetic(spatial.count(section='H u')) == (36, 12 * levels(n) + 23, 0, 0)
-    assert arithmetic(spatial.count(section='base origin')) == (15, 3 * levels(n) + 15, 0, 0)
+    steps = record_product(resolve(chain(n)), 'parallel').count(section='H u')
+    assert arithmetic(steps) == (42, 12 * levels(n) + 29, 0, 0)
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_rotors_and_sliding_joints_add_to_a_product_what_is_written(n: int) -> None:
     plain, rotors = resolve(chain(n)), resolve(chain(n), Scene(armature='model'))
     slides = resolve(chain(n, prismatic=True))
-    for product in ('ne1_product', 'base_origin'):
-        bare, more, sliding = (
-            arithmetic(record_product(product, plant, 'parallel').count(section='H u'))
-            for plant in (plain, rotors, slides)
-        )
-        assert more == (bare[0] + 1, bare[1] + 1, 0, 0)
-        assert sliding == (bare[0], bare[1] + 3 * (product == 'ne1_product'), 0, 0)
+    bare, more, sliding = (
+        arithmetic(record_product(plant, 'parallel').count(section='H u'))
+        for plant in (plain, rotors, slides)
+    )
+    assert more == (bare[0] + 1, bare[1] + 1, 0, 0)
+    assert sliding == (bare[0], bare[1] + 3, 0, 0)
 
 
 @pytest.mark.parametrize('n', SIZES[1:])

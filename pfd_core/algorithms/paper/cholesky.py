@@ -149,11 +149,8 @@ def factorise(
     work = _Elimination(recorder, rows, y, square_roots, free)
     work.finish_column(0)
     for m, steps in enumerate(stages(order, n, y is not None), start=1):
-        for op, products in steps:
-            if op == 'mul':
-                work.multiply(products)
-            else:
-                work.subtract(products)
+        for products in steps:
+            work.eliminate(products)
         work.finish_column(m)
     return work.factors()
 
@@ -208,7 +205,6 @@ class _Elimination:
         self.at = {(k, i): (rows[i], k) for i in range(n) for k in range(i, n)}
         if y is not None:
             self.at.update({(n, i): (y, i) for i in range(n)})
-        self.formed: dict[Product, Place] = {}
         self.left: list[Lanes] = []  # column j: l_kj on lane k, and z_j on lane j
         self.right: list[Lanes] = []  # factors of l_kj: v_ij, y_j in L D L'; l_ij, z_j in L L'
         self.pivots: dict[int, Lanes] = {}
@@ -249,29 +245,21 @@ class _Elimination:
         held: Lanes = where(on(self.free, [j]), pivot, math.inf)
         return held
 
-    def multiply(self, products: Sequence[Product]) -> None:
-        """Form products, on the lanes of their elements where these are free."""
-        lanes = assigned_lanes(
-            [(self.at[p.element][1], self.home(p.element)) for p in products], self.recorder.lanes
-        )
+    def eliminate(self, products: Sequence[Product]) -> None:
+        """Form products and subtract them from their elements, n or fewer and all different."""
+        n = self.recorder.lanes
+        at = [self.at[p.element] for p in products]
+        homes = [self.home(p.element) for p in products]
+        lanes = assigned_lanes([(k, home) for (_, k), home in zip(at, homes, strict=True)], n)
         left, right = {}, {}
         for lane, (row, column, j) in zip(lanes, products, strict=True):
-            rhs = row == self.recorder.lanes
-            left[lane] = (self.left[j], column if rhs else row)
-            right[lane] = (self.right[j], j if rhs else column)
-        value = gather(left) * gather(right)
-        self.formed.update((p, (value, lane)) for lane, p in zip(lanes, products, strict=True))
-
-    def subtract(self, products: Sequence[Product]) -> None:
-        """Subtract products that have been formed from their elements, all different."""
-        formed = [self.formed.pop(p) for p in products]
-        lanes = assigned_lanes(
-            [(self.at[p.element][1], f[1]) for p, f in zip(products, formed, strict=True)],
-            self.recorder.lanes,
-        )
-        before = gather({i: self.at[p.element] for i, p in zip(lanes, products, strict=True)})
-        value = before - gather(dict(zip(lanes, formed, strict=True)))
-        self.at.update((p.element, (value, i)) for i, p in zip(lanes, products, strict=True))
+            left[lane] = (self.left[j], column if row == n else row)
+            right[lane] = (self.right[j], j if row == n else column)
+        formed = gather(left) * gather(right)
+        sums = assigned_lanes([(k, lane) for (_, k), lane in zip(at, lanes, strict=True)], n)
+        before = gather(dict(zip(sums, at, strict=True)))
+        value = before - gather({i: (formed, k) for i, k in zip(sums, lanes, strict=True)})
+        self.at.update((p.element, (value, i)) for i, p in zip(sums, products, strict=True))
 
     def factors(self) -> Factors:
         """Return the result, when every column is final."""

@@ -157,9 +157,13 @@ def steps_of(
     steps = program.count(processors, trips=trips)
     if method != 'pcrbm_array':
         return steps
-    cells, side_by_side = program.count(processors, section=SECTION), solve_steps(n)
+    return on_cells(steps, program.count(processors, section=SECTION), solve_steps(n))
+
+
+def on_cells(steps: Steps, cells: Steps, cycles: Steps) -> Steps:
+    """Return steps with the array's own cycles in the place of the operations of all cells."""
     return Steps(
-        **{k: v - getattr(cells, k) + getattr(side_by_side, k) for k, v in asdict(steps).items()}
+        **{k: v - getattr(cells, k) + getattr(cycles, k) for k, v in asdict(steps).items()}
     )
 
 

@@ -154,23 +154,29 @@ class Recorder:
         used = [element for element in elements if element is not None]
         self._inputs[name] = max(self._inputs.get(name, 0), *(element + 1 for element in used))
         defined = sum(1 << i for i, element in enumerate(elements) if element is not None)
-        return self._row('input', [(name, element) for element in elements], defined)
+        return self._row('input', (), [(name, element) for element in elements], defined)
 
     def constant(self, values: float | Sequence[float] | NDArray[np.float64]) -> Lanes:
         """Return a row of numbers known while recording: one for all lanes, or one each."""
         row = np.broadcast_to(np.asarray(values, dtype=np.float64), (self.lanes,))
         key = tuple(float(value).hex() for value in row)
         if key not in self._constants:
-            self._constants[key] = self._row('constant', row.tolist(), self.all)
+            self._constants[key] = self._row('constant', (), row.tolist(), self.all)
         return self._constants[key]
 
-    def _row(self, op: str, data: Sequence[Any], defined: int) -> Lanes:
+    def _row(
+        self, op: str, operands: Sequence[Lanes], data: Sequence[Any] | None, defined: int
+    ) -> Lanes:
+        """Record an operation: one instruction for all lanes, or one for each defined lane."""
         if self.parallel:
-            return Lanes(self, (self.write(op, (), tuple(data), defined),), defined)
-        registers = [
-            self.write(op, (), (data[i],), 1) if defined >> i & 1 else -1
-            for i in range(self.lanes)
-        ]
+            args = tuple(operand.registers[0] for operand in operands)
+            whole = None if data is None else tuple(data)
+            return Lanes(self, (self.write(op, args, whole, defined),), defined)
+        registers = [-1] * self.lanes
+        for i in range(self.lanes):
+            if defined >> i & 1:
+                args = tuple(operand.registers[i] for operand in operands)
+                registers[i] = self.write(op, args, None if data is None else (data[i],), 1)
         return Lanes(self, tuple(registers), defined)
 
     def lift(self, value: object) -> Lanes:
@@ -192,16 +198,7 @@ class Recorder:
             defined &= operand.defined
         if not defined:
             raise ValueError(f'{op}: no lane has a value in every operand')
-        if self.parallel:
-            args = tuple(operand.registers[0] for operand in operands)
-            return Lanes(self, (self.write(op, args, None, defined),), defined)
-        registers = [
-            self.write(op, tuple(operand.registers[i] for operand in operands), None, 1)
-            if defined >> i & 1
-            else -1
-            for i in range(self.lanes)
-        ]
-        return Lanes(self, tuple(registers), defined)
+        return self._row(op, operands, None, defined)
 
     def copy(self, instruction: Instruction, operands: Sequence[Lanes]) -> Lanes:
         """Record an instruction of another program on operands of this recording."""

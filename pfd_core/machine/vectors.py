@@ -15,8 +15,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from pfd_core.machine.recorder import LaneArray, Lanes
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 
 # Rows and columns of the six elements of a symmetric matrix, in their order.
 UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -25,6 +26,12 @@ UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 def array(values: Any) -> LaneArray:
     """Return nested lists of lane values as an object array."""
     return np.array(values, dtype=object)
+
+
+def constants(recorder: Recorder, values: ArrayLike) -> LaneArray:
+    """Return numbers known while recording as an object array of the same shape."""
+    numbers = np.asarray(values, dtype=np.float64)
+    return array([recorder.constant(x) for x in numbers.flat]).reshape(numbers.shape)
 
 
 def cross(a: LaneArray, b: LaneArray) -> LaneArray:

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.algorithms.emulation import arithmetic, processors_of
+from pfd_core.algorithms.emulation import arithmetic, on_cells, processors_of
 from pfd_core.algorithms.paper.pcrbm_array import SECTION
 from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.algorithms.programs import ITERATIVE, METHODS, SERIAL, record_forward_dynamics
@@ -221,15 +221,10 @@ def _on_the_machine(method: str, n: int, program: Program, trips: int) -> Steps:
     steps = _net(program, None, trips)
     if method != 'pcrbm_array':
         return steps
-    cells, solve = program.count(section=SECTION), solve_steps(n)
+    solve = solve_steps(n)
     # In a cycle some cells multiply while others divide or take a root: one multiplication.
     cycles = replace(solve, multiplications=solve_cycles(n) - solve.divisions)
-    return Steps(
-        **{
-            kind: taken - getattr(cells, kind) + getattr(cycles, kind)
-            for kind, taken in asdict(steps).items()
-        }
-    )
+    return on_cells(steps, program.count(section=SECTION), cycles)
 
 
 def _of_kind(steps: Steps, kind: str) -> int:

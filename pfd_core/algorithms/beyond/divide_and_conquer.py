@@ -138,7 +138,7 @@ def _join(
     reads are left out.
     """
     C, beta, N, nu, A = pieces.C, pieces.beta, pieces.N, pieces.nu, pieces.A
-    first, last = [e1 for _, e1, _, _ in joins], [b2 for _, _, b2, _ in joins]
+    base, first, last, tip = zip(*joins, strict=True)
     P = _full(_at_cuts(first, C, first, last, N, last))
     Q = _full(_at_cuts(first, N, last, last, C, first))
     g = _at_cuts(first, beta, first, last, nu, last)
@@ -148,7 +148,6 @@ def _join(
         T[i, i] = 1.0 + T[i, i]
     if whole:
         return Cuts(joins, T[:0], T[:0], solve_pivoted(T, g)), pieces
-    base, tip = [b1 for b1, _, _, _ in joins], [e2 for _, _, _, e2 in joins]
     F = _at_cuts(first, A, base, last, A.T, last)
     B = _at_cuts(first, A, last, last, A.T, base)
     x = solve_pivoted(T, np.hstack([P, F, g]))
@@ -172,8 +171,7 @@ def _through(
 ) -> LaneArray:
     """Return A of the joined pieces: three rows of A_2 G from either lane of the cut."""
     A = pieces.A
-    base, first = [b1 for b1, _, _, _ in joins], [e1 for _, e1, _, _ in joins]
-    last = [b2 for _, _, b2, _ in joins]
+    base, first, last, _ = zip(*joins, strict=True)
     # On lane b2, G is T'^-1 A_2', so that the other rows are those of G' A_1.
     left = _at_cuts(first, A[:3], last, last, G[:, 3:].T, last)
     right = _at_cuts(first, G, first, last, A, base)
@@ -186,8 +184,7 @@ def _parted(recorder: Recorder, levels: Sequence[Cuts], k: int) -> tuple[LaneArr
     zero = recorder.constant(0.0)
     a = phi = array([[zero] * k for _ in SIX])
     for cuts in reversed(levels):
-        first, last = [e1 for _, e1, _, _ in cuts.joins], [b2 for _, _, b2, _ in cuts.joins]
-        base, tip = [b1 for b1, _, _, _ in cuts.joins], [e2 for _, _, _, e2 in cuts.joins]
+        base, first, last, tip = zip(*cuts.joins, strict=True)
         own = cuts.g
         if len(cuts.G):
             own = own + cuts.G @ _at_cuts(first, a, base, last, phi, tip)

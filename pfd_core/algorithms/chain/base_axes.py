@@ -118,19 +118,7 @@ def link_parameters(robot: Robot, keep_tip: bool) -> tuple[Array, Array, Array, 
 
 
 def links(recorder: Recorder, robot: Robot, keep_tip: bool) -> Links:
-    """
-    Return the constants of a robot's links on lanes.
-
-    Parameters
-    ----------
-    recorder : Recorder
-        On n lanes.
-    robot : Robot
-        The chain.
-    keep_tip : bool
-        As for link_parameters.
-
-    """
+    """Return the constants of a robot's links on n lanes; keep_tip as for link_parameters."""
     A, a, s, J = link_parameters(robot, keep_tip)
     p = np.array([product(A[i].T, a[i]) for i in range(robot.n)])
     n = range(robot.n)

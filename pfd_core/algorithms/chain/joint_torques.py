@@ -68,16 +68,11 @@ def _terms(
     plant: Plant, qd: Sequence[Lanes], qdd: Sequence[Lanes] | None
 ) -> Iterator[Iterator[Lanes]]:
     """Yield the torques of each effect, in the order of `qd`; each is recorded when it is read."""
+
+    def constants(values: NDArray[np.float64]) -> Iterator[Lanes]:
+        return (qd[0].recorder.constant(row) for row in values.reshape(len(qd), -1))
+
     if plant.damping is not None:
-        yield (d * rate for d, rate in _with_constants(plant.damping, qd))
+        yield map(operator.mul, constants(plant.damping), qd)
     if plant.armature is not None and qdd is not None:
-        yield (rotor * rate for rotor, rate in _with_constants(plant.armature, qdd))
-
-
-def _with_constants(
-    constants: NDArray[np.float64], rates: Sequence[Lanes]
-) -> Iterator[tuple[Lanes, Lanes]]:
-    """Yield each rate with the constants of its lanes: a row of n, or one number per joint."""
-    rows = constants.reshape(len(rates), -1)
-    for row, rate in zip(rows, rates, strict=True):
-        yield rate.recorder.constant(row), rate
+        yield map(operator.mul, constants(plant.armature), qdd)

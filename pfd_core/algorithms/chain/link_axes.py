@@ -39,7 +39,7 @@ from pfd_core.algorithms.chain.base_axes import link_parameters
 from pfd_core.algorithms.chain.interface import input_list, wrench_input
 from pfd_core.machine.lanes import cos, sin, where
 from pfd_core.machine.recorder import SCHEDULES, LaneArray, Lanes, Recorder
-from pfd_core.machine.vectors import array
+from pfd_core.machine.vectors import array, constants
 from pfd_core.model import Plant
 from pfd_core.model.geometry import product, rotation_z
 
@@ -121,11 +121,11 @@ def chain_in_link_axes(plant: Plant, schedule: str) -> Chain:
         first, twist, following = zxz(A[i])
         Z = rotation_z(*following)
         slides = robot.joint_types[i] == 'prismatic'
-        turn = _constants(recorder, sum_of_angles(last, first))
+        turn = planar(recorder, sum_of_angles(last, first))
         tilt = p = None
         if i < robot.n - 1 or plant.external_wrench:
-            tilt = _constants(recorder, twist)
-            p = _row(recorder, product(Z, product(A[i].T, a[i])))
+            tilt = planar(recorder, twist)
+            p = constants(recorder, product(Z, product(A[i].T, a[i])))
             if slides:
                 p = _slid(p, tilt, q[i])
         elif slides:
@@ -137,12 +137,12 @@ def chain_in_link_axes(plant: Plant, schedule: str) -> Chain:
                 tilt=tilt,
                 p=p,
                 m=recorder.constant(robot.masses[i]),
-                s=_row(recorder, product(Z, s[i])),
-                J=_row(recorder, product(Z, J[i], Z.T)),
+                s=constants(recorder, product(Z, s[i])),
+                J=constants(recorder, product(Z, J[i], Z.T)),
             )
         )
         last = following
-    gravity = _row(recorder, -plant.gravity) if plant.gravity.any() else None
+    gravity = constants(recorder, -plant.gravity) if plant.gravity.any() else None
     return Chain(recorder, links, gravity, _wrench(recorder, plant, last))
 
 
@@ -185,15 +185,9 @@ def _slid(p: LaneArray, tilt: Planar, q: Lanes) -> LaneArray:
         return array([p[0], p[1] + tilt[1] * q, p[2] + tilt[0] * q])
 
 
-def _constants(recorder: Recorder, values: tuple[float, float]) -> Planar:
-    return recorder.constant(values[0]), recorder.constant(values[1])
-
-
-def _row(recorder: Recorder, values: NDArray[np.float64]) -> LaneArray:
-    result = np.empty(values.shape, dtype=object)
-    for index in np.ndindex(values.shape):
-        result[index] = recorder.constant(values[index])
-    return result
+def planar(recorder: Recorder, angle: tuple[float, float]) -> Planar:
+    """Return cosine and sine of an angle as constants."""
+    return recorder.constant(angle[0]), recorder.constant(angle[1])
 
 
 def _wrench(
@@ -204,7 +198,7 @@ def _wrench(
         return None
     k = wrench_input(recorder)
     with recorder.section('wrench'):
-        angle = _constants(recorder, last)
+        angle = planar(recorder, last)
         return rotated(angle, ABOUT_Z, k[:3]), rotated(angle, ABOUT_Z, k[3:])
 
 

@@ -25,7 +25,7 @@ Khalil and Kleinfinger 1987 (that they cut the cost of the recursions).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -145,12 +145,11 @@ def _split(link: GroupedLink) -> tuple[GroupedLink, Body]:
     """Return the rest of a link, and the part that moves with the link before it as well."""
     if link.slides:
         J = link.inertia - (_moments(link.h, link.h) / link.m if link.m else 0.0)
-        rest = GroupedLink(True, link.start, link.twist, link.p, link.m, link.h, link.inertia - J)
-        return rest, (0.0, np.zeros(3), J)
+        return replace(link, inertia=link.inertia - J), (0.0, np.zeros(3), J)
     yy = float(link.inertia[1, 1])
     inertia = link.inertia - np.diag([yy, yy, 0.0])
     h = np.array([link.h[0], link.h[1], 0.0])
-    rest = GroupedLink(False, link.start, link.twist, link.p, 0.0, h, inertia)
+    rest = replace(link, m=0.0, h=h, inertia=inertia)
     return rest, (link.m, np.array([0.0, 0.0, link.h[2]]), np.diag([yy, yy, 0.0]))
 
 
@@ -168,15 +167,7 @@ def _outward(link: GroupedLink, body: Body) -> Body:
 
 def _added(link: GroupedLink, body: Body) -> GroupedLink:
     m, h, inertia = body
-    return GroupedLink(
-        link.slides,
-        link.start,
-        link.twist,
-        link.p,
-        link.m + m,
-        link.h + h,
-        link.inertia + inertia,
-    )
+    return replace(link, m=link.m + m, h=link.h + h, inertia=link.inertia + inertia)
 
 
 def _moments(a: Array, b: Array) -> Array:

@@ -25,10 +25,11 @@ from typing import Any
 
 from pfd_core.algorithms.chain.interface import input_list, wrench_input
 from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
+from pfd_core.algorithms.chain.link_axes import planar
 from pfd_core.algorithms.grouped.links import GroupedLink, Tip, grouped_links
 from pfd_core.machine.lanes import cos, sin
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
-from pfd_core.machine.vectors import UPPER, array, cross
+from pfd_core.machine.vectors import UPPER, array, constants, cross
 from pfd_core.model import Plant
 
 
@@ -81,10 +82,9 @@ def grouped_equations(plant: Plant) -> tuple[Recorder, list[Link], list[Lanes]]:
 
 
 def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
-    c0, s0 = (recorder.constant(value) for value in link.start)
-    twist = recorder.constant(link.twist[0]), recorder.constant(link.twist[1])
-    r = array([recorder.constant(value) for value in link.p])
-    turn = c0, s0
+    c0, s0 = turn = planar(recorder, link.start)
+    twist = planar(recorder, link.twist)
+    r = constants(recorder, link.p)
     if link.slides:
         r = array([r[0], r[1] - twist[1] * q, r[2] + twist[0] * q])
     else:
@@ -97,8 +97,8 @@ def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
         square=link.twist[0] == 0,
         r=r,
         m=recorder.constant(link.m),
-        h=array([recorder.constant(value) for value in link.h]),
-        inertia=array([recorder.constant(link.inertia[k]) for k in UPPER]),
+        h=constants(recorder, link.h),
+        inertia=constants(recorder, [link.inertia[k] for k in UPPER]),
     )
 
 
@@ -141,7 +141,7 @@ def _bias(
     """Return the bias, (n,): torques of links, gravity and wrench at qdd = 0."""
     zero = recorder.constant(0.0)
     w, wd = (array([zero] * 3) for _ in range(2))
-    a = array([recorder.constant(-float(g)) for g in plant.gravity])
+    a = constants(recorder, -plant.gravity)
     spin: Any = None  # W of the link before
     forces = []
     for link, rate in zip(links, qd, strict=True):
@@ -196,8 +196,7 @@ def _pushed(
 ) -> tuple[LaneArray, LaneArray]:
     """Return force and moment of the last link minus the wrench on it."""
     k = wrench_input(recorder)
-    R = array([[recorder.constant(value) for value in row] for row in tip.rotation])
-    p = array([recorder.constant(value) for value in tip.p])
+    R, p = constants(recorder, tip.rotation), constants(recorder, tip.p)
     f = R @ k[:3]
     return force[0] - f, force[1] - (R @ k[3:] + cross(p, f))
 

@@ -115,11 +115,6 @@ def judged(H: NDArray[Any], L: NDArray[Any]) -> Literal:
     return Literal(L, residual, 'ok' if residual <= (n + 1) * eps else 'wrong_matrix')
 
 
-def literal_cycles(n: int) -> int:
-    """Return the cycles that the design takes."""
-    return 3 * n - 1
-
-
 def literal_circular(u: Any, ports: Ports) -> Step:
     """Keep h_kk, divide by it, take the root at the flag: Figure 2 (a)."""
     item, below = ports['left'], ports['down']

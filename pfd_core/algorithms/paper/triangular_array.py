@@ -69,16 +69,6 @@ class Registers(NamedTuple):
     radicand: Any = None
 
 
-def factor_cycles(n: int) -> int:
-    """Return the cycles of a factorisation."""
-    return 3 * n - 2
-
-
-def forward_cycles(n: int) -> int:
-    """Return the cycles of a factorisation with forward substitution."""
-    return 3 * n - 1
-
-
 def solve_cycles(n: int) -> int:
     """Return the cycles of a whole solve."""
     return 5 * n - 2

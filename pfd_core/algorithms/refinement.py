@@ -35,7 +35,7 @@ from operator import attrgetter
 import numpy as np
 
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
-from pfd_core.algorithms.chain.joint_torques import plus_joint_torques
+from pfd_core.algorithms.chain.joint_torques import plus_joint_torques, without_joint_torques
 from pfd_core.algorithms.chain.link_axes import chain_in_link_axes, known
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
@@ -73,7 +73,7 @@ def record_refined(
     method_program = record_forward_dynamics(plant, method, 'sequential', tolerance)
     if steps == 0:
         return method_program
-    at_rest = replace(plant, gravity=np.zeros(3), damping=None)
+    at_rest = replace(without_joint_torques(plant), gravity=np.zeros(3))
     solve = record_forward_dynamics(at_rest, method, 'sequential', tolerance)
     torques = record_link_torques(plant)
     recorder = Recorder(1, 'sequential')

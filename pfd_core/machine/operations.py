@@ -3,11 +3,11 @@
 """
 The closed table of operations: meaning, LLVM spelling and cost column of each.
 
-A program holds nothing but these. The emulator reads the column `meaning`, the kernels read
+A program consists of these operations. The emulator reads the column `meaning`, the kernels read
 `llvm`, the step counts read `cost`; a new operation is a new row here and nowhere else.
 
 Every meaning is a correctly rounded IEEE 754 operation, except `sin` and `cos`: a kernel
-replaces those two by the other rows before it is compiled (pfd_core.kernels.passes.sincos).
+replaces these two by the other rows before it is compiled (pfd_core.kernels.passes.sincos).
 """
 
 from __future__ import annotations

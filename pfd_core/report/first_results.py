@@ -37,16 +37,16 @@ pfd.forward_dynamics(robot, zero, zero, zero, method='auto')
 
 def first_results(
     arm: Robot,
-    who: str,
+    name: str,
     make: Callable[[Robot], Contender],
     single: Work,
     many: Work,
     repeats: int,
 ) -> tuple[Contender, list[Row]]:
     """
-    Return a contender, and rows of the seconds from a robot to one result, and then to a batch's.
+    Return a contender, and rows of the seconds to its first result and then to its first batch.
 
-    Ours is measured with an empty cache and again with the one that this has filled.
+    Our own kernels are measured with an empty cache and again with the filled one.
     """
     cold: list[tuple[float, float]] = []
     warm: list[tuple[float, float]] = []
@@ -56,8 +56,8 @@ def first_results(
             cold.append(seconds)
             if isinstance(contender, Ours):
                 warm.append(_timed(arm, make, single, many)[1])
-    rows = _rows(arm, who, WORKS, cold)
-    return contender, rows + _rows(arm, who, [work + FROM_DISK for work in WORKS], warm)
+    rows = _rows(arm, name, WORKS, cold)
+    return contender, rows + _rows(arm, name, [work + FROM_DISK for work in WORKS], warm)
 
 
 def fresh_process(arm: Robot, repeats: int) -> list[Row]:

@@ -150,12 +150,12 @@ def survey(plan: Survey) -> Findings:
     for name in plan.robots:
         arm = robot(name)
         contenders = []
-        for who, make in plan.makers.items():
-            _tell(f'{name}: making {who}')
+        for way, make in plan.makers.items():
+            _tell(f'{name}: making {way}')
             try:
-                contender, found = first_results(arm, who, make, *_firsts(arm), plan.pace.repeats)
+                contender, found = first_results(arm, way, make, *_firsts(arm), plan.pace.repeats)
             except LeftOutError as reason:
-                left_out.setdefault((who, str(reason)), []).append(name)
+                left_out.setdefault((way, str(reason)), []).append(name)
             else:
                 contenders.append(contender)
                 rows += found
@@ -167,7 +167,7 @@ def survey(plan: Survey) -> Findings:
             _tell(f'{name}: fresh process')
             rows += fresh_process(arm, plan.pace.repeats)
     _tell('')
-    told = [f'{who} on {", ".join(on)}: {why}' for (who, why), on in left_out.items()]
+    told = [f'{way} on {", ".join(on)}: {why}' for (way, why), on in left_out.items()]
     return Findings(rows, told, before)
 
 

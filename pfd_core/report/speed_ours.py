@@ -46,7 +46,7 @@ class Ours:
     def _calls(self, work: Work) -> Iterator[Side]:
         q, qd, tau = (x.astype(self.kernel.dtype) for x in work.arrays)
         out, target = np.empty_like(q), np.empty_like(q)
-        # What Python does around a call does not depend on the number format.
+        # Python's share of a call does not depend on the number format.
         if self.kernel.dtype == 'float64':
             call = partial(self.kernel, q, qd, tau)
             yield Side(f'{self.name}: kernel(q, qd, tau)', call, call)

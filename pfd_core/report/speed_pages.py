@@ -152,11 +152,11 @@ def _largest_differences(rows: Sequence[Row]) -> list[Row]:
     found: dict[tuple[str, str, str], Row] = {}
     for row in rows:
         if row.difference is not None:
-            who = re.split('[:,]', row.way)[0]
+            contender = re.split('[:,]', row.way)[0]
             work = 'rollout' if row.work == 'rollout' else 'call'
-            before = found.setdefault((work, who, row.robot), row)
+            before = found.setdefault((work, contender, row.robot), row)
             largest = max(row, before, key=lambda row: row.difference or 0.0)
-            found[work, who, row.robot] = replace(largest, way=who, work=work)
+            found[work, contender, row.robot] = replace(largest, way=contender, work=work)
     return list(found.values())
 
 

@@ -159,7 +159,7 @@ class Casadi:
         sizes |= {'SZ_IW': function.sz_iw() + 1, 'SZ_W': function.sz_w() + 1}
         defines = [f'#define {name} {size}' for name, size in sizes.items()]
         text = '\n'.join([generator.dump(), *defines, LOOPS])
-        # What native code holds only addresses of.
+        # Arrays whose addresses native code holds.
         self.kept: list[object] = []
         # Once loaded, a library needs no file any more.
         with TemporaryDirectory(prefix='pfd_speed_') as folder:

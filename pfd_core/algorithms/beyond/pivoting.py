@@ -48,6 +48,6 @@ def _lead_with_larger(rows: list[list[Lanes]], k: int, r: int) -> None:
 
 
 def _subtract(rows: list[list[Lanes]], r: int, k: int, columns: range) -> None:
-    """Take from row r what row k, led by one, makes of its element in column k."""
+    """Subtract from row r its element in column k times row k, whose own element there is one."""
     for j in columns:
         rows[r][j] = rows[r][j] - rows[r][k] * rows[k][j]

@@ -1,13 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Torques of the joints themselves, beside those of the links: friction and rotors.
+Torques of the joints themselves, beside the torques of the links: friction and rotors.
 
     tau = tau of links, gravity and wrench + damping qd [+ armature qdd]
 
 Every text takes these torques from here, on n lanes (one row for all joints) and on one
-processor (a list with one number per joint). A further effect of a joint, such as Coulomb friction
-or an end stop, is a field of Scene and Plant (pfd_core.model.scene) and a term of `_terms`.
+processor (a list with one number per joint). A further effect of a joint, such as Coulomb
+friction, is a field of Scene and Plant (pfd_core.model.scene), a term of `_terms` and, since it
+depends on qd, a switch of `without_joint_torques`.
 
 In forward dynamics qdd is unknown, so that each method adds the rotors' inertia to the diagonal
 of H or to the pivot of its joint.
@@ -18,6 +19,7 @@ Parallel cost: 1 multiplication and 1 addition for each effect that is on.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 import operator
 
 import numpy as np
@@ -49,6 +51,11 @@ def plus_joint_torques(
 def minus_joint_torques(plant: Plant, tau: Sequence[Lanes], qd: Sequence[Lanes]) -> list[Lanes]:
     """Return tau minus the torques that the joints take at velocities qd, rotors left out."""
     return _combined(operator.sub, plant, tau, qd, None)
+
+
+def without_joint_torques(plant: Plant) -> Plant:
+    """Return a plant whose joints take no torque but their rotors': H qdd = tau at rest."""
+    return replace(plant, damping=None)
 
 
 def _combined(

@@ -3,7 +3,7 @@
 """
 The equations of motion on one processor, in link axes, with grouped inertial parameters.
 
-    H(q) qdd = y,   y = tau - bias [- damping qd]
+    H(q) qdd = y,   y = tau - bias - torques of the joints at qd
 
 The bias, base to tip and back (W = [wd] + [w][w], so that W p is the acceleration of a point p):
 
@@ -214,6 +214,6 @@ def _torques(links: Sequence[Link], forces: Sequence[tuple[LaneArray, LaneArray]
 
 
 def moved(link: Link, f: LaneArray, n: LaneArray) -> tuple[LaneArray, LaneArray]:
-    """Return force and moment from axes and origin of B_i to those of B_(i-1)."""
+    """Return force and moment of axes and origin B_i in axes and about the origin of B_(i-1)."""
     f, n = inward(link, f), inward(link, n)
     return f, n + cross(link.r, f)

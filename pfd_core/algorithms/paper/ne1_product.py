@@ -44,7 +44,7 @@ def inertia_times(
     Parameters
     ----------
     chain, pose : Links, Pose
-        The links and where they are.
+        Constants of the links and their pose.
     u : Lanes
         Accelerations [rad/s^2 or m/s^2].
     armature : Lanes or None

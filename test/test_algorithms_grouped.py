@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import numpy as np
+from oracle import Oracle, chains, jacobi_condition, relative
 import pytest
-from test_algorithms_physics import Oracle, chains, jacobi_condition, relative
 from tolerances import ACCELERATION
 from zoo import random_state
 

@@ -18,8 +18,10 @@ from pfd_core.kernels.codegen.wrap import WRAP_LIMIT
 from pfd_core.kernels.passes.fuse import LATENCY, fuse
 from pfd_core.kernels.passes.pipeline import drop, lower, operations
 from pfd_core.machine.emulator import run
+from pfd_core.machine.iteration import iterate
+from pfd_core.machine.lanes import cos, sin, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder, cos, sin, where
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import resolve
 
 Text = Callable[[Lanes, Lanes, Lanes], Any]
@@ -139,7 +141,7 @@ def test_a_loop_is_fused_as_well() -> None:
         following = value * y + x * y
         return (following,), 3.0 - following
 
-    (value,), trips = recorder.iterate(step, (x,), recorder.constant(1.0), 50)
+    (value,), trips = iterate(step, (x,), recorder.constant(1.0), 50)
     recorder.output('out', (2,), [(value, 0), (trips, 0)])
     fused = drop(fuse(recorder.program()))
     assert operations(fused)['fma'] == 1

@@ -5,8 +5,8 @@
 from __future__ import annotations
 
 import numpy as np
+from oracle import Oracle, jacobi_condition, relative
 import pytest
-from test_algorithms_physics import Oracle, jacobi_condition, relative
 from tolerances import ACCELERATION
 from zoo import random_chain, random_state
 

@@ -11,13 +11,14 @@ import numpy as np
 import pytest
 from zoo import random_chain, random_state
 
-from pfd_core.algorithms.programs import record_pcrbm
+from pfd_core.algorithms.programs import FORWARD
 from pfd_core.kernels.kernel import compile_kernel
 from pfd_core.kernels.passes.fold import fold
 from pfd_core.kernels.passes.pipeline import drop, expand, lower, operations
 from pfd_core.machine.emulator import run
+from pfd_core.machine.lanes import cos, sin, sqrt, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder, cos, sin, sqrt, where
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Scene, load_robot, resolve
 
 Text = Callable[[Lanes, Lanes], Any]
@@ -130,7 +131,7 @@ def test_one_expansion_serves_the_sine_and_the_cosine_of_an_angle(dtype: str) ->
 @pytest.mark.parametrize('name', ['puma560', 'planar2'])
 def test_a_lowered_program_agrees_with_the_program_as_written(name: str) -> None:
     robot = load_robot(name)
-    program = record_pcrbm(resolve(robot, Scene(external_wrench=True)), 'sequential')
+    program = FORWARD['pcrbm'](resolve(robot, Scene(external_wrench=True)), 'sequential')
     lowered = lower(program, 'float64', ['qdd'])
     rng = np.random.default_rng(1)
     q, qd, tau = random_state(rng, robot.n)
@@ -144,7 +145,7 @@ def test_a_scene_pays_only_for_what_it_models() -> None:
     robot = load_robot('ur5')
 
     def cost(scene: Scene) -> int:
-        program = record_pcrbm(resolve(robot, scene), 'sequential')
+        program = FORWARD['pcrbm'](resolve(robot, scene), 'sequential')
         return sum(operations(lower(program, 'float64', ['qdd'], fma=False)).values())
 
     bare = cost(Scene(gravity=None))
@@ -159,7 +160,7 @@ def test_right_angles_cost_less_than_skew_ones() -> None:
     skew = random_chain(np.random.default_rng(2), 6, 0.0)
     square = load_robot('ur5')
     costs = [
-        sum(operations(lower(record_pcrbm(resolve(r), 'sequential'), 'float64')).values())
+        sum(operations(lower(FORWARD['pcrbm'](resolve(r), 'sequential'), 'float64')).values())
         for r in (square, skew)
     ]
     assert costs[0] < 0.8 * costs[1]
@@ -175,6 +176,6 @@ def test_the_cheapest_text_keeps_to_its_budget(name: str, most: int) -> None:
 
 
 def test_a_parallel_program_is_not_lowered() -> None:
-    program = record_pcrbm(resolve(load_robot('planar2')), 'parallel')
+    program = FORWARD['pcrbm'](resolve(load_robot('planar2')), 'parallel')
     with pytest.raises(ValueError, match='only a sequential program is lowered, got 2 lanes'):
         lower(program, 'float64')

@@ -15,6 +15,7 @@ from pfd_core.kernels.passes.fuse import LATENCY, fuse
 from pfd_core.kernels.passes.pipeline import drop, expand, operations
 from pfd_core.kernels.passes.schedule import FREE, LONGEST, REGISTERS, WIDTH, schedule
 from pfd_core.machine.emulator import run
+from pfd_core.machine.iteration import iterate
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import resolve
@@ -104,7 +105,7 @@ def test_long_programs_and_loops_keep_their_order() -> None:
         return (value * 0.5,), value - 1.0
 
     recorder = Recorder(1, 'sequential')
-    (value,), _ = recorder.iterate(step, (recorder.input('x', [0]),), recorder.constant(1.0), 9)
+    (value,), _ = iterate(step, (recorder.input('x', [0]),), recorder.constant(1.0), 9)
     recorder.output('out', (1,), [(value, 0)])
     program = recorder.program()
     assert schedule(program) is program

@@ -19,7 +19,7 @@ import threading
 from typing import Any
 
 from pfd_core.algorithms.convergence import with_nan_unless_converged
-from pfd_core.algorithms.paper.conjugate_gradient import TOLERANCE
+from pfd_core.algorithms.paper.pcgm import TOLERANCE
 from pfd_core.algorithms.programs import record_inverse_dynamics
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.codegen.spelling import arguments

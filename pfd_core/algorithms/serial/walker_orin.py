@@ -134,7 +134,7 @@ def record_walker_orin_4(
     limit = TRIPS_PER_JOINT * n + SPARE_TRIPS if at_most is None else at_most
     state, trips = iterate(step, start, first, limit, floor=enough)
     with recorder.section('status'):
-        # NaN and infinity pass e <= enough, and fail the test of 1 / (1 + e).
+        # NaN is not above `enough`; like infinity, it fails the test of 1 / (1 + e).
         finite = where(1.0 / (1.0 + state[-1]), 1.0, 0.0)
         converged = where(state[-1] - enough, 0.0, finite)
     return program_with_outputs(recorder, qdd=state[:n], trips=[trips], converged=[converged])
@@ -165,7 +165,7 @@ def _direct(plant: Plant, schedule: str, inertia_matrix: Callable[[Chain], Trian
 
 
 def _right_side(plant: Plant, chain: Chain) -> list[Lanes]:
-    """Return tau - bias."""
+    """Return y = tau - torques of the joints at qd - bias."""
     n = len(chain.links)
     qd = input_list(chain.recorder, 'qd', n)
     tau = input_list(chain.recorder, 'tau', n)

@@ -22,10 +22,10 @@ import pytest
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
-from pfd_core.kernels.kernel import compile_inverse_kernel
+from pfd_core.kernels.compile import compile_inverse_kernel
 from pfd_core.kernels.runtime import disk_cache as cache
 from pfd_core.kernels.runtime import jit as engine
-from pfd_core.kernels.runtime import kept_facts as remember
+from pfd_core.kernels.runtime import json_cache as facts
 
 ROOT = Path(__file__).resolve().parent.parent
 LIFETIME = 120  # [s] of a child; far above what it takes
@@ -34,9 +34,9 @@ import json, sys, time
 start = time.perf_counter()
 import numpy as np
 import pfd_core as pfd
-from pfd_core.kernels.runtime import jit as engine, kept_facts as remember
-remember.IMPORTED = 0.0  # whoever edits the package while its tests run knows what he does
-remember.sources.cache_clear()
+from pfd_core.kernels.runtime import jit as engine, json_cache as facts
+facts.IMPORTED = 0.0  # whoever edits the package while its tests run knows what he does
+facts.sources.cache_clear()
 emitted, emit = [], engine.emit
 engine.emit = lambda *args: emitted.append(1) or emit(*args)
 robot = pfd.load_robot(sys.argv[1])
@@ -49,19 +49,19 @@ answer = time.perf_counter()
 print(json.dumps({
     'single': first.tobytes().hex(), 'batch': kernel(*rows).tobytes().hex(),
     'operations': kernel.operations, 'emitted': len(emitted),
-    'recorded': 'program' in kernel._recipe.__dict__,
+    'recorded': 'program' in kernel._source.__dict__,
     'compile': after - before, 'answer': answer - start, 'ir': kernel.ir,
 }))
 """
 # Edits nothing, but lets the package believe that its source changed after the import.
 EDITED = """
 from pathlib import Path
-from pfd_core.kernels.runtime import kept_facts as remember
-before = remember.sources()
-remember.PACKAGE = Path('test')
-assert remember.sources() == before
-remember.sources.cache_clear()
-assert remember.sources() != before
+from pfd_core.kernels.runtime import json_cache as facts
+before = facts.sources()
+facts.PACKAGE = Path('test')
+assert facts.sources() == before
+facts.sources.cache_clear()
+assert facts.sources() != before
 """
 IR = 'define double @f(double %x) {\n  %y = fmul double %x, %x\n  ret double %y\n}'
 HOST = engine.Target('x86_64-unknown-linux-gnu', 'haswell', '+avx,+avx2')
@@ -285,7 +285,7 @@ def test_the_variable_moves_the_cache_and_switches_it_off(
     monkeypatch.setenv(cache.VARIABLE, '')
     assert cache.folder() is None
     engine.compile_ir(IR)
-    assert remember.remember(('key',), lambda: 1, lambda kept: True) == 1
+    assert facts.get_or_compute(('key',), lambda: 1, lambda kept: True) == 1
     assert not list(tmp_path.iterdir())
 
 
@@ -312,9 +312,9 @@ def test_what_was_not_used_for_longest_is_removed_first_and_nothing_else(
 
 def remembered(value: int) -> int:
     """Return what one key stands for, having it made from a value if it is not known."""
-    remember.sources.cache_clear()
-    found = remember.remember(('key',), lambda: value, lambda kept: type(kept) is int)
-    remember.sources.cache_clear()
+    facts.sources.cache_clear()
+    found = facts.get_or_compute(('key',), lambda: value, lambda kept: type(kept) is int)
+    facts.sources.cache_clear()
     return found
 
 
@@ -323,7 +323,7 @@ def package(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
     """Return a source file that stands for those of this package."""
     where = tmp_path / 'package'
     where.mkdir()
-    monkeypatch.setattr(remember, 'PACKAGE', where)
+    monkeypatch.setattr(facts, 'PACKAGE', where)
     (where / 'a.py').write_text('x = 1\n')
     return where / 'a.py'
 
@@ -337,7 +337,7 @@ def test_the_source_is_read_when_the_package_is_imported() -> None:
 def test_source_written_while_it_was_imported_is_not_trusted(
     package: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(remember, 'IMPORTED', 1e9)
+    monkeypatch.setattr(facts, 'IMPORTED', 1e9)
     os.utime(package, (1e9 - 0.5, 1e9 - 0.5))
     assert [remembered(k) for k in (1, 2)] == [1, 2]
 
@@ -346,7 +346,7 @@ def test_source_written_while_it_was_imported_is_not_trusted(
 def test_source_of_any_time_is_remembered(
     package: Path, when: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(remember, 'IMPORTED', 1e9)
+    monkeypatch.setattr(facts, 'IMPORTED', 1e9)
     os.utime(package, (when, when))
     assert [remembered(k) for k in (1, 2)] == [1, 1]
 

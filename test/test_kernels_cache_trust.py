@@ -395,7 +395,7 @@ engine.emit = lambda *args: emitted.append(1) or emit(*args)
 made = pfd.compile_kernel(pfd.load_robot(sys.argv[1]))
 rows = np.random.default_rng(1).uniform(-1, 1, (3, 9, made.robot.n))
 bits = made(*rows[:, 0]).tobytes() + made(*rows).tobytes()
-print(json.dumps([bits.hex(), 'program' in made._recipe.__dict__, len(emitted)]))
+print(json.dumps([bits.hex(), 'program' in made._source.__dict__, len(emitted)]))
 """
 
 

@@ -18,7 +18,7 @@ from zoo import random_chain, random_state, to_pinocchio
 
 import pfd_core as pfd
 from pfd_core.algorithms.programs import ITERATIVE
-from pfd_core.kernels.kernel import compile_inverse_kernel
+from pfd_core.kernels.compile import compile_inverse_kernel
 from pfd_core.machine.emulator import run
 
 ARMS = ('puma560', 'ur5', 'planar2', 'panda')

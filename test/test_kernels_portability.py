@@ -18,8 +18,10 @@ from zoo import random_chain, random_state
 
 import pfd_core as pfd
 from pfd_core.kernels.codegen.batch import batch
+from pfd_core.kernels.codegen.body import body
 from pfd_core.kernels.codegen.evaluate import evaluate
-from pfd_core.kernels.codegen.spelling import Format, arguments, body, module
+from pfd_core.kernels.codegen.module import module
+from pfd_core.kernels.codegen.spelling import Format, arguments
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.runtime import jit as engine
 from pfd_core.kernels.runtime.jit import Target, emit, simd_width
@@ -93,7 +95,7 @@ def text(kernel: Kernel, width: int) -> str:
     program, angles = kernel.program, turned_joints(kernel.robot)
     size = len(next(iter(program.outputs.values())).places)
     parts = [body(program, form), evaluate(program, form, angles), batch(program, form, size)]
-    return module(parts, kernel.dtype, [width], angles)
+    return module(parts, form, angles)
 
 
 def for_arm(ir: str) -> bytes:

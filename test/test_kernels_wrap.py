@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from pfd_core.kernels.codegen import wrap
-from pfd_core.kernels.codegen.wrap import WRAP_ANGLE_IR, WRAP_LIMIT, wrap_angle
+from pfd_core.kernels.codegen.wrap import WRAP_ANGLE_IR, wrap_angle
+from pfd_core.kernels.passes.sincos import WRAP_LIMIT
 
 DIGITS = 1200  # of the reference: x has up to 309 before the point, the remainder 20 zeros after
 # Rounding to nearest, and 2^-70 for what the integers drop (see the module).

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from pfd_core.algorithms.programs import METHODS, record_forward_dynamics
 from pfd_core.kernels.passes.pipeline import lower, operations
-from pfd_core.kernels.runtime.kept_facts import remember
+from pfd_core.kernels.runtime.json_cache import get_or_compute
 from pfd_core.model import Plant
 from pfd_core.model.arguments import integer
 
@@ -34,7 +34,7 @@ def choose(plant: Plant, method: str, refine: int) -> str:
     if plant.robot.n >= LONG:
         return MANY_JOINTS
     choices = (FEW_JOINTS, MANY_JOINTS)
-    return remember(('auto', plant.digest), lambda: _cheapest(plant), choices.__contains__)
+    return get_or_compute(('auto', plant.digest), lambda: _cheapest(plant), choices.__contains__)
 
 
 def _cheapest(plant: Plant) -> str:
@@ -45,5 +45,5 @@ def _cheapest(plant: Plant) -> str:
 def cost(plant: Plant, method: str) -> int:
     """Return the operations of a method's kernel, changes of sign apart."""
     program = record_forward_dynamics(plant, method, 'sequential')
-    counts = operations(lower(program, 'float64', ['qdd']))
+    counts = operations(lower(program, 'float64', ['qdd']).compiled)
     return sum(count for op, count in counts.items() if op != 'neg')

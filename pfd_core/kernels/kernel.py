@@ -14,7 +14,6 @@ runs without Python's lock. One state in contiguous arrays takes a short way in 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cached_property, partial
 from typing import Any
 
@@ -22,16 +21,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.kernels.arguments import as_numbers, as_rows, common_shape, raise_not_finite
-from pfd_core.kernels.auto import choose
-from pfd_core.kernels.codegen import spelling as llvm
-from pfd_core.kernels.codegen.chunks import batch_of
-from pfd_core.kernels.codegen.evaluate import evaluate
-from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir
-from pfd_core.kernels.codegen.split import body
+from pfd_core.kernels.codegen.module import kernel_module
 from pfd_core.kernels.runtime.cpython_abi import python_function, refuse
 from pfd_core.kernels.runtime.jit import Native, simd_width
 from pfd_core.kernels.runtime.threads import BatchWork, block_size, run, thread_count
-from pfd_core.kernels.source import Recipe, forward, inverse, plant_of, turned_joints
+from pfd_core.kernels.source import KernelSource, turned_joints
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
 from pfd_core.model.arguments import NO_BRAKES, held_mask
@@ -64,7 +58,7 @@ class Kernel:
         scene: Scene,
         method: str,
         dtype: str,
-        recipe: Recipe,
+        source: KernelSource,
         again: Callable[[], Kernel],
         estimating: Callable[[], Kernel] | None = None,
     ) -> None:
@@ -72,13 +66,12 @@ class Kernel:
         self.scene = scene
         self.method = method
         self.dtype = dtype
-        self.operations = recipe.operations
-        self._recipe = recipe
+        self.operations = source.operations
+        self._source = source
         self._again = again
         self._estimating = estimating
-        self._size = recipe.elements
-        self._angles = turned_joints(robot)
-        self._names = tuple(recipe.inputs)
+        self._size = source.elements
+        self._names = tuple(source.inputs)
         self._width = simd_width(dtype)
         self._single = self._compile(1)
         # The short way takes arrays by their places, of which brakes have none.
@@ -99,7 +92,7 @@ class Kernel:
     @property
     def program(self) -> Program:
         """The lowered program: run by the emulator it gives the same bits."""
-        return self._recipe.program
+        return self._source.program
 
     @property
     def ir(self) -> str:
@@ -121,17 +114,10 @@ class Kernel:
         return refuse if 'free' in self._names else python_function(self._batch)
 
     def _compile(self, width: int) -> Native:
-        return self._recipe.compile(f'kernel {width}', partial(self._text, width))
+        return self._source.compile(f'kernel {width}', partial(self._text, width))
 
     def _text(self, width: int) -> str:
-        form = llvm.Format(self.dtype, width, strided=width > 1)
-        program, size = self.program, self._size
-        parts = [body(program, form), evaluate(program, form, self._angles)]
-        if width == 1:
-            parts.append(entry_ir(program, self.dtype, size))
-        else:
-            parts += [batch_of(program, form, size), batch_entry_ir(program, self.dtype, size)]
-        return llvm.module(parts, self.dtype, [width], self._angles)
+        return kernel_module(self.program, self.dtype, width, turned_joints(self.robot))
 
     def __call__(
         self,
@@ -219,7 +205,7 @@ class Kernel:
         if not isinstance(q, np.ndarray):
             return False
         states = len(q) if q.ndim == 2 else 1
-        return block_size(states, threads, self._width, self._recipe.work) >= states
+        return block_size(states, threads, self._width, self._source.work) >= states
 
     def _quick_batch(
         self, q: NDArray[Any], given: tuple[ArrayLike, ...], out: NDArray[Any] | None
@@ -285,14 +271,14 @@ class Kernel:
         if self.scene.brakes:
             given['free'] = held_mask(brakes, self.robot.n, self.dtype)
         arrays = {
-            name: as_numbers(name, given[name], self._recipe.inputs[name], self.dtype)
+            name: as_numbers(name, given[name], self._source.inputs[name], self.dtype)
             for name in self._names
         }
         shape = common_shape(arrays)
         target = self._target(out, (*shape, self._size), arrays)
         flat = target if target.ndim == 2 else target.reshape(-1, self._size)
         rows = [*(as_rows(value, shape) for value in arrays.values()), flat]
-        block = block_size(len(flat), threads, self._width, self._recipe.work)
+        block = block_size(len(flat), threads, self._width, self._source.work)
         if run(BatchWork(self._batch, rows), len(flat), block, threads):
             raise_not_finite(arrays)
         if out is None:
@@ -329,62 +315,3 @@ class Kernel:
             raise ValueError('out must be writeable, got a read-only array')
         apart = not any(np.may_share_memory(out, value) for value in inputs.values())
         return out if apart and out.ndim <= 2 else np.empty(shape, self.dtype)
-
-
-def compile_kernel(
-    robot: Robot,
-    *,
-    method: str = 'auto',
-    scene: Scene | None = None,
-    dtype: str = 'float64',
-    refine: int = 0,
-) -> Kernel:
-    """
-    Compile forward dynamics of a robot in a scene.
-
-    Parameters
-    ----------
-    robot : Robot
-        The chain.
-    method : str
-        A name in METHODS, or 'auto'.
-    scene : Scene, optional
-        Which effects are on; default: rigid links and gravity.
-    dtype : {'float64', 'float32'}
-        Number format of the kernel and its arrays.
-    refine : int
-        Steps of iterative refinement, at least 0. One takes nearly every scene to the last
-        digits of the number format, for about half as much work again as the default method,
-        and lets `error_estimate` say how far off the answer was without it.
-
-    Returns
-    -------
-    Kernel
-        qdd = kernel(q, qd, tau).
-
-    Raises
-    ------
-    ValueError
-        If an argument is not one of these, or does not fit the robot.
-
-    """
-    plant, scene = plant_of(robot, scene, dtype)
-    method = choose(plant, method, refine)
-
-    again = partial(compile_kernel, robot, method=method, scene=scene, dtype=dtype, refine=refine)
-
-    def make(names: tuple[str, ...], estimating: Callable[[], Kernel] | None = None) -> Kernel:
-        recipe = forward(plant, method, refine, dtype, names)
-        return Kernel(robot, scene, method, dtype, recipe, again, estimating)
-
-    return make(('qdd',), partial(make, ('qdd', 'error')) if refine else None)
-
-
-def compile_inverse_kernel(
-    robot: Robot, *, scene: Scene | None = None, dtype: str = 'float64'
-) -> Kernel:
-    """Compile inverse dynamics, tau = kernel(q, qd, qdd); arguments as in compile_kernel."""
-    # A torque does not depend on which joints could be held.
-    plant, scene = plant_of(robot, replace(scene or Scene(), brakes=False), dtype)
-    again = partial(compile_inverse_kernel, robot, scene=scene, dtype=dtype)
-    return Kernel(robot, scene, 'newton_euler', dtype, inverse(plant, dtype), again)

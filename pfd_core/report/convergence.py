@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pfd_core.algorithms.paper.pcgm import record_pcgm
 from pfd_core.algorithms.programs import ITERATIVE, record_pcrbm
 from pfd_core.algorithms.serial.walker_orin import record_walker_orin_4
-from pfd_core.kernels.passes.pipeline import expand
+from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, load_robot, resolve
@@ -92,7 +92,7 @@ def convergence(method: str, robot: Robot) -> Convergence:
     state = _states(n)
 
     def answer(program: Program) -> dict[str, Array]:
-        return run(expand(program, 'float64'), state)
+        return run(expand_sines(program, 'float64'), state)
 
     wanted = answer(record_pcrbm(plant, 'parallel'))['qdd']
     whole = answer(RECORD[method](plant, 'parallel'))

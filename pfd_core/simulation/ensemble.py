@@ -26,9 +26,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.kernels.codegen.arms import SLOTS, NativeEnsemble, compile_ensemble
+from pfd_core.kernels.codegen.arms import SLOTS
 from pfd_core.kernels.codegen.step import REPORT
 from pfd_core.kernels.runtime.threads import MOST, block_size, run, thread_count
+from pfd_core.kernels.simulations import NativeEnsemble, compile_ensemble
 from pfd_core.model import Robot, Scene
 from pfd_core.model.arguments import held_mask, integer
 from pfd_core.simulation.feedback import Law, law_arrays

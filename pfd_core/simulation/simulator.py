@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.kernels.codegen.rollout import Rollout, compile_rollout
+from pfd_core.kernels.simulations import Rollout, compile_rollout
 from pfd_core.model import Robot, Scene
 from pfd_core.model.arguments import held_mask, integer
 from pfd_core.simulation.inputs import Array, check_held, instant, numbers, seconds

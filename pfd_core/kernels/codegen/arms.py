@@ -14,13 +14,8 @@ is one that the simulation of a single arm does, in the same order.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-import ctypes
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
 
-from pfd_core.kernels.auto import choose
-from pfd_core.kernels.codegen.batch import copies
-from pfd_core.kernels.codegen.evaluate import evaluate
 from pfd_core.kernels.codegen.law import (
     GAINS,
     JOINTS,
@@ -29,10 +24,8 @@ from pfd_core.kernels.codegen.law import (
     REFERENCES,
     errors,
     joint_by_joint,
-    whole_state,
 )
-from pfd_core.kernels.codegen.spelling import Format, arguments, module, splat
-from pfd_core.kernels.codegen.split import body
+from pfd_core.kernels.codegen.spelling import Format, arguments, splat
 from pfd_core.kernels.codegen.step import (
     REPORT,
     STATE,
@@ -40,13 +33,9 @@ from pfd_core.kernels.codegen.step import (
     goes_on,
     held,
     pointers,
-    step,
     stop,
 )
-from pfd_core.kernels.runtime.jit import Native, simd_width
-from pfd_core.kernels.source import forward, plant_of, turned_joints
 from pfd_core.machine.program import Program
-from pfd_core.model import Robot, Scene
 
 # One row of the table for each of these: pointer, and strides from arm to arm, from element to
 # element and from step to step [bytes].
@@ -256,58 +245,3 @@ ptr %sound)
 done:
   ret void
 }}"""
-
-
-@dataclass(frozen=True)
-class NativeEnsemble:
-    """
-    Many simulations in native code.
-
-    Attributes
-    ----------
-    method : str
-        The text it was recorded from.
-    width : int
-        Arms in a vector register.
-    work : int
-        Operations of one evaluation of the accelerations.
-    run : callable
-        The function that `ensemble` describes; pointers are addresses.
-    code : Native
-        Its code, which lives as long as this.
-
-    """
-
-    method: str
-    width: int
-    work: int
-    run: Callable[..., None]
-    code: Native
-
-
-def compile_ensemble(
-    robot: Robot, step_program: Program, *, scene: Scene, method: str, dtype: str, refine: int
-) -> NativeEnsemble:
-    """Compile many simulations of a robot by an integrator's step; errors as compile_kernel."""
-    plant, scene = plant_of(robot, scene, dtype)
-    method = choose(plant, method, refine)
-    recipe = forward(plant, method, refine, dtype)
-    form = Format(dtype, simd_width(dtype))
-
-    def text() -> str:
-        dynamics, angles = recipe.program, turned_joints(robot)
-        texts = [
-            body(dynamics, form),
-            evaluate(dynamics, form, angles),
-            step(step_program, dynamics, form),
-            whole_state(dynamics.inputs['q'], form),
-            arms(step_program, dynamics, form),
-            ensemble(form),
-            copies(form),
-        ]
-        return module(texts, dtype, [form.width], angles)
-
-    code = recipe.compile(f'ensemble {form.width} {step_program}', text)
-    kinds = [ctypes.c_void_p if kind.startswith('ptr') else ctypes.c_int64 for kind in PARAMETERS]
-    block = ctypes.CFUNCTYPE(None, *kinds)(code.address('ensemble'))
-    return NativeEnsemble(method, form.width, recipe.work, block, code)

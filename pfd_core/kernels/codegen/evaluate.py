@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pfd_core.kernels.codegen.spelling import SUFFIX, Format, arguments
-from pfd_core.kernels.codegen.wrap import WRAP_LIMIT
+from pfd_core.kernels.passes.sincos import WRAP_LIMIT
 from pfd_core.machine.program import Program
 
 

@@ -17,8 +17,7 @@ good part of an evaluation.
 
 from __future__ import annotations
 
-from pfd_core.kernels.codegen.spelling import Format, arguments, not_finite
-from pfd_core.kernels.runtime.cpython_abi import (
+from pfd_core.kernels.codegen.object_layout import (
     ALIGNED,
     DATA,
     DESCR,
@@ -30,6 +29,7 @@ from pfd_core.kernels.runtime.cpython_abi import (
     WRITEABLE,
     load,
 )
+from pfd_core.kernels.codegen.spelling import Format, arguments, not_finite
 from pfd_core.machine.program import Program
 
 

@@ -13,15 +13,9 @@ A step computes no more than the next state needs. What an acceleration was at i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-import ctypes
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterator
 
-from pfd_core.kernels.auto import choose
-from pfd_core.kernels.codegen.evaluate import evaluate
-from pfd_core.kernels.codegen.spelling import Format, module
-from pfd_core.kernels.codegen.split import body
+from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.codegen.step import (
     REPORT,
     STATE,
@@ -29,14 +23,10 @@ from pfd_core.kernels.codegen.step import (
     goes_on,
     held,
     pointers,
-    step,
     stop,
     write,
 )
-from pfd_core.kernels.runtime.jit import Native
-from pfd_core.kernels.source import forward, plant_of, turned_joints
 from pfd_core.machine.program import Program
-from pfd_core.model import Robot, Scene
 
 
 def rollout(program: Program, dynamics: Program, form: Format) -> str:
@@ -123,62 +113,3 @@ def accelerations(dynamics: Program, form: Format) -> str:
         '}',
     ]
     return '\n'.join(lines)
-
-
-@dataclass(frozen=True)
-class Rollout:
-    """
-    A simulation in native code.
-
-    Attributes
-    ----------
-    run, accelerations : callable
-        The functions that `rollout` and `accelerations` describe; pointers are addresses.
-    native : Native
-        The code, which lives as long as this.
-    method : str
-        The text it was recorded from.
-    work : int
-        Operations of one call of @step.
-
-    """
-
-    run: Callable[..., int]
-    accelerations: Callable[..., None]
-    native: Native
-    method: str
-    work: int
-
-
-def compile_rollout(
-    robot: Robot, step_program: Program, *, scene: Scene, method: str, dtype: str, refine: int
-) -> Rollout:
-    """Compile the simulation of a robot by an integrator's step; errors as compile_kernel."""
-    plant, scene = plant_of(robot, scene, dtype)
-    method = choose(plant, method, refine)
-    recipe = forward(plant, method, refine, dtype)
-
-    def text() -> str:
-        dynamics, angles, form = recipe.program, turned_joints(robot), Format(dtype, 1)
-        parts = [
-            body(dynamics, form),
-            evaluate(dynamics, form, angles),
-            step(step_program, dynamics, form),
-            rollout(step_program, dynamics, form),
-            accelerations(dynamics, form),
-        ]
-        return module(parts, dtype, [], angles)
-
-    native = recipe.compile(f'rollout {step_program}', text)
-    integer = ctypes.c_int64
-    given: list[Any] = [ctypes.c_void_p] * len(recipe.inputs)
-    run = ctypes.CFUNCTYPE(integer, integer, integer, *given, *given[: len(STATE)])
-    tell = ctypes.CFUNCTYPE(None, integer, *given, ctypes.c_void_p)
-    calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
-    return Rollout(
-        run(native.address('rollout')),
-        tell(native.address('accelerations')),
-        native,
-        method,
-        recipe.work * calls,
-    )

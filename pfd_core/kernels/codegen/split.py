@@ -17,31 +17,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from pfd_core.kernels.codegen import spelling as llvm
 from pfd_core.kernels.codegen.spelling import Format, arguments
-from pfd_core.kernels.runtime.jit import USUAL, Optimisation
 from pfd_core.machine.program import Program
 
-LONGEST = 6000
 PART = 500
 # What is written again where it is read, instead of being kept.
 FREE = ('constant', 'input')
-LOOPED = ('loop', 'state', 'end', 'result')
 
 
-def body(program: Program, form: Format) -> str:
-    """Return `void @body(inputs..., out)`, and the functions it is made of."""
-    if len(program.instructions) <= LONGEST or any(i.op in LOOPED for i in program.instructions):
-        return llvm.body(program, form)
-    return in_parts(program, form, PART)
-
-
-def effort(operations: int) -> Optimisation:
-    """Return how hard the compiler is to try: its passes find nothing to do in a long program."""
-    return Optimisation(passes=0) if operations > LONGEST else USUAL
-
-
-def in_parts(program: Program, form: Format, size: int) -> str:
+def body_in_parts(program: Program, form: Format, size: int) -> str:
     """Return @body of a program without loops, in functions of `size` operations."""
     own = [r for r, instruction in enumerate(program.instructions) if instruction.op not in FREE]
     groups = [own[k : k + size] for k in range(0, len(own), size)]

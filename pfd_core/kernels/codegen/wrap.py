@@ -22,7 +22,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-WRAP_LIMIT = 1e5
+from pfd_core.kernels.passes.sincos import WRAP_LIMIT
 
 # Bits after the binary point: of 1 / 2 pi, of the fraction of a turn, and of 2 pi.
 _TABLE_BITS = 1280  # at least 971, the largest e, and 256

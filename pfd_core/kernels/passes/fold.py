@@ -18,9 +18,9 @@ from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Instruction, Program, renamed
 
 COMMUTATIVE = ('add', 'mul')
-# What has no value to simplify. A loop runs at least once, so that an expression inside it may
-# serve again after it, as one from before it may serve inside.
-KEPT = ('input', 'loop', 'state', 'end', 'result')
+# Inputs and the markers of a loop have no value to simplify. A loop runs at least once, so an
+# expression inside it may be shared after it, and an expression before it inside.
+UNFOLDED = ('input', 'loop', 'state', 'end', 'result')
 
 
 def fold(program: Program) -> Program:
@@ -47,7 +47,7 @@ class Folder:
             register = self.constant(data[0])
         else:
             new = tuple(self.names[a] for a in args)
-            register = self.write(op, new, data) if op in KEPT else self.simplify(op, new)
+            register = self.write(op, new, data) if op in UNFOLDED else self.simplify(op, new)
         self.names.append(register)
 
     def constant(self, value: float) -> int:

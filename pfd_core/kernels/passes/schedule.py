@@ -44,7 +44,7 @@ LOOPED = ('loop', 'state', 'end', 'result')
 FREE = ('constant', 'input', 'neg')
 
 
-def schedule(program: Program) -> Program:
+def schedule_instructions(program: Program) -> Program:
     """Return a program in a better order; one with a loop, or too long, as it is."""
     instructions = program.instructions
     if len(instructions) > LONGEST or any(i.op in LOOPED for i in instructions):

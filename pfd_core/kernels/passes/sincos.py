@@ -43,9 +43,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from pfd_core.kernels.codegen.wrap import WRAP_ANGLE_IR, WRAP_LIMIT, wrap_angle
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder
 
-__all__ = ['WRAP_ANGLE_IR', 'WRAP_LIMIT', 'sincos', 'wrap_angle']
+# Largest angle in magnitude for which `sincos` keeps its error bound [rad].
+WRAP_LIMIT = 1e5
 
 
 @dataclass(frozen=True)
@@ -179,3 +181,25 @@ def _polynomial(coefficients: tuple[float, ...], h: Any) -> Any:
     for coefficient in reversed(coefficients[:-1]):
         value = value * h + coefficient
     return value
+
+
+def expand_sines(program: Program, dtype: str) -> Program:
+    """Return the program with every sine and cosine written out in the other operations."""
+    recorder = Recorder(program.lanes)
+    values: list[Lanes] = []
+    pairs: dict[int, tuple[Lanes, Lanes]] = {}
+    for instruction in program.instructions:
+        op, args, data, _, section = instruction
+        with recorder.section(section):
+            if op in ('sin', 'cos'):
+                if args[0] not in pairs:
+                    pairs[args[0]] = sincos(values[args[0]], dtype)
+                values.append(pairs[args[0]][op == 'cos'])
+            elif op == 'constant':
+                values.append(recorder.constant(data))
+            else:
+                values.append(recorder.copy(instruction, [values[a] for a in args]))
+    for name, (shape, places) in program.outputs.items():
+        recorder.output(name, shape, [(values[register], lane) for register, lane in places])
+    expanded = recorder.program()
+    return Program(program.lanes, expanded.instructions, program.inputs, expanded.outputs)

@@ -21,13 +21,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.kernels.codegen.object_layout import (
+    ALIGNED,
+    DATA,
+    DESCR,
+    DIMENSIONS,
+    FLAGS,
+    NDIM,
+    STRIDES,
+    TYPE,
+    WRITEABLE,
+)
 from pfd_core.kernels.runtime.jit import Native, add_symbol
-
-# Fields of a NumPy array after Python's object header (PyArrayObject_fields, NumPy's C API).
-HEADER: int = getattr(object, '__basicsize__', 16)
-TYPE, DATA, DIMENSIONS, STRIDES = HEADER - 8, HEADER, HEADER + 16, HEADER + 24
-NDIM, DESCR, FLAGS = HEADER + 8, HEADER + 40, HEADER + 48
-ALIGNED, WRITEABLE = 0x100, 0x400
 
 METH_FASTCALL = 0x80
 # Functions of Python's C API, by the names that modules give them.
@@ -49,14 +54,6 @@ class _MethodDef(ctypes.Structure):
         ('meth', ctypes.c_void_p),
         ('flags', ctypes.c_int),
         ('doc', ctypes.c_char_p),
-    )
-
-
-def load(name: str, base: str, offset: int, kind: str) -> tuple[str, str]:
-    """Return the lines that leave a field of an object in `name`."""
-    return (
-        f'  %{name}.at = getelementptr i8, ptr {base}, i64 {offset}',
-        f'  %{name} = load {kind}, ptr %{name}.at',
     )
 
 

@@ -30,7 +30,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.kernels.arguments import address
 from pfd_core.kernels.runtime.jit import Native
 from pfd_core.model.arguments import integer
 
@@ -165,6 +164,12 @@ def _submitted(task: Callable[[], int]) -> list[Future[int]]:
         _pool.shutdown(cancel_futures=True)
         _replace_pool()
         return []
+
+
+def address(array: NDArray[Any]) -> int:
+    """Return where an array lies; NumPy's own way takes three times as long."""
+    place: int = array.__array_interface__['data'][0]
+    return place
 
 
 @dataclass(frozen=True)

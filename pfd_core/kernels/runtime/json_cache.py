@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What this source made of a key once, as JSON on disk (pfd_core.kernels.runtime.disk_cache)."""
+"""JSON values on disk, valid for this source of the package: computed once for each key."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from pfd_core.kernels.runtime.cpython_abi import HEADER
+from pfd_core.kernels.codegen.object_layout import HEADER
 from pfd_core.kernels.runtime.disk_cache import LOG, digest, folder, read, write
 
 if TYPE_CHECKING:
@@ -61,39 +61,41 @@ def _sources(where: Traversable, archive: str, at: str = '') -> Iterator[tuple[s
             yield name, entry.read_text('utf-8'), changed
 
 
-def remember(key: tuple[str, ...], make: Callable[[], T], fits: Callable[[Any], bool]) -> T:
+def get_or_compute(
+    key: tuple[str, ...], compute: Callable[[], T], valid: Callable[[Any], bool]
+) -> T:
     """
-    Return `make()`, or what it returned when it was called for the same key before.
+    Return `compute()`, from disk if it was computed for the same key before.
 
     Parameters
     ----------
     key : tuple of str
         All that the result depends on, besides the source of this package and the versions of
         Python and NumPy.
-    make : callable
-        Returns what JSON can hold: dict with str for keys, list, str, int, float, bool, None.
-    fits : callable
-        Tells of any JSON value whether `make` may have returned it; one that it cannot have
-        returned counts as absent.
+    compute : callable
+        Returns a JSON value: dict with str for keys, list, str, int, float, bool, None.
+    valid : callable
+        Tells of any JSON value whether `compute` may have returned it; an entry that is not
+        valid counts as absent.
 
     """
     source = None if folder() is None else sources()
     if source is None:
-        return make()
-    # Python also because kernels know how it lays out its objects.
+        return compute()
+    # Python's version also because a kernel depends on how Python lays out its objects.
     python = f'{sys.version} {HEADER}'
     name = digest('made', source, python, np.__version__, *key)
-    kept = read(name)
-    if kept is not None:
+    entry = read(name)
+    if entry is not None:
         with suppress(ValueError, RecursionError):
-            value: T = json.loads(kept)
-            if fits(value):
+            value: T = json.loads(entry)
+            if valid(value):
                 return value
-        LOG.info('what is kept for %r does not fit: it is made again', key)
-    made = json.dumps(make()).encode()
-    write(name, made)
-    return json.loads(made)  # type: ignore[no-any-return]
+        LOG.info('the cache entry of %r is not valid: it is computed again', key)
+    computed = json.dumps(compute()).encode()
+    write(name, computed)
+    return json.loads(computed)  # type: ignore[no-any-return]
 
 
-# At once, because files may be edited while this process runs.
+# At import, because source files may be edited while this process runs.
 sources()

@@ -71,8 +71,9 @@ def test_a_result_may_be_an_input_a_constant_or_an_early_value() -> None:
     recorder.output('qdd', (4,), [(value, 0) for value in values])
     text = split.body_in_parts(recorder.program(), Format('float64', 1), 4)
     final = text[text.index('@part5(') : text.index('define internal void @body')]
-    assert final.count('ptr %out, i64') == 4
-    assert text.count('ptr %out, i64') == 4
+    assert final.count('store') == 4
+    # Element 0 lies at %out itself; no other part writes results.
+    assert final.count('ptr %out, i64') == text.count('ptr %out, i64') == 3
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])

@@ -54,11 +54,13 @@ def compile_kernel(
     plant, scene = plant_of(robot, scene, dtype)
     method = choose(plant, method, refine)
 
-    again = partial(compile_kernel, robot, method=method, scene=scene, dtype=dtype, refine=refine)
+    recreate = partial(
+        compile_kernel, robot, method=method, scene=scene, dtype=dtype, refine=refine
+    )
 
-    def make(names: tuple[str, ...], estimating: Callable[[], Kernel] | None = None) -> Kernel:
+    def make(names: tuple[str, ...], with_error: Callable[[], Kernel] | None = None) -> Kernel:
         source = forward(plant, method, refine, dtype, names)
-        return Kernel(robot, scene, method, dtype, source, again, estimating)
+        return Kernel(robot, scene, method, dtype, source, recreate, with_error)
 
     return make(('qdd',), partial(make, ('qdd', 'error')) if refine else None)
 
@@ -69,5 +71,5 @@ def compile_inverse_kernel(
     """Compile inverse dynamics, tau = kernel(q, qd, qdd); arguments as in compile_kernel."""
     # A torque does not depend on which joints could be held.
     plant, scene = plant_of(robot, replace(scene or Scene(), brakes=False), dtype)
-    again = partial(compile_inverse_kernel, robot, scene=scene, dtype=dtype)
-    return Kernel(robot, scene, 'newton_euler', dtype, inverse(plant, dtype), again)
+    recreate = partial(compile_inverse_kernel, robot, scene=scene, dtype=dtype)
+    return Kernel(robot, scene, 'newton_euler', dtype, inverse(plant, dtype), recreate)

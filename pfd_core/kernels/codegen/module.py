@@ -13,9 +13,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pfd_core.kernels.codegen.arms import arms, ensemble
-from pfd_core.kernels.codegen.batch import copies
 from pfd_core.kernels.codegen.body import body
 from pfd_core.kernels.codegen.chunks import batch_of
+from pfd_core.kernels.codegen.copies import copies
 from pfd_core.kernels.codegen.evaluate import evaluate
 from pfd_core.kernels.codegen.law import whole_state
 from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir

@@ -1,23 +1,25 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Spelling: number formats, types, constants and single instructions as LLVM IR.
+Spelling: number formats, types, constants and single operations as LLVM IR.
 
 One writer serves a single state (width 1, scalars) and a batch (one state per SIMD lane): the
 text and the order of operations are the same, and no flag lets LLVM change either, so that a
 state gives the same bits alone, in any batch, and on the emulator.
 
-Element k of an argument holds `width` numbers that lie side by side, one per state. Elements
-follow one another, or lie `stride` bytes apart where the format is strided.
+Element k of an array holds `width` numbers that lie side by side, one per state. Elements follow
+one another, or lie a number of bytes apart that is known when the code runs.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 import struct
 
+from pfd_core.kernels.codegen.builder import Function
 from pfd_core.machine.operations import OPERATIONS
-from pfd_core.machine.program import Instruction, Output, Program
+from pfd_core.machine.program import Instruction, Program
 
 # The order in which a kernel takes those inputs that its program has.
 ARGUMENTS = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free')
@@ -34,8 +36,30 @@ def arguments(program: Program) -> tuple[str, ...]:
     return tuple(name for name in ARGUMENTS if name in program.inputs)
 
 
+@dataclass(frozen=True)
+class Array:
+    """
+    An array in native code.
+
+    Attributes
+    ----------
+    address : str
+        Where its first element lies.
+    stride : str
+        Bytes from one element to the next; empty where elements follow one another.
+
+    """
+
+    address: str
+    stride: str = ''
+
+    def __str__(self) -> str:
+        """Return it as a parameter or, spelled alike, as an argument."""
+        return f'ptr {self.address}' + (f', i64 {self.stride}' if self.stride else '')
+
+
 class Format:
-    """Spelling of types and constants for one number format and width."""
+    """Spelling for one number format and width, and for arrays at a stride or without."""
 
     def __init__(self, dtype: str, width: int, strided: bool = False) -> None:
         self.dtype = dtype
@@ -46,7 +70,9 @@ class Format:
         self.bytes = BYTES[dtype]
         self.type = self.scalar if width == 1 else f'<{width} x {self.scalar}>'
         self.flag = 'i1' if width == 1 else f'<{width} x i1>'
+        self.index = 'i64' if width == 1 else f'<{width} x i64>'
         self.suffix = SUFFIX[dtype] if width == 1 else f'v{width}{SUFFIX[dtype]}'
+        self.zero = self.constant(0.0)
 
     def number(self, value: float) -> str:
         """Return the bits of one number as LLVM writes them."""
@@ -60,68 +86,81 @@ class Format:
             return self.number(value)
         return f'splat ({self.scalar} {self.number(value)})'
 
-    def pointers(self, names: Sequence[str]) -> str:
-        """Return some arrays as parameters or, spelled alike, as arguments."""
-        stride = ', i64 %{0}.stride' if self.strided else ''
-        return ', '.join(('ptr %{0}' + stride).format(name) for name in names)
+    def parameter(self, name: str) -> Array:
+        """Return the array that a function has as a parameter."""
+        return Array(f'%{name}', f'%{name}.stride' if self.strided else '')
 
-    def element(self, prefix: str, name: str, k: int) -> Iterator[str]:
-        """Yield the lines that leave the address of element k of an array in `prefix`k."""
-        if not self.strided:
-            yield f'  {prefix}{k} = getelementptr {self.type}, ptr %{name}, i64 {k}'
-        else:
-            yield f'  {prefix}{k}.far = mul i64 %{name}.stride, {k}'
-            yield f'  {prefix}{k} = getelementptr i8, ptr %{name}, i64 {prefix}{k}.far'
+    def parameters(self, names: Iterable[str]) -> str:
+        """Return some arrays as parameters of a function."""
+        return ', '.join(str(self.parameter(name)) for name in names)
 
-    def spell(self, instruction: Instruction, register: int, args: Sequence[str]) -> Iterator[str]:
-        """Yield the lines of one instruction."""
+    def element(self, ir: Function, array: Array, k: int) -> str:
+        """Return the address of an element."""
+        if k == 0:
+            return array.address
+        if not array.stride:
+            return ir.element(self.type, array.address, k)
+        return ir.offset(array.address, array.stride, k)
+
+    def read(self, ir: Function, array: Array, k: int) -> str:
+        """Return element k."""
+        return ir.load(self.type, self.element(ir, array, k), self.bytes)
+
+    def write(self, ir: Function, array: Array, k: int, value: str) -> None:
+        """Write a value to element k."""
+        ir.store(self.type, value, self.element(ir, array, k), self.bytes)
+
+    def spell(self, ir: Function, instruction: Instruction, operands: Sequence[str]) -> str:
+        """Write one instruction of a sequential program, and return its value."""
+        if instruction.op == 'constant':
+            return self.constant(instruction.data[0])
         if instruction.op == 'input':
             name, k = instruction.data[0]
-            yield from self.element(f'%p{register}.', name, k)
-            yield f'  %v{register} = load {self.type}, ptr %p{register}.{k}, align {self.bytes}'
-        elif instruction.op == 'select':
-            yield f'  %c{register} = fcmp ogt {self.type} {args[0]}, {self.constant(0.0)}'
-            chosen, other = (f'{self.type} {a}' for a in args[1:])
-            yield f'  %v{register} = select {self.flag} %c{register}, {chosen}, {other}'
-        else:
-            spelling = OPERATIONS[instruction.op].llvm
-            if spelling is None:
-                raise ValueError(f'{instruction.op} is not an operation that a kernel has')
-            text = spelling.format(*args, type=self.type, suffix=self.suffix)
-            yield f'  %v{register} = {text}'
+            return self.read(ir, self.parameter(name), k)
+        return self.operation(ir, instruction.op, operands)
 
-    def store(self, operands: Mapping[int, str], output: Output) -> Iterator[str]:
-        """Yield the lines that write a result."""
-        for k, (register, _) in enumerate(output.places):
-            yield from self.element('%o', 'out', k)
-            yield f'  store {self.type} {operands[register]}, ptr %o{k}, align {self.bytes}'
+    def operation(self, ir: Function, op: str, operands: Sequence[str]) -> str:
+        """Write an operation by its name, and return its value."""
+        if op == 'select':
+            above = ir.let(f'fcmp ogt {self.type} {operands[0]}, {self.zero}')
+            return self.select(ir, above, *operands[1:])
+        spelling = OPERATIONS[op].llvm
+        if spelling is None:
+            raise ValueError(f'{op} is not an operation that a kernel has')
+        return ir.let(spelling.format(*operands, type=self.type, suffix=self.suffix))
 
+    def select(self, ir: Function, flags: str, chosen: str, other: str) -> str:
+        """Return one value where flags are set, and another one elsewhere."""
+        T = self.type
+        return ir.let(f'select {self.flag} {flags}, {T} {chosen}, {T} {other}')
 
-def splat(name: str, width: int) -> str:
-    """Return the lines that leave an integer on all lanes in `name`.all."""
-    kind = f'<{width} x i64>'
-    return (
-        f'  %{name}.one = insertelement {kind} poison, i64 %{name}, i64 0\n'
-        f'  %{name}.all = shufflevector {kind} %{name}.one, {kind} poison, '
-        f'<{width} x i32> zeroinitializer'
-    )
+    def any(self, ir: Function, flags: str) -> str:
+        """Return an i1: whether a flag is set for any of `width` states."""
+        if self.width == 1:
+            return flags
+        reduce = f'llvm.vector.reduce.or.v{self.width}i1'
+        return ir.call('i1', reduce, f'{self.flag} {flags}')
 
+    def splat(self, ir: Function, integer: str) -> str:
+        """Return an i64 on all lanes."""
+        if self.width == 1:
+            return integer
+        T = self.index
+        one = ir.let(f'insertelement {T} poison, i64 {integer}, i64 0')
+        mask = f'<{self.width} x i32> zeroinitializer'
+        return ir.let(f'shufflevector {T} {one}, {T} poison, {mask}')
 
-def not_finite(values: Sequence[str], form: Format, start: str = '') -> tuple[list[str], str]:
-    """
-    Return lines, and the name of what they leave: NaN where a value is not finite, or else zero.
+    def not_finite(self, ir: Function, values: Iterable[str], start: str = '') -> str:
+        """
+        Return NaN where a value is not finite, else `start`, which is zero or NaN.
 
-    `start` is what was left before. The sum is kept in four, so that few wait for each other.
-    """
-    T, zero = form.type, form.constant(0.0)
-    sums = [start or zero, zero, zero, zero]
-    lines = []
-    for k, value in enumerate(values):
-        lines.append(
-            f'  %odd{k} = call {T} @llvm.fma.{form.suffix}({T} {value}, {T} {zero}, '
-            f'{T} {sums[k % 4]})'
-        )
-        sums[k % 4] = f'%odd{k}'
-    for k, (one, other) in enumerate((sums[:2], sums[2:])):
-        lines.append(f'  %odd.{k} = fadd {T} {one}, {other}')
-    return [*lines, f'  %odd.all = fadd {T} %odd.0, %odd.1'], '%odd.all'
+        The sum of 0 x is kept in four parts, so that few operations wait for each other.
+        """
+        T, zero = self.type, self.zero
+        sums = [start or zero, zero, zero, zero]
+        for k, x in enumerate(values):
+            operands = f'{T} {x}, {T} {zero}, {T} {sums[k % 4]}'
+            sums[k % 4] = ir.let(f'call {T} @llvm.fma.{self.suffix}({operands})')
+        left = ir.let(f'fadd {T} {sums[0]}, {sums[1]}')
+        right = ir.let(f'fadd {T} {sums[2]}, {sums[3]}')
+        return ir.let(f'fadd {T} {left}, {right}')

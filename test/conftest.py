@@ -30,7 +30,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setenv(cache.VARIABLE, str(where))
     monkeypatch.setattr(json_cache, 'IMPORTED', 0.0)
     json_cache.sources.cache_clear()
-    cache._said.clear()
+    cache._warned.clear()
     cache._written.clear()
     return where
 

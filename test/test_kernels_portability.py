@@ -20,7 +20,7 @@ import pfd_core as pfd
 from pfd_core.kernels.codegen.batch import batch
 from pfd_core.kernels.codegen.body import body
 from pfd_core.kernels.codegen.evaluate import evaluate
-from pfd_core.kernels.codegen.module import module
+from pfd_core.kernels.codegen.module import kernel_module, module
 from pfd_core.kernels.codegen.spelling import Format, arguments
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.runtime import jit as engine
@@ -134,7 +134,9 @@ def emulator() -> str:
 @pytest.mark.parametrize('dtype', NEON)
 def test_every_module_of_a_kernel_compiles_for_64_bit_arm(dtype: str) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=SCENE, dtype=dtype)
-    for ir in (kernel.ir, kernel._text(NEON[dtype]), kernel._text(2 * NEON[dtype])):
+    angles = turned_joints(kernel.robot)
+    for width in (1, NEON[dtype], 2 * NEON[dtype]):
+        ir = kernel_module(kernel.program, dtype, width, angles)
         assert 'llvm.x86' not in ir
         code = for_arm(ir)
         assert code[:4] == ELF

@@ -149,8 +149,7 @@ class Kernel:
         brakes : array_like of bool
             Joints that are held, (n,) or (B, n), default none; only if the scene has brakes.
         threads : int
-            Threads that a batch is spread over, at most; 0 is one per core. Any number gives
-            the same bits.
+            Threads that share a batch, at most; 0 is one per core. The bits are the same.
 
         Returns
         -------
@@ -242,10 +241,10 @@ class Kernel:
         if wrench is not None:
             given['wrench'] = wrench
         for name, value in given.items():
-            if not isinstance(value, np.ndarray) or value.dtype != self.dtype:
+            found = value.dtype if isinstance(value, np.ndarray) else type(value).__name__
+            if found != self.dtype:
                 raise ValueError(
-                    f'{name} must be an array of {self.dtype} to be bound, '
-                    f'got {getattr(value, "dtype", type(value).__name__)}'
+                    f'{name} must be an array of {self.dtype} to be bound, got {found}'
                 )
         self(q, qd, tau, wrench, out, brakes=brakes, threads=threads)
         arrays = [array for array in (q, qd, tau, wrench, out) if array is not None]
@@ -282,10 +281,9 @@ class Kernel:
         block = block_size(len(flat), threads, self._width, self._source.work)
         if run(BatchWork(self._batch, rows), len(flat), block, threads):
             raise_not_finite(arrays)
-        if out is None:
+        if out is None or target is out:
             return target
-        if target is not out:
-            out[...] = target
+        out[...] = target
         return out
 
     def _check_effects(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
@@ -307,11 +305,10 @@ class Kernel:
         if out is None:
             q = inputs['q']
             return np.empty(shape, self.dtype, 'F' if q.ndim == 2 and q.flags.fnc else 'C')
-        if not isinstance(out, np.ndarray):
-            raise ValueError(f'out must be an array, got {type(out).__name__}')
-        if out.shape != shape or out.dtype != self.dtype:
-            wanted, found = f'{self.dtype} {shape}', f'{out.dtype} {out.shape}'
-            raise ValueError(f'out must be an array of {wanted}, got {found}')
+        array = isinstance(out, np.ndarray)
+        found = f'{out.dtype} {out.shape}' if array else type(out).__name__
+        if found != f'{self.dtype} {shape}':
+            raise ValueError(f'out must be an array of {self.dtype} {shape}, got {found}')
         if not out.flags.writeable:
             raise ValueError('out must be writeable, got a read-only array')
         apart = not any(np.may_share_memory(out, value) for value in inputs.values())

@@ -26,54 +26,24 @@ from pfd_core.model import Robot, Scene
 
 @dataclass(frozen=True)
 class Rollout:
-    """
-    The simulation of one arm in native code.
+    """The simulation of one arm in native code; pointers are given as addresses."""
 
-    Attributes
-    ----------
-    method : str
-        The method it was recorded from.
-    work : int
-        Operations of one call of @step.
-    run, accelerations : callable
-        The functions that `rollout` and `accelerations` describe; pointers are addresses.
-    native : Native
-        The code, which lives as long as this.
-
-    """
-
-    method: str
-    work: int
-    run: Callable[..., int]
-    accelerations: Callable[..., None]
-    native: Native
+    method: str  # the method it was recorded from
+    work: int  # operations of one call of @step
+    run: Callable[..., int]  # @rollout (pfd_core.kernels.codegen.rollout)
+    accelerations: Callable[..., None]  # @accelerations
+    native: Native  # owner of the code
 
 
 @dataclass(frozen=True)
 class NativeEnsemble:
-    """
-    The simulation of many arms in native code.
+    """The simulation of many arms in native code; pointers are given as addresses."""
 
-    Attributes
-    ----------
-    method : str
-        The method it was recorded from.
-    width : int
-        Arms in a vector register.
-    work : int
-        Operations of one evaluation of the accelerations.
-    run : callable
-        The function that `ensemble` describes; pointers are addresses.
-    native : Native
-        The code, which lives as long as this.
-
-    """
-
-    method: str
-    width: int
-    work: int
-    run: Callable[..., None]
-    native: Native
+    method: str  # the method it was recorded from
+    width: int  # arms in a vector register
+    work: int  # operations of one evaluation of the accelerations
+    run: Callable[..., None]  # @ensemble (pfd_core.kernels.codegen.arms)
+    native: Native  # owner of the code
 
 
 def compile_rollout(

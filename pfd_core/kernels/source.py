@@ -37,7 +37,7 @@ from pfd_core.kernels.runtime.json_cache import T, get_or_compute
 from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant, Robot, Scene, resolve
 
-# Where iterative methods stop: their residual has fallen to the rounding of the number format.
+# Iterative methods stop when their residual has fallen to the rounding of the number format.
 TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
 DTYPES = tuple(TOLERANCES)
 _recording = threading.RLock()
@@ -114,9 +114,9 @@ class KernelSource:
         return compile_outlined(Outline(**known), once, optimisation)
 
     def _get_or_compute(
-        self, what: str, compute: Callable[[], T], valid: Callable[[Any], bool]
+        self, name: str, compute: Callable[[], T], valid: Callable[[Any], bool]
     ) -> T:
-        return get_or_compute((*self._key, what), compute, valid) if self._key else compute()
+        return get_or_compute((*self._key, name), compute, valid) if self._key else compute()
 
     def _facts(self) -> dict[str, Any]:
         (output,) = self.program.outputs.values()
@@ -162,7 +162,7 @@ def turned_joints(robot: Robot) -> tuple[int, ...]:
 
 
 def _are_facts(value: Any) -> bool:
-    """Return whether a JSON value can be the facts that a source keeps of its program."""
+    """Return whether a JSON value can be the facts that KernelSource keeps of its program."""
     return (
         isinstance(value, dict)
         and value.keys() == {'inputs', 'elements', 'operations'}
@@ -196,10 +196,11 @@ def _is_outline(value: Any) -> bool:
 @contextmanager
 def _uncollected() -> Iterator[None]:
     """
-    Keep Python from looking for cycles, of which a recording has none.
+    Switch off the collection of reference cycles, of which a recording has none.
 
-    It would go over all instructions again and again, for a third of the time of a long program.
-    The collector is the process's, so threads record in turn, and a process is copied in between.
+    It would visit all instructions again and again, for a third of the time of a long program.
+    The collector is common to all threads, so threads record in turn, and no process forks
+    meanwhile.
     """
     with _recording:
         running = gc.isenabled()
@@ -212,7 +213,7 @@ def _uncollected() -> Iterator[None]:
 
 
 def _joined(program: Program) -> Program:
-    """Return a program with its outputs one after the other, as a kernel writes them."""
+    """Return a program whose outputs are one, in which they follow each other."""
     name = next(iter(program.outputs))
     places = tuple(place for output in program.outputs.values() for place in output.places)
     return replace(program, outputs={name: Output((len(places),), places)})

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 
 from pfd_core.kernels.codegen.arms import SLOTS
 from pfd_core.kernels.codegen.step import REPORT
-from pfd_core.kernels.runtime.threads import MOST, block_size, run, thread_count
+from pfd_core.kernels.runtime.threads import MAX_BLOCK_WORK, block_size, run, thread_count
 from pfd_core.kernels.simulations import NativeEnsemble, compile_ensemble
 from pfd_core.model import Robot, Scene
 from pfd_core.model.arguments import held_mask, integer
@@ -241,7 +241,7 @@ class Ensemble:
     @property
     def _steps_at_once(self) -> int:
         """Steps of a register of arms that a signal may have to wait for."""
-        return max(MOST // (self._native.work * self._evaluations), 1)
+        return max(MAX_BLOCK_WORK // (self._native.work * self._evaluations), 1)
 
     def _advance(
         self,

@@ -185,25 +185,25 @@ loop42:
   %v49 = getelementptr i8, ptr %v4, i64 %v48
   %v50 = select i1 %v47, ptr %v49, ptr %a31
   %v51 = select i1 %v47, i64 %v6, i64 32
-  call void @copy_in(i1 %v47, ptr %a31, ptr %v4, i64 %v5, i64 %v6, i64 %v43, i1 %v46, i64 %v41, i64 2)
+  call void @copy_in(i1 %v47, ptr %a31, ptr %v4, i64 %v5, i64 %v6, i64 %v43, i64 %v41, i1 %v46, i64 2)
   %v52 = and i1 %v37, %v46
   %v53 = mul i64 %v43, %v11
   %v54 = getelementptr i8, ptr %v10, i64 %v53
   %v55 = select i1 %v52, ptr %v54, ptr %a32
   %v56 = select i1 %v52, i64 %v12, i64 32
-  call void @copy_in(i1 %v52, ptr %a32, ptr %v10, i64 %v11, i64 %v12, i64 %v43, i1 %v46, i64 %v41, i64 2)
+  call void @copy_in(i1 %v52, ptr %a32, ptr %v10, i64 %v11, i64 %v12, i64 %v43, i64 %v41, i1 %v46, i64 2)
   %v57 = and i1 %v38, %v46
   %v58 = mul i64 %v43, %v17
   %v59 = getelementptr i8, ptr %v16, i64 %v58
   %v60 = select i1 %v57, ptr %v59, ptr %a33
   %v61 = select i1 %v57, i64 %v18, i64 32
-  call void @copy_in(i1 %v57, ptr %a33, ptr %v16, i64 %v17, i64 %v18, i64 %v43, i1 %v46, i64 %v41, i64 2)
+  call void @copy_in(i1 %v57, ptr %a33, ptr %v16, i64 %v17, i64 %v18, i64 %v43, i64 %v41, i1 %v46, i64 2)
   %v62 = and i1 %v39, %v46
   %v63 = mul i64 %v43, %v23
   %v64 = getelementptr i8, ptr %v22, i64 %v63
   %v65 = select i1 %v62, ptr %v64, ptr %a34
   %v66 = select i1 %v62, i64 %v24, i64 32
-  call void @copy_in(i1 %v62, ptr %a34, ptr %v22, i64 %v23, i64 %v24, i64 %v43, i1 %v46, i64 %v41, i64 2)
+  call void @copy_in(i1 %v62, ptr %a34, ptr %v22, i64 %v23, i64 %v24, i64 %v43, i64 %v41, i1 %v46, i64 2)
   %v67 = and i1 %v40, %v46
   %v68 = mul i64 %v43, %v29
   %v69 = getelementptr i8, ptr %v28, i64 %v68
@@ -233,7 +233,7 @@ loop42:
   %v93 = fadd <4 x double> %v90, %v91
   %v94 = fadd <4 x double> %v92, %v93
   call void @evaluate(ptr %v50, i64 %v51, ptr %v55, i64 %v56, ptr %v60, i64 %v61, ptr %v65, i64 %v66, ptr %v70, i64 %v71)
-  call void @copy_out(i1 %v67, ptr %a35, ptr %v28, i64 %v29, i64 %v30, i64 %v43, i1 %v46, i64 %v41, i64 2)
+  call void @copy_out(i1 %v67, ptr %a35, ptr %v28, i64 %v29, i64 %v30, i64 %v43, i64 %v41, i1 %v46, i64 2)
   %v95 = add i64 %v43, 4
   %v96 = icmp ult i64 %v95, %count
   br i1 %v96, label %loop42, label %done97
@@ -244,7 +244,7 @@ done97:
   ret i64 %v100
 }
 
-define internal void @copy_in(i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i1 %whole, i64 %last, i64 %size) {
+define internal void @copy_in(i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i64 %last, i1 %whole, i64 %size) {
 entry:
   br i1 %direct, label %then1, label %after2
 then1:
@@ -309,11 +309,11 @@ loop41:
 done50:
   ret void
 after4:
-  call void @copy_in_tail(i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i1 %whole, i64 %last, i64 %size)
+  call void @copy_in_tail(i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i64 %last, i1 %whole, i64 %size)
   ret void
 }
 
-define internal void @copy_in_tail(i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i1 %whole, i64 %last, i64 %size) {
+define internal void @copy_in_tail(i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i64 %last, i1 %whole, i64 %size) {
 entry:
   br label %loop1
 loop1:
@@ -343,7 +343,7 @@ done20:
   ret void
 }
 
-define internal void @copy_out(i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i1 %whole, i64 %last, i64 %size) {
+define internal void @copy_out(i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i64 %last, i1 %whole, i64 %size) {
 entry:
   br i1 %direct, label %then1, label %after2
 then1:
@@ -410,11 +410,11 @@ loop41:
 done50:
   ret void
 after4:
-  call void @copy_out_tail(i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i1 %whole, i64 %last, i64 %size)
+  call void @copy_out_tail(i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i64 %last, i1 %whole, i64 %size)
   ret void
 }
 
-define internal void @copy_out_tail(i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i1 %whole, i64 %last, i64 %size) {
+define internal void @copy_out_tail(i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i64 %last, i1 %whole, i64 %size) {
 entry:
   br label %loop1
 loop1:

@@ -331,14 +331,14 @@ entry:
   %v122 = load i64, ptr %v118
   %v123 = load i64, ptr %v119
   %v124 = load i64, ptr %v120
-  call void @copy_in(i1 false, ptr %a11, ptr %v7, i64 %v8, i64 %v9, i64 %b, i1 %v2, i64 %last, i64 2)
-  call void @copy_in(i1 false, ptr %a20, ptr %v16, i64 %v17, i64 %v18, i64 %b, i1 %v2, i64 %last, i64 2)
-  call void @copy_in(i1 false, ptr %a56, ptr %v52, i64 %v53, i64 %v54, i64 %b, i1 %v2, i64 %last, i64 2)
+  call void @copy_in(i1 false, ptr %a11, ptr %v7, i64 %v8, i64 %v9, i64 %b, i64 %last, i1 %v2, i64 2)
+  call void @copy_in(i1 false, ptr %a20, ptr %v16, i64 %v17, i64 %v18, i64 %b, i64 %last, i1 %v2, i64 2)
+  call void @copy_in(i1 false, ptr %a56, ptr %v52, i64 %v53, i64 %v54, i64 %b, i64 %last, i1 %v2, i64 2)
   %v125 = icmp eq i64 %law, 1
   br i1 %v125, label %then126, label %after127
 then126:
-  call void @copy_in(i1 false, ptr %a65, ptr %v61, i64 %v62, i64 %v63, i64 %b, i1 %v2, i64 %last, i64 2)
-  call void @copy_in(i1 false, ptr %a74, ptr %v70, i64 %v71, i64 %v72, i64 %b, i1 %v2, i64 %last, i64 2)
+  call void @copy_in(i1 false, ptr %a65, ptr %v61, i64 %v62, i64 %v63, i64 %b, i64 %last, i1 %v2, i64 2)
+  call void @copy_in(i1 false, ptr %a74, ptr %v70, i64 %v71, i64 %v72, i64 %b, i64 %last, i1 %v2, i64 2)
   br label %after127
 after127:
   %v128 = sub i64 %steps, 1
@@ -350,16 +350,16 @@ loop129:
   %v133 = phi <4 x i64> [ zeroinitializer, %after127 ], [ %v223, %after228 ]
   %v134 = mul i64 %v130, %v37
   %v135 = getelementptr i8, ptr %v34, i64 %v134
-  call void @copy_in(i1 false, ptr %a38, ptr %v135, i64 %v35, i64 %v36, i64 %b, i1 %v2, i64 %last, i64 2)
+  call void @copy_in(i1 false, ptr %a38, ptr %v135, i64 %v35, i64 %v36, i64 %b, i64 %last, i1 %v2, i64 2)
   %v136 = icmp ne i64 %law, 0
   br i1 %v136, label %then137, label %after138
 then137:
   %v139 = mul i64 %v130, %v90
   %v140 = getelementptr i8, ptr %v87, i64 %v139
-  call void @copy_in(i1 false, ptr %a91, ptr %v140, i64 %v88, i64 %v89, i64 %b, i1 %v2, i64 %last, i64 2)
+  call void @copy_in(i1 false, ptr %a91, ptr %v140, i64 %v88, i64 %v89, i64 %b, i64 %last, i1 %v2, i64 2)
   %v141 = mul i64 %v130, %v99
   %v142 = getelementptr i8, ptr %v96, i64 %v141
-  call void @copy_in(i1 false, ptr %a100, ptr %v142, i64 %v97, i64 %v98, i64 %b, i1 %v2, i64 %last, i64 2)
+  call void @copy_in(i1 false, ptr %a100, ptr %v142, i64 %v97, i64 %v98, i64 %b, i64 %last, i1 %v2, i64 2)
   %v143 = load <4 x double>, ptr %a11, align 8
   %v144 = load <4 x double>, ptr %a91, align 8
   %v145 = fsub <4 x double> %v144, %v143
@@ -469,13 +469,13 @@ then227:
 then229:
   %v231 = mul i64 %v131, %v108
   %v232 = getelementptr i8, ptr %v105, i64 %v231
-  call void @copy_out(i1 false, ptr %a11, ptr %v232, i64 %v106, i64 %v107, i64 %b, i1 %v2, i64 %last, i64 2)
+  call void @copy_out(i1 false, ptr %a11, ptr %v232, i64 %v106, i64 %v107, i64 %b, i64 %last, i1 %v2, i64 2)
   %v233 = mul i64 %v131, %v116
   %v234 = getelementptr i8, ptr %v113, i64 %v233
-  call void @copy_out(i1 false, ptr %a20, ptr %v234, i64 %v114, i64 %v115, i64 %b, i1 %v2, i64 %last, i64 2)
+  call void @copy_out(i1 false, ptr %a20, ptr %v234, i64 %v114, i64 %v115, i64 %b, i64 %last, i1 %v2, i64 2)
   %v235 = mul i64 %v131, %v124
   %v236 = getelementptr i8, ptr %v121, i64 %v235
-  call void @copy_out(i1 false, ptr %a29, ptr %v236, i64 %v122, i64 %v123, i64 %b, i1 %v2, i64 %last, i64 2)
+  call void @copy_out(i1 false, ptr %a29, ptr %v236, i64 %v122, i64 %v123, i64 %b, i64 %last, i1 %v2, i64 2)
   br label %after230
 after230:
   br label %after228
@@ -488,9 +488,9 @@ after228:
   %v242 = icmp ult i64 %v241, %steps
   br i1 %v242, label %loop129, label %done243
 done243:
-  call void @copy_out(i1 false, ptr %a11, ptr %v7, i64 %v8, i64 %v9, i64 %b, i1 %v2, i64 %last, i64 2)
-  call void @copy_out(i1 false, ptr %a20, ptr %v16, i64 %v17, i64 %v18, i64 %b, i1 %v2, i64 %last, i64 2)
-  call void @copy_out(i1 false, ptr %a29, ptr %v25, i64 %v26, i64 %v27, i64 %b, i1 %v2, i64 %last, i64 2)
+  call void @copy_out(i1 false, ptr %a11, ptr %v7, i64 %v8, i64 %v9, i64 %b, i64 %last, i1 %v2, i64 2)
+  call void @copy_out(i1 false, ptr %a20, ptr %v16, i64 %v17, i64 %v18, i64 %b, i64 %last, i1 %v2, i64 2)
+  call void @copy_out(i1 false, ptr %a29, ptr %v25, i64 %v26, i64 %v27, i64 %b, i64 %last, i1 %v2, i64 2)
   store <4 x i64> %v223, ptr %a244, align 8
   br label %loop245
 loop245:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 from pfd_core.kernels.codegen.batch import table_row
 from pfd_core.kernels.codegen.builder import Function, Variable
-from pfd_core.kernels.codegen.copies import Block, Rows, copy_in, copy_out
+from pfd_core.kernels.codegen.copies import Block, Rows, copy
 from pfd_core.kernels.codegen.law import (
     GAINS,
     JOINTS,
@@ -53,36 +53,23 @@ SLOTS = (
     *REFERENCES,
     *(f'{name}.out' for name in REPORT),
 )
-# Arms `first` to `until` - 1; `last` is the last of all arms; the others are those of @arms.
+# Parameters of @arms besides its first arm.
 COMMON = (
     *('i64 %last', 'i64 %steps', 'i64 %substeps', 'i64 %every', 'i64 %law', 'ptr %table'),
     'ptr %finite_steps',
 )
+# Parameters of @ensemble, which runs the arms `first` to `until` - 1.
 PARAMETERS = ('i64 %first', 'i64 %until', *COMMON)
 
 
 @dataclass(frozen=True)
 class _Slot:
-    """
-    One row of the table, and room for `width` arms.
-
-    Attributes
-    ----------
-    rows : Rows
-        The array, of which a row is that of an arm.
-    step : str
-        Bytes from step to step.
-    size : int
-        Elements of an arm at one step.
-    buffer : str
-        Address of the room; empty for an array that is used where it is.
-
-    """
+    """One row of the table: an array, with one row for each arm and a buffer for `width` arms."""
 
     rows: Rows
-    step: str
-    size: int
-    buffer: str
+    step: str  # bytes from step to step
+    size: int  # elements of an arm at one step
+    buffer: str  # its address; empty for an array that is used in place
 
     def at(self, ir: Function, step: str) -> Rows:
         """Return the rows of one step."""
@@ -106,11 +93,11 @@ def arms(program: Program, dynamics: Program, form: Format) -> str:
     arrays = {name: slot.buffer for name, slot in slots.items()}
     constant = [name for name in extra_arguments(dynamics) if name != 'tau']
     for name in (*STATE, *constant):
-        copy_in(ir, slots[name].rows, arrays[name], slots[name].size, block)
+        copy(ir, 'in', slots[name].rows, arrays[name], slots[name].size, block)
     joints = ir.let(f'icmp eq i64 %law, {JOINTS}')
     with ir.when(joints):
         for name in GAINS:
-            copy_in(ir, slots[name].rows, arrays[name], n, block)
+            copy(ir, 'in', slots[name].rows, arrays[name], n, block)
     final = ir.let('sub i64 %steps, 1')
     row, wait = Variable('i64', '0'), Variable('i64', '1')
     finite_steps = Variable(form.index, 'zeroinitializer')
@@ -126,13 +113,13 @@ def arms(program: Program, dynamics: Program, form: Format) -> str:
             evaluate_at(ir, dynamics, arrays)
             with ir.when(due):
                 for name in REPORT:
-                    copy_out(ir, slots[f'{name}.out'].at(ir, row.value), arrays[name], n, block)
+                    copy(ir, 'out', slots[f'{name}.out'].at(ir, row.value), arrays[name], n, block)
         one = ir.let(f'zext i1 {due} to i64')
         row.value = ir.let(f'add i64 {row}, {one}')
         later = ir.let(f'add i64 {wait}, 1')
         wait.value = ir.let(f'select i1 {due}, i64 1, i64 {later}')
     for name in REPORT:
-        copy_out(ir, slots[name].rows, arrays[name], n, block)
+        copy(ir, 'out', slots[name].rows, arrays[name], n, block)
     _report(ir, finite_steps, W)
     ir.ret()
     return str(ir)
@@ -150,13 +137,13 @@ def _slot(ir: Function, name: str, k: int, n: int, form: Format) -> _Slot:
 def _torque(
     ir: Function, slots: dict[str, _Slot], t: str, joints: str, block: Block, form: Format
 ) -> None:
-    """Write the torques of a step: those of the array, and those that the law adds."""
+    """Write the torques of a step: the given ones, plus those of the feedback law."""
     n = slots['tau'].size
     arrays = {name: Array(slot.buffer) for name, slot in slots.items()}
-    copy_in(ir, slots['tau'].at(ir, t), slots['tau'].buffer, n, block)
+    copy(ir, 'in', slots['tau'].at(ir, t), slots['tau'].buffer, n, block)
     with ir.when(ir.let(f'icmp ne i64 %law, {NONE}')):
         for name in REFERENCES:
-            copy_in(ir, slots[name].at(ir, t), slots[name].buffer, n, block)
+            copy(ir, 'in', slots[name].at(ir, t), slots[name].buffer, n, block)
         errors_ = errors(ir, arrays, n, form)
         with ir.when(joints):
             joint_by_joint(ir, arrays, errors_, n, form)
@@ -174,7 +161,7 @@ def _torque(
 
 
 def _report(ir: Function, finite_steps: Variable, width: int) -> None:
-    """Write for each arm that there is after how many steps it was finite."""
+    """Write `finite_steps` of the arms of this block, except those beyond the last."""
     lanes = ir.array('i64', width)
     ir.store(finite_steps.kind, finite_steps, lanes, 8)
     with ir.loop(width) as lane:

@@ -11,7 +11,7 @@ and the last block if it is only partly filled, go through a small buffer
 from __future__ import annotations
 
 from pfd_core.kernels.codegen.builder import Function, Variable
-from pfd_core.kernels.codegen.copies import Block, Rows, copies, copy_in, copy_out
+from pfd_core.kernels.codegen.copies import Block, Rows, copies, copy
 from pfd_core.kernels.codegen.spelling import Array, Format, arguments
 from pfd_core.machine.program import Program
 
@@ -41,7 +41,7 @@ def batch(program: Program, form: Format, size: int, name: str = 'batch') -> str
             direct[array] = ir.let(f'and i1 {beside[array]}, {block.whole}')
             arrays[array] = _place(ir, form, rows, b, buffers[array], direct[array])
             if array != 'out':
-                copy_in(ir, rows, buffers[array], sizes[array], block, direct[array])
+                copy(ir, 'in', rows, buffers[array], sizes[array], block, direct[array])
         numbers = [
             form.read(ir, arrays[array], k)
             for array in arguments(program)
@@ -49,7 +49,7 @@ def batch(program: Program, form: Format, size: int, name: str = 'batch') -> str
         ]
         odd.value = form.not_finite(ir, numbers, odd.value)
         ir.call('void', 'evaluate', *map(str, arrays.values()))
-        copy_out(ir, tables['out'], buffers['out'], size, block, direct['out'])
+        copy(ir, 'out', tables['out'], buffers['out'], size, block, direct['out'])
     wrong = form.any(ir, ir.let(f'fcmp uno {form.type} {odd}, {odd}'))
     ir.ret('i64', ir.let(f'zext i1 {wrong} to i64'))
     return '\n'.join([str(ir), copies(form)])

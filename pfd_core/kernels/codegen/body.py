@@ -56,13 +56,8 @@ class _Repeat:
     """
     The repeated part of a program while it is written.
 
-    Attributes
-    ----------
-    rows : list of Variable
-        The rows, and at the end the number of trips, which place -1 of a program stands for.
-    begun : list of str
-        The rows at the beginning of a trip.
-
+    `rows` are its rows and, last, the number of trips, which a program reads as row -1; `begun`
+    are their values at the beginning of a trip.
     """
 
     def __init__(self, ir: Function, form: Format, operands: Sequence[str], at_most: int) -> None:

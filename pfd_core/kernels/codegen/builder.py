@@ -28,19 +28,9 @@ from dataclasses import dataclass
 
 @dataclass
 class Variable:
-    """
-    A value that a loop or a branch may change.
+    """A value that a loop or a branch may change; as text it is the current value."""
 
-    Attributes
-    ----------
-    kind : str
-        Its LLVM type.
-    value : str
-        The current value; as text the variable stands for it.
-
-    """
-
-    kind: str
+    kind: str  # an LLVM type
     value: str
 
     def __str__(self) -> str:
@@ -48,15 +38,7 @@ class Variable:
 
 
 class Function:
-    """
-    One function, written from its first instruction to its last.
-
-    Parameters
-    ----------
-    head : str
-        The definition up to the opening brace.
-
-    """
+    """One function; `head` is its definition up to the opening brace."""
 
     def __init__(self, head: str) -> None:
         self._head = head

@@ -1,13 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-LLVM IR of @batch for arms of many joints: states are brought near before they are computed.
+LLVM IR of @batch for arms of many joints: chunks of columns are copied side by side first.
 
-In Fortran order each element of a state lies in a column of its own. With many elements these are
-more places than a processor foresees, and with a power of two of states they push each other out
-of its caches. Pieces of the columns are therefore copied side by side first, for CHUNK registers
-of states at a time, and the results are copied back in the same way. With few elements that would
-take longer than it saves.
+In Fortran order each element of a state lies in a column of its own. Many columns are more streams
+than a processor prefetches, and if the number of states is a power of two they evict each other
+from its caches. Pieces of the columns are therefore copied side by side, for CHUNK registers of
+states at a time, and the results are copied back. With few elements that takes longer than it
+saves.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pfd_core.kernels.codegen.copies import Rows
 from pfd_core.kernels.codegen.spelling import Format, arguments
 from pfd_core.machine.program import Program
 
-# Elements of a state and its result up to which they are used where they are.
+# Up to so many elements, of a state and its result, no column is copied.
 FEW = 100
 # Registers of each element that are copied at once: 512 bytes of a column with AVX-512.
 CHUNK = 8

@@ -20,71 +20,39 @@ from pfd_core.kernels.codegen.spelling import Format
 
 # Bytes within which processors move numbers about most easily.
 LANE = 16
-PARAMETERS = (
-    'i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i1 %whole, '
-    'i64 %last, i64 %size'
-)
 
 
 @dataclass(frozen=True)
 class Rows:
-    """
-    Rows of an array in native code.
+    """Rows of an array in native code."""
 
-    Attributes
-    ----------
-    base : str
-        Address of the first element of row 0.
-    row, column : str
-        Bytes from row to row, and from element to element.
-
-    """
-
-    base: str
-    row: str
-    column: str
+    base: str  # address of the first element of row 0
+    row: str  # bytes from row to row
+    column: str  # bytes from element to element
 
 
 @dataclass(frozen=True)
 class Block:
-    """
-    The rows that are computed at once.
+    """The rows that are computed at once."""
 
-    Attributes
-    ----------
-    first, last : str
-        The first row of the block, and the last row of all.
-    whole : str
-        An i1: whether the block is filled.
-
-    """
-
-    first: str
-    last: str
-    whole: str
+    first: str  # number of its first row
+    last: str  # number of the last row of the array
+    whole: str  # i1: no row of the block is beyond the last
 
 
-def copy_in(
-    ir: Function, rows: Rows, buffer: str, size: int, block: Block, direct: str = 'false'
+PARAMETERS = (
+    'i1 %direct, ptr %buffer, ptr %base, i64 %row, i64 %column, i64 %b, i64 %last, i1 %whole, '
+    'i64 %size'
+)
+
+
+def copy(
+    ir: Function, way: str, rows: Rows, buffer: str, size: int, block: Block, direct: str = 'false'
 ) -> None:
-    """Copy a block of rows of `size` elements into a buffer, unless `direct`."""
-    _call(ir, 'copy_in', rows, buffer, size, block, direct)
-
-
-def copy_out(
-    ir: Function, rows: Rows, buffer: str, size: int, block: Block, direct: str = 'false'
-) -> None:
-    """Copy a buffer back into a block of rows, unless `direct`."""
-    _call(ir, 'copy_out', rows, buffer, size, block, direct)
-
-
-def _call(
-    ir: Function, name: str, rows: Rows, buffer: str, size: int, block: Block, direct: str
-) -> None:
-    kinds = [parameter.split()[0] for parameter in PARAMETERS.split(', ')]
-    array = (buffer, rows.base, rows.row, rows.column)
-    values = (direct, *array, block.first, block.whole, block.last, size)
-    ir.call('void', name, *(f'{k} {value}' for k, value in zip(kinds, values, strict=True)))
+    """Call @copy_`way`: in to the buffer, or out of it, `size` elements a row unless `direct`."""
+    places = f'ptr {buffer}, ptr {rows.base}, i64 {rows.row}, i64 {rows.column}'
+    which = f'i64 {block.first}, i64 {block.last}, i1 {block.whole}'
+    ir.call('void', f'copy_{way}', f'i1 {direct}', places, which, f'i64 {size}')
 
 
 def copies(form: Format) -> str:

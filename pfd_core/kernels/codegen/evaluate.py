@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-LLVM IR of @evaluate: @body, with angles beyond the range of the sine brought back first.
+LLVM IR of @evaluate: @body, with angles beyond the range of the sine wrapped first.
 
-That an arm has turned a joint 16 000 times is rare: it costs a kernel a multiplication per joint
-and one comparison, and the way back is kept out of the way.
+Such angles are rare: 16 000 turns of a joint. The check costs a multiplication per joint and one
+comparison, and the branch is laid out of the way.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ def evaluate(program: Program, form: Format, angles: Sequence[int]) -> str:
 
 
 def _wrapped(ir: Function, form: Format, q: Array, n: int, angles: Sequence[int]) -> Array:
-    """Return q, or a copy in which angles beyond the limit are brought back."""
+    """Return q, or a copy with wrapped angles if one is beyond the limit."""
     T = form.type
     copy = Array(ir.array(T, n), f'{form.bytes * form.width}' if form.strided else '')
-    # Where no sum of squares is beyond the limit, no angle is; NaN is looked at, too.
+    # No angle is beyond the limit if no sum of squares is; NaN takes the branch.
     total = form.zero
     for k in angles:
         x = form.read(ir, q, k)
@@ -51,7 +51,7 @@ def _wrapped(ir: Function, form: Format, q: Array, n: int, angles: Sequence[int]
 
 
 def _wrap_row(form: Format) -> str:
-    """Return `void @wrap_row(ptr)`: bring back those of `width` angles that are beyond range."""
+    """Return `void @wrap_row(ptr)`, which wraps those of `width` angles beyond the limit."""
     S = form.scalar
     ir = Function('define internal void @wrap_row(ptr %row) cold noinline')
     with ir.loop(form.width) as lane:

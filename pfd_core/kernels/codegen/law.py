@@ -1,15 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-LLVM IR of a law of feedback: what the state adds to the torques of a step, for `width` arms.
+LLVM IR of a feedback law: torques that depend on the state, added to a step's, for `width` arms.
 
     joint by joint    tau + kp (q_ref - q) + kd (qd_ref - qd), summed from the left
     whole state       tau_i + sum over j of gain_ij e_j, summed from the left,
                       e = (q_ref - q, qd_ref - qd)
 
-The gains of a whole state may be another matrix for each arm and each step. They are read where
-they are, one number of `width` arms at a time: a copy of them all would not fit on the stack of a
-long chain.
+The matrix of a whole state may differ for each arm and each step. It is read in place, one number
+of `width` arms at a time: a copy would not fit on the stack of a long chain.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from pfd_core.kernels.codegen.step import STATE
 REFERENCES = tuple(f'{name}.ref' for name in STATE)
 GAINS = ('kp', 'kd')
 MATRIX = 'gain'
-# The numbers by which @ensemble is told the law.
+# Numbers of the laws, a parameter of @ensemble.
 NONE, JOINTS, WHOLE = range(3)
 
 
@@ -42,7 +41,7 @@ def errors(ir: Function, arrays: Mapping[str, Array], n: int, form: Format) -> l
 def joint_by_joint(
     ir: Function, arrays: Mapping[str, Array], errors_: list[str], n: int, form: Format
 ) -> None:
-    """Add to `tau` the torque that each joint's own errors ask for."""
+    """Add to `tau` the gains of each joint times the errors of that joint."""
     T = form.type
     for k in range(n):
         total, kp, kd = (form.read(ir, arrays[name], k) for name in ('tau', *GAINS))
@@ -57,8 +56,8 @@ def whole_state(n: int, form: Format) -> str:
     Return `void @whole_state(tau, error, gain, arm, column, b, last)`.
 
     It adds to `tau`, (n,), the product of each arm's matrix, (n, 2 n) with `column` bytes from
-    number to number, and `error`. Arm k has its matrix k `arm` bytes behind that of arm 0; arms
-    beyond `last` use its.
+    number to number, and `error`. The matrix of arm k lies k `arm` bytes behind that of arm 0;
+    arms beyond `last` use that of arm `last`.
     """
     T, W = form.type, form.width
     lanes, umin = form.index, f'llvm.umin.v{W}i64'

@@ -1,18 +1,17 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Python functions in native code: one state, or a batch, checked in well under a microsecond.
+LLVM IR of Python functions: one state, or a batch, checked in well under a microsecond.
 
-The ctypes of Python spend longer on handing over four arrays than a kernel spends on the arm.
-This module writes, in LLVM IR, a function that Python calls directly (METH_FASTCALL of its
-C API) and that looks at the arrays itself, through the fields that NumPy's C API publishes.
-It evaluates when every argument is an aligned array of the right type and shape (for one state,
-contiguous) and every input is finite. In any other case it returns None, and the caller takes the
-way that converts what can be converted and says what is wrong with the rest. A function that is
-bound to its arrays has no such way, and raises ValueError.
+Passing four arrays through ctypes takes longer than an evaluation. This module writes a function
+that Python calls directly (METH_FASTCALL of its C API) and that reads the arrays itself, through
+the fields that NumPy's C API publishes. It evaluates if every argument is an aligned array of the
+right type and shape (for one state, contiguous) and every input is finite. Otherwise it returns
+None, and the caller converts the arguments or raises an error that names the unfit one. A
+function that is bound to its arrays raises ValueError itself.
 
-A batch runs without the interpreter's lock. One state keeps it: giving it away and back costs a
-good part of an evaluation.
+A batch runs without the interpreter's lock. One state keeps it: releasing and taking it again
+costs a good part of an evaluation.
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from pfd_core.kernels.codegen.builder import Function
 from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Instruction, Program
 
-# The order in which a kernel takes those inputs that its program has.
+# All inputs that a program may have, in the order of a kernel's arguments.
 ARGUMENTS = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free')
 SCALAR = {'float64': 'double', 'float32': 'float'}
 SUFFIX = {'float64': 'f64', 'float32': 'f32'}
@@ -38,20 +38,10 @@ def arguments(program: Program) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Array:
-    """
-    An array in native code.
+    """An array in native code."""
 
-    Attributes
-    ----------
-    address : str
-        Where its first element lies.
-    stride : str
-        Bytes from one element to the next; empty where elements follow one another.
-
-    """
-
-    address: str
-    stride: str = ''
+    address: str  # of its first element
+    stride: str = ''  # bytes from element to element; empty where elements follow one another
 
     def __str__(self) -> str:
         """Return it as a parameter or, spelled alike, as an argument."""
@@ -66,7 +56,7 @@ class Format:
         self.width = width
         self.strided = strided
         self.scalar = SCALAR[dtype]
-        # Also the alignment: arguments come from NumPy, which promises no more.
+        # Also the alignment of arrays: NumPy guarantees no more.
         self.bytes = BYTES[dtype]
         self.type = self.scalar if width == 1 else f'<{width} x {self.scalar}>'
         self.flag = 'i1' if width == 1 else f'<{width} x i1>'

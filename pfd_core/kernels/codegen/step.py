@@ -5,8 +5,8 @@ LLVM IR of an integrator's step around @evaluate.
 
 The step is a program recorded over one lane per joint. Each lane is a value of its own here,
 which holds one number, or one for each of `width` arms: numbers that are written one by one and
-read as a vector would have to reach the cache first, which takes longer than the step's own
-operations. The step's `call` hands positions and velocities to @evaluate.
+read as a vector would have to reach the cache first, which takes longer than the operations of
+the step. The step's `call` hands positions and velocities to @evaluate.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from importlib.abc import Traversable
 
 PACKAGE: Traversable = files(__name__.partition('.')[0])
-# A source file changed while this package was imported may not be what runs.
+# A source file that changed while this package was imported may differ from the running code.
 IMPORTED = time.time()
 IMPORTING = 1.0  # [s]
 
@@ -38,11 +38,11 @@ def sources() -> str | None:
     Return the digest of the source files of this package as it was imported, or None.
 
     None is for a package without source files, and for files so new that they may have been
-    written while they were imported. Times in the future say nothing, and do no harm.
+    written while they were imported. Times in the future are ignored.
     """
     try:
         found = sorted(_sources(PACKAGE, getattr(sys.modules[__name__].__loader__, 'archive', '')))
-    except Exception:  # of whatever kind the loader of this package raises
+    except Exception:  # loaders of packages raise exceptions of many kinds
         return None
     times = [changed for _, _, changed in found]
     if not found or any(IMPORTED - IMPORTING < changed <= IMPORTED for changed in times):
@@ -51,7 +51,7 @@ def sources() -> str | None:
 
 
 def _sources(where: Traversable, archive: str, at: str = '') -> Iterator[tuple[str, str, float]]:
-    """Yield name, text and time of each source file; files in an archive have that one's time."""
+    """Yield name, text and time of each source file; in an archive, the time of the archive."""
     for entry in where.iterdir():
         name = f'{at}/{entry.name}'
         if entry.is_dir():

@@ -237,9 +237,8 @@ class Kernel:
         or (B, n), and raises ValueError where an input is not finite. The arrays are checked
         here, once; their number format must be the kernel's.
         """
-        given = {'q': q, 'qd': qd, self._names[2]: tau, 'out': out}
-        if wrench is not None:
-            given['wrench'] = wrench
+        extra = {} if wrench is None else {'wrench': wrench}
+        given = {'q': q, 'qd': qd, self._names[2]: tau, **extra, 'out': out}
         for name, value in given.items():
             found = value.dtype if isinstance(value, np.ndarray) else type(value).__name__
             if found != self.dtype:
@@ -247,9 +246,8 @@ class Kernel:
                     f'{name} must be an array of {self.dtype} to be bound, got {found}'
                 )
         self(q, qd, tau, wrench, out, brakes=brakes, threads=threads)
-        arrays = [array for array in (q, qd, tau, wrench, out) if array is not None]
-        if self._single_entry(*arrays) is not None:
-            return partial(python_function(self._single, 'bound'), *arrays)
+        if self._single_entry(*given.values()) is not None:
+            return partial(python_function(self._single, 'bound'), *given.values())
         return partial(self, q, qd, tau, wrench, out, brakes=brakes, threads=threads)
 
     def _evaluate_checked(

@@ -26,8 +26,8 @@ from pfd_core.kernels.codegen.law import (
     NONE,
     REFERENCES,
     WHOLE,
-    errors,
     joint_by_joint,
+    state_errors,
 )
 from pfd_core.kernels.codegen.spelling import Array, Format
 from pfd_core.kernels.codegen.step import (
@@ -144,12 +144,12 @@ def _torque(
     with ir.when(ir.let(f'icmp ne i64 %law, {NONE}')):
         for name in REFERENCES:
             copy(ir, 'in', slots[name].at(ir, t), slots[name].buffer, n, block)
-        errors_ = errors(ir, arrays, n, form)
+        errors = state_errors(ir, arrays, n, form)
         with ir.when(joints):
-            joint_by_joint(ir, arrays, errors_, n, form)
+            joint_by_joint(ir, arrays, errors, n, form)
         with ir.when(ir.let(f'icmp eq i64 %law, {WHOLE}')):
             error = Array(ir.array(form.type, 2 * n))
-            for k, value in enumerate(errors_):
+            for k, value in enumerate(errors):
                 form.write(ir, error, k, value)
             gain = slots[MATRIX].at(ir, t)
             ir.call(

@@ -32,8 +32,8 @@ def batch(program: Program, form: Format, size: int, name: str = 'batch') -> str
         array: ir.let(f'icmp eq i64 {rows.row}, {form.bytes}') for array, rows in tables.items()
     }
     last = ir.let('sub i64 %count, 1')
-    odd = Variable(form.type, form.zero)
-    with ir.loop('%count', odd, step=form.width) as b:
+    nonfinite = Variable(form.type, form.zero)
+    with ir.loop('%count', nonfinite, step=form.width) as b:
         end = ir.let(f'add i64 {b}, {form.width - 1}')
         block = Block(b, last, ir.let(f'icmp ule i64 {end}, {last}'))
         direct, arrays = {}, {}
@@ -47,10 +47,10 @@ def batch(program: Program, form: Format, size: int, name: str = 'batch') -> str
             for array in arguments(program)
             for k in range(sizes[array])
         ]
-        odd.value = form.not_finite(ir, numbers, odd.value)
+        nonfinite.value = form.not_finite(ir, numbers, nonfinite.value)
         ir.call('void', 'evaluate', *map(str, arrays.values()))
         copy(ir, 'out', tables['out'], buffers['out'], size, block, direct['out'])
-    wrong = form.any(ir, ir.let(f'fcmp uno {form.type} {odd}, {odd}'))
+    wrong = form.any(ir, ir.let(f'fcmp uno {form.type} {nonfinite}, {nonfinite}'))
     ir.ret('i64', ir.let(f'zext i1 {wrong} to i64'))
     return '\n'.join([str(ir), copies(form)])
 

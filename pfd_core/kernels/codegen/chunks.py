@@ -38,8 +38,8 @@ def batch_of(program: Program, form: Format, size: int) -> str:
     beside = [ir.let(f'icmp eq i64 {rows.row}, {form.bytes}') for rows in table]
     for slot, rows in enumerate(table):
         ir.store('i64', rows.row, ir.element('i64', own, 3 * slot + 1))
-    odd = Variable('i64', '0')
-    with ir.loop('%count', odd, step=states) as c:
+    wrong = Variable('i64', '0')
+    with ir.loop('%count', wrong, step=states) as c:
         left = ir.let(f'sub i64 %count, {c}')
         whole = ir.let(f'icmp uge i64 {left}, {states}')
         count = ir.call('i64', 'llvm.umin.i64', f'i64 {left}', f'i64 {states}')
@@ -58,10 +58,10 @@ def batch_of(program: Program, form: Format, size: int) -> str:
         *inputs, out = chunks
         for chunk in inputs:
             ir.call('void', 'columns_in', chunk)
-        wrong = ir.call('i64', 'rows', f'i64 {count}', f'ptr {own}')
+        flag = ir.call('i64', 'rows', f'i64 {count}', f'ptr {own}')
         ir.call('void', 'columns_out', out)
-        odd.value = ir.let(f'or i64 {odd}, {wrong}')
-    ir.ret('i64', odd)
+        wrong.value = ir.let(f'or i64 {wrong}, {flag}')
+    ir.ret('i64', wrong)
     copies = [_copy(form, inward) for inward in (True, False)]
     return '\n'.join([batch(program, form, size, 'rows'), *copies, str(ir)])
 

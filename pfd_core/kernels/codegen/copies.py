@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from pfd_core.kernels.codegen.builder import Function
 from pfd_core.kernels.codegen.spelling import Format
 
-# Bytes within which processors move numbers about most easily.
+# Bytes of a register within which shuffles are cheapest.
 LANE = 16
 
 

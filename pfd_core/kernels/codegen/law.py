@@ -27,7 +27,7 @@ MATRIX = 'gain'
 NONE, JOINTS, WHOLE = range(3)
 
 
-def errors(ir: Function, arrays: Mapping[str, Array], n: int, form: Format) -> list[str]:
+def state_errors(ir: Function, arrays: Mapping[str, Array], n: int, form: Format) -> list[str]:
     """Return reference minus state, (2 n,)."""
     values = []
     for name, reference in zip(STATE, REFERENCES, strict=True):
@@ -39,13 +39,13 @@ def errors(ir: Function, arrays: Mapping[str, Array], n: int, form: Format) -> l
 
 
 def joint_by_joint(
-    ir: Function, arrays: Mapping[str, Array], errors_: list[str], n: int, form: Format
+    ir: Function, arrays: Mapping[str, Array], errors: list[str], n: int, form: Format
 ) -> None:
     """Add to `tau` the gains of each joint times the errors of that joint."""
     T = form.type
     for k in range(n):
         total, kp, kd = (form.read(ir, arrays[name], k) for name in ('tau', *GAINS))
-        for gain, error in ((kp, errors_[k]), (kd, errors_[n + k])):
+        for gain, error in ((kp, errors[k]), (kd, errors[n + k])):
             product = ir.let(f'fmul {T} {gain}, {error}')
             total = ir.let(f'fadd {T} {total}, {product}')
         form.write(ir, arrays['tau'], k, total)

@@ -118,8 +118,8 @@ def _one(sizes: list[int], form: Format) -> str:
         if k < len(sizes) - 1:
             places = [ir.element(form.type, data[k], i) for i in range(elements)]
             numbers += [ir.load(form.type, place) for place in places]
-    odd = form.not_finite(ir, numbers)
-    ir.require(ir.let(f'fcmp ord {form.type} {odd}, {odd}'), 'ptr null')
+    nonfinite = form.not_finite(ir, numbers)
+    ir.require(ir.let(f'fcmp ord {form.type} {nonfinite}, {nonfinite}'), 'ptr null')
     ir.call('void', 'evaluate', *(f'ptr {place}' for place in data))
     ir.ret('ptr', objects[-1])
     return str(ir)

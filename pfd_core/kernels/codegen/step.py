@@ -117,8 +117,8 @@ def count_finite(
     Returns the values of the state, which are read for that.
     """
     state = {name: [form.read(ir, Array(arrays[name]), k) for k in range(n)] for name in STATE}
-    odd = form.not_finite(ir, [value for values in state.values() for value in values])
-    finite = ir.let(f'fcmp ord {form.type} {odd}, {odd}')
+    nonfinite = form.not_finite(ir, [value for values in state.values() for value in values])
+    finite = ir.let(f'fcmp ord {form.type} {nonfinite}, {nonfinite}')
     so_far = ir.let(f'icmp eq {form.index} {finite_steps}, {form.splat(ir, t)}')
     counts = ir.let(f'and {form.flag} {so_far}, {finite}')
     one = ir.let(f'zext {form.flag} {counts} to {form.index}')

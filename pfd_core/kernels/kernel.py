@@ -80,13 +80,11 @@ class Kernel:
         """Be pickled as the arguments it was compiled from."""
         return self._recreate, ()
 
-    def __copy__(self) -> Kernel:
+    def __copy__(self, memo: object = None) -> Kernel:
         """Return itself: a kernel is immutable."""
         return self
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> Kernel:
-        """Return itself: a kernel is immutable."""
-        return self
+    __deepcopy__ = __copy__
 
     @property
     def program(self) -> Program:

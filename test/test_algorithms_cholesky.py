@@ -229,7 +229,7 @@ def test_the_lowered_program_gives_the_bits_of_the_recorded_one(
     for n in (1, 2, 5, 8):
         program = solution(n, name, square_roots, 'sequential')
         inputs = {'H': matrix(n).ravel(), 'y': np.linspace(1, 2, n)}
-        found = run(lower(program, 'float64', ['x'], fma=False), inputs)['x']
+        found = run(lower(program, 'float64', ['x'], fma=False).compiled, inputs)['x']
         np.testing.assert_array_equal(found, run(program, inputs)['x'])
 
 

@@ -211,7 +211,7 @@ def test_the_lowered_program_says_the_same() -> None:
     robot = without_mass(random_chain(np.random.default_rng(39), 3), (1,))
     program = record_divide_and_conquer(resolve(robot), 'sequential')
     inputs = dict(zip(('q', 'qd', 'tau'), random_state(np.random.default_rng(40), 3), strict=True))
-    short = lower(program, 'float64', ['qdd'])
+    short = lower(program, 'float64', ['qdd']).compiled
     assert len(short.instructions) < len(program.instructions)
     # Sine and cosine are written out, and differ from NumPy's in the last bit.
     tolerance = DYNAMICS * jacobi_condition(Oracle(robot).H(inputs['q']))

@@ -125,7 +125,7 @@ def test_the_sequential_program_can_be_lowered_and_keeps_its_answer(n: int) -> N
     robot = random_chain(rng, n)
     plant = resolve(robot, Scene(brakes=True, external_wrench=True))
     program = FORWARD['pcrbm_array'](plant, 'sequential')
-    short = lower(program, 'float64', ['qdd'])
+    short = lower(program, 'float64', ['qdd']).compiled
     q, qd, tau = random_state(rng, n)
     inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6), 'free': np.ones(n)}
     found = run(short, inputs)['qdd']

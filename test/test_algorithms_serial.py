@@ -29,7 +29,7 @@ from pfd_core.algorithms.serial.walker_orin import (
 )
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.passes.pipeline import lower
-from pfd_core.kernels.source import Recipe
+from pfd_core.kernels.source import KernelSource
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
@@ -324,13 +324,13 @@ def test_kernel_and_emulator_give_the_same_bits(method: str, dtype: str) -> None
     rng = np.random.default_rng(39)
     robot = random_chain(rng, 3)
     scene = replace(EVERYTHING, brakes=True)
-    program = lower(record(method, resolve(robot, scene)), dtype, ['qdd'])
-    kernel = Kernel(robot, scene, method, dtype, Recipe(lambda: {'compiled': program}), Kernel)
+    stages = lower(record(method, resolve(robot, scene)), dtype, ['qdd'])
+    kernel = Kernel(robot, scene, method, dtype, KernelSource(lambda: stages), Kernel)
     rows = [random_state(rng, 3) for _ in range(9)]
     q, qd, tau = (np.array([row[k] for row in rows], dtype) for k in range(3))
     wrench, brakes = rng.normal(size=(9, 6)).astype(dtype), rng.random((9, 3)) < 0.3
     given = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': 1.0 - brakes}
-    wanted = run(program, given, dtype)['qdd']
+    wanted = run(stages.compiled, given, dtype)['qdd']
     np.testing.assert_array_equal(kernel(q, qd, tau, wrench, brakes=brakes), wanted)
     one = kernel(q[4], qd[4], tau[4], wrench[4], brakes=brakes[4])
     np.testing.assert_array_equal(one, wanted[4])

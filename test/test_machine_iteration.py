@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 
 from pfd_core.kernels.codegen.batch import batch
+from pfd_core.kernels.codegen.body import body
 from pfd_core.kernels.codegen.evaluate import evaluate
-from pfd_core.kernels.codegen.spelling import Format, body, module
+from pfd_core.kernels.codegen.module import module
+from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.kernels.runtime.jit import compile_ir
 from pfd_core.machine.emulator import run
@@ -93,10 +95,10 @@ def test_counts_follow_the_trips() -> None:
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize('width', [1, 4])
 def test_native_code_takes_the_same_trips_and_leaves_the_same_bits(dtype: str, width: int) -> None:
-    program = lower(roots(3, 'sequential'), dtype)
+    program = lower(roots(3, 'sequential'), dtype).compiled
     form = Format(dtype, width, strided=True)
     parts = [body(program, form), evaluate(program, form, ()), batch(program, form, 4)]
-    native = compile_ir(module(parts, dtype, [width], ()))
+    native = compile_ir(module(parts, form, ()))
     call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
     q = np.random.default_rng(1).uniform(1e-4, 1e6, (9, 3)).astype(dtype)
     q[4] = -1.0

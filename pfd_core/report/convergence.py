@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.algorithms.programs import FORWARD, ITERATIVE
-from pfd_core.kernels.passes.pipeline import expand
+from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, load_robot, resolve
@@ -86,7 +86,7 @@ def convergence(method: str, robot: Robot) -> Convergence:
     state = _states(n)
 
     def answer(program: Program) -> dict[str, Array]:
-        return run(expand(program, 'float64'), state)
+        return run(expand_sines(program, 'float64'), state)
 
     wanted = answer(FORWARD['pcrbm'](plant, 'parallel'))['qdd']
     whole = answer(FORWARD[method](plant, 'parallel'))

@@ -10,7 +10,8 @@ from functools import partial
 
 import numpy as np
 
-from pfd_core.kernels.kernel import Kernel, compile_kernel
+from pfd_core.kernels.compile import compile_kernel
+from pfd_core.kernels.kernel import Kernel
 from pfd_core.model import Robot
 from pfd_core.report.timing import STEP_SIZE, LeftOutError, Side, Work
 from pfd_core.simulation.simulator import Simulator

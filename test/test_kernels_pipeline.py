@@ -12,9 +12,11 @@ import pytest
 from zoo import random_chain, random_state
 
 from pfd_core.algorithms.programs import FORWARD
-from pfd_core.kernels.kernel import compile_kernel
+from pfd_core.kernels.compile import compile_kernel
+from pfd_core.kernels.passes.dead_code import eliminate_dead_code
 from pfd_core.kernels.passes.fold import fold
-from pfd_core.kernels.passes.pipeline import drop, expand, lower, operations
+from pfd_core.kernels.passes.pipeline import lower, operations
+from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.machine.lanes import cos, sin, sqrt, where
 from pfd_core.machine.program import Program
@@ -81,7 +83,7 @@ def recorded(text: Text) -> Program:
 )
 def test_folding_leaves_only_what_is_needed(text: Text, left: dict[str, int]) -> None:
     program = recorded(text)
-    folded = drop(fold(program))
+    folded = eliminate_dead_code(fold(program))
     assert operations(folded) == left
     for x, y in [(2.0, 3.0), (-0.75, 0.3), (1e-3, -7.0)]:
         inputs = {'x': [x], 'y': [y]}
@@ -108,19 +110,19 @@ def test_dropping_keeps_the_asked_outputs_only() -> None:
     x = recorder.input('x', [0])
     recorder.output('a', (1,), [(x * x, 0)])
     recorder.output('b', (1,), [(x + x, 0)])
-    program = drop(recorder.program(), ['b'])
+    program = eliminate_dead_code(recorder.program(), ['b'])
     assert operations(program) == {'add': 1}
     assert set(program.outputs) == {'b'}
     with pytest.raises(ValueError, match=r"no output of \['a', 'b'\] is in \['c'\]"):
-        drop(recorder.program(), ['c'])
+        eliminate_dead_code(recorder.program(), ['c'])
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 def test_one_expansion_serves_the_sine_and_the_cosine_of_an_angle(dtype: str) -> None:
-    both = expand(recorded(lambda x, y: sin(x) * y + cos(x)), dtype)
+    both = expand_sines(recorded(lambda x, y: sin(x) * y + cos(x)), dtype)
     counts = operations(both)
     assert not {'sin', 'cos'} & counts.keys()
-    one = operations(expand(recorded(lambda x, y: sin(x)), dtype))
+    one = operations(expand_sines(recorded(lambda x, y: sin(x)), dtype))
     assert sum(counts.values()) == sum(one.values()) + 2
     x = np.linspace(-7, 7, 101)[:, None]
     inputs = {'x': x, 'y': np.ones_like(x)}
@@ -132,7 +134,7 @@ def test_one_expansion_serves_the_sine_and_the_cosine_of_an_angle(dtype: str) ->
 def test_a_lowered_program_agrees_with_the_program_as_written(name: str) -> None:
     robot = load_robot(name)
     program = FORWARD['pcrbm'](resolve(robot, Scene(external_wrench=True)), 'sequential')
-    lowered = lower(program, 'float64', ['qdd'])
+    lowered = lower(program, 'float64', ['qdd']).compiled
     rng = np.random.default_rng(1)
     q, qd, tau = random_state(rng, robot.n)
     inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6)}
@@ -146,7 +148,7 @@ def test_a_scene_pays_only_for_what_it_models() -> None:
 
     def cost(scene: Scene) -> int:
         program = FORWARD['pcrbm'](resolve(robot, scene), 'sequential')
-        return sum(operations(lower(program, 'float64', ['qdd'], fma=False)).values())
+        return sum(operations(lower(program, 'float64', ['qdd'], fma=False).compiled).values())
 
     bare = cost(Scene(gravity=None))
     # Damping takes one product and one addition a joint, a rotor one addition.

@@ -10,7 +10,7 @@ Rooms and modules in the order of the way of the data; each imports only from th
     runtime/       text -> native code in this process; cache on disk, threads, Python's C API
     source         robot, scene and method -> lowered program, recorded only if needed
     auto           the method that 'auto' stands for
-    arguments      arguments of a call as rows of one batch
+    batches        the batch shape of arrays, and arrays as rows of states
     kernel         Kernel: a call checks and converts its arguments and runs native code
     compile        compile_kernel, compile_inverse_kernel
     functions      forward_dynamics, inverse_dynamics: plain functions that keep their kernels

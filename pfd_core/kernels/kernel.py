@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.kernels.arguments import as_rows, common_shape
+from pfd_core.kernels.batches import as_rows, common_shape
 from pfd_core.kernels.codegen.module import kernel_module
 from pfd_core.kernels.runtime.cpython_abi import python_function, refuse
 from pfd_core.kernels.runtime.jit import Native, simd_width

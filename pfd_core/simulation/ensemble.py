@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 
 from pfd_core.kernels.codegen.arms import SLOTS
 from pfd_core.kernels.codegen.step import REPORT
-from pfd_core.kernels.runtime.threads import block_size, run, thread_count
+from pfd_core.kernels.runtime.threads import MAX_BLOCK_WORK, block_size, run, thread_count
 from pfd_core.kernels.simulations import NativeEnsemble, compile_ensemble
 from pfd_core.model import Robot, Scene
 from pfd_core.model.checked_numbers import Array, fit_shape, integer, real_array

@@ -5,7 +5,7 @@ Code generation: program -> text of LLVM IR. Each module writes the functions it
 
     builder          one function: fresh names, loops, branches
     spelling         number formats, types, constants, single operations, arrays
-    wrap             @wrap_angle: angles beyond the range of the sine, in Python and in LLVM IR
+    wrap             @wrap_angle: an angle beyond the range of the sine, by exact integers
     split            @body of a long program, in several functions
     body             @body: the program from its inputs to its output
     evaluate         @evaluate: @body, with angles wrapped first

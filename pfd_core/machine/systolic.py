@@ -137,6 +137,10 @@ class Trace:
         """Share of the cells' cycles in which they acted, 0 to 1."""
         return sum(map(len, self.actions)) / max(len(self.states) * self.cycles, 1)
 
+    def cycles_with(self, *names: str) -> int:
+        """Return the number of cycles in which some cell did one of the named actions."""
+        return sum(any(action in names for action in acting.values()) for acting in self.actions)
+
     def leaving(self, place: Place, direction: str) -> list[Any]:
         """Return the items that a cell sent out of the array in a direction, by time."""
         return [e.item for e in self.emitted if (e.place, e.direction) == (place, direction)]

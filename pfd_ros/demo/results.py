@@ -16,7 +16,8 @@ from pfd_ros.arm.settings import NANOSECONDS
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.recording.reader import Log
-from pfd_ros.replay.verify import Summary, read
+from pfd_ros.replay.summary import Summary
+from pfd_ros.replay.verify import read
 
 # The promise about the rate: mean period within this part of the wanted one.
 RATE_TOLERANCE = 0.01

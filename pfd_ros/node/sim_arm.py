@@ -8,7 +8,7 @@ bytes into a queue. See docs/decisions/0003-executor-and-stepping-thread.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 import itertools
 import json
@@ -23,32 +23,30 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from pfd_ros.arm.commands import ERRORS, QUIET, Command, Verdict
-from pfd_ros.arm.plant import Plant, Source, load_robot
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.commands import ERRORS, QUIET, Judgement
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.settings import NANOSECONDS
-from pfd_ros.messages import convert
 from pfd_ros.node import parameters
-from pfd_ros.node.inbox import Inbox
+from pfd_ros.node.event_queue import EventQueue
 from pfd_ros.node.notices import Notices
 from pfd_ros.node.outlet import Outlet
 from pfd_ros.node.peers import Peers, type_name
 from pfd_ros.node.schedule import Schedule
 from pfd_ros.node.tally import Tally
 from pfd_ros.recording import channels
-from pfd_ros.recording.format import ROLE_OF_SOURCE, ROLES, TAKEN_COLUMNS
+from pfd_ros.recording.format import ROLE_OF_SOURCE, ROLES
 from pfd_ros.recording.recorder import Recorder
 from pfd_ros.text import cut, listed
 
 NAME = 'sim_arm'
-TAKEN, STATES, CLOCK = map(ROLES.index, ('taken', 'joint_states', 'clock'))
+STATES, CLOCK = map(ROLES.index, ('joint_states', 'clock'))
 # A command for ten joints has half a kilobyte; decoding this much takes about a second. What is
 # larger gets no number and no row: it is not looked at, nor kept.
 LARGEST_COMMAND = 1 << 22
-# Rows of one message on ~/applied_commands: after a flood there may be a million.
-MOST_ROWS = 4096
 # At unlimited speed the arm waits for the disk from this backlog on.
 BACKLOG_LIMIT = 0.25
-OVERFLOWED = Command(Verdict.OVERFLOWED, 'newer ones came before the next step')
 
 
 class SimArm(Node):
@@ -64,18 +62,15 @@ class SimArm(Node):
         super().__init__(NAME)
         self.settings = parameters.declare(self)
         robot = load_robot(self.settings)
-        self.plant = Plant(self.settings, robot)
+        self.engine = Engine(self.settings, robot)
         factor = self.settings.real_time_factor
         self.schedule = Schedule(self.settings.step_ns / factor if factor else 0)
-        self.cycles = 0
         self.tally = Tally()
         self.callback_failures = 0
         self._callback_failure = ''
         self._published = 0
-        self._ticks = 0
-        self._taken = 0
         self._notices = Notices(self.get_logger())
-        self._inbox = Inbox()
+        self._queue = EventQueue()
         self._recorder: Recorder | None = None
         self._connect(robot)
         misspelt = parameters.misspelt(self)
@@ -114,8 +109,10 @@ class SimArm(Node):
                 event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
                 **overridable,
             )
-            for source, (kind, topic) in enumerate(
-                ((JointState, 'joint_commands'), (Float64MultiArray, '~/commands'))
+            for source, (kind, topic) in zip(
+                Source,
+                ((JointState, 'joint_commands'), (Float64MultiArray, '~/commands')),
+                strict=True,
             )
         ]
         self._outlets = {STATES: Outlet(states)} | ({CLOCK: Outlet(clock)} if clock else {})
@@ -126,7 +123,7 @@ class SimArm(Node):
     def introduce(self) -> None:
         """Log what the node listens to and what it publishes, by resolved names."""
         named, plain = self._commands
-        order = ', '.join(cut(name) for name in self.plant.names)
+        order = ', '.join(cut(name) for name in self.engine.arm.names)
         published = ' and '.join(
             f'{o.publisher.topic_name} ({type_name(o.publisher)})' for o in self._outlets.values()
         )
@@ -136,30 +133,30 @@ class SimArm(Node):
             f'{plain.topic_name} ({type_name(plain)}: efforts in this order: {order})'
         )
         log.info(f'publishes {published}')
-        log.info(f'{cut(self.settings.robot)}: {len(self.plant.names)} joints, held')
+        log.info(f'{cut(self.settings.robot)}: {len(self.engine.arm.names)} joints, held')
 
     def _start_recording(self, robot: Any, ends: list[Any]) -> Recorder:
         """Open the file; `ends` are the endpoints of the channels, None where there is none."""
         # By name: another version may choose otherwise.
-        settings = replace(self.settings, method=self.plant.method)
+        settings = replace(self.settings, method=self.engine.arm.method)
         own = self.resolve_topic_name('~/applied_commands')
         return channels.start(
             settings, robot, own, ends, lambda text: self.get_logger().error(text)
         )
 
-    def _listen(self, source: int) -> Callable[[bytes], None]:
+    def _listen(self, source: Source) -> Callable[[bytes], None]:
         """Return the callback of one command topic: it records, `cycle` does the rest."""
         numbers = itertools.count(1)
 
         def on_message(data: bytes) -> None:
             if len(data) > LARGEST_COMMAND:
                 detail = f'{len(data)} bytes, expected {LARGEST_COMMAND} at most'
-                self.tally.add(source, Command(Verdict.MALFORMED, detail))
+                self.tally.add(source, Judgement(Verdict.MALFORMED, detail))
                 return
             number = next(numbers)
             if self._recorder is not None:
                 self._recorder.record(source, number, data)
-            self._inbox.put(source, number, data)
+            self._queue.put(Arrival(source, number, data))
 
         return on_message
 
@@ -187,45 +184,19 @@ class SimArm(Node):
         return not recorder.failed and recorder.backlog > BACKLOG_LIMIT
 
     def cycle(self) -> None:
-        """Take what came in, do one step, publish: the state before the clock."""
-        self.cycles += 1
-        self._take_commands()
-        self.plant.advance()
-        if self.cycles % self.settings.publish_every == 0:
-            self._published += 1
-            self._send(STATES, self._published, self.plant.state())
-        if CLOCK in self._outlets and self.cycles % self.settings.clock_every == 0:
-            self._ticks += 1
-            self._send(CLOCK, self._ticks, self.plant.clock())
-
-    def _send(self, topic: int, number: int, data: bytes) -> None:
-        """Record and publish the same bytes; recorded first, so that no answer precedes it."""
-        if self._recorder is not None:
-            self._recorder.record(topic, number, data)
-        self._outlets[topic].send(data)
-
-    def _take_commands(self) -> None:
-        """Give the plant what waits, and record before which step it was taken."""
-        waiting = self._inbox.take()
-        for source, numbers in waiting.dropped.items():
-            self.tally.add(source, OVERFLOWED, len(numbers))
-            for start in range(0, len(numbers), MOST_ROWS):
-                some = numbers[start : start + MOST_ROWS]
-                self._record_rows([(self.cycles, source, n, Verdict.OVERFLOWED) for n in some])
-        rows = []
-        for source, number, data in waiting.commands:
-            command = self.plant.receive(source, data)
-            self.tally.add(source, command)
-            rows.append((self.cycles, source, number, command.verdict))
-        if rows:
-            # In one message, which says what was taken before the step.
-            self._record_rows(rows)
-
-    def _record_rows(self, rows: Sequence[tuple[int, int, int, Verdict]]) -> None:
-        """Record what became of some commands."""
-        if self._recorder is not None:
-            self._taken += 1
-            self._recorder.record(TAKEN, self._taken, convert.encode_rows(rows, TAKEN_COLUMNS))
+        """Run one cycle of the engine; record and publish its outputs."""
+        result = self.engine.run_cycle(self._queue.take())
+        for source, judgement, count in result.judgements:
+            self.tally.add(source, judgement, count)
+        for role, number, data in result.outputs:
+            topic = ROLES.index(role)
+            if topic == STATES:
+                self._published = number
+            # Recorded first, so that no answer precedes it.
+            if self._recorder is not None:
+                self._recorder.record(topic, number, data)
+            if topic in self._outlets:
+                self._outlets[topic].send(data)
 
     def report(self, *, last: bool = False) -> None:
         """Log what went wrong since the last call; called about once a second."""
@@ -250,15 +221,15 @@ class SimArm(Node):
             tell('recorder', dropped, 'messages not recorded: the disk is too slow', last=last)
         text = f'callbacks failed, the newest by {self._callback_failure}'
         tell('callbacks', self.callback_failures, text, error=True, last=last)
-        text = f'failure, simulation stopped: {self.plant.failure}'
-        tell('plant', int(bool(self.plant.failure)), text, error=True, last=last)
+        text = f'failure, simulation stopped: {self.engine.arm.failure}'
+        tell('plant', int(bool(self.engine.arm.failure)), text, error=True, last=last)
         if not last:
             self._peers.look()
 
     def problems(self) -> list[str]:
         """Return why the run was no success, though it came to its end."""
         found = []
-        if self.plant.failure:
+        if self.engine.arm.failure:
             found.append('the simulation did not go on to the end')
         if self._recorder is not None:
             topics = zip(self._recorder.topics, self._recorder.dropped, strict=True)
@@ -274,15 +245,15 @@ class SimArm(Node):
         verdicts = self.tally.verdicts()
         accepted = sum(n for (_, v), (n, _) in verdicts.items() if v is Verdict.ACCEPTED)
         return {
-            'steps': self.plant.step,
-            'simulated_seconds': self.plant.step * self.settings.step_ns / NANOSECONDS,
+            'steps': self.engine.arm.step,
+            'simulated_seconds': self.engine.arm.step * self.settings.step_ns / NANOSECONDS,
             'states': self._published,
             'not_published': sum(outlet.refused for outlet in self._outlets.values()),
             'commands_accepted': accepted,
             'commands_dropped': sum(n for n, _ in verdicts.values()) - accepted,
             'late_steps': self.schedule.late,
             'missed_periods': self.schedule.missed,
-            'failure': self.plant.failure,
+            'failure': self.engine.arm.failure,
         }
 
     def _ending(self) -> Mapping[str, str]:

@@ -7,7 +7,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 import threading
 
-from pfd_ros.arm.commands import Command, Verdict
+from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.events import Verdict
 from pfd_ros.text import NAME_COUNT
 
 
@@ -23,14 +24,14 @@ class Tally:
     _unknown: int = 0
     _names: dict[str, None] = field(default_factory=dict)
 
-    def add(self, source: int, command: Command, count: int = 1) -> None:
+    def add(self, source: int, judgement: Judgement, count: int = 1) -> None:
         """Count a command, or several of one kind."""
-        key = source, command.verdict
+        key = source, judgement.verdict
         with self._lock:
             before, _ = self._verdicts.get(key, (0, ''))
-            self._verdicts[key] = before + count, command.detail
-            self._unknown += command.unknown_count
-            for name in command.unknown:
+            self._verdicts[key] = before + count, judgement.detail
+            self._unknown += judgement.unknown_count
+            for name in judgement.unknown:
                 if len(self._names) < NAME_COUNT:
                     self._names[name] = None
 

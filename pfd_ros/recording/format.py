@@ -12,7 +12,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from pfd_ros.arm.plant import Source
+from pfd_ros.arm.events import Source
 from pfd_ros.messages import convert
 
 FORMAT = '1'
@@ -55,5 +55,3 @@ CHANNELS = {
 ROLES = tuple(CHANNELS)
 ROLE_OF_SOURCE = {Source.NAMED: 'joint_commands', Source.ARRAY: 'commands'}
 SOURCE_OF_ROLE = {role: source for source, role in ROLE_OF_SOURCE.items()}
-# Columns of the role 'taken': before which step a command was taken, and its verdict.
-TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict')

@@ -80,10 +80,10 @@ def step_after(count: int) -> None:
     from pfd_ros.node import sim_arm
 
     came, enough = itertools.count(1), threading.Event()
-    real_put, real_run = sim_arm.Inbox.put, sim_arm.SimArm.run
+    real_put, real_run = sim_arm.EventQueue.put, sim_arm.SimArm.run
 
-    def put(inbox, *command) -> None:
-        real_put(inbox, *command)
+    def put(queue, arrival) -> None:
+        real_put(queue, arrival)
         if next(came) == count:
             enough.set()
 
@@ -91,7 +91,7 @@ def step_after(count: int) -> None:
         enough.wait()
         real_run(arm, stopped)
 
-    sim_arm.Inbox.put = put
+    sim_arm.EventQueue.put = put
     sim_arm.SimArm.run = run
 
 
@@ -128,21 +128,23 @@ def put_in(fault: str) -> None:
         real_cycle = sim_arm.SimArm.cycle
 
         def cycle(arm) -> None:
-            if arm.cycles == 200:
+            if arm.engine.cycles == 200:
                 raise KeyError('{0}')
             real_cycle(arm)
 
         sim_arm.SimArm.cycle = cycle
     elif fault == 'stepping_hangs':
         process.END_SECONDS = 1
-        real_advance = sim_arm.Plant.advance
+        from pfd_ros.arm.arm import Arm
 
-        def advance(plant) -> None:
-            if plant.step == 200:
+        real_advance = Arm.advance
+
+        def advance(arm, drive) -> None:
+            if arm.step == 200:
                 hang_in_c()
-            real_advance(plant)
+            real_advance(arm, drive)
 
-        sim_arm.Plant.advance = advance
+        Arm.advance = advance
     elif fault == 'reporting_fails':
         sim_arm.SimArm.report = lambda arm, last=False: {}['{}']
     elif fault == 'closing_hangs':

@@ -7,7 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pfd_ros.arm.commands import Command, Verdict, held, judge_array, judge_named, merge
+from pfd_ros.arm.commands import Judgement, held, judge_array, judge_named, merge
+from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.node.tally import Tally
 
@@ -21,7 +22,7 @@ def message(names, effort=(), position=(), velocity=(), stamp_ns: int = 0) -> Jo
     return JointMessage(stamp_ns, '', tuple(names), *arrays)
 
 
-def judge(*args, **other) -> Command:
+def judge(*args, **other) -> Judgement:
     return judge_named(message(*args, **other), INDEX, START_NS)
 
 

@@ -24,8 +24,8 @@ from rewriting import ARRAY, CLOCK, END, HEAD, NAMED, STATES, TAKEN, Recording, 
 from ros_processes import environment
 import zstandard
 
+from pfd_ros.arm.events import TAKEN_COLUMNS
 from pfd_ros.messages import convert
-from pfd_ros.recording.format import TAKEN_COLUMNS
 from pfd_ros.recording.mcap_records import MAGIC, RECORD_LIMIT
 
 HERE = Path(__file__).resolve().parent

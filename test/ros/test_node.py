@@ -16,11 +16,9 @@ import numpy as np
 import pytest
 from ros_processes import JOINTS, PATIENCE, READER, Processes, example_robot
 
-from pfd_ros.arm.commands import Verdict
-from pfd_ros.arm.plant import Source
+from pfd_ros.arm.events import TAKEN_COLUMNS, Source, Verdict
 from pfd_ros.messages.convert import decode_rows
-from pfd_ros.node.inbox import MOST_COMMANDS
-from pfd_ros.recording.format import TAKEN_COLUMNS
+from pfd_ros.node.event_queue import MOST_MESSAGES
 from pfd_ros.recording.reader import Log
 from pfd_ros.replay.verify import read
 
@@ -353,7 +351,7 @@ def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
 ) -> None:
     from rclpy.duration import Duration
 
-    count = MOST_COMMANDS + 100
+    count = MOST_MESSAGES + 100
     arm = processes.faulty(
         f'first_step_after_{count}',
         *('-p', 'recording:=arm.mcap'),

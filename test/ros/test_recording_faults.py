@@ -40,7 +40,7 @@ from recordings import (
 from zstandard import ZstdError
 
 import pfd_core as pfd
-from pfd_ros.arm.plant import Plant
+from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import convert
 from pfd_ros.recording import provenance
@@ -567,7 +567,7 @@ def test_the_part_of_a_run_before_the_disk_was_full_replays_to_the_same_bits(
     path = tmp_path / 'a.mcap'
     settings = Settings(robot='puma560', publish_clock=False, real_time_factor=0.0)
     robot = pfd.load_robot(settings.robot)
-    plant = Plant(settings, robot)
+    engine = Engine(settings, robot)
     names = {'joint_commands': '/named', 'commands': '/plain', 'taken': '/taken'}
     names['joint_states'] = '/states'
     head = provenance.contents(settings, robot, names, TimeBase())
@@ -585,8 +585,8 @@ def test_the_part_of_a_run_before_the_disk_was_full_replays_to_the_same_bits(
         resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + 40_000, limits[1]))
 
         def failed() -> bool:
-            plant.advance()
-            recorder.record(3, plant.step, plant.state())
+            for output in engine.run_cycle().outputs:
+                recorder.record(3, output.number, output.data)
             return recorder.failed
 
         wait_for(failed)

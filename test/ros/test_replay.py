@@ -16,7 +16,7 @@ import pytest
 from rewriting import END, STATES, TAKEN, Sent, load, rewrite
 from ros_processes import environment
 
-from pfd_ros.arm.commands import Verdict
+from pfd_ros.arm.events import Verdict
 from pfd_ros.cli import main as command_line
 from pfd_ros.cli.replay import progress_on
 from pfd_ros.messages.convert import decode_clock, decode_joint_state

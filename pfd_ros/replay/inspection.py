@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Looks through a recording without simulating, for whether all that was recorded is there.
+"""Inspects a recording without simulating it: whether everything that was recorded is there.
 
 A closed file says how many messages were recorded and dropped on every channel, and all but the
 oldest also say their digests; a difference is damage. A file that was cut off is as good as its
@@ -13,15 +13,14 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 import hashlib
-from pathlib import Path
 
-from pfd_ros.arm.commands import Verdict
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Verdict
 from pfd_ros.messages.convert import decode_clock
 from pfd_ros.recording.format import DIGEST_PREFIX, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending, ending_of, settings_of, versions_of
 from pfd_ros.recording.reader import Log
-from pfd_ros.replay.events import Event, events
+from pfd_ros.replay.ordering import PlacedMessage, placed_messages
+from pfd_ros.replay.summary import Summary
 
 # Commands that may wait to be taken. The node keeps 1000 and 32 MB of them for a step; those that
 # it drops in a flood wait in the file for the row that says so.
@@ -30,50 +29,8 @@ WAITING_BYTES = 1 << 26
 
 
 @dataclass
-class Summary:
-    """What a file holds, and what the replay made of it."""
-
-    path: Path
-    settings: Settings
-    complete: bool = False
-    versions: dict[str, str] = field(default_factory=dict)
-    # Up to the last recorded state; the arm itself stood still from `stopped_at` on, if it failed.
-    steps: int = 0
-    states: int = 0
-    lost: dict[str, int] = field(default_factory=dict)
-    verdicts: Counter[Verdict] = field(default_factory=Counter)
-    waiting: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
-    stopped_at: int | None = None
-    failure: str = ''
-    obstacle: str = ''
-
-    @property
-    def missing(self) -> int:
-        """States that were published but not recorded."""
-        return self.lost.get('joint_states', 0)
-
-    @property
-    def simulated(self) -> int:
-        """Steps until the arm stopped, or else `steps`."""
-        return self.steps if self.stopped_at is None else self.stopped_at
-
-    @property
-    def seconds(self) -> float:
-        """Wall time from the first recorded state to the last, s."""
-        return (self.last_ns - self.first_ns) / 1e9
-
-    @property
-    def rate(self) -> float:
-        """Recorded states per second of wall time, Hz; 0 if there are too few to say."""
-        published = self.states + self.missing
-        return (published - 1) / self.seconds if published > 1 and self.seconds > 0 else 0.0
-
-
-@dataclass
-class _Tally:
-    """What one channel holds."""
+class _ChannelCount:
+    """The count, the gaps and the digest of one channel's messages."""
 
     found: int = 0
     last: int = 0
@@ -82,30 +39,30 @@ class _Tally:
     data: bytes = b''
     digest: hashlib._Hash = field(default_factory=hashlib.sha256)
 
-    def add(self, event: Event) -> None:
+    def add(self, message: PlacedMessage) -> None:
         self.found += 1
-        self.last = event.number
-        if event.lost:
-            self.lost += event.lost
-            self.gap = self.gap or f'{event.number - event.lost} to {event.number - 1}'
-        self.data = event.data
-        self.digest.update(DIGEST_PREFIX.pack(event.number & SEQUENCE_MASK, len(event.data)))
-        self.digest.update(event.data)
+        self.last = message.number
+        if message.lost:
+            self.lost += message.lost
+            self.gap = self.gap or f'{message.number - message.lost} to {message.number - 1}'
+        self.data = message.data
+        self.digest.update(DIGEST_PREFIX.pack(message.number & SEQUENCE_MASK, len(message.data)))
+        self.digest.update(message.data)
 
 
 @dataclass
-class Survey:
-    """A recording that has been looked through.
+class Inspection:
+    """The result of an inspection.
 
     Attributes
     ----------
     summary
         For people.
     ending
-        What the node said when it closed the file, if it did.
+        The node's end record, None in a file that was cut off.
     altered
-        Why the file is not the one that was closed, or ''; found by a digest, which cannot say
-        where, so a replay should look first.
+        Why the messages are not the recorded ones, or ''. A digest does not say where, so a
+        replay should look for the place first.
     state
         The last state, as it was recorded.
     """
@@ -116,8 +73,8 @@ class Survey:
     state: bytes = b''
 
 
-def survey(log: Log, progress: Callable[[float], None] | None = None) -> Survey:
-    """Look through a recording.
+def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspection:
+    """Inspect a recording.
 
     Raises
     ------
@@ -126,27 +83,27 @@ def survey(log: Log, progress: Callable[[float], None] | None = None) -> Survey:
     OSError
         If it cannot be read.
     """
-    tallies: dict[str, _Tally] = {}
+    channels: dict[str, _ChannelCount] = {}
     verdicts: Counter[Verdict] = Counter()
-    inbox = _Inbox()
+    waiting = _WaitingCommands()
     span = [0, 0]
-    for count, event in enumerate(events(log)):
-        tally = tallies.setdefault(event.role, _Tally())
-        tally.add(event)
-        if event.role in SOURCE_OF_ROLE:
-            inbox.put(event)
-        elif event.role == 'taken':
-            inbox.take(event, tally.found)
-            verdicts.update(row.verdict for row in event.rows)
-        elif event.role == 'joint_states':
-            span = [span[0] or event.log_ns, event.log_ns]
+    for count, message in enumerate(placed_messages(log)):
+        channel = channels.setdefault(message.role, _ChannelCount())
+        channel.add(message)
+        if message.role in SOURCE_OF_ROLE:
+            waiting.put(message)
+        elif message.role == TAKEN:
+            waiting.take(message, channel.found)
+            verdicts.update(row.verdict for row in message.rows)
+        elif message.role == STATES:
+            span = [span[0] or message.log_ns, message.log_ns]
         if progress is not None and count % 1000 == 0:
             progress(log.position / log.size)
     settings = settings_of(log)
     for role in log.roles.values():
-        tallies.setdefault(role, _Tally())
-    states = tallies['joint_states']
-    found = Survey(
+        channels.setdefault(role, _ChannelCount())
+    states = channels[STATES]
+    found = Inspection(
         Summary(
             path=log.path,
             settings=settings,
@@ -154,23 +111,23 @@ def survey(log: Log, progress: Callable[[float], None] | None = None) -> Survey:
             versions=versions_of(log),
             steps=states.last * settings.publish_every,
             states=states.found,
-            lost={role: tally.lost for role, tally in tallies.items() if tally.lost},
+            lost={role: channel.lost for role, channel in channels.items() if channel.lost},
             verdicts=verdicts,
-            waiting=inbox.waiting,
+            waiting=len(waiting),
             first_ns=span[0],
             last_ns=span[1],
-            obstacle=inbox.obstacle,
+            obstacle=waiting.obstacle,
         ),
         # It may lie before the last chunk, which a cut-off file lacks.
         ending_of(log) if log.complete else None,
         state=states.data,
     )
-    _add_stop(found)
-    _check_complete(log, found, tallies)
+    _add_failure(found)
+    _check_complete(log, found, channels)
     return found
 
 
-class _Inbox:
+class _WaitingCommands:
     """Sizes of the commands that have not been taken."""
 
     def __init__(self) -> None:
@@ -178,34 +135,33 @@ class _Inbox:
         self._sizes: dict[tuple[int, int], int] = {}
         self._bytes = 0
 
-    @property
-    def waiting(self) -> int:
+    def __len__(self) -> int:
         return len(self._sizes)
 
-    def put(self, event: Event) -> None:
+    def put(self, message: PlacedMessage) -> None:
         if self.obstacle:
             return
-        self._sizes[SOURCE_OF_ROLE[event.role], event.number & SEQUENCE_MASK] = len(event.data)
-        self._bytes += len(event.data)
+        self._sizes[SOURCE_OF_ROLE[message.role], message.number] = len(message.data)
+        self._bytes += len(message.data)
         if len(self._sizes) > WAITING_LIMIT or self._bytes > WAITING_BYTES:
             raise ValueError(
                 f'{len(self._sizes)} commands of {self._bytes} bytes were never taken, '
                 f'expected at most {WAITING_LIMIT} of {WAITING_BYTES} bytes'
             )
 
-    def take(self, event: Event, found: int) -> None:
-        if event.lost and not self.obstacle:
+    def take(self, message: PlacedMessage, found: int) -> None:
+        if message.lost and not self.obstacle:
             self._block(
-                f'lacks {event.lost} records of commands taken before step {event.step}: '
+                f'lacks {message.lost} records of commands taken before step {message.cycle}: '
                 'the disk was too slow'
             )
-        for row in event.rows:
-            size = self._sizes.pop((row.source, row.number), None)
-            # One that overflowed did nothing, whatever it was.
+        for row in message.rows:
+            size = self._sizes.pop((row.source, row.sequence), None)
+            # A command that overflowed did nothing: its payload does not matter.
             if size is None and not self.obstacle and row.verdict is not Verdict.OVERFLOWED:
                 self._block(
-                    f'lacks command {row.number} of {ROLE_OF_SOURCE[row.source]}, '
-                    f'taken before step {event.step}'
+                    f'lacks command {row.sequence} of {ROLE_OF_SOURCE[row.source]}, '
+                    f'taken before step {message.cycle}'
                 )
             self._bytes -= size or 0
 
@@ -215,8 +171,8 @@ class _Inbox:
         self._bytes = 0
 
 
-def _add_stop(found: Survey) -> None:
-    """Note whether and where the arm stopped: by the file's end, or its last stamp."""
+def _add_failure(found: Inspection) -> None:
+    """Add where the simulation failed, if it did: from the end record, or the last stamp."""
     summary, ending = found.summary, found.ending
     if ending is not None:
         if ending.failure:
@@ -231,41 +187,43 @@ def _add_stop(found: Survey) -> None:
         summary.stopped_at = done
 
 
-def _check_complete(log: Log, found: Survey, tallies: dict[str, _Tally]) -> None:
-    """Compare a file with what its end record says."""
+def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCount]) -> None:
+    """Compare the messages of a file with its end record."""
     ending = found.ending
     if ending is None:
         if log.complete:
             raise ValueError('it was closed without the end record of the node')
-        ticks, summary = tallies.get('clock'), found.summary
+        ticks, summary = channels.get(CLOCK), found.summary
         if ticks is not None:
             # The last state may have been cut off from its tick.
             expected = max(0, summary.steps - 1) // summary.settings.clock_every
             late = max(0, expected - ticks.last)
             if late:
-                summary.lost['clock'] = ticks.lost + late
+                summary.lost[CLOCK] = ticks.lost + late
         return
-    for role, tally in tallies.items():
+    for role, channel in channels.items():
         recorded, dropped = ending.recorded[role], ending.dropped[role]
-        if tally.found != recorded:
-            where = f'{tally.gap} are missing' if tally.gap else f'the last one is {tally.last}'
-            raise ValueError(f'it holds {tally.found} of {recorded} messages {role}: {where}')
-        if tally.last > recorded + dropped:
+        if channel.found != recorded:
+            where = (
+                f'{channel.gap} are missing' if channel.gap else f'the last one is {channel.last}'
+            )
+            raise ValueError(f'it holds {channel.found} of {recorded} messages {role}: {where}')
+        if channel.last > recorded + dropped:
             raise ValueError(
-                f'it holds {role} {tally.last}, its end record counts {recorded + dropped}'
+                f'it holds {role} {channel.last}, its end record counts {recorded + dropped}'
             )
         if dropped:
             found.summary.lost[role] = dropped
-        if ending.digests and tally.digest.hexdigest() != ending.digests[role]:
+        if ending.digests and channel.digest.hexdigest() != ending.digests[role]:
             found.altered = found.altered or f'the messages {role} are not the recorded ones'
     _check_totals(found, ending)
 
 
-def _check_totals(found: Survey, ending: Ending) -> None:
+def _check_totals(found: Inspection, ending: Ending) -> None:
     """Compare the totals of an end record with one another."""
     settings = found.summary.settings
     published = {role: n + ending.dropped[role] for role, n in ending.recorded.items()}
-    states, every = published['joint_states'], settings.publish_every
+    states, every = published[STATES], settings.publish_every
     # A failed arm stands still, and goes on publishing.
     last = (states + 1) * every - 1 if ending.failure else ending.steps
     if ending.states != states or last // every != states or ending.steps > last:
@@ -273,16 +231,16 @@ def _check_totals(found: Survey, ending: Ending) -> None:
             f'its end record counts {ending.steps} steps and {ending.states} states, '
             f'of which {states} were recorded or dropped, one in {every} steps'
         )
-    if 'clock' in published:
+    if CLOCK in published:
         first = states * every if ending.failure else last
-        ticks, each = published['clock'], settings.clock_every
+        ticks, each = published[CLOCK], settings.clock_every
         # A node that ends when it cannot publish a state has not come to its tick.
         if not first // each - 1 <= ticks <= last // each:
             raise ValueError(
                 f'its end record counts {ticks} clock ticks, one in {each} of {last} steps'
             )
     accepted = found.summary.verdicts[Verdict.ACCEPTED]
-    if not ending.dropped['taken'] and ending.accepted != accepted:
+    if not ending.dropped[TAKEN] and ending.accepted != accepted:
         raise ValueError(
             f'its end record counts {ending.accepted} commands accepted, it holds {accepted}'
         )

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What became of the commands, counted by one thread and read by another."""
+"""Commands counted by verdict: the other threads add, the main thread reads."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from dataclasses import dataclass, field
 import threading
 
 from pfd_ros.arm.commands import Judgement
-from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.text import NAME_COUNT
 
 
 @dataclass
-class Tally:
+class CommandCounts:
     """Counts by source and verdict, each with the newest detail, and the first unknown names.
 
     Its size does not depend on how many messages or names come in.
     """
 
     _lock: threading.Lock = field(default_factory=threading.Lock)
-    _verdicts: dict[tuple[int, Verdict], tuple[int, str]] = field(default_factory=dict)
+    _verdicts: dict[tuple[Source, Verdict], tuple[int, str]] = field(default_factory=dict)
     _unknown: int = 0
     _names: dict[str, None] = field(default_factory=dict)
 
-    def add(self, source: int, judgement: Judgement, count: int = 1) -> None:
+    def add(self, source: Source, judgement: Judgement, count: int = 1) -> None:
         """Count a command, or several of one kind."""
         key = source, judgement.verdict
         with self._lock:
@@ -35,7 +35,7 @@ class Tally:
                 if len(self._names) < NAME_COUNT:
                     self._names[name] = None
 
-    def verdicts(self) -> dict[tuple[int, Verdict], tuple[int, str]]:
+    def verdicts(self) -> dict[tuple[Source, Verdict], tuple[int, str]]:
         """Return (source, verdict) -> (count, newest detail)."""
         with self._lock:
             return dict(self._verdicts)

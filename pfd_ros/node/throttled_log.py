@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Counts and findings turned into log lines, ever more rarely the longer a trouble lasts."""
+"""Log lines about counts and findings, ever more rarely the longer a trouble lasts."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class _Kind:
 
 
 @dataclass
-class Notices:
-    """Tells what is new; used by one thread.
+class ThrottledLog:
+    """Logs what is new; used by one thread.
 
     Parameters
     ----------
@@ -40,6 +40,10 @@ class Notices:
     clock: Callable[[], float] = time.monotonic
     _kinds: dict[Hashable, _Kind] = field(default_factory=dict)
     _found: set[Hashable] = field(default_factory=set)
+
+    def info(self, text: str) -> None:
+        """Log a text that is no trouble."""
+        self.logger.info(text)
 
     def count(
         self, key: Hashable, count: int, text: str, *, error: bool = False, last: bool = False

@@ -11,7 +11,8 @@ import numpy as np
 
 import pfd_core as pfd
 from pfd_ros.arm.commands import Drive
-from pfd_ros.arm.settings import NANOSECONDS, Settings
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import cut, listed
 
 

@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the node can be told: one frozen record, checked once, written into every recording.
+"""The settings of a run: one frozen table, checked once, written into every recording.
 
-The fields are the node's parameters; `parameters.py` declares them from this table and a
-replay reads them back from the file, so both run the same simulation. No ROS in here.
+A new setting is a new field of `Settings`: the node declares its parameters from the fields, and
+a replay reads them back from the file, so that both run the same simulation.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ import json
 import math
 from typing import Any
 
+from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import cut, listed
 
-NANOSECONDS = 1_000_000_000
 # How far a product of step size and rate may lie from a whole number before it is refused:
 # decimal fractions such as 1/3 kHz carry that much rounding.
 WHOLE = 1e-6
-# No arm comes near; a mistaken file must not fill a log or the memory.
+# Far more than any arm needs; a mistaken file must not fill a log or the memory.
 MOST_VALUES = 1000
 LONGEST_TEXT = 1 << 20
-# Slower than this, a period in nanoseconds is no number to count with.
+# A slower arm has a period in nanoseconds that a float does not hold exactly.
 SLOWEST_FACTOR = 1e-6
-# One message in so many steps is none.
+# Least share of the steps that are published; less is a mistake.
 SLOWEST_SHARE = 1e-12
 
 
@@ -85,7 +85,7 @@ class Settings:
     recording: str = _field('', "MCAP file to write, never over another; '' records nothing")
 
     def __post_init__(self) -> None:
-        """Check every value, so that whoever holds settings can rely on them."""
+        """Check every value, so that the users of settings need not."""
         for field in dataclasses.fields(self):
             _check_finite(field.name, getattr(self, field.name))
             _check_range(field.name, getattr(self, field.name), field.metadata['range'])
@@ -169,23 +169,8 @@ def to_json(settings: Settings) -> str:
     return json.dumps(dataclasses.asdict(settings), sort_keys=True)
 
 
-def from_json(text: str) -> Settings:
-    """Return the settings that `to_json` wrote.
-
-    Raises
-    ------
-    ValueError
-        If the text is no JSON object, names an unknown setting, or a value is refused.
-    """
-    try:
-        values = json.loads(text)
-    except RecursionError:
-        raise ValueError('the settings are nested too deep, expected a JSON object') from None
-    return from_values(values)
-
-
 def from_values(values: Mapping[str, Any]) -> Settings:
-    """Return settings from a mapping; what is not named keeps its default.
+    """Return settings from a mapping; a field that is not in it keeps its default.
 
     Parameters
     ----------

@@ -102,9 +102,9 @@ def _has_ros() -> bool:
 def _demo(chosen: argparse.Namespace) -> int:
     if not _has_ros():
         return 1
-    from pfd_ros.demo import run as demo
+    from pfd_ros.demo.processes import run_demo
 
-    return demo.run(chosen.robot, chosen.seconds, chosen.out)
+    return run_demo(chosen.robot, chosen.seconds, chosen.out)
 
 
 def _sim(chosen: argparse.Namespace) -> int:

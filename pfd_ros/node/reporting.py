@@ -12,7 +12,7 @@ from typing import Any
 
 from pfd_ros.arm.commands import ERRORS, QUIET
 from pfd_ros.arm.events import Source, Verdict
-from pfd_ros.arm.settings import NANOSECONDS
+from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.endpoints import Endpoints, type_name
 from pfd_ros.node.graph_check import GraphCheck

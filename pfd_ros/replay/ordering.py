@@ -14,8 +14,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from pfd_ros.arm.events import STATES, TAKEN, TAKEN_COLUMNS, Source, Verdict, VerdictRow
-from pfd_ros.arm.settings import NANOSECONDS
-from pfd_ros.messages.convert import decode_rows, encode_rows
+from pfd_ros.messages.convert import NANOSECONDS, decode_rows, encode_rows
 from pfd_ros.recording.format import ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
 from pfd_ros.recording.head import settings_of, started_ns
 from pfd_ros.recording.reader import Entry, Log

@@ -5,8 +5,7 @@
 The way of a command and of the state it leads to:
 
 endpoints               publishers and subscriptions: topics, types, QoS
-receiving               executor's thread: numbers each command, records it, queues it
-event_queue             bounded queue between the two threads
+receiving               executor's thread: numbers and records each command; the bounded queue
 stepping                stepping thread: one cycle of the engine per period; records, publishes
 step_timer              when the next cycle is due, on the steady clock
 log_session             the recording of this run: opened, written, closed with its totals

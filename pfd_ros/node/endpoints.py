@@ -41,16 +41,9 @@ class Endpoints:
 def create_endpoints(
     node: Node, *, publish_clock: bool, on_message: Callable[[Source, bytes], None]
 ) -> Endpoints:
-    """Create the endpoints.
+    """Create the endpoints of a node, the clock's only if wanted.
 
-    Parameters
-    ----------
-    node
-        Their node.
-    publish_clock
-        Whether there is a publisher of the clock.
-    on_message
-        Called with the serialized message on the executor's thread.
+    `on_message` is called with each serialized message, on the executor's thread.
     """
     overridable: dict[str, Any] = {
         'qos_overriding_options': QoSOverridingOptions.with_default_policies()

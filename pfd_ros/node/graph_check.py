@@ -44,16 +44,7 @@ def _who(info: Any) -> str:
 class GraphCheck:
     """Tells once each: no publisher of commands, a foreign type, incompatible QoS, a second clock.
 
-    Parameters
-    ----------
-    node
-        The node.
-    endpoints
-        Its publishers and subscriptions.
-    log
-        Where findings go.
-    now
-        Steady time in s.
+    `now` is steady time in s.
     """
 
     node: Node

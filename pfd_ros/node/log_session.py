@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 import json
 from pathlib import Path
 from typing import Any
@@ -25,63 +25,45 @@ from pfd_ros.recording.recorder import Recorder
 TAKEN_TOPIC = '~/applied_commands'
 
 
-def qos_of(profile: QoSProfile) -> str:
-    """Return the text of an endpoint's profile for the recording."""
-    return provenance.qos_text(
-        profile.depth,
-        profile.history.short_key,
-        profile.reliability.short_key,
-        profile.durability.short_key,
-    )
-
-
+@dataclass(frozen=True)
 class LogSession:
-    """The recording, or nothing at all where the settings name no file.
+    """An open recording with channels of these roles, or none where the settings name no file."""
 
-    Parameters
-    ----------
-    recorder
-        An open recording.
-    roles
-        The roles of its channels, in their order.
-    """
-
-    def __init__(self, recorder: Recorder | None = None, roles: Iterable[str] = ()) -> None:
-        self._recorder = recorder
-        self._places = {role: place for place, role in enumerate(roles)}
+    recorder: Recorder | None = None
+    roles: Sequence[str] = ()
 
     def record(self, role: str, number: int, data: bytes) -> None:
         """Record one message; returns at once."""
-        if self._recorder is not None:
-            self._recorder.record(self._places[role], number, data)
+        if self.recorder is not None:
+            self.recorder.record(self.roles.index(role), number, data)
 
     @property
     def backlog(self) -> float:
         """How much waits for the disk, 0 to 1; nothing does without a recording that works."""
-        if self._recorder is None or self._recorder.failed:
+        if self.recorder is None or self.recorder.failed:
             return 0.0
-        return self._recorder.backlog
+        return self.recorder.backlog
 
     @property
     def dropped(self) -> int:
         """Messages that a slow disk left out so far; a failure tells of itself."""
-        if self._recorder is None or self._recorder.failed:
+        if self.recorder is None or self.recorder.failed:
             return 0
-        return sum(self._recorder.dropped)
+        return sum(self.recorder.dropped)
 
     def problems(self) -> list[str]:
         """Return why a replay of the whole run is not possible."""
-        if self._recorder is None:
+        if self.recorder is None:
             return []
-        if self._recorder.failed:
+        if self.recorder.failed:
             return ['the recording does not hold everything']
-        topics = zip(self._recorder.topics, self._recorder.dropped, strict=True)
+        topics = zip(self.recorder.topics, self.recorder.dropped, strict=True)
         lost = sum(count for topic, count in topics if topic.vital)
         return [f'the recording lacks {lost} messages that a replay needs'] if lost else []
 
     def close(self, totals: Callable[[], Mapping[str, Any]]) -> None:
         """Write what waits and the totals of the run, and close the file."""
-        recorder = self._recorder
+        recorder = self.recorder
         if recorder is None:
             return
 
@@ -100,20 +82,9 @@ class LogSession:
 def open_session(
     node: Node, settings: Settings, robot: Any, method: str, endpoints: Endpoints
 ) -> LogSession:
-    """Open the file that the settings name, if they name one.
+    """Open the file that the settings name, with a channel for each endpoint and the verdict rows.
 
-    Parameters
-    ----------
-    node
-        The node, which logs one error if the recording fails.
-    settings
-        Settings of the node.
-    robot
-        The robot.
-    method
-        The method that 'auto' stands for here: another version may choose otherwise.
-    endpoints
-        The channels are theirs, and one of the verdict rows.
+    `method` is the method that 'auto' stands for here: another version may choose otherwise.
 
     Raises
     ------
@@ -124,17 +95,25 @@ def open_session(
         return LogSession()
     ends = {role: endpoints.subscriptions[source] for source, role in ROLE_OF_SOURCE.items()}
     ends |= endpoints.publishers
-    topics = {TAKEN: node.resolve_topic_name(TAKEN_TOPIC)}
-    topics |= {role: end.topic_name for role, end in ends.items()}
-    qos = {TAKEN: provenance.qos_text(1)}
-    qos |= {role: qos_of(end.qos_profile) for role, end in ends.items()}
-    roles = {role: topics[role] for role in CHANNELS if role in topics}
-    channels = [
-        Topic(topic, CHANNELS[role].type, qos[role], vital=CHANNELS[role].vital)
-        for role, topic in roles.items()
-    ]
-    head = provenance.contents(replace(settings, method=method), robot, roles, TimeBase())
-    recorder = Recorder(
-        Path(settings.recording), channels, head, lambda line: node.get_logger().error(line)
+    channels = {
+        role: Topic(end.topic_name, CHANNELS[role].type, qos_of(end.qos_profile))
+        for role, end in ends.items()
+    }
+    own = node.resolve_topic_name(TAKEN_TOPIC)
+    channels[TAKEN] = Topic(own, CHANNELS[TAKEN].type, provenance.qos_text(1))
+    roles = [role for role in CHANNELS if role in channels]
+    topics = [replace(channels[role], vital=CHANNELS[role].vital) for role in roles]
+    names = {role: channels[role].name for role in roles}
+    head = provenance.contents(replace(settings, method=method), robot, names, TimeBase())
+    error = node.get_logger().error
+    return LogSession(Recorder(Path(settings.recording), topics, head, error), roles)
+
+
+def qos_of(profile: QoSProfile) -> str:
+    """Return the text of an endpoint's profile for the recording."""
+    return provenance.qos_text(
+        profile.depth,
+        profile.history.short_key,
+        profile.reliability.short_key,
+        profile.durability.short_key,
     )
-    return LogSession(recorder, roles)

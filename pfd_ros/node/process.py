@@ -112,7 +112,7 @@ def _run(args: list[str], stop: threading.Event) -> int:
 
 
 def _report(node: SimArm, stop: threading.Event) -> None:
-    node.reporter.introduce(node.endpoints)
+    node.reporter.introduce()
     while not stop.wait(REPORT_SECONDS):
         node.reporter.report()
 

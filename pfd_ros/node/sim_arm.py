@@ -18,11 +18,10 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
 from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.endpoints import create_endpoints
-from pfd_ros.node.event_queue import EventQueue
 from pfd_ros.node.graph_check import GraphCheck
 from pfd_ros.node.log_session import open_session
 from pfd_ros.node.nonblocking_publisher import NonblockingPublisher
-from pfd_ros.node.receiving import Receiver
+from pfd_ros.node.receiving import EventQueue, Receiver
 from pfd_ros.node.reporting import Reporter
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.node.throttled_log import ThrottledLog
@@ -36,10 +35,6 @@ class SimArm(Node):
 
     Attributes
     ----------
-    endpoints
-        Its publishers and subscriptions.
-    session
-        Its recording.
     stepper
         For the stepping thread.
     reporter
@@ -56,23 +51,21 @@ class SimArm(Node):
         settings = parameters.declare(self)
         robot = load_robot(settings)
         engine = Engine(settings, robot)
-        self.endpoints = create_endpoints(
+        endpoints = create_endpoints(
             self, publish_clock=settings.publish_clock, on_message=self._receive
         )
         # After everything that a parameter can make fail: a refused parameter leaves no file.
-        self.session = open_session(self, settings, robot, engine.arm.method, self.endpoints)
+        session = open_session(self, settings, robot, engine.arm.method, endpoints)
         queue, counts = EventQueue(), CommandCounts()
         publishers = {
             role: NonblockingPublisher(publisher)
-            for role, publisher in self.endpoints.publishers.items()
+            for role, publisher in endpoints.publishers.items()
         }
-        self._receiver = Receiver(queue, self.session, counts)
-        self.stepper = Stepper(engine, queue, self.session, publishers, counts)
+        self._receiver = Receiver(queue, session, counts)
+        self.stepper = Stepper(engine, queue, session, publishers, counts)
         log = ThrottledLog(self.get_logger())
-        graph = GraphCheck(self, self.endpoints, log)
-        self.reporter = Reporter(
-            log, self.stepper, counts, publishers.values(), self.session, graph
-        )
+        graph = GraphCheck(self, endpoints, log)
+        self.reporter = Reporter(log, endpoints, self.stepper, graph)
         self._warn_about(settings, robot, log)
 
     def _receive(self, source: Source, data: bytes) -> None:
@@ -89,4 +82,4 @@ class SimArm(Node):
 
     def close_recording(self) -> None:
         """Write what waits and close the file."""
-        self.session.close(self.reporter.totals)
+        self.stepper.session.close(self.reporter.totals)

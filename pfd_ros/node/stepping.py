@@ -8,14 +8,15 @@ See docs/decisions/0003-executor-and-stepping-thread.md.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 import time
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import STATES
 from pfd_ros.node.command_counts import CommandCounts
-from pfd_ros.node.event_queue import EventQueue
 from pfd_ros.node.log_session import LogSession
 from pfd_ros.node.nonblocking_publisher import NonblockingPublisher
+from pfd_ros.node.receiving import EventQueue
 from pfd_ros.node.step_timer import StepTimer
 
 # At unlimited speed the arm waits for the disk from this backlog on.
@@ -23,44 +24,26 @@ BACKLOG_LIMIT = 0.25
 DISK_POLL_SECONDS = 0.001
 
 
+@dataclass
 class Stepper:
     """Runs an engine in real time, or as fast as possible.
 
-    Parameters
-    ----------
-    engine
-        The engine.
-    queue
-        Events from the executor's thread.
-    log
-        The recording.
-    publishers
-        By role; an output without a publisher is only recorded.
-    counts
-        Gets every judgement.
-
-    Attributes
-    ----------
-    timer
-        Counts the steps that were late and the periods that were missed.
-    states
-        States put out so far.
+    An output whose role has no publisher is only recorded.
     """
 
-    def __init__(
-        self,
-        engine: Engine,
-        queue: EventQueue,
-        log: LogSession,
-        publishers: Mapping[str, NonblockingPublisher],
-        counts: CommandCounts,
-    ) -> None:
-        self.engine = engine
-        self.states = 0
-        factor = engine.settings.real_time_factor
-        self.timer = StepTimer(engine.settings.step_ns / factor if factor else 0)
-        self._queue, self._log, self._publishers = queue, log, publishers
-        self._counts = counts
+    engine: Engine
+    queue: EventQueue
+    session: LogSession
+    publishers: Mapping[str, NonblockingPublisher]
+    counts: CommandCounts
+    timer: StepTimer = field(init=False)
+    states: int = 0
+
+    def __post_init__(self) -> None:
+        """Set the period: at a real-time factor of 0 there is none."""
+        settings = self.engine.settings
+        factor = settings.real_time_factor
+        self.timer = StepTimer(settings.step_ns / factor if factor else 0)
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Run cycles until `stopped` says so."""
@@ -74,16 +57,16 @@ class Stepper:
             self.run_cycle()
 
     def _waits_for_disk(self) -> bool:
-        return self.timer.period_ns == 0 and self._log.backlog > BACKLOG_LIMIT
+        return self.timer.period_ns == 0 and self.session.backlog > BACKLOG_LIMIT
 
     def run_cycle(self) -> None:
         """Run one cycle; every output is recorded first, so that no answer precedes it."""
-        result = self.engine.run_cycle(self._queue.take())
+        result = self.engine.run_cycle(self.queue.take())
         for source, judgement, count in result.judgements:
-            self._counts.add(source, judgement, count)
+            self.counts.add(source, judgement, count)
         for role, number, data in result.outputs:
             if role == STATES:
                 self.states = number
-            self._log.record(role, number, data)
-            if role in self._publishers:
-                self._publishers[role].publish(data)
+            self.session.record(role, number, data)
+            if role in self.publishers:
+                self.publishers[role].publish(data)

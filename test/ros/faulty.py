@@ -77,7 +77,7 @@ def without_ros(run) -> None:
 
 def step_after(count: int) -> None:
     """Let the arm step once that many commands have come in."""
-    from pfd_ros.node.event_queue import EventQueue
+    from pfd_ros.node.receiving import EventQueue
     from pfd_ros.node.stepping import Stepper
 
     came, enough = itertools.count(1), threading.Event()

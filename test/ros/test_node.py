@@ -18,7 +18,7 @@ from ros_processes import JOINTS, PATIENCE, READER, Processes, example_robot
 
 from pfd_ros.arm.events import TAKEN_COLUMNS, Source, Verdict
 from pfd_ros.messages.convert import decode_rows
-from pfd_ros.node.event_queue import MOST_MESSAGES
+from pfd_ros.node.receiving import MOST_MESSAGES
 from pfd_ros.recording.reader import Log
 from pfd_ros.replay.verify import read
 

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 import sys
 
 from pfd_ros.arm.events import Arrival, Overflow, Source
-from pfd_ros.node.event_queue import EventQueue
+from pfd_ros.node.receiving import EventQueue
 
 NAMED, ARRAY = Source.NAMED, Source.ARRAY
 

@@ -8,7 +8,7 @@ to be trusted to an experimental executor, and come without the name of the othe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 import time
@@ -33,6 +33,8 @@ from pfd_ros.text import cut
 PATIENCE_SECONDS = 5.0
 # A crowd is not looked at one by one.
 MOST_ENDPOINTS = 100
+# Discovery finds an endpoint before the name of its node; of other middleware it never does.
+NAMELESS = '_NODE_NAME_UNKNOWN_'
 
 
 def _who(info: Any) -> str:
@@ -56,6 +58,7 @@ class GraphCheck:
         """Begin to wait for a first publisher."""
         self._since = self.now()
         self._commanded = False
+        self._nameless_since: dict[tuple[int, ...], float] = {}
 
     def check(self) -> None:
         """Ask the graph and log why a connection cannot work."""
@@ -70,14 +73,24 @@ class GraphCheck:
                 'check topic names, remappings and ROS_DOMAIN_ID of the controller',
             )
         states = self.endpoints.publishers[STATES]
-        readers = self.node.get_subscriptions_info_by_topic(states.topic_name)
-        for info in islice(readers, MOST_ENDPOINTS):
+        for info in self._settled(self.node.get_subscriptions_info_by_topic(states.topic_name)):
             self._check_pair(states, info, publishing=False)
         if CLOCK in self.endpoints.publishers:
             self._check_clock(self.endpoints.publishers[CLOCK])
 
+    def _settled(self, found: Iterable[Any]) -> Iterator[Any]:
+        """Yield the endpoints whose node has a name, or has had none for a while."""
+        if len(self._nameless_since) > MOST_ENDPOINTS:
+            self._nameless_since.clear()
+        for info in islice(found, MOST_ENDPOINTS):
+            if info.node_name == NAMELESS:
+                now, key = self.now(), tuple(info.endpoint_gid)
+                if now - self._nameless_since.setdefault(key, now) <= PATIENCE_SECONDS:
+                    continue
+            yield info
+
     def _check_commands(self, end: Any) -> None:
-        for info in islice(self.node.get_publishers_info_by_topic(end.topic_name), MOST_ENDPOINTS):
+        for info in self._settled(self.node.get_publishers_info_by_topic(end.topic_name)):
             if self._check_pair(end, info, publishing=True):
                 self._commanded = True
 
@@ -113,7 +126,7 @@ class GraphCheck:
         return ''
 
     def _check_clock(self, clock: Any) -> None:
-        found = self.node.get_publishers_info_by_topic(clock.topic_name)
+        found = list(self._settled(self.node.get_publishers_info_by_topic(clock.topic_name)))
         own = (self.node.get_name(), self.node.get_namespace())
         others = [info for info in found if (info.node_name, info.node_namespace) != own]
         # Another node of our name counts too, wherever it runs.

@@ -120,6 +120,9 @@ def put_in(fault: str) -> None:
         return
     from pfd_ros.node import process, sim_arm
 
+    if fault == 'reports_often':
+        process.REPORT_SECONDS = 0.1
+        return
     if fault.startswith('executor_'):
         real = process.EventsExecutor
         process.EventsExecutor = lambda: FaultyExecutor(real(), fault)

@@ -25,6 +25,7 @@ NODE = ('-m', 'pfd_ros.node.main')
 JOINTS = tuple(f'joint{i}' for i in range(1, 7))
 FAULTY = str(Path(__file__).with_name('faulty.py'))
 READER = str(Path(__file__).with_name('reader.py'))
+MILLISECOND = 1_000_000
 _domains = itertools.count(os.getpid())
 
 
@@ -35,6 +36,12 @@ def example_robot(path: str) -> Path:
     assert pinocchio.origin is not None
     prefix = Path(pinocchio.origin).parents[4]
     return prefix / 'share' / 'example-robot-data' / 'robots' / path
+
+
+def stamp_ns(message: Any) -> int:
+    """Return the simulated time of a JointState or Clock."""
+    stamp = getattr(message, 'clock', None) or message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
 def resident_bytes(pid: int) -> int:

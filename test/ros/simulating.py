@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,14 @@ from rewriting import ARRAY, CLOCK, END, NAMED, STATES, TAKEN, Recording, Sent, 
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.events import Arrival, Source, Verdict, VerdictRow
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import cdr
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS
 from pfd_ros.recording.mcap_file import TimeBase
+from pfd_ros.recording.reader import Log
+from pfd_ros.replay.ordering import placed_messages
 
 ROLES = {
     'joint_commands': NAMED,
@@ -28,6 +31,11 @@ ROLES = {
     'clock': CLOCK,
 }
 START_NS = 1_700_000_000_000_000_000
+
+
+def rows_of(path: Path) -> list[VerdictRow]:
+    """Return the verdict rows of a recording, in their order."""
+    return [row for message in placed_messages(Log(path)) for row in message.rows]
 
 
 def efforts(*values: float) -> bytes:

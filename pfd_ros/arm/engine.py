@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The engine: events and the number of the cycle go in, messages come out; nothing else does.
+"""The engine: from the events of a cycle to its messages, and nothing but these two.
 
 No ROS, clock, thread or file: the node feeds it from its topics, the replay from a recording,
 and the same events in the same cycles give the same bytes. One cycle is
@@ -44,14 +44,14 @@ OVERFLOWED = Judgement(Verdict.OVERFLOWED, 'newer ones came before the next step
 
 
 class CycleResult(NamedTuple):
-    """One cycle.
+    """The results of one cycle.
 
     Attributes
     ----------
     outputs
         Messages to record and to publish, in this order.
     judgements
-        For people: source, judgement, and how many messages it is about.
+        Source, judgement and number of messages judged like that, for counts and log lines.
     """
 
     outputs: list[Output]
@@ -64,7 +64,7 @@ class Engine:
     Parameters
     ----------
     settings
-        Everything that is not an event.
+        Of the run; they and the events are all that its outputs depend on.
     robot
         The robot, from `load_robot` or out of a recording.
 
@@ -93,7 +93,7 @@ class Engine:
         self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id)
 
     def run_cycle(self, events: Iterable[Event] = ()) -> CycleResult:
-        """Take the events, do one step and return what is to be recorded and published."""
+        """Run the next cycle on the events since the last one, and return its outputs."""
         self.cycles += 1
         outputs: list[Output] = []
         judgements: list[tuple[Source, Judgement, int]] = []

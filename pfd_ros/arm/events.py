@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What crosses the border of the arm: events come in, outputs go out.
+"""The inputs and outputs of the arm: events come in, messages go out.
 
 Wall time and thread order reach the arm only as events. Everything else follows from the
 settings, the events and the number of the cycle, so a recording of the events proves a run.
@@ -24,7 +24,7 @@ class Source(IntEnum):
 
 
 class Verdict(IntEnum):
-    """What became of an event; the numbers are written into recordings and stay."""
+    """The verdict on a message; the numbers are written into recordings and stay."""
 
     ACCEPTED = 0
     MALFORMED = 1
@@ -71,7 +71,7 @@ Event: TypeAlias = Arrival | Overflow
 
 
 class VerdictRow(NamedTuple):
-    """What became of one message: before which cycle it was judged or dropped, and the verdict."""
+    """The cycle that judged or dropped a message, and its verdict."""
 
     cycle: int
     source: Source

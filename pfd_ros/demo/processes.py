@@ -161,7 +161,7 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
         'robot': robot_name,
         'initial_positions': motion_of(robot).start.tolist(),
         'recording': str(base.with_suffix('.mcap')),
-        # At depth 1 a newer command may replace one that waits; the demo counts every one.
+        # At depth 1 a newer command may replace a waiting one; the demo counts every command.
         'qos_overrides': {
             f'{namespace}/joint_commands': {'subscription': {'depth': COMMAND_DEPTH}}
         },

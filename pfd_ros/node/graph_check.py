@@ -31,7 +31,7 @@ from pfd_ros.text import cut
 
 # Discovery alone takes up to three seconds.
 PATIENCE_SECONDS = 5.0
-# A crowd is not looked at one by one.
+# Endpoints of one topic that are checked; a crowd is not checked one by one.
 MOST_ENDPOINTS = 100
 # Discovery finds an endpoint before the name of its node; of other middleware it never does.
 NAMELESS = '_NODE_NAME_UNKNOWN_'
@@ -95,7 +95,7 @@ class GraphCheck:
                 self._commanded = True
 
     def _check_pair(self, end: Any, info: Any, *, publishing: bool) -> bool:
-        """Return whether a peer's endpoint goes with ours, and tell it if it does not."""
+        """Return whether an endpoint of another node fits ours; log the reason if it does not."""
         key, wanted = tuple(info.endpoint_gid), type_name(end)
         does = 'publishes' if publishing else 'subscribes to'
         if info.topic_type != wanted:
@@ -118,7 +118,7 @@ class GraphCheck:
         return fits
 
     def _other_topic(self, info: Any, publishing: bool) -> str:
-        """Return where a command of that type is taken, if anywhere."""
+        """Return the topic that takes commands of that type, as the end of a sentence."""
         fitting: Iterable[Any] = self.endpoints.subscriptions.values() if publishing else ()
         for end in fitting:
             if type_name(end) == info.topic_type:
@@ -140,7 +140,7 @@ class GraphCheck:
 
 
 def _effective(profile: QoSProfile) -> QoSProfile:
-    """Return our profile as the graph has it: "not set" is without end there."""
+    """Return our profile as the graph has it: there, policies without a value are infinite."""
     return QoSProfile(
         depth=profile.depth,
         reliability=profile.reliability,
@@ -152,7 +152,7 @@ def _effective(profile: QoSProfile) -> QoSProfile:
 
 
 def _cure(end: Any, info: Any, publishing: bool) -> str:
-    """Return what makes the two ends fit."""
+    """Return a cure for two endpoints that do not fit."""
     if not publishing:
         return 'subscribe reliable or best effort, volatile, without deadline and liveliness'
     if info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT:

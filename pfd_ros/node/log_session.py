@@ -39,14 +39,14 @@ class LogSession:
 
     @property
     def backlog(self) -> float:
-        """How much waits for the disk, 0 to 1; nothing does without a recording that works."""
+        """Share of the recorder's queue that waits for the disk; 0 without a working recording."""
         if self.recorder is None or self.recorder.failed:
             return 0.0
         return self.recorder.backlog
 
     @property
     def dropped(self) -> int:
-        """Messages that a slow disk left out so far; a failure tells of itself."""
+        """Messages left out because of a slow disk; the recorder reports a failure itself."""
         if self.recorder is None or self.recorder.failed:
             return 0
         return sum(self.recorder.dropped)
@@ -62,7 +62,7 @@ class LogSession:
         return [f'the recording lacks {lost} messages that a replay needs'] if lost else []
 
     def close(self, totals: Callable[[], Mapping[str, Any]]) -> None:
-        """Write what waits and the totals of the run, and close the file."""
+        """Write the queue and the totals of the run, and close the file."""
         recorder = self.recorder
         if recorder is None:
             return

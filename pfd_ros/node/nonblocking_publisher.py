@@ -21,8 +21,8 @@ class NonblockingPublisher:
 
     With the history `keep_all`, a reader that is alive and takes nothing fills the
     publisher's memory; from then on every call blocks for 0.1 s and fails. So after the first
-    such call nothing is published on the topic until all readers have taken what they were
-    sent, or are gone; the messages left out are counted.
+    such call nothing is published on the topic until every reader has acknowledged its messages
+    or is gone; the messages left out are counted.
 
     Parameters
     ----------

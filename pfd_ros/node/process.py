@@ -36,7 +36,7 @@ FOREVER_SECONDS = 1e8
 END_SECONDS = 10
 # Callbacks that may fail before the node gives up: rclpy logs each one at length.
 MOST_FAILURES = 1000
-# What a wrong argument, parameter or file makes rclpy and this package raise.
+# Errors of rclpy and this package for a wrong argument, parameter or file.
 MISTAKES = (
     ValueError,
     OSError,
@@ -118,7 +118,7 @@ def _report(node: SimArm, stop: threading.Event) -> None:
 
 
 def _spin(executor: Any, ended: Future, node: SimArm) -> None:
-    """Run callbacks until told to end; one that fails is counted and the next one runs."""
+    """Run callbacks until `ended` is done; a failed callback is counted and the next one runs."""
     while not ended.done():
         try:
             executor.spin_until_future_complete(ended, FOREVER_SECONDS)

@@ -1,9 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node's words: an introduction, troubles about once a second, totals and problems at the end.
-
-Used by the main thread; it only reads what the other threads count.
-"""
+"""The main thread: log lines about topics and, once a second, troubles; totals and problems."""
 
 from __future__ import annotations
 
@@ -23,7 +20,7 @@ from pfd_ros.text import cut, listed
 
 @dataclass
 class Reporter:
-    """Tells people about the other parts of the node."""
+    """Logs the counts of the other parts, which other threads write and only this one reads."""
 
     log: ThrottledLog
     endpoints: Endpoints

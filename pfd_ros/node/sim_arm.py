@@ -81,5 +81,5 @@ class SimArm(Node):
                 log.once(name, f'{name} is true, but the model of {cut(robot.name)!r} states none')
 
     def close_recording(self) -> None:
-        """Write what waits and close the file."""
+        """Write the queue and the totals, and close the file."""
         self.stepper.session.close(self.reporter.totals)

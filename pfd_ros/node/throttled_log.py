@@ -13,7 +13,7 @@ from pfd_ros.text import one_line
 
 # Time between two lines of one kind: doubled with every line, short again after a quiet time.
 SHORTEST_SECONDS, LONGEST_SECONDS = 1.0, 60.0
-# Kinds that are told once each; no more of them than this.
+# Most findings, which are logged once each.
 MOST_FINDINGS = 64
 
 
@@ -26,7 +26,7 @@ class _Kind:
 
 @dataclass
 class ThrottledLog:
-    """Logs what is new; used by one thread.
+    """Logs new counts and new findings; for one thread.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class ThrottledLog:
     _found: set[Hashable] = field(default_factory=set)
 
     def info(self, text: str) -> None:
-        """Log a text that is no trouble."""
+        """Log a text at once."""
         self.logger.info(text)
 
     def count(

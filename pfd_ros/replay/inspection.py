@@ -4,7 +4,7 @@
 
 A closed file says how many messages were recorded and dropped on every channel, and all but the
 oldest also say their digests; a difference is damage. A file that was cut off is as good as its
-numbers: what is missing is counted.
+numbers: missing messages are counted.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from pfd_ros.recording.reader import Log
 from pfd_ros.replay.ordering import PlacedMessage, placed_messages
 from pfd_ros.replay.summary import Summary
 
-# Commands that may wait to be taken. The node keeps 1000 and 32 MB of them for a step; those that
-# it drops in a flood wait in the file for the row that says so.
+# Most commands between their arrival and their row. The node queues 1000 and 32 MB of them for a
+# cycle; the commands that a flood drops stand in the file long before their rows.
 WAITING_LIMIT = 1 << 16
 WAITING_BYTES = 1 << 26
 

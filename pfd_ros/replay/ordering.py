@@ -28,7 +28,7 @@ _OVERFLOWED, _JUDGED, _STATE, _TICK = range(4)
 
 
 class PlacedMessage(NamedTuple):
-    """One message in its place.
+    """One message of a recording and its cycle.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ from pfd_ros.arm.settings import Settings
 
 @dataclass
 class Summary:
-    """What a file holds, and what the replay made of it."""
+    """Counts, times and the failure of a recorded run, if any; verified by a replay or not."""
 
     path: Path
     settings: Settings

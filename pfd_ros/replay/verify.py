@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a recording again and compares everything the arm put out, byte for byte.
+"""Runs a recording again and compares every output of the arm, byte for byte.
 
-Needs the file alone, no ROS: settings and robot are in its head, the commands as they came in,
-and for each of them the cycle that took it. The file is read twice: first to see that it is
-whole and can have happened (`inspection.py`), then to feed the engine from it.
+Needs the file alone, no ROS: it holds settings, robot, the bytes of every command, and the cycle
+that took it. The file is read twice: first to inspect whether it is whole and possible
+(`inspection.py`), then to feed the engine from it.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ def read(
     Parameters
     ----------
     path
-        The file; a cut-off one is read up to the cut.
+        The file; a file that was cut off is read up to the cut.
     verify
-        Simulate everything again and compare all states and clock ticks.
+        Run the engine again and compare all verdicts, states and clock ticks.
     progress
-        Called now and then with the part that is done, 0 to 1.
+        Called now and then with the finished part, 0 to 1.
 
     Raises
     ------

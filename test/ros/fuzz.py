@@ -75,7 +75,7 @@ SECONDS_PER_PARAMETER_CALL = 3.0
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run came to."""
+    """The result of a run."""
 
     sent: int
     largest: int
@@ -264,7 +264,7 @@ def _flood(
 
 
 def fuzz(processes: Processes, seconds: float, seed: int, largest: int) -> Outcome:
-    """Run a node under hostile messages and return what came of it."""
+    """Run a node under hostile messages and return the result."""
     arm = processes.faulty('traced', '-p', 'recording:=arm.mcap', '-p', 'damping:=true')
     peer = Peer(processes.domain)
     crowd = Crowd(processes.domain, random.Random(seed))

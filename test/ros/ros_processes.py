@@ -61,7 +61,7 @@ def environment(domain: int) -> dict[str, str]:
 
 
 class Process:
-    """A process of ours and what it prints."""
+    """A process of ours and its output."""
 
     def __init__(self, command: Sequence[str], folder: Path, domain: int) -> None:
         self.output = folder / f'output_{time.monotonic_ns()}.txt'

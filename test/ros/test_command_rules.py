@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a command does and when it does nothing: the table of cases, without ROS."""
+"""The rules for commands: the verdict on each case and its effect on the drive."""
 
 from __future__ import annotations
 

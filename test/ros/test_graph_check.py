@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Two ends that do not hear each other: the node says why, and what to do."""
+"""Endpoints that do not fit: the node names the other node, the reason and a cure."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a replay makes of arms that fail, commands that overflow, and files that still grow."""
+"""Replays of arms that fail, of commands that overflow, and of files that still grow."""
 
 from __future__ import annotations
 
@@ -234,7 +234,7 @@ def test_numbers_go_on_where_32_bits_end(tmp_path: Path) -> None:
     assert [event.lost for event in found] == [0, 0, 0]
 
 
-# --- what is no file, and nobody who listens
+# --- no regular file, and no reader of the output
 
 
 def replay(*args: str, **options: object) -> subprocess.CompletedProcess[str]:

@@ -24,15 +24,10 @@ class NonblockingPublisher:
     such call nothing is published on the topic until every reader has acknowledged its messages
     or is gone; the messages left out are counted.
 
-    Parameters
-    ----------
-    publisher
-        The publisher, of rclpy.
-
     Attributes
     ----------
     refused
-        How many messages were not published.
+        Number of messages that were left out.
     detail
         The middleware's newest reason.
     """

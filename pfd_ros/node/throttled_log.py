@@ -26,15 +26,7 @@ class _Kind:
 
 @dataclass
 class ThrottledLog:
-    """Logs new counts and new findings; for one thread.
-
-    Parameters
-    ----------
-    logger
-        Where the lines go.
-    clock
-        Steady time in s.
-    """
+    """Logs new counts and new findings; for one thread. `clock` gives steady time in s."""
 
     logger: Any
     clock: Callable[[], float] = time.monotonic
@@ -48,20 +40,10 @@ class ThrottledLog:
     def count(
         self, key: Hashable, count: int, text: str, *, error: bool = False, last: bool = False
     ) -> None:
-        """Log how much a count has grown, and the text.
+        """Log how much a count of troubles has grown since its last line, and a text.
 
-        Parameters
-        ----------
-        key
-            The kind of trouble; of a set that is known beforehand.
-        count
-            How often there was such trouble up to now.
-        text
-            Follows the number.
-        error
-            Log an error, not a warning.
-        last
-            Log now: there is no later.
+        The keys must come from a set that is known beforehand. With `last` the line is not put
+        off: there is no later.
         """
         kind = self._kinds.setdefault(key, _Kind())
         new, now = count - kind.told, self.clock()

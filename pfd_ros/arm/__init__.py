@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The arm without ROS, clock, thread or file: events go in, messages come out.
 
+From the inputs to the outputs:
+
 settings   everything that is not an event: robot, scene, step size, rates
 events     the events and outputs, the sources, the verdicts; the event rule
 commands   the rules for a command, NaN and infinity among them, and the drive it leads to

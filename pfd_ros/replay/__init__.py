@@ -2,6 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """A recording run again, without ROS.
 
+From the file to the verdict:
+
 ordering     each message in its cycle; numbers, order and times that cannot be are refused
 inspection   whether everything that was recorded is in the file, without simulating
 summary      the result of an inspection for people

@@ -20,12 +20,12 @@ ROOT = Path(__file__).resolve().parents[2]
 # Longest wait for anything a process should do: discovery alone may take three seconds, and
 # compiling a robot on a busy machine some more. Nothing is measured against it.
 PATIENCE = 60.0
+MILLISECOND = 1_000_000
 HAS_ROS = importlib.util.find_spec('rclpy') is not None
 NODE = ('-m', 'pfd_ros.node.main')
 JOINTS = tuple(f'joint{i}' for i in range(1, 7))
 FAULTY = str(Path(__file__).with_name('faulty.py'))
 READER = str(Path(__file__).with_name('reader.py'))
-MILLISECOND = 1_000_000
 _domains = itertools.count(os.getpid())
 
 

@@ -47,20 +47,13 @@ def joint_order(wanted: Sequence[str], robot: Any) -> tuple[int, ...]:
 class Arm:
     """A simulator and its last finite state.
 
-    Parameters
-    ----------
-    settings
-        Scene, step size, joint order and initial state.
-    robot
-        The robot, from `load_robot` or out of a recording.
-
     Attributes
     ----------
     order, names
         Index in the model and name of each joint, in published order.
     q, qd, tau
-        The last finite state (n,) in published order: rad or m, rad/s or m/s, and the efforts
-        that led to it, N m or N; the effort of a joint on its brake is zero.
+        The last finite state (n,) in published order, rad or m, rad/s or m/s, and the efforts
+        that led to it, N m or N; a joint on its brake has none.
     step
         Steps that ended in a finite state.
     failure

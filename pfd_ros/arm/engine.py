@@ -44,14 +44,9 @@ OVERFLOWED = Judgement(Verdict.OVERFLOWED, 'newer ones came before the next step
 
 
 class CycleResult(NamedTuple):
-    """The results of one cycle.
+    """The outputs of one cycle in their order, and its judgements for counts and log lines.
 
-    Attributes
-    ----------
-    outputs
-        Messages to record and to publish, in this order.
-    judgements
-        Source, judgement and number of messages judged like that, for counts and log lines.
+    A judgement comes with its source and the number of messages that were judged like that.
     """
 
     outputs: list[Output]
@@ -61,19 +56,8 @@ class CycleResult(NamedTuple):
 class Engine:
     """The arm and the rules for its events, at the start of a run.
 
-    Parameters
-    ----------
-    settings
-        Of the run; they and the events are all that its outputs depend on.
-    robot
-        The robot, from `load_robot` or out of a recording.
-
-    Attributes
-    ----------
-    arm
-        The simulated arm.
-    cycles
-        Number of the last cycle, 0 before the first.
+    `robot` comes from `load_robot` or out of a recording; `cycles` is the number of the last
+    cycle, 0 before the first.
 
     Raises
     ------
@@ -126,8 +110,7 @@ class Engine:
     def stand_still(self, cycle: int) -> None:
         """Pass over the cycles up to `cycle`, for an arm that failed and gets no events.
 
-        A state and a tick are the same in every one of them, and their numbers follow from the
-        cycle; so a gap of any length costs nothing.
+        State and tick are the same in each of them: a gap of any length costs nothing.
         """
         if not self.arm.failure:
             raise RuntimeError('only an arm that failed stands still')

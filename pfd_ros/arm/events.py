@@ -43,17 +43,7 @@ class Verdict(IntEnum):
 
 
 class Arrival(NamedTuple):
-    """A message that came in.
-
-    Attributes
-    ----------
-    source
-        Its topic.
-    sequence
-        Its number among the messages of that source, from 1.
-    payload
-        Its bytes as they travelled, good or bad.
-    """
+    """A message that came in: its topic, its number there from 1, its bytes as they travelled."""
 
     source: Source
     sequence: int

@@ -17,15 +17,7 @@ from simulating import efforts
 import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import MOST_ROWS, Engine
-from pfd_ros.arm.events import (
-    TAKEN_COLUMNS,
-    Arrival,
-    Event,
-    Output,
-    Overflow,
-    Source,
-    Verdict,
-)
+from pfd_ros.arm.events import TAKEN_COLUMNS, Arrival, Event, Output, Overflow, Source, Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import (
     JointMessage,
@@ -124,16 +116,15 @@ def test_the_order_of_the_joints_is_a_view_and_does_not_change_the_motion() -> N
 
 def test_a_state_that_overflows_stops_the_arm_at_the_last_finite_one() -> None:
     engine = made()
-    states = [run(engine, 1, [array(*[1e300] * 6)])]
+    last, state = run(engine, 1), run(engine, 1, [array(*[1e300] * 6)])
     while not engine.arm.failure:
-        states.append(run(engine, 1))
+        last, state = state, run(engine, 1)
     assert 'is not finite' in engine.arm.failure
-    last = states[-2] if len(states) > 1 else states[-1]
-    # A failed arm publishes its last finite state, also in the cycle that fails.
-    for after in (states[-1], run(engine, 1), run(engine, 3, [array(*[1.0] * 6)])):
+    # It publishes that state also in the cycle that fails, and whatever commands come later.
+    for after in (state, run(engine, 1), run(engine, 3, [array(*[1.0] * 6)])):
         assert after.stamp_ns == last.stamp_ns == engine.arm.stamp_ns
-        assert np.isfinite([after.position, after.velocity, after.effort]).all()
         for field in ('position', 'velocity', 'effort'):
+            assert np.isfinite(getattr(last, field)).all()
             assert getattr(after, field).tobytes() == getattr(last, field).tobytes()
 
 

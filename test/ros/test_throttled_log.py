@@ -71,7 +71,7 @@ def test_findings_are_told_once_each_and_not_without_end() -> None:
     assert len(logger) == MOST_FINDINGS + 2
     assert logger[-1][1] == 'more findings of this kind are not told'
     # What is counted is of a kind known beforehand, and told all the same.
-    log.count('plant', 1, 'failure', error=True)
+    log.count('failure', 1, 'failure', error=True)
     assert logger[-1] == ('error', '1 failure')
 
 

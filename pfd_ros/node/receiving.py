@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 import itertools
 import threading
@@ -13,7 +13,6 @@ import threading
 from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.events import Arrival, Event, Overflow, Source, Verdict
 from pfd_ros.node.command_counts import CommandCounts
-from pfd_ros.node.log_session import LogSession
 from pfd_ros.recording.format import ROLE_OF_SOURCE
 
 # Messages that wait for one cycle; more than that is a flood, not control.
@@ -78,7 +77,7 @@ class Receiver:
     """Takes the messages of all sources on the executor's thread, and judges none of them."""
 
     queue: EventQueue
-    session: LogSession
+    record: Callable[[str, int, bytes], None]
     counts: CommandCounts
     _sequences: dict[Source, Iterator[int]] = field(
         default_factory=lambda: {source: itertools.count(1) for source in Source}
@@ -91,5 +90,5 @@ class Receiver:
             self.counts.add(source, Judgement(Verdict.MALFORMED, detail))
             return
         sequence = next(self._sequences[source])
-        self.session.record(ROLE_OF_SOURCE[source], sequence, data)
+        self.record(ROLE_OF_SOURCE[source], sequence, data)
         self.queue.put(Arrival(source, sequence, data))

@@ -17,10 +17,9 @@ from pfd_ros.arm.events import Source
 from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
 from pfd_ros.node.command_counts import CommandCounts
-from pfd_ros.node.endpoints import create_endpoints
+from pfd_ros.node.endpoints import NonblockingPublisher, create_endpoints
 from pfd_ros.node.graph_check import GraphCheck
 from pfd_ros.node.log_session import open_session
-from pfd_ros.node.nonblocking_publisher import NonblockingPublisher
 from pfd_ros.node.receiving import EventQueue, Receiver
 from pfd_ros.node.reporting import Reporter
 from pfd_ros.node.stepping import Stepper
@@ -61,7 +60,7 @@ class SimArm(Node):
             role: NonblockingPublisher(publisher)
             for role, publisher in endpoints.publishers.items()
         }
-        self._receiver = Receiver(queue, session, counts)
+        self._receiver = Receiver(queue, session.record, counts)
         self.stepper = Stepper(engine, queue, session, publishers, counts)
         log = ThrottledLog(self.get_logger())
         graph = GraphCheck(self, endpoints, log)

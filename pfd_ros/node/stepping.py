@@ -14,8 +14,8 @@ import time
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import STATES
 from pfd_ros.node.command_counts import CommandCounts
+from pfd_ros.node.endpoints import NonblockingPublisher
 from pfd_ros.node.log_session import LogSession
-from pfd_ros.node.nonblocking_publisher import NonblockingPublisher
 from pfd_ros.node.receiving import EventQueue
 from pfd_ros.node.step_timer import StepTimer
 

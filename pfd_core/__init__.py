@@ -1,6 +1,19 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Parallel forward dynamics after Lee and Chang (1987): counted, emulated and compiled."""
+"""
+Parallel forward dynamics after Lee and Chang (1987): counted, emulated and compiled.
+
+The packages stand in the order in which data flow; each imports only from those above it.
+
+    model         Robot, a serial chain, and Scene, the effects that act on it; loading
+    machine       the emulated parallel computer: operations, programs, lanes, the emulator
+    algorithms    the dynamics, each algorithm as one text that records a program
+    kernels       a program as native code for one robot and scene: one state or a batch
+    simulation    time: integrators, Simulator for one arm, Ensemble for many
+    report        tables and plots: steps counted, speed and error measured
+
+The names below are the public ones.
+"""
 
 from importlib.metadata import PackageNotFoundError, version
 
@@ -20,7 +33,7 @@ from pfd_core.model import (
     robot_to_yaml,
     with_payload,
 )
-from pfd_core.simulation.ensemble import Ensemble, Trajectories
+from pfd_core.simulation.ensemble import Ensemble
 from pfd_core.simulation.feedback import Feedback, StateFeedback
 from pfd_core.simulation.integrators import INTEGRATORS
 from pfd_core.simulation.simulator import Simulator
@@ -46,7 +59,6 @@ __all__ = [
     'Simulator',
     'StateFeedback',
     'Steps',
-    'Trajectories',
     'Trajectory',
     '__version__',
     'compile_kernel',

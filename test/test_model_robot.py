@@ -175,7 +175,7 @@ def test_any_other_number_or_name_makes_another_robot(changes: dict[str, object]
         ({'joint_types': ('ball',)}, "joint 'hinge': type must be one of .*'ball'"),
         ({'joint_names': ('a', 'a'), 'joint_types': ('revolute',) * 2}, "'a' occurs more than"),
         ({'masses': [1.0, 2.0]}, r'masses must have shape \(1,\) for 1 joints, got \(2,\)'),
-        ({'masses': ['heavy']}, 'masses must be numbers'),
+        ({'masses': ['heavy']}, 'masses must be an array of numbers'),
         ({'masses': [-1.0]}, "masses of joint 'hinge' must not be negative, got -1.0"),
         ({'masses': [np.nan]}, "masses of joint 'hinge' must be finite"),
         ({'centers': [[0, np.inf, 0]]}, "centers of joint 'hinge' must be finite"),

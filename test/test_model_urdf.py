@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""URDF chains are the ones Pinocchio computes with, and what is no chain is refused by name."""
+"""Chains from URDF agree with Pinocchio; trees and loops are refused, by the joint."""
 
 from __future__ import annotations
 
@@ -287,15 +287,15 @@ NEARLY = """<robot name="nearly">
 
 def test_a_nearly_right_angle_is_made_exact_and_its_joint_named() -> None:
     robot = load_robot(NEARLY)
-    assert robot.squared == ('second',)
+    assert robot.snapped_joints == ('second',)
     assert set(np.abs(robot.rotations[0]).ravel().tolist()) == {0.0, 1.0}
 
 
 def test_right_angles_can_be_left_as_written() -> None:
     robot = load_robot(NEARLY, right_angle=-1.0)
-    assert robot.squared == ()
-    # 1.8e-9 short of a right angle: what is left of the cosine.
+    assert robot.snapped_joints == ()
+    # 1.8e-9 short of a right angle: so large is the cosine.
     off = np.pi / 2 - 1.570796325
     assert np.abs(robot.rotations[0]).max() <= 1
     assert np.isclose(np.abs(robot.rotations[0][1, 1]), np.sin(off), rtol=1e-6)
-    assert load_robot(NEARLY, right_angle=1e-9).squared == ()
+    assert load_robot(NEARLY, right_angle=1e-9).snapped_joints == ()

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Damaged URDFs: whatever is accepted weighs what the file says, and what it says is read here anew.
+Damaged URDFs: an accepted robot has the masses and limits of its file, as a second reader finds.
 
 The reader below shares nothing with the package's: another XML parser, numbers by the decimal
 module, masses summed by walking down from the joints. Every file that is accepted is compared
@@ -45,7 +45,7 @@ COUNTS = {
 
 ONCE = ('inertial', 'mass', 'inertia', 'origin', 'axis', 'limit', 'dynamics', 'parent', 'child')
 
-# What is done to the text of one number: put behind it, before it, or in its place.
+# Texts that are put behind a number, before it, or in its place.
 ENDS = (
     *(' ', '\t', '\n', '   ', '\u00a0', '\u2009', '_0', 'e', 'kg', ',5', '.5.', 'd0', '\u0664'),
     *('f', ';', 'e1', '0' * 30),

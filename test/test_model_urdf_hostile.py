@@ -16,7 +16,7 @@ import pytest
 from test_model_urdf import ARM, assert_same_physics, exact_angles, example
 from zoo import BODY, ODD_ARM, joint, link, urdf
 
-from pfd_core.model import PhysicsWarning, load_robot, urdf_check
+from pfd_core.model import PhysicsWarning, load_robot, urdf_pinocchio
 
 ANYMAL = 'anymal_c_simple_description/urdf/anymal.urdf'
 EXAMPLES = Path(pin.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
@@ -265,7 +265,7 @@ def test_long_names_make_short_errors() -> None:
     [
         ({'locked': {'j1': True}}, "joint 'j1' is locked must be a number"),
         ({'locked': {'j1': '0'}}, "joint 'j1' is locked must be a number"),
-        ({'locked': {'j1': 10**400}}, "joint 'j1' is locked must be finite"),
+        ({'locked': {'j1': 10**400}}, "joint 'j1' is locked must fit float64"),
         ({'locked': {'j1': 1j}}, "joint 'j1' is locked must be a number"),
         ({'locked': ['j1']}, 'locked must map names of joints to positions'),
         ({'base': ['hand']}, 'base .* is not a link'),
@@ -305,8 +305,8 @@ def test_a_long_chain_is_loaded_and_a_longer_one_refused() -> None:
 def test_pinocchio_is_asked_and_a_difference_names_the_link(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    # What Pinocchio gets is changed, one number at a time.
-    original = urdf_check._rewritten
+    # The URDF for Pinocchio is changed, one number at a time.
+    original = urdf_pinocchio._rewritten
     for old, new, what in (
         ('<mass value="4.0"/>', '<mass value="4.0001"/>', "mass of link 'turret', moved by joi"),
         ('xyz="0.01 -0.02 0.1"', 'xyz="0.01 -0.02 0.1001"', "centre of mass of link 'turret'"),
@@ -323,7 +323,7 @@ def test_pinocchio_is_asked_and_a_difference_names_the_link(
             assert old in lines, lines
             return lines.replace(old, new, 1).split('\n')
 
-        monkeypatch.setattr(urdf_check, '_rewritten', lying)
+        monkeypatch.setattr(urdf_pinocchio, '_rewritten', lying)
         with pytest.raises(ValueError, match=what):
             load_robot(ODD_ARM)
 

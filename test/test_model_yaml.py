@@ -9,6 +9,7 @@ from pathlib import Path
 import re
 
 import numpy as np
+from oracle import Oracle
 import pinocchio as pin
 import pytest
 from tolerances import DYNAMICS
@@ -27,12 +28,6 @@ joints:
 - {name: b, type: prismatic, mass: 2, center: [0, 0, 1e-3],
    inertia: {xx: 1, yy: 1, zz: 1, xy: 0.1}, dh: {a: 0, d: 0.2, alpha_deg: -20, theta_deg: 90}}
 """
-
-
-def mass_matrix(robot: Robot, q: np.ndarray, armature: np.ndarray | None = None) -> np.ndarray:
-    model = to_pinocchio(robot, armature)
-    H = np.triu(pin.crba(model, model.createData(), q))
-    return H + np.triu(H, 1).T
 
 
 def tip_at(robot: Robot, q: np.ndarray) -> np.ndarray:
@@ -65,11 +60,10 @@ def test_the_puma_has_the_inertia_and_gravity_load_that_corke_prints() -> None:
         *([3.6594, -0.4044, 0.1006, -0.0025, 0, 0], [4.4137, 0.3509, 0, 0.0024, 0]),
         *([0.9378, 0, 0.0015, 0], [0.1925, 0, 0], [0.1713, 0], [0.1941]),
     ]
-    H = mass_matrix(puma, q, puma.armature)
+    H = Oracle(puma, puma.armature).H(q)
     printed = np.concatenate(upper)
     np.testing.assert_allclose(H[np.triu_indices(6)], printed, rtol=0, atol=PRINTED)
-    model = to_pinocchio(puma)
-    load = pin.rnea(model, model.createData(), q, np.zeros(6), np.zeros(6))
+    load = Oracle(puma).tau(q, np.zeros(6), np.zeros(6))
     np.testing.assert_allclose(load, [0, 31.6399, 6.0351, 0, 0.0283, 0], rtol=0, atol=PRINTED)
 
 
@@ -81,10 +75,10 @@ def test_rotors_make_an_arm_heavy_enough_for_a_sampled_damper(name: str) -> None
     robot = load_robot(name)
     rng = np.random.default_rng(4)
     states = rng.uniform(-np.pi, np.pi, (20, robot.n))
-    with_rotors = np.array([mass_matrix(robot, q, robot.armature) for q in states])
+    with_rotors = np.array([Oracle(robot, robot.armature).H(q) for q in states])
     assert np.linalg.eigvalsh(with_rotors).min() > 10 * kd * dt / 2
     if name == 'ur5':
-        without = np.array([mass_matrix(robot, q) for q in states])
+        without = np.array([Oracle(robot).H(q) for q in states])
         assert np.linalg.eigvalsh(without)[:, 0].max() < kd * dt / 2
 
 
@@ -120,9 +114,8 @@ def test_planar2_is_the_double_pendulum_of_the_textbook() -> None:
     c2, c1, c12 = np.cos(q[1]), np.cos(q[0]), np.cos(q[0] + q[1])
     H12 = m * l**2 * (1 / 3 + c2 / 2)
     expected = [[m * l**2 * (5 / 3 + c2), H12], [H12, m * l**2 / 3]]
-    np.testing.assert_allclose(mass_matrix(robot, q), expected, rtol=DYNAMICS)
-    model = to_pinocchio(robot)
-    load = pin.rnea(model, model.createData(), q, np.zeros(2), np.zeros(2))
+    np.testing.assert_allclose(Oracle(robot).H(q), expected, rtol=DYNAMICS)
+    load = Oracle(robot).tau(q, np.zeros(2), np.zeros(2))
     outer = m * g * l * c12 / 2
     np.testing.assert_allclose(load, [1.5 * m * g * l * c1 + outer, outer], rtol=DYNAMICS)
 
@@ -199,8 +192,7 @@ def test_modified_rows_are_twist_shift_turn_shift() -> None:
     model.appendBodyToJoint(
         2, pin.Inertia(2.0, np.array([0.3, 0, 0.1]), np.zeros((3, 3))), pin.SE3.Identity()
     )
-    ours = to_pinocchio(modified)
-    tau = pin.rnea(ours, ours.createData(), q, qd, qdd)
+    tau = Oracle(modified).tau(q, qd, qdd)
     expected = pin.rnea(model, model.createData(), q, qd, qdd)
     np.testing.assert_allclose(tau, expected, rtol=DYNAMICS)
     data = model.createData()

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Simulations and what they return: pickled, copied, in other processes, from many threads."""
+"""Simulations and their trajectories: pickled, copied, in other processes, from many threads."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SETTINGS: list[dict[str, Any]] = [
 
 
 def held(settings: dict[str, Any]) -> dict[str, Any]:
-    """Return what a call has to be given in a scene."""
+    """Return the wrench and brakes that a scene asks for."""
     return {'wrench': WRENCH, 'brakes': [True, False]} if 'scene' in settings else {}
 
 
@@ -54,7 +54,7 @@ def facts(sim: pfd.Simulator) -> tuple[Any, ...]:
 
 
 def go_on(sim: pfd.Simulator, settings: dict[str, Any]) -> tuple[Any, ...]:
-    """Take further steps and return what the simulation then tells."""
+    """Take further steps and return the facts."""
     sim.rollout(np.full((20, 2), -0.25), **held(settings))
     sim.step([1.0, 2.0], **held(settings))
     return facts(sim)
@@ -104,7 +104,7 @@ def test_a_copied_ensemble_goes_on_with_the_same_bits_and_alone(way: str) -> Non
     np.testing.assert_array_equal(many.q, q)
     assert many.time == time
     second = run(many)
-    for name in ('time', 'q', 'qd', 'qdd', 'sound'):
+    for name in ('time', 'q', 'qd', 'qdd', 'finite_steps'):
         np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
     assert twin.qdd.tobytes() == many.qdd.tobytes()
 
@@ -123,7 +123,7 @@ def test_a_trajectory_keeps_its_accelerations(way: str, read: bool) -> None:
         assert expected.any()
         for name in ('time', 'q', 'qd'):
             np.testing.assert_array_equal(getattr(twin, name), getattr(run, name))
-        assert (twin.status, twin.sound) == (run.status, run.sound)
+        assert (twin.status, twin.finite_steps) == (run.status, run.finite_steps)
 
 
 def test_a_pickled_trajectory_needs_no_compiler_to_be_opened(
@@ -160,7 +160,7 @@ class _Kernel:
 
 def test_kernels_are_kept_without_a_race(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = pfd.load_robot('planar2')
-    scenes = [pfd.Scene(gravity=(0.0, 0.0, float(k))) for k in range(dynamics.KEPT + 8)]
+    scenes = [pfd.Scene(gravity=(0.0, 0.0, float(k))) for k in range(dynamics.CACHED_KERNELS + 8)]
     monkeypatch.setattr(dynamics, 'compile_kernel', lambda *args, **kwargs: _Kernel())
     monkeypatch.setattr(dynamics, 'compile_inverse_kernel', lambda *args, **kwargs: _Kernel())
     interval = sys.getswitchinterval()

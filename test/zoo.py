@@ -11,6 +11,7 @@ URDF texts: ODD_ARM (six joints of all kinds on odd axes, with fixed joints betw
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -189,6 +190,14 @@ def random_chain(
         damping=rng.uniform(0.1, 2.0, n),
         friction=rng.uniform(0.1, 2.0, n),
     )
+
+
+def without_mass(robot: Robot, links: Sequence[int]) -> Robot:
+    """Return the robot with the mass and the inertia of some links taken away."""
+    masses, inertias = robot.masses.copy(), robot.inertias.copy()
+    masses[list(links)] = 0.0
+    inertias[list(links)] = 0.0
+    return replace(robot, masses=masses, inertias=inertias)
 
 
 def random_state(rng: np.random.Generator, n: int) -> tuple[Array, Array, Array]:

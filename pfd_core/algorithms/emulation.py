@@ -19,9 +19,8 @@ from pfd_core.algorithms.paper.triangular_array import SECTION, solve_cycles, so
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps, check_processors
-from pfd_core.model import Robot, Scene, resolve
-from pfd_core.model.arguments import NO_BRAKES, held_mask, real_numbers
-from pfd_core.model.values import shown
+from pfd_core.model import Robot, Scene, resolve, scene_inputs
+from pfd_core.model.checked_numbers import real_array
 
 
 @dataclass(frozen=True)
@@ -123,12 +122,9 @@ def emulate(
         scene = replace(scene, external_wrench=True)
     program = record_forward_dynamics(resolve(robot, scene), method, 'parallel')
     given: dict[str, ArrayLike] = {'q': q, 'qd': qd, 'tau': tau}
+    given |= scene_inputs(scene, robot.n, 'float64', wrench, brakes)
     if wrench is not None:
-        given['wrench'] = wrench
-    if scene.brakes:
-        given['free'] = held_mask(brakes, robot.n, 'float64')
-    elif brakes is not None:
-        raise ValueError(NO_BRAKES)
+        given['wrench'] = wrench  # with digits, a fraction stays exact
     inputs = _checked(program, given, digits)
     check_processors(processors, program.lanes)
     result = run(program, inputs, dtype, digits)
@@ -185,13 +181,7 @@ def _checked(program: Program, given: dict[str, ArrayLike], digits: int | None) 
     """Return the inputs as arrays of one batch shape; ValueError for what cannot be one."""
     arrays = {}
     for name, size in program.inputs.items():
-        if name not in given:
-            raise ValueError(f'the scene has an external wrench, so the call needs {name}=')
-        array = real_numbers(name, given[name], 'float64')
-        if array.shape[-1:] != (size,):
-            raise ValueError(f'{name} must have shape (..., {size}), got {array.shape}')
-        if not np.isfinite(array).all():
-            raise ValueError(f'{name} must be finite, got {shown(given[name])}')
+        array = real_array(name, given[name], 'float64', (..., size))
         arrays[name] = np.asarray(given[name], dtype=object) if digits else array
     shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
     return {

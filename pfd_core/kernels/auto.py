@@ -15,7 +15,7 @@ from pfd_core.algorithms.programs import METHODS, record_forward_dynamics
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.runtime.kept_facts import remember
 from pfd_core.model import Plant
-from pfd_core.model.arguments import integer
+from pfd_core.model.checked_numbers import integer
 
 FEW_JOINTS, MANY_JOINTS = 'composite_body', 'grouped_articulated_body'
 # The longest chain that always takes the one, and the shortest that always takes the other.

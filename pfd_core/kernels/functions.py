@@ -3,8 +3,8 @@
 """
 Forward and inverse dynamics as plain functions.
 
-Each compiles a kernel for its robot and scene at the first call and keeps it, so that the
-second call costs microseconds. Who calls in a loop keeps the kernel (compile_kernel).
+Each compiles a kernel for its robot and scene at the first call and caches it, so that the
+second call costs microseconds. A loop should hold a kernel of its own (compile_kernel).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from pfd_core.kernels.kernel import Kernel, compile_inverse_kernel, compile_kernel
 from pfd_core.model import Robot, Scene
 
-# A kernel holds about a megabyte of code; somebody who sweeps over robots should not keep all.
-KEPT = 64
+# A kernel holds about a megabyte of code: a sweep over many robots must not hold all of theirs.
+CACHED_KERNELS = 64
 
 
 def forward_dynamics(
@@ -83,17 +83,17 @@ def inverse_dynamics(
     dtype: str = 'float64',
 ) -> NDArray[Any]:
     """Return the torques, (..., n), that accelerations need; arguments as forward_dynamics."""
-    # A torque does not depend on which joints could be held.
+    # Torques are computed from accelerations: brakes play no part.
     scene = replace(_with_wrench(scene, wrench), brakes=False)
     return _inverse_kernel(robot, scene, dtype)(q, qd, qdd, wrench)
 
 
-@lru_cache(KEPT, typed=True)
+@lru_cache(CACHED_KERNELS, typed=True)
 def _forward_kernel(robot: Robot, scene: Scene, method: str, dtype: str, refine: int) -> Kernel:
     return compile_kernel(robot, method=method, scene=scene, dtype=dtype, refine=refine)
 
 
-@lru_cache(KEPT, typed=True)
+@lru_cache(CACHED_KERNELS, typed=True)
 def _inverse_kernel(robot: Robot, scene: Scene, dtype: str) -> Kernel:
     return compile_inverse_kernel(robot, scene=scene, dtype=dtype)
 

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.kernels.arguments import as_numbers, as_rows, common_shape, raise_not_finite
+from pfd_core.kernels.arguments import as_rows, common_shape
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.codegen import spelling as llvm
 from pfd_core.kernels.codegen.chunks import batch_of
@@ -33,8 +33,8 @@ from pfd_core.kernels.runtime.jit import Native, simd_width
 from pfd_core.kernels.runtime.threads import BatchWork, block_size, run, thread_count
 from pfd_core.kernels.source import Recipe, forward, inverse, plant_of, turned_joints
 from pfd_core.machine.program import Program
-from pfd_core.model import Robot, Scene
-from pfd_core.model.arguments import NO_BRAKES, held_mask
+from pfd_core.model import Robot, Scene, scene_inputs
+from pfd_core.model.checked_numbers import check_finite, real_array
 
 
 class Kernel:
@@ -278,14 +278,12 @@ class Kernel:
     ) -> NDArray[Any]:
         """Evaluate after converting and checking every argument."""
         threads = thread_count(threads)
-        given = dict(zip(self._names, (q, qd, tau), strict=False))
-        self._check_effects(wrench, brakes)
-        if wrench is not None:
-            given['wrench'] = wrench
-        if self.scene.brakes:
-            given['free'] = held_mask(brakes, self.robot.n, self.dtype)
+        given: dict[str, ArrayLike] = dict(zip(self._names, (q, qd, tau), strict=False))
+        given |= scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes)
         arrays = {
-            name: as_numbers(name, given[name], self._recipe.inputs[name], self.dtype)
+            name: real_array(
+                name, given[name], self.dtype, (..., self._recipe.inputs[name]), finite=False
+            )
             for name in self._names
         }
         shape = common_shape(arrays)
@@ -294,24 +292,13 @@ class Kernel:
         rows = [*(as_rows(value, shape) for value in arrays.values()), flat]
         block = block_size(len(flat), threads, self._width, self._recipe.work)
         if run(BatchWork(self._batch, rows), len(flat), block, threads):
-            raise_not_finite(arrays)
+            for name, value in arrays.items():
+                check_finite(name, value)
         if out is None:
             return target
         if target is not out:
             out[...] = target
         return out
-
-    def _check_effects(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
-        """Raise ValueError where an effect is given that the scene lacks, or the wrench is not."""
-        if self.scene.external_wrench and wrench is None:
-            raise ValueError('the scene has external_wrench=True, so the call needs wrench=')
-        if not self.scene.external_wrench and wrench is not None:
-            raise ValueError(
-                'wrench was given, but the kernel was made for a scene without: '
-                'compile it with Scene(external_wrench=True)'
-            )
-        if not self.scene.brakes and brakes is not None:
-            raise ValueError(NO_BRAKES)
 
     def _target(
         self, out: NDArray[Any] | None, shape: tuple[int, ...], inputs: dict[str, NDArray[Any]]

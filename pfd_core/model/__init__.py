@@ -1,12 +1,30 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is simulated: a serial chain and the effects a scene switches on."""
+"""
+Models: a robot is a serial chain, and a scene is the set of effects that act on it.
 
-from pfd_core.model.edit import Payload, lock, with_payload
+    loading             load_robot: a robot by name, from a file or from text
+    yaml_reader         YAML text -> dict, list and str, bounded
+    yaml_robot          robots as YAML: tables from papers, and robots stored to the last bit
+    urdf_reader         URDF text -> links and joints
+    urdf_chain          which joints of a URDF move, and which links each of them carries
+    urdf_robot          the chain of a URDF, welded and brought to the frames of a Robot
+    urdf_pinocchio      comparison of that robot with Pinocchio's reading of the URDF
+    geometry            rotations, frames and rigid bodies as arrays with exact zeros and ones
+    rigid_body_checks   conditions on a rotation and an inertia, with their tolerances
+    robot               Robot: the chain in the frames of Lee and Chang, checked once
+    robot_changes       Payload, and robots with a payload or with locked joints
+    scene               Scene: which effects are on; Plant: a scene and a robot as numbers
+    checked_numbers     the one reader of numbers that users give
+    error_text          foreign values as error messages quote them
+    frozen_arrays       read-only arrays in frozen dataclasses
+"""
+
 from pfd_core.model.loading import known_robots, load_robot
 from pfd_core.model.robot import PhysicsWarning, Robot
-from pfd_core.model.scene import Plant, Scene, resolve
-from pfd_core.model.storage import robot_to_yaml
+from pfd_core.model.robot_changes import Payload, lock, with_payload
+from pfd_core.model.scene import Plant, Scene, resolve, scene_inputs
+from pfd_core.model.yaml_robot import robot_to_yaml
 
 __all__ = [
     'Payload',
@@ -19,5 +37,6 @@ __all__ = [
     'lock',
     'resolve',
     'robot_to_yaml',
+    'scene_inputs',
     'with_payload',
 ]

@@ -16,11 +16,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Frame = tuple[Array, Array]  # axes, (3, 3), and origin, (3,) [m], of a frame in another
+Body = tuple[float, Array, Array]  # mass [kg], its centre, (3,) [m], inertia about it, (3, 3)
 
-# Sine and cosine of the double nearest a multiple of pi/2 miss 0 and 1 by at most 1 ulp of
-# the angle; two products of such matrices add a few more. Anything larger was meant.
+# Sine and cosine of the double nearest a multiple of pi/2 differ from 0 and 1 by at most 1 ulp of
+# the angle; two products of such matrices add a few more. A larger difference was meant.
 RIGHT_ANGLE_TOLERANCE = 8 * np.finfo(float).eps
-# What is left after snapping must be as orthonormal as rounding leaves any rotation.
+# A snapped rotation must be as orthonormal as rounding leaves any rotation.
 ORTHONORMAL_TOLERANCE = 16 * np.finfo(float).eps
 
 # A multiple of pi/2 is off by its own rounding: for two whole turns by 1e-15.
@@ -87,24 +89,24 @@ def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
     return product(rotation_z(*cos_sin(yaw)), about_y, rotation_x(*cos_sin(roll)))
 
 
-def chained(*frames: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return a frame in a frame in a frame ...: rotation, (3, 3), and origin, (3,) [m]."""
+def chained(*frames: Frame) -> Frame:
+    """Return the last frame in the base of the first; each frame is given in the one before."""
     R, p = frames[0]
     for turn, way in frames[1:]:
         R, p = snapped(product(R, turn)), p + product(R, way)
     return R, p
 
 
-def without_dust(values: Array, scale: float) -> Array:
-    """Return values with what rounding at a scale left of zeros put back to zero."""
+def without_residue(values: Array, scale: float) -> Array:
+    """Return values with exact zeros for residues of rounding at a scale."""
     return np.where(np.abs(values) <= RIGHT_ANGLE_TOLERANCE * scale, 0.0, values)
 
 
 def snapped(rotation: Array) -> Array:
     """
-    Return a rotation, (3, 3), with elements that rounding moved off 0 and 1 put back.
+    Return a rotation, (3, 3), with exact 0, 1 and -1 for elements that differ by rounding.
 
-    It comes back unchanged where that would leave it less orthonormal than rounding does.
+    The rotation is returned unchanged if that would make it less orthonormal than rounding does.
     """
     result = rotation.copy()
     for value in (0.0, 1.0, -1.0):
@@ -143,57 +145,44 @@ def symmetric(xx: float, yy: float, zz: float, xy: float, yz: float, xz: float) 
 
 
 def steiner(mass: float, offset: Array) -> Array:
-    """Return what a mass at an offset, (3,), adds to the inertia, (3, 3), by parallel axes."""
+    """Return the inertia, (3, 3), of a mass at an offset, (3,), by the parallel axis theorem."""
     x, y, z = offset * offset
     inertia: Array = mass * ((x + y + z) * np.eye(3) - np.outer(offset, offset))
     return inertia
 
 
-def merged(
-    first: tuple[float, Array, Array], second: tuple[float, Array, Array]
-) -> tuple[float, Array, Array]:
-    """
-    Return two bodies, welded together, as one.
-
-    Parameters
-    ----------
-    first, second : tuple
-        Mass [kg], centre of mass (3,) [m], inertia about it (3, 3) [kg m^2]; all in one frame.
-
-    """
+def merged(first: Body, second: Body) -> Body:
+    """Return two bodies, given in one frame and welded together, as one."""
     (m1, c1, J1), (m2, c2, J2) = first, second
     mass = m1 + m2
     if m2 == 0:
         return mass, c1, J1 + J2
     if m1 == 0:
         return mass, c2, J1 + J2
-    # The two centres lie on one line with the common one: a single reduced mass describes it.
+    # The two centres lie on one line with the common one, so that a reduced mass describes them.
     center = (m1 * c1 + m2 * c2) / mass
     return mass, center, J1 + J2 + steiner(m1 * m2 / mass, c2 - c1)
 
 
-def welded_frames(
-    placements: list[tuple[Array, Array]], bodies: list[tuple[float, Array, Array]]
-) -> dict[str, Any]:
+def welded_frames(placements: list[Frame], bodies: list[Body]) -> dict[str, Any]:
     """
-    Return a chain given by the frames of its joints in the frames of Lee and Chang.
+    Bring a chain from the frames of its joints to the frames of Lee and Chang.
 
     Joint i turns about, or slides along, z of a frame of its own, which stands at
-    `placements[i-1]` in the frame of joint i-1; frame 0 is that of the first joint. The link
-    moves with its joint's frame; frame i of the paper is where the next joint stands on it.
+    `placements[i-1]` in the frame of joint i-1; frame 0 is that of the first joint. Link i moves
+    with the frame of joint i; frame i of the paper is the frame of joint i+1 at rest on link i.
 
     Parameters
     ----------
-    placements : list of tuple
-        n + 1 rotations (3, 3) and origins (3,) [m]: joint 1 in the base link, joint 2 in joint 1,
-        ..., the tip in joint n.
-    bodies : list of tuple
-        n masses, centres and inertias, each in the frame of its joint.
+    placements : list of Frame
+        n + 1 of them: joint 1 in the base link, joint 2 in joint 1, ..., the tip in joint n.
+    bodies : list of Body
+        n links, each in the frame of its joint.
 
     Returns
     -------
     dict
-        The fields of `Robot` that say where frames are and what links weigh.
+        The fields of `Robot` for frames, masses, centres and inertias.
 
     """
     kept: dict[str, list[Array]] = {

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Robots by name, from a file, or from text."""
+"""Robots by name, from a file or from text."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import errno
 from os import PathLike, fspath
 from pathlib import Path
 
-from pfd_core.model.edit import lock
+from pfd_core.model.error_text import quote
 from pfd_core.model.robot import Robot
-from pfd_core.model.storage import robot_from_yaml
-from pfd_core.model.urdf import robot_from_urdf
-from pfd_core.model.urdf_text import RIGHT_ANGLE_SLACK
-from pfd_core.model.values import shown
+from pfd_core.model.robot_changes import lock
+from pfd_core.model.urdf_reader import RIGHT_ANGLE_SLACK
+from pfd_core.model.urdf_robot import robot_from_urdf
+from pfd_core.model.yaml_robot import robot_from_yaml
 
 PACKAGE = Path(__file__).resolve().parent.parent
 # Installed, the configuration lies in the package; in a checkout, beside it.
@@ -25,7 +25,7 @@ URDF, YAML = ('.urdf', '.xml'), ('.yaml', '.yml')
 
 
 def known_robots() -> list[str]:
-    """Return the names of the robots that come along, sorted."""
+    """Return the names of the robots in config/robots, sorted."""
     return sorted(_robot_files())
 
 
@@ -45,16 +45,16 @@ def load_robot(
     source : str or path
         A name of `known_robots`, the path of a .urdf or .yaml file, or the text of one.
     base, tip : str, optional
-        Links of a URDF between which the chain lies. Left out, the base is the root link and
-        the tip the link that the last joint moves. The base stands still, so what is above it
-        and what else hangs on it is left out. What hangs on a moving link keeps its mass, also
-        beyond the tip, but joints there must be locked.
+        First and last link of the chain in a URDF; default: the root link, and the link that the
+        last joint moves. The base stands still: links above it and other branches on it are cut
+        off. Branches on a moving link keep their mass, also beyond the tip, but their joints must
+        be locked.
     locked : mapping, optional
-        Name of a joint -> position [rad, m]. The joint becomes fixed, its link welded on.
+        Name of a joint -> position [rad, m] at which it becomes a fixed joint.
     right_angle : float
-        A rotation of a URDF that is this close to a multiple of 90 degrees [rad] is taken as
-        exactly that, since 1.570796325 means it, and exact zeros halve the work of a kernel; the
-        robot's `squared` names the joints that this changed. Negative: as written.
+        Angles of a URDF within this distance [rad] of a multiple of 90 degrees become exact:
+        1.570796325 means pi/2, and exact zeros halve the work of a kernel. The robot's
+        `snapped_joints` names the joints that this changed. Negative: angles as written.
 
     Raises
     ------
@@ -78,14 +78,14 @@ def load_robot(
     for role, asked, has in (('base', base, robot.base), ('tip', tip, robot.tip)):
         if asked not in (None, has):
             raise ValueError(
-                f'{role}={shown(asked)} cannot be chosen for {shown(robot.name)}: a YAML file '
-                f'holds one chain, from {shown(robot.base)} to {shown(robot.tip)}'
+                f'{role}={quote(asked)} cannot be chosen for {quote(robot.name)}: a YAML file '
+                f'holds one chain, from {quote(robot.base)} to {quote(robot.tip)}'
             )
     return robot if locked is None else lock(robot, locked)
 
 
 def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
-    """Return the text of a robot, where it is from, and whether it is URDF."""
+    """Return the text of a robot, its origin, and whether it is URDF."""
     if isinstance(source, str):
         if source.lstrip().startswith('<'):
             return source, 'URDF text', True
@@ -94,7 +94,7 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
         if source in _robot_files():
             return _file(_robot_files()[source])
     elif not isinstance(source, PathLike) or not isinstance(fspath(source), str):
-        raise ValueError(f'source must be a name, a path or text, got {shown(source)}')
+        raise ValueError(f'source must be a name, a path or text, got {quote(source)}')
     path = Path(source)
     if (
         path.suffix not in (*URDF, *YAML, '.xacro')
@@ -102,7 +102,7 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
         and not _is_there(path)
     ):
         raise ValueError(
-            f'unknown robot {shown(str(source))}: known are {", ".join(known_robots())}; or give '
+            f'unknown robot {quote(str(source))}: known are {", ".join(known_robots())}; or give '
             'the path of a .urdf or .yaml file'
         )
     return _file(path)
@@ -116,9 +116,9 @@ def _is_there(path: Path) -> bool:
 
 
 def _file(path: Path) -> tuple[str, str, bool]:
-    label = shown(str(path))
+    label = quote(str(path))
     if not _is_there(path):
-        raise ValueError(f'no robot file {label} (looked in {shown(str(Path.cwd()))})')
+        raise ValueError(f'no robot file {label} (looked in {quote(str(Path.cwd()))})')
     if path.suffix == '.xacro':
         raise ValueError(f'{label} is xacro: run `xacro {label} > robot.urdf` first')
     if path.suffix not in (*URDF, *YAML):
@@ -132,7 +132,7 @@ def _file(path: Path) -> tuple[str, str, bool]:
 
 
 def _content(path: Path) -> bytes:
-    """Return the bytes of a regular file; a pipe is not waited for, a device not read."""
+    """Return the bytes of a regular file; OSError for a pipe, a device and a larger file."""
     if not path.is_file():
         raise OSError(errno.EINVAL, 'it is no regular file')
     with path.open('rb') as file:
@@ -143,7 +143,7 @@ def _content(path: Path) -> bytes:
 
 
 def _robot_files() -> dict[str, Path]:
-    """Return the files of the robots that come along, by name."""
+    """Return the files of config/robots by the name of the robot."""
     for folder in FOLDERS:
         if folder.is_dir():
             return {path.stem: path for path in folder.glob('*.yaml')}

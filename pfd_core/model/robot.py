@@ -16,43 +16,54 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
-from functools import cached_property
+from functools import cached_property, partial
 import hashlib
 import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.model.checks import (
+from pfd_core.model.checked_numbers import LARGEST, real_array
+from pfd_core.model.error_text import quote
+from pfd_core.model.frozen_arrays import FrozenArrays, frozen
+from pfd_core.model.geometry import Array
+from pfd_core.model.rigid_body_checks import (
     INERTIA_TOLERANCE,
     TRIANGLE_TOLERANCE,
     check_inertia,
     check_rotation,
 )
-from pfd_core.model.geometry import Array
-from pfd_core.model.values import FINITE, LARGEST, Frozen, frozen, reals, shown
 
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
+# Fields with one element, of this shape, for each link, and with one number for each joint.
+LINK_FIELDS: dict[str, tuple[int, ...]] = {
+    'rotations': (3, 3),
+    'translations': (3,),
+    'masses': (),
+    'centers': (3,),
+    'inertias': (3, 3),
+}
+# Limits by their names in URDF and YAML.
+LIMIT_FIELDS = {
+    'lower': 'position_lower',
+    'upper': 'position_upper',
+    'velocity': 'velocity_limit',
+    'effort': 'effort_limit',
+}
+JOINT_FIELDS = (*LIMIT_FIELDS.values(), 'damping', 'friction', 'armature')
+_NOT_NEGATIVE = ('masses', *JOINT_FIELDS[2:])
 
 
-def _zero() -> Array:
-    return np.zeros(())
-
-
-def _infinity() -> Array:
-    return np.full((), np.inf)
-
-
-def _minus_infinity() -> Array:
-    return np.full((), -np.inf)
+# Defaults for all joints.
+_zero, _infinity, _minus_infinity = (partial(np.full, (), x) for x in (0.0, np.inf, -np.inf))
 
 
 class PhysicsWarning(UserWarning):
-    """Numbers that can be computed with, but that no rigid body can have."""
+    """Warning of numbers that no rigid body can have, but that can be computed with."""
 
 
 @dataclass(frozen=True, eq=False)
-class Robot(Frozen):
+class Robot(FrozenArrays):
     """
     A chain of n joints; joint i and link i stand at index i-1.
 
@@ -77,17 +88,17 @@ class Robot(Frozen):
     armature : ndarray
         (n,) [kg m^2, prismatic kg]: rotor inertia times the square of the gear ratio.
     position_lower, position_upper, velocity_limit, effort_limit : ndarray
-        (n,) [rad, rad/s, N m; prismatic m, m/s, N]: infinite where the model is silent.
+        (n,) [rad, rad/s, N m; prismatic m, m/s, N]: infinite where the model gives none.
     damping, friction : ndarray
-        (n,) [N m s/rad, N m; prismatic N s/m, N]: viscous and Coulomb; 0 where it is silent.
+        (n,) [N m s/rad, N m; prismatic N s/m, N]: viscous and Coulomb; 0 where it gives none.
     base, tip : str
-        Names of the link that is held and of the link whose frame is frame n.
+        Names of the link that stands still and of the link whose frame is frame n.
     source : str
-        Where the numbers come from.
+        Origin of the numbers.
     accepted : tuple of str
-        Joints whose links are known to break the triangle rule, which then needs no warning.
-    squared : tuple of str
-        Joints of the URDF, fixed ones too, of which a nearly right angle was taken as exact.
+        Joints whose links are known to break the triangle rule: these cause no warning.
+    snapped_joints : tuple of str
+        Joints of the URDF, also fixed ones, with a nearly right angle that was made exact.
 
     Raises
     ------
@@ -97,7 +108,7 @@ class Robot(Frozen):
     Warns
     -----
     PhysicsWarning
-        If principal moments of inertia break the triangle rule, which no body's do.
+        If principal moments of inertia break the triangle rule, as those of no body do.
 
     """
 
@@ -109,8 +120,8 @@ class Robot(Frozen):
     masses: Array
     centers: Array
     inertias: Array
-    base_rotation: Array = field(default_factory=lambda: np.eye(3))
-    base_position: Array = field(default_factory=lambda: np.zeros(3))
+    base_rotation: Array = field(default_factory=partial(np.eye, 3))
+    base_position: Array = field(default_factory=partial(np.zeros, 3))
     armature: Array = field(default_factory=_zero)
     position_lower: Array = field(default_factory=_minus_infinity)
     position_upper: Array = field(default_factory=_infinity)
@@ -122,10 +133,10 @@ class Robot(Frozen):
     tip: str = 'tip'
     source: str = ''
     accepted: tuple[str, ...] = ()
-    squared: tuple[str, ...] = ()
+    snapped_joints: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        for key in ('joint_names', 'joint_types', 'accepted', 'squared'):
+        for key in ('joint_names', 'joint_types', 'accepted', 'snapped_joints'):
             object.__setattr__(self, key, _names(key, getattr(self, key)))
         _check_joints(self)
         for key, shape in _shapes(self.n).items():
@@ -146,7 +157,7 @@ class Robot(Frozen):
         """SHA-256 of all numbers and names, as 64 hexadecimal digits."""
         state = hashlib.sha256()
         for item in fields(self):
-            if item.name in ('source', 'accepted', 'squared'):
+            if item.name in ('source', 'accepted', 'snapped_joints'):
                 continue
             value = getattr(self, item.name)
             text = value.astype('<f8').tobytes() if isinstance(value, np.ndarray) else repr(value)
@@ -167,84 +178,80 @@ class Robot(Frozen):
 
 
 def link_label(robot: Robot, index: int) -> str:
-    """Return how an error names link index + 1."""
-    joint = shown(robot.joint_names[index])
-    return f'link {index + 1} of {shown(robot.name)} (moved by joint {joint})'
+    """Return the name of link index + 1 in error messages."""
+    joint = quote(robot.joint_names[index])
+    return f'link {index + 1} of {quote(robot.name)} (moved by joint {joint})'
 
 
 def _shapes(n: int) -> dict[str, tuple[int, ...]]:
-    joint = dict.fromkeys(
-        (
-            *('masses', 'armature', 'position_lower', 'position_upper', 'velocity_limit'),
-            *('effort_limit', 'damping', 'friction'),
-        ),
-        (n,),
-    )
-    matrix = dict.fromkeys(('rotations', 'inertias'), (n, 3, 3))
-    vector = dict.fromkeys(('translations', 'centers'), (n, 3))
-    return {**matrix, **vector, **joint, 'base_rotation': (3, 3), 'base_position': (3,)}
+    return {
+        **{key: (n, *shape) for key, shape in LINK_FIELDS.items()},
+        **dict.fromkeys(JOINT_FIELDS, (n,)),
+        **{'base_rotation': (3, 3), 'base_position': (3,)},
+    }
 
 
 def _names(key: str, value: Iterable[str]) -> tuple[str, ...]:
     names = () if isinstance(value, str) else tuple(value)
     if isinstance(value, str) or not all(isinstance(name, str) for name in names):
-        raise ValueError(f'{key} must be a tuple of texts, got {shown(value)}')
+        raise ValueError(f'{key} must be a tuple of texts, got {quote(value)}')
     return names
 
 
 def _array(robot: Robot, key: str, shape: tuple[int, ...]) -> Array:
-    """Return a read-only copy of a field, broadcast from a scalar where it is one per joint."""
-    array = reals(f'{shown(robot.name)}: {key}', getattr(robot, key))
+    """Return a read-only copy of a field; a scalar is broadcast to all joints."""
+    label = f'{quote(robot.name)}: {key}'
+    array = real_array(label, getattr(robot, key), finite=False)
     if array.ndim == 0 and shape == (robot.n,):
         array = np.full(shape, array)
     if array.shape != shape:
         raise ValueError(
-            f'{shown(robot.name)}: {key} must have shape {shape} for {robot.n} joints, '
-            f'got {array.shape}'
+            f'{label} must have shape {shape} for {robot.n} joints, got {array.shape}'
         )
     return frozen(array)
 
 
 def _check_joints(robot: Robot) -> None:
     if not isinstance(robot.name, str) or not robot.name:
-        raise ValueError(f'a robot needs a name, got {shown(robot.name)}')
+        raise ValueError(f'a robot needs a name, got {quote(robot.name)}')
     if robot.n == 0:
-        raise ValueError(f'{shown(robot.name)} has no moving joint; a chain needs at least one')
+        raise ValueError(f'{quote(robot.name)} has no moving joint; a chain needs at least one')
     if len(robot.joint_types) != robot.n:
         raise ValueError(
-            f'{shown(robot.name)}: joint_types must have {robot.n} entries, one for each joint, '
+            f'{quote(robot.name)}: joint_types must have {robot.n} entries, one for each joint, '
             f'got {len(robot.joint_types)}'
         )
     for key in ('base', 'tip', 'source'):
         if not isinstance(getattr(robot, key), str):
-            raise ValueError(f'{key} must be a text, got {shown(getattr(robot, key))}')
+            raise ValueError(f'{key} must be a text, got {quote(getattr(robot, key))}')
     many = [name for name, count in Counter(robot.joint_names).items() if count > 1]
     if many:
-        raise ValueError(f'{shown(robot.name)}: joint name {shown(many[0])} occurs more than once')
+        raise ValueError(f'{quote(robot.name)}: joint name {quote(many[0])} occurs more than once')
     for name, kind in zip(robot.joint_names, robot.joint_types, strict=True):
         if not name:
-            raise ValueError(f"{shown(robot.name)}: every joint needs a name, got ''")
+            raise ValueError(f"{quote(robot.name)}: every joint needs a name, got ''")
         if kind not in JOINT_TYPES:
             raise ValueError(
-                f'joint {shown(name)}: type must be one of {JOINT_TYPES}, got {shown(kind)}'
+                f'joint {quote(name)}: type must be one of {JOINT_TYPES}, got {quote(kind)}'
             )
 
 
 def _check_numbers(robot: Robot) -> None:
-    limits = {'position_lower', 'position_upper', 'velocity_limit', 'effort_limit'}
     for key in _shapes(robot.n):
         array = getattr(robot, key)
-        wrong = np.isnan(array) if key in limits else ~(np.abs(array) <= LARGEST)
-        _refuse(robot, key, wrong, f'must be {"a number" if key in limits else FINITE}')
-    not_negative = ('masses', 'armature', 'velocity_limit', 'effort_limit', 'damping', 'friction')
-    for key in not_negative:
+        if key in LIMIT_FIELDS.values():
+            _refuse(robot, key, np.isnan(array), 'must be a number')
+        else:
+            rule = f'must be finite and at most {LARGEST:g} in size'
+            _refuse(robot, key, ~(np.abs(array) <= LARGEST), rule)
+    for key in _NOT_NEGATIVE:
         _refuse(robot, key, getattr(robot, key) < 0, 'must not be negative')
     crossed = robot.position_lower > robot.position_upper
     _refuse(robot, 'position_lower', crossed, 'must not exceed position_upper')
-    check_rotation(f'base_rotation of {shown(robot.name)}', robot.base_rotation)
+    check_rotation(f'base_rotation of {quote(robot.name)}', robot.base_rotation)
     moments = _moments(robot)
     for i in range(robot.n):
-        check_rotation(f'rotation of joint {shown(robot.joint_names[i])}', robot.rotations[i])
+        check_rotation(f'rotation of joint {quote(robot.joint_names[i])}', robot.rotations[i])
         check_inertia(f'inertia of {link_label(robot, i)}', robot.inertias[i], moments[i])
 
 
@@ -255,15 +262,15 @@ def _refuse(robot: Robot, key: str, wrong: NDArray[np.bool_], rule: str) -> None
     index = int(np.argwhere(wrong)[0][0])
     value = getattr(robot, key)
     if key.startswith('base_'):
-        raise ValueError(f'{shown(robot.name)}: {key} {rule}, got {shown(value.tolist())}')
+        raise ValueError(f'{quote(robot.name)}: {key} {rule}, got {quote(value.tolist())}')
     raise ValueError(
-        f'{shown(robot.name)}: {key} of joint {shown(robot.joint_names[index])} {rule}, '
-        f'got {shown(value[index].tolist())}'
+        f'{quote(robot.name)}: {key} of joint {quote(robot.joint_names[index])} {rule}, '
+        f'got {quote(value[index].tolist())}'
     )
 
 
 def _moments(robot: Robot) -> Array:
-    """Return the masses times the square of the longest way on the robot, (n,) [kg m^2]."""
+    """Return the masses times the square of the longest distance in a link, (n,) [kg m^2]."""
     longest = max(float(np.abs(robot.translations).max()), float(np.abs(robot.centers).max()))
     moments: Array = robot.masses * longest**2
     return moments

@@ -1,3 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Time: integrators and the simulator."""
+"""
+Time: the motion of an arm, or of many arms at once, in native code.
+
+    integrators     one step of qdd = f(q, qd); the table of integrators
+    feedback        laws that compute torques from the state, within native code
+    state_buffer    a state in memory; double buffering of steps
+    simulation      settings, copies and reset of Simulator and Ensemble
+    simulator       Simulator: one arm, step by step or in a rollout
+    ensemble        Ensemble: many arms, in rollouts
+    trajectory      Trajectory: the states that a rollout returns
+"""

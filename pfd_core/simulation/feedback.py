@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Laws of feedback: what the state of an arm adds to the torques of a step."""
+"""Laws of feedback: torques computed from the state of an arm, added to those of a step."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.kernels.codegen.law import GAINS, JOINTS, MATRIX, NONE, REFERENCES, WHOLE
-from pfd_core.simulation.inputs import Array, spread
+from pfd_core.model.checked_numbers import Array, real_array
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class Feedback:
     kp, kd : array_like
         Gains of each joint, (n,) or (B, n) [N m/rad or N/m, and the same times s].
     q, qd : array_like
-        What the state is to follow: (n,), (steps, n) or (B, steps, n) [rad or m, and per s].
+        Reference of the state: (n,), (steps, n) or (B, steps, n) [rad or m, and per s].
 
     """
 
@@ -40,15 +40,15 @@ class StateFeedback:
     """
     A law that adds gain @ (q - state q, qd - state qd) to the torques of a step.
 
-    The gain of a linear-quadratic regulator is of this form, and so are those of an iterative one
-    along a trajectory. The state is that at the beginning of the step; B arms, n joints.
+    A linear-quadratic regulator has a gain of this form, and an iterative one a gain for each
+    step of a trajectory. The state is that at the beginning of the step; B arms, n joints.
 
     Attributes
     ----------
     gain : array_like
         (n, 2 n), (steps, n, 2 n) or (B, steps, n, 2 n) [N m/rad or N/m, then the same times s].
     q, qd : array_like
-        What the state is to follow: (n,), (steps, n) or (B, steps, n) [rad or m, and per s].
+        Reference of the state: (n,), (steps, n) or (B, steps, n) [rad or m, and per s].
 
     """
 
@@ -64,10 +64,10 @@ def law_arrays(
     law: Law | None, size: int, steps: int, n: int, dtype: str
 ) -> tuple[int, dict[str, Array]]:
     """
-    Return which law it is, and its arrays by their names in the kernel.
+    Return the number of a law in native code, and its arrays by their names there.
 
-    References are (B, steps, n), gains (B, n), a matrix (B, steps, 2 n^2); ValueError if
-    something does not fit.
+    References are (B, steps, n), gains (B, n), a matrix (B, steps, 2 n^2); ValueError for an
+    array of another shape.
     """
     if law is None:
         return NONE, {}
@@ -77,7 +77,7 @@ def law_arrays(
         )
 
     def array(name: str, *shape: int) -> Array:
-        return spread(f'feedback.{name}', getattr(law, name), shape, dtype)
+        return real_array(f'feedback.{name}', getattr(law, name), dtype, shape, broadcast=True)
 
     arrays = {
         place: array(name, size, steps, n)
@@ -85,11 +85,11 @@ def law_arrays(
     }
     if isinstance(law, Feedback):
         return JOINTS, arrays | {name: array(name, size, n) for name in GAINS}
-    return WHOLE, arrays | {MATRIX: _in_line(array(MATRIX, size, steps, n, 2 * n))}
+    return WHOLE, arrays | {MATRIX: _flattened(array(MATRIX, size, steps, n, 2 * n))}
 
 
-def _in_line(matrices: Array) -> Array:
-    """Return matrices (B, steps, n, m) as (B, steps, n m); what was repeated stays once."""
+def _flattened(matrices: Array) -> Array:
+    """Return matrices (B, steps, n, m) as (B, steps, n m); broadcast dimensions stay so."""
     arms, steps = (1 if stride == 0 else None for stride in matrices.strides[:2])
     once = np.ascontiguousarray(matrices[:arms, :steps])
     flat = once.reshape(*once.shape[:2], once.shape[2] * once.shape[3])

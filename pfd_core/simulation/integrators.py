@@ -1,22 +1,19 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-One step of size h of qdd = f(q, qd), with the torque held.
+Integrators: one step of size h of qdd = f(q, qd), with the torque held.
 
-    rk4               classical Runge-Kutta, order 4, 4 evaluations
-    velocity_verlet   order 2, 1 evaluation
+An integrator is a function, text over one lane per joint, and its row in TABLE: to add one, write
+both. A simulation then offers it under its name, and the tests measure its order.
 
-Each is text over one lane per joint. One that ends with an acceleration with which the next step
-begins is given it, so that nothing is evaluated twice at one place; a simulation then adds one
-evaluation per change of the torque.
-
-The velocity Verlet step predicts the velocity for its evaluation, because the forces of an arm
-depend on it: q' = q + h qd + h^2/2 a, a' = f(q', qd + h a), qd' = qd + h/2 (a + a').
+An integrator that carries the acceleration at the end of a step on to the next does not evaluate
+f twice at one state; a simulation then adds one evaluation when the torque changes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from pfd_core.machine.program import Program
@@ -24,7 +21,30 @@ from pfd_core.machine.recorder import Recorder
 
 State = tuple[Any, ...]
 Accelerations = Callable[[Any, Any], Any]
-Step = Callable[..., State]
+
+
+@dataclass(frozen=True)
+class Integrator:
+    """
+    A method of integration.
+
+    Attributes
+    ----------
+    step : callable
+        step(f, h, *carried) returns the carried parts for the next step.
+    carried : tuple of str
+        Parts of the state that a step takes and returns: q, qd, and qdd if it needs it.
+    order : int
+        Power of h with which the error of a motion falls.
+    evaluations : int
+        Evaluations of f in a step.
+
+    """
+
+    step: Callable[..., State]
+    carried: tuple[str, ...]
+    order: int
+    evaluations: int
 
 
 def rk4(f: Accelerations, h: float, q: Any, qd: Any) -> State:
@@ -43,36 +63,38 @@ def rk4(f: Accelerations, h: float, q: Any, qd: Any) -> State:
 
 
 def velocity_verlet(f: Accelerations, h: float, q: Any, qd: Any, a: Any) -> State:
-    """Return q, qd and a' after one step of velocity Verlet with a predicted velocity."""
+    """
+    Return q, qd and a' after one step of velocity Verlet.
+
+    The forces of an arm depend on the velocity, so that it is predicted for the evaluation:
+    q' = q + h qd + h^2/2 a, a' = f(q', qd + h a), qd' = qd + h/2 (a + a').
+    """
     q_end = q + h * (qd + (h / 2) * a)
     a_end = f(q_end, qd + h * a)
     return q_end, qd + (h / 2) * (a + a_end), a_end
 
 
-STEPS: dict[str, Step] = {'rk4': rk4, 'velocity_verlet': velocity_verlet}
-# What a step of each carries on to the next.
-CARRIED = {'rk4': ('q', 'qd'), 'velocity_verlet': ('q', 'qd', 'qdd')}
-# What integrator='auto' stands for: the more accurate per evaluation at the steps an arm takes.
+TABLE = {
+    'rk4': Integrator(rk4, ('q', 'qd'), order=4, evaluations=4),
+    'velocity_verlet': Integrator(velocity_verlet, ('q', 'qd', 'qdd'), order=2, evaluations=1),
+}
+# The integrator that 'auto' stands for: the more accurate per evaluation at the steps of an arm.
 DEFAULT = 'rk4'
-INTEGRATORS = ('auto', *STEPS)
+INTEGRATORS = ('auto', *TABLE)
 
 
-def record_step(integrator: str, n: int, h: float) -> Program:
-    """
-    Return the program of one step on n lanes, which calls the function `qdd`.
+def integrator_named(name: str) -> Integrator:
+    """Return an integrator of TABLE, or the default for 'auto'; ValueError for another name."""
+    if name not in INTEGRATORS:
+        raise ValueError(f'integrator must be one of {INTEGRATORS}, got {name!r}')
+    return TABLE[DEFAULT if name == 'auto' else name]
 
-    Raises
-    ------
-    ValueError
-        If there is no integrator of that name.
 
-    """
-    if integrator not in INTEGRATORS:
-        raise ValueError(f'integrator must be one of {INTEGRATORS}, got {integrator!r}')
-    name = DEFAULT if integrator == 'auto' else integrator
+def record_step(integrator: Integrator, n: int, h: float) -> Program:
+    """Return the program of one step on n lanes, which calls the function `qdd`."""
     recorder = Recorder(n)
-    carried = [recorder.input(part, range(n)) for part in CARRIED[name]]
-    end = STEPS[name](lambda x, v: recorder.call('qdd', x, v), h, *carried)
-    for part, value in zip(CARRIED[name], end, strict=True):
+    carried = [recorder.input(part, range(n)) for part in integrator.carried]
+    end = integrator.step(lambda x, v: recorder.call('qdd', x, v), h, *carried)
+    for part, value in zip(integrator.carried, end, strict=True):
         recorder.output(part, (n,), [(value, lane) for lane in range(n)])
     return recorder.program()

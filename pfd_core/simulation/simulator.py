@@ -7,37 +7,33 @@ The simulator: an arm in time, advanced by native code.
     sim.step(tau)               one step, the torque held
     sim.rollout(taus)           many, without returning to Python
 
-A step of `step_size` seconds holds the torque as a real arm's controller does between two
+A step of `step_size` seconds holds the torque, as the controller of a real arm does between two
 samples, and integrates in `substeps` equal parts. The same robot, scene, settings and torques
 give the same bits, step by step or in one rollout.
 """
 
 from __future__ import annotations
 
-from copy import copy, deepcopy
 from functools import partial
 import time
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.kernels.codegen.rollout import Rollout, compile_rollout
-from pfd_core.model import Robot, Scene
-from pfd_core.model.arguments import held_mask, integer
-from pfd_core.simulation.inputs import Array, check_held, instant, numbers, seconds
-from pfd_core.simulation.integrators import record_step
-from pfd_core.simulation.moment import Moment
+from pfd_core.model.checked_numbers import Array, real_array
+from pfd_core.simulation.simulation import Simulation
+from pfd_core.simulation.state_buffer import StateBuffer
 from pfd_core.simulation.trajectory import Trajectory
 
-# A rollout runs in pieces, between which Python looks for signals: seconds that one may take,
-# by the time that the one before took, and operations of the first, a loop's counted once. A
-# step is never cut.
-PIECE = 0.05
-FIRST = 1_000_000
+# A rollout runs in pieces, between which Python looks for signals. A piece may take this many
+# seconds, by the time that the one before took; the first has this many operations, a loop's
+# counted once. A step is never cut.
+PIECE_SECONDS = 0.05
+FIRST_OPERATIONS = 1_000_000
 
 
-class Simulator:
+class Simulator(Simulation):
     """
     A robot in a scene, in time.
 
@@ -66,74 +62,13 @@ class Simulator:
 
     """
 
-    def __init__(
-        self,
-        robot: Robot,
-        scene: Scene | None = None,
-        *,
-        step_size: float = 1e-3,
-        substeps: int = 2,
-        integrator: str = 'auto',
-        method: str = 'auto',
-        dtype: str = 'float64',
-        refine: int = 0,
-    ) -> None:
-        self.robot = robot
-        self.scene = Scene() if scene is None else scene
-        self.step_size = seconds('step_size', step_size)
-        self.substeps = integer('substeps', substeps, 1)
-        self.dtype = dtype
-        self._settings: dict[str, Any] = {
-            'integrator': integrator,
-            'method': method,
-            'refine': refine,
-        }
-        self._native = self._compile()
-        # The valid moment, which `_turn` points to, and one to work on.
-        self._moments = Moment(robot.n, dtype), Moment(robot.n, dtype)
-        self._turn = 0
-        self._out = Moment(robot.n, dtype)
+    _native: Rollout
+    _compiler = staticmethod(compile_rollout)
 
-    def _compile(self) -> Rollout:
-        """Return the native code of these settings."""
-        integrator, method, refine = self._settings.values()
-        step = record_step(integrator, self.robot.n, self.step_size / self.substeps)
-        return compile_rollout(
-            self.robot, step, scene=self.scene, method=method, dtype=self.dtype, refine=refine
-        )
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != '_native'}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__ |= state
-        self._native = self._compile()
-
-    def __copy__(self) -> Simulator:
-        # Robot, scene and code never change.
-        twin = object.__new__(type(self))
-        twin.__dict__ |= self.__dict__
-        twin._moments = deepcopy(self._moments)
-        twin._out = deepcopy(self._out)
-        return twin
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Simulator:
-        return copy(self)
-
-    @property
-    def method(self) -> str:
-        """The method that 'auto' stood for."""
-        return self._native.method
-
-    @property
-    def q(self) -> Array:
-        """Joint positions, (n,) [rad or m]; a copy."""
-        return np.array(self._now.q)
-
-    @property
-    def qd(self) -> Array:
-        """Joint velocities, (n,) [rad/s or m/s]; a copy."""
-        return np.array(self._now.qd)
+    def _shapes(self) -> dict[str, tuple[int, ...]]:
+        n = (self.robot.n,)
+        # Beside the state, the inputs of the last step, which `qdd` needs.
+        return {'q': n, 'qd': n, 'tau': n, 'wrench': (6,), 'free': n}
 
     @property
     def qdd(self) -> Array:
@@ -142,34 +77,13 @@ class Simulator:
 
         Zero before the first step.
         """
-        now = self._now
-        if not now.steps:
+        arrays = self._now.arrays
+        if not self._now.steps:
             return np.zeros(self.robot.n, self.dtype)
-        held = [now.wrench] * self.scene.external_wrench + [now.free] * self.scene.brakes
-        q, qd, tau = (x[np.newaxis] for x in (now.q, now.qd, now.tau))
-        qdd: Array = self._accelerations(q, qd, tau, held)[0]
+        q, qd, tau = (arrays[name][np.newaxis] for name in ('q', 'qd', 'tau'))
+        inputs = [arrays[name] for name in self._inputs]
+        qdd: Array = _accelerations(self._native, q, qd, tau, inputs)[0]
         return qdd
-
-    @property
-    def time(self) -> float:
-        """Time of the state [s]: the start plus whole steps, so that it does not drift."""
-        now = self._now
-        return now.start + now.steps * self.step_size
-
-    @property
-    def status(self) -> str:
-        """'ok', or 'not_finite' once a state has overflowed; `reset` clears it."""
-        return self._now.status
-
-    def reset(
-        self, q: ArrayLike | None = None, qd: ArrayLike | None = None, time: float = 0.0
-    ) -> None:
-        """Set positions and velocities, (n,), default zero, and the time [s]."""
-        following = self._following()
-        for target, name, value in ((following.q, 'q', q), (following.qd, 'qd', qd)):
-            target[:] = 0.0 if value is None else self._vector(name, value)
-        following.start, following.steps, following.status = instant(time), 0, 'ok'
-        self._turn ^= 1
 
     def step(
         self, tau: ArrayLike, wrench: ArrayLike | None = None, *, brakes: ArrayLike | None = None
@@ -187,9 +101,11 @@ class Simulator:
             Joints that stay where they are, (n,); only if the scene has brakes, default none.
 
         """
-        row, held = self._vector('tau', tau), self._held(wrench, brakes)
-        following = self._following(row, held)
-        self._advance(following, 1, following.at['tau'], self._out.at['q'], self._out.at['qd'])
+        row = real_array('tau', tau, self.dtype, (self.robot.n,))
+        following = self._following(row, self._scene_inputs(wrench, brakes))
+        at = following.at
+        # Native code writes the row of this step's state over that state: the same numbers.
+        self._advance(following, 1, at['tau'], at['q'], at['qd'])
 
     def rollout(
         self, taus: ArrayLike, wrench: ArrayLike | None = None, *, brakes: ArrayLike | None = None
@@ -197,8 +113,8 @@ class Simulator:
         """
         Advance the state by one step for each row of torques.
 
-        A KeyboardInterrupt ends it within a fraction of a second; the state and the time are then
-        those after some of the steps, from which another call goes on.
+        A KeyboardInterrupt ends it within a fraction of a second; state and time are then those
+        after some of the steps, and another call continues from there.
 
         Parameters
         ----------
@@ -213,97 +129,70 @@ class Simulator:
             Row k is the state after step k + 1.
 
         """
-        # The caller may change what was given, before the accelerations are read.
-        rows = np.array(numbers('taus', taus, self.dtype), order='C')
-        if rows.ndim != 2 or rows.shape[1] != self.robot.n:
-            raise ValueError(f'taus must have shape (steps, {self.robot.n}), got {rows.shape}')
-        held = self._held(wrench, brakes)
+        # Copies: the caller may change the arguments before the accelerations are read.
+        rows = real_array('taus', taus, self.dtype, ('steps', self.robot.n)).copy(order='C')
+        inputs = {name: x.copy() for name, x in self._scene_inputs(wrench, brakes).items()}
         before = self._now.steps
         q, qd = np.empty_like(rows), np.empty_like(rows)
-        sound = self._pieces(rows, held, q, qd)
+        finite_steps = self._run_pieces(rows, inputs, q, qd)
         steps = np.arange(before + 1, before + len(rows) + 1)
         return Trajectory(
             time=self._now.start + self.step_size * steps,
             q=q,
             qd=qd,
-            status='ok' if sound == len(rows) else 'not_finite',
-            sound=sound,
-            _accelerations=partial(self._accelerations, q, qd, rows, list(held.values())),
+            _qdd=partial(_accelerations, self._native, q, qd, rows, [*inputs.values()]),
+            status='ok' if finite_steps == len(rows) else 'not_finite',
+            finite_steps=finite_steps,
         )
 
-    def _pieces(self, rows: Array, held: dict[str, Array], q: Array, qd: Array) -> int:
-        """Take a step for each row, piece by piece; return after how many it was all finite."""
-        places = [array.ctypes.data for array in (rows, q, qd)]
-        done, sound, count = 0, 0, max(1, FIRST // (self._native.work * self.substeps))
+    def _run_pieces(self, rows: Array, inputs: dict[str, Array], q: Array, qd: Array) -> int:
+        """Take a step for each row of torques; return after how many the state was finite."""
+        addresses = [array.ctypes.data for array in (rows, q, qd)]
+        done = finite_steps = 0
+        count = max(1, FIRST_OPERATIONS // (self._native.work * self.substeps))
         while done < len(rows):
             count = min(count, len(rows) - done)
             begin = time.perf_counter()
-            following = self._following(rows[done + count - 1], held)
-            here = (place + done * rows.strides[0] for place in places)
+            following = self._following(rows[done + count - 1], inputs)
+            here = (address + done * rows.strides[0] for address in addresses)
             finite = self._advance(following, count, *here)
-            sound += finite if sound == done else 0
+            finite_steps += finite if finite_steps == done else 0
             done += count
             spent = max(time.perf_counter() - begin, 1e-9)
-            count = max(1, min(2 * count, int(count * PIECE / spent)))
-        return sound
+            count = max(1, min(2 * count, int(count * PIECE_SECONDS / spent)))
+        return finite_steps
 
-    def _advance(self, following: Moment, steps: int, taus: int, q: int, qd: int) -> int:
-        """
-        Run the native code on a moment, which becomes the valid one.
-
-        Returns after how many steps the state was finite; arrays are given by their addresses.
-        """
-        at, scene = following.at, self.scene
-        held = [at['wrench']] * scene.external_wrench + [at['free']] * scene.brakes
-        sound = self._native.run(steps, self.substeps, at['q'], at['qd'], taus, *held, q, qd)
-        following.steps += steps
-        if sound < steps:
-            following.status = 'not_finite'
-        self._turn ^= 1
-        return sound
-
-    def _accelerations(self, q: Array, qd: Array, taus: Array, held: list[Array]) -> Array:
-        """Return the accelerations of states in rows, all (steps, n)."""
-        qdd = np.empty_like(q)
-        rows = [np.ascontiguousarray(x) for x in (q, qd, taus)]
-        if len(q):
-            self._native.accelerations(len(q), *(x.ctypes.data for x in (*rows, *held, qdd)))
-        return qdd
-
-    @property
-    def _now(self) -> Moment:
-        """The valid moment."""
-        return self._moments[self._turn]
-
-    def _following(self, tau: Array | None = None, held: dict[str, Array] | None = None) -> Moment:
-        """Return the other moment: the valid one with another torque, wrench and brakes."""
-        following = self._moments[1 - self._turn]
-        following.take(self._now)
-        if tau is not None:
-            following.tau[:] = tau
-        if held:
-            for name, value in held.items():
-                getattr(following, name)[:] = value
+    def _following(self, tau: Array, inputs: dict[str, Array]) -> StateBuffer:
+        """Return the buffer to advance: the valid state with the inputs of the next step."""
+        following = self._copied_state()
+        following.arrays['tau'][:] = tau
+        for name, value in inputs.items():
+            following.arrays[name][:] = value
         return following
 
-    def _held(self, wrench: ArrayLike | None, brakes: ArrayLike | None) -> dict[str, Array]:
-        """Return copies of what stays the same for all steps, in the order of the kernel."""
-        check_held(self.scene, wrench, brakes)
-        held = {}
-        if wrench is not None:
-            held['wrench'] = np.array(self._vector('wrench', wrench, 6))
-        if self.scene.brakes:
-            held['free'] = held_mask(brakes, self.robot.n, self.dtype)
-            if held['free'].ndim != 1:
-                raise ValueError(
-                    f'brakes must have shape ({self.robot.n},), got {held["free"].shape}'
-                )
-        return held
+    def _advance(self, following: StateBuffer, steps: int, taus: int, q: int, qd: int) -> int:
+        """
+        Run native code on a buffer, and make its state the valid one.
 
-    def _vector(self, name: str, value: ArrayLike, size: int | None = None) -> Array:
-        """Return a finite vector of the right length; ValueError if it is not one."""
-        size = self.robot.n if size is None else size
-        array = numbers(name, value, self.dtype)
-        if array.shape != (size,):
-            raise ValueError(f'{name} must have shape ({size},), got {array.shape}')
-        return array
+        Torques are read from, and states written to, rows at these addresses. Returns after how
+        many steps the state was finite.
+        """
+        at = following.at
+        inputs = [at[name] for name in self._inputs]
+        finite = self._native.run(steps, self.substeps, at['q'], at['qd'], taus, *inputs, q, qd)
+        following.steps += steps
+        if finite < steps:
+            following.status = 'not_finite'
+        self._turn ^= 1
+        return finite
+
+
+def _accelerations(
+    native: Rollout, q: Array, qd: Array, taus: Array, inputs: list[Array]
+) -> Array:
+    """Return the accelerations of states in rows, (steps, n), under inputs that stay the same."""
+    qdd = np.empty_like(q)
+    rows = [np.ascontiguousarray(x) for x in (q, qd, taus)]
+    if len(q):
+        native.accelerations(len(q), *(x.ctypes.data for x in (*rows, *inputs, qdd)))
+    return qdd

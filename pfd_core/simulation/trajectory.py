@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""States of one arm after each of a number of steps."""
+"""Trajectory: states of one arm, or of each arm of an ensemble, over time."""
 
 from __future__ import annotations
 
@@ -9,44 +9,45 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from pfd_core.simulation.inputs import Array
+from pfd_core.model.checked_numbers import Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Trajectory:
     """
-    States after each of a number of steps.
+    States at K times; of one arm, or of B arms with a leading dimension B.
 
     Attributes
     ----------
     time : numpy.ndarray
-        (steps,) [s].
+        (K,) [s].
     q, qd : numpy.ndarray
-        (steps, n), positions and velocities [rad or m, s].
+        (K, n) or (B, K, n), positions and velocities [rad or m, s].
+    _qdd : numpy.ndarray or callable
+        `qdd`, or the function that computes it.
     status : str
         'ok', or 'not_finite' if a state overflowed.
-    sound : int
-        Steps from the first on after which the state was finite.
+    finite_steps : int or numpy.ndarray
+        Steps from the first on after which the state was finite; (B,) for B arms.
 
     """
 
     time: Array
     q: Array
     qd: Array
+    _qdd: Array | Callable[[], Array] = field(repr=False)
     status: str
-    sound: int
-    _accelerations: Callable[[], Array] | None = field(repr=False, compare=False)
+    finite_steps: int | Array
 
     @cached_property
     def qdd(self) -> Array:
         """
-        Accelerations at the end of each step, under its torque, (steps, n) [rad or m, s].
+        Accelerations at those times, under the torque before, (K, n) or (B, K, n) [rad or m, s].
 
-        No step needs them, so that they are computed from the states when they are first read.
+        A single arm's are computed from its states when they are first read: no step needs them.
         """
-        assert self._accelerations is not None  # a trajectory that was pickled has them
-        return self._accelerations()
+        return self._qdd() if callable(self._qdd) else self._qdd
 
     def __getstate__(self) -> dict[str, Any]:
-        # The accelerations go along, rather than the simulator that can compute them.
-        return self.__dict__ | {'qdd': self.qdd, '_accelerations': None}
+        # A pickle holds the accelerations, not the native code that would compute them.
+        return self.__dict__ | {'_qdd': self.qdd}

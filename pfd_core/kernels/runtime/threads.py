@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 
 from pfd_core.kernels.arguments import address
 from pfd_core.kernels.runtime.jit import Native
-from pfd_core.model.arguments import integer
+from pfd_core.model.checked_numbers import integer
 
 # Operations on vector registers up to which a batch is computed by the caller alone: half of it
 # takes as long as a worker needs to wake up and bring the arrays into the cache of its core.

@@ -1,22 +1,22 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a rotation and an inertia must be, and how much rounding is forgiven them."""
+"""Conditions on a rotation and an inertia, and the rounding that they tolerate."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import Array
-from pfd_core.model.values import shown
 
-# A rotation written with 16 digits, or multiplied up from a few, misses orthonormality by some
-# 1e-15; one written with 6 digits misses by 1e-6 and would make every link stretch.
+# A rotation with 16 digits, or a product of a few, is orthonormal to some 1e-15; a rotation with
+# 6 digits only to 1e-6, and would stretch every link.
 ROTATION_TOLERANCE = 1e-12
 # Rotating an inertia rounds at 1e-16 of its largest element, several times over; so does moving
 # it to the centre of mass, at 1e-16 of the mass times the square of the way.
 INERTIA_TOLERANCE = 1e-12
-# A flat body reaches the triangle rule exactly; 1e-9 is far above rounding of that and below
-# the last digit anybody publishes.
+# A flat body reaches the bound of the triangle rule; 1e-9 is far above its rounding and below the
+# last published digit.
 TRIANGLE_TOLERANCE = 1e-9
 
 
@@ -41,7 +41,7 @@ def check_inertia(label: str, J: Array, moment: float = 0.0) -> None:
     """
     tolerance = INERTIA_TOLERANCE * max(float(np.abs(J).max()), moment)
     if np.abs(J - J.T).max() > tolerance:
-        raise ValueError(f'{label} must be symmetric, got {shown(J.tolist())}')
+        raise ValueError(f'{label} must be symmetric, got {quote(J.tolist())}')
     moments = np.linalg.eigvalsh(J)
     if moments[0] < -tolerance:
         raise ValueError(

@@ -1,12 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Robots as YAML: tables typed in from papers, and robots stored to the last bit.
+Robots as YAML: tables copied from papers, and robots stored to the last bit.
 
 A file holds `robot` (its name), `joints` (a list), and optionally `source`, `base`, `tip`.
 Each joint has `name`, `type` and `mass` [kg]; `center` [m] and `inertia` [kg m^2], about the
-centre of mass, with the elements `xx yy zz xy yz xz`, are zero where left out. Where its link
-stands is given by one of
+centre of mass, with the elements `xx yy zz xy yz xz`, are zero by default. Its placement is one of
 
     dh           {a, d, alpha_deg, theta_deg}, the standard row: turn theta + q about z, move d
                  along it, a along x, turn alpha about x. Body in the frame at the end.
@@ -15,13 +14,13 @@ stands is given by one of
     frame        {rotation, translation}: the end of the link seen from its joint at q = 0, as
                  `Robot` has them. Body in the frame at the end.
 
-and all joints of a file by the same. Optional for a joint: `limits` {lower, upper, velocity,
+and the same one for all joints of a file. Optional for a joint: `limits` {lower, upper, velocity,
 effort}; `damping`, `friction`, `armature` at the joint; `rotor` {inertia, gear_ratio, damping,
 friction} at the motor, carried to the joint by the gear; `accept_unphysical_inertia`, if the
 published numbers break the triangle rule.
 
-`base` and `tip` are names of links, or {link, rotation, translation}: where frame 0 stands in
-the base link; for modified_dh also where the tip stands on the last joint's frame.
+`base` and `tip` are names of links, or {link, rotation, translation}: the placement of frame 0 in
+the base link; for modified_dh also that of the tip in the last joint's frame.
 """
 
 from __future__ import annotations
@@ -33,8 +32,11 @@ from typing import Any
 import numpy as np
 import yaml
 
+from pfd_core.model.checked_numbers import number_from_text, real_number
+from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import (
     Array,
+    Frame,
     cos_sin_degrees,
     product,
     rotation_x,
@@ -42,24 +44,18 @@ from pfd_core.model.geometry import (
     symmetric,
     welded_frames,
 )
-from pfd_core.model.robot import Robot
-from pfd_core.model.values import number, number_from_text, shown
-from pfd_core.model.yaml_text import read_yaml
+from pfd_core.model.robot import JOINT_FIELDS, LIMIT_FIELDS, Robot
+from pfd_core.model.yaml_reader import read_yaml
 
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}
-LIMITS = {
-    'lower': ('position_lower', -math.inf),
-    'upper': ('position_upper', math.inf),
-    'velocity': ('velocity_limit', math.inf),
-    'effort': ('effort_limit', math.inf),
-}
+UNLIMITED = dict.fromkeys(LIMIT_FIELDS, math.inf) | {'lower': -math.inf}
 PLACED_BY = ('dh', 'modified_dh', 'frame')
 ROW = ('a', 'd', 'alpha_deg', 'theta_deg')
 FRAME = ('rotation', 'translation')
 
 
 def robot_to_yaml(robot: Robot) -> str:
-    """Return a robot as YAML, from which `load_robot` makes the same robot to the last bit."""
+    """Return a robot as YAML; `load_robot` makes the same robot of it, to the last bit."""
     joints = []
     for i, name in enumerate(robot.joint_names):
         joint = {
@@ -72,7 +68,7 @@ def robot_to_yaml(robot: Robot) -> str:
             'mass': float(robot.masses[i]),
             'center': robot.centers[i].tolist(),
             'inertia': {key: float(robot.inertias[i][at]) for key, at in ELEMENTS.items()},
-            'limits': {key: float(getattr(robot, at)[i]) for key, (at, _) in LIMITS.items()},
+            'limits': {k: float(getattr(robot, at)[i]) for k, at in LIMIT_FIELDS.items()},
         }
         joint |= {k: float(getattr(robot, k)[i]) for k in ('damping', 'friction', 'armature')}
         if name in robot.accepted:
@@ -100,22 +96,22 @@ def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
     text : str
         The text, in the format of this module.
     source : str
-        Where it comes from, for robots that do not say so themselves.
+        Origin of the text: the robot's `source` if the text has none.
 
     Raises
     ------
     ValueError
-        If it is no YAML, or a key is missing, unknown or has a wrong value; the text names it.
+        If the text is no YAML, or a key is missing, unknown or has a wrong value, which is named.
 
     """
     document = read_yaml(text, source)
-    document = _table(shown(source), document, ('robot', 'joints'), ('source', 'base', 'tip'))
+    document = _table(quote(source), document, ('robot', 'joints'), ('source', 'base', 'tip'))
     name = document['robot']
     rows = document['joints']
     if not isinstance(rows, list):
-        raise ValueError(f'joints of {shown(name)} must be a list, got {shown(rows)}')
+        raise ValueError(f'joints of {quote(name)} must be a list, got {quote(rows)}')
     joints = [_joint(i, row) for i, row in enumerate(rows)]
-    fields: dict[str, Any] = {key: np.array([j[key] for j in joints]) for key in _PER_JOINT}
+    fields: dict[str, Any] = {key: np.array([j[key] for j in joints]) for key in JOINT_FIELDS}
     base, base_rotation, base_position = _end('base', document.get('base', 'base'))
     return Robot(
         name=name,
@@ -130,17 +126,12 @@ def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
     )
 
 
-_PER_JOINT = (*(at for at, _ in LIMITS.values()), 'damping', 'friction', 'armature')
-
-
-def _frames(
-    name: str, joints: list[dict[str, Any]], base: tuple[Array, Array], tip: Any
-) -> dict[str, Any]:
-    """Return the fields of `Robot` that say where frames are and what links weigh."""
+def _frames(name: str, joints: list[dict[str, Any]], base: Frame, tip: Any) -> dict[str, Any]:
+    """Return the fields of `Robot` for frames, masses, centres and inertias."""
     ways = {j['placed_by'] for j in joints}
     if len(ways) > 1:
         raise ValueError(
-            f'joints of {shown(name)} must all be placed the same way, got {sorted(ways)}'
+            f'joints of {quote(name)} must all be placed the same way, got {sorted(ways)}'
         )
     if ways == {'modified_dh'}:
         _, tip_rotation, tip_position = _end('tip', tip)
@@ -151,7 +142,7 @@ def _frames(
         return welded_frames(placements, [j['body'] for j in joints])
     if isinstance(tip, Mapping) and set(tip) != {'link'}:
         raise ValueError(
-            f'tip of {shown(name)} must be the name of a link: where it stands is given by the '
+            f'tip of {quote(name)} must be the name of a link: where it stands is given by the '
             f"last joint's {next(iter(ways), 'frame')}"
         )
     return {
@@ -166,9 +157,9 @@ def _frames(
 
 
 def _joint(index: int, row: Any) -> dict[str, Any]:
-    """Return the numbers of one joint, with everything left out filled in."""
+    """Return the numbers of one joint, with defaults."""
     name = row.get('name', f'number {index + 1}') if isinstance(row, Mapping) else index + 1
-    label = f'joint {shown(name)}'
+    label = f'joint {quote(name)}'
     optional = ('center', 'inertia', 'limits', 'damping', 'friction', 'armature', 'rotor')
     row = _table(
         label, row, ('name', 'type', 'mass'), (*optional, *PLACED_BY, 'accept_unphysical_inertia')
@@ -177,8 +168,8 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
     if len(ways) != 1:
         raise ValueError(f'{label} must have exactly one of {", ".join(PLACED_BY)}, got {ways}')
     if 'rotor' in row and 'armature' in row:
-        raise ValueError(f'{label} has both rotor and armature; armature is what rotor becomes')
-    limits = _table(f'limits of {label}', row.get('limits', {}), (), tuple(LIMITS))
+        raise ValueError(f'{label} has both rotor and armature; give one of them')
+    limits = _table(f'limits of {label}', row.get('limits', {}), (), tuple(LIMIT_FIELDS))
     inertia = _table(f'inertia of {label}', row.get('inertia', {}), (), tuple(ELEMENTS))
     elements = [_number(f'inertia {k} of {label}', inertia.get(k, 0.0)) for k in ELEMENTS]
     return {
@@ -193,19 +184,19 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
         ),
         'accepted': _truth(label, row),
         **{
-            at: _number(f'limit {key} of {label}', limits.get(key, silent), infinite=True)
-            for key, (at, silent) in LIMITS.items()
+            LIMIT_FIELDS[k]: _number(f'limit {k} of {label}', value, infinite=True)
+            for k, value in (UNLIMITED | dict(limits)).items()
         },
         **_drive(label, row),
     }
 
 
-def _placed(label: str, way: str, value: Any) -> tuple[Array, Array]:
-    """Return axes and origin of a frame in the one before it, at q = 0."""
-    what = f'{way} of {label}'
+def _placed(label: str, way: str, value: Any) -> Frame:
+    """Return a frame in the frame before it, at q = 0."""
+    place = f'{way} of {label}'
     if way == 'frame':
-        return _placement(what, _table(what, value, FRAME, ()))
-    row = {k: _number(f'{k} in {what}', v) for k, v in _table(what, value, ROW, ()).items()}
+        return _placement(place, _table(place, value, FRAME, ()))
+    row = {k: _number(f'{k} in {place}', v) for k, v in _table(place, value, ROW, ()).items()}
     turn = rotation_z(*cos_sin_degrees(row['theta_deg']))
     twist = rotation_x(*cos_sin_degrees(row['alpha_deg']))
     along_x, along_z = np.array([row['a'], 0.0, 0.0]), np.array([0.0, 0.0, row['d']])
@@ -215,13 +206,14 @@ def _placed(label: str, way: str, value: Any) -> tuple[Array, Array]:
 
 
 def _drive(label: str, row: Mapping[str, Any]) -> dict[str, float]:
-    """Return damping, friction and armature at the joint, those of the rotor carried there."""
-    own = {k: _number(f'{k} of {label}', row.get(k, 0.0)) for k in _PER_JOINT[-3:]}
+    """Return damping, friction and armature at the joint, with those of the rotor."""
+    keys = ('damping', 'friction', 'armature')
+    own = {k: _number(f'{k} of {label}', row.get(k, 0.0)) for k in keys}
     if 'rotor' not in row:
         return own
-    what = f'rotor of {label}'
-    given = _table(what, row['rotor'], ('inertia', 'gear_ratio'), ('damping', 'friction'))
-    rotor = {key: _number(f'{key} of {what}', value) for key, value in given.items()}
+    motor = f'rotor of {label}'
+    given = _table(motor, row['rotor'], ('inertia', 'gear_ratio'), ('damping', 'friction'))
+    rotor = {key: _number(f'{key} of {motor}', value) for key, value in given.items()}
     gear = abs(rotor['gear_ratio'])
     return {
         'damping': own['damping'] + rotor.get('damping', 0.0) * gear**2,
@@ -231,14 +223,14 @@ def _drive(label: str, row: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _end(role: str, value: Any) -> tuple[str, Array, Array]:
-    """Return the name of an end link, and axes and origin of the chain's frame in it."""
+    """Return the name of an end link, and the axes and origin of the chain's frame in it."""
     if isinstance(value, str):
         return value, np.eye(3), np.zeros(3)
     table = _table(role, value, ('link',), FRAME)
     return (table['link'], *_placement(role, table))
 
 
-def _placement(label: str, table: Mapping[str, Any]) -> tuple[Array, Array]:
+def _placement(label: str, table: Mapping[str, Any]) -> Frame:
     rotation = table.get('rotation', np.eye(3))
     translation = table.get('translation', np.zeros(3))
     return (
@@ -250,7 +242,7 @@ def _placement(label: str, table: Mapping[str, Any]) -> tuple[Array, Array]:
 def _table(
     label: str, value: Any, required: tuple[str, ...], optional: tuple[str, ...]
 ) -> Mapping[str, Any]:
-    """Return a value that must be a mapping with these keys and no others."""
+    """Return a mapping; ValueError unless it has the required keys and no unknown one."""
     if not isinstance(value, Mapping):
         raise ValueError(f'{label} must be a mapping with {", ".join(required + optional)}')
     for key in required:
@@ -259,7 +251,7 @@ def _table(
     for key in value:
         if key not in required + optional:
             known = ', '.join(required + optional)
-            raise ValueError(f'{label} has an unknown key {shown(key)}; known keys are {known}')
+            raise ValueError(f'{label} has an unknown key {quote(key)}; known keys are {known}')
     return value
 
 
@@ -267,25 +259,25 @@ def _truth(label: str, row: Mapping[str, Any]) -> bool:
     value = row.get('accept_unphysical_inertia', 'false')
     if value not in ('true', 'True', 'false', 'False'):
         raise ValueError(
-            f'accept_unphysical_inertia of {label} must be true or false, got {shown(value)}'
+            f'accept_unphysical_inertia of {label} must be true or false, got {quote(value)}'
         )
     return value in ('true', 'True')
 
 
 def _number(label: str, value: Any, *, infinite: bool = False) -> float:
-    """Return a number of a file, or one that was left out."""
+    """Return a number from its text, or a default from the number itself."""
     if isinstance(value, str):
         return number_from_text(label, value, infinite=infinite)
-    return number(label, value, infinite=infinite)
+    return real_number(label, value, finite=not infinite)
 
 
 def _numbers(label: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Return nested lists as an array of a shape, element by element."""
+    """Return nested lists of texts as an array of a shape."""
     try:
         array = np.asarray(value, dtype=object)
     except ValueError:
         array = np.zeros(())
     if array.shape != shape:
-        raise ValueError(f'{label} must have shape {shape}, got {shown(value)}')
+        raise ValueError(f'{label} must have shape {shape}, got {quote(value)}')
     flat = [_number(label, item) for item in array.ravel()]
     return np.array(flat, dtype=np.float64).reshape(shape)

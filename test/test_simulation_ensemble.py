@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Ensembles: every arm moves by the bits of a simulator of its own, whatever steers it."""
+"""Ensembles: every arm moves by the bits of a simulator of its own, with any feedback."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def sequences(n: int, size: int, dtype: str = 'float64') -> tuple[np.ndarray, ..
     return q, qd, rng.uniform(-5, 5, (size, STEPS, n)).astype(dtype)
 
 
-def assert_same(runs: pfd.Trajectories, b: int, alone: pfd.Trajectory) -> None:
+def assert_same(runs: pfd.Trajectory, b: int, alone: pfd.Trajectory) -> None:
     for name in ('q', 'qd', 'qdd'):
         np.testing.assert_array_equal(getattr(runs, name)[b], getattr(alone, name))
     np.testing.assert_array_equal(runs.time, alone.time)
@@ -45,7 +45,7 @@ def test_every_arm_moves_as_it_would_alone(size: int, integrator: str, dtype: st
     many.reset(q, qd, time=1.5)
     runs = many.rollout(taus)
     assert runs.status == 'ok'
-    np.testing.assert_array_equal(runs.sound, STEPS)
+    np.testing.assert_array_equal(runs.finite_steps, STEPS)
     for b in range(size):
         one.reset(q[b], qd[b], time=1.5)
         assert_same(runs, b, one.rollout(taus[b]))
@@ -66,7 +66,7 @@ def test_wrench_brakes_and_sliding_joints_are_those_of_each_arm() -> None:
     for b in range(11):
         one.reset(q[b], qd[b])
         assert_same(runs, b, one.rollout(taus[b], wrench[b], brakes=brakes[b]))
-    # What is the same for all arms need not be repeated.
+    # Inputs that all arms share are broadcast.
     many.reset(q[3], qd[3])
     runs = many.rollout(taus[3], wrench=wrench[3], brakes=brakes[3])
     one.reset(q[3], qd[3])
@@ -181,7 +181,7 @@ def test_the_bits_do_not_depend_on_the_threads(
     wanted = many.rollout(taus)
     many.reset(q, qd)
     runs = many.rollout(taus, threads=count)
-    for name in ('q', 'qd', 'qdd', 'sound'):
+    for name in ('q', 'qd', 'qdd', 'finite_steps'):
         np.testing.assert_array_equal(getattr(runs, name), getattr(wanted, name))
 
 
@@ -208,10 +208,12 @@ def test_an_arm_that_overflows_is_told_and_does_not_touch_the_others() -> None:
     taus[6, 3] = 1e308
     many.reset(q, qd)
     runs = many.rollout(taus)
-    assert runs.status == 'not_finite'
-    assert runs.sound.tolist() == [STEPS] * 6 + [3] + [STEPS] * 3
+    assert runs.status == many.status == 'not_finite'
+    assert runs.finite_steps.tolist() == [STEPS] * 6 + [3] + [STEPS] * 3
     others = np.arange(10) != 6
     np.testing.assert_array_equal(runs.q[others], whole.q[others])
+    many.reset()
+    assert many.status == 'ok'
 
 
 def test_no_steps_give_no_states() -> None:
@@ -252,7 +254,10 @@ ZEROS = np.zeros((5, 2))
             {'taus': ZEROS, 'feedback': pfd.StateFeedback(np.nan, 0.0)},
             'feedback.gain must be finite',
         ),
-        ({'taus': ZEROS, 'wrench': np.zeros(6)}, 'wrench is given exactly when'),
+        (
+            {'taus': ZEROS, 'wrench': np.zeros(6)},
+            'wrench was given, but the scene has external_wrench=False',
+        ),
         ({'taus': ZEROS, 'brakes': [True, False]}, 'brakes were given, but the scene has none'),
         ({'taus': [['a', 'b']]}, 'taus must be an array of numbers'),
     ],
@@ -308,11 +313,11 @@ def test_the_bits_do_not_depend_on_the_pieces(
     q, qd, taus = sequences(2, 19)
     law = pfd.StateFeedback(np.ones((2, 4)), taus / 10)
     found = []
-    for most in (threads.MOST, 1, 3 * many._native.work * many._evaluations):
+    for most in (threads.MOST, 1, 3 * many._work):
         monkeypatch.setattr(ensemble, 'MOST', most)
         many.reset(q, qd)
         runs = many.rollout(taus, feedback=law, every=every)
-        found.append([runs.time, runs.q, runs.qd, runs.qdd, runs.sound, many.q, many.qdd])
+        found.append([runs.time, runs.q, runs.qd, runs.qdd, runs.finite_steps, many.q, many.qdd])
     for one, two, three in zip(*found, strict=True):
         np.testing.assert_array_equal(two, one)
         np.testing.assert_array_equal(three, one)
@@ -324,7 +329,7 @@ def test_an_interrupted_rollout_leaves_time_and_states_together(
     many = pfd.Ensemble(pfd.load_robot('planar2'), 40)
     _, _, taus = sequences(2, 40)
     whole = many.rollout(taus)
-    monkeypatch.setattr(ensemble, 'MOST', 2 * many._native.work * many._evaluations)
+    monkeypatch.setattr(ensemble, 'MOST', 2 * many._work)
     monkeypatch.setattr(threads, 'MOST', 1)
     blocks = itertools.count()
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Robots from URDF: the chain's bodies welded together and brought to our frames."""
+"""Robots from URDF: the links of the chain welded, and brought to the frames of a Robot."""
 
 from __future__ import annotations
 
@@ -11,10 +11,12 @@ import warnings
 
 import numpy as np
 
-from pfd_core.model.checks import check_inertia
-from pfd_core.model.edit import locked_positions
+from pfd_core.model.checked_numbers import LARGEST, real_number
+from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import (
     Array,
+    Body,
+    Frame,
     axis_rotation,
     chained,
     merged,
@@ -24,11 +26,14 @@ from pfd_core.model.geometry import (
     snapped,
     symmetric,
     welded_frames,
-    without_dust,
+    without_residue,
 )
-from pfd_core.model.robot import PhysicsWarning, Robot
-from pfd_core.model.urdf_check import check_with_pinocchio
-from pfd_core.model.urdf_text import (
+from pfd_core.model.rigid_body_checks import check_inertia
+from pfd_core.model.robot import LIMIT_FIELDS, PhysicsWarning, Robot
+from pfd_core.model.robot_changes import locked_positions
+from pfd_core.model.urdf_chain import Chain, find_chain
+from pfd_core.model.urdf_pinocchio import check_with_pinocchio
+from pfd_core.model.urdf_reader import (
     RIGHT_ANGLE_SLACK,
     Description,
     Inertial,
@@ -36,20 +41,8 @@ from pfd_core.model.urdf_text import (
     Origin,
     read_urdf,
 )
-from pfd_core.model.urdf_tree import Chain, find_chain
-from pfd_core.model.values import number, shown
 
-Frame = tuple[Array, Array]
-Body = tuple[float, Array, Array]
 NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
-LIMITS = {
-    'position_lower': 'lower',
-    'position_upper': 'upper',
-    'velocity_limit': 'velocity',
-    'effort_limit': 'effort',
-    'damping': 'damping',
-    'friction': 'friction',
-}
 
 
 def robot_from_urdf(
@@ -69,15 +62,13 @@ def robot_from_urdf(
     text : str
         The URDF.
     base, tip : str, optional
-        Links; the root and the link that the last joint moves if not given. Joints above the
-        base are cut off, and so are other branches that start on the base, which stands still.
-        Whatever hangs on a moving link keeps its mass, also beyond the tip.
+        First and last link of the chain, as for `load_robot`.
     locked : mapping, optional
         Name of a joint -> position [rad, m] at which it is welded.
     source : str
-        Where the text comes from.
+        Origin of the text.
     right_angle : float
-        Rotations this close to a multiple of 90 degrees are taken as one [rad]; negative: none.
+        Angles within this distance of a multiple of 90 degrees become exact [rad].
 
     Raises
     ------
@@ -91,7 +82,7 @@ def robot_from_urdf(
         If a link between two moving joints has no <inertial>, and so no mass.
 
     """
-    urdf = read_urdf(text, number('right_angle', right_angle))
+    urdf = read_urdf(text, real_number('right_angle', right_angle, largest=LARGEST))
     at = locked_positions({} if locked is None else locked)
     chain = find_chain(urdf, base, tip, at)
     turns = {joint.name: axis_rotation(joint.axis) for joint in chain.joints}
@@ -106,7 +97,7 @@ def robot_from_urdf(
         base=chain.base,
         tip=chain.tip,
         source=source,
-        squared=tuple(joint.name for joint in urdf.joints.values() if joint.squared),
+        snapped_joints=tuple(joint.name for joint in urdf.joints.values() if joint.snapped),
         **welded_frames(placements, bodies),
         **_limits(chain),
     )
@@ -115,10 +106,11 @@ def robot_from_urdf(
 
 
 def _limits(chain: Chain) -> dict[str, Any]:
-    """Return the fields of `Robot` that are limits and friction."""
+    """Return the limits and friction of a `Robot`."""
+    names = {**LIMIT_FIELDS, 'damping': 'damping', 'friction': 'friction'}
     return {
         key: np.array([getattr(joint.limits, name) for joint in chain.joints])
-        for key, name in LIMITS.items()
+        for name, key in names.items()
     }
 
 
@@ -126,10 +118,10 @@ def _link_frames(
     chain: Chain, turns: Mapping[str, Array], locked: Mapping[str, float]
 ) -> dict[str, Frame]:
     """
-    Return the frame of each link in the frame of its carrier.
+    Return the frame of each link in the frame of the moving joint that carries it.
 
-    That is the topmost link for what stands still, and else the moving joint's, in which z is the
-    joint's axis.
+    The axis of a moving joint is z of its frame. Links that stand still are given in the frame of
+    the topmost one.
     """
     frames: dict[str, Frame] = {chain.held: (np.eye(3), np.zeros(3))}
     for joint in chain.below:
@@ -147,7 +139,7 @@ def _placed(origin: Origin) -> Frame:
 
 
 def _motion(joint: Joint, position: float) -> Frame:
-    """Return how far a joint at a position [rad, m] moves its child link."""
+    """Return the frame of the child link of a joint at a position [rad, m], from that at zero."""
     if joint.kind == 'fixed':
         return np.eye(3), np.zeros(3)
     turn = axis_rotation(joint.axis)
@@ -160,27 +152,27 @@ def _motion(joint: Joint, position: float) -> Frame:
 def _bodies(
     urdf: Description, chain: Chain, frames: Mapping[str, Frame], length: float
 ) -> list[Body]:
-    """Return what each moving joint carries, welded together, in the joint's frame."""
+    """Return the links that each moving joint carries, welded to one body, in its frame."""
     bodies = {joint.name: NO_BODY for joint in chain.joints}
-    weighed: set[str] = set()
+    massive: set[str] = set()
     for link, carrier in chain.carriers.items():
         inertial = urdf.links[link]
         if carrier is None or inertial is None:
             continue
-        mass, center, J = _body(f'link {shown(link)}', inertial, length)
+        mass, center, J = _body(f'link {quote(link)}', inertial, length)
         R, p = frames[link]
         body = (mass, p + product(R, center), product(R, J, R.T))
         bodies[carrier.name] = merged(bodies[carrier.name], body)
-        weighed.add(carrier.name)
-    _check_weighed(chain, weighed)
+        massive.add(carrier.name)
+    _check_masses(chain, massive)
     return [
-        (mass, without_dust(center, length), without_dust(J, float(np.abs(J).max())))
+        (mass, without_residue(center, length), without_residue(J, float(np.abs(J).max())))
         for mass, center, J in bodies.values()
     ]
 
 
 def _body(label: str, inertial: Inertial, length: float) -> Body:
-    """Return the body of one link in the link's frame, if it is one."""
+    """Return the body of one link in the link's frame; ValueError for an impossible one."""
     if inertial.mass < 0:
         raise ValueError(f'<mass value> of {label} must not be negative, got {inertial.mass} kg')
     R, center = _placed(inertial.origin)
@@ -191,14 +183,14 @@ def _body(label: str, inertial: Inertial, length: float) -> Body:
     return inertial.mass, center, product(R, J, R.T)
 
 
-def _check_weighed(chain: Chain, weighed: set[str]) -> None:
+def _check_masses(chain: Chain, massive: set[str]) -> None:
     """Refuse links without mass at the end of the chain, and warn of those within it."""
-    last = max((k for k, j in enumerate(chain.joints) if j.name in weighed), default=-1)
+    last = max((k for k, j in enumerate(chain.joints) if j.name in massive), default=-1)
     for k, joint in enumerate(chain.joints):
-        label = f'link {shown(joint.child)}, moved by joint {shown(joint.name)}, has no <inertial>'
+        label = f'link {quote(joint.child)}, moved by joint {quote(joint.name)}, has no <inertial>'
         if k > last:
             raise ValueError(f'{label}, nor has anything fixed to it or further out: give it one')
-        if joint.name not in weighed:
+        if joint.name not in massive:
             warnings.warn(
                 f'{label}, nor has anything fixed to it: it is taken as massless. If it is meant, '
                 'give it one of mass 0',
@@ -210,7 +202,7 @@ def _check_weighed(chain: Chain, weighed: set[str]) -> None:
 def _placements(
     chain: Chain, turns: Mapping[str, Array], frames: Mapping[str, Frame]
 ) -> list[Frame]:
-    """Return where each joint's frame stands in the one before it, and the tip in the last."""
+    """Return each joint's frame in that of the joint before it, and the tip in the last one."""
     R, p = frames[chain.base]
     base = (R.T, -product(R.T, p))
     placements = []
@@ -220,4 +212,4 @@ def _placements(
         placements.append(chained(base, placed) if k == 0 else placed)
     placements.append(frames[chain.tip])
     length = max(float(np.abs(p).max()) for _, p in placements)
-    return [(R, without_dust(p, length)) for R, p in placements]
+    return [(R, without_residue(p, length)) for R, p in placements]

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.model.arguments import integer, real_numbers, shown
+from pfd_core.model.checked_numbers import integer, real_array
+from pfd_core.model.error_text import quote
 
 ROBOT = pfd.load_robot('planar2')
 TWO = [0.5, -0.25]
@@ -41,6 +42,8 @@ STRANGE = {
     'complex': ([1j, 0], 'complex128'),
     'complex array': (np.array([1, 2], complex), 'complex128'),
     'bools': ([True, False], 'got bool'),
+    'array of bool': (np.array([True, False]), 'got bool'),
+    'a bool among numbers': ([[1.0, True]], 'got bool'),
     'digits as text': (['1', '2'], '<U1'),
     'text': ('push', "got 'push'"),
     'bytes': (b'12', "got b'12'"),
@@ -84,7 +87,7 @@ def test_what_is_no_real_number_is_refused_by_name(case: str, dtype: str) -> Non
     with warnings.catch_warnings():
         warnings.simplefilter('error')
         with pytest.raises(ValueError, match=message) as caught:
-            real_numbers('q', value, dtype)
+            real_array('q', value, dtype)
     assert str(caught.value).startswith('q must ')
     assert len(str(caught.value)) < 400
 
@@ -92,7 +95,7 @@ def test_what_is_no_real_number_is_refused_by_name(case: str, dtype: str) -> Non
 @pytest.mark.parametrize('case', RIGHT)
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 def test_real_numbers_of_any_kind_are_taken_as_numpy_would(case: str, dtype: str) -> None:
-    found = real_numbers('q', RIGHT[case], dtype)
+    found = real_array('q', RIGHT[case], dtype)
     assert type(found) is np.ndarray
     assert found.dtype == dtype
     np.testing.assert_array_equal(found, [np.dtype(dtype).type(x) for x in RIGHT[case]])
@@ -102,18 +105,18 @@ def test_numbers_beyond_the_range_of_a_format_are_refused_and_infinity_is_not() 
     with warnings.catch_warnings():
         warnings.simplefilter('error')
         with pytest.raises(ValueError, match=r'q must fit float32, got \[1e\+300, 1.0\]'):
-            real_numbers('q', [1e300, 1.0], 'float32')
-        assert np.isinf(real_numbers('q', [np.inf, 1.0], 'float32')[0])
+            real_array('q', [1e300, 1.0], 'float32')
+        assert np.isinf(real_array('q', [np.inf, 1.0], 'float32', finite=False)[0])
 
 
 def test_arrays_of_the_format_are_not_copied() -> None:
     array = np.zeros((3, 2))
-    assert real_numbers('q', array, 'float64') is array
+    assert real_array('q', array, 'float64') is array
 
 
 def test_a_long_value_is_cut_in_a_message() -> None:
     for value in ([0.0] * 1_000_000, 'x' * 1_000_000, np.zeros(1_000_000, str), {1: 'y' * 10**6}):
-        assert len(shown(value)) < 200
+        assert len(quote(value)) < 200
     with pytest.raises(ValueError, match='taus must be an array of numbers') as caught:
         pfd.Simulator(ROBOT).rollout([[0.0, 'x' * 10_000]] * 100)
     assert len(str(caught.value)) < 300
@@ -175,13 +178,16 @@ def test_an_integer_is_returned_as_pythons() -> None:
 
 @pytest.mark.parametrize('value', ['1', None, 1j, True, [0.1, 0.2], 10**400, np.nan, -1.0])
 def test_a_step_size_that_is_no_duration_is_refused(value: object) -> None:
-    with pytest.raises(ValueError, match='step_size must be above zero seconds, got'):
+    with pytest.raises(
+        ValueError,
+        match=r'step_size must (be above zero seconds|be a number|be finite|fit float64), got',
+    ):
         pfd.Simulator(ROBOT, step_size=value)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize('value', ['1', 1j, [0.0], 10**400, np.inf])
 def test_a_time_that_is_none_is_refused(value: object) -> None:
-    with pytest.raises(ValueError, match='time must be finite, got'):
+    with pytest.raises(ValueError, match=r'time must (be finite|be a number|fit float64), got'):
         pfd.Simulator(ROBOT).reset(time=value)  # type: ignore[arg-type]
 
 

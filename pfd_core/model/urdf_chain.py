@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The chain in a URDF: which of its joints move, and which of them carries each link.
+The chain in a URDF: the joints that move, and the links that each of them carries.
 
-Whatever makes a file no serial chain is found here and named.
+Trees, loops and unsupported joints are refused here, by the name of the joint.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from pfd_core.model.urdf_text import MOVING, NOT_A_CHAIN, Description, Joint
-from pfd_core.model.values import LISTED, listed, shown
+from pfd_core.model.error_text import MOST_NAMES, quote, quote_all
+from pfd_core.model.urdf_reader import MOVING, NOT_A_CHAIN, Description, Joint
 
 
 @dataclass(frozen=True)
@@ -23,16 +23,16 @@ class Chain:
     Attributes
     ----------
     base, tip : str
-        The link that is held, and the link whose frame ends the chain.
+        The link that stands still, and the link whose frame ends the chain.
     held : str
-        The topmost link that is rigid with the base: all others are below it.
+        The topmost link that is rigid with the base; all other links are below it.
     joints : tuple of Joint
         The joints that move, from the base to the tip.
     below : tuple of Joint
-        All joints below the held link, each after the joint above it; other chains that hang
-        on the base are left out.
+        All joints below the held link, each after the joint above it, without other chains on
+        the base.
     carriers : mapping
-        Name of each of these links -> the moving joint that it is rigid with; None for the base's.
+        Name of a link -> the moving joint that carries it; None for links rigid with the base.
 
     """
 
@@ -48,10 +48,10 @@ def find_chain(
     urdf: Description, base: str | None, tip: str | None, locked: Mapping[str, float]
 ) -> Chain:
     """
-    Return the chain of joints that is meant.
+    Return the chain of joints between two links.
 
-    The base is held still: what is above it is cut off, and so is what else hangs on it. What
-    hangs on a moving link stays, welded on; a joint there that could move must be locked.
+    The base stands still: links above it and other branches on it are cut off. Branches on a
+    moving link stay, welded to it; a joint there that could move must be locked.
 
     Parameters
     ----------
@@ -65,19 +65,19 @@ def find_chain(
     Raises
     ------
     ValueError
-        If the links and joints are no tree, or these do not leave exactly one chain of supported
-        joints.
+        If the links and joints are no tree, or these choices do not leave exactly one chain of
+        supported joints.
 
     """
     above = {joint.child: joint for joint in urdf.joints.values()}
     root = _root(urdf, above)
     children = _children(urdf)
-    _check_reached(urdf, _below(root, children))
+    _refuse_loops(urdf, _below(root, children))
     _check_links(urdf, base, tip)
     _check_locked(urdf, locked)
     free = {j.name for j in urdf.joints.values() if j.kind != 'fixed' and j.name not in locked}
     base = root if base is None else base
-    # The base may be a leaf: what matters is the link at the top of all that is welded to it.
+    # The base may be a leaf: the chain starts at the topmost link that is welded to it.
     held = base
     while held in above and above[held].name not in free:
         held = above[held].parent
@@ -88,16 +88,16 @@ def find_chain(
     moving = [joint for joint in urdf.joints.values() if carriers.get(joint.child) is joint]
     tip = _last_link(urdf, base, moving, carriers) if tip is None else tip
     if tip not in carriers:
-        raise ValueError(f'tip {shown(tip)} is not below base {shown(base)} in {shown(urdf.name)}')
+        raise ValueError(f'tip {quote(tip)} is not below base {quote(base)} in {quote(urdf.name)}')
     chain = _chain_to(tip, carriers)
     if not chain:
         raise ValueError(
-            f'no joint moves between {shown(base)} and {shown(tip)} in {shown(urdf.name)}'
+            f'no joint moves between {quote(base)} and {quote(tip)} in {quote(urdf.name)}'
         )
-    _check_astray(urdf, tip, chain, moving, carriers)
+    _refuse_branches(urdf, tip, chain, moving, carriers)
     for joint in chain:
         _check_kind(joint)
-    # What the chain does not move, other than what holds it, is not its business.
+    # Links that the chain neither moves nor stands on are left out.
     own = {joint.name for joint in chain}
     carried = {link: carrier for link, carrier in carriers.items() if _is_of(carrier, own)}
     kept = tuple(joint for joint in below if joint.child in carried)
@@ -105,23 +105,23 @@ def find_chain(
 
 
 def _root(urdf: Description, above: Mapping[str, Joint]) -> str:
-    """Return the one link without a parent, after a check of what each joint connects."""
+    """Return the one link without a parent; ValueError for a loop or an unknown link."""
     for joint in urdf.joints.values():
         for link in (joint.parent, joint.child):
             if link not in urdf.links:
                 raise ValueError(
-                    f'joint {shown(joint.name)} names link {shown(link)}, not in the URDF'
+                    f'joint {quote(joint.name)} names link {quote(link)}, not in the URDF'
                 )
         if above[joint.child] is not joint:
             raise ValueError(
-                f'link {shown(joint.child)} hangs on joints {shown(joint.name)} and '
-                f'{shown(above[joint.child].name)}: closed loops are not supported; cut one of '
+                f'link {quote(joint.child)} hangs on joints {quote(joint.name)} and '
+                f'{quote(above[joint.child].name)}: closed loops are not supported; cut one of '
                 'them'
             )
     roots = [name for name in urdf.links if name not in above]
     if len(roots) != 1:
         raise ValueError(
-            f'a URDF must have one link without a parent, got {listed(roots) or "a loop"}'
+            f'a URDF must have one link without a parent, got {quote_all(roots) or "a loop"}'
         )
     return roots[0]
 
@@ -141,12 +141,13 @@ def _below(link: str, children: Mapping[str, list[Joint]]) -> list[Joint]:
     return found
 
 
-def _check_reached(urdf: Description, below: list[Joint]) -> None:
+def _refuse_loops(urdf: Description, below: list[Joint]) -> None:
     if len(below) < len(urdf.joints):
         reached = {joint.name for joint in below}
         loop = [name for name in urdf.joints if name not in reached]
         raise ValueError(
-            f'joints {listed(loop)} form a closed loop apart from the rest of {shown(urdf.name)}'
+            f'joints {quote_all(loop)} form a closed loop apart from the rest of '
+            f'{quote(urdf.name)}'
         )
 
 
@@ -166,29 +167,29 @@ def _chain_to(tip: str, carriers: Mapping[str, Joint | None]) -> list[Joint]:
 def _last_link(
     urdf: Description, base: str, moving: list[Joint], carriers: Mapping[str, Joint | None]
 ) -> str:
-    """Return the link moved by the last joint, if there is one such joint."""
+    """Return the link that the last joint moves; ValueError if the chain has several ends."""
     if not moving:
-        raise ValueError(f'no joint moves below {shown(base)} in {shown(urdf.name)}')
+        raise ValueError(f'no joint moves below {quote(base)} in {quote(urdf.name)}')
     before = {id(carriers[joint.parent]) for joint in moving}
     ends = [joint for joint in moving if id(joint) not in before]
     if len(ends) > 1:
         raise ValueError(
-            f'{shown(urdf.name)} is a tree, not a chain: it ends in joints '
-            f'{listed(j.name for j in ends)}; choose one end with tip={shown(ends[0].child)} '
+            f'{quote(urdf.name)} is a tree, not a chain: it ends in joints '
+            f'{quote_all(j.name for j in ends)}; choose one end with tip={quote(ends[0].child)} '
             '(and a base, if the ends part at a link that should stand still), or '
             f'{_how_to_lock(ends)}'
         )
     return ends[0].child
 
 
-def _check_astray(
+def _refuse_branches(
     urdf: Description,
     tip: str,
     chain: list[Joint],
     moving: list[Joint],
     carriers: Mapping[str, Joint | None],
 ) -> None:
-    """Raise ValueError if a joint moves a link that the chain carries, and is not part of it."""
+    """Raise ValueError if a joint outside the chain moves a link that the chain carries."""
     own = {joint.name for joint in chain}
     on_chain: dict[str, bool] = {}
     for joint in carriers.values():
@@ -198,11 +199,11 @@ def _check_astray(
             on_chain[joint.name] = before is not None and (
                 before.name in own or on_chain[before.name]
             )
-    astray = [joint for joint in moving if on_chain[joint.name] and joint.name not in own]
-    if astray:
+    others = [joint for joint in moving if on_chain[joint.name] and joint.name not in own]
+    if others:
         raise ValueError(
-            f'{shown(urdf.name)} is a tree, not a chain: {listed(j.name for j in astray)} also '
-            f'move what {shown(chain[0].name)} carries to {shown(tip)}; {_how_to_lock(astray)}'
+            f'{quote(urdf.name)} is a tree, not a chain: {quote_all(j.name for j in others)} also '
+            f'move what {quote(chain[0].name)} carries to {quote(tip)}; {_how_to_lock(others)}'
         )
 
 
@@ -210,8 +211,8 @@ def _check_links(urdf: Description, base: str | None, tip: str | None) -> None:
     for role, link in (('base', base), ('tip', tip)):
         if link is not None and (not isinstance(link, str) or link not in urdf.links):
             raise ValueError(
-                f'{role} {shown(link)} is not a link of {shown(urdf.name)}; it has '
-                f'{listed(urdf.links)}'
+                f'{role} {quote(link)} is not a link of {quote(urdf.name)}; it has '
+                f'{quote_all(urdf.links)}'
             )
 
 
@@ -220,28 +221,28 @@ def _check_locked(urdf: Description, locked: Mapping[str, float]) -> None:
         joint = urdf.joints.get(name)
         if joint is None or joint.kind not in MOVING:
             kind = 'has no such joint' if joint is None else f'has it as a {joint.kind} joint'
-            movable = listed(j.name for j in urdf.joints.values() if j.kind in MOVING)
+            movable = quote_all(j.name for j in urdf.joints.values() if j.kind in MOVING)
             raise ValueError(
-                f'cannot lock {shown(name)}: {shown(urdf.name)} {kind}; joints that can be '
+                f'cannot lock {quote(name)}: {quote(urdf.name)} {kind}; joints that can be '
                 f'locked: {movable}'
             )
 
 
 def _check_kind(joint: Joint) -> None:
-    name = shown(joint.name)
+    name = quote(joint.name)
     if joint.kind in NOT_A_CHAIN:
         raise ValueError(
             f'joint {name} is {joint.kind}, which is not supported: choose a base below '
-            f'it, such as base={shown(joint.child)}, or make it fixed'
+            f'it, such as base={quote(joint.child)}, or make it fixed'
         )
     if joint.mimics is not None:
         raise ValueError(
-            f'joint {name} mimics {shown(joint.mimics)}, which is not supported: lock it with '
+            f'joint {name} mimics {quote(joint.mimics)}, which is not supported: lock it with '
             f'locked={{{name}: 0.0}} or take the <mimic> away'
         )
 
 
 def _how_to_lock(joints: Iterable[Joint]) -> str:
     names = [joint.name for joint in joints if joint.kind in MOVING]
-    pairs = ', '.join(f'{shown(name)}: 0.0' for name in names[:LISTED])
-    return f'lock them, locked={{{pairs}{", ..." if len(names) > LISTED else ""}}}'
+    pairs = ', '.join(f'{quote(name)}: 0.0' for name in names[:MOST_NAMES])
+    return f'lock them, locked={{{pairs}{", ..." if len(names) > MOST_NAMES else ""}}}'

@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-YAML from outside: tables, lists and texts, bounded, and nothing guessed.
+YAML as dict, list and str, with bounds on size and depth.
 
 YAML 1.1 reads `no` as false, 1:30 as 90 and 1_0 as 10, and takes the last of two equal keys. Here
-every scalar is a text, read by whoever knows what it should be, and two equal keys are an error.
+every scalar stays a text, which the caller converts, and two equal keys are an error.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from pfd_core.model.values import shown
+from pfd_core.model.error_text import quote
 
 # Four hundred joints are stored in 26 000 nodes and 330 kB; PyYAML reads 20 000 nodes a second.
 MOST_NODES = 30_000
@@ -32,29 +32,30 @@ def read_yaml(text: str, source: str) -> Any:
     text : str
         The text; anchors, aliases and merge keys may be used.
     source : str
-        Where it comes from, for errors.
+        Origin of the text, for errors.
 
     Raises
     ------
     ValueError
-        If it is no YAML, has two equal keys or a tag, or is too large with its aliases expanded.
+        If the text is no YAML, has two equal keys or a tag, or is too large with its aliases
+        expanded.
 
     """
     if len(text) > MOST_CHARACTERS:
         raise ValueError(
-            f'{shown(source)} has {len(text)} characters; robots in YAML may have '
+            f'{quote(source)} has {len(text)} characters; robots in YAML may have '
             f'{MOST_CHARACTERS}'
         )
     try:
         return _Loader(text).get_single_data()
     except yaml.YAMLError as error:
-        raise ValueError(f'{shown(source)} is not YAML: {_one_line(error)}') from error
+        raise ValueError(f'{quote(source)} is not YAML: {_one_line(error)}') from error
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """Composes texts, lists and tables, and counts them as if no alias were used."""
+    """Composes texts, lists and tables, and counts their nodes with aliases expanded."""
 
-    # Only << means anything by itself.
+    # Of all scalars, only the merge key << keeps its meaning.
     yaml_implicit_resolvers = {'<': yaml.SafeLoader.yaml_implicit_resolvers['<']}  # noqa: RUF012
 
     def __init__(self, text: str) -> None:
@@ -63,7 +64,7 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
         self.sizes: dict[int, int] = {}
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Return the next node; an alias counts as much as the node it stands for."""
+        """Return the next node; an alias counts as many nodes as its anchor."""
         at, before = self.peek_event().start_mark, self.nodes
         if self.check_event(yaml.AliasEvent):
             node = super().compose_node(parent, index)
@@ -87,10 +88,10 @@ class _Loader(yaml.SafeLoader):  # type: ignore[misc]
 
 
 def _check_node(node: Any) -> None:
-    """Raise YAMLError if a node has a tag of its own, or a table two equal keys."""
+    """Raise YAMLError for a node with an explicit tag, and a table with two equal keys."""
     problem = ''
     if node.tag not in _PLAIN:
-        problem = f'tag {shown(node.tag)} is not used in robots'
+        problem = f'tag {quote(node.tag)} is not used in robots'
     elif isinstance(node, yaml.MappingNode):
         keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
         counts = Counter(keys)
@@ -98,7 +99,7 @@ def _check_node(node: Any) -> None:
         if len(keys) != len(node.value):
             problem = 'a key is no text'
         elif twice:
-            problem = f'key {shown(twice[0])} occurs more than once'
+            problem = f'key {quote(twice[0])} occurs more than once'
     if problem:
         raise yaml.MarkedYAMLError(problem=problem, problem_mark=node.start_mark)
 
@@ -106,4 +107,4 @@ def _check_node(node: Any) -> None:
 def _one_line(error: yaml.YAMLError) -> str:
     problem = getattr(error, 'problem', None) or getattr(error, 'reason', None) or 'unreadable'
     mark = getattr(error, 'problem_mark', None)
-    return shown(problem)[1:-1] + ('' if mark is None else f' in line {mark.line + 1}')
+    return quote(problem)[1:-1] + ('' if mark is None else f' in line {mark.line + 1}')

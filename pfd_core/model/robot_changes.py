@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Robots made from robots: a joint locked, a payload carried."""
+"""Robots made from a robot: with a payload, or with locked joints."""
 
 from __future__ import annotations
 
@@ -12,17 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.checks import check_inertia
-from pfd_core.model.geometry import Array, merged, product, rotation_z, snapped
-from pfd_core.model.robot import Robot
-from pfd_core.model.values import listed, number, numbers, shown
-
-# Fields of a Robot with one entry for each joint, that go with the joint when it is locked.
-_OF_A_JOINT = (
-    *('armature', 'position_lower', 'position_upper', 'velocity_limit', 'effort_limit'),
-    *('damping', 'friction'),
-)
-_OF_A_LINK = ('rotations', 'translations', 'masses', 'centers', 'inertias')
+from pfd_core.model.checked_numbers import LARGEST, real_array, real_number
+from pfd_core.model.error_text import quote, quote_all
+from pfd_core.model.geometry import Body, Frame, merged, product, rotation_z, snapped
+from pfd_core.model.rigid_body_checks import check_inertia
+from pfd_core.model.robot import JOINT_FIELDS, LINK_FIELDS, Robot
 
 
 @dataclass(frozen=True)
@@ -52,9 +46,9 @@ class Payload:
 
     def __post_init__(self) -> None:
         # Tuples, so that a payload and the scene that holds it can be compared and hashed.
-        mass = number('payload mass', self.mass)
-        center = numbers('payload center', self.center, (3,))
-        inertia = numbers('payload inertia', self.inertia, (3, 3))
+        mass = real_number('payload mass', self.mass, largest=LARGEST)
+        center = real_array('payload center', self.center, shape=(3,), largest=LARGEST) + 0.0
+        inertia = real_array('payload inertia', self.inertia, shape=(3, 3), largest=LARGEST) + 0.0
         if mass < 0:
             raise ValueError(f'payload mass must not be negative, got {mass} kg')
         check_inertia('payload inertia', inertia, mass * float((center * center).sum()))
@@ -73,7 +67,7 @@ def with_payload(robot: Robot, payload: Payload) -> Robot:
 
 def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
     """
-    Return the robot with joints fixed and the links they moved welded together.
+    Return the robot with some joints fixed and the links on either side of them welded.
 
     Parameters
     ----------
@@ -92,12 +86,12 @@ def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
     for name in at:
         if name not in robot.joint_names:
             raise ValueError(
-                f'cannot lock {shown(name)}: {shown(robot.name)} has no such joint, only '
-                f'{listed(robot.joint_names)}'
+                f'cannot lock {quote(name)}: {quote(robot.name)} has no such joint, only '
+                f'{quote_all(robot.joint_names)}'
             )
     if len(at) == robot.n:
         raise ValueError(
-            f'cannot lock all {robot.n} joints of {shown(robot.name)}; leave at least one free'
+            f'cannot lock all {robot.n} joints of {quote(robot.name)}; leave at least one free'
         )
     for name, position in at.items():
         robot = _lock_one(robot, robot.joint_names.index(name), position)
@@ -105,17 +99,19 @@ def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
 
 
 def locked_positions(positions: Mapping[str, float]) -> dict[str, float]:
-    """Return positions [rad, m] by the name of their joint as floats, or raise ValueError."""
+    """Return the positions [rad, m] of locked joints as floats, by the name of the joint."""
     if not isinstance(positions, Mapping):
-        raise ValueError(f'locked must map names of joints to positions, got {shown(positions)}')
+        raise ValueError(f'locked must map names of joints to positions, got {quote(positions)}')
     return {
-        name: number(f'position at which joint {shown(name)} is locked', position)
+        name: real_number(
+            f'position at which joint {quote(name)} is locked', position, largest=LARGEST
+        )
         for name, position in positions.items()
     }
 
 
-def placement_at(robot: Robot, index: int, position: float) -> tuple[Array, Array]:
-    """Return R_i, (3, 3), and p_i, (3,) [m], of joint index + 1 at a position [rad, m]."""
+def placement_at(robot: Robot, index: int, position: float) -> Frame:
+    """Return frame i = index + 1 in frame i-1, R_i and p_i, at a joint position [rad, m]."""
     A, a = robot.rotations[index], robot.translations[index]
     if robot.joint_types[index] == 'prismatic':
         return A, a + position * np.array([0.0, 0.0, 1.0])
@@ -124,11 +120,11 @@ def placement_at(robot: Robot, index: int, position: float) -> tuple[Array, Arra
 
 
 def _lock_one(robot: Robot, index: int, position: float) -> Robot:
-    """Return the robot without one joint; frame i takes the place of frame i-1."""
+    """Return the robot with one joint fixed; frame i takes the place of frame i-1."""
     R, p = placement_at(robot, index, position)
-    changed: dict[str, Any] = {key: getattr(robot, key).copy() for key in _OF_A_LINK}
+    changed: dict[str, Any] = {key: getattr(robot, key).copy() for key in LINK_FIELDS}
     if index == 0:
-        # The link is welded to the base, which does not move: only its frame remains.
+        # The link is welded to the base, which does not move: its mass plays no part.
         changed['base_rotation'] = product(robot.base_rotation, R)
         changed['base_position'] = robot.base_position + product(robot.base_rotation, p)
     else:
@@ -138,9 +134,9 @@ def _lock_one(robot: Robot, index: int, position: float) -> Robot:
         A, a = robot.rotations[index - 1], robot.translations[index - 1]
         changed['rotations'][index] = product(A, R)
         changed['translations'][index] = a + product(A, p)
-    for key in _OF_A_LINK:
+    for key in LINK_FIELDS:
         changed[key] = np.delete(changed[key], max(index - 1, 0), axis=0)
-    for key in _OF_A_JOINT:
+    for key in JOINT_FIELDS:
         changed[key] = np.delete(getattr(robot, key), index, axis=0)
     for key in ('joint_names', 'joint_types'):
         entries = getattr(robot, key)
@@ -150,9 +146,9 @@ def _lock_one(robot: Robot, index: int, position: float) -> Robot:
     return replace(robot, **changed)
 
 
-def _body(robot: Robot, index: int) -> tuple[float, Array, Array]:
+def _body(robot: Robot, index: int) -> Body:
     return float(robot.masses[index]), robot.centers[index], robot.inertias[index]
 
 
-def _set_body(arrays: dict[str, Any], index: int, body: tuple[float, Array, Array]) -> None:
+def _set_body(arrays: dict[str, Any], index: int, body: Body) -> None:
     arrays['masses'][index], arrays['centers'][index], arrays['inertias'][index] = body

@@ -1,11 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What a URDF says: its links and joints, with every number read strictly.
+URDF text as links and joints.
 
 Other readers drop an <inertial> that they cannot read and carry on without the link's mass. Here
-a number, an element or a name that is not as the format has it is an error that names its link or
-joint.
+a number, an element or a name that breaks the format is an error that names its link or joint.
 """
 
 from __future__ import annotations
@@ -17,17 +16,18 @@ import re
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
-from pfd_core.model.values import BLANKS, listed, number_from_text, shown
+from pfd_core.model.checked_numbers import BLANKS, number_from_text
+from pfd_core.model.error_text import quote, quote_all
 
-# Writers of URDF print pi/2 as 1.570796325 or longer; with that many digits a right angle is
-# meant, and only an exact one leaves zeros for a kernel to drop. 1.5708 is taken as written.
+# Writers of URDF print pi/2 as 1.570796325 or longer: so many digits mean a right angle, and only
+# an exact one gives zeros, which a kernel drops. 1.5708 is taken as written.
 RIGHT_ANGLE_SLACK = 1e-8
 MOVING = ('revolute', 'continuous', 'prismatic')
 NOT_A_CHAIN = ('floating', 'planar')
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 
 # Published URDFs have up to 1 MB and some 150 links, and nest 6 deep. Pinocchio's parser takes
-# 4 kB of stack for each link of a chain: 500 fit into a quarter of what a thread has.
+# 4 kB of stack for each link of a chain: 500 fit into a quarter of a thread's stack.
 MOST_CHARACTERS = 16 * 2**20
 MOST_ELEMENTS = 200_000
 MOST_LINKS = 500
@@ -67,7 +67,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint; `mimics` names the joint it follows, `squared` tells of a rounded right angle."""
+    """A joint; `mimics` names the joint it follows, `snapped` is true if an angle was rounded."""
 
     name: str
     kind: str
@@ -77,7 +77,7 @@ class Joint:
     axis: Triple
     limits: Limits
     mimics: str | None
-    squared: bool
+    snapped: bool
 
 
 @dataclass(frozen=True)
@@ -91,28 +91,28 @@ class Description:
 
 def read_urdf(text: str, slack: float = RIGHT_ANGLE_SLACK) -> Description:
     """
-    Return what a URDF says.
+    Return the links and joints of a URDF.
 
     Parameters
     ----------
     text : str
         The URDF.
     slack : float
-        An angle this close to a multiple of pi/2 [rad] is one; none is where it is negative.
+        Angles within this distance of a multiple of pi/2 [rad] become exact; negative: none.
 
     Raises
     ------
     ValueError
-        If it is not XML, not a <robot>, or a link or joint is not as the format has it.
+        If the text is no XML, no <robot>, or a link or joint breaks the format.
 
     """
     root = _parsed(text)
     if root.tag != 'robot':
-        raise ValueError(f'a URDF starts with <robot>, this text with <{shown(root.tag)[1:-1]}>')
+        raise ValueError(f'a URDF starts with <robot>, this text with <{quote(root.tag)[1:-1]}>')
     links: dict[str, Inertial | None] = {}
     for element in root.findall('link'):
         name = _name(element, links)
-        links[name] = _inertial(element, f'link {shown(name)}', slack)
+        links[name] = _inertial(element, f'link {quote(name)}', slack)
     if not links:
         raise ValueError('the URDF has no <link>; if it is xacro, expand it first')
     if len(links) > MOST_LINKS:
@@ -125,14 +125,14 @@ def read_urdf(text: str, slack: float = RIGHT_ANGLE_SLACK) -> Description:
 
 
 class _Builder(ElementTree.TreeBuilder):
-    """Builds a tree that is not too deep, not too large and defines no entities."""
+    """Builds a tree of elements, with bounds on depth and size and without entities."""
 
     def __init__(self) -> None:
         super().__init__()
         self.depth = self.count = 0
 
     def doctype(self, *_: object) -> None:
-        """Refuse a document type: its entities can expand to any size."""
+        """Refuse a document type, whose entities could expand to any size."""
         raise ValueError('a URDF has no <!DOCTYPE>')
 
     def start(self, tag: Any, attributes: Any) -> Any:
@@ -160,7 +160,7 @@ def _parsed(text: str) -> ElementTree.Element:
     try:
         return ElementTree.fromstring(text.strip(), ElementTree.XMLParser(target=_Builder()))
     except (ElementTree.ParseError, UnicodeEncodeError) as error:
-        problem = shown(str(error))[1:-1]
+        problem = quote(str(error))[1:-1]
         raise ValueError(f'the URDF is not well-formed XML: {problem}') from error
 
 
@@ -169,12 +169,12 @@ def _name(element: ElementTree.Element, taken: Mapping[str, object]) -> str:
     if not name:
         raise ValueError(f'the URDF has a <{element.tag}> without a name')
     if name in taken:
-        raise ValueError(f'the URDF has two {element.tag}s named {shown(name)}')
+        raise ValueError(f'the URDF has two {element.tag}s named {quote(name)}')
     return name
 
 
 def _only(parent: ElementTree.Element, tag: str, label: str) -> ElementTree.Element | None:
-    """Return the one child of a kind, or None; of two, readers take one or the other."""
+    """Return the one child with a tag, or None; ValueError for two, as readers differ on them."""
     found = parent.findall(tag)
     if len(found) > 1:
         raise ValueError(f'{label} has {len(found)} elements <{tag}>; it may have one')
@@ -184,7 +184,7 @@ def _only(parent: ElementTree.Element, tag: str, label: str) -> ElementTree.Elem
 def _number(
     element: ElementTree.Element, key: str, label: str, silent: float | None = None
 ) -> float:
-    """Return the number in an attribute, or, of one that may be left out, its value then."""
+    """Return the number in an attribute; `silent` is the default of an optional one."""
     text = element.get(key)
     where = f'<{element.tag} {key}> of {label}'
     if text is None and silent is not None:
@@ -203,25 +203,21 @@ def _triple(
     where = f'<{element.tag} {key}> of {label}'
     words = re.split(f'[{BLANKS}]+', text.strip(BLANKS))
     if len(words) != 3:
-        raise ValueError(f'{where} must be three numbers, got {shown(text)}')
+        raise ValueError(f'{where} must be three numbers, got {quote(text)}')
     x, y, z = (number_from_text(where, word) for word in words)
     return x, y, z
 
 
 def _origin(parent: ElementTree.Element, label: str, slack: float) -> tuple[Origin, bool]:
-    """Return an <origin>, right angles made exact, and whether that changed an angle."""
+    """Return an <origin> with exact right angles, and whether that changed an angle."""
     element = _only(parent, 'origin', label)
     written = _triple(element, 'rpy', label)
-    roll, pitch, yaw = (_right_angle(angle, slack) for angle in written)
-    return Origin(_triple(element, 'xyz', label), (roll, pitch, yaw)), (
-        roll,
-        pitch,
-        yaw,
-    ) != written
+    roll, pitch, yaw = rpy = tuple(_right_angle(angle, slack) for angle in written)
+    return Origin(_triple(element, 'xyz', label), (roll, pitch, yaw)), rpy != written
 
 
 def _right_angle(angle: float, slack: float) -> float:
-    """Return an angle [rad], made exact if it is nearly a multiple of pi/2."""
+    """Return the multiple of pi/2 [rad] near an angle, or else the angle."""
     exact = round(angle / (math.pi / 2)) * (math.pi / 2)
     return exact if abs(angle - exact) <= slack else angle
 
@@ -241,10 +237,10 @@ def _inertial(link: ElementTree.Element, label: str, slack: float) -> Inertial |
 
 
 def _joint(element: ElementTree.Element, name: str, slack: float) -> Joint:
-    label, kind = f'joint {shown(name)}', element.get('type', '')
+    label, kind = f'joint {quote(name)}', element.get('type', '')
     if kind not in (*MOVING, *NOT_A_CHAIN, 'fixed'):
         raise ValueError(
-            f'{label} has type {shown(kind)}; known types are {listed((*MOVING, "fixed"))}'
+            f'{label} has type {quote(kind)}; known types are {quote_all((*MOVING, "fixed"))}'
         )
     ends = [_only(element, tag, label) for tag in ('parent', 'child')]
     parent, child = ('' if end is None else end.get('link', '') for end in ends)
@@ -254,11 +250,11 @@ def _joint(element: ElementTree.Element, name: str, slack: float) -> Joint:
     empty = written is not None and written.get('xyz') is None
     if kind in MOVING and (empty or not any(axis)):
         raise ValueError(f'<axis xyz> of {label} must be three numbers, not all 0')
-    origin, squared = _origin(element, label, slack)
+    origin, snapped = _origin(element, label, slack)
     mimic = _only(element, 'mimic', label)
     mimics = None if mimic is None else mimic.get('joint', '')
     limits = _limits(element, kind, label)
-    return Joint(name, kind, parent, child, origin, axis, limits, mimics, squared)
+    return Joint(name, kind, parent, child, origin, axis, limits, mimics, snapped)
 
 
 def _limits(element: ElementTree.Element, kind: str, label: str) -> Limits:

@@ -1,11 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A second opinion on a URDF: Pinocchio loads what was read and is compared, number by number.
+Comparison of a robot from URDF with the model that Pinocchio makes of it, number by number.
 
-It is given a URDF of the chain alone, with names of ours and the numbers that our reader found: on
-the file itself it takes a link for a joint of the same name, and drops an inertia that its parser
-cannot read.
+Pinocchio is given a URDF of the chain alone, with other names and the numbers of urdf_reader: in
+the file itself it confuses a link with a joint of the same name, and drops an inertia that its
+parser cannot read.
 """
 
 from __future__ import annotations
@@ -17,19 +17,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.geometry import Array, axis_rotation, product
-from pfd_core.model.urdf_text import INERTIA_KEYS, Description, Inertial, Joint, Origin
-from pfd_core.model.urdf_tree import Chain
-from pfd_core.model.values import shown
+from pfd_core.model.error_text import quote
+from pfd_core.model.geometry import Array, Body, Frame, axis_rotation, product
+from pfd_core.model.urdf_chain import Chain
+from pfd_core.model.urdf_reader import INERTIA_KEYS, Description, Inertial, Joint, Origin
 
-# Each side rounds a few dozen products at 1e-16, relative to the size of the robot; a number that
-# one of them misread is off by far more.
+# Each side rounds a few dozen products at 1e-16, relative to the size of the robot; a misread
+# number differs by far more.
 AGREEMENT = 1e-11
-# Pinocchio divides first moments by no less than this, so a lighter body's centre is not one.
+# Pinocchio divides first moments by no less than this: the centre of a lighter body is wrong.
 LIGHTEST = float(np.finfo(float).eps)
-
-Frame = tuple[Array, Array]
-Body = tuple[float, Array, Array]
 
 
 def check_with_pinocchio(
@@ -40,16 +37,16 @@ def check_with_pinocchio(
     bodies: list[Body],
 ) -> None:
     """
-    Raise ValueError if Pinocchio makes other numbers of a chain; the text names the link.
+    Raise ValueError if Pinocchio's numbers of a chain differ; the text names the link.
 
     Parameters
     ----------
     urdf, chain : Description, Chain
-        The URDF and the part of it that is simulated.
+        The URDF, and its part that is simulated.
     locked : mapping
         Name of a joint -> position [rad, m] at which it is welded.
     placements, bodies : list of tuple
-        The chain as `welded_frames` takes it.
+        The chain as arguments of `welded_frames`.
 
     """
     # Pinocchio takes a second to import, and only URDFs need it.
@@ -61,8 +58,8 @@ def check_with_pinocchio(
     try:
         model = pinocchio.buildModelFromXML(text)
     except ValueError as error:
-        problem = shown(str(error))[1:-1]
-        raise ValueError(f'{shown(urdf.name)}: Pinocchio cannot load it: {problem}') from error
+        problem = quote(str(error))[1:-1]
+        raise ValueError(f'{quote(urdf.name)}: Pinocchio cannot load it: {problem}') from error
     model = _reduced(model, {joints[name]: at for name, at in locked.items() if name in joints})
     indices = [model.getJointId(joints[joint.name]) for joint in chain.joints]
     start, end = (
@@ -84,13 +81,13 @@ def check_with_pinocchio(
         _compare_bodies(joint, body, model.inertias[index], turn, length)
 
 
-def _compare(joint: Joint, what: str, ours: ArrayLike, theirs: ArrayLike, most: float) -> None:
+def _compare(joint: Joint, quantity: str, ours: ArrayLike, theirs: ArrayLike, most: float) -> None:
     off = np.abs(np.asarray(ours) - np.asarray(theirs))
     if not (off <= most).all():
         raise ValueError(
-            f'{what} of link {shown(joint.child)}, moved by joint {shown(joint.name)}: this '
-            f'reader makes {shown(np.asarray(ours).tolist())} of the URDF, Pinocchio '
-            f'{shown(np.asarray(theirs).tolist())}'
+            f'{quantity} of link {quote(joint.child)}, moved by joint {quote(joint.name)}: this '
+            f'reader makes {quote(np.asarray(ours).tolist())} of the URDF, Pinocchio '
+            f'{quote(np.asarray(theirs).tolist())}'
         )
 
 
@@ -106,7 +103,7 @@ def _compare_bodies(joint: Joint, body: Body, inertia: Any, turn: Array, length:
 
 
 def _in_turned_frames(frames: list[Frame], turns: list[Array]) -> Iterator[Frame]:
-    """Yield placements as `welded_frames` takes them from Pinocchio's, axes not turned to z."""
+    """Yield Pinocchio's frames with the axes of joints turned to z, as for `welded_frames`."""
     (R0, p0), *rest = frames
     before = [(R0, p0), *((turn, np.zeros(3)) for turn in turns)]
     for (R, p), (R1, p1), turn in zip(before, rest, [*turns, np.eye(3)], strict=True):
@@ -118,7 +115,7 @@ def _pair(placement: Any) -> Frame:
 
 
 def _limits(joint: Joint) -> Array:
-    """Return the limits and friction of a joint as they are compared, infinities made finite."""
+    """Return the limits and friction of a joint, with large numbers for infinities."""
     limits = joint.limits
     ends = [0.0, 0.0] if joint.kind == 'continuous' else [limits.lower, limits.upper]
     rest = [limits.velocity, limits.effort, limits.damping, limits.friction]
@@ -153,7 +150,7 @@ def _reduced(model: Any, locked: Mapping[str, float]) -> Any:
 def _rewritten(
     urdf: Description, chain: Chain, joints: Mapping[str, str], links: Mapping[str, str]
 ) -> Iterator[str]:
-    """Yield the lines of a URDF of the chain, with these names."""
+    """Yield the lines of a URDF of the chain, with new names of links and joints."""
     yield '<robot name="chain">'
     for link, name in links.items():
         inertial = None if chain.carriers[link] is None else urdf.links[link]
@@ -191,5 +188,5 @@ def _words(values: ArrayLike) -> str:
 
 
 def _text(value: float) -> str:
-    """Return a number that Pinocchio's parser reads: it refuses a file with a subnormal one."""
+    """Return a number as text, 0 for a subnormal one, for which Pinocchio refuses the file."""
     return repr(float(value)) if abs(value) >= np.finfo(float).tiny else '0.0'

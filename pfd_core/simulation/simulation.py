@@ -1,0 +1,145 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Simulation: the settings, native code and state that a Simulator and an Ensemble share."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from copy import deepcopy
+from typing import Any, ClassVar, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pfd_core.model import Robot, Scene, resolve, scene_inputs
+from pfd_core.model.checked_numbers import Array, integer, real_array, real_number
+from pfd_core.simulation.integrators import integrator_named, record_step
+from pfd_core.simulation.state_buffer import StateBuffer
+
+Self = TypeVar('Self', bound='Simulation')
+
+
+class Simulation(ABC):
+    """Base of Simulator, which describes the parameters, and of Ensemble."""
+
+    # Leading dimensions of all states: (), or (B,) for an ensemble.
+    _batch: tuple[int, ...] = ()
+    # The compiler of the native code, in pfd_core.kernels.codegen.
+    _compiler: ClassVar[Callable[..., Any]]
+
+    def __init__(
+        self,
+        robot: Robot,
+        scene: Scene | None = None,
+        *,
+        step_size: float = 1e-3,
+        substeps: int = 2,
+        integrator: str = 'auto',
+        method: str = 'auto',
+        dtype: str = 'float64',
+        refine: int = 0,
+    ) -> None:
+        resolve(robot, scene)  # ValueError for a wrong robot or scene
+        self.robot = robot
+        self.scene = Scene() if scene is None else scene
+        self.step_size = real_number('step_size', step_size)
+        if self.step_size <= 0:
+            raise ValueError(f'step_size must be above zero seconds, got {self.step_size}')
+        self.substeps = integer('substeps', substeps, 1)
+        self.dtype = dtype
+        self._integrator = integrator_named(integrator)
+        self._options = {'method': method, 'refine': refine}
+        self._native = self._compile()
+        # Inputs beside the torque, in the order of the native code.
+        self._inputs = ('wrench',) * self.scene.external_wrench + ('free',) * self.scene.brakes
+        shapes = self._shapes()
+        # The valid state lies in the buffer to which `_turn` points; native code uses the other.
+        self._buffers = StateBuffer(shapes, dtype), StateBuffer(shapes, dtype)
+        self._turn = 0
+
+    @abstractmethod
+    def _shapes(self) -> dict[str, tuple[int, ...]]:
+        """Return the arrays of a state buffer by name: q, qd and others."""
+
+    def _compile(self) -> Any:
+        """Return the native code of these settings."""
+        step = record_step(self._integrator, self.robot.n, self.step_size / self.substeps)
+        return self._compiler(
+            self.robot, step, scene=self.scene, dtype=self.dtype, **self._options
+        )
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != '_native'}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__ |= state
+        self._native = self._compile()
+
+    def __copy__(self: Self) -> Self:
+        # Robot, scene and code never change.
+        twin = object.__new__(type(self))
+        twin.__dict__ |= self.__dict__
+        twin._buffers = deepcopy(self._buffers)
+        return twin
+
+    def __deepcopy__(self: Self, memo: dict[int, Any]) -> Self:
+        return self.__copy__()
+
+    @property
+    def method(self) -> str:
+        """The method that 'auto' stood for."""
+        method: str = self._native.method
+        return method
+
+    @property
+    def q(self) -> Array:
+        """Joint positions, (n,) or (B, n) [rad or m]; a copy."""
+        return np.array(self._now.arrays['q'])
+
+    @property
+    def qd(self) -> Array:
+        """Joint velocities, (n,) or (B, n) [rad/s or m/s]; a copy."""
+        return np.array(self._now.arrays['qd'])
+
+    @property
+    def time(self) -> float:
+        """Time of the state [s]: the start plus whole steps, so that it does not drift."""
+        now = self._now
+        return now.start + now.steps * self.step_size
+
+    @property
+    def status(self) -> str:
+        """'ok', or 'not_finite' once a state has overflowed; `reset` clears it."""
+        return self._now.status
+
+    def reset(
+        self, q: ArrayLike | None = None, qd: ArrayLike | None = None, time: float = 0.0
+    ) -> None:
+        """Set positions and velocities, (n,) or (B, n), default zero, and the time [s]."""
+        following = self._buffers[1 - self._turn]
+        following.clear(start=real_number('time', time))
+        for name, value in (('q', q), ('qd', qd)):
+            target = following.arrays[name]
+            if value is not None:
+                target[...] = real_array(
+                    name, value, self.dtype, target.shape, broadcast=target.ndim > 1
+                )
+        self._turn ^= 1
+
+    @property
+    def _now(self) -> StateBuffer:
+        """The valid state."""
+        return self._buffers[self._turn]
+
+    def _copied_state(self) -> StateBuffer:
+        """Return the other buffer as a copy of the valid state, for native code to advance."""
+        following = self._buffers[1 - self._turn]
+        following.copy_from(self._now)
+        return following
+
+    def _scene_inputs(
+        self, wrench: ArrayLike | None, brakes: ArrayLike | None
+    ) -> dict[str, Array]:
+        """Return the inputs that the scene asks for, checked and the same for all steps."""
+        return scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes, self._batch)

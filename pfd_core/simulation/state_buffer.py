@@ -1,0 +1,72 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Double buffering: a simulation holds its valid state and a second buffer for native code.
+
+A step copies the valid state to the second buffer and advances it there; then one assignment
+makes that buffer the valid one. A step that is refused or interrupted before changes nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import prod
+from typing import Any
+
+import numpy as np
+
+from pfd_core.model.checked_numbers import Array
+
+
+class StateBuffer:
+    """
+    Arrays at fixed addresses, and the time of the state in them.
+
+    Attributes
+    ----------
+    arrays : dict of numpy.ndarray
+        State and last inputs by name; views of one block.
+    at : dict of int
+        Their addresses: NumPy takes longer to tell one than an arm takes to move.
+    start : float
+        Time of the state before the first step [s].
+    steps : int
+        Steps since.
+    status : str
+        'ok', or 'not_finite' once a state has overflowed.
+
+    """
+
+    def __init__(self, shapes: Mapping[str, tuple[int, ...]], dtype: str) -> None:
+        self._shapes = dict(shapes)
+        sizes = [prod(shape) for shape in shapes.values()]
+        self._block = np.zeros(sum(sizes), dtype)
+        parts = np.split(self._block, np.cumsum(sizes)[:-1])
+        self.arrays: dict[str, Array] = {
+            name: part.reshape(shape)
+            for (name, shape), part in zip(shapes.items(), parts, strict=True)
+        }
+        self.at: dict[str, int] = {name: x.ctypes.data for name, x in self.arrays.items()}
+        self.start, self.steps, self.status = 0.0, 0, 'ok'
+
+    def clear(self, start: float) -> None:
+        """Set all arrays to zero and begin at a time [s]."""
+        self._block[:] = 0.0
+        self.start, self.steps, self.status = start, 0, 'ok'
+
+    def copy_from(self, other: StateBuffer) -> None:
+        """Become equal to another buffer of the same shapes."""
+        self._block[:] = other._block
+        self.start, self.steps, self.status = other.start, other.steps, other.status
+
+    # A pickle or a copy by attributes would separate the arrays from their block.
+    def __reduce__(self) -> tuple[Any, ...]:
+        state = self._block, self.start, self.steps, self.status
+        return _restored, (self._shapes, str(self._block.dtype), state)
+
+
+def _restored(shapes: dict[str, tuple[int, ...]], dtype: str, state: Any) -> StateBuffer:
+    """Return the buffer that a pickle or a copy holds."""
+    buffer = StateBuffer(shapes, dtype)
+    buffer._block[:], buffer.start, buffer.steps, buffer.status = state
+    return buffer

@@ -1,0 +1,64 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pinocchio as the oracle: random chains, its answers, and measures of the difference."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pinocchio as pin
+from zoo import Array, random_chain, to_pinocchio
+
+from pfd_core.model import Robot, Scene
+
+ARMS = ('puma560', 'ur5', 'planar2', 'panda')
+WRENCH = Scene(external_wrench=True)
+
+
+def chains(count: int, seed: int) -> Iterator[tuple[np.random.Generator, Robot]]:
+    """Yield random chains of 1 to 12 joints, from all-revolute to all-prismatic."""
+    rng = np.random.default_rng(seed)
+    for k in range(count):
+        n = 1 + k % 12
+        share = (0.0, 0.3, 0.6, 1.0)[k // 12 % 4]
+        # More than three prismatic joints in a row leave directions without inertia.
+        types = None if share < 1 or n <= 3 else ['revolute', 'prismatic'] * 6
+        yield rng, random_chain(rng, n, share, types[:n] if types else None)
+
+
+def relative(found: Array, wanted: Array) -> float:
+    """Return the largest difference relative to the largest wanted element."""
+    return float(np.abs(found - wanted).max() / np.abs(wanted).max())
+
+
+def jacobi_condition(H: Array) -> float:
+    """Return the condition number of H after scaling its diagonal to one."""
+    scale = 1 / np.sqrt(np.diag(H))
+    return float(np.linalg.cond(H * scale * scale[:, None]))
+
+
+class Oracle:
+    """Pinocchio's answers for one robot, with a wrench on the tip's frame."""
+
+    def __init__(self, robot: Robot, armature: Array | None = None) -> None:
+        self.model = to_pinocchio(robot, armature)
+        self.data = self.model.createData()
+        self.n = robot.n
+        self.tip = self.model.frames[self.model.nframes - 1].placement
+
+    def forces(self, wrench: Array | None) -> pin.StdVec_Force:
+        forces = pin.StdVec_Force([pin.Force.Zero() for _ in range(self.n + 1)])
+        if wrench is not None:
+            forces[self.n] = self.tip.act(pin.Force(wrench))
+        return forces
+
+    def H(self, q: Array) -> Array:
+        upper = np.triu(pin.crba(self.model, self.data, q))
+        return upper + np.triu(upper, 1).T
+
+    def tau(self, q: Array, qd: Array, qdd: Array, wrench: Array | None = None) -> Array:
+        return pin.rnea(self.model, self.data, q, qd, qdd, self.forces(wrench)).copy()
+
+    def qdd(self, q: Array, qd: Array, tau: Array, wrench: Array | None = None) -> Array:
+        return pin.aba(self.model, self.data, q, qd, tau, self.forces(wrench)).copy()

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The publishers and subscriptions of the node: topics, types, QoS.
+"""The publishers and subscriptions of the node: topics, types, QoS; publishers that cannot block.
 
 A new topic is a row in one of the two tables; QoS can be overridden by parameters.
 """

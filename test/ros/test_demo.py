@@ -103,8 +103,9 @@ def test_the_domain_is_never_the_inherited_one_and_not_always_the_same(inherited
 
 
 @pytest.mark.ros
-def test_a_domain_with_a_node_on_it_is_not_free(processes: Processes, peer_of) -> None:
-    peer_of(processes)
+def test_a_domain_with_a_node_on_it_is_not_free(processes: Processes) -> None:
+    # Of a process of its own: participants are numbered by process, and their ports by number.
+    processes.arm('-p', 'robot:=planar2')
     assert not demo._is_free(processes.domain)
     inherited = {'ROS_DOMAIN_ID': str(1 + processes.domain % 100)}
     assert processes.domain not in {demo.free_domain(inherited) for _ in range(300)}

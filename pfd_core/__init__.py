@@ -19,8 +19,9 @@ from importlib.metadata import PackageNotFoundError, version
 
 from pfd_core.algorithms.emulation import Run, emulate
 from pfd_core.algorithms.programs import METHODS
+from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.functions import forward_dynamics, inverse_dynamics
-from pfd_core.kernels.kernel import Kernel, compile_kernel
+from pfd_core.kernels.kernel import Kernel
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import (
     Payload,

@@ -13,7 +13,7 @@ import pytest
 
 from pfd_core.kernels.runtime import disk_cache as cache
 from pfd_core.kernels.runtime import jit as engine
-from pfd_core.kernels.runtime import kept_facts as remember
+from pfd_core.kernels.runtime import json_cache
 
 
 @pytest.fixture(scope='session', autouse=True)
@@ -33,9 +33,9 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a cache folder of the test's own, which is in use and does not exist yet."""
     where = tmp_path / 'cache'
     monkeypatch.setenv(cache.VARIABLE, str(where))
-    monkeypatch.setattr(remember, 'IMPORTED', 0.0)
-    remember.sources.cache_clear()
-    cache._said.clear()
+    monkeypatch.setattr(json_cache, 'IMPORTED', 0.0)
+    json_cache.sources.cache_clear()
+    cache._warned.clear()
     cache._written.clear()
     return where
 

@@ -126,5 +126,5 @@ WAYS: dict[str, Callable[[int], None]] = {
 STATUSES = {'by SystemExit': STATUS, 'by SIGINT': -signal.SIGINT}
 
 if __name__ == '__main__':
-    threads.LEAST, threads.ALONE = 1, 0  # a small batch is worth a worker
+    threads.MIN_BLOCK_WORK, threads.SINGLE_THREAD_WORK = 1, 0  # a small batch is worth a worker
     WAYS[sys.argv[1]](int(sys.argv[2]))

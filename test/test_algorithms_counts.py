@@ -6,42 +6,15 @@ from __future__ import annotations
 
 import math
 
+from closed_forms import arithmetic, chain, elimination, levels, rounds
 import numpy as np
 import pytest
-from zoo import random_chain
 
-from pfd_core.algorithms.programs import record_inverse_dynamics, record_pcrbm, record_terms
+from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics, record_terms
 from pfd_core.machine.program import Steps
-from pfd_core.model import Robot, Scene, resolve
+from pfd_core.model import Scene, resolve
 
 SIZES = range(1, 33)
-
-
-def chain(n: int, prismatic: bool = False) -> Robot:
-    """Return a skew chain; with `prismatic`, the last joint slides."""
-    types = ['revolute'] * n
-    if prismatic:
-        types[-1] = 'prismatic'
-    return random_chain(np.random.default_rng(n), n, joint_types=types)
-
-
-def levels(n: int) -> int:
-    return math.ceil(math.log2(n))
-
-
-def rounds(n: int) -> int:
-    """Return the rounds that the nine elements of the recurrence's matrices take."""
-    return sum(math.ceil(9 * (n - 2**k) / n) for k in range(levels(n)))
-
-
-def elimination(n: int) -> int:
-    """Return w + ceil(C/n), the fewest steps of an elimination with a right-hand side."""
-    elements = [r * (r + 3) // 2 for r in range(1, n)]
-    return sum(c < n for c in elements) + math.ceil(sum(c for c in elements if c >= n) / n)
-
-
-def arithmetic(steps: Steps) -> tuple[int, int, int, int]:
-    return steps.multiplications, steps.additions, steps.divisions, steps.square_roots
 
 
 @pytest.mark.parametrize('n', SIZES)
@@ -121,7 +94,7 @@ def test_the_row_sweep_takes_three_additions_a_row(n: int) -> None:
 
 @pytest.mark.parametrize('n', SIZES)
 def test_the_linear_solve_needs_no_square_root(n: int) -> None:
-    program = record_pcrbm(resolve(chain(n)), 'parallel')
+    program = FORWARD['pcrbm'](resolve(chain(n)), 'parallel')
     factor, back = (
         arithmetic(program.count(section=s)) for s in ('factorisation', 'column sweep')
     )
@@ -131,14 +104,14 @@ def test_the_linear_solve_needs_no_square_root(n: int) -> None:
 
 def test_the_linear_solve_of_six_joints_takes_half_of_what_the_paper_prints() -> None:
     # Section 2.5 (e): 31 multiplications, divisions among them, 28 additions, 1 square root.
-    program = record_pcrbm(resolve(chain(6)), 'parallel')
+    program = FORWARD['pcrbm'](resolve(chain(6)), 'parallel')
     parts = [arithmetic(program.count(section=s)) for s in ('factorisation', 'column sweep')]
     assert tuple(np.sum(parts, axis=0)) == (15, 15, 6, 0)
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_pcrbm_as_a_whole_is_the_sum_of_its_parts(n: int) -> None:
-    steps = record_pcrbm(resolve(chain(n)), 'parallel').count()
+    steps = FORWARD['pcrbm'](resolve(chain(n)), 'parallel').count()
     L, s, h = levels(n), elimination(n), math.ceil((n - 1) / 2)
     assert arithmetic(steps) == (
         4 * L + 3 * rounds(n) + s + 9 * h + n + 182,
@@ -156,7 +129,7 @@ def test_packing_saves_arithmetic_and_costs_routes() -> None:
         ('factorisation', 'column sweep'): ((15, 15, 53), (30, 25, 30)),
     }
     for schedule, which in (('parallel', 0), ('unpacked', 1)):
-        program = record_pcrbm(resolve(chain(6)), schedule)
+        program = FORWARD['pcrbm'](resolve(chain(6)), schedule)
         for sections, counts in expected.items():
             parts = [program.count(section=s) for s in sections]
             found = tuple(
@@ -169,8 +142,8 @@ def test_packing_saves_arithmetic_and_costs_routes() -> None:
 def test_the_speed_up_of_n_processors_lies_between_one_and_n() -> None:
     for n in (2, 6, 12):
         plant = resolve(chain(n))
-        serial = record_pcrbm(plant, 'sequential').count()
-        parallel = record_pcrbm(plant, 'parallel')
+        serial = FORWARD['pcrbm'](plant, 'sequential').count()
+        parallel = FORWARD['pcrbm'](plant, 'parallel')
         # Multiplications are another matter: one processor takes reciprocals to spare divisions.
         assert serial.additions <= parallel.count(processors=1).additions
         assert serial.divisions < parallel.count(processors=1).divisions

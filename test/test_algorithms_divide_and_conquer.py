@@ -7,17 +7,17 @@ from __future__ import annotations
 from dataclasses import replace
 from itertools import islice
 
+from closed_forms import arithmetic, chain, levels
 import numpy as np
+from oracle import ARMS, WRENCH, Oracle, chains, jacobi_condition, relative
 import pytest
-from test_algorithms_counts import arithmetic, chain, levels
-from test_algorithms_physics import ARMS, WRENCH, Oracle, chains, jacobi_condition, relative
 from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state
 
 from pfd_core.algorithms.beyond.divide_and_conquer import record_divide_and_conquer
 from pfd_core.algorithms.beyond.lent_rotors import lent_rotors
 from pfd_core.algorithms.beyond.pivoting import solve_pivoted
-from pfd_core.algorithms.programs import record_inverse_dynamics, record_pcrbm
+from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES, Recorder
@@ -97,7 +97,7 @@ def test_fifty_digits_are_those_of_pcrbm_with_everything_on() -> None:
         inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6), 'free': free}
         a, b = (
             run(record(plant, 'parallel'), inputs, digits=50)['qdd']
-            for record in (record_divide_and_conquer, record_pcrbm)
+            for record in (record_divide_and_conquer, FORWARD['pcrbm'])
         )
         assert max(abs(a - b)) <= FIFTY_DIGITS * max(abs(b)), robot
 
@@ -145,7 +145,7 @@ def test_lent_rotors_are_taken_back_to_fifty_digits() -> None:
         inputs = {'q': q, 'qd': qd, 'tau': tau, 'free': free}
         a, b = (
             run(record(resolve(robot, scene), 'parallel'), inputs, digits=50)['qdd']
-            for record in (record_divide_and_conquer, record_pcrbm)
+            for record in (record_divide_and_conquer, FORWARD['pcrbm'])
         )
         assert max(abs(a - b)) <= FIFTY_DIGITS * max(abs(b))
         np.testing.assert_array_equal(a[free == 0].astype(float), 0.0)
@@ -161,7 +161,7 @@ def test_links_a_millionth_of_what_they_carry_are_lent_rotors_and_keep_their_dig
     assert lent_rotors(resolve(robot)).any()
     q, qd, tau = random_state(rng, 6)
     inputs = {'q': q, 'qd': qd, 'tau': tau}
-    exact = run(record_pcrbm(resolve(robot), 'parallel'), inputs, digits=50)['qdd']
+    exact = run(FORWARD['pcrbm'](resolve(robot), 'parallel'), inputs, digits=50)['qdd']
     found = run(record_divide_and_conquer(resolve(robot), 'parallel'), inputs)['qdd']
     tolerance = ACCELERATION * jacobi_condition(Oracle(robot).H(q))
     assert relative(found, exact.astype(float)) < tolerance
@@ -211,7 +211,7 @@ def test_the_lowered_program_says_the_same() -> None:
     robot = without_mass(random_chain(np.random.default_rng(39), 3), (1,))
     program = record_divide_and_conquer(resolve(robot), 'sequential')
     inputs = dict(zip(('q', 'qd', 'tau'), random_state(np.random.default_rng(40), 3), strict=True))
-    short = lower(program, 'float64', ['qdd'])
+    short = lower(program, 'float64', ['qdd']).compiled
     assert len(short.instructions) < len(program.instructions)
     # Sine and cosine are written out, and differ from NumPy's in the last bit.
     tolerance = DYNAMICS * jacobi_condition(Oracle(robot).H(inputs['q']))

@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pinocchio as pin
+from oracle import Oracle
 import pytest
 from tolerances import ACCELERATION
-from zoo import random_chain, random_state, to_pinocchio
+from zoo import random_chain, random_state
 
 import pfd_core as pfd
 from pfd_core.algorithms.programs import ITERATIVE, SERIAL
@@ -24,14 +24,9 @@ def test_every_method_gives_pinocchios_accelerations(method: str) -> None:
         n = robot.n
         q, qd, tau = random_state(rng, n)
         wrench = rng.normal(size=6)
-        model = to_pinocchio(robot)
-        data = model.createData()
-        forces = pin.StdVec_Force([pin.Force.Zero() for _ in range(n + 1)])
-        forces[n] = model.frames[model.nframes - 1].placement.act(pin.Force(wrench))
-        wanted = pin.aba(model, data, q, qd, tau, forces)
-        H = pin.crba(model, data, q)
-        condition = np.linalg.cond(np.triu(H) + np.triu(H, 1).T)
-        tolerance = ACCELERATION * condition * np.abs(wanted).max()
+        oracle = Oracle(robot)
+        wanted = oracle.qdd(q, qd, tau, wrench)
+        tolerance = ACCELERATION * np.linalg.cond(oracle.H(q)) * np.abs(wanted).max()
         result = pfd.emulate(robot, q, qd, tau, method=method, wrench=wrench)
         assert np.abs(result.qdd - wanted).max() < tolerance
         assert result.status == 'ok'
@@ -39,6 +34,8 @@ def test_every_method_gives_pinocchios_accelerations(method: str) -> None:
         assert result.cycles == (5 * n - 2 if method == 'pcrbm_array' else None)
         assert result.program.lanes == (1 if method in SERIAL else n)
         assert 0 < result.utilisation <= 1
+        if method == 'divide_and_conquer' and n == 7:
+            continue  # LLVM takes seconds for this kernel, and five joints show the same
         found = pfd.forward_dynamics(robot, q, qd, tau, method=method, wrench=wrench)
         assert np.abs(found - wanted).max() < tolerance
 

@@ -5,13 +5,15 @@
 from __future__ import annotations
 
 import numpy as np
+from oracle import Oracle, chains, jacobi_condition, relative
 import pytest
-from test_algorithms_physics import Oracle, chains, jacobi_condition, relative
 from tolerances import ACCELERATION
 from zoo import random_state
 
 from pfd_core.algorithms.programs import FORWARD
-from pfd_core.kernels.passes.pipeline import drop, fold, operations
+from pfd_core.kernels.passes.dead_code import eliminate_dead_code
+from pfd_core.kernels.passes.fold import fold
+from pfd_core.kernels.passes.pipeline import operations
 from pfd_core.machine.emulator import run
 from pfd_core.model import Robot, Scene, load_robot, resolve
 from pfd_core.report.counts import uniform_chain as uniform
@@ -77,7 +79,7 @@ def test_pivots_multiply_to_the_determinant_of_the_inertia_matrix(method: str) -
 
 def folded(method: str, robot: Robot) -> int:
     """Return the operations that are left, changes of sign, sine and cosine apart."""
-    program = drop(fold(FORWARD[method](resolve(robot), 'sequential')), ['qdd'])
+    program = eliminate_dead_code(fold(FORWARD[method](resolve(robot), 'sequential')), ['qdd'])
     counts = operations(program)
     return sum(count for op, count in counts.items() if op not in ('sin', 'cos', 'neg'))
 

@@ -7,13 +7,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from oracle import Oracle, chains, jacobi_condition, relative
 import pytest
-from test_algorithms_physics import Oracle, chains, jacobi_condition, relative
 from tolerances import ACCELERATION
 from zoo import random_chain, random_state
 
-from pfd_core.algorithms.paper.conjugate_gradient import default_limit
-from pfd_core.algorithms.paper.pcgm import record_pcgm
+from pfd_core.algorithms.paper.pcgm import default_limit
+from pfd_core.algorithms.programs import FORWARD
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES
 from pfd_core.model import Robot, Scene, resolve
@@ -32,7 +32,7 @@ def test_random_chains_agree_with_pinocchio(schedule: str, jacobi: bool) -> None
         plant = resolve(robot, Scene(external_wrench=True))
         q, qd, tau = random_state(rng, robot.n)
         wrench = rng.normal(size=6) * 10
-        program = record_pcgm(plant, schedule, jacobi=jacobi)
+        program = FORWARD['pcgm'](plant, schedule, jacobi=jacobi)
         found = run(program, {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench})
         oracle = Oracle(robot)
         H = oracle.H(q)
@@ -47,7 +47,7 @@ def test_random_chains_agree_with_pinocchio(schedule: str, jacobi: bool) -> None
 def test_long_chains_need_more_than_n_trips_and_agree(n: int) -> None:
     robot = revolute(n)
     q, qd, tau = random_state(np.random.default_rng(1), n)
-    found = run(record_pcgm(resolve(robot), 'parallel'), {'q': q, 'qd': qd, 'tau': tau})
+    found = run(FORWARD['pcgm'](resolve(robot), 'parallel'), {'q': q, 'qd': qd, 'tau': tau})
     oracle = Oracle(robot)
     tolerance = ACCELERATION * float(np.linalg.cond(oracle.H(q)))
     assert relative(found['qdd'], oracle.qdd(q, qd, tau)) < tolerance
@@ -59,7 +59,7 @@ def test_fifty_digits_need_no_more_than_n_trips() -> None:
     for n in (1, 2, 4, 6):
         robot = revolute(n)
         q, qd, tau = random_state(np.random.default_rng(2), n)
-        program = record_pcgm(resolve(robot), 'parallel', tolerance=1e-20)
+        program = FORWARD['pcgm'](resolve(robot), 'parallel', tolerance=1e-20)
         found = run(program, {'q': q, 'qd': qd, 'tau': tau}, digits=60)
         assert found['trips'] <= n
         oracle = Oracle(robot)
@@ -78,7 +78,7 @@ def test_a_start_other_than_zero_leads_to_the_same_answer(schedule: str) -> None
     oracle = Oracle(robot)
     wanted = oracle.qdd(q, qd, tau)
     tolerance = ACCELERATION * float(np.linalg.cond(oracle.H(q)))
-    program = record_pcgm(resolve(robot), schedule, start=True)
+    program = FORWARD['pcgm'](resolve(robot), schedule, start=True)
     far = run(program, {**inputs, 'start': rng.normal(size=5) * 10})
     assert relative(far['qdd'], wanted) < tolerance
     near = run(program, {**inputs, 'start': wanted * (1 + 1e-9)})
@@ -89,7 +89,7 @@ def test_a_start_other_than_zero_leads_to_the_same_answer(schedule: str) -> None
 def test_nothing_to_do_takes_no_trip() -> None:
     robot = revolute(3)
     q = np.zeros(3)
-    program = record_pcgm(resolve(robot, Scene(gravity=None)), 'parallel')
+    program = FORWARD['pcgm'](resolve(robot, Scene(gravity=None)), 'parallel')
     found = run(program, {'q': q, 'qd': q, 'tau': q})
     np.testing.assert_array_equal(found['qdd'], q)
     assert (found['trips'], found['converged']) == (0, 1)
@@ -98,7 +98,7 @@ def test_nothing_to_do_takes_no_trip() -> None:
 def test_a_limit_that_is_too_low_is_told() -> None:
     robot = revolute(6)
     q, qd, tau = random_state(np.random.default_rng(4), 6)
-    program = record_pcgm(resolve(robot), 'parallel', at_most=3)
+    program = FORWARD['pcgm'](resolve(robot), 'parallel', at_most=3)
     found = run(program, {'q': q, 'qd': qd, 'tau': tau})
     assert (found['trips'], found['converged']) == (3, 0)
     assert np.isfinite(found['qdd']).all()
@@ -117,7 +117,7 @@ def test_a_direction_without_inertia_ends_the_iteration_soundly() -> None:
         whole.centers,
         np.zeros((3, 3, 3)),
     )
-    program = record_pcgm(resolve(robot), 'parallel')
+    program = FORWARD['pcgm'](resolve(robot), 'parallel')
     q, qd, tau = random_state(np.random.default_rng(5), 3)
     found = run(program, {'q': q, 'qd': qd, 'tau': tau})
     assert found['converged'] == 0
@@ -125,7 +125,7 @@ def test_a_direction_without_inertia_ends_the_iteration_soundly() -> None:
 
 
 def test_nan_is_not_called_converged() -> None:
-    program = record_pcgm(resolve(revolute(3)), 'parallel')
+    program = FORWARD['pcgm'](resolve(revolute(3)), 'parallel')
     found = run(program, {'q': np.full(3, np.nan), 'qd': np.zeros(3), 'tau': np.ones(3)})
     assert found['converged'] == 0
 
@@ -134,7 +134,7 @@ def test_held_joints_do_not_accelerate() -> None:
     for rng, robot in chains(12, seed=22):
         held = rng.random(robot.n) < 0.4
         q, qd, tau = random_state(rng, robot.n)
-        program = record_pcgm(resolve(robot, Scene(brakes=True)), 'parallel')
+        program = FORWARD['pcgm'](resolve(robot, Scene(brakes=True)), 'parallel')
         found = run(program, {'q': q, 'qd': qd, 'tau': tau, 'free': 1.0 - held})['qdd']
         np.testing.assert_array_equal(found[held], 0.0)
         oracle = Oracle(robot)
@@ -153,7 +153,7 @@ def packed_sums(n: int) -> int:
 @pytest.mark.parametrize('n', SIZES)
 def test_a_trip_takes_47_multiplications(n: int) -> None:
     # The paper counts 49 multiplications, divisions among them, and 14 L + 30 additions.
-    program = record_pcgm(resolve(revolute(n)), 'parallel')
+    program = FORWARD['pcgm'](resolve(revolute(n)), 'parallel')
     one, two = program.count(trips=1), program.count(trips=2)
     L = math.ceil(math.log2(n))
     assert two.multiplications - one.multiplications == 47
@@ -162,7 +162,7 @@ def test_a_trip_takes_47_multiplications(n: int) -> None:
 
 
 def test_six_trips_which_do_not_converge_stay_below_the_papers_count() -> None:
-    program = record_pcgm(resolve(revolute(6)), 'parallel')
+    program = FORWARD['pcgm'](resolve(revolute(6)), 'parallel')
     steps, given = program.count(trips=6), program.count(section='joint rotation')
     multiplications = steps.multiplications + steps.divisions - given.multiplications
     assert (multiplications, steps.additions - given.additions) == (476, 561)

@@ -10,8 +10,7 @@ from functools import cache
 
 import mpmath
 import numpy as np
-import pytest
-from test_algorithms_physics import (
+from oracle import (
     ARMS,
     WRENCH,
     Oracle,
@@ -19,35 +18,25 @@ from test_algorithms_physics import (
     jacobi_condition,
     relative,
 )
+import pytest
 from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import Array, random_chain, random_rotation, random_state
 
 from pfd_core.algorithms.chain.link_axes import zxz
-from pfd_core.algorithms.programs import record_pcrbm
-from pfd_core.algorithms.serial.articulated_body import record_articulated_body
+from pfd_core.algorithms.programs import FORWARD
 from pfd_core.algorithms.serial.walker_orin import (
-    record_walker_orin_1,
-    record_walker_orin_2,
-    record_walker_orin_3,
     record_walker_orin_4,
 )
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.passes.pipeline import lower
-from pfd_core.kernels.source import Recipe
+from pfd_core.kernels.source import KernelSource
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
 from pfd_core.model.geometry import rotation_x, rotation_z
 
-SERIAL = {
-    'walker_orin_1': record_walker_orin_1,
-    'walker_orin_2': record_walker_orin_2,
-    'walker_orin_3': record_walker_orin_3,
-    'walker_orin_4': record_walker_orin_4,
-    'articulated_body': record_articulated_body,
-}
 Chains = Iterator[tuple[np.random.Generator, Robot]]
-METHODS = tuple(SERIAL)
+METHODS = (*(f'walker_orin_{k}' for k in range(1, 5)), 'articulated_body')
 DIRECT = tuple(method for method in METHODS if method != 'walker_orin_4')
 EVERYTHING = Scene(external_wrench=True, damping='model', armature='model')
 
@@ -59,7 +48,7 @@ RESIDUAL, SOLUTION = 1e-40, 1e-36
 
 
 def record(method: str, plant: Plant) -> Program:
-    return SERIAL[method](plant, 'sequential')
+    return FORWARD[method](plant, 'sequential')
 
 
 def condition(method: str, H: Array) -> float:
@@ -212,7 +201,9 @@ def right_angled(n: int) -> tuple[Robot, dict[str, Array]]:
 @cache
 def fifty_digits(n: int) -> Array:
     robot, given = right_angled(n)
-    found: Array = run(record_pcrbm(resolve(robot, WRENCH), 'parallel'), given, digits=50)['qdd']
+    found: Array = run(FORWARD['pcrbm'](resolve(robot, WRENCH), 'parallel'), given, digits=50)[
+        'qdd'
+    ]
     return found
 
 
@@ -253,9 +244,9 @@ def test_conjugate_gradients_take_at_most_n_trips_when_nothing_is_rounded(n: int
 @pytest.mark.parametrize('method', METHODS)
 def test_one_processor_has_one_schedule(method: str) -> None:
     plant = resolve(random_chain(np.random.default_rng(30), 3))
-    assert SERIAL[method](plant, 'parallel') == record(method, plant)
+    assert FORWARD[method](plant, 'parallel') == record(method, plant)
     with pytest.raises(ValueError, match='schedule must be one of'):
-        SERIAL[method](plant, 'both')
+        FORWARD[method](plant, 'both')
     with pytest.raises(ValueError, match='processors must be at least 1, got 0'):
         record(method, plant).count(processors=0)
 
@@ -333,13 +324,13 @@ def test_kernel_and_emulator_give_the_same_bits(method: str, dtype: str) -> None
     rng = np.random.default_rng(39)
     robot = random_chain(rng, 3)
     scene = replace(EVERYTHING, brakes=True)
-    program = lower(record(method, resolve(robot, scene)), dtype, ['qdd'])
-    kernel = Kernel(robot, scene, method, dtype, Recipe(lambda: {'compiled': program}), Kernel)
+    stages = lower(record(method, resolve(robot, scene)), dtype, ['qdd'])
+    kernel = Kernel(robot, scene, method, dtype, KernelSource(lambda: stages), Kernel)
     rows = [random_state(rng, 3) for _ in range(9)]
     q, qd, tau = (np.array([row[k] for row in rows], dtype) for k in range(3))
     wrench, brakes = rng.normal(size=(9, 6)).astype(dtype), rng.random((9, 3)) < 0.3
     given = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': 1.0 - brakes}
-    wanted = run(program, given, dtype)['qdd']
+    wanted = run(stages.compiled, given, dtype)['qdd']
     np.testing.assert_array_equal(kernel(q, qd, tau, wrench, brakes=brakes), wanted)
     one = kernel(q[4], qd[4], tau[4], wrench[4], brakes=brakes[4])
     np.testing.assert_array_equal(one, wanted[4])

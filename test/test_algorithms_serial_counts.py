@@ -4,34 +4,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
+from oracle import WRENCH
 import pytest
-from test_algorithms_physics import WRENCH
-from test_algorithms_serial import DIRECT, METHODS, SERIAL
+from test_algorithms_serial import DIRECT, METHODS
 from zoo import random_chain
 
+from pfd_core.algorithms.programs import FORWARD
 from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Program
 from pfd_core.model import resolve
 
-SIZES = range(1, 33)
+# A cubic in n for n > 1 is settled by four values; long programs take seconds.
+SIZES = (*range(1, 13), 16, 24, 32)
 KINDS = ('multiplications', 'additions', 'divisions')
 Counts = tuple[int, int, int]
-
-
-def sizes(method: str) -> Sequence[int]:
-    # A cubic in n for n > 1 is settled by four values; the programs of methods 1 and 2 are long.
-    heavy = method in ('walker_orin_1', 'walker_orin_2')
-    return (*range(1, 13), 16, 24, 32) if heavy else SIZES
 
 
 def recorded(method: str, n: int) -> Program:
     types = ['revolute'] * n
     robot = random_chain(np.random.default_rng(n), n, joint_types=types)
-    return SERIAL[method](resolve(robot), 'sequential')
+    return FORWARD[method](resolve(robot), 'sequential')
 
 
 @cache
@@ -84,7 +80,7 @@ def parts(method: str, n: int) -> Iterator[tuple[str, tuple[int, int, int]]]:
 
 @pytest.mark.parametrize('method', METHODS)
 def test_counts_are_closed_forms_for_1_to_32_joints(method: str) -> None:
-    for n in sizes(method):
+    for n in SIZES:
         expected = dict(parts(method, n))
         assert counted(method, n) == {k: v for k, v in expected.items() if any(v)}, n
 
@@ -144,7 +140,7 @@ def test_six_joints_take_fewer_operations_than_the_paper_prints(method: str) -> 
 
 @pytest.mark.parametrize('method', DIRECT)
 def test_no_chain_takes_more_operations_than_the_paper_has(method: str) -> None:
-    for n in sizes(method):
+    for n in SIZES:
         found = totals(method, n)
         multiplications, additions = PAPER[method](n)
         assert found[0] + found[2] <= multiplications
@@ -163,8 +159,8 @@ def test_articulated_bodies_overtake_composite_bodies_at_eleven_joints() -> None
 def test_a_wrench_brings_the_last_frame_back(method: str, more: tuple[int, int]) -> None:
     for n in range(2, 8):
         robot = random_chain(np.random.default_rng(n), n, 0.0)
-        found = SERIAL[method](resolve(robot, WRENCH), 'sequential').count()
-        bare = SERIAL[method](resolve(robot), 'sequential').count()
+        found = FORWARD[method](resolve(robot, WRENCH), 'sequential').count()
+        bare = FORWARD[method](resolve(robot), 'sequential').count()
         assert (found.multiplications, found.additions) == (
             bare.multiplications + more[0],
             bare.additions + more[1],

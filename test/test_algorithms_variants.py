@@ -1,36 +1,32 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The faster variants: Omega-matrix NE1, H about the base origin, H times a vector."""
+"""NE1 with the Omega matrix, H about the base origin, H times a vector by NE1."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from types import ModuleType
 
+from closed_forms import arithmetic, chain, elimination, levels, rounds
 import numpy as np
+from oracle import ARMS, WRENCH, Oracle, chains, jacobi_condition, relative
 import pytest
-from test_algorithms_counts import arithmetic, chain, elimination, levels, rounds
-from test_algorithms_physics import ARMS, WRENCH, Oracle, chains, jacobi_condition, relative
 from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state
 
-from pfd_core.algorithms.beyond import base_origin
-from pfd_core.algorithms.beyond.base_origin import (
-    inertia_matrix_base_origin,
-    record_pcrbm_base_origin,
-)
-from pfd_core.algorithms.beyond.omega import bias_omega
-from pfd_core.algorithms.chain.equations import armature, begin, finish, joint_input, torque
-from pfd_core.algorithms.paper import ne1_product as inertia_times
+from pfd_core.algorithms.beyond.base_origin import inertia_matrix_base_origin
+from pfd_core.algorithms.beyond.omega import omega_torques
+from pfd_core.algorithms.chain.base_axes import chain_on_lanes
+from pfd_core.algorithms.chain.equations import armature, torques
+from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
+from pfd_core.algorithms.paper.ne1_product import inertia_times
 from pfd_core.algorithms.paper.pcrbm import inertia_matrix
-from pfd_core.algorithms.programs import record_inverse_dynamics, record_pcrbm
+from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import SCHEDULES, Lanes
 from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
 
 SIZES = range(1, 33)
-PRODUCTS = pytest.mark.parametrize('product', [inertia_times, base_origin])
 
 # Diagonal elements of H about each joint's own point: a few roundings (seen 9e-16).
 OWN_POINT = 1e-14
@@ -40,7 +36,7 @@ LOST_AT_THE_WRIST = 1e-11
 
 
 def record_H(plant: Plant, schedule: str) -> Program:
-    recorder, links, at = begin(plant, schedule)
+    recorder, links, at = chain_on_lanes(plant, schedule)
     rows = inertia_matrix_base_origin(recorder, links, at, armature(recorder, plant))
     n = recorder.lanes
     elements = [(rows[min(i, j)], max(i, j)) for i in range(n) for j in range(n)]
@@ -48,26 +44,24 @@ def record_H(plant: Plant, schedule: str) -> Program:
     return recorder.program()
 
 
-def record_product(product: ModuleType, plant: Plant, schedule: str) -> Program:
-    """Return the program of H u, with sections for what is prepared and for the product."""
-    recorder, links, at = begin(plant, schedule)
-    u = joint_input(recorder, 'u')
-    prepared = product.prepare(recorder, links, at, armature(recorder, plant))
+def record_product(plant: Plant, schedule: str) -> Program:
+    recorder, links, at = chain_on_lanes(plant, schedule)
+    u = input_row(recorder, 'u')
     with recorder.section('H u'):
-        Hu = product.times(prepared, u)
-    return finish(recorder, Hu=Hu)
+        Hu = inertia_times(links, at, u, armature(recorder, plant))
+    return program_with_outputs(recorder, Hu=Hu)
 
 
 def record_torque(plant: Plant, schedule: str, with_qdd: bool) -> Program:
-    recorder, links, at = begin(plant, schedule)
-    qd = joint_input(recorder, 'qd')
-    qdd = joint_input(recorder, 'qdd') if with_qdd else None
-    tau = torque(recorder, plant, links, at, qd, qdd, bias_omega)
-    return finish(recorder, tau=tau)
+    recorder, links, at = chain_on_lanes(plant, schedule)
+    qd = input_row(recorder, 'qd')
+    qdd = input_row(recorder, 'qdd') if with_qdd else None
+    tau = torques(plant, links, at, qd, qdd, omega_torques)
+    return program_with_outputs(recorder, tau=tau)
 
 
 def record_diagonal(robot: Robot, method: Callable[..., list[Lanes]]) -> Program:
-    recorder, links, at = begin(resolve(robot), 'parallel')
+    recorder, links, at = chain_on_lanes(resolve(robot), 'parallel')
     rows = method(recorder, links, at, None)
     recorder.output('diagonal', (robot.n,), [(row, i) for i, row in enumerate(rows)])
     return recorder.program()
@@ -82,25 +76,23 @@ def test_h_about_the_base_origin_agrees_with_pinocchio(schedule: str) -> None:
             assert relative(H, Oracle(robot, rotors).H(q)) < DYNAMICS, robot
 
 
-@PRODUCTS
 @pytest.mark.parametrize('schedule', SCHEDULES)
-def test_h_times_a_vector_agrees_with_pinocchio(product: ModuleType, schedule: str) -> None:
+def test_h_times_a_vector_agrees_with_pinocchio(schedule: str) -> None:
     for rng, robot in chains(24, seed=22):
         q, _, u = random_state(rng, robot.n)
         for scene, rotors in ((Scene(), None), (Scene(armature='model'), robot.armature)):
-            program = record_product(product, resolve(robot, scene), schedule)
+            program = record_product(resolve(robot, scene), schedule)
             H = Oracle(robot, rotors).H(q)
             found = run(program, {'q': q, 'u': u})['Hu']
             # A product is rounded as its terms are, however much they cancel.
             assert np.abs(found - H @ u).max() < DYNAMICS * (np.abs(H) @ np.abs(u)).max(), robot
 
 
-@PRODUCTS
-def test_h_times_unit_vectors_is_h_on_thirty_two_joints(product: ModuleType) -> None:
+def test_h_times_unit_vectors_is_h_on_thirty_two_joints() -> None:
     rng = np.random.default_rng(23)
     robot = random_chain(rng, 32)
     q = random_state(rng, 32)[0]
-    program = record_product(product, resolve(robot), 'parallel')
+    program = record_product(resolve(robot), 'parallel')
     columns = run(program, {'q': np.tile(q, (32, 1)), 'u': np.eye(32)})['Hu']
     H = Oracle(robot).H(q)
     assert relative(columns, H) < DYNAMICS
@@ -127,7 +119,7 @@ def test_the_pcrbm_of_fewest_steps_agrees_with_pinocchio(schedule: str) -> None:
         wrench = rng.normal(size=6) * 10
         tau = oracle.tau(q, qd, qdd, wrench)
         inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench}
-        found = run(record_pcrbm_base_origin(plant, schedule), inputs)['qdd']
+        found = run(FORWARD['pcrbm_base_origin'](plant, schedule), inputs)['qdd']
         wanted = oracle.qdd(q, qd, tau, wrench)
         assert relative(found, wanted) < ACCELERATION * jacobi_condition(oracle.H(q)), robot
 
@@ -146,7 +138,7 @@ def test_fifty_digits_of_the_variants_are_those_of_pcrbm() -> None:
         inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6), 'free': free}
         a, b = (
             fifty_digits(record(plant, 'parallel'), inputs)
-            for record in (record_pcrbm_base_origin, record_pcrbm)
+            for record in (FORWARD['pcrbm_base_origin'], FORWARD['pcrbm'])
         )
         assert max(abs(a - b)) <= FIFTY_DIGITS * max(abs(b)), robot
         assert not a[free == 0].any()
@@ -180,7 +172,7 @@ def test_a_link_without_inertia_leaves_a_pivot_that_is_not_above_zero(schedule: 
         np.zeros((1, 3, 3)),
     )
     inputs = dict.fromkeys(('q', 'qd', 'tau'), np.ones(1))
-    result = run(record_pcrbm_base_origin(resolve(robot), schedule), inputs)
+    result = run(FORWARD['pcrbm_base_origin'](resolve(robot), schedule), inputs)
     assert not result['pivots'][0] > 0
 
 
@@ -188,7 +180,7 @@ def test_a_position_that_is_no_number_shows_in_every_pivot_it_reaches() -> None:
     robot = chain(4)
     q = np.array([0.1, np.nan, 0.2, 0.3])
     result = run(
-        record_pcrbm_base_origin(resolve(robot), 'parallel'),
+        FORWARD['pcrbm_base_origin'](resolve(robot), 'parallel'),
         {'q': q, 'qd': np.ones(4), 'tau': np.ones(4)},
     )
     assert np.isnan(result['pivots']).any()
@@ -226,27 +218,22 @@ def test_h_about_the_base_origin_takes_half_a_row_for_each_joint(n: int, prismat
 
 
 @pytest.mark.parametrize('n', SIZES)
-def test_h_times_a_vector_takes_42_or_36_multiplications(n: int) -> None:
+def test_h_times_a_vector_takes_42_multiplications(n: int) -> None:
     # The paper prints 42 and 12 L + 26, which leaves out one sum of vectors.
-    plant = resolve(chain(n))
-    direct = record_product(inertia_times, plant, 'parallel').count(section='H u')
-    assert arithmetic(direct) == (42, 12 * levels(n) + 29, 0, 0)
-    spatial = record_product(base_origin, plant, 'parallel')
-    assert arithmetic(spatial.count(section='H u')) == (36, 12 * levels(n) + 23, 0, 0)
-    assert arithmetic(spatial.count(section='base origin')) == (15, 3 * levels(n) + 15, 0, 0)
+    steps = record_product(resolve(chain(n)), 'parallel').count(section='H u')
+    assert arithmetic(steps) == (42, 12 * levels(n) + 29, 0, 0)
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_rotors_and_sliding_joints_add_to_a_product_what_is_written(n: int) -> None:
     plain, rotors = resolve(chain(n)), resolve(chain(n), Scene(armature='model'))
     slides = resolve(chain(n, prismatic=True))
-    for product in (inertia_times, base_origin):
-        bare, more, sliding = (
-            arithmetic(record_product(product, plant, 'parallel').count(section='H u'))
-            for plant in (plain, rotors, slides)
-        )
-        assert more == (bare[0] + 1, bare[1] + 1, 0, 0)
-        assert sliding == (bare[0], bare[1] + 3 * (product is inertia_times), 0, 0)
+    bare, more, sliding = (
+        arithmetic(record_product(plant, 'parallel').count(section='H u'))
+        for plant in (plain, rotors, slides)
+    )
+    assert more == (bare[0] + 1, bare[1] + 1, 0, 0)
+    assert sliding == (bare[0], bare[1] + 3, 0, 0)
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
@@ -260,7 +247,7 @@ def test_ne_as_a_whole_is_pose_and_ne1(n: int) -> None:
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_the_pcrbm_of_fewest_steps_is_the_sum_of_its_parts(n: int) -> None:
-    steps = record_pcrbm_base_origin(resolve(chain(n)), 'parallel').count()
+    steps = FORWARD['pcrbm_base_origin'](resolve(chain(n)), 'parallel').count()
     L, K, e, products = levels(n), n // 2 + 1, elimination(n), rounds(n)
     assert arithmetic(steps) == (
         3 * products + 75 + 66 + 6 * K + 39 + e + n - 1,
@@ -271,7 +258,7 @@ def test_the_pcrbm_of_fewest_steps_is_the_sum_of_its_parts(n: int) -> None:
 
 
 def test_six_joints_take_fewer_steps_than_the_paper_prints() -> None:
-    steps = record_pcrbm_base_origin(resolve(chain(6)), 'parallel').count()
+    steps = FORWARD['pcrbm_base_origin'](resolve(chain(6)), 'parallel').count()
     assert steps.multiplications < 334
     assert steps.additions < 328
     assert steps.square_roots == 0

@@ -14,8 +14,7 @@ from tolerances import ACCELERATION
 from zoo import random_chain, random_state, without_mass
 
 import pfd_core as pfd
-from pfd_core.algorithms.paper.pcgm import record_pcgm
-from pfd_core.algorithms.programs import ITERATIVE
+from pfd_core.algorithms.programs import FORWARD, ITERATIVE
 from pfd_core.machine.emulator import run
 from pfd_core.model import resolve
 
@@ -96,7 +95,7 @@ def test_digits_and_refinement_take_a_held_joint_without_mass(method: str) -> No
 def test_scaled_conjugate_gradients_take_a_held_joint_without_mass() -> None:
     robot, held = massless_from(2), np.arange(3) >= 2
     state = random_state(np.random.default_rng(4), 3)
-    program = record_pcgm(resolve(robot, BRAKES), 'parallel', jacobi=True)
+    program = FORWARD['pcgm'](resolve(robot, BRAKES), 'parallel', jacobi=True)
     given = dict(zip(('q', 'qd', 'tau'), state, strict=True)) | {'free': 1.0 - held}
     found = run(program, given)['qdd']
     wanted = struck_out(robot, *state, held)

@@ -14,12 +14,15 @@ import pytest
 
 import pfd_core as pfd
 from pfd_core.algorithms.programs import record_forward_dynamics
-from pfd_core.kernels.codegen.wrap import WRAP_LIMIT
+from pfd_core.kernels.passes.dead_code import eliminate_dead_code
 from pfd_core.kernels.passes.fuse import LATENCY, fuse
-from pfd_core.kernels.passes.pipeline import drop, lower, operations
+from pfd_core.kernels.passes.pipeline import lower, operations
+from pfd_core.kernels.passes.sincos import WRAP_LIMIT
 from pfd_core.machine.emulator import run
+from pfd_core.machine.iteration import iterate
+from pfd_core.machine.lanes import cos, sin, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder, cos, sin, where
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import resolve
 
 Text = Callable[[Lanes, Lanes, Lanes], Any]
@@ -67,7 +70,7 @@ def depth(program: Program) -> int:
 )
 def test_products_are_taken_in_where_they_disappear(text: Text, left: dict[str, int]) -> None:
     program = recorded(text)
-    fused = drop(fuse(program))
+    fused = eliminate_dead_code(fuse(program))
     assert operations(fused) == left
     rng = np.random.default_rng(1)
     for values in rng.uniform(-2, 2, (20, 3)):
@@ -109,7 +112,7 @@ def test_of_two_products_the_one_that_is_ready_last_is_taken_in() -> None:
 
     for text in (late, turned):
         program = recorded(text)
-        fused = drop(fuse(program))
+        fused = eliminate_dead_code(fuse(program))
         assert depth(program) == 4 * 4
         assert depth(fused) == 3 * 4
         (sum_,) = (i for i in fused.instructions if i.op == 'fma')
@@ -121,8 +124,8 @@ def test_no_kernel_gets_longer_or_deeper(name: str) -> None:
     plant = resolve(pfd.load_robot(name))
     for method in ('pcrbm', 'articulated_body'):
         program = record_forward_dynamics(plant, method, 'sequential')
-        plain = lower(program, 'float64', ['qdd'], fma=False)
-        fused = lower(program, 'float64', ['qdd'])
+        plain = lower(program, 'float64', ['qdd'], fma=False).compiled
+        fused = lower(program, 'float64', ['qdd']).compiled
         before, after = operations(plain), operations(fused)
         products = before['mul'] - after['mul']
         additions = before['add'] + before['sub'] - after['add'] - after['sub']
@@ -139,9 +142,9 @@ def test_a_loop_is_fused_as_well() -> None:
         following = value * y + x * y
         return (following,), 3.0 - following
 
-    (value,), trips = recorder.iterate(step, (x,), recorder.constant(1.0), 50)
+    (value,), trips = iterate(step, (x,), recorder.constant(1.0), 50)
     recorder.output('out', (2,), [(value, 0), (trips, 0)])
-    fused = drop(fuse(recorder.program()))
+    fused = eliminate_dead_code(fuse(recorder.program()))
     assert operations(fused)['fma'] == 1
     found = run(fused, {'x': [[0.5], [1.0], [4.0]], 'y': [[1.5]] * 3})['out']
     # v <- 1.5 (v + x) until v >= 3: 0.5, 1.5, 3; 1, 3; 4, 12. No rounding in them.
@@ -150,7 +153,7 @@ def test_a_loop_is_fused_as_well() -> None:
 
 def pair(dtype: str) -> Program:
     """Return sine and cosine of x as a kernel computes them."""
-    return lower(recorded(lambda x: (sin(x), cos(x)), 'x'), dtype)
+    return lower(recorded(lambda x: (sin(x), cos(x)), 'x'), dtype).compiled
 
 
 def angles(dtype: str, count: int) -> np.ndarray:

@@ -18,8 +18,10 @@ from zoo import random_chain, random_state
 
 import pfd_core as pfd
 from pfd_core.kernels.codegen.batch import batch
+from pfd_core.kernels.codegen.body import body
 from pfd_core.kernels.codegen.evaluate import evaluate
-from pfd_core.kernels.codegen.spelling import Format, arguments, body, module
+from pfd_core.kernels.codegen.module import kernel_module, module
+from pfd_core.kernels.codegen.spelling import Format, arguments
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.runtime import jit as engine
 from pfd_core.kernels.runtime.jit import Target, emit, simd_width
@@ -93,7 +95,7 @@ def text(kernel: Kernel, width: int) -> str:
     program, angles = kernel.program, turned_joints(kernel.robot)
     size = len(next(iter(program.outputs.values())).places)
     parts = [body(program, form), evaluate(program, form, angles), batch(program, form, size)]
-    return module(parts, kernel.dtype, [width], angles)
+    return module(parts, form, angles)
 
 
 def for_arm(ir: str) -> bytes:
@@ -132,7 +134,9 @@ def emulator() -> str:
 @pytest.mark.parametrize('dtype', NEON)
 def test_every_module_of_a_kernel_compiles_for_64_bit_arm(dtype: str) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=SCENE, dtype=dtype)
-    for ir in (kernel.ir, kernel._text(NEON[dtype]), kernel._text(2 * NEON[dtype])):
+    angles = turned_joints(kernel.robot)
+    for width in (1, NEON[dtype], 2 * NEON[dtype]):
+        ir = kernel_module(kernel.program, dtype, width, angles)
         assert 'llvm.x86' not in ir
         code = for_arm(ir)
         assert code[:4] == ELF

@@ -110,7 +110,7 @@ HARDNESS = {
 def answers(name: str, method: str, dtype: str, steps: int) -> tuple[Array, Array]:
     """Return relative errors (B,) of a method, by 50 digits of another, and its estimates."""
     hard = HARD[name]()
-    program = lower(record_refined(hard.plant, method, steps), dtype)
+    program = lower(record_refined(hard.plant, method, steps), dtype).compiled
     result = run(program, hard.rounded(dtype), dtype)
     other = 'pcrbm' if method == 'articulated_body' else 'articulated_body'
     errors = relative_error(result['qdd'], expected(name, other, dtype))
@@ -209,7 +209,7 @@ def test_every_method_is_refined_in_a_scene_with_everything(method: str) -> None
     }
     other = 'pcrbm' if method == 'articulated_body' else 'articulated_body'
     right = reference(plant, inputs, other)
-    result = run(lower(record_refined(plant, method, 1), 'float64'), inputs)
+    result = run(lower(record_refined(plant, method, 1), 'float64').compiled, inputs)
     errors = relative_error(result['qdd'], right)
     assert errors.max() <= LAST_DIGITS * ROUNDING['float64']
     assert (result['qdd'][1:, 1] == 0).all()
@@ -222,7 +222,7 @@ def test_twenty_four_stretched_links_get_their_digits_back() -> None:
     inputs = {k: rng.uniform(-s, s, (1, 24)) for k, s in (('q', 1e-2), ('qd', 1), ('tau', 1))}
     right = reference(plant, inputs, 'articulated_body')
     result = [
-        run(lower(record_refined(plant, 'composite_body', steps), 'float64'), inputs)
+        run(lower(record_refined(plant, 'composite_body', steps), 'float64').compiled, inputs)
         for steps in (0, 1)
     ]
     before, after = (relative_error(r['qdd'], right)[0] for r in result)
@@ -239,7 +239,7 @@ def test_a_residual_link_by_link_saves_what_sums_about_the_base_have_lost() -> N
     right = reference(plant, inputs, 'articulated_body')
     errors = []
     for steps in (0, 1):
-        program = lower(record_refined(plant, 'pcrbm_base_origin', steps), 'float32')
+        program = lower(record_refined(plant, 'pcrbm_base_origin', steps), 'float32').compiled
         found = run(program, inputs, 'float32')['qdd']
         errors.append(relative_error(found, right).max())
     unit = ROUNDING['float32']
@@ -296,7 +296,9 @@ def test_a_step_costs_one_recursion_and_one_solve() -> None:
         n = robot.n
         first, second, third = (
             operations(
-                lower(record_refined(resolve(robot), 'composite_body', k), 'float64', ['qdd'])
+                lower(
+                    record_refined(resolve(robot), 'composite_body', k), 'float64', ['qdd']
+                ).compiled
             )
             for k in range(3)
         )
@@ -319,7 +321,7 @@ def test_a_massless_end_has_an_infinite_estimate() -> None:
     plant = resolve(rods(3, 0.0))
     inputs = {k: np.full((1, 3), 0.3) for k in ('q', 'qd', 'tau')}
     for method in METHODS:
-        result = run(lower(record_refined(plant, method, 1), 'float64'), inputs)
+        result = run(lower(record_refined(plant, method, 1), 'float64').compiled, inputs)
         assert result['error'][0, 0] == np.inf
 
 

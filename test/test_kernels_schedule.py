@@ -10,11 +10,20 @@ from zoo import random_chain, random_state
 
 import pfd_core as pfd
 from pfd_core.algorithms.programs import record_forward_dynamics
+from pfd_core.kernels.passes.dead_code import eliminate_dead_code
 from pfd_core.kernels.passes.fold import fold
 from pfd_core.kernels.passes.fuse import LATENCY, fuse
-from pfd_core.kernels.passes.pipeline import drop, expand, operations
-from pfd_core.kernels.passes.schedule import FREE, LONGEST, REGISTERS, WIDTH, schedule
+from pfd_core.kernels.passes.pipeline import operations
+from pfd_core.kernels.passes.schedule import (
+    FREE,
+    LONGEST,
+    REGISTERS,
+    WIDTH,
+    schedule_instructions,
+)
+from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.emulator import run
+from pfd_core.machine.iteration import iterate
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import resolve
@@ -48,13 +57,13 @@ def in_order(program: Program) -> bool:
 
 def folded(name: str) -> Program:
     program = record_forward_dynamics(resolve(pfd.load_robot(name)), 'pcrbm', 'sequential')
-    return drop(fold(program), ['qdd'])
+    return eliminate_dead_code(fold(program), ['qdd'])
 
 
 @pytest.mark.parametrize('name', ['puma560', 'ur5', 'panda'])
 def test_operations_and_bits_stay(name: str) -> None:
     program = folded(name)
-    better = schedule(program)
+    better = schedule_instructions(program)
     assert in_order(better)
     assert operations(better) == operations(program)
     assert len(better.instructions) <= len(program.instructions)
@@ -68,7 +77,7 @@ def test_outputs_that_are_inputs_constants_or_negatives_are_found_again() -> Non
     x, y = recorder.input('x', [0]), recorder.input('y', [0])
     values = [x, -y, recorder.constant(3.0), x * y, -(x + y), x]
     recorder.output('out', (len(values),), [(value, 0) for value in values])
-    found = run(schedule(recorder.program()), {'x': [2.0], 'y': [5.0]})['out']
+    found = run(schedule_instructions(recorder.program()), {'x': [2.0], 'y': [5.0]})['out']
     np.testing.assert_array_equal(found, [2, -5, 3, 10, -7, 2])
 
 
@@ -84,7 +93,7 @@ def test_values_are_computed_when_they_are_needed() -> None:
     program = recorder.program()
     assert max(pressure(program)) == 60
     # The next addition waits four cycles for the last one: eight products in the meantime.
-    assert max(pressure(schedule(program))) <= REGISTERS + 1
+    assert max(pressure(schedule_instructions(program))) <= REGISTERS + 1
 
 
 def test_what_need_not_wait_comes_before_what_must() -> None:
@@ -95,7 +104,9 @@ def test_what_need_not_wait_comes_before_what_must() -> None:
     other = y + y
     other = other * y
     recorder.output('out', (2,), [(chain, 0), (other, 0)])
-    ops = [i.op for i in schedule(recorder.program()).instructions if i.op not in FREE]
+    ops = [
+        i.op for i in schedule_instructions(recorder.program()).instructions if i.op not in FREE
+    ]
     assert ops == ['div', 'add', 'mul', 'add']
 
 
@@ -104,10 +115,10 @@ def test_long_programs_and_loops_keep_their_order() -> None:
         return (value * 0.5,), value - 1.0
 
     recorder = Recorder(1, 'sequential')
-    (value,), _ = recorder.iterate(step, (recorder.input('x', [0]),), recorder.constant(1.0), 9)
+    (value,), _ = iterate(step, (recorder.input('x', [0]),), recorder.constant(1.0), 9)
     recorder.output('out', (1,), [(value, 0)])
     program = recorder.program()
-    assert schedule(program) is program
+    assert schedule_instructions(program) is program
 
     recorder = Recorder(1, 'sequential')
     value = recorder.input('x', [0])
@@ -115,7 +126,7 @@ def test_long_programs_and_loops_keep_their_order() -> None:
         value = value + value
     recorder.output('out', (1,), [(value, 0)])
     program = recorder.program()
-    assert schedule(program) is program
+    assert schedule_instructions(program) is program
 
 
 def cycles(program: Program) -> float:
@@ -135,5 +146,7 @@ def test_a_processor_waits_less(method: str) -> None:
     skew = random_chain(np.random.default_rng(2), 6, 0.0)
     for robot in (pfd.load_robot('ur5'), pfd.load_robot('panda'), skew):
         program = record_forward_dynamics(resolve(robot), method, 'sequential')
-        text = drop(fuse(drop(fold(expand(drop(program, ['qdd']), 'float64')))))
-        assert cycles(schedule(text)) < SHARE * cycles(text)
+        short = eliminate_dead_code(program, ['qdd'])
+        expanded = eliminate_dead_code(fold(expand_sines(short, 'float64')))
+        text = eliminate_dead_code(fuse(expanded))
+        assert cycles(schedule_instructions(text)) < SHARE * cycles(text)

@@ -20,8 +20,8 @@ from pfd_core.kernels.runtime import threads
 @pytest.fixture(autouse=True)
 def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     # Blocks of single registers, so that a small batch is shared, and more threads than cores.
-    monkeypatch.setattr(threads, 'LEAST', 1)
-    monkeypatch.setattr(threads, 'ALONE', 0)
+    monkeypatch.setattr(threads, 'MIN_BLOCK_WORK', 1)
+    monkeypatch.setattr(threads, 'SINGLE_THREAD_WORK', 0)
     monkeypatch.setattr(threads, 'cores', lambda: 8)
     monkeypatch.setattr(threads, '_pool', threads._new_pool())
 
@@ -114,14 +114,14 @@ def test_blocks_are_whole_registers_and_enough_for_every_thread() -> None:
 def test_a_block_is_worth_a_worker_and_answers_a_signal_in_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(threads, 'LEAST', 500_000)
-    monkeypatch.setattr(threads, 'ALONE', 1_000_000)
+    monkeypatch.setattr(threads, 'MIN_BLOCK_WORK', 500_000)
+    monkeypatch.setattr(threads, 'SINGLE_THREAD_WORK', 1_000_000)
     assert threads.block_size(16_000, 8, 8, 500) == 16_000
     assert threads.block_size(17_000, 8, 8, 500) == 8000
     assert threads.block_size(1000, 8, 8, 50_000) == 80
     for number in (1, 2):
-        assert threads.block_size(10**9, number, 8, 500) == 8 * threads.MOST // 500
-        assert threads.block_size(10**9, number, 8, 10 * threads.MOST) == 8
+        assert threads.block_size(10**9, number, 8, 500) == 8 * threads.MAX_BLOCK_WORK // 500
+        assert threads.block_size(10**9, number, 8, 10 * threads.MAX_BLOCK_WORK) == 8
 
 
 def test_a_small_batch_starts_no_worker(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from graphlib import TopologicalSorter
 from pathlib import Path
 import shutil
 import subprocess
@@ -14,78 +15,153 @@ import sys
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-LAYERS = ('model', 'machine', 'algorithms', 'kernels', 'simulation', 'report')
-# What each layer may import of the others; `machine` knows no robots.
-ALLOWED = {
-    'model': {'model'},
-    'machine': {'machine'},
-    'algorithms': {'model', 'machine', 'algorithms'},
-    'kernels': {'model', 'machine', 'algorithms', 'kernels'},
-    'simulation': {'model', 'machine', 'algorithms', 'kernels', 'simulation'},
-    'report': set(LAYERS),
+# Each package or room, and the others that it may import; `machine` knows no robots. Modules that
+# lie directly in a package with rooms may import all its rooms, and no room imports them.
+PFD_CORE = {
+    'model': set(),
+    'machine': set(),
+    'algorithms': {'model', 'machine'},
+    'kernels': {'model', 'machine', 'algorithms'},
+    'simulation': {'model', 'machine', 'algorithms', 'kernels'},
+    'report': {'model', 'machine', 'algorithms', 'kernels', 'simulation'},
 }
-# Outside packages that only some layers may know.
+ALGORITHMS = {
+    'chain': set(),
+    'paper': {'chain'},
+    'serial': {'chain'},
+    'grouped': {'chain', 'serial'},
+    'beyond': {'chain', 'paper'},
+}
+KERNELS = {'passes': set(), 'codegen': {'passes'}, 'runtime': {'passes', 'codegen'}}
+PFD_ROS = {
+    'text': set(),
+    'messages': {'text'},
+    'arm': {'text', 'messages'},
+    'recording': {'text', 'messages', 'arm'},
+    'replay': {'text', 'messages', 'arm', 'recording'},
+    'node': {'text', 'messages', 'arm', 'recording', 'replay'},
+    'demo': {'text', 'messages', 'arm', 'recording', 'replay', 'node'},
+    'cli': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'demo'},
+}
+ORDERS = {
+    'pfd_core': PFD_CORE,
+    'pfd_core.algorithms': ALGORITHMS,
+    'pfd_core.kernels': KERNELS,
+    'pfd_ros': PFD_ROS,
+}
+# Outside packages that only some may know.
 RESERVED = {
-    'llvmlite': {'kernels'},
-    'pinocchio': {'model', 'report'},
-    'yaml': {'model'},
-    'rclpy': set(),
+    'llvmlite': {'pfd_core.kernels'},
+    'pinocchio': {'pfd_core.model', 'pfd_core.report'},
+    'rclpy': {'pfd_ros.node', 'pfd_ros.demo'},
 }
 
 
-def imports_of(path: Path) -> Iterator[tuple[str, int]]:
-    """Yield the full name of every module that a file imports, and the line."""
-    package = path.relative_to(ROOT).with_suffix('').parts[:-1]
+def modules() -> dict[str, Path]:
+    """Return the modules of both packages, by full name."""
+    return {
+        '.'.join(path.relative_to(ROOT).with_suffix('').parts).removesuffix('.__init__'): path
+        for package in ('pfd_core', 'pfd_ros')
+        for path in sorted((ROOT / package).rglob('*.py'))
+    }
+
+
+def imported_by(path: Path) -> Iterator[str]:
+    """Yield the full name of each module, or name in a module, that a file imports."""
     for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
         if isinstance(node, ast.Import):
-            for alias in node.names:
-                yield alias.name, node.lineno
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
-            base = package[: len(package) - node.level + 1] if node.level else ()
-            stem = '.'.join([*base, *([node.module] if node.module else [])])
-            for alias in node.names:
-                yield f'{stem}.{alias.name}', node.lineno
+            assert node.level == 0, f'{path}: relative import'
+            yield from (f'{node.module}.{alias.name}' for alias in node.names)
 
 
-def violations(path: Path) -> Iterator[str]:
-    """Yield one line for each import of a file that points the wrong way."""
-    layer = path.relative_to(ROOT).parts[1]
-    for name, line in imports_of(path):
-        parts = name.split('.')
-        where = f'{path.relative_to(ROOT)}:{line}'
-        if parts[0] == 'pfd_ros':
-            yield f'{where}: pfd_core imports {name}'
-        if layer not in LAYERS:
-            continue
-        if parts[0] == 'pfd_core' and parts[1] not in ALLOWED[layer] | {'_types'}:
-            yield f'{where}: {layer} imports {name}'
-        if parts[0] in RESERVED and layer not in RESERVED[parts[0]]:
-            yield f'{where}: {layer} imports {name}'
+def member(name: str, package: str) -> str:
+    """Return the member of a package in which a module lies, '' if it lies elsewhere."""
+    inside = name.startswith(f'{package}.')
+    return name[len(package) + 1 :].partition('.')[0] if inside else ''
+
+
+def violations(found: dict[str, Path]) -> Iterator[str]:
+    """Yield one line for each import that points the wrong way."""
+    for module, path in found.items():
+        for name in imported_by(path):
+            if module.startswith('pfd_core') and name.startswith('pfd_ros'):
+                yield f'{module} imports {name}'
+            for package, order in ORDERS.items():
+                importer, imported = member(module, package), member(name, package)
+                if importer not in order or not imported or imported.startswith('_'):
+                    continue
+                if imported != importer and imported not in order[importer]:
+                    yield f'{module} imports {name}'
+            outside = name.partition('.')[0]
+            rooms = RESERVED.get(outside)
+            if rooms and not any(f'{module}.'.startswith(f'{room}.') for room in rooms):
+                yield f'{module} imports {name}'
+
+
+def circle(found: dict[str, Path]) -> None:
+    """Raise graphlib.CycleError if modules import each other in a circle."""
+    graph = {}
+    for module, path in found.items():
+        names = {name if name in found else name.rpartition('.')[0] for name in imported_by(path)}
+        graph[module] = (names & found.keys()) - {module}
+    TopologicalSorter(graph).prepare()
 
 
 def test_imports_point_one_way() -> None:
-    found = [v for path in (ROOT / 'pfd_core').rglob('*.py') for v in violations(path)]
+    found = list(violations(modules()))
     assert not found, '\n'.join(found)
+
+
+def test_every_folder_of_a_package_with_rooms_is_one_of_its_rooms() -> None:
+    for package, order in ORDERS.items():
+        folder = ROOT / package.replace('.', '/')
+        rooms = {path.parent.name for path in folder.glob('*/__init__.py')}
+        assert rooms == {name for name in order if (folder / name).is_dir()}
+
+
+def test_no_circle_of_imports() -> None:
+    circle(modules())
 
 
 def test_pfd_ros_uses_only_the_public_names_and_the_reports_of_pfd_core() -> None:
     found = [
-        f'{path.name}:{line}: {name}'
-        for path in (ROOT / 'pfd_ros').rglob('*.py')
-        for name, line in imports_of(path)
-        if name.startswith('pfd_core.') and name.split('.')[1] in set(LAYERS) - {'report'}
+        f'{module}: {name}'
+        for module, path in modules().items()
+        if module.startswith('pfd_ros')
+        for name in imported_by(path)
+        if member(name, 'pfd_core') in PFD_CORE.keys() - {'report'}
     ]
     assert not found, '\n'.join(found)
 
 
+@pytest.mark.parametrize(
+    ('module', 'text'),
+    [
+        ('pfd_core.machine.wrong', 'from pfd_core.kernels import kernel'),
+        ('pfd_core.algorithms.paper.wrong', 'from pfd_core.algorithms.beyond.omega import bias'),
+        ('pfd_core.kernels.passes.wrong', 'from pfd_core.kernels import source'),
+        ('pfd_core.kernels.codegen.wrong', 'from pfd_core.kernels.runtime import jit'),
+        ('pfd_core.model.wrong', 'import llvmlite.binding'),
+        ('pfd_ros.arm.wrong', 'from rclpy.node import Node'),
+        ('pfd_ros.recording.wrong', 'from pfd_ros.replay import verify'),
+    ],
+)
 def test_the_check_sees_an_import_that_points_backwards(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    module: str, text: str, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(sys.modules[__name__], 'ROOT', tmp_path)
-    wrong = tmp_path / 'pfd_core' / 'machine' / 'wrong.py'
-    wrong.parent.mkdir(parents=True)
-    wrong.write_text('from pfd_core.kernels import lower\nimport rclpy\n')
-    assert len(list(violations(wrong))) == 2
+    path = tmp_path / 'wrong.py'
+    path.write_text(text)
+    assert len(list(violations({module: path}))) == 1
+
+
+def test_the_check_sees_a_circle(tmp_path: Path) -> None:
+    found = {'pfd_core.one': tmp_path / 'one.py', 'pfd_core.two': tmp_path / 'two.py'}
+    found['pfd_core.one'].write_text('from pfd_core.two import x')
+    found['pfd_core.two'].write_text('import pfd_core.one')
+    with pytest.raises(ValueError, match='cycle'):
+        circle(found)
 
 
 @pytest.mark.parametrize(

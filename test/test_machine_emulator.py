@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from pfd_core.machine.emulator import run
+from pfd_core.machine.lanes import cos, merge, shift, sin, sqrt, where
 from pfd_core.machine.operations import COSTS, OPERATIONS
 from pfd_core.machine.program import Program, Steps
-from pfd_core.machine.recorder import SCHEDULES, Recorder, cos, merge, shift, sin, sqrt, where
+from pfd_core.machine.recorder import SCHEDULES, Recorder
 
 
 def sample(n: int, schedule: str) -> Program:

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from pfd_core.machine.emulator import run
+from pfd_core.machine.lanes import broadcast, on
 from pfd_core.machine.packing import packed, prefix_product, prefix_sum, suffix_sum
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import SCHEDULES, LaneArray, Recorder, broadcast, on
+from pfd_core.machine.recorder import SCHEDULES, LaneArray, Recorder
 from pfd_core.machine.vectors import array, cross
 
 SIZES = range(1, 33)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from pfd_core.machine.emulator import run
+from pfd_core.machine.lanes import broadcast, on
 from pfd_core.machine.patterns import (
     prefix,
     prefix_affine,
@@ -20,7 +21,7 @@ from pfd_core.machine.patterns import (
     total,
 )
 from pfd_core.machine.program import Program, Steps
-from pfd_core.machine.recorder import SCHEDULES, LaneArray, Recorder, broadcast, on
+from pfd_core.machine.recorder import SCHEDULES, LaneArray, Recorder
 from pfd_core.machine.vectors import array
 
 SIZES = range(1, 33)

@@ -8,18 +8,9 @@ import numpy as np
 import pytest
 
 from pfd_core.machine.emulator import run
+from pfd_core.machine.lanes import broadcast, merge, on, shift, sqrt, where
 from pfd_core.machine.program import Program, Steps
-from pfd_core.machine.recorder import (
-    SCHEDULES,
-    Lanes,
-    Recorder,
-    broadcast,
-    merge,
-    on,
-    shift,
-    sqrt,
-    where,
-)
+from pfd_core.machine.recorder import SCHEDULES, Lanes, Recorder
 from pfd_core.machine.vectors import (
     array,
     cross,

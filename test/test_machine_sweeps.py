@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from pfd_core.machine.emulator import run
+from pfd_core.machine.lanes import on
 from pfd_core.machine.patterns import collect, column_sweep, gather
 from pfd_core.machine.program import Program, Steps
-from pfd_core.machine.recorder import SCHEDULES, Recorder, on
+from pfd_core.machine.recorder import SCHEDULES, Recorder
 
 SIZES = range(1, 33)
 # Up to 32 terms of size one over diagonals of size n, in another order than NumPy's.

@@ -11,7 +11,7 @@ import pytest
 
 from pfd_core.algorithms.paper.array_solver import factor
 from pfd_core.algorithms.paper.triangular_array import solve_cycles
-from pfd_core.report.array_activity import activity_svg, activity_text, solve_picture
+from pfd_core.report.array_activity import activity_svg, solve_picture
 
 SVG = '{http://www.w3.org/2000/svg}'
 
@@ -27,16 +27,6 @@ def test_the_picture_shows_every_cell_in_every_cycle(n: int) -> None:
     acting = [shape for shape in cells if shape.attrib['fill'] != 'none']
     assert len(acting) == n * (n + 1) * (n + 2) // 6 + n * (n + 1)
     assert f'{solve_cycles(n)} cycles' in root.findtext(f'{SVG}title', '')
-
-
-def test_the_text_shows_the_factorisation_of_two_rows() -> None:
-    # By hand: root, divide, multiply and subtract, root.
-    assert activity_text(factor(np.array([[4.0, 2.0], [2.0, 5.0]])).trace) == (
-        'r square root, / divide, x multiply and subtract\n\n'
-        'cycle 1   cycle 2   cycle 3   cycle 4\n'
-        '. .       . .       x .       . r\n'
-        'r         /         .         .\n'
-    )
 
 
 def test_the_title_of_the_picture_is_quoted() -> None:

@@ -15,10 +15,18 @@ import pytest
 
 from pfd_core.algorithms.paper.literal_array import literal_array
 from pfd_core.algorithms.paper.triangular_array import ROOT
-from pfd_core.algorithms.programs import ITERATIVE, METHODS, SERIAL
-from pfd_core.model import load_robot
+from pfd_core.algorithms.programs import FORWARD, ITERATIVE, METHODS, SERIAL
+from pfd_core.model import load_robot, resolve
 from pfd_core.report.convergence import ARMS, CHAINS, convergence, measure_convergence, robots
-from pfd_core.report.counts import PRINTED_AT, SIZES, as_data, best_serial, measure, row
+from pfd_core.report.counts import (
+    PRINTED_AT,
+    SIZES,
+    as_data,
+    best_serial,
+    measure,
+    row,
+    serial_arithmetic,
+)
 from pfd_core.report.counts import uniform_chain as chain
 from pfd_core.report.counts_pages import markdown, write
 from pfd_core.report.paper import TABLE
@@ -111,6 +119,12 @@ def assert_no_efficiency_above_one(n: int) -> None:
             assert counts.speed_up == 1
 
 
+@pytest.mark.parametrize('n', [2, 6, 10])
+def test_no_method_for_n_lanes_beats_the_best_serial_one_on_one_processor(n: int) -> None:
+    for method in set(METHODS) - set(SERIAL) - set(ITERATIVE):
+        assert serial_arithmetic(method, n) > best_serial(n)[1], method
+
+
 def test_the_cells_of_the_array_are_processors() -> None:
     assert row('pcrbm_array', 6).units == 6 + 21
     assert row('pcrbm', 6).units == 6
@@ -146,7 +160,8 @@ def test_direct_methods_stay_at_or_below_the_papers_formulas(method: str) -> Non
 
 
 def test_divide_and_conquer_grows_with_the_logarithm_alone() -> None:
-    steps = [row('divide_and_conquer', n).steps for n in (8, 16, 32, 64)]
+    record = FORWARD['divide_and_conquer']
+    steps = [record(resolve(chain(n)), 'parallel').count() for n in (8, 16, 32, 64)]
     growth = [b.multiplications - a.multiplications for a, b in pairwise(steps)]
     assert growth[0] == growth[1] == growth[2] > 0
 

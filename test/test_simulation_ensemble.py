@@ -173,8 +173,8 @@ def test_a_lifted_mass_comes_to_rest_where_the_law_carries_its_weight() -> None:
 def test_the_bits_do_not_depend_on_the_threads(
     count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(threads, 'LEAST', 1)
-    monkeypatch.setattr(threads, 'ALONE', 0)
+    monkeypatch.setattr(threads, 'MIN_BLOCK_WORK', 1)
+    monkeypatch.setattr(threads, 'SINGLE_THREAD_WORK', 0)
     q, qd, taus = sequences(2, 100)
     many = pfd.Ensemble(pfd.load_robot('planar2'), 100)
     many.reset(q, qd)
@@ -313,8 +313,8 @@ def test_the_bits_do_not_depend_on_the_pieces(
     q, qd, taus = sequences(2, 19)
     law = pfd.StateFeedback(np.ones((2, 4)), taus / 10)
     found = []
-    for most in (threads.MOST, 1, 3 * many._work):
-        monkeypatch.setattr(ensemble, 'MOST', most)
+    for most in (threads.MAX_BLOCK_WORK, 1, 3 * many._work):
+        monkeypatch.setattr(ensemble, 'MAX_BLOCK_WORK', most)
         many.reset(q, qd)
         runs = many.rollout(taus, feedback=law, every=every)
         found.append([runs.time, runs.q, runs.qd, runs.qdd, runs.finite_steps, many.q, many.qdd])
@@ -329,8 +329,8 @@ def test_an_interrupted_rollout_leaves_time_and_states_together(
     many = pfd.Ensemble(pfd.load_robot('planar2'), 40)
     _, _, taus = sequences(2, 40)
     whole = many.rollout(taus)
-    monkeypatch.setattr(ensemble, 'MOST', 2 * many._work)
-    monkeypatch.setattr(threads, 'MOST', 1)
+    monkeypatch.setattr(ensemble, 'MAX_BLOCK_WORK', 2 * many._work)
+    monkeypatch.setattr(threads, 'MAX_BLOCK_WORK', 1)
     blocks = itertools.count()
 
     def interrupted(*arguments: object) -> int:

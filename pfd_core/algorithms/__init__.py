@@ -1,3 +1,25 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The methods of the paper, those it compares with, and others, each once as text over lanes."""
+"""
+Forward and inverse dynamics, each method once as text over lanes.
+
+Rooms, in the order in which they may import one another:
+
+    chain      inputs, links and equations of motion, from which every text starts
+    paper      Lee and Chang 1987, one procedure a file: NE1, PCRBM, PCGM, Cholesky, the array
+    serial     methods that the paper compares with: Walker and Orin 1 to 4, articulated bodies
+    grouped    serial methods at their cheapest, which kernels are made of
+    beyond     methods on n lanes that the paper does not have
+
+Modules that take any of them:
+
+    programs      whole programs by name: METHODS, inverse dynamics, H and bias
+    emulation     pfd.emulate: a method on the emulated machine, with steps, utilisation, status
+    refinement    a method with steps of iterative refinement, and its error estimate
+    convergence   NaN for iterations that have not converged, for kernels
+
+An effect of the joints (Coulomb friction, end stops) belongs in chain.joint_torques, an effect of
+the links or of gravity in each Newton-Euler recursion (paper.newton_euler, beyond.omega,
+serial.luh_walker_paul, grouped.newton_euler), a new method in a file of its own and a row of
+programs.FORWARD.
+"""

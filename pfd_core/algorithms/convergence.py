@@ -5,8 +5,8 @@ Kernels of iterative methods answer NaN where the iteration has not converged.
 
     qdd = qdd where converged, else NaN
 
-A kernel returns an array and no status (pfd_core.emulate has one); the last estimate of a run that
-was given up would look like an answer.
+A kernel returns an array and no status (pfd_core.emulate has one); the last iterate of a run that
+has not converged would look like an answer.
 
 One register holds one number.
 """
@@ -15,10 +15,11 @@ from __future__ import annotations
 
 import math
 
-from pfd_core.algorithms.chain.link_axes import finish
+from pfd_core.algorithms.chain.interface import program_with_outputs
 from pfd_core.algorithms.refinement import inline
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Recorder, where
+from pfd_core.machine.recorder import Recorder
 
 
 def with_nan_unless_converged(program: Program) -> Program:
@@ -31,4 +32,4 @@ def with_nan_unless_converged(program: Program) -> Program:
     with recorder.section('verdict'):
         nan = recorder.constant(math.nan)
         results['qdd'] = [where(converged, value, nan) for value in results['qdd']]
-    return finish(recorder, **results)
+    return program_with_outputs(recorder, **results)

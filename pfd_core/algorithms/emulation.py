@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Forward dynamics on the emulated machine: the answer of a method, and what it took.
+Forward dynamics on the emulated machine: accelerations, steps, utilisation and status.
 
-The same text that the kernels compile runs here in lock-step on n processors. With `digits`
-it runs on mpmath numbers and gives the reference that errors are measured against.
+The same text that kernels compile runs here in lock-step on n processors. With `digits` it runs on
+mpmath numbers and gives the reference for errors.
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.algorithms.paper.triangular_array import SECTION, solve_cycles, solve_steps
+from pfd_core.algorithms.paper.pcrbm_array import SECTION
+from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps, check_processors
@@ -26,7 +27,7 @@ from pfd_core.model.checked_numbers import real_array
 @dataclass(frozen=True)
 class Run:
     """
-    What an emulated run gave.
+    Result of an emulated run.
 
     Attributes
     ----------
@@ -35,8 +36,8 @@ class Run:
     steps : Steps
         Lock-step counts of the program as written.
     utilisation : float
-        Share of the processors' arithmetic steps that did useful work, 0 to 1; the cells of the
-        triangular array are processors, too.
+        Share of the processors' arithmetic steps that did useful work, 0 to 1; cells of the
+        triangular array count as processors.
     status : str
         'ok'; 'not_positive_definite' if a pivot of H was not above zero; 'not_converged' if an
         iterative method ran into its limit; 'not_finite'.
@@ -44,7 +45,7 @@ class Run:
         Iterations of an iterative method (of a batch, the most), cycles of the array; None for
         the others.
     program : Program
-        What was run; `print(run.program)` shows it.
+        The program that was run; `print(run.program)` shows it.
 
     """
 
@@ -56,7 +57,7 @@ class Run:
     cycles: int | None
     program: Program
 
-    # A pickle of mpmath's is rounded to the digits that happen to be set where it is opened.
+    # mpmath rounds a pickled number to the precision that is set where it is unpickled.
     def __getstate__(self) -> dict[str, Any]:
         if self.qdd.dtype != object:
             return self.__dict__
@@ -99,11 +100,11 @@ def emulate(
     method : str
         A name in METHODS.
     scene : Scene, optional
-        Which effects are on; default: rigid links and gravity.
+        Effects that are on; default: rigid links and gravity.
     wrench : array_like, optional
         Force and moment exerted on the last link, (..., 6), in its frame.
     brakes : array_like of bool, optional
-        Joints that are held, (..., n), only if the scene has brakes; default none.
+        Held joints, (..., n), only if the scene has brakes; default none.
     processors : int, optional
         Default n.
     dtype : {'float64', 'float32'}
@@ -152,9 +153,13 @@ def steps_of(
     steps = program.count(processors, trips=trips)
     if method != 'pcrbm_array':
         return steps
-    cells, side_by_side = program.count(processors, section=SECTION), solve_steps(n)
+    return on_cells(steps, program.count(processors, section=SECTION), solve_steps(n))
+
+
+def on_cells(steps: Steps, cells: Steps, cycles: Steps) -> Steps:
+    """Return steps with the array's own cycles in the place of the operations of all cells."""
     return Steps(
-        **{k: v - getattr(cells, k) + getattr(side_by_side, k) for k, v in asdict(steps).items()}
+        **{k: v - getattr(cells, k) + getattr(cycles, k) for k, v in asdict(steps).items()}
     )
 
 
@@ -178,7 +183,7 @@ def _utilisation(
 
 
 def _checked(program: Program, given: dict[str, ArrayLike], digits: int | None) -> dict[str, Any]:
-    """Return the inputs as arrays of one batch shape; ValueError for what cannot be one."""
+    """Return the inputs as arrays of one batch shape; ValueError for a wrong one."""
     arrays = {}
     for name, size in program.inputs.items():
         array = real_array(name, given[name], 'float64', (..., size))
@@ -190,7 +195,7 @@ def _checked(program: Program, given: dict[str, ArrayLike], digits: int | None) 
 
 
 def _trips(result: dict[str, Any]) -> int | None:
-    """Return the iterations of an iterative method: of a batch, the most that one took."""
+    """Return the iterations of an iterative method, of a batch the most; None for others."""
     if 'trips' not in result:
         return None
     return int(np.max(np.asarray(result['trips'], dtype=np.float64), initial=0))

@@ -1,40 +1,39 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Whole programs: inverse dynamics, and forward dynamics by each method.
+Whole programs by name: inverse dynamics, and forward dynamics by each method (METHODS).
 
     H(q) qdd + C(q, qd) qd + G(q) = tau        Lee and Chang 1987, eq. (1)
 
     inverse_dynamics   tau from q, qd, qdd, by NE1
-    walker_orin_1 .. 4, articulated_body       serial, what the paper compares with
+    terms              H and bias
+    walker_orin_1 .. 4, articulated_body       serial, which the paper compares with
     pcrbm, pcrbm_array, pcgm                   the paper's, on n lanes, corrected
     pcrbm_base_origin, divide_and_conquer      beyond the paper, on n lanes
     composite_body, grouped_articulated_body   serial methods at their cheapest, for kernels
 
-The inputs are described in pfd_core.algorithms.chain.equations.
+On n lanes all methods take the bias from pfd_core.algorithms.beyond.omega, which has fewer steps
+than the paper's NE1. Inputs are described in pfd_core.algorithms.chain.interface. A new method is
+a row of FORWARD and, if it is serial or iterative, a name in SERIAL or ITERATIVE.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
-from pfd_core.algorithms.beyond.base_origin import record_pcrbm_base_origin
+from pfd_core.algorithms.beyond.base_origin import inertia_matrix_base_origin
 from pfd_core.algorithms.beyond.divide_and_conquer import record_divide_and_conquer
-from pfd_core.algorithms.beyond.omega import bias_omega
-from pfd_core.algorithms.chain.equations import (
-    armature,
-    begin,
-    finish,
-    held_joints,
-    joint_input,
-    torque,
-)
+from pfd_core.algorithms.beyond.omega import omega_torques
+from pfd_core.algorithms.chain.base_axes import chain_on_lanes
+from pfd_core.algorithms.chain.equations import armature, torques
+from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
 from pfd_core.algorithms.grouped.articulated_body import record_grouped_articulated_body
 from pfd_core.algorithms.grouped.composite_body import record_composite_body
-from pfd_core.algorithms.paper.cholesky import solve
+from pfd_core.algorithms.paper.newton_euler import newton_euler
 from pfd_core.algorithms.paper.pcgm import record_pcgm
-from pfd_core.algorithms.paper.pcrbm import inertia_matrix
-from pfd_core.algorithms.paper.triangular_array import record_pcrbm_array
+from pfd_core.algorithms.paper.pcrbm import inertia_matrix, record_pcrbm
+from pfd_core.algorithms.paper.pcrbm_array import record_pcrbm_array
 from pfd_core.algorithms.serial.articulated_body import record_articulated_body
 from pfd_core.algorithms.serial.walker_orin import (
     record_walker_orin_1,
@@ -47,42 +46,22 @@ from pfd_core.model import Plant
 
 
 def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
-    """Return the program of tau, (n,), from q, qd and qdd; a joint's brake plays no part."""
-    recorder, chain, at = begin(plant, schedule)
-    qd, qdd = joint_input(recorder, 'qd'), joint_input(recorder, 'qdd')
-    tau = torque(recorder, plant, chain, at, qd, qdd)
-    if plant.armature is not None:
-        tau = tau + recorder.constant(plant.armature) * qdd
-    return finish(recorder, tau=tau)
-
-
-def record_pcrbm(plant: Plant, schedule: str) -> Program:
-    """
-    Return the program of qdd, (n,), from q, qd and tau; its pivots show whether H was sound.
-
-    The bias comes from the form of NE1 with fewest steps.
-    """
-    recorder, chain, at = begin(plant, schedule)
-    qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
-    y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
-    rows = inertia_matrix(recorder, chain, at, armature(recorder, plant))
-    free = None
-    if plant.brakes:
-        rows, y, free = held_joints(recorder, rows, y)
-    qdd, pivots = solve(recorder, rows, y, free=free)
-    return finish(recorder, qdd=qdd, pivots=pivots)
+    """Return the program of tau, (n,), from q, qd and qdd; brakes play no part."""
+    recorder, chain, at = chain_on_lanes(plant, schedule)
+    qd, qdd = input_row(recorder, 'qd'), input_row(recorder, 'qdd')
+    tau = torques(plant, chain, at, qd, qdd, newton_euler)
+    return program_with_outputs(recorder, tau=tau)
 
 
 def record_terms(plant: Plant, schedule: str) -> Program:
     """Return the program of H, (n, n), and of the bias, (n,), from q and qd."""
-    recorder, chain, at = begin(plant, schedule)
-    qd = joint_input(recorder, 'qd')
-    bias = torque(recorder, plant, chain, at, qd, None)
+    recorder, chain, at = chain_on_lanes(plant, schedule)
+    bias = torques(plant, chain, at, input_row(recorder, 'qd'), None, newton_euler)
     rows = inertia_matrix(recorder, chain, at, armature(recorder, plant))
     n = recorder.lanes
     elements = [(rows[min(i, j)], max(i, j)) for i in range(n) for j in range(n)]
     recorder.output('H', (n, n), elements)
-    return finish(recorder, bias=bias)
+    return program_with_outputs(recorder, bias=bias)
 
 
 FORWARD: dict[str, Callable[..., Program]] = {
@@ -91,10 +70,12 @@ FORWARD: dict[str, Callable[..., Program]] = {
     'walker_orin_3': record_walker_orin_3,
     'walker_orin_4': record_walker_orin_4,
     'articulated_body': record_articulated_body,
-    'pcrbm': record_pcrbm,
-    'pcrbm_array': record_pcrbm_array,
-    'pcgm': record_pcgm,
-    'pcrbm_base_origin': record_pcrbm_base_origin,
+    'pcrbm': partial(record_pcrbm, link_torques=omega_torques),
+    'pcrbm_array': partial(record_pcrbm_array, link_torques=omega_torques),
+    'pcgm': partial(record_pcgm, link_torques=omega_torques),
+    'pcrbm_base_origin': partial(
+        record_pcrbm, link_torques=omega_torques, matrix=inertia_matrix_base_origin
+    ),
     'divide_and_conquer': record_divide_and_conquer,
     'composite_body': record_composite_body,
     'grouped_articulated_body': record_grouped_articulated_body,
@@ -110,7 +91,7 @@ SERIAL = (
     'composite_body',
     'grouped_articulated_body',
 )
-# Methods whose programs repeat a part, and say how often and whether it sufficed.
+# Methods with a repeated part, whose outputs are also `trips` and `converged`.
 ITERATIVE = ('walker_orin_4', 'pcgm')
 
 
@@ -120,10 +101,9 @@ def record_forward_dynamics(
     """
     Return the program of a method.
 
-    Its outputs are `qdd`, (n,), and what tells whether that is sound: `pivots`, (n,), of which
-    one at zero or below says that H was not positive definite, or, for an iterative method,
-    `trips` and `converged`, (1,). An iterative method stops at a tolerance, by default that of
-    double precision.
+    Its outputs are `qdd`, (n,), and `pivots`, (n,), all above zero exactly if H is positive
+    definite, or, for an iterative method, `trips` and `converged`, (1,). An iterative method stops
+    at a tolerance, by default that of double precision. ValueError for an unknown method.
     """
     if method not in FORWARD:
         raise ValueError(f'method must be one of {METHODS}, got {method!r}')

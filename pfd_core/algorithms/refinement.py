@@ -1,22 +1,22 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Iterative refinement: how far the torques of an answer miss the ones asked for, solved for again.
+Iterative refinement: solve again for the torques that an answer misses, and add the correction.
 
     qdd    = a method's answer
     r      = tau - ID(q, qd, qdd)                     link by link, in the same number format
     delta  = the same method at q, for r, at rest, without gravity and wrench:  H delta = r
     qdd    = qdd + delta,   error = max |delta| / max |qdd|
 
-The last three lines are a step. `error` is what the answer was wrong by before the last of them.
+The last three lines are a step. `error` is the relative error of the answer before the last step.
 
-The text of a method is recorded once more for delta. What of it depends on q alone, which is the
-inertia matrix and its factors or the articulated inertias, is the same expressions as before, and
-lowering keeps one of them: of the second recording only a solve with the factors is left.
+The text of a method is recorded once more for delta. Its part that depends on q alone, the inertia
+matrix and its factors or the articulated inertias, consists of the same expressions as before, and
+lowering keeps one of each: of the second recording only a solve with the factors is left.
 
 The residual is that of Luh, Walker and Paul, each link about its own centre of mass in its own
-axes, with the parameters the robot is given by. Torques summed about the base, or from grouped
-parameters, would have just the rounding that is to be removed (docs/decisions/0005-refinement.md).
+axes, with the robot's own parameters. Torques summed about the base, or from grouped parameters,
+would have the same rounding that refinement removes (docs/decisions/0005-refinement.md).
 
 Wilkinson 1963; Skeel 1980: one step in the same precision is enough if the residual is accurate
 relative to its own terms.
@@ -34,11 +34,14 @@ from operator import attrgetter
 
 import numpy as np
 
-from pfd_core.algorithms.chain.link_axes import begin, finish, joint_inputs, known
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.chain.joint_torques import plus_joint_torques, without_joint_torques
+from pfd_core.algorithms.chain.link_axes import chain_in_link_axes, known
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
+from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder, where
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
 
 
@@ -57,25 +60,25 @@ def record_refined(
     steps : int
         Steps of refinement; 0 is the method alone.
     tolerance : float, optional
-        Where an iterative method stops; default that of double precision.
+        Relative residual at which an iterative method stops; default for double precision.
 
     Returns
     -------
     Program
         The method's own outputs, of which qdd is refined, and with one step or more `error`,
-        (1,): the size of the last correction relative to the answer. It is infinite where the
-        answer is not finite or the method itself says that it is not sound.
+        (1,): the size of the last correction relative to the answer, infinite where the answer
+        is not finite, a pivot is not positive or the iteration has not converged.
 
     """
     method_program = record_forward_dynamics(plant, method, 'sequential', tolerance)
     if steps == 0:
         return method_program
-    at_rest = replace(plant, gravity=np.zeros(3), damping=None)
+    at_rest = replace(without_joint_torques(plant), gravity=np.zeros(3))
     solve = record_forward_dynamics(at_rest, method, 'sequential', tolerance)
     torques = record_link_torques(plant)
     recorder = Recorder(1, 'sequential')
     n = plant.robot.n
-    tau = joint_inputs(recorder, 'tau', n)
+    tau = input_list(recorder, 'tau', n)
     zero = recorder.constant(0.0)
     results = inline(recorder, method_program, {})
     qdd = results['qdd']
@@ -89,21 +92,18 @@ def record_refined(
             qdd = [a + d for a, d in zip(qdd, delta, strict=True)]
     with recorder.section('error estimate'):
         results['error'] = [_estimate(recorder, qdd, delta, results)]
-    return finish(recorder, **results | {'qdd': qdd})
+    return program_with_outputs(recorder, **results | {'qdd': qdd})
 
 
 def record_link_torques(plant: Plant) -> Program:
     """Return the program of tau, (n,), from q, qd and qdd, each link in its own axes."""
-    chain = begin(plant, 'sequential')
+    chain = chain_in_link_axes(plant, 'sequential')
     n = len(chain.links)
-    qd, qdd = (joint_inputs(chain.recorder, name, n) for name in ('qd', 'qdd'))
+    qd, qdd = (input_list(chain.recorder, name, n) for name in ('qd', 'qdd'))
     with chain.recorder.section('torques'):
         tau = known(chain, newton_euler(chain.links, qd, qdd, chain.gravity, chain.wrench))
-        if plant.damping is not None:
-            tau = [t + float(d) * v for t, d, v in zip(tau, plant.damping, qd, strict=True)]
-        if plant.armature is not None:
-            tau = [t + float(m) * a for t, m, a in zip(tau, plant.armature, qdd, strict=True)]
-    return finish(chain.recorder, tau=tau)
+        tau = plus_joint_torques(plant, tau, qd, qdd)
+    return program_with_outputs(chain.recorder, tau=tau)
 
 
 def inline(
@@ -151,10 +151,10 @@ def _estimate(
     delta: Sequence[Lanes],
     results: Mapping[str, Sequence[Lanes]],
 ) -> Lanes:
-    """Return max |delta| / max |qdd|, or infinity without a sound answer."""
+    """Return max |delta| / max |qdd|; infinity for an answer that is not sound."""
     infinity = recorder.constant(math.inf)
-    sizes = [_absolute(d) for d in delta]
-    change, scale = _largest(sizes), _largest([_absolute(a) for a in qdd])
+    sizes = [absolute(d) for d in delta]
+    change, scale = _largest(sizes), _largest([absolute(a) for a in qdd])
     error: Lanes = where(change, change / scale, 0.0)
     # Comparisons lose NaN, a sum keeps it: one over the sum is zero or NaN for the rest.
     total = sizes[0]
@@ -165,11 +165,6 @@ def _estimate(
         for sound in results.get(name, ()):
             error = where(sound, error, infinity)
     return error
-
-
-def _absolute(x: Lanes) -> Lanes:
-    result: Lanes = where(x, x, -x)
-    return result
 
 
 def _largest(values: Sequence[Lanes]) -> Lanes:

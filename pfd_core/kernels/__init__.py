@@ -1,3 +1,18 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The same text as native code."""
+"""
+Kernels: the recording of an algorithm becomes native code for one robot and scene.
+
+Rooms and modules in the order of the way of the data; each imports only from those above it.
+
+    passes/        program -> short equal program
+    codegen/       program -> text of LLVM IR
+    runtime/       text -> native code in this process; cache on disk, threads, Python's C API
+    source         robot, scene and method -> lowered program, recorded only if needed
+    auto           the method that 'auto' stands for
+    batches        the batch shape of arrays, and arrays as rows of states
+    kernel         Kernel: a call checks and converts its arguments and runs native code
+    compile        compile_kernel, compile_inverse_kernel
+    functions      forward_dynamics, inverse_dynamics: plain functions that keep their kernels
+    simulations    compile_rollout, compile_ensemble: whole simulations in native code
+"""

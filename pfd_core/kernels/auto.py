@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What method='auto' stands for: the serial text that leaves the fewest operations.
+The method that 'auto' stands for: the serial one whose kernel has the fewest operations.
 
 The matrix of composite bodies grows with n^2 and its factors with n^3, articulated bodies with n,
 from a higher start. Ordinary arms of up to seven joints are cheaper by the former, chains of
@@ -13,17 +13,17 @@ from __future__ import annotations
 
 from pfd_core.algorithms.programs import METHODS, record_forward_dynamics
 from pfd_core.kernels.passes.pipeline import lower, operations
-from pfd_core.kernels.runtime.kept_facts import remember
+from pfd_core.kernels.runtime.json_cache import get_or_compute
 from pfd_core.model import Plant
 from pfd_core.model.checked_numbers import integer
 
 FEW_JOINTS, MANY_JOINTS = 'composite_body', 'grouped_articulated_body'
-# The longest chain that always takes the one, and the shortest that always takes the other.
+# The longest chain that always takes FEW_JOINTS, and the shortest that always takes MANY_JOINTS.
 SHORT, LONG = 7, 16
 
 
 def choose(plant: Plant, method: str, refine: int) -> str:
-    """Return the method to record, of which 'auto' may be any; ValueError for an unknown one."""
+    """Return the method to record for a name in METHODS or 'auto'; ValueError for other names."""
     integer('refine', refine, 0)
     if method != 'auto' and method not in METHODS:
         raise ValueError(f"method must be 'auto' or one of {METHODS}, got {method!r}")
@@ -34,7 +34,7 @@ def choose(plant: Plant, method: str, refine: int) -> str:
     if plant.robot.n >= LONG:
         return MANY_JOINTS
     choices = (FEW_JOINTS, MANY_JOINTS)
-    return remember(('auto', plant.digest), lambda: _cheapest(plant), choices.__contains__)
+    return get_or_compute(('auto', plant.digest), lambda: _cheapest(plant), choices.__contains__)
 
 
 def _cheapest(plant: Plant) -> str:
@@ -45,5 +45,5 @@ def _cheapest(plant: Plant) -> str:
 def cost(plant: Plant, method: str) -> int:
     """Return the operations of a method's kernel, changes of sign apart."""
     program = record_forward_dynamics(plant, method, 'sequential')
-    counts = operations(lower(program, 'float64', ['qdd']))
+    counts = operations(lower(program, 'float64', ['qdd']).compiled)
     return sum(count for op, count in counts.items() if op != 'neg')

@@ -15,7 +15,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.kernels.kernel import Kernel, compile_inverse_kernel, compile_kernel
+from pfd_core.kernels.compile import compile_inverse_kernel, compile_kernel
+from pfd_core.kernels.kernel import Kernel
 from pfd_core.model import Robot, Scene
 
 # A kernel holds about a megabyte of code: a sweep over many robots must not hold all of theirs.

@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Recipes: a robot, a scene and a method as a lowered program, recorded only where somebody needs it.
+Sources of kernels: a robot, a scene and a method as a lowered program, recorded only if needed.
 
-Recording and lowering take longer than bringing a kept object into a process. What a kernel needs
-to know of its program and of the texts made of it is therefore kept on disk, too.
+Recording and lowering take longer than loading compiled code from disk. The facts that a kernel
+needs about its program and about the modules made of it are therefore kept on disk, too.
 """
 
 from __future__ import annotations
@@ -19,18 +19,25 @@ import threading
 from typing import Any
 
 from pfd_core.algorithms.convergence import with_nan_unless_converged
-from pfd_core.algorithms.paper.conjugate_gradient import TOLERANCE
+from pfd_core.algorithms.paper.pcgm import TOLERANCE
 from pfd_core.algorithms.programs import record_inverse_dynamics
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.codegen.spelling import arguments
-from pfd_core.kernels.codegen.split import effort
-from pfd_core.kernels.passes.pipeline import finish, operations, simplify
-from pfd_core.kernels.runtime.jit import Native, Outline, compile_outlined, outline
-from pfd_core.kernels.runtime.kept_facts import T, remember
+from pfd_core.kernels.passes.pipeline import Stages, lower, operations
+from pfd_core.kernels.passes.schedule import LONGEST
+from pfd_core.kernels.runtime.jit import (
+    USUAL,
+    Native,
+    Optimisation,
+    Outline,
+    compile_outlined,
+    outline,
+)
+from pfd_core.kernels.runtime.json_cache import T, get_or_compute
 from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant, Robot, Scene, resolve
 
-# Where iterative methods stop: their residual has fallen to the rounding of the number format.
+# Iterative methods stop when their residual has fallen to the rounding of the number format.
 TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
 DTYPES = tuple(TOLERANCES)
 _recording = threading.RLock()
@@ -42,14 +49,14 @@ if hasattr(os, 'register_at_fork'):
     )
 
 
-class Recipe:
+class KernelSource:
     """
-    How to come by a lowered program with one output.
+    A lowered program with one output, recorded at the first look at it.
 
     Parameters
     ----------
-    record : callable
-        Records and lowers it: the stages of the program by name, of which the last is lowered.
+    lowered : callable
+        Records and lowers the program.
     key : tuple of str, optional
         All that decides the program, besides the source of this package (a plant's digest, a
         method, a number format); without it nothing is kept on disk.
@@ -65,12 +72,10 @@ class Recipe:
 
     """
 
-    def __init__(
-        self, record: Callable[[], dict[str, Program]], key: tuple[str, ...] = ()
-    ) -> None:
-        self._record = record
+    def __init__(self, lowered: Callable[[], Stages], key: tuple[str, ...] = ()) -> None:
+        self._lowered = lowered
         self._key = key
-        facts = self.remember('facts', self._facts, _are_facts)
+        facts = self._get_or_compute('facts', self._facts, _are_facts)
         self.inputs: dict[str, int] = facts['inputs']
         self.elements: int = facts['elements']
         self.operations: dict[str, dict[str, int]] = facts['operations']
@@ -78,69 +83,69 @@ class Recipe:
     @cached_property
     def program(self) -> Program:
         """The lowered program."""
-        return _joined(list(self._stages.values())[-1])
+        return _joined(self._stages.compiled)
 
     @cached_property
-    def _stages(self) -> dict[str, Program]:
+    def _stages(self) -> Stages:
         with _uncollected():
-            return self._record()
+            return self._lowered()
 
     @property
     def work(self) -> int:
         """The operations of the lowered program."""
-        return sum(list(self.operations.values())[-1].values())
+        return sum(self.operations['compiled'].values())
 
-    def remember(self, what: str, make: Callable[[], T], fits: Callable[[Any], bool]) -> T:
-        """Return `make()`, which depends on the program and on `what` alone, or find it kept."""
-        return remember((*self._key, what), make, fits) if self._key else make()
+    def compile(self, module: str, text: Callable[[], str]) -> Native:
+        """
+        Return native code of the program.
 
-    def compile(self, what: str, text: Callable[[], str]) -> Native:
-        """Return the native code of a text, which depends on the program and on `what` alone."""
+        Parameters
+        ----------
+        module : str
+            All that decides the text besides the program, such as the name of a kind of module.
+        text : callable
+            Writes the module of LLVM IR; called only if its object is not on disk.
+
+        """
         once = cache(text)
-        known = self.remember(what, lambda: asdict(outline(once())), _is_outline)
-        return compile_outlined(Outline(**known), once, effort(self.work))
+        known = self._get_or_compute(module, lambda: asdict(outline(once())), _is_outline)
+        # The passes find nothing to do in a long program, and take their time.
+        optimisation = Optimisation(passes=0) if self.work > LONGEST else USUAL
+        return compile_outlined(Outline(**known), once, optimisation)
+
+    def _get_or_compute(
+        self, name: str, compute: Callable[[], T], valid: Callable[[Any], bool]
+    ) -> T:
+        return get_or_compute((*self._key, name), compute, valid) if self._key else compute()
 
     def _facts(self) -> dict[str, Any]:
         (output,) = self.program.outputs.values()
         return {
             'inputs': {name: self.program.inputs[name] for name in arguments(self.program)},
             'elements': len(output.places),
-            'operations': {name: operations(stage) for name, stage in self._stages.items()},
+            'operations': {name: operations(p) for name, p in vars(self._stages).items()},
         }
 
 
 def forward(
     plant: Plant, method: str, refine: int, dtype: str, names: Collection[str] = ('qdd',)
-) -> Recipe:
-    """Return the recipe of forward dynamics by a method, with some of its outputs."""
+) -> KernelSource:
+    """Return the source of forward dynamics by a method, with some of its outputs."""
 
-    def record() -> dict[str, Program]:
+    def lowered() -> Stages:
         recorded = record_refined(plant, method, refine, TOLERANCES[dtype])
-        return stages(with_nan_unless_converged(recorded), dtype, names)
+        return lower(with_nan_unless_converged(recorded), dtype, names)
 
-    return Recipe(record, ('forward', plant.digest, method, str(refine), dtype, *names))
-
-
-def inverse(plant: Plant, dtype: str) -> Recipe:
-    """Return the recipe of inverse dynamics."""
-
-    def record() -> dict[str, Program]:
-        return stages(record_inverse_dynamics(plant, 'sequential'), dtype)
-
-    return Recipe(record, ('inverse', plant.digest, dtype))
+    return KernelSource(lowered, ('forward', plant.digest, method, str(refine), dtype, *names))
 
 
-def stages(
-    recorded: Program, dtype: str, outputs: Collection[str] | None = None
-) -> dict[str, Program]:
-    """
-    Return a sequential program on its way to a kernel.
+def inverse(plant: Plant, dtype: str) -> KernelSource:
+    """Return the source of inverse dynamics."""
 
-    `recorded` as the text has it, `folded` with what is the same for every state gone, and
-    `compiled` with sines written out and additions fused with the multiplications they add.
-    """
-    folded = simplify(recorded, outputs)
-    return {'recorded': recorded, 'folded': folded, 'compiled': finish(folded, dtype)}
+    def lowered() -> Stages:
+        return lower(record_inverse_dynamics(plant, 'sequential'), dtype)
+
+    return KernelSource(lowered, ('inverse', plant.digest, dtype))
 
 
 def plant_of(robot: Robot, scene: Scene | None, dtype: str) -> tuple[Plant, Scene]:
@@ -157,14 +162,14 @@ def turned_joints(robot: Robot) -> tuple[int, ...]:
 
 
 def _are_facts(value: Any) -> bool:
-    """Return whether a JSON value can be what a recipe keeps of its program."""
+    """Return whether a JSON value can be the facts that KernelSource keeps of its program."""
     return (
         isinstance(value, dict)
         and value.keys() == {'inputs', 'elements', 'operations'}
         and _are_counts(value['inputs'])
         and _are_counts({'elements': value['elements']})
         and isinstance(value['operations'], dict)
-        and bool(value['operations'])
+        and value['operations'].keys() == Stages.__annotations__.keys()
         and all(_are_counts(stage) for stage in value['operations'].values())
     )
 
@@ -191,10 +196,11 @@ def _is_outline(value: Any) -> bool:
 @contextmanager
 def _uncollected() -> Iterator[None]:
     """
-    Keep Python from looking for cycles, of which a recording has none.
+    Switch off the collection of reference cycles, of which a recording has none.
 
-    It would go over all instructions again and again, for a third of the time of a long program.
-    The collector is the process's, so threads record in turn, and a process is copied in between.
+    It would visit all instructions again and again, for a third of the time of a long program.
+    The collector is common to all threads, so threads record in turn, and no process forks
+    meanwhile.
     """
     with _recording:
         running = gc.isenabled()
@@ -207,7 +213,7 @@ def _uncollected() -> Iterator[None]:
 
 
 def _joined(program: Program) -> Program:
-    """Return a program with its outputs one after the other, as a kernel writes them."""
+    """Return a program whose outputs are one, in which they follow each other."""
     name = next(iter(program.outputs))
     places = tuple(place for output in program.outputs.values() for place in output.places)
     return replace(program, outputs={name: Output((len(places),), places)})

@@ -1,3 +1,22 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What algorithms are computed on: operations, programs over lanes, patterns and the emulator."""
+"""
+The machine that algorithms are recorded for and run on; it knows no robots.
+
+In the order in which a text becomes a program and a result:
+
+    operations   the closed table of operations: meaning, LLVM spelling, cost column
+    fused        meaning of `fma` on NumPy arrays, one rounding
+    recorder     Lanes (the traced type, one value per lane) and Recorder, which writes the program
+    lanes        functions of lane values: shift, broadcast, on, merge, where, sqrt, sin, cos
+    vectors      cross and dot products, symmetric matrices of lane values
+    patterns     recurrences (prefix, suffix, affine), totals, sweeps, gather
+    packing      partly filled rows of lanes packed onto full rows; packed recurrences
+    iteration    a part of a program that is repeated until it has converged
+    program      Program, Instruction, Output; step counts (Steps), utilisation, text form
+    emulator     runs a program in lock-step on NumPy or mpmath numbers
+    systolic     clocked array of cells, for the paper's triangular array
+
+A new operation is a row of operations.OPERATIONS; a new kind of step count is a column name in
+operations.COSTS and a field of program.Steps.
+"""

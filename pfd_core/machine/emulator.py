@@ -1,12 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The emulator: n processors in lock-step. This is the definition of what a program means.
+The emulator: n processors in lock-step. It defines the meaning of a program.
 
-Registers are NumPy arrays, first axis the lanes, further axes a batch of problems that the
-program does not know of. Lanes that are switched off hold zero. Numbers are float64, float32
-or, with `digits`, mpmath numbers of that many decimal digits: the same program then gives the
-reference that every other answer is measured against.
+Registers are NumPy arrays: the first axis is the lanes, further axes a batch of problems. Lanes
+that are switched off hold zero. Numbers are float64, float32 or, with `digits`, mpmath numbers of
+that many decimal digits: the same program then gives the reference for the error of every answer.
 """
 
 from __future__ import annotations
@@ -35,7 +34,7 @@ def run(
     Parameters
     ----------
     program : Program
-        What to run.
+        Recorded program.
     inputs : mapping
         For each input of the program an array (..., elements); leading axes are a batch, and
         are the same for all inputs.
@@ -44,7 +43,7 @@ def run(
     digits : int, optional
         Compute with mpmath numbers of this many decimal digits instead.
     functions : mapping, optional
-        What the program calls: functions of two rows, (lanes, ...), that return one.
+        Name to function, for each `call` of the program: of two rows, (lanes, ...), to one.
 
     Returns
     -------
@@ -77,7 +76,7 @@ def run(
 
 
 class _Machine:
-    """The registers of one run, and the loop it may be in."""
+    """Registers of one run, and the state of the loop that is running."""
 
     def __init__(
         self,
@@ -115,7 +114,7 @@ class _Machine:
             at += 1
 
     def _turn(self, end: Instruction) -> bool:
-        """Take over the next state of those problems that go on; tell whether any does."""
+        """Write the next state of the problems that go on; return whether to take another trip."""
         going = self._going()
         following = [self.registers[a] for a in end.args[1:]]
         self.rows = [

@@ -9,8 +9,8 @@ time to odd (the inexact sum goes to the neighbour whose last bit is one) can no
 Melquiond, Emulation of FMA and correctly rounded sums, IEEE Transactions on Computers 57(4), 2008.
 
 float32 is computed in float64, where the product is exact. float64 takes error-free sums and
-products (Dekker 1971, Knuth); those hold where a and b lie in [1/REACH, REACH] and c below
-BEYOND, and what lies outside is computed in exact fractions, number by number.
+products (Dekker 1971, Knuth), which are exact where a and b lie in [1/REACH, REACH] and c below
+BEYOND; other numbers are computed in exact fractions, one by one.
 """
 
 from __future__ import annotations
@@ -42,8 +42,7 @@ def fused(a: Array, b: Array, c: Array) -> Array:
     Returns
     -------
     ndarray
-        The bits that IEEE 754 asks for, signs of zeros and infinities included; NaN where the
-        result is not a number.
+        The bits of IEEE 754, signs of zeros and infinities included; NaN for any NaN result.
 
     Raises
     ------
@@ -83,14 +82,14 @@ def _fused_double(a: Array, b: Array, c: Array) -> Array:
 
 
 def _exact_sum(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return a + b rounded, and the rest."""
+    """Return a + b rounded, and the rounding error."""
     s = a + b
     part = s - a
     return s, (a - (s - part)) + (b - part)
 
 
 def _exact_product(a: Array, b: Array) -> tuple[Array, Array]:
-    """Return a b rounded, and the rest."""
+    """Return a b rounded, and the rounding error."""
     p = a * b
     (a1, a2), (b1, b2) = _halves(a), _halves(b)
     return p, a2 * b2 - (((p - a1 * b1) - a2 * b1) - a1 * b2)
@@ -114,7 +113,7 @@ def _sum_to_odd(a: Array, b: Array) -> Array:
 
 
 def _by_fractions(a: float, b: float, c: float) -> float:
-    """Return the same for any finite a and b, not zero, and any c."""
+    """Return a b + c with one rounding for any finite a and b, not zero, and any c."""
     if not math.isfinite(c):
         return c
     exact = Fraction(a) * Fraction(b) + Fraction(c)

@@ -1,78 +1,97 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The one traced type: a number per lane, whose arithmetic is recorded."""
+"""
+Functions of lane values that algorithm text calls: lanes switched on and off, data moved.
+
+    shift, broadcast     move values between lanes, by `route`
+    on, merge            empty lanes, and fill empty lanes from another value
+    where, absolute      select between two values lane by lane
+    sqrt, sin, cos       operations without a Python operator
+    each                 any of these, component by component of a vector or matrix
+
+A lane takes part in an operation when all its operands have a value there: `shift` leaves the
+lanes without a neighbour empty, `on` empties lanes on purpose, `merge` fills them. This is how
+a text says which processors are switched on, and it costs nothing.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Iterable
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from pfd_core.machine.recorder import Recorder
-
-LaneArray = NDArray[np.object_]
+from pfd_core.machine.recorder import Lanes
 
 
-class Lanes:
-    """
-    One value per lane, while recording.
+def each(function: Callable[..., Lanes], *values: Any) -> Any:
+    """Apply a function of lane values to every component of vectors or matrices of them."""
+    if isinstance(values[0], Lanes):
+        return function(*values)
+    result = np.empty(np.shape(values[0]), dtype=object)
+    for index in np.ndindex(result.shape):
+        result[index] = function(*(value[index] for value in values))
+    return result
 
-    Attributes
-    ----------
-    recorder : Recorder
-        Where operations on this value are written.
-    registers : tuple of int
-        One register for all lanes (parallel) or one register per lane (sequential; where a
-        lane has no value the entry is without meaning).
-    defined : int
-        Bit i is set when lane i has a value.
 
-    """
+def shift(value: Any, by: int) -> Any:
+    """Return the value of lane i - by on lane i; lanes without such a neighbour are empty."""
 
-    __slots__ = ('defined', 'recorder', 'registers')
+    def move(x: Lanes) -> Lanes:
+        n = x.recorder.lanes
+        return x.recorder.route(x, [i - by if 0 <= i - by < n else None for i in range(n)], None)
 
-    def __init__(self, recorder: Recorder, registers: tuple[int, ...], defined: int) -> None:
-        self.recorder = recorder
-        self.registers = registers
-        self.defined = defined
+    return each(move, value)
 
-    def __bool__(self) -> bool:
-        raise TypeError(
-            'a value over lanes has no truth while recording: '
-            'use where(condition, a, b), or decide on data known before recording'
-        )
 
-    def __add__(self, other: object) -> Any:
-        return self._binary('add', self, other)
+def broadcast(value: Any, lane: int) -> Any:
+    """Return the value of one lane on all lanes."""
+    return each(lambda x: x.recorder.route(x, [lane] * x.recorder.lanes, None), value)
 
-    def __radd__(self, other: object) -> Any:
-        return self._binary('add', other, self)
 
-    def __sub__(self, other: object) -> Any:
-        return self._binary('sub', self, other)
+def on(value: Any, lanes: Iterable[int]) -> Any:
+    """Return the value on the given lanes only; the others are empty (switched off)."""
+    mask = sum(1 << lane for lane in set(lanes))
+    return each(lambda x: Lanes(x.recorder, x.registers, x.defined & mask), value)
 
-    def __rsub__(self, other: object) -> Any:
-        return self._binary('sub', other, self)
 
-    def __mul__(self, other: object) -> Any:
-        return self._binary('mul', self, other)
+def merge(new: Any, old: Any) -> Any:
+    """Return `new` on the lanes where it has a value and `old` on the others."""
 
-    def __rmul__(self, other: object) -> Any:
-        return self._binary('mul', other, self)
+    def fill(x: Lanes, y: Lanes) -> Lanes:
+        if y.defined & ~x.defined == 0:
+            return x
+        return x.recorder.route(x, list(range(x.recorder.lanes)), y)
 
-    def __truediv__(self, other: object) -> Any:
-        return self._binary('div', self, other)
+    return each(fill, new, old)
 
-    def __rtruediv__(self, other: object) -> Any:
-        return self._binary('div', other, self)
 
-    def __neg__(self) -> Lanes:
-        return self.recorder.apply('neg', self)
+def where(condition: Lanes, chosen: Any, other: Any) -> Any:
+    """Return `chosen` on the lanes where the condition is above zero and `other` elsewhere."""
+    recorder = condition.recorder
 
-    def _binary(self, op: str, left: object, right: object) -> Any:
-        if isinstance(left, np.ndarray) or isinstance(right, np.ndarray):
-            return NotImplemented  # NumPy then does it element by element
-        recorder = self.recorder
-        return recorder.apply(op, recorder.lift(left), recorder.lift(right))
+    def choose(x: Any, y: Any) -> Lanes:
+        return recorder.apply('select', condition, recorder.lift(x), recorder.lift(y))
+
+    return each(choose, chosen, other) if isinstance(chosen, np.ndarray) else choose(chosen, other)
+
+
+def absolute(x: Lanes) -> Lanes:
+    """Return the absolute value; that of a zero may have either sign."""
+    result: Lanes = where(x, x, -x)
+    return result
+
+
+def sqrt(value: Lanes) -> Lanes:
+    """Return the square root."""
+    return value.recorder.apply('sqrt', value)
+
+
+def sin(value: Lanes) -> Lanes:
+    """Return the sine of an angle in rad."""
+    return value.recorder.apply('sin', value)
+
+
+def cos(value: Lanes) -> Lanes:
+    """Return the cosine of an angle in rad."""
+    return value.recorder.apply('cos', value)

@@ -1,13 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The closed table of operations: what each means, how LLVM spells it and what it costs.
+The closed table of operations: meaning, LLVM spelling and cost column of each.
 
-A program holds nothing but these. The emulator reads the column `meaning`, the kernels read
+A program consists of these operations. The emulator reads the column `meaning`, the kernels read
 `llvm`, the step counts read `cost`; a new operation is a new row here and nowhere else.
 
 Every meaning is a correctly rounded IEEE 754 operation, except `sin` and `cos`: a kernel
-replaces those two by the other rows before it is compiled (pfd_core.kernels.passes.sincos).
+replaces these two by the other rows before it is compiled (pfd_core.kernels.passes.sincos).
 """
 
 from __future__ import annotations
@@ -29,18 +29,17 @@ class Operation:
     Attributes
     ----------
     name : str
-        What a program calls it.
+        Name in a program.
     arity : int
-        Number of registers it reads; -1 if that varies.
+        Number of registers that it reads; -1 if that varies.
     cost : str or None
-        The column of the step counts it is entered under; None is free (moving data
-        within a lane, switching a lane off, changing a sign bit).
+        Column of the step counts; None is free (data moved within a lane, a lane switched off,
+        a sign bit changed).
     meaning : callable or None
         The operation on NumPy arrays; None where the emulator supplies it (data movement).
     llvm : str or None
-        LLVM instruction on operands `{0}`, `{1}`, ... of type `{type}`, `{suffix}` being its
-        name in intrinsics; None where the kernel
-        writer supplies it or the operation never reaches a kernel.
+        LLVM instruction on operands `{0}`, `{1}`, ... of type `{type}`, whose name in intrinsics
+        is `{suffix}`; None where the kernel writer supplies it or no kernel has the operation.
 
     """
 

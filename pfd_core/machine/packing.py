@@ -1,14 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Packing: many partly filled rows of the same work, done on full rows.
+Packing: the same work on many partly filled rows of lanes, moved onto full rows.
 
 A step of n processors costs the same whether all of them work or one. Where a text has rows of
 independent work that leave lanes idle (the pairs i < j of a triangle, a late level of a
 recurrence), their lanes can be laid side by side: k rows with m filled lanes in all take
-ceil(m / n) steps instead of k. What that costs is data moved between lanes, which the counts
-show as routes. On one processor there is nothing to pack, and where moving a number costs as much
-as a step of arithmetic it does not pay.
+ceil(m / n) steps instead of k. The price is data moved between lanes, which the counts show as
+routes. One processor has nothing to pack, and the schedule `unpacked` does not pack either.
 """
 
 from __future__ import annotations
@@ -18,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from pfd_core.machine.lanes import each, merge, shift
 from pfd_core.machine.patterns import prefix, suffix
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, each, merge, shift
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import dot
 
 Slot = tuple[int, int]  # a row of work, and the lane of it
@@ -32,7 +32,7 @@ def packed(function: Callable[..., Any], rows: Sequence[tuple[Any, ...]]) -> lis
     Parameters
     ----------
     function : callable
-        Work that each lane does by itself, on values or vectors of them.
+        Arithmetic without routes, on lane values or vectors of them.
     rows : sequence of tuple
         Operands; a row is filled where all its operands have a value.
 
@@ -132,7 +132,7 @@ def _places(recorder: Recorder, group: Sequence[Slot]) -> dict[int, Slot]:
 
 
 def _gather(values: Sequence[Any], places: dict[int, Slot]) -> Any:
-    """Return one value whose lanes hold what the places say."""
+    """Return one value whose lanes hold the elements at the given places."""
 
     def collect(*members: Lanes) -> Lanes:
         row: Lanes | None = None
@@ -149,7 +149,7 @@ def _gather(values: Sequence[Any], places: dict[int, Slot]) -> Any:
 
 
 def _scatter(value: Any, known: Any, places: dict[int, Slot], k: int) -> Any:
-    """Return the result of row k, of which some lanes may be known, with those in `places`."""
+    """Return the result of row k with the lanes in `places` added to those known so far."""
 
     def spread(x: Lanes, *before: Lanes) -> Lanes:
         sources: list[int | None] = [None] * x.recorder.lanes

@@ -15,9 +15,9 @@ The parallel patterns of the paper, as text over lanes. L = ceil(log2 n).
                 data from any lane to any lane                           routes only
 
 Lane i holds element i. `*` is any associative operation, given as a function of its left and
-right operand, each whatever the caller keeps per lane (a value, a vector, a matrix, a tuple of
-these). n processors run a recurrence by recursive doubling; one processor (the sequential
-schedule) runs it as a sweep, because that is less work. The texts that use it do not know.
+right operand; an operand is a value over lanes, a vector, a matrix or a tuple of these.
+n processors run a recurrence by recursive doubling; one processor (the sequential schedule) runs
+it as a sweep, because that is less work. The algorithm text is the same.
 
 Corrected here: eq. (3) prints X(i-s) * X(i) for the coefficients of eq. (4), which is the
 order for x(i) = x(i-1) a(i); with matrix coefficients on the left it must be X(i) * X(i-s).
@@ -28,7 +28,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from pfd_core.machine.recorder import Lanes, Recorder, broadcast, merge, on, shift
+from pfd_core.machine.lanes import broadcast, merge, on, shift
+from pfd_core.machine.recorder import Lanes, Recorder
 
 Combine = Callable[[Any, Any], Any]
 
@@ -47,7 +48,7 @@ def _recorder(value: Any) -> Recorder:
 
 
 def _levels(recorder: Recorder, downward: bool) -> Iterator[tuple[int, Sequence[int], bool]]:
-    """Yield stride, lanes that take part, and whether it is the last, for each level."""
+    """Yield, for each level, the stride, the lanes that take part and whether it is the last."""
     n = recorder.lanes
     if recorder.parallel:
         stride = 1
@@ -155,8 +156,8 @@ def column_sweep(
     Parameters
     ----------
     columns : sequence of Lanes or None
-        columns[j] holds t_ij on lane i for i > j, or for i < j if the sweep goes downward; the
-        last column swept has none.
+        columns[j] holds t_ij on lane i for i > j, or for i < j if the sweep goes downward; None
+        for the last column swept.
     b : Lanes
         Right-hand side, b_i on lane i.
     diagonal : Lanes or None
@@ -178,7 +179,7 @@ def column_sweep(
 
 
 def collect(values: Mapping[int, Lanes]) -> Lanes:
-    """Return on each lane of `values` its own element of the value given there; this is free."""
+    """Return on each lane of `values` its own element of the given value; this costs nothing."""
     if not values:
         raise ValueError('collect: no lane is named, and a value needs at least one')
     groups: dict[Lanes, list[int]] = {}
@@ -193,15 +194,15 @@ def collect(values: Mapping[int, Lanes]) -> Lanes:
 
 def gather(places: Mapping[int, tuple[Lanes, int]]) -> Lanes:
     """
-    Return on each lane of `places` the element that lies where the mapping says.
+    Return on each lane of `places` the element that the mapping names.
 
-    A lane can read any register of its own, so a step of routing takes one element from each
-    lane and gives it to all that want it: as many steps as one lane has elements to send.
+    A lane can read any of its own registers, so that one route takes one element from each lane
+    to all lanes that ask for it: as many routes as the busiest lane has elements to send.
 
     Parameters
     ----------
     places : mapping
-        Lane to (value, lane whose element of that value is wanted); at least one.
+        Lane to (value, lane of the element); at least one.
 
     """
     if not places:

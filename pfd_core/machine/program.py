@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A program: the flat list of elementary operations that recording an algorithm leaves.
+Program: the flat list of elementary operations that a recorded algorithm consists of.
 
 Every instruction writes one register and its number is the register's name, so a program is
 in static single assignment form. A register holds one value per lane; `active` is the set of
@@ -10,6 +10,7 @@ lanes that the instruction works on, as a bit mask. A sequential program has one
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 import math
@@ -27,16 +28,16 @@ class Instruction(NamedTuple):
     op : str
         A name in OPERATIONS.
     args : tuple of int
-        The registers it reads.
+        Registers that it reads.
     data : object
         input: (name, flat index or None per lane); constant: one float per lane;
         route: the lane each lane takes its value from, None for its own lane of the second
-        operand; call: the function's name; loop: the most trips it takes; state, result: which
-        row of the loop, -1 for the number of trips; otherwise None.
+        operand; call: the function's name; loop: the largest number of trips; state, result:
+        index of a row of the loop's state, -1 for the number of trips; otherwise None.
     active : int
         Bit i is set when lane i takes part.
     section : str
-        The part of the algorithm it belongs to.
+        Part of the algorithm that it belongs to.
 
     """
 
@@ -48,7 +49,7 @@ class Instruction(NamedTuple):
 
 
 class Output(NamedTuple):
-    """Where a result lies: its shape, and (register, lane) of each element in C order."""
+    """Place of a result: its shape, and (register, lane) of each element in C order."""
 
     shape: tuple[int, ...]
     places: tuple[tuple[int, int], ...]
@@ -131,42 +132,42 @@ class Program:
         section : str, optional
             Count only this part of the program.
         trips : int
-            How often the repeated part, if there is one, is run.
+            Number of runs of the repeated part, if there is one.
 
         """
         processors = check_processors(processors, self.lanes)
         totals = dict.fromkeys(COSTS, 0)
-        for instruction, times in self._repeated(trips):
-            cost = OPERATIONS[instruction.op].cost
-            if cost and (section is None or instruction.section == section):
-                totals[cost] += times * math.ceil(busy_lanes(instruction) / processors)
+        for (cost, lanes), times in self._work(trips, section).items():
+            totals[cost] += times * math.ceil(lanes / processors)
         return Steps(**totals)
 
     def utilisation(self, processors: int | None = None, trips: int = 1) -> float:
         """Return the share of processor-steps of arithmetic that do useful work, 0 to 1."""
         processors = check_processors(processors, self.lanes)
         busy = total = 0
-        for instruction, times in self._repeated(trips):
-            cost = OPERATIONS[instruction.op].cost
-            if cost and cost != 'routes':
-                lanes = busy_lanes(instruction)
+        for (cost, lanes), times in self._work(trips).items():
+            if cost != 'routes':
                 busy += times * lanes
                 total += times * math.ceil(lanes / processors) * processors
         return busy / total if total else 0.0
 
-    def _repeated(self, trips: int) -> Iterator[tuple[Instruction, int]]:
-        """Yield each instruction and how often it runs."""
+    def _work(self, trips: int, section: str | None = None) -> Counter[tuple[str, int]]:
+        """Return the number of runs of instructions by cost column and number of busy lanes."""
+        work: Counter[tuple[str, int]] = Counter()
         times = 1
         for instruction in self.instructions:
             if instruction.op == 'loop':
                 times = trips
-            yield instruction, times
-            if instruction.op == 'end':
+            elif instruction.op == 'end':
                 times = 1
+            cost = OPERATIONS[instruction.op].cost
+            if cost and (section is None or instruction.section == section):
+                work[cost, busy_lanes(instruction)] += times
+        return work
 
 
 def renamed(program: Program, instructions: list[Instruction], names: list[int]) -> Program:
-    """Return a program rewritten; register k of the old one is now names[k]."""
+    """Return a program with other instructions; register k of the old program is now names[k]."""
     outputs = {
         name: Output(output.shape, tuple((names[k], lane) for k, lane in output.places))
         for name, output in program.outputs.items()
@@ -175,7 +176,7 @@ def renamed(program: Program, instructions: list[Instruction], names: list[int])
 
 
 def busy_lanes(instruction: Instruction) -> int:
-    """Return the number of lanes an instruction works on; a route that moves nothing, none."""
+    """Return the number of lanes an instruction works on; 0 for a route that moves nothing."""
     if instruction.op == 'route':
         return sum(
             source is not None and source != lane for lane, source in enumerate(instruction.data)

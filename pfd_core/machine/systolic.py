@@ -3,19 +3,18 @@
 """
 A systolic array: cells on a grid, a latch on every link between neighbours, one clock.
 
-    cycle t, first phase     every cell that finds something in a latch of its own computes its
-                             next state and what it sends, from the latches as cycle t - 1 left
-                             them
+    cycle t, first phase     every cell with an item in a latch of its own computes its next
+                             state and the items that it sends, from the latches of cycle t - 1
     cycle t, second phase    all states and all latches change at once
 
 A place is (row, column); the row above is row + 1. A link joins two neighbouring places, has
-a direction and one latch: what is sent in cycle t is read in cycle t + 1, or lost. One end of
+a direction and one latch: an item sent in cycle t is read in cycle t + 1, or lost. One end of
 a link may lie outside: streams enter there, and results leave. A cell reads the latches of
 its own links and no others.
 
-This is the array of Lee and Chang 1987, section 2.6, as a machine; what its cells do is in
-pfd_core.algorithms.paper.triangular_array. An item on a link may be anything, and nothing here
-looks into one: numbers of any kind, or values over lanes, so that running the array records it.
+This is the array of Lee and Chang 1987, section 2.6, as a machine; its cells' programs are in
+pfd_core.algorithms.paper.triangular_array. Items are opaque here: numbers of any kind, or values
+over lanes, so that running the array records it.
 """
 
 from __future__ import annotations
@@ -43,10 +42,10 @@ class Link(NamedTuple):
 
 class Ports:
     """
-    What one cell finds in its latches in one cycle.
+    The latches of one cell in one cycle.
 
-    `ports['left']` is the item that came from the left, None if nothing did, and a LinkError
-    if there is no such link; `'left' in ports` tells whether there is.
+    `ports['left']` is the item that came from the left, None if nothing came, and a LinkError
+    if there is no such link; `'left' in ports` tells whether the link exists.
     """
 
     __slots__ = ('_items', '_linked', '_place')
@@ -77,16 +76,16 @@ class Ports:
 @dataclass(frozen=True)
 class Step:
     """
-    What a cell does in one cycle.
+    The work of a cell in one cycle.
 
     Attributes
     ----------
     state : object
-        What it keeps for the next cycle.
+        State for the next cycle.
     sent : mapping
-        Direction to the item that it puts into the latch there.
+        Direction to the item that is put into the latch there.
     action : str
-        Name of what it computed or stored; empty if it only passed items on.
+        Name of the computation or of storing; empty if the cell only passed items on.
 
     """
 
@@ -95,12 +94,12 @@ class Step:
     action: str = ''
 
 
-# A cell's program: from its state (None at first) and its latches to what it does.
+# A cell's program: its state (None at first) and its latches to its step.
 Cell = Callable[[Any, Ports], Step]
 
 
 class Emission(NamedTuple):
-    """An item that left the array: the cycle it was sent in, by which cell, which way."""
+    """An item that left the array: cycle, sending cell and direction."""
 
     cycle: int
     place: Place
@@ -111,16 +110,16 @@ class Emission(NamedTuple):
 @dataclass(frozen=True)
 class Trace:
     """
-    What an array did.
+    Record of a run of an array.
 
     Attributes
     ----------
     actions : tuple of dict
         actions[t - 1] holds the place and the action of every cell that acted in cycle t.
     emitted : tuple of Emission
-        What left the array, in order of time.
+        Items that left the array, in order of time.
     states : dict
-        What each cell holds at the end.
+        State of each cell at the end.
 
     """
 
@@ -138,12 +137,8 @@ class Trace:
         """Share of the cells' cycles in which they acted, 0 to 1."""
         return sum(map(len, self.actions)) / max(len(self.states) * self.cycles, 1)
 
-    def cycles_with(self, *names: str) -> int:
-        """Return the number of cycles in which some cell did one of the named actions."""
-        return sum(any(action in names for action in acting.values()) for acting in self.actions)
-
     def leaving(self, place: Place, direction: str) -> list[Any]:
-        """Return the items that a cell sent out of the array that way, in order of time."""
+        """Return the items that a cell sent out of the array in a direction, by time."""
         return [e.item for e in self.emitted if (e.place, e.direction) == (place, direction)]
 
 
@@ -156,7 +151,7 @@ class Array:
     cells : mapping
         Place to the cell's program.
     links : iterable of Link
-        Which neighbours are joined, and which way; one end at least is a cell.
+        Joined neighbours, source and target; one end at least is a cell.
 
     Raises
     ------
@@ -179,15 +174,14 @@ class Array:
 
     def run(self, streams: Mapping[Link, Mapping[int, Any]], at_most: int = 100_000) -> Trace:
         """
-        Run the clock until nothing is on its way any more.
+        Run the clock until all latches and streams are empty.
 
         Parameters
         ----------
         streams : mapping
-            For a link that comes from outside, the item that its cell finds in each cycle;
-            cycles count from 1.
+            For a link from outside, cycle to item; cycles count from 1.
         at_most : int
-            Cycles after which a run that does not come to rest is given up.
+            Largest number of cycles of a run.
 
         Raises
         ------
@@ -226,7 +220,7 @@ class Array:
         return Trace(tuple(actions), tuple(emitted), states)
 
     def _target(self, place: Place, direction: str) -> Place:
-        """Return where a cell's item goes; LinkError if it has no link that way."""
+        """Return the place in a direction from a cell; LinkError if no link leads there."""
         if direction not in DIRECTIONS:
             raise LinkError(f'cell {place} sends {direction!r}, expected one of {[*DIRECTIONS]}')
         up, right = DIRECTIONS[direction]
@@ -244,7 +238,7 @@ class Array:
 
 
 def _direction(link: Link) -> str:
-    """Return which way a link leads; LinkError if its ends are not neighbours."""
+    """Return the direction of a link; LinkError if its ends are not neighbours."""
     way = (link.target[0] - link.source[0], link.target[1] - link.source[1])
     for name, step in DIRECTIONS.items():
         if way == step:
@@ -253,7 +247,7 @@ def _direction(link: Link) -> str:
 
 
 def _by_cycle(streams: Mapping[Link, Mapping[int, Any]]) -> dict[int, list[tuple[Link, Any]]]:
-    """Return the items of all streams by the cycle in which they are found."""
+    """Return the items of all streams by the cycle in which they enter."""
     arriving: dict[int, list[tuple[Link, Any]]] = {}
     for link, items in streams.items():
         for cycle, item in items.items():

@@ -15,13 +15,23 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from pfd_core.machine.recorder import LaneArray, Lanes
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
+
+# Rows and columns of the six elements of a symmetric matrix, in their order.
+UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 
 
 def array(values: Any) -> LaneArray:
     """Return nested lists of lane values as an object array."""
     return np.array(values, dtype=object)
+
+
+def constants(recorder: Recorder, values: ArrayLike) -> LaneArray:
+    """Return numbers known while recording as an object array of the same shape."""
+    numbers = np.asarray(values, dtype=np.float64)
+    return array([recorder.constant(x) for x in numbers.flat]).reshape(numbers.shape)
 
 
 def cross(a: LaneArray, b: LaneArray) -> LaneArray:
@@ -47,10 +57,38 @@ def symmetric_times(s: LaneArray, v: LaneArray) -> LaneArray:
     )
 
 
+def symmetric_matrix(s: LaneArray) -> LaneArray:
+    """Return the matrix, (3, 3), of the six elements of a symmetric one."""
+    xx, xy, xz, yy, yz, zz = s
+    return array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+
+
+def six_elements(S: LaneArray) -> LaneArray:
+    """Return the six elements of a symmetric matrix, (3, 3)."""
+    return array([S[k] for k in UPPER])
+
+
+def symmetric_sum(S: LaneArray, T: LaneArray) -> LaneArray:
+    """Return S + T, (3, 3), for symmetric matrices: each of the six elements is added once."""
+    return symmetric_matrix(six_elements(S) + six_elements(T))
+
+
+def cross_matrix(h: LaneArray) -> LaneArray:
+    """Return the matrix, (3, 3), whose product with v is h x v."""
+    zero = h[0].recorder.constant(0.0)
+    return array([[zero, -h[2], h[1]], [h[2], zero, -h[0]], [-h[1], h[0], zero]])
+
+
+def crossed_element(p: LaneArray, X: LaneArray, i: int, j: int) -> Lanes:
+    """Return element (i, j) of the matrix whose columns are p x (columns of X)."""
+    k, m = (i + 1) % 3, (i + 2) % 3
+    result: Lanes = p[k] * X[m, j] - p[m] * X[k, j]
+    return result
+
+
 def rotated_symmetric(R: LaneArray, s: LaneArray) -> LaneArray:
     """Return the six elements of R S R^T (45 multiplications, 30 additions)."""
-    xx, xy, xz, yy, yz, zz = s
-    RS = R @ array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    RS = R @ symmetric_matrix(s)
     return array([dot(RS[i], R[j]) for i in range(3) for j in range(i, 3)])
 
 

@@ -1,3 +1,27 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables and plots made from the library by commands anyone can run."""
+"""
+Tables and plots of `pfd report`, each written by a command that anyone can run.
+
+`pfd report counts` (docs/report/counts.md, .json, .png and array.svg):
+
+    paper            claims of the paper: formulas and values of Table 1, sums of its parts
+    counts           steps of every method measured on recorded programs, beside the claims (Row)
+    convergence      trips of the iterative methods to converge, and errors after n trips
+    array_activity   picture of the triangular array at work, by cycle
+    counts_plot      the plot over n
+    counts_pages     the page: its sections, tables and columns; writes all files
+
+`pfd report speed` (docs/report/speed.md, .json and .png):
+
+    timing           works, contenders that take turns, pace and spread (Work, Contender, Row)
+    speed_ours       this library as a contender
+    peers            Pinocchio, MuJoCo and others as contenders
+    textbook         a straightforward C program of the same work as a contender
+    first_results    time to a robot's first result, compiled or from disk
+    surroundings     processor, load, versions and date of a measurement
+    speed            the survey: which robots, works and contenders, and the findings
+    speed_pages      the page: its tables and columns, JSON and plot
+
+A column of a page is a field of Row (counts, timing) and a cell in counts_pages or speed_pages.
+"""

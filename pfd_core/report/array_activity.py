@@ -1,12 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A picture of what a systolic array does: one small array for every cycle, in SVG or in text.
+Picture of a run of a systolic array: one small array for every cycle, in SVG.
 
-Every cell that acts in a cycle has the colour, or the letter, of its action; the others are
-outlines, or dots. Row 1 is at the bottom, as in Figure 1 of Lee and Chang 1987, and cells on
-the diagonal are circles. The SVG is plain text that depends on nothing, so that it is the same
-on every machine.
+A cell that acts in a cycle has the colour of its action; idle cells are outlines. Row 1 is at the
+bottom, as in Figure 1 of Lee and Chang 1987, and cells on the diagonal are circles. The SVG is
+plain text without fonts or dates of the machine, so that it is the same
+everywhere.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ from html import escape
 from pfd_core.algorithms.paper.array_solver import solve
 from pfd_core.machine.systolic import Place, Trace
 
-# Letter and colour of each action; colours that people who see few of them can tell apart.
+# Colour of each action, from a palette for colour-blind readers.
 ACTIONS = {
-    'square root': ('r', '#0072b2'),
-    'divide': ('/', '#e69f00'),
-    'multiply and subtract': ('x', '#d55e00'),
-    'store': ('s', '#009e73'),
+    'square root': '#0072b2',
+    'divide': '#e69f00',
+    'multiply and subtract': '#d55e00',
+    'store': '#009e73',
 }
-OTHER = ('o', '#666666')
+OTHER = '#666666'
 CELL = 14
 GAP = 18
 MARGIN = 20
@@ -39,7 +39,7 @@ def activity_svg(trace: Trace, title: str, per_row: int = PER_ROW) -> str:
     Parameters
     ----------
     trace : Trace
-        What the array did.
+        Record of the run.
     title : str
         Heading of the picture.
     per_row : int
@@ -86,7 +86,7 @@ def _legend(names: list[str]) -> Iterator[str]:
     y = MARGIN + LINE
     for k, name in enumerate(names):
         x = MARGIN + 170 * k
-        colour = ACTIONS.get(name, OTHER)[1]
+        colour = ACTIONS.get(name, OTHER)
         yield f'<rect x="{x}" y="{y - 9}" width="10" height="10" fill="{colour}"/>'
         yield f'<text x="{x + 15}" y="{y}">{escape(name)}</text>'
 
@@ -95,7 +95,7 @@ def _cell(place: Place, n: int, action: str | None) -> str:
     """Return one cell: a circle on the diagonal and a square elsewhere."""
     row, column = place
     x, y = (column - 1) * CELL, LINE + (n - row) * CELL
-    fill = 'none' if action is None else ACTIONS.get(action, OTHER)[1]
+    fill = 'none' if action is None else ACTIONS.get(action, OTHER)
     style = f'fill="{fill}" stroke="#999999" stroke-width="0.7"'
     if row == column:
         r = CELL / 2 - 1
@@ -103,31 +103,9 @@ def _cell(place: Place, n: int, action: str | None) -> str:
     return f'<rect x="{x + 1}" y="{y + 1}" width="{CELL - 2}" height="{CELL - 2}" {style}/>'
 
 
-def activity_text(trace: Trace, per_row: int = PER_ROW) -> str:
-    """Return the same as text: for every cycle the cells, a letter for what each does."""
-    places = sorted(trace.states)
-    n = places[-1][0]
-    width = max(2 * n, 10)
-    bands = []
-    for start in range(0, trace.cycles, per_row):
-        frames = trace.actions[start : min(start + per_row, trace.cycles)]
-        lines = [''.join(f'cycle {start + t + 1}'.ljust(width) for t in range(len(frames)))]
-        for row in range(n, 0, -1):
-            cells = [place for place in places if place[0] == row]
-            texts = (' '.join(_letter(acting.get(place)) for place in cells) for acting in frames)
-            lines.append(''.join(text.ljust(width) for text in texts))
-        bands.append('\n'.join(line.rstrip() for line in lines))
-    letters = ', '.join(f'{_letter(name)} {name}' for name in _actions(trace))
-    return '\n\n'.join([letters, *bands]) + '\n'
-
-
-def _letter(action: str | None) -> str:
-    return '.' if action is None else ACTIONS.get(action, OTHER)[0]
-
-
 def solve_picture(n: int) -> str:
     """Return the SVG of a whole solve of n equations by the triangular array."""
-    # Which numbers it solves does not matter to what the cells do; these are positive definite.
+    # The actions do not depend on the numbers of a positive definite matrix.
     H = [[n + 1.0 if i == j else 1.0 for j in range(n)] for i in range(n)]
     trace = solve(H, [1.0] * n).trace
     title = (

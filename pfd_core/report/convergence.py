@@ -4,8 +4,9 @@
 Trips that conjugate gradients take to converge in double precision, and the error after n trips.
 
 The paper counts n trips, which exact arithmetic needs at most. Here a state has converged when its
-recursive residual has fallen to conjugate_gradient.TOLERANCE of the first one, which is rounding.
-An error is max|difference| / max|reference| of qdd, the reference being PCRBM's answer.
+recursive residual has fallen to the first one times TOLERANCE of pfd_core.algorithms.paper.pcgm,
+which is rounding. An error is max|difference| / max|reference| of qdd, the reference being PCRBM's
+answer.
 
 The programs run on the emulator with sine and cosine written out in the other operations, so that
 trips and errors are the same on every machine.
@@ -13,16 +14,14 @@ trips and errors are the same on every machine.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.algorithms.paper.pcgm import record_pcgm
-from pfd_core.algorithms.programs import ITERATIVE, record_pcrbm
-from pfd_core.algorithms.serial.walker_orin import record_walker_orin_4
-from pfd_core.kernels.passes.pipeline import expand
+from pfd_core.algorithms.programs import FORWARD, ITERATIVE
+from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, load_robot, resolve
@@ -32,11 +31,6 @@ CHAINS = (2, 3, 4, 5, 6, 8, 12, 16, 24)
 ARMS = ('puma560', 'ur5', 'panda')
 STATES = 1000
 SEED = 1987
-RECORD: dict[str, Callable[..., Program]] = {
-    'walker_orin_4': record_walker_orin_4,
-    'pcgm': record_pcgm,
-}
-assert set(RECORD) == set(ITERATIVE)
 
 Array = NDArray[np.float64]
 
@@ -51,7 +45,7 @@ class Convergence:
     system, robot : str
         Method and robot.
     n, states : int
-        Joints, and states that were tried.
+        Joints, and number of states.
     least, median, most : int
         Trips until the residual has fallen to rounding; the median is the lower one.
     error_after_n, worst_after_n : float
@@ -92,13 +86,13 @@ def convergence(method: str, robot: Robot) -> Convergence:
     state = _states(n)
 
     def answer(program: Program) -> dict[str, Array]:
-        return run(expand(program, 'float64'), state)
+        return run(expand_sines(program, 'float64'), state)
 
-    wanted = answer(record_pcrbm(plant, 'parallel'))['qdd']
-    whole = answer(RECORD[method](plant, 'parallel'))
+    wanted = answer(FORWARD['pcrbm'](plant, 'parallel'))['qdd']
+    whole = answer(FORWARD[method](plant, 'parallel'))
     if not (whole['converged'] > 0).all():
         raise RuntimeError(f'{method} did not converge in some state of {robot.name}')
-    after_n = _errors(answer(RECORD[method](plant, 'parallel', at_most=n))['qdd'], wanted)
+    after_n = _errors(answer(FORWARD[method](plant, 'parallel', at_most=n))['qdd'], wanted)
     trips = np.sort(whole['trips'].ravel()).astype(int)
     return Convergence(
         system=method,

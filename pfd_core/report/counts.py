@@ -21,8 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.algorithms.emulation import arithmetic, processors_of
-from pfd_core.algorithms.paper.triangular_array import SECTION, solve_cycles, solve_steps
+from pfd_core.algorithms.emulation import arithmetic, on_cells, processors_of
+from pfd_core.algorithms.paper.pcrbm_array import SECTION
+from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.algorithms.programs import ITERATIVE, METHODS, SERIAL, record_forward_dynamics
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import Robot, resolve
@@ -51,15 +52,15 @@ class Cell:
     measured : int
         Steps, divisions counted as multiplications.
     unpacked : int or None
-        The same where partly filled rows of lanes are not packed; None on one processor.
+        Steps without packing of partly filled rows of lanes; None on one processor.
     claimed : float or None
-        Value of the paper's formula; None for a system that it does not have.
+        Value of the paper's formula; None for a system that the paper does not have.
     printed, parts : float or None
         The value printed for n = 6, and the sum of the parts that the paper counts.
     verdict : str
         Whether `measured` is 'equal' to, 'lower' or 'higher' than `claimed`; '' without a claim.
     remark : str
-        What the comparison leaves out, or where the paper contradicts itself; or empty.
+        Omissions of the comparison, or contradictions in the paper; or empty.
 
     """
 
@@ -80,21 +81,21 @@ class Row:
     Attributes
     ----------
     system, title : str
-        Name of the method, and what the page calls it.
+        Name of the method, and its name on the page.
     n : int
         Joints.
     trips : int or None
         Iterations of an iterative method.
     processors, units : str, int
-        In words, and how many there are.
+        Formula in words, and number.
     steps, unpacked : Steps
-        Steps on that machine, and where rows of lanes are not packed.
+        Steps on that machine, with and without packing of rows of lanes.
     busy : float
         Share of the processors' arithmetic steps that did useful work, 0 to 1.
     speed_up, efficiency : float or None
         None for an iterative method.
     routed_speed_up : float or None
-        Speed-up where each route is a step, too.
+        Speed-up with each route counted as a step.
     cells : dict
         By kind of operation.
 
@@ -142,8 +143,8 @@ def row(method: str, n: int, trips: int | None = None) -> Row:
     """
     Return the counts of one method at one n.
 
-    An iterative method takes `trips`, default n as in the paper. It has no speed-up: whether it
-    has an answer after so many trips depends on the state.
+    An iterative method takes `trips`, default n as in the paper. It has no speed-up, since the
+    trips to converge depend on the state.
     """
     iterative = method in ITERATIVE
     trips = (n if trips is None else trips) if iterative else None
@@ -180,24 +181,25 @@ def row(method: str, n: int, trips: int | None = None) -> Row:
 
 @cache
 def best_serial(n: int) -> tuple[str, int]:
-    """Return the direct method with least arithmetic on one processor, and that arithmetic."""
-    counts = {
-        method: arithmetic(_net(_program(method, n, 'sequential'), 1, 1))
-        for method in METHODS
-        if method not in ITERATIVE
-    }
+    """Return the direct method for one processor with least arithmetic, and its arithmetic."""
+    counts = {method: serial_arithmetic(method, n) for method in SERIAL if method not in ITERATIVE}
     best = min(counts, key=counts.__getitem__)
     return best, counts[best]
 
 
+def serial_arithmetic(method: str, n: int) -> int:
+    """Return the arithmetic of a direct method recorded for one processor."""
+    return arithmetic(_net(_program(method, n, 'sequential'), 1, 1))
+
+
 def as_data(rows: Iterable[Any]) -> list[dict[str, Any]]:
-    """Return rows as what JSON holds."""
+    """Return rows as JSON objects."""
     return [asdict(row) for row in rows]
 
 
 @cache
 def _counted(method: str, n: int, trips: int) -> tuple[Steps, Steps, int]:
-    """Return the steps, those without packing, and the useful operations of a method."""
+    """Return the steps, the steps without packing, and the useful operations of a method."""
     program = _program(method, n, 'parallel')
     plain = program if method in SERIAL else _program(method, n, 'unpacked')
     packed, unpacked = (_on_the_machine(method, n, p, trips) for p in (program, plain))
@@ -209,12 +211,9 @@ def _program(method: str, n: int, schedule: str) -> Program:
 
 
 def _net(program: Program, processors: int | None, trips: int) -> Steps:
-    """Return the steps of a program without what the paper takes as given."""
-    totals = asdict(program.count(processors, trips=trips))
-    for section in GIVEN:
-        for kind, steps in asdict(program.count(processors, section=section)).items():
-            totals[kind] -= steps
-    return Steps(**totals)
+    """Return the steps of a program without the sections GIVEN."""
+    counted = tuple(one for one in program.instructions if one.section not in GIVEN)
+    return replace(program, instructions=counted).count(processors, trips=trips)
 
 
 def _on_the_machine(method: str, n: int, program: Program, trips: int) -> Steps:
@@ -222,15 +221,10 @@ def _on_the_machine(method: str, n: int, program: Program, trips: int) -> Steps:
     steps = _net(program, None, trips)
     if method != 'pcrbm_array':
         return steps
-    cells, solve = program.count(section=SECTION), solve_steps(n)
+    solve = solve_steps(n)
     # In a cycle some cells multiply while others divide or take a root: one multiplication.
     cycles = replace(solve, multiplications=solve_cycles(n) - solve.divisions)
-    return Steps(
-        **{
-            kind: taken - getattr(cells, kind) + getattr(cycles, kind)
-            for kind, taken in asdict(steps).items()
-        }
-    )
+    return on_cells(steps, program.count(section=SECTION), cycles)
 
 
 def _of_kind(steps: Steps, kind: str) -> int:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The report of the step counts: Markdown, JSON and a plot over n."""
+"""The report of the step counts: the page counts.md, section by section, and its files."""
 
 from __future__ import annotations
 
@@ -22,9 +22,8 @@ from pfd_core.report.counts import (
     best_serial,
     measure,
 )
-from pfd_core.report.counts import (
-    row as counts_of,
-)
+from pfd_core.report.counts import row as counts_of
+from pfd_core.report.counts_plot import plot
 
 COMMAND = 'pfd report counts'
 INTRODUCTION = f"""# Step counts of every system
@@ -74,7 +73,7 @@ N_TRIPS = (
 
 
 def _at_printed(rows: Sequence[Row], trips: Sequence[Convergence]) -> list[str]:
-    """Return the table of one n, iterative methods also with the trips that they need."""
+    """Return the table of one n; iterative methods also with the trips to converge."""
     best, arithmetic = best_serial(PRINTED_AT)
     chosen = [row for row in rows if row.n == PRINTED_AT]
     title = {row.system: row.title for row in chosen}[best]
@@ -178,7 +177,7 @@ def _remark(one: Row, kind: str, trips: Sequence[Convergence]) -> str:
 
 
 def _convergence(trips: Sequence[Convergence]) -> list[str]:
-    """Return the trips to convergence, what they cost on the chains, and the errors."""
+    """Return the table of trips to convergence, with their cost and the errors."""
     table = [
         '',
         _paragraph(
@@ -246,7 +245,7 @@ def _number(value: float | None) -> str:
 
 
 def run(folder: Path) -> list[Path]:
-    """Measure every method, telling on the way, and write the report into a folder."""
+    """Measure every method and write the report into a folder; progress goes to a terminal."""
     rows: list[Row] = []
     for n in SIZES:
         _tell(f'counting at n = {n} of {max(SIZES)}')
@@ -278,43 +277,3 @@ def write(rows: Sequence[Row], trips: Sequence[Convergence], folder: Path) -> li
     activity.write_text(solve_picture(PRINTED_AT), encoding='utf-8')
     picture = folder / 'counts.png'
     return [page, data, activity, *([picture] if plot(rows, picture) else [])]
-
-
-def plot(rows: Sequence[Row], path: Path) -> bool:
-    """Draw multiplications and additions over n, formulas dashed; False without matplotlib."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        return False
-    figure = Figure(figsize=(12, 5.5), layout='constrained')
-    FigureCanvasAgg(figure)
-    for axes, kind in zip(figure.subplots(1, 2), KINDS[:2], strict=True):
-        for k, system in enumerate(dict.fromkeys(row.system for row in rows)):
-            own = [row for row in rows if row.system == system]
-            n = [row.n for row in own]
-            color = f'C{k}' if k < 10 else 'black'
-            axes.loglog(
-                n,
-                [row.cells[kind].measured for row in own],
-                color=color,
-                marker='.',
-                label=own[0].title + (', n trips' if own[0].trips else ''),
-            )
-            if own[0].cells[kind].claimed is not None:
-                axes.loglog(
-                    n,
-                    [row.cells[kind].claimed for row in own],
-                    color=color,
-                    linestyle='--',
-                    lw=0.8,
-                )
-        ticks = [2**k for k in range(1, 7)]
-        axes.set_xticks(ticks, [str(tick) for tick in ticks])
-        axes.minorticks_off()
-        axes.set_xlabel('joints n')
-        axes.set_title(f'{kind} without routes: measured, and formula of Table 1 (dashed)')
-        axes.grid(which='both', alpha=0.25)
-    figure.axes[0].legend(fontsize=7)
-    figure.savefig(path, dpi=110)
-    return True

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""How long it takes until a robot's first result: compiling, or finding it on the disk."""
+"""Time to a robot's first result: with compilation, or with the kernel kept on disk."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pfd_core.model import Robot
 from pfd_core.report.speed_ours import Ours
 from pfd_core.report.timing import Contender, Row, Side, Work
 
-# What takes longer is done once.
+# Seconds; longer measurements are made once.
 REPEATED_BELOW = 1.0
 WORKS = ('first result', 'first batch')
 FROM_DISK = ', from disk'
@@ -37,16 +37,16 @@ pfd.forward_dynamics(robot, zero, zero, zero, method='auto')
 
 def first_results(
     arm: Robot,
-    who: str,
+    name: str,
     make: Callable[[Robot], Contender],
     single: Work,
     many: Work,
     repeats: int,
 ) -> tuple[Contender, list[Row]]:
     """
-    Return a contender, and rows of the seconds from a robot to one result, and then to a batch's.
+    Return a contender, and rows of the seconds to its first result and then to its first batch.
 
-    Ours is measured with an empty cache and again with the one that this has filled.
+    Our own kernels are measured with an empty cache and again with the filled one.
     """
     cold: list[tuple[float, float]] = []
     warm: list[tuple[float, float]] = []
@@ -56,12 +56,12 @@ def first_results(
             cold.append(seconds)
             if isinstance(contender, Ours):
                 warm.append(_timed(arm, make, single, many)[1])
-    rows = _rows(arm, who, WORKS, cold)
-    return contender, rows + _rows(arm, who, [work + FROM_DISK for work in WORKS], warm)
+    rows = _rows(arm, name, WORKS, cold)
+    return contender, rows + _rows(arm, name, [work + FROM_DISK for work in WORKS], warm)
 
 
 def fresh_process(arm: Robot, repeats: int) -> list[Row]:
-    """Return rows of the seconds in which a new process imports us and answers; arms by name."""
+    """Return rows of the seconds of a new process from import to answer, for arms by name."""
     cold: list[tuple[float]] = []
     warm: list[tuple[float]] = []
     for _ in range(repeats):
@@ -107,7 +107,7 @@ def _rows(
 
 @contextmanager
 def _empty_cache() -> Iterator[None]:
-    """Let kernels be kept in a folder of their own, which is empty and lasts as long as this."""
+    """Keep kernels in an empty folder, which is removed when the block ends."""
     before = os.environ.get(VARIABLE)
     with TemporaryDirectory(prefix='pfd_speed_') as folder:
         os.environ[VARIABLE] = folder

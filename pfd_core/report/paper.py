@@ -1,12 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What Lee and Chang (1987) claim: Table 1, the sums of their own parts, and where these disagree.
+Claims of Lee and Chang (1987): Table 1, the sums of their own parts, and contradictions.
 
 Each claim is a formula in n with L = ceil(log2 n), h = ceil((n-1)/2), P6 = ceil((n^2-1)/6) and
 P2 = ceil((n^2-1)/2), as printed, with the value printed for n = 6. `parts` is the sum of the
 counts that the text derives for the parts of the method: items (a) to (f) of section 2.5 for
-PCRBM, (d) and (e) of section 3 for PCGM. It has none for the serial methods and for the array.
+PCRBM, (d) and (e) of section 3 for PCGM. The serial methods and the array have no `parts`.
 
 The text at hand is a scan. Of the multiplications of PCRBM in Table 1 it shows P6, 10 h and 4 n;
 31 L + 170 is from the formula of section 2.5, which prints 2 n in place of 4 n.
@@ -29,7 +29,7 @@ def levels(n: int) -> int:
 @dataclass(frozen=True)
 class Claim:
     """
-    What the paper says of one kind of operation in one system.
+    The paper's count of one kind of operation in one system.
 
     Attributes
     ----------
@@ -42,7 +42,7 @@ class Claim:
     parts : callable or None
         Sum of the parts that the text counts.
     remark : str
-        Where the paper contradicts itself, or what a comparison leaves out; or empty.
+        Contradictions in the paper, or omissions of a comparison; or empty.
 
     """
 

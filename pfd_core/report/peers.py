@@ -3,7 +3,7 @@
 """
 Pinocchio and MuJoCo as contenders, made from the numbers of our own robot.
 
-So both sides compute with the same angles; what a URDF rounds, it rounds for everybody. Each is
+Both sides then compute with the same angles, without the rounding of a URDF. Each peer is
 installed by the extra `peers`, and left out where it is absent. CasADi is in textbook.py.
 """
 
@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from pfd_core.model import Robot
-from pfd_core.report.timing import STEP, Array, LeftOutError, Side, Work
+from pfd_core.report.timing import STEP_SIZE, Array, LeftOutError, Side, Work
 
 THREADS = (1, 2)
 
 
 def installed(name: str) -> Any:
-    """Return a module, or raise LeftOutError that tells how to install it."""
+    """Return a module, or raise LeftOutError with the extra that installs it."""
     try:
         return importlib.import_module(name)
     except ImportError as error:
@@ -86,7 +86,7 @@ class Pinocchio:
     def _rollouts(self, work: Work) -> Iterator[Side]:
         aba = partial(self.pin.aba, self.model, self.data)
         end = np.empty_like(work.q)
-        h = STEP
+        h = STEP_SIZE
 
         def run() -> None:
             x, v, tau = work.q, work.qd, work.tau
@@ -119,7 +119,7 @@ class Pinocchio:
             )
 
     def _one_by_one(self, work: Work) -> Array:
-        """Return what aba gives: abaInParallel takes its world frame, and loses digits there."""
+        """Return aba's result: abaInParallel works in the world frame, and loses digits there."""
         aba = partial(self.pin.aba, self.model, self.data)
         return np.array([aba(*state).copy() for state in zip(*work.arrays, strict=True)])
 
@@ -140,7 +140,7 @@ class Mujoco:
         bodies = ''.join(_BODY.format(kinds.get(kind, 'hinge')) for kind in robot.joint_types)
         flags = '<flag contact="disable" constraint="disable"/>'
         self.model = mj.MjModel.from_xml_string(
-            f'<mujoco><option gravity="0 0 -9.81" timestep="{STEP}" integrator="RK4">{flags}'
+            f'<mujoco><option gravity="0 0 -9.81" timestep="{STEP_SIZE}" integrator="RK4">{flags}'
             f'</option><worldbody>{bodies}{"</body>" * robot.n}</worldbody></mujoco>'
         )
         m = self.model

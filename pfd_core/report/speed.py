@@ -3,8 +3,8 @@
 """
 Speed of every method and precision against the peers, on arms and on chains of n joints.
 
-The peers get the numbers of our own robot, states are of the order of one, and torques are those
-of accelerations of the order of one, so that differences between the results mean something.
+Peers get the numbers of our own robot. States are of the order of one, and torques belong to
+accelerations of the order of one, so that differences between the results are not cancellation.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from pfd_core.report.timing import Contender, LeftOutError, Pace, Row, Work, tak
 ARMS = ('ur5', 'panda', 'puma560', 'dense6')
 CHAINS = (6, 12, 30, 60, 100)
 SIZES = (1, 64, 4096, 65536)
-STEPS = 1000
+ROLLOUT_STEPS = 1000
 FIRST_BATCH = 64
 MOST_NUMBERS = 2_000_000  # of one argument of a batch: more only measures the memory
 SEED = 1
@@ -47,7 +47,7 @@ MAKERS: dict[str, Callable[[Robot], Contender]] = {
 @dataclass(frozen=True)
 class Survey:
     """
-    What to measure.
+    Plan of a measurement.
 
     Attributes
     ----------
@@ -60,13 +60,13 @@ class Survey:
     makers : dict
         Contenders by name.
     pace : Pace
-        How long to measure each.
+        Durations and repetitions.
 
     """
 
     robots: tuple[str, ...] = (*ARMS, *(f'chain{n}' for n in CHAINS))
     sizes: tuple[int, ...] = SIZES
-    steps: int = STEPS
+    steps: int = ROLLOUT_STEPS
     makers: dict[str, Callable[[Robot], Contender]] = field(default_factory=lambda: dict(MAKERS))
     pace: Pace = field(default_factory=Pace)
 
@@ -83,7 +83,7 @@ QUICK = Survey(
 
 @dataclass(frozen=True)
 class Findings:
-    """The rows of a survey, what was left out and why, and where it was made."""
+    """Rows of a survey, contenders left out with the reason, and the machine."""
 
     rows: list[Row]
     left_out: list[str]
@@ -143,19 +143,19 @@ def robot(name: str) -> Robot:
 
 
 def survey(plan: Survey) -> Findings:
-    """Measure everything in a plan, telling on a terminal's stderr how far it is."""
+    """Measure everything in a plan; progress goes to a terminal's stderr."""
     before = surroundings()
     rows: list[Row] = []
     left_out: dict[tuple[str, str], list[str]] = {}
     for name in plan.robots:
         arm = robot(name)
         contenders = []
-        for who, make in plan.makers.items():
-            _tell(f'{name}: making {who}')
+        for way, make in plan.makers.items():
+            _tell(f'{name}: making {way}')
             try:
-                contender, found = first_results(arm, who, make, *_firsts(arm), plan.pace.repeats)
+                contender, found = first_results(arm, way, make, *_firsts(arm), plan.pace.repeats)
             except LeftOutError as reason:
-                left_out.setdefault((who, str(reason)), []).append(name)
+                left_out.setdefault((way, str(reason)), []).append(name)
             else:
                 contenders.append(contender)
                 rows += found
@@ -167,7 +167,7 @@ def survey(plan: Survey) -> Findings:
             _tell(f'{name}: fresh process')
             rows += fresh_process(arm, plan.pace.repeats)
     _tell('')
-    told = [f'{who} on {", ".join(on)}: {why}' for (who, why), on in left_out.items()]
+    told = [f'{way} on {", ".join(on)}: {why}' for (way, why), on in left_out.items()]
     return Findings(rows, told, before)
 
 

@@ -10,12 +10,13 @@ from functools import partial
 
 import numpy as np
 
-from pfd_core.kernels.kernel import Kernel, compile_kernel
+from pfd_core.kernels.compile import compile_kernel
+from pfd_core.kernels.kernel import Kernel
 from pfd_core.model import Robot
-from pfd_core.report.timing import STEP, LeftOutError, Side, Work
+from pfd_core.report.timing import STEP_SIZE, LeftOutError, Side, Work
 from pfd_core.simulation.simulator import Simulator
 
-# Methods, up to how many joints they are measured, and why not beyond.
+# Method to the largest number of joints that is measured, and the reason for the limit.
 GROWTH = 'its straight-line code takes long to compile'
 METHODS = {
     'composite_body': (30, GROWTH),
@@ -25,7 +26,7 @@ METHODS = {
 }
 DTYPES = ('float64', 'float32')
 THREADS = 2
-# States that are worth a second thread.
+# Smallest batch that is measured with a second thread.
 SHARED_FROM = 4096
 
 
@@ -46,7 +47,7 @@ class Ours:
     def _calls(self, work: Work) -> Iterator[Side]:
         q, qd, tau = (x.astype(self.kernel.dtype) for x in work.arrays)
         out, target = np.empty_like(q), np.empty_like(q)
-        # What Python does around a call does not depend on the number format.
+        # Python's share of a call does not depend on the number format.
         if self.kernel.dtype == 'float64':
             call = partial(self.kernel, q, qd, tau)
             yield Side(f'{self.name}: kernel(q, qd, tau)', call, call)
@@ -71,7 +72,7 @@ class Ours:
             self.simulators.append(
                 Simulator(
                     self.kernel.robot,
-                    step_size=STEP,
+                    step_size=STEP_SIZE,
                     substeps=1,
                     integrator='rk4',
                     method=self.kernel.method,
@@ -89,7 +90,7 @@ class Ours:
 
 
 def make(method: str, dtype: str, robot: Robot) -> Ours:
-    """Compile a method for a robot; LeftOutError where it is not to be measured."""
+    """Compile a method for a robot; LeftOutError beyond the method's limit of joints."""
     largest, reason = METHODS[method]
     if robot.n > largest:
         raise LeftOutError(f'not measured beyond {largest} joints: {reason}')

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The report of the speed: Markdown, JSON and a plot over n."""
+"""The report of the speed: the page speed.md, table by table, JSON and a plot over n."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def _machine(machine: dict[str, Any]) -> str:
 
 
 def _summary(rows: Sequence[Row]) -> str:
-    """Return a table of the best of ours over Pinocchio, robot by robot."""
+    """Return a table of our best speed-up over Pinocchio, robot by robot."""
     size = max(
         (row.work for row in rows if row.work.startswith('batch')), key=_near_4096, default=''
     )
@@ -143,20 +143,20 @@ def _milliseconds(row: Row) -> str:
 
 
 def _short(value: float) -> str:
-    """Return a number with three digits, or all those before the point."""
+    """Return a number with three digits, or all digits before the point."""
     return f'{value:.0f}' if value >= 99.5 else f'{value:.3g}'
 
 
 def _largest_differences(rows: Sequence[Row]) -> list[Row]:
-    """Return, of each contender and robot, what is furthest off in rollouts and in the rest."""
+    """Return the row of largest difference of each contender and robot, rollouts apart."""
     found: dict[tuple[str, str, str], Row] = {}
     for row in rows:
         if row.difference is not None:
-            who = re.split('[:,]', row.way)[0]
+            contender = re.split('[:,]', row.way)[0]
             work = 'rollout' if row.work == 'rollout' else 'call'
-            before = found.setdefault((work, who, row.robot), row)
+            before = found.setdefault((work, contender, row.robot), row)
             largest = max(row, before, key=lambda row: row.difference or 0.0)
-            found[work, who, row.robot] = replace(largest, way=who, work=work)
+            found[work, contender, row.robot] = replace(largest, way=contender, work=work)
     return list(found.values())
 
 

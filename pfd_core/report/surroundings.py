@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a measured time depends on besides the code: processor, load, versions, date."""
+"""Processor, load, versions and date of a measurement."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ PACKAGES = {
 
 
 def surroundings() -> dict[str, Any]:
-    """Return the processor, its load (processes, of one minute), versions and the date."""
+    """Return the processor, its load (mean of one minute), versions and the date."""
     return {
         'processor': _processor(),
         'cores': os.cpu_count(),

@@ -5,8 +5,8 @@ A textbook articulated-body algorithm, written with CasADi and compiled as C.
 
 The text is table 7.1 of Featherstone, Rigid Body Dynamics Algorithms, 2008, in 6-D vectors,
 angular part first. CasADi knows which elements are zero, shares common sub-expressions and
-writes C, which the machine's own compiler translates for this very processor. It is what a user
-gets who generates code today. A loop in C goes over the states of a batch.
+writes C, which the machine's own compiler translates for its processor: the usual way to generate
+such code today. A loop in C goes over the states of a batch.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ import numpy as np
 
 from pfd_core.model import Robot
 from pfd_core.report.peers import installed, joint_frames
-from pfd_core.report.timing import STEP, Array, LeftOutError, Side, Work
+from pfd_core.report.timing import STEP_SIZE, Array, LeftOutError, Side, Work
 
 COMPILER = ('cc', '-O3', '-march=native', '-shared', '-fPIC')
 GRAVITY = 9.81
@@ -159,7 +159,7 @@ class Casadi:
         sizes |= {'SZ_IW': function.sz_iw() + 1, 'SZ_W': function.sz_w() + 1}
         defines = [f'#define {name} {size}' for name, size in sizes.items()]
         text = '\n'.join([generator.dump(), *defines, LOOPS])
-        # What native code holds only addresses of.
+        # Arrays whose addresses native code holds.
         self.kept: list[object] = []
         # Once loaded, a library needs no file any more.
         with TemporaryDirectory(prefix='pfd_speed_') as folder:
@@ -188,7 +188,7 @@ class Casadi:
         loop = self.library.rollout
         at = [ctypes.c_void_p(x.ctypes.data) for x in (q, qd, taus)]
         self.kept.append(taus)
-        steps, step = ctypes.c_longlong(work.steps), ctypes.c_double(STEP)
+        steps, step = ctypes.c_longlong(work.steps), ctypes.c_double(STEP_SIZE)
 
         def run() -> None:
             q[:], qd[:] = work.q, work.qd
@@ -206,7 +206,7 @@ class Casadi:
 
 
 def _compiled(compiler: str, text: str, folder: Path) -> Path:
-    """Return the shared library of a text in C; LeftOutError with what the compiler says."""
+    """Return the shared library of a text in C; LeftOutError with the compiler's message."""
     source, library = folder / 'arm.c', folder / 'arm.so'
     source.write_text(text, encoding='utf-8')
     command = [compiler, *COMPILER[1:], str(source), '-o', str(library), '-lm']

@@ -1,12 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Ways of doing the same work, timed against each other in one process.
+Contenders for the same work, timed against each other in one process.
 
 The sides take turns, in chunks of a few milliseconds, forwards and then backwards; the reference
-works again before every few others. What is quoted is the median over the turns of the ratio of
-two times taken shortly after each other: a machine that slows down slows both. The minimum says
-what the code can do, the median what it did.
+works again before every few others. The quoted speed is the median over the turns of the ratio of
+two times taken shortly after each other: a machine that slows down slows both. The minimum is the
+time without disturbance, the median the typical time.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# So many others work after each turn of the reference.
+# Number of other sides between two turns of the reference.
 BETWEEN_REFERENCES = 3
-# Seconds of a rollout's step. What a step costs does not depend on it, and a long chain that falls
-# is soon so chaotic that the results of no two programs can be compared.
-STEP = 1e-5
+# Seconds of a rollout's step. The cost of a step does not depend on it, and after long times a
+# falling chain is too chaotic for two programs' results to be compared.
+STEP_SIZE = 1e-5
 
 
 class LeftOutError(Exception):
-    """A way that cannot be measured here; the text says why."""
+    """A contender cannot be measured here; the text says why."""
 
 
 @dataclass(frozen=True)
 class Work:
     """
-    What every side is to compute: accelerations, or where an arm is after some time.
+    The task of every side: accelerations, or the positions after a simulation.
 
     Attributes
     ----------
@@ -45,7 +45,7 @@ class Work:
     q, qd, tau : ndarray
         Positions [rad or m], velocities and torques, (n,), or (B, n) for a batch.
     steps : int
-        Steps of a rollout of STEP seconds, classical Runge-Kutta.
+        Steps of a rollout of STEP_SIZE seconds, classical Runge-Kutta.
 
     """
 
@@ -57,7 +57,7 @@ class Work:
 
     @property
     def units(self) -> int:
-        """Evaluations, or steps of a rollout, that are done at once."""
+        """Evaluations, or steps of a rollout, of one call."""
         return len(self.q) if self.kind == 'batch' else self.steps
 
     @property
@@ -67,7 +67,7 @@ class Work:
 
     @property
     def title(self) -> str:
-        """What a table calls it."""
+        """Name in a table."""
         return f'batch of {self.units}' if self.kind == 'batch' else self.kind
 
 
@@ -79,16 +79,16 @@ class Side:
     Attributes
     ----------
     way : str
-        What a table calls it.
+        Name in a table.
     run : callable
         Does the work once, without arguments.
     result : callable
-        Returns what `run` computed last: accelerations, (n,) or (B, n), or the positions after
+        Returns the last result of `run`: accelerations, (n,) or (B, n), or the positions after
         a rollout, (n,).
     reference : bool
-        The times of the others are compared with this one's.
+        Whether the times of the other sides are compared with the times of this side.
     wanted : callable, optional
-        Returns what all results are compared with, if that is not the reference's own.
+        Returns the result to compare with, if it is not the reference's own.
 
     """
 
@@ -103,26 +103,26 @@ class Contender(Protocol):
     """A program made for one robot."""
 
     def sides(self, work: Work) -> Iterable[Side]:
-        """Return the ways in which it can do a work; none if it cannot."""
+        """Return the sides of this contender for a work; none if it has none."""
 
 
 @dataclass(frozen=True)
 class Row:
     """
-    What was measured of one way.
+    Measurement of one way of doing a work.
 
     Attributes
     ----------
     robot, work, way : str
-        Who did what, and how.
+        Names of robot, work and way.
     n : int
         Joints of the robot.
     minimum, median : float
         Seconds for each state, or step of a rollout.
     times : float or None
-        Median over the turns of the reference's time over this one.
+        Median over the turns of the reference's time over the time of this way.
     difference : float or None
-        From the result wanted: max|difference| / max|wanted| of a state, the largest.
+        Largest max|difference| / max|wanted| of a state.
 
     """
 
@@ -139,19 +139,19 @@ class Row:
 @dataclass(frozen=True)
 class Pace:
     """
-    How long to measure.
+    Durations and repetitions of a measurement.
 
     Attributes
     ----------
     chunk : float
-        Seconds for which one side works in its turn: long against the clock, short against the
-        moods of a machine.
+        Seconds of one turn: long beside the clock's resolution, short beside changes of the
+        machine's speed.
     turns, fewest : int
-        Turns that each side has; where the works are long, fewer, but never below the second.
+        Turns of each side; fewer for long works, but never fewer than `fewest`.
     budget : float
         Seconds for all turns of one work.
     repeats : int
-        How often to prepare what can only be prepared anew, unless it takes a second.
+        Repetitions of a first result, which needs a new preparation; one if it takes a second.
 
     """
 
@@ -196,7 +196,7 @@ def take_turns(robot: str, work: Work, sides: Sequence[Side], pace: Pace) -> lis
 
 
 def _order(sides: Sequence[Side], backwards: bool) -> Iterator[tuple[int, int | None]]:
-    """Yield whose turn it is, and the reference, whose last time was taken shortly before."""
+    """Yield each side's index in turn, with the index of the reference that ran before it."""
     reference = next((k for k, side in enumerate(sides) if side.reference), None)
     others = [k for k in range(len(sides)) if k != reference]
     for position, k in enumerate(reversed(others) if backwards else others):
@@ -208,7 +208,7 @@ def _order(sides: Sequence[Side], backwards: bool) -> Iterator[tuple[int, int | 
 
 
 def _chunk(run: Callable[[], object], calls: int, warm: bool) -> float:
-    """Return the seconds that one call takes, over a number of them, perhaps after a first one."""
+    """Return the mean seconds of a number of calls, after a first call if `warm`."""
     if warm:
         run()
     start = time.perf_counter()

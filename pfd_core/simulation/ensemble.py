@@ -23,9 +23,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.kernels.codegen.arms import SLOTS, NativeEnsemble, compile_ensemble
+from pfd_core.kernels.codegen.arms import SLOTS
 from pfd_core.kernels.codegen.step import REPORT
-from pfd_core.kernels.runtime.threads import MOST, block_size, run, thread_count
+from pfd_core.kernels.runtime.threads import MAX_BLOCK_WORK, block_size, run, thread_count
+from pfd_core.kernels.simulations import NativeEnsemble, compile_ensemble
 from pfd_core.model import Robot, Scene
 from pfd_core.model.checked_numbers import Array, fit_shape, integer, real_array
 from pfd_core.simulation.feedback import Law, law_arrays
@@ -122,7 +123,7 @@ class Ensemble(Simulation):
         states = dict(zip(REPORT, np.empty((len(REPORT), *shape), self.dtype), strict=True))
         finite_steps = np.zeros(self.size, np.int64)
         begin = self._now.steps
-        for first, count, interval in pieces(steps, every, max(MOST // self._work, 1)):
+        for first, count, interval in pieces(steps, every, max(MAX_BLOCK_WORK // self._work, 1)):
             rows = slice(first // every, (first + count) // every)
             arrays = {
                 name: array[:, first : first + count] if array.ndim == 3 else array

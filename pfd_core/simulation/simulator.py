@@ -20,7 +20,7 @@ import time
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.kernels.codegen.rollout import Rollout, compile_rollout
+from pfd_core.kernels.simulations import Rollout, compile_rollout
 from pfd_core.model.checked_numbers import Array, real_array
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.state_buffer import StateBuffer

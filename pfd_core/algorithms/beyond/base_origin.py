@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-H, and H times a vector, with every motion and force about the origin of the base.
+H with every motion and force about the origin of the base.
 
     o_i   = sum of p*                     origin of frame i
     w_i, v_i = z_(i-1), o_(i-1) x z_(i-1)  (rotational),   0, z_(i-1)  (translational)
@@ -10,25 +10,20 @@ H, and H times a vector, with every motion and force about the origin of the bas
     n_j   = I_j w_j + h_j x v_j,   f_j = M_j v_j + w_j x h_j
     h_ij  = w_i . n_j + v_i . f_j  for i <= j
 
-    H u:  V = sum of (w, v) u from the base,  n = I w + h x v,  f = m v + w x h of each link,
-          sums of n and f from the tip,  (H u)_i = w_i . n_i + v_i . f_i
-
 Not in the paper, which carries moments from joint to joint by the row sweep (24), (25). The
 pairs (i, j) are laid around the lanes: step k = 0..floor(n/2) gives to lane j the pair of j with
 (j - k) mod n, which makes every pair once.
 
-Parallel cost with a rotational joint, L = ceil(log2 n), K = floor(n/2) + 1: H takes 6 K + 39
-multiplications and 13 L + 5 K + 33 additions, no division. What H u shares: 15 multiplications
-and 3 L + 15 additions; a product then 36 and 12 L + 23. Rotor inertia adds 1 addition to H, and
-1 multiplication and 1 addition to a product.
+Parallel cost with a rotational joint, L = ceil(log2 n), K = floor(n/2) + 1: 6 K + 39
+multiplications and 13 L + 5 K + 33 additions, no division. Rotor inertia adds 1 addition.
 
 As forward dynamics, with the bias of pfd_core.algorithms.beyond.omega, this is the PCRBM of fewest
 steps.
 
-What it costs in digits: terms as large as the whole mass at the whole reach cancel in the rows of
+Loss of digits: terms as large as the whole mass at the whole reach cancel in the rows of
 a light wrist. Diagonal elements of arms of 6 or 7 axes are wrong by up to 5e-13 of themselves in
-double precision and 3e-4 in single, where pcrbm's are right to 1e-15 and 5e-7. A base away from
-the origin would cost more; frame 0 is at the base.
+double precision and 3e-4 in single, where pcrbm's are right to 1e-15 and 5e-7. With frame 0 away
+from the base the loss would be larger; frame 0 is at the base.
 
 Lane i holds link i + 1, or the composite body of links i + 1..n, vectors in base axes.
 """
@@ -37,36 +32,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pfd_core.algorithms.beyond.omega import bias_omega
 from pfd_core.algorithms.chain.base_axes import Links, Pose
-from pfd_core.algorithms.chain.equations import (
-    armature,
-    begin,
-    finish,
-    held_joints,
-    joint_input,
-    torque,
-)
-from pfd_core.algorithms.paper.cholesky import solve
 from pfd_core.algorithms.paper.newton_euler import rotational_part, summed
+from pfd_core.machine.lanes import each, merge, on, shift
 from pfd_core.machine.patterns import prefix, suffix
-from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, each, merge, on, shift
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
-from pfd_core.model import Plant
-
-
-def record_pcrbm_base_origin(plant: Plant, schedule: str) -> Program:
-    """Return the program of qdd, (n,), from q, qd and tau; its pivots show whether H was sound."""
-    recorder, chain, at = begin(plant, schedule)
-    qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
-    y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
-    rows = inertia_matrix_base_origin(recorder, chain, at, armature(recorder, plant))
-    free = None
-    if plant.brakes:
-        rows, y, free = held_joints(recorder, rows, y)
-    qdd, pivots = solve(recorder, rows, y, free=free)
-    return finish(recorder, qdd=qdd, pivots=pivots)
 
 
 @dataclass(frozen=True)
@@ -96,92 +67,41 @@ class Bodies:
 
 
 def bodies(chain: Links, pose: Pose, c: LaneArray) -> Bodies:
-    """Return the links about points from which their centres of mass are c, (3,) [m]."""
+    """Return the links as bodies about a point; c, (3,) [m], are their centres from there."""
     h = chain.m * c
     x, y, z = h[0] * c[0], h[1] * c[1], h[2] * c[2]
     xy, xz, yz = -(h[0] * c[1]), -(h[0] * c[2]), -(h[1] * c[2])
     return Bodies(chain.m, h, pose.J + array([y + z, xy, xz, x + z, yz, x + y]))
 
 
-@dataclass(frozen=True)
-class BaseOrigin:
-    """
-    What H and the products with it share.
-
-    Attributes
-    ----------
-    w, v : LaneArray
-        (3,) each, motion of the links beyond a joint for a joint velocity of one.
-    links : Bodies
-        The links.
-    armature : Lanes or None
-        Inertia that each joint's rotor adds to the diagonal [kg m^2 or kg].
-
-    """
-
-    w: LaneArray
-    v: LaneArray
-    links: Bodies
-    armature: Lanes | None
-
-
-def prepare(
-    recorder: Recorder, chain: Links, pose: Pose, armature: Lanes | None = None
-) -> BaseOrigin:
-    """Return axes and inertias about the origin of the base, for `times`."""
-    with recorder.section('base origin'):
-        zero = array([recorder.constant(0.0)] * 3)
-        o = summed(prefix, pose.p_star)
-        v = zero
-        if chain.rotational:
-            v = cross(array(merge(shift(o, 1), zero)), pose.z)
-        if chain.translational:
-            v = array(merge(on(pose.z, chain.translational), v))
-        links = bodies(chain, pose, o + pose.s)
-        return BaseOrigin(rotational_part(chain, pose.z, zero), v, links, armature)
-
-
-def times(prepared: BaseOrigin, u: Lanes) -> Lanes:
-    """Return H u, (H u)_i on lane i [N m or N], for u [rad/s^2 or m/s^2]."""
-    w = summed(prefix, prepared.w * u)
-    v = summed(prefix, prepared.v * u)
-    n, f = (summed(suffix, force) for force in prepared.links.momentum(w, v))
-    product = _power(prepared.w, prepared.v, n, f)
-    return product if prepared.armature is None else product + prepared.armature * u
-
-
 def inertia_matrix_base_origin(
     recorder: Recorder, chain: Links, pose: Pose, armature: Lanes | None = None
 ) -> list[Lanes]:
-    """
-    Return the upper triangle of H by rows; arguments and result as pcrbm.inertia_matrix.
-
-    Parameters
-    ----------
-    recorder : Recorder
-        Where it is recorded.
-    chain, pose : Links, Pose
-        The links and where they are.
-    armature : Lanes or None
-        Inertia that each joint's rotor adds to the diagonal [kg m^2 or kg].
-
-    Returns
-    -------
-    list of Lanes
-        Row i holds h_ij on lane j for j >= i.
-
-    """
-    at = prepare(recorder, chain, pose, armature)
+    """Return the upper triangle of H by rows; arguments and result as pcrbm.inertia_matrix."""
+    with recorder.section('base origin'):
+        w, v, links = _about_the_base(chain, pose)
     with recorder.section('composite bodies'):
-        m, h, inertia = at.links.m, at.links.h, at.links.inertia
-        mass = suffix(lambda left, right: left + right, m)
-        composite = Bodies(mass, summed(suffix, h), summed(suffix, inertia))
-        n, f = composite.momentum(at.w, at.v)
+        mass = suffix(lambda left, right: left + right, links.m)
+        composite = Bodies(mass, summed(suffix, links.h), summed(suffix, links.inertia))
+        n, f = composite.momentum(w, v)
     with recorder.section('elements of H'):
-        around = [_pairs_at_distance(at, n, f, k) for k in range(recorder.lanes // 2 + 1)]
+        around = [_pairs_at_distance(w, v, n, f, k) for k in range(recorder.lanes // 2 + 1)]
         if armature is not None:
             around[0] = around[0] + armature
         return _rows(around)
+
+
+def _about_the_base(chain: Links, pose: Pose) -> tuple[LaneArray, LaneArray, Bodies]:
+    """Return w and v, (3,) each, the motion of each joint's body for a rate of one; the links."""
+    zero = array([chain.m.recorder.constant(0.0)] * 3)
+    o = summed(prefix, pose.p_star)
+    v = zero
+    if chain.rotational:
+        v = cross(array(merge(shift(o, 1), zero)), pose.z)
+    if chain.translational:
+        v = array(merge(on(pose.z, chain.translational), v))
+    links = bodies(chain, pose, o + pose.s)
+    return rotational_part(chain, pose.z, zero), v, links
 
 
 def _power(w: LaneArray, v: LaneArray, n: LaneArray, f: LaneArray) -> Lanes:
@@ -190,16 +110,16 @@ def _power(w: LaneArray, v: LaneArray, n: LaneArray, f: LaneArray) -> Lanes:
     return result
 
 
-def _pairs_at_distance(at: BaseOrigin, n: LaneArray, f: LaneArray, k: int) -> Lanes:
+def _pairs_at_distance(w: LaneArray, v: LaneArray, n: LaneArray, f: LaneArray, k: int) -> Lanes:
     """Return h of (j, (j - k) mod n) on lane j."""
-    lanes = at.w[0].recorder.lanes
+    lanes = w[0].recorder.lanes
     if k == 0:
-        return _power(at.w, at.v, n, f)
-    # Of a pair, the joint nearer the base moves and the body beyond the farther one is moved.
+        return _power(w, v, n, f)
+    # Of a pair, w and v belong to the joint nearer the base, n and f to the farther one.
     inner = range(k, lanes)
     moves = [(j - k) if j in inner else None for j in range(lanes)]
     moved = [None if j in inner else (j - k) % lanes for j in range(lanes)]
-    w, v = (each(lambda x: x.recorder.route(x, moves, x), axis) for axis in (at.w, at.v))
+    w, v = (each(lambda x: x.recorder.route(x, moves, x), axis) for axis in (w, v))
     n, f = (each(lambda x: x.recorder.route(x, moved, x), force) for force in (n, f))
     # At half of an even circle the other half of the lanes would make the same pairs again.
     return _power(w, v, on(n, inner), f) if 2 * k == lanes else _power(w, v, n, f)

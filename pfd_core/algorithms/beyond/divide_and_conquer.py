@@ -3,9 +3,9 @@
 """
 Forward dynamics by divide and conquer: one lane a link, and steps that grow as log2 n.
 
-A piece of the chain, joints b..e with their links, is known by what it answers to the
+A piece of the chain, joints b..e with their links, is described by its response to the
 acceleration a_b of the link before it and to the force f_e that it passes on to the link after
-it (6-vectors, base axes; the first about o_(b-1), the second about o_e):
+it (6-vectors, base axes; a_b about o_(b-1), f_e about o_e):
 
     a_e = A a_b + C phi_e + beta,     phi_b = N a_b + A' phi_e + nu,     phi = -f
 
@@ -20,21 +20,20 @@ At the cut between two pieces 1 and 2 meet a = a_e1 and phi = phi_b2. With T = 1
     phi = T'^-1 (A_2' phi_e + N_2 A_1 a_b + nu_2 + N_2 beta_1)
     C = C_2 + A_2 (T^-1 C_1) A_2',  N = N_1 + A_1' (T'^-1 N_2) A_1,  A = A_2 T^-1 A_1
 
-Either line is the other with the two sides of the cut exchanged, so the two lanes at the cut
-work them out together. Up the tree pieces are joined two by two; the whole chain has a_b = 0 and
-phi_e = 0; down the tree every cut learns a and phi, and every joint
+Either line is the other with the two sides of the cut exchanged, so that the two lanes at the cut
+compute both in the same steps. Up the tree pieces are joined two by two; the whole chain has
+a_b = 0 and phi_e = 0; down the tree a and phi of every cut follow, and for every joint
 
     qdd = (y - (I S)' a_b + u' phi_e) / D,      y = tau - bias
 
 Lee and Chang 1987 conclude from a theorem of Kung's that the articulated-body recurrence cannot be
-parallelised. Nothing here contradicts that: this is another method for the same accelerations,
-after Featherstone, A Divide-and-Conquer Articulated-Body Algorithm, IJRR 18 (1999), whose pieces
-take a force at either end. That form has the inverse of
-every link's inertia, which a massless link lacks; in this one (Redheffer's star product) T is
-invertible for any links, as C_1 N_2 has no positive eigenvalue. What is divided by is D, a
-number known from the model; where it is zero or next to it the joint gets a rotor that is taken
-back at the end (pfd_core.algorithms.beyond.lent_rotors), at the cost of one more column in every
-vector.
+parallelised, because it is not linear. Nothing here contradicts that: this is another method for
+the same accelerations, with far more arithmetic, after Featherstone, A Divide-and-Conquer
+Articulated-Body Algorithm, IJRR 18 (1999), whose pieces take a force at either end. That form has
+the inverse of every link's inertia, which a massless link lacks; here (Redheffer's star product) T
+is invertible for any links, as C_1 N_2 has no positive eigenvalue. The divisor D is known from the
+model; a joint whose D is nearly zero gets a rotor that is taken back at the end
+(pfd_core.algorithms.beyond.lent_rotors), at the cost of one more column in every vector.
 
 Parallel cost without such joints, beside pose and bias, L = ceil(log2 n): 135 multiplications and
 53 additions for single links, 1276 L - 1026 and 1114 L - 882 for joining (L > 1; 358 and 322 for
@@ -54,12 +53,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from pfd_core.algorithms.beyond.lent_rotors import lent_rotors, without_rotors
-from pfd_core.algorithms.beyond.omega import bias_omega
+from pfd_core.algorithms.beyond.omega import omega_torques
 from pfd_core.algorithms.beyond.pivoting import solve_pivoted
-from pfd_core.algorithms.beyond.single_links import SIX, UPPER, Pieces, single_links
-from pfd_core.algorithms.chain.equations import begin, finish, joint_input, torque
+from pfd_core.algorithms.beyond.single_links import SIX, UPPER_OF_SIX, Pieces, single_links
+from pfd_core.algorithms.chain.equations import forward_equations
+from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
+from pfd_core.machine.lanes import each, merge, on, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, each, merge, on, where
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Plant
 
@@ -87,12 +88,10 @@ class Cuts:
 
 def record_divide_and_conquer(plant: Plant, schedule: str) -> Program:
     """Return the program of qdd, (n,), from q, qd and tau, and of its pivots."""
-    recorder, chain, at = begin(plant, schedule)
-    qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
-    y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
+    recorder, chain, at, y = forward_equations(plant, schedule, omega_torques)
     free = None
     if plant.brakes:
-        free = joint_input(recorder, 'free')
+        free = input_row(recorder, 'free')
         y = where(free, y, 0.0)
     lent = lent_rotors(plant)
     rotors = [recorder.constant(r) for r in (plant.armature, lent) if r is not None and r.any()]
@@ -107,10 +106,10 @@ def record_divide_and_conquer(plant: Plant, schedule: str) -> Program:
         felt = joints.y - joints.IS @ a + joints.u @ phi
         x = felt * joints.inverse
     if not lent.any():
-        return finish(recorder, qdd=x[0], pivots=joints.D)
+        return program_with_outputs(recorder, qdd=x[0], pivots=joints.D)
     with recorder.section('lent rotors'):
         qdd, pivots = without_rotors(recorder, lent, x, joints.D)
-    return finish(recorder, qdd=qdd, pivots=pivots)
+    return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
 
 
 def _joined(n: int, pieces: Pieces) -> list[Cuts]:
@@ -133,12 +132,13 @@ def _join(
     pieces: Pieces, joins: Sequence[tuple[int, int, int, int]], whole: bool, halves: bool
 ) -> tuple[Cuts, Pieces]:
     """
-    Return what the cuts of one level need on the way down, and the joined pieces.
+    Return the cuts of one level, for the way down, and the joined pieces.
 
-    The whole chain has no neighbours, and each of its halves only one: their C, N or A are left.
+    The whole chain has no neighbours, and each of its halves only one: C, N or A that no cut
+    reads are left out.
     """
     C, beta, N, nu, A = pieces.C, pieces.beta, pieces.N, pieces.nu, pieces.A
-    first, last = [e1 for _, e1, _, _ in joins], [b2 for _, _, b2, _ in joins]
+    base, first, last, tip = zip(*joins, strict=True)
     P = _full(_at_cuts(first, C, first, last, N, last))
     Q = _full(_at_cuts(first, N, last, last, C, first))
     g = _at_cuts(first, beta, first, last, nu, last)
@@ -148,14 +148,13 @@ def _join(
         T[i, i] = 1.0 + T[i, i]
     if whole:
         return Cuts(joins, T[:0], T[:0], solve_pivoted(T, g)), pieces
-    base, tip = [b1 for b1, _, _, _ in joins], [e2 for _, _, _, e2 in joins]
     F = _at_cuts(first, A, base, last, A.T, last)
     B = _at_cuts(first, A, last, last, A.T, base)
     x = solve_pivoted(T, np.hstack([P, F, g]))
     G, g = x[:, 6:12], x[:, 12:]
     V = B @ x[:, :6]
     side = _at_cuts(first, C, tip, last, N, base)
-    side = side + array([V[i] @ B[j] for i, j in UPPER])
+    side = side + array([V[i] @ B[j] for i, j in UPPER_OF_SIX])
     vector = _at_cuts(first, beta, tip, last, nu, base) + B @ g
     joined = Pieces(
         C=merge(_take(side, first, tip), C),
@@ -172,8 +171,7 @@ def _through(
 ) -> LaneArray:
     """Return A of the joined pieces: three rows of A_2 G from either lane of the cut."""
     A = pieces.A
-    base, first = [b1 for b1, _, _, _ in joins], [e1 for _, e1, _, _ in joins]
-    last = [b2 for _, _, b2, _ in joins]
+    base, first, last, _ = zip(*joins, strict=True)
     # On lane b2, G is T'^-1 A_2', so that the other rows are those of G' A_1.
     left = _at_cuts(first, A[:3], last, last, G[:, 3:].T, last)
     right = _at_cuts(first, G, first, last, A, base)
@@ -186,8 +184,7 @@ def _parted(recorder: Recorder, levels: Sequence[Cuts], k: int) -> tuple[LaneArr
     zero = recorder.constant(0.0)
     a = phi = array([[zero] * k for _ in SIX])
     for cuts in reversed(levels):
-        first, last = [e1 for _, e1, _, _ in cuts.joins], [b2 for _, _, b2, _ in cuts.joins]
-        base, tip = [b1 for b1, _, _, _ in cuts.joins], [e2 for _, _, _, e2 in cuts.joins]
+        base, first, last, tip = zip(*cuts.joins, strict=True)
         own = cuts.g
         if len(cuts.G):
             own = own + cuts.G @ _at_cuts(first, a, base, last, phi, tip)
@@ -202,7 +199,7 @@ def _parted(recorder: Recorder, levels: Sequence[Cuts], k: int) -> tuple[LaneArr
 def _full(upper: LaneArray) -> LaneArray:
     """Return a symmetric matrix, (6, 6), from its upper triangle, (21,)."""
     S = np.empty((6, 6), dtype=object)
-    for (i, j), element in zip(UPPER, upper, strict=True):
+    for (i, j), element in zip(UPPER_OF_SIX, upper, strict=True):
         S[i, j] = S[j, i] = element
     return S
 

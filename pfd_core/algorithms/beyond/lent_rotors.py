@@ -1,20 +1,21 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Rotors lent to joints that their own link opposes too little, and taken back exactly.
+Rotors lent to joints with light links, and taken back exactly.
 
-Divide and conquer divides by what a single link opposes to its own joint, which is zero for a
-massless link even where H is sound. With E, diagonal, a rotor of about the inertia that such a
-joint can feel at most, H + E is solved for y and for the columns 1 of those joints; then
+Divide and conquer divides by D, the inertia of a single link about its own joint, which is zero
+for a massless link even where H is sound. Light joints, whose D is too small, are lent a rotor of
+about the largest inertia that they may have to move. With E the diagonal matrix of the rotors,
+H + E is solved for y and for the unit columns of the light joints; then
 
-    H x = y:    x = x_0 + X E x,    (E - E X E) x = E x_0 on those joints,
+    H x = y:    x = x_0 + X E x,    (E - E X E) x = E x_0 on the light joints,
                 (H + E) x_0 = y,    (H + E) X = 1
 
 E - E X E is symmetric, and positive definite exactly when H is (both are Schur complements of
 [[H + E, E], [E, E]]). Derived here; the lemma is Woodbury's.
 
-Parallel cost where nothing is lent: none. Otherwise a dense solve on n lanes
-(pfd_core.algorithms.paper.cholesky) and, for each such joint, 4 multiplications and 2 additions,
+Parallel cost without light joints: none. Otherwise a dense solve on n lanes
+(pfd_core.algorithms.paper.cholesky) and, for each light joint, 4 multiplications and 2 additions,
 beside the columns.
 
 Lane i holds joint i + 1.
@@ -28,17 +29,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.algorithms.paper.cholesky import solve
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, broadcast, merge, on
+from pfd_core.machine.lanes import broadcast, merge, on
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.model import Plant, Robot
 from pfd_core.model.geometry import product
 
-# A joint whose own link gives less than this share of the inertia it may have to move is lent a
-# rotor: 1/D then drowns the other joints' share of C, and digits are lost in this proportion.
+# A joint is light if its own link has less than this share of the inertia it may have to move:
+# 1/D then exceeds the other joints' share of C, and digits are lost in this proportion.
 LIGHT = 1e-6
 
 
 def lent_rotors(plant: Plant) -> NDArray[np.float64]:
-    """Return the inertia lent to each joint, (n,) [kg m^2 or kg]; zero where its own suffices."""
+    """Return the inertia lent to each joint, (n,) [kg m^2 or kg]; zero unless it is light."""
     robot = plant.robot
     lent = np.zeros(robot.n)
     for j in range(robot.n):
@@ -52,7 +54,7 @@ def lent_rotors(plant: Plant) -> NDArray[np.float64]:
 
 
 def _own_inertia(robot: Robot, j: int) -> float:
-    """Return what the link of a joint opposes to it, at any position."""
+    """Return the inertia D of a joint's own link about the joint, at any position."""
     if robot.joint_types[j] == 'prismatic':
         return float(robot.masses[j])
     A = robot.rotations[j]
@@ -62,7 +64,7 @@ def _own_inertia(robot: Robot, j: int) -> float:
 
 
 def _most_inertia(robot: Robot, j: int) -> float:
-    """Return about the most that all links beyond a joint oppose to it, over all positions."""
+    """Return about the largest inertia of all links beyond a joint, over all positions."""
     if robot.joint_types[j] == 'prismatic':
         return float(robot.masses[j:].sum())
     reach = np.cumsum(np.linalg.norm(robot.translations[j:], axis=1))

@@ -1,14 +1,15 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-NE1^(P) with one matrix for everything that turns.
+NE1^(P) with one matrix for all terms of rotation.
 
     W_i = [wd_i] + w_i w_i' - (w_i.w_i) 1         so that W x = wd x x + w x (w x x)
     a_i = -g + sum of W p* [+ z qdd + 2 c, translational joint]
     F_i = m (a + W s)
     N_i = J wd + w x (J w) = vee(W S - S W'),  S = (tr J / 2) 1 - J
 
-The rest is newton_euler. Of S and J only what differs is used: the first component is
+The rest is pfd_core.algorithms.paper.newton_euler. Of J only differences are used: the first
+component of N is
 
     J_xx wd_x + (J_zz - J_yy) w_y w_z - J_xy W_zx + J_xz W_yx + J_yz (w_y^2 - w_z^2)
 
@@ -34,7 +35,7 @@ from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
 
 
-def bias_omega(
+def omega_torques(
     recorder: Recorder,
     chain: Links,
     pose: Pose,

@@ -17,7 +17,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from pfd_core.machine.recorder import LaneArray, Lanes, where
+from pfd_core.machine.lanes import absolute, where
+from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array
 
 
@@ -40,18 +41,13 @@ def solve_pivoted(T: LaneArray, B: LaneArray) -> LaneArray:
 
 def _lead_with_larger(rows: list[list[Lanes]], k: int, r: int) -> None:
     """Exchange rows k and r where the latter has the larger element in column k."""
-    larger = _magnitude(rows[r][k]) - _magnitude(rows[k][k])
+    larger = absolute(rows[r][k]) - absolute(rows[k][k])
     for j in range(k, len(rows[k])):
         x, y = rows[k][j], rows[r][j]
         rows[k][j], rows[r][j] = where(larger, y, x), where(larger, x, y)
 
 
 def _subtract(rows: list[list[Lanes]], r: int, k: int, columns: range) -> None:
-    """Take from row r what row k, led by one, makes of its element in column k."""
+    """Subtract from row r its element in column k times row k, whose own element there is one."""
     for j in columns:
         rows[r][j] = rows[r][j] - rows[r][k] * rows[k][j]
-
-
-def _magnitude(x: Lanes) -> Lanes:
-    result: Lanes = where(x, x, -x)
-    return result

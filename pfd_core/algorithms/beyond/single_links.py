@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Every joint with its own link, as the smallest piece of a chain that is divided and conquered.
+Every joint with its own link: the smallest pieces of divide and conquer.
 
 With S the joint's axis and I the link's inertia about o_(i-1), X the shift of accelerations from
 o_(i-1) to o_i, u = X S, D = S' I S + rotor, y the joint's right-hand side:
@@ -27,11 +27,12 @@ import numpy as np
 
 from pfd_core.algorithms.beyond.base_origin import Bodies, bodies
 from pfd_core.algorithms.chain.base_axes import Links, Pose
-from pfd_core.machine.recorder import LaneArray, Lanes, merge, on, where
+from pfd_core.machine.lanes import merge, on, where
+from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
 
 SIX = range(6)
-UPPER = [(i, j) for i in SIX for j in range(i, 6)]
+UPPER_OF_SIX = [(i, j) for i in SIX for j in range(i, 6)]
 
 
 @dataclass(frozen=True)
@@ -89,7 +90,7 @@ def single_links(
     Parameters
     ----------
     chain, pose : Links, Pose
-        The links and where they are.
+        Constants of the links and their pose.
     rotors : sequence of Lanes
         Inertias to add at the joint [kg m^2 or kg].
     y : LaneArray
@@ -101,7 +102,7 @@ def single_links(
     body = bodies(chain, pose, pose.p_star + pose.s)
     moment, force = _moved(chain, pose, body)
     IS, u = array([*moment, *force]), _tip_motion(chain, pose)
-    # What the joint feels of its own link when it is moved.
+    # The torque of a unit acceleration of the joint, from its own link.
     felt = merge(on(force, chain.translational), moment) if chain.translational else moment
     D = dot(pose.z, array(felt))
     for rotor in rotors:
@@ -112,9 +113,9 @@ def single_links(
     k, ku = inverse * IS, inverse * u
     link, X = _spatial(body), _shift(pose.p_star)
     pieces = Pieces(
-        C=array([u[i] * ku[j] for i, j in UPPER]),
+        C=array([u[i] * ku[j] for i, j in UPPER_OF_SIX]),
         beta=np.multiply.outer(ku, y),
-        N=array([_less(IS[i] * k[j], link.get((i, j))) for i, j in UPPER]),
+        N=array([_less(IS[i] * k[j], link.get((i, j))) for i, j in UPPER_OF_SIX]),
         nu=-np.multiply.outer(k, y),
         A=array([[-_less(u[i] * k[j], X.get((i, j))) for j in SIX] for i in SIX]),
     )
@@ -132,7 +133,7 @@ def _moved(chain: Links, pose: Pose, body: Bodies) -> tuple[LaneArray, LaneArray
 
 
 def _tip_motion(chain: Links, pose: Pose) -> LaneArray:
-    """Return u = X S, (6,): how the origin of frame i moves with joint i."""
+    """Return u = X S, (6,): acceleration of the origin of frame i for qdd_i = 1."""
     angular, linear = pose.z, cross(pose.z, pose.p_star)
     if chain.translational:
         zero = array([chain.m.recorder.constant(0.0)] * 3)
@@ -142,7 +143,7 @@ def _tip_motion(chain: Links, pose: Pose) -> LaneArray:
 
 
 def _spatial(body: Bodies) -> dict[tuple[int, int], Lanes]:
-    """Return the elements that are not zero of a link's inertia, upper triangle."""
+    """Return the nonzero elements of a link's inertia, upper triangle."""
     m, h = body.m, body.h
     places = [(i, j) for i in range(3) for j in range(i, 3)]
     elements = dict(zip(places, body.inertia, strict=True))
@@ -151,7 +152,7 @@ def _spatial(body: Bodies) -> dict[tuple[int, int], Lanes]:
 
 
 def _shift(p: LaneArray) -> dict[tuple[int, int], Lanes]:
-    """Return the elements that are not zero of X: accelerations at p from those at the origin."""
+    """Return the nonzero elements of X, which shifts accelerations from the origin to p."""
     one = p[0].recorder.constant(1.0)
     elements = {(i, i): one for i in SIX}
     elements |= {(3, 1): p[2], (3, 2): -p[1], (4, 0): -p[2], (4, 2): p[0], (5, 0): p[1]}

@@ -1,3 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""chain."""
+"""
+Common start of every algorithm text: inputs, links and the equations of motion.
+
+    interface       inputs (q, qd, tau, wrench, free) and outputs of whole programs
+    base_axes       the chain on n lanes: link constants (Links), pose (Pose), eqs (13), (14)
+    link_axes       the chain on one processor, every link in its own axes (Chain, Link)
+    joint_torques   torques of the joints themselves: damping, rotors; Coulomb friction goes here
+    equations       equations of motion on n lanes: y = tau - bias, rotors, held joints
+"""

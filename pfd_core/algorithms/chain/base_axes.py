@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A serial chain on lanes: the constants of its links, and where they are at joint positions q.
+A serial chain on lanes: constants of the links (Links) and their pose at positions q (Pose).
 
     R_i   = Rz(q_i) A_i (rotational), A_i (translational)
     0R_i  = 0R_(i-1) R_i                                     eq. (13), FOHRA
@@ -9,7 +9,7 @@ A serial chain on lanes: the constants of its links, and where they are at joint
     p*_i  = 0R_i (A_i' a_i)  [+ q_i z_(i-1), translational]
     s_i   = 0R_i s_i (link axes),  J_i = 0R_i J_i (link axes) 0R_i'
 
-Lee and Chang 1987, section 2.5, steps 1 and 2. Base axes are those of frame 0. Lane i holds
+Lee and Chang 1987, section 2.5, steps 1 and 2. Base axes are the axes of frame 0. Lane i holds
 link i + 1 (the paper counts from 1): its frame, its joint's axis and its inertia.
 
 Parallel cost, L = ceil(log2 n): 12 multiplications and 6 additions for R_i, which the paper takes
@@ -27,13 +27,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pfd_core.algorithms.chain.interface import input_row
+from pfd_core.machine.lanes import cos, merge, on, shift, sin
 from pfd_core.machine.packing import prefix_product
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, cos, merge, on, shift, sin
-from pfd_core.machine.vectors import array, rotated_symmetric
-from pfd_core.model import Robot
-from pfd_core.model.geometry import product
-
-UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
+from pfd_core.machine.vectors import UPPER, array, rotated_symmetric
+from pfd_core.model import Plant, Robot
+from pfd_core.model.geometry import Array, product
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Links:
     Attributes
     ----------
     rotational, translational : tuple of int
-        The lanes of each kind of joint.
+        Lanes of the joints of each kind.
     A : LaneArray
         (3, 3), orientation of frame i in frame i-1 at q_i = 0.
     p : LaneArray
@@ -70,7 +70,7 @@ class Links:
 @dataclass(frozen=True)
 class Pose:
     """
-    Where the links are, in base axes.
+    Pose of the links, in base axes.
 
     Attributes
     ----------
@@ -94,20 +94,19 @@ class Pose:
     J: LaneArray
 
 
-def links(recorder: Recorder, robot: Robot, keep_tip: bool) -> Links:
+def chain_on_lanes(plant: Plant, schedule: str) -> tuple[Recorder, Links, Pose]:
+    """Return a recorder on n lanes, the links on it, and their pose at the input q."""
+    recorder = Recorder(plant.robot.n, schedule)
+    chain = links(recorder, plant.robot, keep_tip=plant.external_wrench)
+    return recorder, chain, pose(recorder, chain, input_row(recorder, 'q'))
+
+
+def link_parameters(robot: Robot, keep_tip: bool) -> tuple[Array, Array, Array, Array]:
     """
-    Return the constants of a robot's links on lanes.
+    Return A, (n, 3, 3), a and s, (n, 3), and J, (n, 3, 3), of the links.
 
-    Parameters
-    ----------
-    recorder : Recorder
-        Where they are recorded.
-    robot : Robot
-        The chain.
-    keep_tip : bool
-        Whether frame n must be the tip's frame. Only an external wrench refers to it; without
-        one, frame n is laid on the last joint's axis, where its offset and rotation vanish.
-
+    Only an external wrench refers to the tip's frame. If it need not be kept, frame n is laid on
+    the last joint's axis, where its offset and rotation vanish.
     """
     A, a, s, J = robot.rotations, robot.translations, robot.centers, robot.inertias
     if not keep_tip:
@@ -115,6 +114,12 @@ def links(recorder: Recorder, robot: Robot, keep_tip: bool) -> Links:
         s[-1] = a[-1] + product(A[-1], s[-1])
         J[-1] = product(A[-1], J[-1], A[-1].T)
         A[-1], a[-1] = np.eye(3), 0.0
+    return A, a, s, J
+
+
+def links(recorder: Recorder, robot: Robot, keep_tip: bool) -> Links:
+    """Return the constants of a robot's links on n lanes; keep_tip as for link_parameters."""
+    A, a, s, J = link_parameters(robot, keep_tip)
     p = np.array([product(A[i].T, a[i]) for i in range(robot.n)])
     n = range(robot.n)
     row = recorder.constant
@@ -130,7 +135,7 @@ def links(recorder: Recorder, robot: Robot, keep_tip: bool) -> Links:
 
 
 def pose(recorder: Recorder, chain: Links, q: Lanes) -> Pose:
-    """Return where the links are at joint positions q [rad or m]."""
+    """Return the pose of the links at joint positions q [rad or m]."""
     with recorder.section('joint rotation'):
         R = _joint_rotation(recorder, chain, q)
     with recorder.section('orientation'):
@@ -144,8 +149,16 @@ def pose(recorder: Recorder, chain: Links, q: Lanes) -> Pose:
         return Pose(R, z, p_star, R @ chain.s, rotated_symmetric(R, chain.J))
 
 
+def wrench_in_base_axes(at: Pose, wrench: LaneArray) -> tuple[LaneArray, LaneArray]:
+    """Return force and moment, (3,) each, of a wrench (6,) given in the last link's axes."""
+    recorder = wrench[0].recorder
+    with recorder.section('wrench'):
+        R = on(at.R, [recorder.lanes - 1])
+        return R @ wrench[:3], R @ wrench[3:]
+
+
 def _joint_rotation(recorder: Recorder, chain: Links, q: Lanes) -> LaneArray:
-    """Return R_i = Rz(q_i) A_i, (3, 3); a translational joint turns by nothing."""
+    """Return R_i, (3, 3): Rz(q_i) A_i, and A_i on the lanes of translational joints."""
     A = chain.A
     if not chain.rotational:
         return A

@@ -1,49 +1,54 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-What whole programs on n lanes share: their inputs and outputs, the torque, the held joints.
+The equations of motion on n lanes, for the methods with a lane for each link.
 
-Inputs are `q`, `qd` and `qdd` or `tau`, (n,), and where the scene asks for them `wrench`, (6,):
-force and moment exerted on the last link, in its axes, about its origin, and `free`, (n,): one
-for a joint that moves and zero for one that its brake holds.
+    H(q) qdd = y,   y = tau - bias - torques of the joints at qd
+
+Link torques and bias are computed by a function that the caller chooses, newton_euler of the
+paper or another with the same arguments. Lane i holds joint and link i + 1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from pfd_core.algorithms.chain.base_axes import Links, Pose, links, pose
-from pfd_core.algorithms.paper.newton_euler import newton_euler, wrench_in_base_axes
-from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, broadcast, merge, on, where
-from pfd_core.machine.vectors import array
+from pfd_core.algorithms.chain.base_axes import (
+    Links,
+    Pose,
+    chain_on_lanes,
+    wrench_in_base_axes,
+)
+from pfd_core.algorithms.chain.interface import input_row, wrench_input
+from pfd_core.algorithms.chain.joint_torques import plus_joint_torques
+from pfd_core.machine.lanes import broadcast, merge, on, where
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
 
-
-def begin(plant: Plant, schedule: str) -> tuple[Recorder, Links, Pose]:
-    """Return a recorder on n lanes, the links on it, and where they are at the input q."""
-    recorder = Recorder(plant.robot.n, schedule)
-    chain = links(recorder, plant.robot, keep_tip=plant.external_wrench)
-    return recorder, chain, pose(recorder, chain, joint_input(recorder, 'q'))
+# Torques of links, gravity and wrench: (recorder, links, pose, qd, qdd, gravity, wrench).
+LinkTorques = Callable[..., Lanes]
 
 
-def finish(recorder: Recorder, **results: Lanes) -> Program:
-    """Return the program whose outputs are these rows, one element per lane."""
-    n = recorder.lanes
-    for name, value in results.items():
-        recorder.output(name, (n,), [(value, lane) for lane in range(n)])
-    return recorder.program()
+def forward_equations(
+    plant: Plant, schedule: str, link_torques: LinkTorques
+) -> tuple[Recorder, Links, Pose, Lanes]:
+    """Return a recorder on n lanes, the links, their pose at the input q, and y [N m or N]."""
+    recorder, chain, at = chain_on_lanes(plant, schedule)
+    qd, tau = input_row(recorder, 'qd'), input_row(recorder, 'tau')
+    return recorder, chain, at, tau - torques(plant, chain, at, qd, None, link_torques)
 
 
-def joint_input(recorder: Recorder, name: str) -> Lanes:
-    """Return an input of n elements, one per lane."""
-    return recorder.input(name, range(recorder.lanes))
-
-
-def wrench_input(recorder: Recorder) -> LaneArray:
-    """Return the six components of the wrench, on the last lane."""
-    empty = [None] * (recorder.lanes - 1)
-    return array([recorder.input('wrench', [*empty, k]) for k in range(6)])
+def torques(
+    plant: Plant, chain: Links, at: Pose, qd: Lanes, qdd: Lanes | None, link_torques: LinkTorques
+) -> Lanes:
+    """Return the torques of links, gravity, wrench and joints; without qdd the bias."""
+    recorder = qd.recorder
+    wrench = None
+    if plant.external_wrench:
+        wrench = wrench_in_base_axes(at, wrench_input(recorder))
+    tau = link_torques(recorder, chain, at, qd, qdd, plant.gravity, wrench)
+    (tau,) = plus_joint_torques(plant, [tau], [qd], None if qdd is None else [qdd])
+    return tau
 
 
 def armature(recorder: Recorder, plant: Plant) -> Lanes | None:
@@ -51,40 +56,16 @@ def armature(recorder: Recorder, plant: Plant) -> Lanes | None:
     return None if plant.armature is None else recorder.constant(plant.armature)
 
 
-def torque(
-    recorder: Recorder,
-    plant: Plant,
-    chain: Links,
-    at: Pose,
-    qd: Lanes,
-    qdd: Lanes | None,
-    of_links: Callable[..., Lanes] = newton_euler,
-) -> Lanes:
+def held_joints(rows: list[Lanes], y: Lanes) -> tuple[list[Lanes], Lanes, Lanes]:
     """
-    Return the torques of the links, of the wrench and of viscous friction.
+    Return H and y with the accelerations of held joints set to zero, and the input `free`.
 
-    The torques of links and wrench are left to a function with the arguments of newton_euler.
+    Of a held joint's equation the diagonal element remains. It may be zero, so that a solve takes
+    its pivot as infinite, whose reciprocal is zero.
     """
-    wrench = None
-    if plant.external_wrench:
-        wrench = wrench_in_base_axes(recorder, at, wrench_input(recorder))
-    tau = of_links(recorder, chain, at, qd, qdd, plant.gravity, wrench)
-    if plant.damping is not None:
-        tau = tau + recorder.constant(plant.damping) * qd
-    return tau
-
-
-def held_joints(
-    recorder: Recorder, rows: list[Lanes], y: Lanes
-) -> tuple[list[Lanes], Lanes, Lanes]:
-    """
-    Return the equations with the accelerations of held joints set to zero, and the input `free`.
-
-    A held joint has nothing but its own inertia left in its equation. That may be zero, so that
-    a solve takes its pivot as infinite, whose reciprocal is zero.
-    """
+    recorder = y.recorder
     with recorder.section('brakes'):
-        free = joint_input(recorder, 'free')
+        free = input_row(recorder, 'free')
         n = recorder.lanes
         held = []
         for i in range(n):

@@ -7,22 +7,22 @@ A serial chain on one processor: every link's quantities in the link's own axes.
     p_i = A_i' a_i [+ q_i z]           origin of frame i from that of frame i-1, in axes i
 
 This is the rotation of Denavit and Hartenberg, for any chain: A_i = Rz Rx Rz, and the last of
-the three is taken away by turning frame i about its own z axis, which is the axis of joint
-i + 1; the next joint's angle starts from there. Frames are not moved along that axis, so nearly
-parallel axes do no harm. theta_i = q_i + constant for a rotational joint, and a constant for a
-translational one; the constant is added to the angle by its sine and cosine, so that a large
-q_i loses nothing.
+the three is removed by turning frame i about its own z axis, which is the axis of joint i + 1;
+the next joint's angle starts from there. Frames are not moved along that axis, so that nearly
+parallel axes do no harm. theta_i is q_i + constant for a rotational joint, and a constant for a
+translational joint; the constant is added to the angle by its sine and cosine, so that a large
+q_i loses no digits.
 
-A vector is then rotated by two planar rotations, 8 multiplications and 4 additions where a full
-matrix takes 9 and 6. Walker and Orin have frames of this kind. Between
-the two lie the axes of joint i: fixed to link i, with z along the joint's axis.
+A vector is rotated by two planar rotations, 8 multiplications and 4 additions where a full matrix
+takes 9 and 6, as in Walker and Orin 1982. Between the two rotations lie the axes of joint i:
+fixed to link i, with z along the joint's axis.
 
 Cost: 4 multiplications, 2 additions, a sine and a cosine for a rotational joint; 2 and 2 for a
-translational one that is not the last.
+translational joint, none for the last.
 
 None stands for a vector that is known to be zero while recording, and costs nothing. Without an
-external wrench frame n is laid on the last joint's axis: its twist is such a zero, and so is its
-offset unless the joint is translational.
+external wrench frame n is laid on the last joint's axis: its twist is None, and so is its offset
+unless the joint is translational.
 """
 
 from __future__ import annotations
@@ -35,14 +35,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import SCHEDULES, LaneArray, Lanes, Recorder, cos, sin, where
-from pfd_core.machine.vectors import array
+from pfd_core.algorithms.chain.base_axes import link_parameters
+from pfd_core.algorithms.chain.interface import input_list, wrench_input
+from pfd_core.machine.lanes import cos, sin, where
+from pfd_core.machine.recorder import SCHEDULES, LaneArray, Lanes, Recorder
+from pfd_core.machine.vectors import array, constants
 from pfd_core.model import Plant
 from pfd_core.model.geometry import product, rotation_z
 
 Planar = tuple[Lanes, Lanes]
-# The plane that a rotation about an axis turns, and the axis.
+# Indices of the two axes of the plane of a rotation, and of its axis.
 ABOUT_X = (1, 2, 0)
 ABOUT_Z = (0, 1, 2)
 
@@ -88,7 +90,7 @@ class Chain:
     Attributes
     ----------
     recorder : Recorder
-        Where it is recorded; one lane.
+        Of one lane.
     links : list of Link
         Base to tip.
     gravity : LaneArray or None
@@ -105,30 +107,25 @@ class Chain:
     wrench: tuple[LaneArray, LaneArray] | None
 
 
-def begin(plant: Plant, schedule: str) -> Chain:
+def chain_in_link_axes(plant: Plant, schedule: str) -> Chain:
     """Return the chain of a plant at the input q; one processor has but one schedule."""
     if schedule not in SCHEDULES:
         raise ValueError(f'schedule must be one of {SCHEDULES}, got {schedule!r}')
     recorder = Recorder(1, 'sequential')
     robot = plant.robot
-    A, a, s, J = robot.rotations, robot.translations, robot.centers, robot.inertias
-    if not plant.external_wrench:
-        A, a, s, J = A.copy(), a.copy(), s.copy(), J.copy()
-        s[-1] = a[-1] + product(A[-1], s[-1])
-        J[-1] = product(A[-1], J[-1], A[-1].T)
-        A[-1], a[-1] = np.eye(3), 0.0
-    q = joint_inputs(recorder, 'q', robot.n)
+    A, a, s, J = link_parameters(robot, keep_tip=plant.external_wrench)
+    q = input_list(recorder, 'q', robot.n)
     links = []
     last = (1.0, 0.0)
     for i in range(robot.n):
         first, twist, following = zxz(A[i])
         Z = rotation_z(*following)
         slides = robot.joint_types[i] == 'prismatic'
-        turn = _constants(recorder, _sum_of_angles(last, first))
+        turn = planar(recorder, sum_of_angles(last, first))
         tilt = p = None
         if i < robot.n - 1 or plant.external_wrench:
-            tilt = _constants(recorder, twist)
-            p = _row(recorder, product(Z, product(A[i].T, a[i])))
+            tilt = planar(recorder, twist)
+            p = constants(recorder, product(Z, product(A[i].T, a[i])))
             if slides:
                 p = _slid(p, tilt, q[i])
         elif slides:
@@ -140,12 +137,12 @@ def begin(plant: Plant, schedule: str) -> Chain:
                 tilt=tilt,
                 p=p,
                 m=recorder.constant(robot.masses[i]),
-                s=_row(recorder, product(Z, s[i])),
-                J=_row(recorder, product(Z, J[i], Z.T)),
+                s=constants(recorder, product(Z, s[i])),
+                J=constants(recorder, product(Z, J[i], Z.T)),
             )
         )
         last = following
-    gravity = _row(recorder, -plant.gravity) if plant.gravity.any() else None
+    gravity = constants(recorder, -plant.gravity) if plant.gravity.any() else None
     return Chain(recorder, links, gravity, _wrench(recorder, plant, last))
 
 
@@ -170,32 +167,27 @@ def _unit(x: float, y: float) -> tuple[float, float]:
     return (x / length + 0.0, y / length + 0.0) if length > 0 else (1.0, 0.0)
 
 
-def _sum_of_angles(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
+def sum_of_angles(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
+    """Return cosine and sine of the sum of two angles given by theirs."""
     return a[0] * b[0] - a[1] * b[1], a[1] * b[0] + a[0] * b[1]
 
 
 def _turned_by(q: Lanes, start: Planar) -> Planar:
-    """Return cosine and sine of q plus the angle of a joint at zero."""
+    """Return cosine and sine of q plus the angle `start`."""
     with q.recorder.section('joint rotation'):
         (c0, s0), c, s = start, cos(q), sin(q)
         return c * c0 - s * s0, s * c0 + c * s0
 
 
 def _slid(p: LaneArray, tilt: Planar, q: Lanes) -> LaneArray:
-    """Return p + q z, z the joint's axis, which has no x component in the link's axes."""
+    """Return p + q z; the joint's axis z has no x component in the link's axes."""
     with q.recorder.section('link vectors'):
         return array([p[0], p[1] + tilt[1] * q, p[2] + tilt[0] * q])
 
 
-def _constants(recorder: Recorder, values: tuple[float, float]) -> Planar:
-    return recorder.constant(values[0]), recorder.constant(values[1])
-
-
-def _row(recorder: Recorder, values: NDArray[np.float64]) -> LaneArray:
-    result = np.empty(values.shape, dtype=object)
-    for index in np.ndindex(values.shape):
-        result[index] = recorder.constant(values[index])
-    return result
+def planar(recorder: Recorder, angle: tuple[float, float]) -> Planar:
+    """Return cosine and sine of an angle as constants."""
+    return recorder.constant(angle[0]), recorder.constant(angle[1])
 
 
 def _wrench(
@@ -204,46 +196,23 @@ def _wrench(
     """Return the input wrench in the axes of the last link, whose frame was turned."""
     if not plant.external_wrench:
         return None
-    k = array([recorder.input('wrench', [element]) for element in range(6)])
+    k = wrench_input(recorder)
     with recorder.section('wrench'):
-        angle = _constants(recorder, last)
+        angle = planar(recorder, last)
         return rotated(angle, ABOUT_Z, k[:3]), rotated(angle, ABOUT_Z, k[3:])
 
 
-def joint_inputs(recorder: Recorder, name: str, n: int) -> list[Lanes]:
-    """Return an input of n elements, one register each."""
-    return [recorder.input(name, [i]) for i in range(n)]
-
-
-def applied_torques(plant: Plant, chain: Chain, qd: Sequence[Lanes]) -> list[Lanes]:
-    """Return the input tau less viscous friction."""
-    recorder = chain.recorder
-    tau = joint_inputs(recorder, 'tau', len(chain.links))
-    if plant.damping is None:
-        return tau
-    with recorder.section('friction'):
-        pairs = zip(tau, plant.damping, qd, strict=True)
-        return [t - recorder.constant(d) * rate for t, d, rate in pairs]
-
-
 def known(chain: Chain, values: Sequence[Lanes | None]) -> list[Lanes]:
-    """Return numbers, with a constant where one is known to be zero."""
+    """Return values with the constant zero in the place of None."""
     zero = chain.recorder.constant(0.0)
     return [zero if value is None else value for value in values]
 
 
 def released(free: Sequence[Lanes] | None, values: Sequence[Lanes]) -> list[Lanes]:
-    """Return values with those of held joints set to zero: the problem without them."""
+    """Return values, zero for held joints; all of them without brakes (free is None)."""
     if free is None:
         return list(values)
     return [where(moves, value, 0.0) for moves, value in zip(free, values, strict=True)]
-
-
-def finish(recorder: Recorder, **results: Sequence[Lanes]) -> Program:
-    """Return the program whose outputs are these lists of numbers."""
-    for name, values in results.items():
-        recorder.output(name, (len(values),), [(value, 0) for value in values])
-    return recorder.program()
 
 
 def rotated(angle: Planar, about: tuple[int, int, int], v: LaneArray) -> LaneArray:
@@ -280,22 +249,22 @@ def rotated_matrix(
 
 
 def tilted(link: Link, v: Any) -> Any:
-    """Return a vector given in the link's axes, or None, in the axes of its joint."""
+    """Return v, or None, from the link's axes to the axes of its joint."""
     return v if v is None or link.tilt is None else rotated(link.tilt, ABOUT_X, v)
 
 
 def turned(link: Link, v: Any) -> Any:
-    """Return a vector given in the axes of the link's joint, or None, in those of link i-1."""
+    """Return v, or None, from the axes of the link's joint to the axes of link i-1."""
     return v if v is None else rotated(link.turn, ABOUT_Z, v)
 
 
 def untilted(link: Link, v: Any) -> Any:
-    """Return a vector given in the axes of the link's joint, or None, in the link's own."""
+    """Return v, or None, from the axes of the link's joint to the link's axes."""
     return v if v is None or link.tilt is None else rotated(_back(link.tilt), ABOUT_X, v)
 
 
 def unturned(link: Link, v: Any) -> Any:
-    """Return a vector given in the axes of link i-1, or None, in those of the link's joint."""
+    """Return v, or None, from the axes of link i-1 to the axes of the link's joint."""
     return v if v is None else rotated(_back(link.turn), ABOUT_Z, v)
 
 
@@ -304,7 +273,7 @@ def _back(angle: Planar) -> Planar:
 
 
 def plus(*terms: Any) -> Any:
-    """Return the sum of those vectors or numbers that are not None; None if there are none."""
+    """Return the sum of vectors or numbers, None left out; None if all are None."""
     result = None
     for term in terms:
         if term is not None:

@@ -3,23 +3,24 @@
 """
 Articulated bodies on one processor, in link axes, with grouped inertial parameters.
 
-H qdd = y is solved at rest: the bias is in y already (grouped_newton_euler). With S the unit
-motion along z of B_i and X the way from B_i to B_(i-1), rotation and shift of origin,
+H qdd = y is solved at rest: y contains the bias (pfd_core.algorithms.grouped.newton_euler). With S
+the unit motion along z of B_i and X the transform from B_i to B_(i-1), rotation and shift of
+origin,
 
-    I = body_i + what hangs on it, symmetric 6 x 6                       tip to base
+    I = body_i + the body beyond it, symmetric 6 x 6                     tip to base
     U = I S,  d = S.U + rotor,  g = U / d,  r = (y - S.f) / d
-    X (I - U g') X' and X (f + U r) hang on the link before
+    the body beyond link i-1: X (I - U g') X' and X (f + U r)
     qdd_i = r - g.a,  a_i = a + S qdd_i,  a = X' a_(i-1), a_0 = 0        base to tip
 
 I - U g' has no row along S, because the joint gives way; nothing is computed there, and the zeros
 make the rotation by the joint's own angle cheap. A rotor leaves U rotor/d of that row, a held
-joint (1/d = 0) all of it. H qdd = y holds exactly there, so that S.(f + U r) is y.
+joint (1/d = 0) all of it. S.(f + U r) is y exactly.
 
-Featherstone 1983; base parameters as in grouped_links. This is the serial method at its cheapest
-for a long chain. Grouped bodies have no mass beyond the joint that carries it, and their inertia
-need not be positive; the articulated body's d is a pivot of H all the same.
+Featherstone 1983; base parameters of pfd_core.algorithms.grouped.links. For a long chain this is
+the cheapest serial method. A grouped link can be massless and its inertia need not be positive; d
+is a pivot of H all the same.
 
-I is kept as moment = J wd + K a, force = K' wd + M a. One register holds one number; everything
+I has the form moment = J wd + K a, force = K' wd + M a. One register holds one number; everything
 of link i is in axes B_i.
 """
 
@@ -31,50 +32,52 @@ import math
 
 import numpy as np
 
-from pfd_core.algorithms.grouped.newton_euler import Link, begin, inward_symmetric, moved, outward
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.grouped.newton_euler import (
+    Link,
+    grouped_equations,
+    inward_symmetric,
+    moved,
+    outward,
+)
+from pfd_core.algorithms.serial.articulated_inertia import (
+    Inertia,
+    response,
+    rigid_inertia,
+    shifted,
+)
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, where
-from pfd_core.machine.vectors import array, cross, dot
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
+from pfd_core.machine.vectors import (
+    UPPER,
+    array,
+    cross,
+    dot,
+    six_elements,
+    symmetric_matrix,
+    symmetric_sum,
+)
 from pfd_core.model import Plant
-
-# The six different elements of a symmetric matrix, in the order in which vectors has them.
-UPPER = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-
-
-@dataclass(frozen=True)
-class Body:
-    """
-    An inertia: moment = J wd + K a, force = K' wd + M a.
-
-    Attributes
-    ----------
-    J, K, M : LaneArray
-        (3, 3) each [kg m^2, kg m, kg].
-
-    """
-
-    J: LaneArray
-    K: LaneArray
-    M: LaneArray
 
 
 @dataclass(frozen=True)
 class Joint:
     """
-    How a joint gives way to what it carries.
+    Articulated body of a joint, reduced to the joint's own motion.
 
     Attributes
     ----------
     U_n, U_f : LaneArray
-        (3,), moment and force that its unit acceleration takes.
+        (3,), moment and force that a unit acceleration of the joint takes.
     d : Lanes
-        Their part along the joint, with its rotor: a pivot of H; infinite for a held joint.
+        S.U + rotor, a pivot of H; infinite for a held joint.
     inverse : Lanes
         1/d, or zero for a held joint.
     kept : Lanes
-        The share of U that the joint passes on along its own axis.
+        Share of U in the row of I - U g' along the joint: rotor/d, or one for a held joint.
     stiff : bool
-        Whether kept is anything but zero, for some input.
+        Whether `kept` can be other than zero.
 
     """
 
@@ -87,18 +90,15 @@ class Joint:
 
 
 def record_grouped_articulated_body(plant: Plant, schedule: str) -> Program:
-    """Return the program of qdd and pivots, (n,), from q, qd and tau; the schedule is one."""
-    recorder, links, y = begin(plant)
-    free = [recorder.input('free', [i]) for i in range(len(y))] if plant.brakes else None
+    """Return the program of qdd and pivots, (n,), from q, qd and tau; always sequential."""
+    recorder, links, y = grouped_equations(plant)
+    free = input_list(recorder, 'free', len(y)) if plant.brakes else None
     with recorder.section('articulated bodies'):
         joints = _joints(recorder, plant, links, free)
     with recorder.section('solve'):
         rates = _rates(links, joints, y)
         qdd = _accelerations(recorder, links, joints, rates)
-    pivots = [joint.d for joint in joints]
-    for name, values in (('qdd', qdd), ('pivots', pivots)):
-        recorder.output(name, (len(values),), [(value, 0) for value in values])
-    return recorder.program()
+    return program_with_outputs(recorder, qdd=qdd, pivots=[joint.d for joint in joints])
 
 
 def _joints(
@@ -106,9 +106,9 @@ def _joints(
 ) -> list[Joint]:
     """Return the joints, base to tip, from the articulated bodies that they carry."""
     joints: list[Joint] = []
-    body: Body | None = None
+    body: Inertia | None = None
     for i in range(len(links) - 1, -1, -1):
-        whole = _with_link(recorder, links[i], body)
+        whole = _with_link(links[i], body)
         rotor = recorder.constant(0.0 if plant.armature is None else plant.armature[i])
         joint = _joint(links[i].slides, whole, rotor, None if free is None else free[i])
         stiff = plant.brakes or (plant.armature is not None and plant.armature[i] != 0)
@@ -118,22 +118,21 @@ def _joints(
     return joints
 
 
-def _with_link(recorder: Recorder, link: Link, beyond: Body | None) -> Body:
-    """Return the body of a link with what hangs on it."""
-    zero, m, h = recorder.constant(0.0), link.m, link.h
-    J = _full(link.inertia)
-    K = array([[zero, -h[2], h[1]], [h[2], zero, -h[0]], [-h[1], h[0], zero]])
-    M = array([[m, zero, zero], [zero, m, zero], [zero, zero, m]])
+def _with_link(link: Link, beyond: Inertia | None) -> Inertia:
+    """Return the inertia of a link with the body beyond it."""
+    own = rigid_inertia(symmetric_matrix(link.inertia), link.m, link.h)
     if beyond is None:
-        return Body(J, K, M)
-    return Body(_symmetric_sum(beyond.J, J), beyond.K + K, _symmetric_sum(beyond.M, M))
+        return own
+    return Inertia(
+        symmetric_sum(beyond.J, own.J), beyond.K + own.K, symmetric_sum(beyond.M, own.M)
+    )
 
 
 def _joint(
-    slides: bool, body: Body, rotor: Lanes, free: Lanes | None
+    slides: bool, body: Inertia, rotor: Lanes, free: Lanes | None
 ) -> tuple[LaneArray, LaneArray, Lanes, Lanes, Lanes]:
-    """Return U, d, 1/d and the share that is kept, as Joint has them."""
-    U_n, U_f = (body.K[:, 2], body.M[:, 2]) if slides else (body.J[:, 2], body.K[2])
+    """Return the attributes U_n, U_f, d, inverse and kept of a Joint."""
+    U_n, U_f = response(body, slides)
     d = (U_f if slides else U_n)[2] + rotor
     inverse = 1.0 / d
     kept = rotor * inverse
@@ -143,8 +142,8 @@ def _joint(
     return U_n, U_f, d, inverse, kept
 
 
-def _given_way(slides: bool, body: Body, joint: Joint) -> Body:
-    """Return I - U g', the part of a body that is felt beyond its joint."""
+def _given_way(slides: bool, body: Inertia, joint: Joint) -> Inertia:
+    """Return I - U g', the part of a body that the link before its joint carries."""
     U_n, U_f = joint.U_n, joint.U_f
     g_n, g_f = joint.inverse * U_n, joint.inverse * U_f
     J, K, M = body.J.copy(), body.K.copy(), body.M.copy()
@@ -161,20 +160,14 @@ def _given_way(slides: bool, body: Body, joint: Joint) -> Body:
     for i, j in np.ndindex(3, 3):
         if (j if slides else i) < 2:
             K[i, j] = K[i, j] - g_n[i] * U_f[j]
-    return Body(J, K, M)
+    return Inertia(J, K, M)
 
 
-def _moved(link: Link, body: Body) -> Body:
+def _moved(link: Link, body: Inertia) -> Inertia:
     """Return a body of B_i in the axes and about the origin of B_(i-1)."""
-    J, M = (_full(inward_symmetric(link, _six(X))) for X in (body.J, body.M))
+    J, M = (symmetric_matrix(inward_symmetric(link, six_elements(X))) for X in (body.J, body.M))
     K = _inward_matrix(link, body.K)
-    shifted, about = np.empty((3, 3), dtype=object), np.empty((3, 3), dtype=object)
-    for i, j in np.ndindex(3, 3):
-        shifted[i, j] = K[i, j] + _crossed(link.r, M, i, j)
-    for i, j in UPPER:
-        both = _crossed(link.r, shifted.T, i, j) + _crossed(link.r, K.T, j, i)
-        about[i, j] = about[j, i] = J[i, j] + both
-    return Body(about, shifted, M)
+    return shifted(Inertia(J, K, M), link.r)
 
 
 def _inward_matrix(link: Link, X: LaneArray) -> LaneArray:
@@ -202,15 +195,8 @@ def _turned(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
     )
 
 
-def _crossed(p: LaneArray, X: LaneArray, i: int, j: int) -> Lanes:
-    """Return an element of the matrix whose columns are p x (columns of X)."""
-    k, m = (i + 1) % 3, (i + 2) % 3
-    result: Lanes = p[k] * X[m, j] - p[m] * X[k, j]
-    return result
-
-
 def _rates(links: Sequence[Link], joints: Sequence[Joint], y: Sequence[Lanes]) -> list[Lanes]:
-    """Return r, (n,): the accelerations of joints whose link before does not accelerate."""
+    """Return r, (n,): the acceleration of each joint while the link before does not accelerate."""
     rates: list[Lanes] = []
     carried: tuple[LaneArray, LaneArray] | None = None
     for i in range(len(links) - 1, -1, -1):
@@ -244,23 +230,9 @@ def _accelerations(
             qdd.append(rate - (dot(g_n, wd) + dot(g_f, a)))
             along[2] = along[2] + qdd[-1]
             continue
-        # The joint's own part of g is one: what it takes away, the link's motion has.
+        # The joint's own element of g is one: along the joint, the link moves at rate - rest.
         rest = (g_f if link.slides else g_n)[:2] @ along[:2]
         rest = rest + (dot(g_n, wd) if link.slides else dot(g_f, a))
         qdd.append(rate - rest - along[2])
         along[2] = rate - rest
     return qdd
-
-
-def _full(X: LaneArray) -> LaneArray:
-    """Return a symmetric matrix, (3, 3), of its six elements."""
-    xx, xy, xz, yy, yz, zz = X
-    return array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def _six(X: LaneArray) -> LaneArray:
-    return array([X[i, j] for i, j in UPPER])
-
-
-def _symmetric_sum(X: LaneArray, Y: LaneArray) -> LaneArray:
-    return _full(_six(X) + _six(Y))

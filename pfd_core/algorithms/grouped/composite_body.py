@@ -8,11 +8,12 @@ Inertia matrix, tip to base, C the composite body of links i..n in axes B_i
     C_(i-1) = body_(i-1) + C_i moved,  f = C z (first moment), n = C z;  h_ii = n_z,
     h_ji = n_z after moving (f, n) down to B_j          [rotational], {translational: f_z}
 
-and H = L' D L from the tip: the last row is eliminated first. The bias is that of
-grouped_newton_euler.
+and H = L' D L from the tip: the last row is eliminated first. The bias is computed in
+pfd_core.algorithms.grouped.newton_euler.
 
-Walker and Orin 1982 (method 3), Featherstone 1983; base parameters as in grouped_links. This is
-the serial method at its cheapest for a short chain, which a kernel for one processor is made of.
+Walker and Orin 1982 (method 3), Featherstone 1983; base parameters of
+pfd_core.algorithms.grouped.links. For a short chain this is the cheapest serial method: kernels
+are made of it.
 
 One register holds one number; everything of link i is in axes B_i.
 """
@@ -22,16 +23,24 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 
-from pfd_core.algorithms.grouped.newton_euler import Link, begin, inward, inward_symmetric, moved
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.grouped.newton_euler import (
+    Link,
+    grouped_equations,
+    inward,
+    inward_symmetric,
+    moved,
+)
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, where
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Plant
 
 
 def record_composite_body(plant: Plant, schedule: str) -> Program:
-    """Return the program of qdd and pivots, (n,), from q, qd and tau; the schedule is one."""
-    recorder, links, y = begin(plant)
+    """Return the program of qdd and pivots, (n,), from q, qd and tau; always sequential."""
+    recorder, links, y = grouped_equations(plant)
     with recorder.section('inertia matrix'):
         H = _inertia_matrix(links)
         if plant.armature is not None:
@@ -39,13 +48,11 @@ def record_composite_body(plant: Plant, schedule: str) -> Program:
                 H[i][i] = H[i][i] + float(rotor)
     free = None
     if plant.brakes:
-        free = [recorder.input('free', [i]) for i in range(len(y))]
+        free = input_list(recorder, 'free', len(y))
         H, y = _held(recorder, free, H, y)
     with recorder.section('solve'):
         x, pivots = solve(H, y, free)
-    for name, values in (('qdd', x), ('pivots', pivots)):
-        recorder.output(name, (len(values),), [(value, 0) for value in values])
-    return recorder.program()
+    return program_with_outputs(recorder, qdd=x, pivots=pivots)
 
 
 def _inertia_matrix(links: Sequence[Link]) -> list[list[Lanes]]:
@@ -113,7 +120,7 @@ def solve(
     """
     Return x of H x = y and the pivots, by H = L' D L from the last row on.
 
-    The pivot of a held joint is infinite, so that it may have no inertia.
+    The pivot of a held joint is infinite, so that a massless joint can be held.
     """
     n = len(y)
     rows, x = [list(row) for row in H], list(y)

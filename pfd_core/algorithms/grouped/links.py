@@ -1,22 +1,23 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A chain on one processor with the fewest numbers that its dynamics depend on.
+Links with grouped inertial parameters: the fewest numbers that a chain's dynamics depend on.
 
 Axes B_i are fixed to link i, with z along the axis of joint i and the origin on it. From B_(i-1)
 to B_i:
 
     R_i = Rx(alpha_(i-1)) Rz(theta_i),  r_i = p_(i-1) [+ q_i Rx(alpha_(i-1)) z]
 
-Denavit and Hartenberg's frames, brought about for any chain: turning B_i about its z is a
-constant added to an angle, and moving its origin along z makes p_y vanish where that does not
-send the origin far away (nearly parallel axes have their common normal there).
+These are Denavit and Hartenberg's frames, for any chain: turning B_i about its z adds a constant
+to an angle, and moving its origin along z makes p_y vanish, unless the origin would go far away
+(the common normal of nearly parallel axes).
 
-A body is its mass m, first moment h and inertia I about the origin. What of link i is symmetric
-about the axis of its own rotational joint, m, h_z and diag(I_yy, I_yy, 0), moves with link i - 1
-as well as with link i, and is added to link i - 1 once, while recording; so is the inertia about
-the centre of mass of a link on a translational joint. What is left, I_xx - I_yy, I_xy, I_xz,
-I_yz, I_zz, h_x and h_y, are the base parameters: no kernel reads more of a link.
+A body is its mass m, first moment h and inertia I about the origin. The part of link i that is
+symmetric about the axis of its own rotational joint, m, h_z and diag(I_yy, I_yy, 0), moves with
+link i - 1 as well as with link i, and is added to link i - 1 once, while recording; so is the
+inertia about the centre of mass of a link on a translational joint. The remaining numbers,
+I_xx - I_yy, I_xy, I_xz, I_yz, I_zz, h_x and h_y, are the base parameters: no kernel reads more of
+a link.
 
 Source: Mayeda, Yoshida and Osuka 1990 and Gautier and Khalil 1990 (base inertial parameters);
 Khalil and Kleinfinger 1987 (that they cut the cost of the recursions).
@@ -24,20 +25,20 @@ Khalil and Kleinfinger 1987 (that they cut the cost of the recursions).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.algorithms.chain.link_axes import zxz
+from pfd_core.algorithms.chain.link_axes import sum_of_angles, zxz
 from pfd_core.model import Plant
 from pfd_core.model.geometry import product, rotation_x, rotation_z
 
 Array = NDArray[np.float64]
 
-# How far an origin may be moved along its axis, in lengths of the link: farther, and the large
-# first moments that it causes cancel, at the cost of as many digits.
+# Largest distance that an origin is moved along its axis, in lengths of the link: large distances
+# cause large first moments, whose cancellation loses digits.
 REACH = 2.0
 
 
@@ -83,7 +84,7 @@ class Tip:
 
 
 def grouped_links(plant: Plant) -> tuple[list[GroupedLink], Tip]:
-    """Return the links of a plant, base to tip, grouped; and where frame n is."""
+    """Return the grouped links of a plant, base to tip, and the pose of frame n."""
     links, tip = _in_joint_axes(plant)
     for i in range(len(links) - 1, 0, -1):
         links[i], moved = _split(links[i])
@@ -95,11 +96,11 @@ Body = tuple[float, Array, Array]  # mass, first moment, inertia about the origi
 
 
 def _in_joint_axes(plant: Plant) -> tuple[list[GroupedLink], Tip]:
-    """Return the links as they are given, in axes B_i, and the tip."""
+    """Return the links, not grouped, in axes B_i, and the tip."""
     robot = plant.robot
     links: list[GroupedLink] = []
     before, twist, p = (1.0, 0.0), (1.0, 0.0), np.zeros(3)
-    slid = 0.0  # how far the origin of B_i was moved along its axis
+    slid = 0.0  # distance that the origin of B_i was moved along its axis
     for i in range(robot.n):
         A, a = robot.rotations[i], robot.translations[i]
         first, tilt, following = zxz(A)
@@ -109,7 +110,7 @@ def _in_joint_axes(plant: Plant) -> tuple[list[GroupedLink], Tip]:
         J = product(Z.T, A, robot.inertias[i], A.T, Z)
         m = float(robot.masses[i])
         offset = product(Z.T, a) - axis
-        start = _sum_of_angles(before, first)
+        start = sum_of_angles(before, first)
         links.append(
             GroupedLink(
                 robot.joint_types[i] == 'prismatic',
@@ -126,13 +127,13 @@ def _in_joint_axes(plant: Plant) -> tuple[list[GroupedLink], Tip]:
         slid = _slide(offset, tilt)
         p = offset + slid * product(rotation_x(*tilt), np.array([0.0, 0.0, 1.0]))
         if slid:
-            p[1] = 0.0  # what it was moved for, without the rounding
+            p[1] = 0.0  # exactly, without the rounding of the line above
         before, twist = following, tilt
     return links, tip
 
 
 def _slide(offset: Array, tilt: tuple[float, float]) -> float:
-    """Return how far along the next axis the next origin goes to make p_y vanish, or zero."""
+    """Return the distance along the next axis that makes p_y of the next origin vanish, or 0."""
     sine = tilt[1]
     if offset[1] == 0 or sine == 0:
         return 0.0
@@ -141,20 +142,19 @@ def _slide(offset: Array, tilt: tuple[float, float]) -> float:
 
 
 def _split(link: GroupedLink) -> tuple[GroupedLink, Body]:
-    """Return a link without what moves with the link before it as well, and that."""
+    """Return the rest of a link, and the part that moves with the link before it as well."""
     if link.slides:
         J = link.inertia - (_moments(link.h, link.h) / link.m if link.m else 0.0)
-        rest = GroupedLink(True, link.start, link.twist, link.p, link.m, link.h, link.inertia - J)
-        return rest, (0.0, np.zeros(3), J)
+        return replace(link, inertia=link.inertia - J), (0.0, np.zeros(3), J)
     yy = float(link.inertia[1, 1])
     inertia = link.inertia - np.diag([yy, yy, 0.0])
     h = np.array([link.h[0], link.h[1], 0.0])
-    rest = GroupedLink(False, link.start, link.twist, link.p, 0.0, h, inertia)
+    rest = replace(link, m=0.0, h=h, inertia=inertia)
     return rest, (link.m, np.array([0.0, 0.0, link.h[2]]), np.diag([yy, yy, 0.0]))
 
 
 def _outward(link: GroupedLink, body: Body) -> Body:
-    """Return a body in axes B_i, the same however far its joint is turned, in B_(i-1)."""
+    """Return a body of B_i that does not depend on q_i, in axes B_(i-1)."""
     m, h, inertia = body
     R = rotation_x(*link.twist)
     if link.slides:
@@ -167,22 +167,10 @@ def _outward(link: GroupedLink, body: Body) -> Body:
 
 def _added(link: GroupedLink, body: Body) -> GroupedLink:
     m, h, inertia = body
-    return GroupedLink(
-        link.slides,
-        link.start,
-        link.twist,
-        link.p,
-        link.m + m,
-        link.h + h,
-        link.inertia + inertia,
-    )
+    return replace(link, m=link.m + m, h=link.h + h, inertia=link.inertia + inertia)
 
 
 def _moments(a: Array, b: Array) -> Array:
     """Return a.b 1 - b a' (3, 3): the inertia of a point at a for the first moment b."""
     dot = math.fsum((a * b).tolist())
     return dot * np.eye(3) - np.multiply.outer(b, a)
-
-
-def _sum_of_angles(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
-    return a[0] * b[0] - a[1] * b[1], a[1] * b[0] + a[0] * b[1]

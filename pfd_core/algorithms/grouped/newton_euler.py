@@ -3,15 +3,16 @@
 """
 The equations of motion on one processor, in link axes, with grouped inertial parameters.
 
-    H(q) qdd = y,   y = tau - bias [- damping qd]
+    H(q) qdd = y,   y = tau - bias - torques of the joints at qd
 
 The bias, base to tip and back (W = [wd] + [w][w], so that W p is the acceleration of a point p):
 
     w_i = R'w [+ z qd],  wd_i = R'wd [+ R'w x z qd],  a_i = R'(a + W r) {+ 2 R'w x z qd}
     f = m a + W h,  n = h x a + (I wd + w x I w),  sums of f and n from the tip
 
-[rotational], {translational}. Luh, Walker and Paul 1980; base parameters as in grouped_links,
-Khalil and Kleinfinger 1987. composite_body and grouped_articulated_body solve H qdd = y.
+[rotational], {translational}. Luh, Walker and Paul 1980; base parameters of
+pfd_core.algorithms.grouped.links, Khalil and Kleinfinger 1987. H qdd = y is solved by
+composite_body and by articulated_body, beside this module.
 
 One register holds one number; everything of link i is in axes B_i.
 """
@@ -22,9 +23,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pfd_core.algorithms.chain.interface import input_list, wrench_input
+from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
+from pfd_core.algorithms.chain.link_axes import planar
 from pfd_core.algorithms.grouped.links import GroupedLink, Tip, grouped_links
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, cos, sin
-from pfd_core.machine.vectors import array, cross
+from pfd_core.machine.lanes import cos, sin
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
+from pfd_core.machine.vectors import UPPER, array, constants, cross
 from pfd_core.model import Plant
 
 
@@ -62,34 +67,29 @@ class Link:
     inertia: LaneArray
 
 
-def begin(plant: Plant) -> tuple[Recorder, list[Link], list[Lanes]]:
-    """Return a recording, the links of a plant at the input q, and y, (n,) [N m or N]."""
+def grouped_equations(plant: Plant) -> tuple[Recorder, list[Link], list[Lanes]]:
+    """Return a recorder, the links of a plant at the input q, and y, (n,) [N m or N]."""
     recorder = Recorder(1, 'sequential')
     numbers, tip = grouped_links(plant)
-    q, qd, tau = (
-        [recorder.input(name, [i]) for i in range(plant.robot.n)] for name in ('q', 'qd', 'tau')
-    )
+    q, qd, tau = (input_list(recorder, name, plant.robot.n) for name in ('q', 'qd', 'tau'))
     with recorder.section('rotations'):
         links = [_link(recorder, link, q[i]) for i, link in enumerate(numbers)]
     with recorder.section('bias'):
         bias = _bias(recorder, plant, links, tip, qd)
         y = [t - b for t, b in zip(tau, bias, strict=True)]
-        if plant.damping is not None:
-            y = [v - float(d) * rate for v, d, rate in zip(y, plant.damping, qd, strict=True)]
+        y = minus_joint_torques(plant, y, qd)
     return recorder, links, y
 
 
 def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
-    c0, s0 = (recorder.constant(value) for value in link.start)
-    twist = recorder.constant(link.twist[0]), recorder.constant(link.twist[1])
-    r = array([recorder.constant(value) for value in link.p])
-    turn = c0, s0
+    c0, s0 = turn = planar(recorder, link.start)
+    twist = planar(recorder, link.twist)
+    r = constants(recorder, link.p)
     if link.slides:
         r = array([r[0], r[1] - twist[1] * q, r[2] + twist[0] * q])
     else:
         c, s = cos(q), sin(q)
         turn = c * c0 - s * s0, s * c0 + c * s0
-    upper = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
     return Link(
         slides=link.slides,
         turn=turn,
@@ -97,8 +97,8 @@ def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
         square=link.twist[0] == 0,
         r=r,
         m=recorder.constant(link.m),
-        h=array([recorder.constant(value) for value in link.h]),
-        inertia=array([recorder.constant(link.inertia[k]) for k in upper]),
+        h=constants(recorder, link.h),
+        inertia=constants(recorder, [link.inertia[k] for k in UPPER]),
     )
 
 
@@ -138,10 +138,10 @@ def _turned(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
 def _bias(
     recorder: Recorder, plant: Plant, links: Sequence[Link], tip: Tip, qd: Sequence[Lanes]
 ) -> list[Lanes]:
-    """Return the torques at qdd = 0 of links, gravity and wrench."""
+    """Return the bias, (n,): torques of links, gravity and wrench at qdd = 0."""
     zero = recorder.constant(0.0)
     w, wd = (array([zero] * 3) for _ in range(2))
-    a = array([recorder.constant(-float(g)) for g in plant.gravity])
+    a = constants(recorder, -plant.gravity)
     spin: Any = None  # W of the link before
     forces = []
     for link, rate in zip(links, qd, strict=True):
@@ -179,7 +179,7 @@ def _spin(squares: LaneArray, wd: LaneArray) -> LaneArray:
 
 
 def _moment(squares: LaneArray, W: LaneArray, wd: LaneArray, inertia: LaneArray) -> LaneArray:
-    """Return I wd + w x I w, by elements of W that are there already."""
+    """Return I wd + w x I w, from elements of W."""
     xx, xy, xz, yy, yz, zz = inertia
     _, sxy, sxz, _, syz, _ = squares
     return array(
@@ -194,16 +194,15 @@ def _moment(squares: LaneArray, W: LaneArray, wd: LaneArray, inertia: LaneArray)
 def _pushed(
     recorder: Recorder, tip: Tip, force: tuple[LaneArray, LaneArray]
 ) -> tuple[LaneArray, LaneArray]:
-    """Return the last link's force and moment less the wrench on it."""
-    k = array([recorder.input('wrench', [i]) for i in range(6)])
-    R = array([[recorder.constant(value) for value in row] for row in tip.rotation])
-    p = array([recorder.constant(value) for value in tip.p])
+    """Return force and moment of the last link minus the wrench on it."""
+    k = wrench_input(recorder)
+    R, p = constants(recorder, tip.rotation), constants(recorder, tip.p)
     f = R @ k[:3]
     return force[0] - f, force[1] - (R @ k[3:] + cross(p, f))
 
 
 def _torques(links: Sequence[Link], forces: Sequence[tuple[LaneArray, LaneArray]]) -> list[Lanes]:
-    """Return what each joint feels of the links beyond it."""
+    """Return the torque of each joint, from force and moment of the links beyond it."""
     torques: list[Lanes] = []
     carried: tuple[LaneArray, LaneArray] | None = None
     for link, (f, n) in zip(reversed(links), reversed(forces), strict=True):
@@ -215,6 +214,6 @@ def _torques(links: Sequence[Link], forces: Sequence[tuple[LaneArray, LaneArray]
 
 
 def moved(link: Link, f: LaneArray, n: LaneArray) -> tuple[LaneArray, LaneArray]:
-    """Return force and moment about the origin of B_i as they are about that of B_(i-1)."""
+    """Return force and moment of axes and origin B_i in axes and about the origin of B_(i-1)."""
     f, n = inward(link, f), inward(link, n)
     return f, n + cross(link.r, f)

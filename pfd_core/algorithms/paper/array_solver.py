@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The triangular array on numbers: factor a matrix, solve, and send several through in a row.
+The triangular array on numbers: factor a matrix, solve, and pipeline several matrices.
 
-The cells and what they cost are in pfd_core.algorithms.paper.triangular_array. Numbers are floats
-or mpmath numbers; a matrix that is not positive definite is a status.
+The cells and their cost are in pfd_core.algorithms.paper.triangular_array. Numbers are floats or
+mpmath numbers; a matrix that is not positive definite is a status, not an exception.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from pfd_core.machine.systolic import Trace
 @dataclass(frozen=True)
 class Factors:
     """
-    What the array made of a matrix.
+    Factors of a matrix, and the solution.
 
     Attributes
     ----------
     L : numpy.ndarray
         (n, n), lower triangle with L L' = H.
     z, x : numpy.ndarray or None
-        (n,), L^-1 y and H^-1 y, where there was a right-hand side, and it was solved for.
+        (n,), L^-1 y and H^-1 y; None without a right-hand side, and x None without a solve.
     status : str
         'ok', or 'not_positive_definite' and L holds NaN from the offending diagonal element on.
     trace : Trace
-        What the array did; `trace.cycles` is the time it took.
+        Record of the run; `trace.cycles` is its time.
 
     """
 
@@ -47,7 +47,7 @@ class Factors:
 
 def factor(H: ArrayLike, y: ArrayLike | None = None) -> Factors:
     """
-    Factor a matrix on the array, and take a right-hand side along.
+    Factor a matrix on the array, with the forward substitution of a right-hand side.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def _run(
     interval: int | None,
     turn: bool,
 ) -> list[Factors]:
-    """Run the array on numbers and sort what left it."""
+    """Run the array on numbers and return its output by matrix."""
     if not len(matrices):
         raise ValueError('expected at least one matrix, got none')
     checked = [square_matrix(H) for H in matrices]
@@ -136,7 +136,7 @@ def _vector(y: ArrayLike, H: NDArray[Any]) -> NDArray[Any]:
 
 
 def _sorted(trace: Trace, p: int, n: int, dtype: Any, forward: bool, turn: bool) -> Factors:
-    """Return what left the array for the p-th problem."""
+    """Return the factors of the p-th problem from the items that left the array."""
     L = np.zeros((n, n), dtype)
     z, x = np.empty((2, n), dtype)
     for k in range(n):

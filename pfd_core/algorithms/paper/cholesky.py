@@ -11,16 +11,16 @@ Cholesky factorisations and H x = y on n lanes.
 
 Lee and Chang 1987, section 2.4, Parallel-Cholesky-Factorization and column sweep. Corrected:
 equations (11), (12) and (29) to (31), taken as printed, have elements of H where elements of L
-are needed, and yield another matrix or NaN (literal_cholesky). One square root, as claimed there,
-is enough for L L' by way of L D L' (one_square_root), and for a solve none is needed. L D L' and
-what lies in a step are not the paper's.
+are needed, and yield another matrix or NaN (pfd_core.algorithms.paper.literal_array). One square
+root, as claimed there, is enough for L L' by way of L D L' (one_square_root), and a solve needs
+none. L D L' and the order of elimination are not the paper's.
 
 Parallel cost of `solve`: s + n - 1 multiplications, s + n - 1 additions, n divisions, no square
 root, where with c_r = r(r + 3)/2
 
     s = w + ceil(C/n),  w = number of r in 1..n-1 with c_r < n,  C = sum of the other c_r
 
-which no schedule of this kind can be below (pfd_core.algorithms.paper.elimination_schedule). At n
+which no order of this kind can be below (pfd_core.algorithms.paper.elimination_order). At n
 = 6 that is 15, 15, 6 and 0 with 53 routes, or without packing 30, 25, 6 and 0 with 30; the paper
 has 31 (divisions among them), 28 and one square root, and counts no routes. Without a right-hand
 side a factorisation has c_r = r(r + 1)/2 and n - 1 divisions; L L' has n square roots besides, and
@@ -32,13 +32,14 @@ on several elements of one row, the others are routed to lanes that are free.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from pfd_core.algorithms.paper.elimination_schedule import Product, stages
+from pfd_core.algorithms.paper.elimination_order import Product, assigned_lanes, stages
+from pfd_core.machine.lanes import broadcast, on, shift, sqrt, where
 from pfd_core.machine.patterns import collect, column_sweep, gather
-from pfd_core.machine.recorder import Lanes, Recorder, broadcast, on, shift, sqrt, where
+from pfd_core.machine.recorder import Lanes, Recorder
 
 Place = tuple[Lanes, int]
 Element = tuple[int, int]
@@ -57,9 +58,9 @@ class Factors:
         l_jj on lane j; None for the ones of L D L'.
     pivots : Lanes
         v_jj on lane j, which is d_j, before any square root. H is positive definite exactly
-        when all are above zero; after the first that is not, the rest is without meaning.
+        when all are above zero; pivots after the first other one have no meaning.
     z : Lanes or None
-        Of the right-hand side, if there was one: D^-1 L^-1 y or L^-1 y.
+        D^-1 L^-1 y or L^-1 y; None without a right-hand side.
 
     """
 
@@ -74,17 +75,12 @@ def solve(
     rows: Sequence[Lanes],
     y: Lanes,
     *,
-    schedule: str | None = None,
+    order: str | None = None,
     square_roots: bool = False,
     free: Lanes | None = None,
 ) -> tuple[Lanes, Lanes]:
     """
-    Return the solution of H x = y and the pivots.
-
-    Parameters
-    ----------
-    recorder, rows, y, schedule, square_roots, free
-        As for factorise.
+    Return the solution of H x = y and the pivots; arguments and errors as for factorise.
 
     Returns
     -------
@@ -96,10 +92,10 @@ def solve(
     """
     apart = recorder.parallel and not recorder.packs
     with recorder.section('factorisation'):
-        # In a row with the columns, y would fill lanes, and each column would wait for it.
+        # As one more row of H, y would take lanes that each column needs.
         beside = None if apart else y
         factors = factorise(
-            recorder, rows, beside, schedule=schedule, square_roots=square_roots, free=free
+            recorder, rows, beside, order=order, square_roots=square_roots, free=free
         )
     with recorder.section('column sweep'):
         z = factors.z
@@ -116,7 +112,7 @@ def factorise(
     rows: Sequence[Lanes],
     y: Lanes | None = None,
     *,
-    schedule: str | None = None,
+    order: str | None = None,
     square_roots: bool = False,
     free: Lanes | None = None,
 ) -> Factors:
@@ -126,44 +122,41 @@ def factorise(
     Parameters
     ----------
     recorder : Recorder
-        Where it is recorded.
+        On n lanes.
     rows : sequence of Lanes
         Row i of H holds h_ij on lane j for j >= i.
     y : Lanes or None
         Right-hand side, y_j on lane j.
-    schedule : str or None
-        A name in elimination_schedule.SCHEDULES; default: `look_ahead` where rows are packed,
+    order : str or None
+        A name in elimination_order.ORDERS; default: `look_ahead` where rows are packed,
         else `by_columns`.
     square_roots : bool
         L L' instead of L D L'.
     free : Lanes or None
-        Zero where the pivot is to be taken as infinite; the rest of that row is zero.
+        Zero for a row whose pivot is taken as infinite; the rest of that row is zero.
 
     Raises
     ------
     ValueError
-        If the number of rows is not that of the lanes, or the schedule is unknown.
+        If the number of rows is not that of the lanes, or the order is unknown.
 
     """
     n = recorder.lanes
     if len(rows) != n:
         raise ValueError(f'H must have as many rows as there are lanes, {n}, got {len(rows)}')
-    if schedule is None:
-        schedule = 'look_ahead' if recorder.packs else 'by_columns'
+    if order is None:
+        order = 'look_ahead' if recorder.packs else 'by_columns'
     work = _Elimination(recorder, rows, y, square_roots, free)
-    work.finish(0)
-    for m, steps in enumerate(stages(schedule, n, y is not None), start=1):
-        for op, products in steps:
-            if op == 'mul':
-                work.multiply(products)
-            else:
-                work.subtract(products)
-        work.finish(m)
+    work.finish_column(0)
+    for m, steps in enumerate(stages(order, n, y is not None), start=1):
+        for products in steps:
+            work.eliminate(products)
+        work.finish_column(m)
     return work.factors()
 
 
 def one_square_root(
-    recorder: Recorder, rows: Sequence[Lanes], *, schedule: str | None = None
+    recorder: Recorder, rows: Sequence[Lanes], *, order: str | None = None
 ) -> Factors:
     """
     Return L L' by way of L D L': one square root, of all pivots at once.
@@ -172,7 +165,7 @@ def one_square_root(
     (n - s)-th, have n elements together and are scaled in one step.
     """
     n = recorder.lanes
-    plain = factorise(recorder, rows, schedule=schedule)
+    plain = factorise(recorder, rows, order=order)
     root = sqrt(plain.pivots)
     places: dict[Element, Place] = {}
     for s in range(1, n // 2 + 1):
@@ -190,7 +183,7 @@ def one_square_root(
 
 class _Elimination:
     """
-    A factorisation under way: on which lane, and in which register, each element lies.
+    A factorisation in progress: the lane and the register of each element.
 
     Elements are named (row, column); row n is the right-hand side, with its home on the lane
     of the column, and every other element has its home on the lane of its row.
@@ -212,9 +205,8 @@ class _Elimination:
         self.at = {(k, i): (rows[i], k) for i in range(n) for k in range(i, n)}
         if y is not None:
             self.at.update({(n, i): (y, i) for i in range(n)})
-        self.formed: dict[Product, Place] = {}
         self.left: list[Lanes] = []  # column j: l_kj on lane k, and z_j on lane j
-        self.right: list[Lanes] = []  # what l_kj is multiplied by: v_ij, y_j; l_ij, z_j in L L'
+        self.right: list[Lanes] = []  # factors of l_kj: v_ij, y_j in L D L'; l_ij, z_j in L L'
         self.pivots: dict[int, Lanes] = {}
         self.roots: dict[int, Lanes] = {}
 
@@ -223,8 +215,8 @@ class _Elimination:
         row, column = element
         return column if row == self.recorder.lanes else row
 
-    def finish(self, j: int) -> None:
-        """Divide column j, all of whose products have been subtracted, by its pivot."""
+    def finish_column(self, j: int) -> None:
+        """Divide column j by its pivot, after all its products have been subtracted."""
         n = self.recorder.lanes
         pivot = gather({j: self.at[j, j]})
         self.pivots[j] = divisor = pivot
@@ -253,40 +245,21 @@ class _Elimination:
         held: Lanes = where(on(self.free, [j]), pivot, math.inf)
         return held
 
-    def multiply(self, products: Sequence[Product]) -> None:
-        """Form products, each where its element lies if that lane is free, or near it."""
-        lanes = self._lanes([(self.at[p.element][1], self.home(p.element)) for p in products])
+    def eliminate(self, products: Sequence[Product]) -> None:
+        """Form products and subtract them from their elements, n or fewer and all different."""
+        n = self.recorder.lanes
+        at = [self.at[p.element] for p in products]
+        homes = [self.home(p.element) for p in products]
+        lanes = assigned_lanes([(k, home) for (_, k), home in zip(at, homes, strict=True)], n)
         left, right = {}, {}
         for lane, (row, column, j) in zip(lanes, products, strict=True):
-            rhs = row == self.recorder.lanes
-            left[lane] = (self.left[j], column if rhs else row)
-            right[lane] = (self.right[j], j if rhs else column)
-        value = gather(left) * gather(right)
-        self.formed.update((p, (value, lane)) for lane, p in zip(lanes, products, strict=True))
-
-    def subtract(self, products: Sequence[Product]) -> None:
-        """Subtract products that have been formed from their elements, all different."""
-        formed = [self.formed.pop(p) for p in products]
-        lanes = self._lanes(
-            [(self.at[p.element][1], f[1]) for p, f in zip(products, formed, strict=True)]
-        )
-        before = gather({i: self.at[p.element] for i, p in zip(lanes, products, strict=True)})
-        value = before - gather(dict(zip(lanes, formed, strict=True)))
-        self.at.update((p.element, (value, i)) for i, p in zip(lanes, products, strict=True))
-
-    def _lanes(self, wishes: Iterable[Sequence[int]]) -> list[int]:
-        """Return a lane for each item: the first that it wishes for, the next, or any free."""
-        wishes = list(wishes)
-        chosen: dict[int, int] = {}
-        free = dict.fromkeys(range(self.recorder.lanes))
-        for wanted in (*zip(*wishes, strict=True), None):
-            for item in range(len(wishes)):
-                if item not in chosen:
-                    lane = next(iter(free)) if wanted is None else wanted[item]
-                    if lane in free:
-                        chosen[item] = lane
-                        del free[lane]
-        return [chosen[item] for item in range(len(wishes))]
+            left[lane] = (self.left[j], column if row == n else row)
+            right[lane] = (self.right[j], j if row == n else column)
+        formed = gather(left) * gather(right)
+        sums = assigned_lanes([(k, lane) for (_, k), lane in zip(at, lanes, strict=True)], n)
+        before = gather(dict(zip(sums, at, strict=True)))
+        value = before - gather({i: (formed, k) for i, k in zip(sums, lanes, strict=True)})
+        self.at.update((p.element, (value, i)) for i, p in zip(sums, products, strict=True))
 
     def factors(self) -> Factors:
         """Return the result, when every column is final."""

@@ -3,9 +3,9 @@
 """
 The paper's Cholesky factorisation as printed, on n processors and on the triangular array.
 
-Neither yields the Cholesky factor of a matrix in general; both say what they yield. The equations
-(11), (12) in the order of Procedure Set-Ordering are in pfd_core.algorithms.paper.set_ordering,
-and here is the array:
+Neither yields the Cholesky factor of a matrix in general; both return the residual and a status.
+The equations (11), (12) in the order of Procedure Set-Ordering are recorded in
+pfd_core.algorithms.paper.set_ordering and run here; the array:
 
     C_ki^(1) = h_ki,  C_ki^(m+1) = C_ki^(m) - h_im h_km      eqs (29), (30)
     l_kk = sqrt(C_kk^(k)),  l_ki = C_ki^(i) / h_ii           eq. (31)
@@ -14,10 +14,10 @@ Lee and Chang 1987, section 2.6, Figures 1 and 2. The drawing of Figure 1 is not
 hand; the streams are reconstructed from the text. Row 1 is at the bottom. Column i gets
 h_ii ... h_ni and the flag * from below, from cycle 3i - 2; row k gets h_(k+1)k ... h_nk, h_kk from
 the left, from cycle 2k. A cell keeps the first item that comes from below, h_ki, and sends the
-others on. The times of the text then come out: h_n1 is stored at 2n - 1, h_nn and the flag meet
+others on. The times of the text follow: h_n1 is stored at 2n - 1, h_nn and the flag meet
 in P_n1 at 2n, the last result leaves at 3n - 1. (That all input is stored after 2n - 1 cycles
-holds for column 1 only; h_nn is stored in P_nn at 3n - 2.) What leaves is the matrix of equations
-(11) and (12): for PUMA 560, UR5 and Panda a wrong one, or the root of a negative number.
+holds for column 1 only; h_nn is stored in P_nn at 3n - 2.) The result is the matrix of equations
+(11) and (12): for PUMA 560, UR5 and Panda a wrong matrix, or the root of a negative number.
 pfd_core.algorithms.paper.triangular_array is the design that works.
 
 The text calls h_ij the elements of H. Were each h_ki replaced by l_ki as soon as that is known,
@@ -61,12 +61,12 @@ STORE = 'store'
 @dataclass(frozen=True)
 class Literal:
     """
-    What equations (11) and (12) make of a matrix.
+    Result of equations (11) and (12) for a matrix.
 
     Attributes
     ----------
     L : numpy.ndarray
-        (n, n), lower triangle; NaN where the root of a negative number was to be taken.
+        (n, n), lower triangle; NaN for the root of a negative number.
     residual : float
         max|L L' - H| / max|H|; NaN if L is not finite.
     status : str
@@ -82,7 +82,7 @@ class Literal:
 
 def literal_cholesky(H: ArrayLike) -> Literal:
     """
-    Run equations (11) and (12) on n emulated processors and say what they yield.
+    Run equations (11) and (12) on n emulated processors.
 
     Parameters
     ----------
@@ -115,11 +115,6 @@ def judged(H: NDArray[Any], L: NDArray[Any]) -> Literal:
     return Literal(L, residual, 'ok' if residual <= (n + 1) * eps else 'wrong_matrix')
 
 
-def literal_cycles(n: int) -> int:
-    """Return the cycles that the design takes."""
-    return 3 * n - 1
-
-
 def literal_circular(u: Any, ports: Ports) -> Step:
     """Keep h_kk, divide by it, take the root at the flag: Figure 2 (a)."""
     item, below = ports['left'], ports['down']
@@ -141,7 +136,7 @@ def literal_square(u: Any, ports: Ports) -> Step:
 
 @dataclass(frozen=True)
 class LiteralRun:
-    """What the literal design made of a matrix, and what its cells did."""
+    """Result of the literal design for a matrix, and the record of the array's run."""
 
     result: Literal
     trace: Trace
@@ -149,7 +144,7 @@ class LiteralRun:
 
 def literal_array(H: ArrayLike) -> LiteralRun:
     """
-    Run the literal design on a matrix and say what it yields.
+    Run the literal design on a matrix.
 
     Parameters
     ----------
@@ -176,7 +171,7 @@ def literal_array(H: ArrayLike) -> LiteralRun:
 
 
 def literal_streams(H: NDArray[Any]) -> dict[Link, dict[int, Item]]:
-    """Return what enters the columns from below and the rows from the left, by cycle."""
+    """Return the items that enter columns from below and rows from the left, by cycle."""
     n = len(H)
     streams: dict[Link, dict[int, Item]] = {}
     for k in range(n):

@@ -16,35 +16,37 @@ out external forces, too. Otherwise the result is not linear in u.
 
 Parallel cost a product, rotational joints, L = ceil(log2 n): 42 multiplications and 12 L + 29
 additions; the paper prints 42 and 12 L + 26, a vector sum less. A prismatic joint anywhere
-in the chain adds 3 additions, rotor inertia 1 multiplication and 1 addition. Nothing is
-prepared. Every vector refers to a point of its own link, so that the result is as accurate as
-H itself; pfd_core.algorithms.beyond.base_origin has a cheaper product that is not.
+in the chain adds 3 additions, rotor inertia 1 multiplication and 1 addition. Every
+vector refers to a point of its own link, so that the product is as accurate as H itself.
 
 Lane i holds the quantities of link i + 1, vectors in base axes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 from pfd_core.algorithms.chain.base_axes import Links, Pose
 from pfd_core.algorithms.paper.newton_euler import rotational_part, summed, torques_of
+from pfd_core.machine.lanes import merge, on
 from pfd_core.machine.packing import prefix_sum, suffix_sum
 from pfd_core.machine.patterns import prefix
-from pfd_core.machine.recorder import Lanes, Recorder, merge, on
+from pfd_core.machine.recorder import Lanes
 from pfd_core.machine.vectors import array, cross, symmetric_times
 
 
-@dataclass(frozen=True)
-class InertiaTimes:
+def inertia_times(
+    chain: Links, pose: Pose, u: Lanes, armature: Lanes | None = None, packed: bool = False
+) -> Lanes:
     """
-    What the products with one H share.
+    Return H u, (H u)_i on lane i [N m or N].
 
-    Attributes
+    Parameters
     ----------
     chain, pose : Links, Pose
-        The links and where they are.
+        Constants of the links and their pose.
+    u : Lanes
+        Accelerations [rad/s^2 or m/s^2].
     armature : Lanes or None
         Inertia that each joint's rotor adds to the diagonal [kg m^2 or kg].
     packed : bool
@@ -52,30 +54,9 @@ class InertiaTimes:
         additions (at n = 6 the sums take 24 instead of 36) for more routes.
 
     """
-
-    chain: Links
-    pose: Pose
-    armature: Lanes | None
-    packed: bool
-
-
-def prepare(
-    recorder: Recorder,
-    chain: Links,
-    pose: Pose,
-    armature: Lanes | None = None,
-    packed: bool = False,
-) -> InertiaTimes:
-    """Return what `times` needs of links, their pose and the rotors' inertia."""
-    return InertiaTimes(chain, pose, armature, packed)
-
-
-def times(prepared: InertiaTimes, u: Lanes) -> Lanes:
-    """Return H u, (H u)_i on lane i [N m or N], for u [rad/s^2 or m/s^2]."""
-    chain, pose = prepared.chain, prepared.pose
     zero = array([u.recorder.constant(0.0)] * 3)
     zu = pose.z * u
-    from_base = prefix_sum if prepared.packed else partial(summed, prefix)
+    from_base = prefix_sum if packed else partial(summed, prefix)
     wd = from_base(rotational_part(chain, zu, zero))
     t = cross(wd, pose.p_star)
     if chain.translational:
@@ -83,5 +64,5 @@ def times(prepared: InertiaTimes, u: Lanes) -> Lanes:
     a = from_base(array(t))
     F = chain.m * (a + cross(wd, pose.s))
     N = symmetric_times(pose.J, wd)
-    product = torques_of(chain, pose, F, N, None, suffix_sum if prepared.packed else None)
-    return product if prepared.armature is None else product + prepared.armature * u
+    product = torques_of(chain, pose, F, N, None, suffix_sum if packed else None)
+    return product if armature is None else product + armature * u

@@ -15,8 +15,8 @@ With zq_i = z_(i-1) qd_i and sums over links as recurrences (base to tip: prefix
 
 Luh, Walker and Paul 1980 in base axes, the recursions as recurrences, after Lee and Chang 1986.
 Lee and Chang 1987 call it in eq. (27) and have its name and counts, not its formulas. The signs
-are ours: there the base is accelerated by g, whose sense is not given, and k(t), the wrench on
-the last link, is named in the introduction only; here the base is accelerated by minus gravity,
+are ours: in the paper the base is accelerated by g, whose sense is not given, and k(t), the wrench
+on the last link, is named in the introduction only; here the base is accelerated by minus gravity,
 and k enters the sums from the tip with a minus sign.
 
 Parallel cost with qdd = 0, rotational joints, n > 1 lanes, L = ceil(log2 n): 87 multiplications
@@ -35,8 +35,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.algorithms.chain.base_axes import Links, Pose
+from pfd_core.machine.lanes import merge, on, shift
 from pfd_core.machine.patterns import prefix, suffix
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder, merge, on, shift
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
 
 
@@ -55,13 +56,13 @@ def newton_euler(
     Parameters
     ----------
     recorder : Recorder
-        Where it is recorded.
+        On n lanes.
     chain, pose : Links, Pose
-        The links and where they are.
+        Constants of the links and their pose.
     qd : Lanes
         Joint velocities [rad/s or m/s].
     qdd : Lanes or None
-        Joint accelerations [rad/s^2 or m/s^2]; None is zero, and the bias is returned.
+        Joint accelerations [rad/s^2 or m/s^2]; None for zero, which gives the bias.
     gravity : numpy.ndarray
         (3,), in base axes [m/s^2].
     wrench : tuple of LaneArray or None
@@ -86,7 +87,7 @@ def newton_euler(
 def rotation(
     recorder: Recorder, chain: Links, pose: Pose, qd: Lanes, qdd: Lanes | None
 ) -> tuple[LaneArray, LaneArray, LaneArray | None]:
-    """Return w, wd and, on the lanes of translational joints, what their sliding adds to a."""
+    """Return w, wd and, for translational joints, the acceleration z qdd + 2 c of sliding."""
     zero = array([recorder.constant(0.0)] * 3)
     zq = pose.z * qd
     zqdd = None if qdd is None else pose.z * qdd
@@ -103,7 +104,7 @@ def rotation(
 def acceleration(
     recorder: Recorder, t: LaneArray, slide: LaneArray | None, gravity: NDArray[np.float64]
 ) -> LaneArray:
-    """Return the accelerations of the frame origins, link i adding t, sliding and -g."""
+    """Return the accelerations of the frame origins: sums of t and slide, and -g at the base."""
     if slide is not None:
         t = merge(t + slide, t)
     if gravity.any():
@@ -122,7 +123,7 @@ def torques_of(
     """
     Return the joint torques of forces F on the centres of mass and moments N.
 
-    `from_tip` is another way to sum over the links from the tip, such as suffix_sum.
+    `from_tip` sums vectors over the links from the tip; default the recurrence `suffix`.
     """
     from_tip = from_tip or partial(summed, suffix)
     f = from_tip(F if wrench is None else merge(F - wrench[0], F))
@@ -132,19 +133,9 @@ def torques_of(
     n = from_tip(n)
     if not chain.translational:
         return dot(pose.z, n)
-    # One dot product on all lanes: each takes the vector that its joint feels.
+    # One dot product on all lanes, of n or, for a translational joint, f.
     felt = merge(on(f, chain.translational), n)
     return dot(pose.z, array(felt))
-
-
-def wrench_in_base_axes(
-    recorder: Recorder, pose: Pose, wrench: LaneArray
-) -> tuple[LaneArray, LaneArray]:
-    """Return force and moment, (3,) each, of a wrench (6,) given in the last link's axes."""
-    with recorder.section('wrench'):
-        last = [recorder.lanes - 1]
-        R = on(pose.R, last)
-        return R @ wrench[:3], R @ wrench[3:]
 
 
 def summed(recurrence: Callable[..., Any], x: LaneArray) -> LaneArray:

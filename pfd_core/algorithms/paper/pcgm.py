@@ -1,40 +1,148 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-PCGM as a whole program: pose, bias, and conjugate gradients on H qdd = tau - bias.
+PCGM: H qdd = tau - bias by conjugate gradients, H times a vector by the Newton-Euler method.
 
-    steps 1, 2   0R_i, z_i, p*_i, s_i, J_i           chain
-    step 3       the bias                            omega
-    steps 4..16  conjugate gradients, H u by NE1     conjugate_gradient, inertia_times (packed)
+    0R_i, z_i, p*_i, s_i, J_i, bias                                    steps 1 to 3
+    w_0 = y - H x_0,  v = P w,  u_0 = v_0,  e_0 = w_0' v_0             P the preconditioner or 1
+    t = H u,  g = e / u't,  x <- x + g u,  w <- w - g t                Appendix B, steps 5 to 9
+    v = P w,  e' = w' v,  u <- v + (e'/e) u                            steps 10 to 13
 
-Lee and Chang 1987, section 3; what is corrected there is said in conjugate_gradient.
+Lee and Chang 1987, section 3 and Appendix B, after Walker and Orin 1982, method 4; the
+preconditioner is ours. Corrected: a start x_0 other than zero needs w_0 = y - H x_0 (printed: y);
+step 16 goes back to step 7, not to step 5; step 7 leaves x alone (printed: x_1 = tau). The printed
+stops, e = 0 and n trips, are replaced: with rounding e is hardly ever zero beyond one joint, and
+the directions lose their orthogonality, so that beyond three joints most states need more than n
+trips; here the stop is e <= tolerance^2 e_0, and a direction with u't <= 0 ends the iteration. The
+recursive residual that the stop reads is no measure of the error.
 
-Parallel cost of k trips at n = 6, rotational joints, R_i given: 182 + 47 k multiplications, 2 k
-divisions, 189 + 62 k additions and 214 + 116 k routes. The paper has 499 and 621 in all for k = 6
-and counts no routes; in float64 six joints take 7 to 13 trips to converge, which is 525 to 819 and
-623 to 995 (docs/report/counts.md).
+Parallel cost, L = ceil(log2 n), beside that of H u: 5 multiplications, 2 L + 3 additions and
+2 divisions a trip, Jacobi scaling 1 more multiplication. The paper's 49 multiplications and
+14 L + 30 additions a trip leave 7 and 2 L + 4 beside its H u, divisions among them.
 
-Lane i holds link i + 1 and component i + 1 of every vector.
+In all, with k trips at n = 6, rotational joints, R_i given, the bias of
+pfd_core.algorithms.beyond.omega and packed sums in H u: 182 + 47 k multiplications, 2 k divisions,
+189 + 62 k additions and 214 + 116 k routes. The paper has 499 and 621 in all for k = 6 and counts
+no routes; in float64 six joints take 7 to 13 trips to converge, which is 525 to 819 and 623 to 995
+(docs/report/counts.md).
+
+Lane i holds link i + 1 and component i + 1 of every vector; sums lie on lane 0 and are broadcast.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 import math
 
-from pfd_core.algorithms.beyond.omega import bias_omega
-from pfd_core.algorithms.chain.equations import armature, begin, finish, joint_input, torque
-from pfd_core.algorithms.paper.conjugate_gradient import TOLERANCE, conjugate_gradient
-from pfd_core.algorithms.paper.ne1_product import prepare, times
+from pfd_core.algorithms.chain.equations import LinkTorques, armature, forward_equations
+from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
+from pfd_core.algorithms.paper.ne1_product import inertia_times
+from pfd_core.algorithms.paper.newton_euler import newton_euler
 from pfd_core.algorithms.paper.pcrbm import composite_forces
+from pfd_core.machine.iteration import iterate
+from pfd_core.machine.lanes import broadcast, where
+from pfd_core.machine.patterns import total
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, where
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
+
+# The stop of a run in double precision: the recursive residual has fallen to rounding.
+TOLERANCE = 1e-15
+# Walks through directions that rounding has made dependent take a multiple of n; the hardest
+# chains of up to 30 joints need 6 n.
+TRIPS_PER_JOINT, TRIPS_AT_LEAST = 12, 20
+
+
+@dataclass(frozen=True)
+class Solution:
+    """
+    Result of conjugate gradients.
+
+    Attributes
+    ----------
+    x : Lanes
+        The solution, component i + 1 on lane i.
+    trips : Lanes
+        Iterations taken.
+    converged : Lanes
+        Above zero on lane 0 if the residual fell below the tolerance.
+
+    """
+
+    x: Lanes
+    trips: Lanes
+    converged: Lanes
+
+
+def default_limit(n: int) -> int:
+    """Return the largest number of trips for n joints."""
+    return TRIPS_PER_JOINT * n + TRIPS_AT_LEAST
+
+
+def conjugate_gradient(
+    recorder: Recorder,
+    times: Callable[[Lanes], Lanes],
+    y: Lanes,
+    *,
+    start: Lanes | None = None,
+    inverse_diagonal: Lanes | None = None,
+    tolerance: float = TOLERANCE,
+    at_most: int | None = None,
+) -> Solution:
+    """
+    Return the solution of H x = y.
+
+    Parameters
+    ----------
+    recorder : Recorder
+        On n lanes.
+    times : callable
+        times(u) is H u; it is recorded once or, with a start, twice.
+    y : Lanes
+        Right-hand side.
+    start : Lanes, optional
+        x_0; default zero, which saves one product.
+    inverse_diagonal : Lanes, optional
+        1/h_ii, to scale by (Jacobi); default no preconditioner.
+    tolerance : float
+        Stop when the (scaled) residual has fallen by this factor.
+    at_most : int, optional
+        Largest number of trips; default default_limit(n).
+
+    """
+    with recorder.section('first residual'):
+        w = y if start is None else y - times(start)
+        v = w if inverse_diagonal is None else w * inverse_diagonal
+        e0 = total(w * v)
+        limit = (tolerance * tolerance) * e0
+        x = recorder.constant(0.0) if start is None else start
+
+    def step(x: Lanes, w: Lanes, u: Lanes, e: Lanes) -> tuple[tuple[Lanes, ...], Lanes]:
+        with recorder.section('product with H'):
+            t = times(u)
+        with recorder.section('iteration'):
+            ut = total(u * t)
+            g = broadcast(where(ut, e / ut, 0.0), 0)
+            x, w = x + g * u, w - g * t
+            v = w if inverse_diagonal is None else w * inverse_diagonal
+            after = total(w * v)
+            u = v + broadcast(after / e, 0) * u
+            return (x, w, u, after), where(ut, after, 0.0)
+
+    trips_limit = default_limit(recorder.lanes) if at_most is None else at_most
+    state = (x, w, v, e0)
+    (x, _, _, e), trips = iterate(step, state, e0, trips_limit, floor=limit)
+    with recorder.section('verdict'):
+        # One if e <= limit, zero residuals included; NaN fails the comparison with minus one.
+        return Solution(x, trips, where(e - limit, 0.0, where(e + 1.0, 1.0, 0.0)))
 
 
 def record_pcgm(
     plant: Plant,
     schedule: str,
     *,
+    link_torques: LinkTorques = newton_euler,
     start: bool = False,
     jacobi: bool = False,
     tolerance: float = TOLERANCE,
@@ -48,7 +156,9 @@ def record_pcgm(
     plant : Plant
         The robot in its scene.
     schedule : str
-        'parallel' or 'sequential'.
+        One of SCHEDULES.
+    link_torques : callable
+        Torques of the links for the bias; default NE1, the paper's.
     start : bool
         Whether an input `start`, (n,), is the first estimate of qdd instead of zero.
     jacobi : bool
@@ -57,12 +167,9 @@ def record_pcgm(
         As for conjugate_gradient.
 
     """
-    recorder, chain, at = begin(plant, schedule)
-    qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
-    y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
+    recorder, chain, at, y = forward_equations(plant, schedule, link_torques)
     rotors = armature(recorder, plant)
-    prepared = prepare(recorder, chain, at, rotors, packed=True)
-    free = joint_input(recorder, 'free') if plant.brakes else None
+    free = input_row(recorder, 'free') if plant.brakes else None
 
     def free_part(x: Lanes) -> Lanes:
         return x if free is None else where(free, x, 0.0)
@@ -73,13 +180,13 @@ def record_pcgm(
         inverse = 1.0 / (diagonal if free is None else where(free, diagonal, math.inf))
     solution = conjugate_gradient(
         recorder,
-        lambda u: free_part(times(prepared, u)),
+        lambda u: free_part(inertia_times(chain, at, u, rotors, packed=True)),
         free_part(y),
-        start=free_part(joint_input(recorder, 'start')) if start else None,
+        start=free_part(input_row(recorder, 'start')) if start else None,
         inverse_diagonal=inverse,
         tolerance=tolerance,
         at_most=at_most,
     )
-    recorder.output('trips', (1,), [(solution.trips, 0)])
-    recorder.output('converged', (1,), [(solution.converged, 0)])
-    return finish(recorder, qdd=solution.x)
+    return program_with_outputs(
+        recorder, trips=[solution.trips], converged=[solution.converged], qdd=solution.x
+    )

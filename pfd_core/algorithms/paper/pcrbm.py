@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-PCRBM: the inertia matrix H by parallel composite rigid bodies.
+PCRBM: forward dynamics by parallel composite rigid bodies, which give the inertia matrix H.
 
 For the body made of links j..n, with M its mass, c its centre of mass from o_(j-1), E its
 inertia about that centre (downward recurrences):
@@ -17,10 +17,11 @@ inertia about that centre (downward recurrences):
     h_ij = z_(i-1) . n_ij  (joint i rotational),
            z_(i-1) . F_j   (joint i translational)                        eq. (26)
 
-Lee and Chang 1987, section 2.5. Ours: b_j of (17) simplified, and (19) in the form of the reduced
-mass, equal and cheaper. Corrected: step 6 has the translational branch of Appendix A, which it
-lacks; (26) has the type of joint i, where the last formula of Appendix A has that of joint j; a
-massless end of the chain (M_j = 0) divides by one instead of zero, since c_j is then unused.
+Lee and Chang 1987, section 2.5; the solve is pfd_core.algorithms.paper.cholesky. Ours: b_j of (17)
+simplified, and (19) in the form of the reduced mass, equal and cheaper. Corrected: step 6 has the
+translational branch of Appendix A, which the paper leaves out there; (26) has the type of joint i,
+where the last formula of Appendix A has the type of joint j; a massless end of the chain (M_j = 0)
+divides by one instead of zero, since c_j is then unused.
 
 Parallel cost for rotational joints, L = ceil(log2 n), h = ceil((n-1)/2), n > 1: 4 L + 9 h + 42
 multiplications, 10 L + 5 h + 3 n + 32 additions and 2 divisions. The n(n-1)/2 pairs i < j are
@@ -33,20 +34,25 @@ Lane j holds the composite body of links j + 1..n, and column j of H: h_ij with 
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from pfd_core.algorithms.chain.base_axes import Links, Pose
+from pfd_core.algorithms.chain.equations import (
+    LinkTorques,
+    armature,
+    forward_equations,
+    held_joints,
+)
+from pfd_core.algorithms.chain.interface import program_with_outputs
+from pfd_core.algorithms.paper.cholesky import solve
+from pfd_core.algorithms.paper.newton_euler import newton_euler
+from pfd_core.machine.lanes import broadcast, merge, on, shift, where
 from pfd_core.machine.packing import packed
 from pfd_core.machine.patterns import row_sweep, suffix, suffix_affine
-from pfd_core.machine.recorder import (
-    LaneArray,
-    Lanes,
-    Recorder,
-    broadcast,
-    merge,
-    on,
-    shift,
-    where,
-)
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, parallel_axis, symmetric_times
+from pfd_core.model import Plant
 
 
 def inertia_matrix(
@@ -58,9 +64,9 @@ def inertia_matrix(
     Parameters
     ----------
     recorder : Recorder
-        Where it is recorded.
+        On n lanes.
     chain, pose : Links, Pose
-        The links and where they are.
+        Constants of the links and their pose.
     armature : Lanes or None
         Inertia that each joint's rotor adds to the diagonal [kg m^2 or kg].
 
@@ -72,6 +78,39 @@ def inertia_matrix(
     """
     F, n_jj, diagonal = composite_forces(recorder, chain, pose, armature)
     return _rows(recorder, chain, pose, F, n_jj, diagonal)
+
+
+def record_pcrbm(
+    plant: Plant,
+    schedule: str,
+    *,
+    link_torques: LinkTorques = newton_euler,
+    matrix: Callable[..., list[Lanes]] = inertia_matrix,
+) -> Program:
+    """
+    Return the program of qdd and pivots, (n,), from q, qd and tau.
+
+    H is positive definite exactly when all pivots are above zero.
+
+    Parameters
+    ----------
+    plant : Plant
+        Robot and scene.
+    schedule : str
+        One of SCHEDULES.
+    link_torques : callable
+        Torques of the links for the bias; default NE1, the paper's.
+    matrix : callable
+        H by rows, with the arguments of inertia_matrix.
+
+    """
+    recorder, chain, at, y = forward_equations(plant, schedule, link_torques)
+    rows = matrix(recorder, chain, at, armature(recorder, plant))
+    free = None
+    if plant.brakes:
+        rows, y, free = held_joints(rows, y)
+    qdd, pivots = solve(recorder, rows, y, free=free)
+    return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
 
 
 def composite_forces(

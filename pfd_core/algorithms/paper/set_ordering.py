@@ -10,16 +10,16 @@ Lee and Chang 1987, section 2.4. Procedure Set-Ordering sums the sets S_ki = {a_
 a_ki^(0)}, a_ki^(0) = h_ki and a_ki^(j) = h_ijk, on n processors: in every iteration the l-th
 processor does one addition in the l-th longest set. The procedure is right, and its order is
 the best there is for independent sums. The sums are of the wrong products: L L' = H needs
-l_ij l_kj and l_ii where (11) and (12) have h_ij h_kj and h_ii. What they yield is right for a
-diagonal H; otherwise, as a rule, a wrong matrix or the root of a negative number: both occur for
-each of PUMA 560, UR5 and Panda. pfd_core.algorithms.paper.literal_array says which;
-pfd_core.algorithms.paper.cholesky is what works.
+l_ij l_kj and l_ii where (11) and (12) have h_ij h_kj and h_ii. The result is right
+for a diagonal H; otherwise, as a rule, it is a wrong matrix or the root of a negative number: both
+occur for each of PUMA 560, UR5 and Panda. pfd_core.algorithms.paper.literal_array runs the
+equations and tells the outcome; pfd_core.algorithms.paper.cholesky has correct ones.
 
 Misprints. Procedure: the sum in the text runs over j from 1 to i - 1, and over k from i; Step 4
 of the factorisation must leave out k = 1. Appendix C: S_42^(2) is S_42^(4), the a_32^(1) in the
 sums of S_33 is a_33^(1), NS is NA, S_32^(1,0) is a_32^(1,0), and the sets left for the last
-iteration are S_44 and S_22. What neither says: sets of the same length keep the order they
-have, at first that of decreasing i, then k; so Appendix C comes out set by set.
+iteration are S_44 and S_22. Left open in the paper: sets of the same length keep the order
+they have, at first decreasing i, then k; so Appendix C comes out set by set.
 
 Parallel cost: ceil((n^2 - 1)/6) multiplications and as many additions, ceil((n - 1)/2)
 divisions and one square root on n lanes. The paper counts n(n - 1)/2 additions in the text and
@@ -34,9 +34,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+from pfd_core.machine.lanes import sqrt
 from pfd_core.machine.patterns import gather
 from pfd_core.machine.program import Program, check_processors
-from pfd_core.machine.recorder import Lanes, Recorder, sqrt
+from pfd_core.machine.recorder import Lanes, Recorder
 
 Index = tuple[int, int]  # (k, i) of S_ki, counted from 1 as in the paper
 Place = tuple[Lanes, int]  # a value on one lane
@@ -77,9 +78,9 @@ class State:
     order : tuple of (k, i)
         The sets that took part, longest first, as Step 2 orders them: S^(1), S^(2), ...
     picked : tuple of (k, i)
-        Those that were worked on, the l-th by the l-th processor.
+        Sets that got an addition, the l-th from the l-th processor.
     sets : dict
-        (k, i) to the terms that are left, the running sum last.
+        (k, i) to the remaining terms, the running sum last.
     counters : dict
         (k, i) to C_ki, the number of additions done.
     additions : dict
@@ -179,7 +180,7 @@ def record_literal_cholesky(n: int, schedule: str) -> Program:
     -------
     Program
         Input `H`, (n n,), of which the lower triangle is read; outputs `L`, (n, n), which is
-        in general not the Cholesky factor, and `radicands`, (n,), what the roots are taken of.
+        in general not the Cholesky factor, and `radicands`, (n,), the operands of the roots.
 
     """
     states = set_ordering(n)

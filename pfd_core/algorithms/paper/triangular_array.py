@@ -14,18 +14,18 @@ The triangular array: n(n+1)/2 cells that factor H = L L' and solve H x = y in 5
 Row k gets (h_kk, *), h_(k+1)k ... h_nk from cycle 2k - 1. Element m is a sum C that meets
 l_m1, l_m2 ... on its way; it is in P_ki in cycle m + k + i - 2, and so is l_mi, without
 waiting. A right-hand side follows as element n + 1 of each row, y_k, and leaves as z_k,
-z = L^-1 y. A mark after y_n then turns the array round: x_k runs left along row k, what is left
-of z_i runs down column i and becomes x_i in P_ii.
+z = L^-1 y. A mark after y_n then turns the array round: x_k runs left along row k, the rest of
+z_i runs down column i and becomes x_i in P_ii.
 
     factorisation 3n - 2 cycles, with z 3n - 1, with x 5n - 2
     a new matrix every n cycles, with a right-hand side every n + 1
 
-Lee and Chang 1987, section 2.6. Corrected: the paper's design, which literal_cholesky runs, sends
-h_mi up column i where l_mi is needed, and makes the matrix of equations (29) to (31) instead of
-Cholesky's. Two things differ here. P_ii sends its own result, so that the streams from below and
-their memories disappear; and the diagonal element and its flag come first, because l_mk needs
-l_kk, which also takes a cycle off the paper's 3n - 1. The way back is ours: in Table 1 n
-general-purpose processors stand beside the array.
+Lee and Chang 1987, section 2.6. Corrected: the paper's design, in
+pfd_core.algorithms.paper.literal_array, sends h_mi up column i where l_mi is needed, and makes the
+matrix of equations (29) to (31) instead of Cholesky's. Two things differ here. P_ii sends its own
+result, so that the streams from below and their memories disappear; and the diagonal element and
+its flag come first, because l_mk needs l_kk, which also takes a cycle off the paper's 3n - 1. The
+way back is ours: in Table 1 n general-purpose processors stand beside the array.
 
 Cost of the whole solve, all cells together: (n^3 - n)/6 + n(n - 1) multiplications and as many
 additions, n(n - 1)/2 + 2n divisions, n square roots. A cell multiplies and subtracts, divides
@@ -38,51 +38,35 @@ clock records a program. There lane 0 holds every number of the array.
 from __future__ import annotations
 
 from collections.abc import Sequence
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfd_core.algorithms.beyond.omega import bias_omega
-from pfd_core.algorithms.chain.equations import armature, begin, held_joints, joint_input, torque
-from pfd_core.algorithms.paper.pcrbm import inertia_matrix
-from pfd_core.machine.patterns import gather
-from pfd_core.machine.program import Program, Steps
-from pfd_core.machine.recorder import Lanes, merge, on, sqrt, where
+from pfd_core.machine.lanes import sqrt
+from pfd_core.machine.program import Steps
+from pfd_core.machine.recorder import Lanes
 from pfd_core.machine.systolic import DIRECTIONS, Array, Cell, Link, Place, Ports, Step, Trace
-from pfd_core.model import Plant
 
 FLAG, TURN = '*', 'turn'
 MULTIPLY, DIVIDE, ROOT = 'multiply and subtract', 'divide', 'square root'
-SECTION = 'triangular array'
 
 # The streams of one matrix: for each row k, h_kk, h_(k+1)k ... h_nk, and y_k if there is one.
 Problem = Sequence[Sequence[Any]]
 
 
 class Item(NamedTuple):
-    """What is on a link: a number, and FLAG, TURN or nothing beside it."""
+    """Item on a link: a number, with FLAG, TURN or no mark."""
 
     value: Any
     mark: str = ''
 
 
 class Registers(NamedTuple):
-    """What a cell keeps: u, the last result or the last item from below, a root's radicand."""
+    """State of a cell: u, the last result or the last item from below, a root's radicand."""
 
     u: Any = None
     last: Any = None
     radicand: Any = None
-
-
-def factor_cycles(n: int) -> int:
-    """Return the cycles of a factorisation."""
-    return 3 * n - 2
-
-
-def forward_cycles(n: int) -> int:
-    """Return the cycles of a factorisation with forward substitution."""
-    return 3 * n - 1
 
 
 def solve_cycles(n: int) -> int:
@@ -92,9 +76,9 @@ def solve_cycles(n: int) -> int:
 
 def solve_steps(n: int) -> Steps:
     """
-    Return the cycles of a whole solve in which some cell multiplies and subtracts, divides ...
+    Return the cycles of a whole solve in which some cell does an operation, by kind.
 
-    Cells do different things in the same cycle, so these add up to more than solve_cycles(n).
+    Cells do different operations in the same cycle, so the sum is above solve_cycles(n).
     """
     return Steps(
         multiplications=max(5 * n - 7, 0),
@@ -119,7 +103,7 @@ def circular(state: Registers | None, ports: Ports) -> Step:
 
 
 def square(state: Registers | None, ports: Ports) -> Step:
-    """Subtract u times what comes along the column from what comes along the row, or back."""
+    """Subtract u times the column's item from the row's; on the way back, the row's from z."""
     state = state or Registers()
     item, below, back = ports['left'], ports['down'], ports['right']
     if back is not None:
@@ -136,14 +120,14 @@ def square(state: Registers | None, ports: Ports) -> Step:
 
 
 def root(value: Any) -> Any:
-    """Return the square root; NaN of a number that is not above zero."""
+    """Return the square root; NaN for a number at or below zero."""
     if isinstance(value, Lanes):
         return sqrt(value)
     return np.sqrt(value) if value > 0 else value * np.nan
 
 
 def quotient(value: Any, divisor: Any) -> Any:
-    """Return value / divisor; NaN if a number is to be divided by zero."""
+    """Return value / divisor; NaN for a number divided by zero."""
     if not isinstance(divisor, Lanes) and divisor == 0:
         return value * np.nan
     return value / divisor
@@ -160,8 +144,8 @@ def triangle(n: int, circular: Cell, square: Cell, *, back: bool) -> Array:
     circular, square : Cell
         Programs of the cells on the diagonal and left of it.
     back : bool
-        Whether it has links to the left and down, for the way back; without them streams
-        enter the diagonal from below.
+        Whether the array has links to the left and down, for the way back; without them
+        streams enter the diagonal from below.
 
     """
     rows = range(1, n + 1)
@@ -183,7 +167,7 @@ def out_of(place: Place, direction: str) -> Link:
 
 
 def into(place: Place, direction: str) -> Link:
-    """Return the link on which a place gets what comes from a direction."""
+    """Return the link on which a place receives items from a direction."""
     link = out_of(place, direction)
     return Link(link.target, link.source)
 
@@ -195,16 +179,16 @@ def clock(problems: Sequence[Problem], interval: int | None = None, turn: bool =
     Parameters
     ----------
     problems : sequence of Problem
-        One or several of the same size.
+        One matrix or several of the same size.
     interval : int, optional
-        Cycles from one problem to the next; default as few as can be.
+        Cycles from one problem to the next; default the fewest possible.
     turn : bool
-        Whether to run back and solve, which the array does for one problem at a time.
+        Whether to run back and solve; the array does so for one problem at a time.
 
     Raises
     ------
     ValueError
-        If the interval is shorter than the longest stream, or it cannot turn round.
+        If the interval is shorter than the longest stream, or the array cannot turn round.
 
     """
     n, length = len(problems[0]), len(problems[0][0])
@@ -224,31 +208,3 @@ def clock(problems: Sequence[Problem], interval: int | None = None, turn: bool =
     if turn:
         streams[into((n, 1), 'left')][2 * n + 1] = Item(None, TURN)
     return triangle(n, circular, square, back=True).run(streams)
-
-
-def record_pcrbm_array(plant: Plant, schedule: str) -> Program:
-    """
-    Return the program of qdd, (n,), from q, qd and tau: PCRBM on n lanes, the solve by the array.
-
-    The cells' arithmetic is in the section SECTION, one step for each operation of each cell;
-    on the array itself it takes solve_cycles(n) cycles. `pivots`, (n,), are what the roots are
-    taken of: H is positive definite exactly when all are above zero.
-    """
-    recorder, chain, at = begin(plant, schedule)
-    qd, tau = joint_input(recorder, 'qd'), joint_input(recorder, 'tau')
-    y = tau - torque(recorder, plant, chain, at, qd, None, bias_omega)
-    rows = inertia_matrix(recorder, chain, at, armature(recorder, plant))
-    n = recorder.lanes
-    if plant.brakes:
-        rows, y, free = held_joints(recorder, rows, y)
-        rows = [merge(where(on(free, [k]), rows[k], math.inf), rows[k]) for k in range(n)]
-    with recorder.section(f'streams of the {SECTION}'):
-        places = [[*((rows[k], m) for m in range(k, n)), (y, k)] for k in range(n)]
-        problem = [[gather({0: place}) for place in row] for row in places]
-    with recorder.section(SECTION):
-        trace = clock([problem], turn=True)
-    qdd = [trace.leaving((k, 1), 'left')[0].value for k in range(1, n + 1)]
-    pivots = [trace.states[k, k].radicand for k in range(1, n + 1)]
-    recorder.output('qdd', (n,), [(value, 0) for value in qdd])
-    recorder.output('pivots', (n,), [(value, 0) for value in pivots])
-    return recorder.program()

@@ -4,25 +4,21 @@
 Forward dynamics on one processor by articulated bodies (Featherstone 1983, 1987).
 
     w_i, c_i = w_(i-1) x z qd_i (twice, translational), b_i = w x (w x p)    base to tip
-    articulated body of link i, and what hangs on it, in the axes of link i:  tip to base
+    articulated body of link i, in the axes of link i:                       tip to base
         moment = J wd + K a + n,  force = K' wd + M a + f,  from the link's own inertia,
         (n, f) = (w x J w, w x (w x m s)), and the body beyond
-    about o_(i-1) = o_i - p:  f += M b,  n += K b + p x f,  K* = K + p x M,
-                              J += p x K*' + (p x K')',  K <- K*
+    about o_(i-1) = o_i - p:  f += M b,  n += K b + p x f,  J, K, M shifted
     in the axes of joint i, S the unit motion along z, I the 6 x 6 matrix of J, K, M:
         (n, f) += I c,   U = I S,   d = S.U + rotor,   g = U / d,   r = (tau - S.(n, f)) / d
-        I - U g' and (n, f) + U r, in the axes of link i-1, hang on that link
+        the body beyond link i-1: I - U g' and (n, f) + U r, in the axes of link i-1
     qdd_i = r - g.(wd, a)_(i-1),   (wd, a)_i = (wd, a)_(i-1) + c + S qdd,    base to tip
             a += wd x p + b
 
 Accelerations are those of points, as Newton and Euler have them, so that no linear velocity is
-needed. A force is that of Lee and Chang 1987: the base accelerates by minus gravity, and the
-wrench hangs on the last link with a minus sign. Nothing here divides by a mass; d is the pivot
-of H eliminated from the tip, and H is positive definite exactly when all are above zero. A joint
-that is held has an infinite pivot and g = r = 0: its whole body passes to the link before.
-
-Each 3 x 3 matrix is rotated by two planar rotations (12 multiplications and 11 additions, 8 and
-8 if symmetric) where a full product takes 45 and 30.
+needed. Signs are those of Lee and Chang 1987: the base accelerates by minus gravity, and the
+wrench acts on the last link with a minus sign. Nothing is divided by a mass; d is the pivot of H
+eliminated from the tip, and H is positive definite exactly when all are above zero. A held joint
+has an infinite pivot and g = r = 0: its whole body passes to the link before.
 
 Serial cost, rotational joints, no wrench, n > 1:
 
@@ -33,13 +29,10 @@ Serial cost, rotational joints, no wrench, n > 1:
     in all               284n - 226    257n - 227     n = 6: 1478 and 1315
 
 Lee and Chang 1987 have 380n - 198 and 302n - 173, which is 2082 and 1639 for n = 6, print 2280
-and 1816 beside it, and 2250 in the introduction. Theirs and ours hold the bias. In
-multiplications and additions together this text is cheaper than method 3 of Walker and Orin, as
-recorded here, from n = 11; by the formulas of Table 1 from n = 12.
-
-The recurrence for J, K, M is not linear in them, from which the paper concludes, by a theorem of
-Kung's, that it cannot be parallelised. pfd_core.algorithms.beyond.divide_and_conquer has no such
-recurrence: it finds the same accelerations in another way, with far more arithmetic.
+and 1816 beside it, and 2250 in the introduction. Both counts hold the bias. In multiplications and
+additions together this text is cheaper than method 3 of Walker and Orin, as recorded here, from
+n = 11; by the formulas of Table 1 from n = 12. That this recurrence cannot be parallelised, as the
+paper concludes, is discussed in pfd_core.algorithms.beyond.divide_and_conquer.
 
 One register holds one number.
 """
@@ -51,24 +44,28 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-import numpy as np
-
-from pfd_core.algorithms.chain.base_axes import UPPER
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
 from pfd_core.algorithms.chain.link_axes import (
     ABOUT_X,
     ABOUT_Z,
     Chain,
     Link,
-    applied_torques,
-    begin,
-    finish,
-    joint_inputs,
+    chain_in_link_axes,
     plus,
-    rotated_matrix,
     tilted,
     turned,
     untilted,
     unturned,
+)
+from pfd_core.algorithms.serial.articulated_inertia import (
+    Inertia,
+    minus_outer,
+    plus_rigid_body,
+    response,
+    rigid_inertia,
+    rotated,
+    shifted,
 )
 from pfd_core.algorithms.serial.luh_walker_paul import (
     centripetal,
@@ -76,31 +73,36 @@ from pfd_core.algorithms.serial.luh_walker_paul import (
     outward,
     plus_in_plane,
 )
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, where
-from pfd_core.machine.vectors import array, cross, dot, parallel_axis
+from pfd_core.machine.recorder import LaneArray, Lanes
+from pfd_core.machine.vectors import (
+    array,
+    cross,
+    dot,
+    parallel_axis,
+    symmetric_matrix,
+)
 from pfd_core.model import Plant
 
 
 @dataclass(frozen=True)
 class Body:
     """
-    How a link, with all that hangs on it, answers to being accelerated.
+    A link and the links beyond it: the force that accelerates them.
 
     moment = J wd + K a + n,  force = K' wd + M a + f  about and at one point of the link.
 
     Attributes
     ----------
-    J, K, M : LaneArray
-        (3, 3) each; J and M are symmetric [kg m^2, kg m, kg].
+    inertia : Inertia
+        J, K and M.
     n, f : LaneArray or None
-        Moment [N m] and force [N], (3,), that it takes without any acceleration.
+        Moment [N m] and force [N], (3,), at accelerations of zero.
 
     """
 
-    J: LaneArray
-    K: LaneArray
-    M: LaneArray
+    inertia: Inertia
     n: Any
     f: Any
 
@@ -108,14 +110,14 @@ class Body:
 @dataclass(frozen=True)
 class Motion:
     """
-    What the velocities do to a link.
+    Terms of a link's motion that depend on the velocities.
 
     Attributes
     ----------
     w : LaneArray or None
         Angular velocity in the link's axes [rad/s].
     c : LaneArray or None
-        x and y of the acceleration that turning adds at the joint, in the joint's axes.
+        x and y of the acceleration that the joint's rate adds, in the joint's axes.
     b : LaneArray or None
         w x (w x p), in the link's axes [m/s^2].
 
@@ -129,14 +131,14 @@ class Motion:
 @dataclass(frozen=True)
 class Joint:
     """
-    qdd = r - g . (wd, a), of the link before in the axes of the joint; and the pivot.
+    Acceleration of a joint: qdd = r - g . (wd, a), of link i-1 in the axes of the joint.
 
     Attributes
     ----------
     g_n, g_f : LaneArray
         (3,) each.
     r, pivot : Lanes
-        Acceleration of a joint whose link before does not accelerate, and its inertia.
+        Acceleration of the joint while link i-1 does not accelerate, and its inertia d.
 
     """
 
@@ -147,23 +149,15 @@ class Joint:
 
 
 def record_articulated_body(plant: Plant, schedule: str) -> Program:
-    """
-    Return the program of qdd and pivots, (n,), from q, qd and tau.
-
-    Parameters
-    ----------
-    plant : Plant
-        Robot and scene.
-    schedule : str
-        Both give the same: there is one processor.
-
-    """
-    chain = begin(plant, schedule)
+    """Return the program of qdd and pivots, (n,), from q, qd and tau; always sequential."""
+    chain = chain_in_link_axes(plant, schedule)
     recorder, links = chain.recorder, chain.links
     n = len(links)
-    qd = joint_inputs(recorder, 'qd', n)
-    tau = applied_torques(plant, chain, qd)
-    free = joint_inputs(recorder, 'free', n) if plant.brakes else [None] * n
+    qd = input_list(recorder, 'qd', n)
+    tau = input_list(recorder, 'tau', n)
+    with recorder.section('friction'):
+        tau = minus_joint_torques(plant, tau, qd)
+    free = input_list(recorder, 'free', n) if plant.brakes else [None] * n
     with recorder.section('velocities'):
         motions = _motions(links, qd)
     joints: list[Joint] = []
@@ -178,11 +172,11 @@ def record_articulated_body(plant: Plant, schedule: str) -> Program:
                 body = _through_joint(links[i], whole, joint)
     with recorder.section('accelerations'):
         qdd = _accelerations(chain, motions, joints)
-    return finish(recorder, qdd=qdd, pivots=[joint.pivot for joint in joints])
+    return program_with_outputs(recorder, qdd=qdd, pivots=[joint.pivot for joint in joints])
 
 
 def _motions(links: Sequence[Link], qd: Sequence[Lanes]) -> list[Motion]:
-    """Return what the velocities do, link by link."""
+    """Return the velocity terms of each link, base to tip."""
     motions = []
     w: Any = None
     for i, link in enumerate(links):
@@ -196,94 +190,57 @@ def _motions(links: Sequence[Link], qd: Sequence[Lanes]) -> list[Motion]:
 
 
 def _end(chain: Chain) -> Body | None:
-    """Return what hangs on the last link: a wrench, or nothing."""
+    """Return the body beyond the last link: a wrench without inertia, or None."""
     if chain.wrench is None:
         return None
     zeros = array([[chain.recorder.constant(0.0)] * 3] * 3)
-    return Body(zeros, zeros, zeros, -chain.wrench[1], -chain.wrench[0])
+    return Body(Inertia(zeros, zeros, zeros), -chain.wrench[1], -chain.wrench[0])
 
 
 def _with_link(link: Link, w: Any, beyond: Body | None) -> Body:
-    """Return a link and what hangs on it, about the origin of its frame, in its axes."""
-    m = link.m
-    h = m * link.s
-    xx, xy, xz, yy, yz, zz = m * parallel_axis(link.s)
-    J = link.J + array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    """Return a link with the body beyond it, about the origin of its frame, in its axes."""
+    h = link.m * link.s
+    J = link.J + symmetric_matrix(link.m * parallel_axis(link.s))
     n = None if w is None else cross(w, J @ w)
     f = centripetal(w, h)
     if beyond is None:
-        zero = m.recorder.constant(0.0)
-        K = array([[zero, -h[2], h[1]], [h[2], zero, -h[0]], [-h[1], h[0], zero]])
-        return Body(J, K, array([[m, zero, zero], [zero, m, zero], [zero, zero, m]]), n, f)
-    K, M = beyond.K.copy(), beyond.M.copy()
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        K[i, j], K[j, i] = K[i, j] - h[k], K[j, i] + h[k]
-        M[i, i] = M[i, i] + m
-    return Body(_plus_symmetric(beyond.J, J), K, M, plus(beyond.n, n), plus(beyond.f, f))
-
-
-def _plus_symmetric(S: LaneArray, T: LaneArray) -> LaneArray:
-    """Return the sum of symmetric matrices, element by different element."""
-    result = np.empty((3, 3), dtype=object)
-    for i, j in UPPER:
-        result[i, j] = result[j, i] = S[i, j] + T[i, j]
-    return result
+        return Body(rigid_inertia(J, link.m, h), n, f)
+    inertia = plus_rigid_body(beyond.inertia, J, link.m, h)
+    return Body(inertia, plus(beyond.n, n), plus(beyond.f, f))
 
 
 def _at_joint(link: Link, motion: Motion, body: Body) -> Body:
-    """Return the same about the origin of the frame before, in the axes of the joint."""
+    """Return a body about the origin of the frame before the link's, in the axes of its joint."""
     body = _shifted(body, link.p, motion.b)
     if link.tilt is not None:
-        body = Body(
-            rotated_matrix(link.tilt, ABOUT_X, body.J, True),
-            rotated_matrix(link.tilt, ABOUT_X, body.K, False),
-            rotated_matrix(link.tilt, ABOUT_X, body.M, True),
-            tilted(link, body.n),
-            tilted(link, body.f),
-        )
+        inertia = rotated(body.inertia, link.tilt, ABOUT_X)
+        body = Body(inertia, tilted(link, body.n), tilted(link, body.f))
     if motion.c is None:
         return body
+    J, K, M = body.inertia.J, body.inertia.K, body.inertia.M
     x, y = motion.c
     if link.slides:
-        n, f = body.K[:, 0] * x + body.K[:, 1] * y, body.M[:, 0] * x + body.M[:, 1] * y
+        n, f = K[:, 0] * x + K[:, 1] * y, M[:, 0] * x + M[:, 1] * y
     else:
-        n, f = body.J[:, 0] * x + body.J[:, 1] * y, body.K[0] * x + body.K[1] * y
-    return Body(body.J, body.K, body.M, plus(body.n, n), plus(body.f, f))
+        n, f = J[:, 0] * x + J[:, 1] * y, K[0] * x + K[1] * y
+    return Body(body.inertia, plus(body.n, n), plus(body.f, f))
 
 
 def _shifted(body: Body, p: LaneArray | None, b: Any) -> Body:
-    """Return a body about the point -p; its own origin accelerates by b besides."""
+    """Return a body about the point -p; b is its origin's acceleration beyond wd x p."""
     if p is None:
         return body
     n, f = body.n, body.f
     if b is not None:
-        n, f = plus(n, body.K @ b), plus(f, body.M @ b)
+        n, f = plus(n, body.inertia.K @ b), plus(f, body.inertia.M @ b)
     if f is not None:
         n = plus(n, cross(p, f))
-    K = np.empty((3, 3), dtype=object)
-    J = np.empty((3, 3), dtype=object)
-    for i, j in np.ndindex(3, 3):
-        K[i, j] = body.K[i, j] + _crossed(p, body.M, i, j)
-    for i, j in UPPER:
-        sum_of_both = _crossed(p, K.T, i, j) + _crossed(p, body.K.T, j, i)
-        J[i, j] = J[j, i] = body.J[i, j] + sum_of_both
-    return Body(J, K, body.M, n, f)
-
-
-def _crossed(p: LaneArray, X: LaneArray, i: int, j: int) -> Any:
-    """Return an element of the matrix whose columns are p x (columns of X)."""
-    k, m = (i + 1) % 3, (i + 2) % 3
-    return p[k] * X[m, j] - p[m] * X[k, j]
-
-
-def _response(link: Link, body: Body) -> tuple[LaneArray, LaneArray]:
-    """Return the moment and the force, (3,), that a unit acceleration of the joint takes."""
-    return (body.K[:, 2], body.M[:, 2]) if link.slides else (body.J[:, 2], body.K[2])
+    return Body(shifted(body.inertia, p), n, f)
 
 
 def _joint(link: Link, body: Body, tau: Lanes, rotor: Lanes | None, free: Lanes | None) -> Joint:
-    """Return how a joint accelerates under tau [N m or N]."""
-    U_n, U_f = _response(link, body)
+    """Return the coefficients of a joint's acceleration under tau [N m or N]."""
+    U_n, U_f = response(body.inertia, link.slides)
     pivot = (U_f if link.slides else U_n)[2]
     if rotor is not None:
         pivot = pivot + rotor
@@ -296,17 +253,11 @@ def _joint(link: Link, body: Body, tau: Lanes, rotor: Lanes | None, free: Lanes 
 
 
 def _through_joint(link: Link, body: Body, joint: Joint) -> Body:
-    """Return what the link before feels of a body: what the joint does not give way to."""
-    U_n, U_f = _response(link, body)
-    J, M = np.empty((3, 3), dtype=object), np.empty((3, 3), dtype=object)
-    for i, j in UPPER:
-        J[i, j] = J[j, i] = body.J[i, j] - joint.g_n[i] * U_n[j]
-        M[i, j] = M[j, i] = body.M[i, j] - joint.g_f[i] * U_f[j]
-    K = body.K - joint.g_n[:, None] * U_f[None]
+    """Return the body beyond link i-1, I - U g' and (n, f) + U r, in the axes of link i-1."""
+    U_n, U_f = U = response(body.inertia, link.slides)
+    rest = minus_outer(body.inertia, (joint.g_n, joint.g_f), U)
     return Body(
-        rotated_matrix(link.turn, ABOUT_Z, J, True),
-        rotated_matrix(link.turn, ABOUT_Z, K, False),
-        rotated_matrix(link.turn, ABOUT_Z, M, True),
+        rotated(rest, link.turn, ABOUT_Z),
         turned(link, plus(body.n, U_n * joint.r)),
         turned(link, plus(body.f, U_f * joint.r)),
     )
@@ -315,7 +266,7 @@ def _through_joint(link: Link, body: Body, joint: Joint) -> Body:
 def _accelerations(
     chain: Chain, motions: Sequence[Motion], joints: Sequence[Joint]
 ) -> list[Lanes]:
-    """Return the accelerations of the joints, from the base on."""
+    """Return the accelerations of the joints, base to tip."""
     wd: Any = None
     a: Any = chain.gravity
     qdd = []

@@ -13,9 +13,9 @@ For the body made of links j..n, from the tip; d, c_(j+1) and E_(j+1) in the axe
     n_ij = R_i (n_(i+1)j + p_i x F_j),   F_j <- R_i F_j           for i = j-1 to 1
     h_ij = z . n_ij  (joint i rotational),  z . F_j  (translational)
 
-Walker and Orin 1982, method 3. Their axes are those of the links. In those of link j-1 the
-axis z of joint j is (0, 0, 1), so F_j and n_jj take 6 multiplications and 4 additions; the last
-link has no twist and no offset. A massless end divides by one.
+Walker and Orin 1982, method 3, in link axes. In the axes of link j-1 the axis z of joint j is
+(0, 0, 1), so that F_j and n_jj take 6 multiplications and 4 additions; the last link has no twist
+and no offset. A massless end divides by one.
 
 Serial cost, rotational joints: 11 n^2 + 21 n - 26 multiplications, 7 n^2 + 41 n - 44 additions
 and n - 1 divisions. Lee and Chang 1987 have no counts of this part.
@@ -30,7 +30,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pfd_core.algorithms.chain.base_axes import UPPER
 from pfd_core.algorithms.chain.link_axes import (
     ABOUT_X,
     ABOUT_Z,
@@ -42,8 +41,9 @@ from pfd_core.algorithms.chain.link_axes import (
     turned,
 )
 from pfd_core.algorithms.serial.luh_walker_paul import along_axis
-from pfd_core.machine.recorder import LaneArray, Lanes, where
-from pfd_core.machine.vectors import array, cross, parallel_axis
+from pfd_core.machine.lanes import where
+from pfd_core.machine.recorder import LaneArray, Lanes
+from pfd_core.machine.vectors import UPPER, array, cross, parallel_axis
 
 # Lower triangle of H by rows: row j holds h_ji for i <= j.
 Triangle = list[list[Lanes]]
@@ -71,7 +71,7 @@ class Body:
 
 
 def composite_bodies(chain: Chain) -> Triangle:
-    """Return H from the bodies that the joints move, each taken as one, from the tip."""
+    """Return H from the composite bodies that the joints move, tip to base."""
     links = chain.links
     H: Triangle = []
     body: Body | None = None
@@ -89,7 +89,7 @@ def _with_link(link: Link, beyond: Body | None) -> Body:
     M, c, E = link.m, link.s, link.J
     if beyond is not None:
         M = beyond.M + link.m
-        # The centre of a body without mass is of no account.
+        # The centre of a massless body is not used.
         share = link.m / where(M, M, 1.0)
         d = link.s - beyond.c
         c = beyond.c + share * d

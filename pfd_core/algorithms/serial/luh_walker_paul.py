@@ -3,7 +3,7 @@
 """
 Joint torques by the Newton-Euler recursion of Luh, Walker and Paul, on one processor.
 
-With R_i' (.) taking a vector to the axes of link i, and z = (0, 0, 1) in those of link i-1
+With R_i' (.) taking a vector to the axes of link i, and z = (0, 0, 1) in the axes of link i-1
 
     w_i  = R_i' (w_(i-1) [+ z qd_i])                                   base to tip
     wd_i = R_i' (wd_(i-1) [+ z qdd_i + w_(i-1) x z qd_i])              [rotational]
@@ -13,10 +13,10 @@ With R_i' (.) taking a vector to the axes of link i, and z = (0, 0, 1) in those 
     n_i  = R_(i+1) n_(i+1) + N_i + s x F_i + p x f_i
     tau_i = z . R_i n_i  (rotational),  z . R_i f_i  (translational)
 
-Luh, Walker and Paul 1980, which Walker and Orin 1982 call n + 1 times. The base is accelerated
+Luh, Walker and Paul 1980; Walker and Orin 1982 run it n + 1 times. The base is accelerated
 by minus gravity; the wrench on the last link is -f_(n+1), -n_(n+1).
 
-Serial cost, rotational joints, n > 1, all numbers counted, multiplications and additions:
+Serial cost, rotational joints, n > 1, multiplications and additions:
 bias (velocities and gravity) 117 n - 95 and 89 n - 78; H u (accelerations alone) 68 n - 56 and
 53 n - 45. Lee and Chang 1987 have no counts of these parts.
 
@@ -46,18 +46,18 @@ def newton_euler(
     Parameters
     ----------
     links : sequence of Link
-        The chain, or the links of it that move.
+        The chain, or the part of it that moves.
     qd : sequence of Lanes or None
-        Joint velocities [rad/s or m/s]; None is rest.
+        Joint velocities [rad/s or m/s]; None for rest.
     qdd : sequence of Lanes or None
-        Joint accelerations [rad/s^2 or m/s^2]; None for one that is known to be zero.
+        Joint accelerations [rad/s^2 or m/s^2]; None for a known zero.
     gravity, wrench
         As in Chain.
 
     Returns
     -------
     list of Lanes or None
-        Torques of the joints of these links [N m or N]; None for one known to be zero.
+        Torques of the joints of these links [N m or N]; None for a known zero.
 
     """
     w = wd = None
@@ -89,7 +89,7 @@ def _motion(
 
 
 def coriolis(w: Any, qd: Lanes | None) -> Any:
-    """Return the x and y of w x z qd, (2,), the third being zero; None if all are."""
+    """Return x and y of w x z qd, (2,), whose third component is zero; None if w or qd is."""
     return None if w is None or qd is None else array([w[1] * qd, -(w[0] * qd)])
 
 
@@ -103,10 +103,10 @@ def plus_in_plane(v: Any, xy: Any) -> Any:
 
 
 def outward(link: Link, v: Any, along_z: Lanes | None) -> Any:
-    """Return v + z along_z, given in the axes of link i-1, in those of link i."""
+    """Return v + z along_z from the axes of link i-1 to the axes of link i."""
     if along_z is None:
         return untilted(link, unturned(link, v))
-    if v is None:  # a rotation about z does nothing to it
+    if v is None:  # a vector along z does not change when it is turned about z
         zero = along_z.recorder.constant(0.0)
         if link.tilt is None:
             return array([zero, zero, along_z])
@@ -124,7 +124,7 @@ def _cross(a: Any, b: Any) -> Any:
 
 
 def _force(link: Link, w: Any, wd: Any, a: Any) -> tuple[Any, Any]:
-    """Return the force on the centre of mass and the moment about it that move the link so."""
+    """Return the force on the centre of mass and the moment about it for a link's motion."""
     r = plus(a, _cross(wd, link.s), centripetal(w, link.s))
     N = plus(
         None if wd is None else link.J @ wd,

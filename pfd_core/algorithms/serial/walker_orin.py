@@ -9,10 +9,10 @@ Forward dynamics on one processor by the four methods of Walker and Orin (1982).
     4   conjugate gradients: no H, but H u as torques of the accelerations u
 
 The bias and H u are the recursion of Luh, Walker and Paul; the solve is H = L D L', column by
-column, the right-hand side with it. What Lee and Chang 1987, Table 1, quote of these methods is
-their serial yardstick. They print totals only. The last column is our split of them: it sums to
-their formulas for methods 1 to 3, two misprints apart, if the divisions of the solve are among
-the multiplications and its n square roots are left out, as Table 1 has none (L D L' needs none).
+column, with the right-hand side. Lee and Chang 1987, Table 1, compare with these methods and print
+totals only. The last column is our split of the totals: it sums to their formulas for methods 1
+to 3, two misprints apart, if the divisions of the solve are among the multiplications and its n
+square roots are left out, as Table 1 has none (L D L' needs none).
 
 Serial cost, rotational joints, no wrench, n > 1; k trips in method 4:
 
@@ -49,25 +49,21 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 import math
 
-from pfd_core.algorithms.chain.link_axes import (
-    Chain,
-    applied_torques,
-    begin,
-    finish,
-    joint_inputs,
-    known,
-    released,
-)
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
+from pfd_core.algorithms.chain.link_axes import Chain, chain_in_link_axes, known, released
 from pfd_core.algorithms.serial.composite_links import Triangle, composite_bodies
 from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
+from pfd_core.machine.iteration import iterate
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, where
+from pfd_core.machine.recorder import Lanes
 from pfd_core.model import Plant
 
-# By then the recursive residual has long left the true one, which stays at the rounding of H.
+# The recursive residual goes on falling where the true one has stopped, at the rounding of H.
 TOLERANCE = 1e-15
-# Rounding takes the directions' orthogonality away and n trips are then not enough: skew chains
-# of 32 joints take 90, those with masses from 1 to 1e4 140, in float32 ten times as many.
+# With rounding the directions lose their orthogonality, and n trips are not enough: skew chains
+# of 32 joints take 90, with masses from 1 to 1e4 140, in float32 ten times as many.
 TRIPS_PER_JOINT = 20
 SPARE_TRIPS = 10
 
@@ -96,13 +92,13 @@ def record_walker_orin_4(
     Parameters
     ----------
     plant : Plant
-        Robot and scene; held joints are taken out of the problem.
+        Robot and scene; equations and unknowns of held joints are left out.
     schedule : str
-        Both give the same: there is one processor.
+        Any of SCHEDULES gives the same program: there is one processor.
     tolerance : float
-        It ends when the residual has fallen by this factor, at least 0 and below 1.
+        The iteration ends when the residual has fallen by this factor, at least 0 and below 1.
     at_most : int, optional
-        Trips after which it ends in any case; default 20 n + 10.
+        Largest number of trips; default 20 n + 10.
 
     Returns
     -------
@@ -120,9 +116,9 @@ def record_walker_orin_4(
     if not 0 <= tolerance < 1:
         raise ValueError(f'tolerance must be at least 0 and below 1, got {tolerance}')
     n = plant.robot.n
-    chain = begin(plant, schedule)
+    chain = chain_in_link_axes(plant, schedule)
     recorder = chain.recorder
-    free = joint_inputs(recorder, 'free', n) if plant.brakes else None
+    free = input_list(recorder, 'free', n) if plant.brakes else None
     y = released(free, _right_side(plant, chain))
     with recorder.section('start'):
         first = _dot(y, y)
@@ -136,17 +132,17 @@ def record_walker_orin_4(
 
     start = (*[recorder.constant(0.0)] * n, *y, *y, first)
     limit = TRIPS_PER_JOINT * n + SPARE_TRIPS if at_most is None else at_most
-    state, trips = recorder.iterate(step, start, first, limit, floor=enough)
+    state, trips = iterate(step, start, first, limit, floor=enough)
     with recorder.section('status'):
-        # NaN passes the first test, and fails the second; so does infinity.
+        # NaN is not above `enough`; like infinity, it fails the test of 1 / (1 + e).
         finite = where(1.0 / (1.0 + state[-1]), 1.0, 0.0)
         converged = where(state[-1] - enough, 0.0, finite)
-    return finish(recorder, qdd=state[:n], trips=[trips], converged=[converged])
+    return program_with_outputs(recorder, qdd=state[:n], trips=[trips], converged=[converged])
 
 
 def _direct(plant: Plant, schedule: str, inertia_matrix: Callable[[Chain], Triangle]) -> Program:
-    """Return the program of a method that has H and solves with it."""
-    chain = begin(plant, schedule)
+    """Return the program of a method that computes H and solves with it."""
+    chain = chain_in_link_axes(plant, schedule)
     recorder = chain.recorder
     y = _right_side(plant, chain)
     with recorder.section('inertia matrix'):
@@ -157,7 +153,7 @@ def _direct(plant: Plant, schedule: str, inertia_matrix: Callable[[Chain], Trian
                 row[-1] = row[-1] + recorder.constant(rotor)
     free = None
     if plant.brakes:
-        free = joint_inputs(recorder, 'free', len(y))
+        free = input_list(recorder, 'free', len(y))
         y = released(free, y)
         H = [
             [*(where(moves, h, 0.0) for h in released(free[:j], row[:j])), row[j]]
@@ -165,14 +161,16 @@ def _direct(plant: Plant, schedule: str, inertia_matrix: Callable[[Chain], Trian
         ]
     with recorder.section('solve'):
         qdd, pivots = solve(H, y, free)
-    return finish(recorder, qdd=qdd, pivots=pivots)
+    return program_with_outputs(recorder, qdd=qdd, pivots=pivots)
 
 
 def _right_side(plant: Plant, chain: Chain) -> list[Lanes]:
-    """Return tau - bias."""
+    """Return y = tau - torques of the joints at qd - bias."""
     n = len(chain.links)
-    qd = joint_inputs(chain.recorder, 'qd', n)
-    tau = applied_torques(plant, chain, qd)
+    qd = input_list(chain.recorder, 'qd', n)
+    tau = input_list(chain.recorder, 'tau', n)
+    with chain.recorder.section('friction'):
+        tau = minus_joint_torques(plant, tau, qd)
     with chain.recorder.section('bias'):
         bias = newton_euler(chain.links, qd, [None] * n, chain.gravity, chain.wrench)
     with chain.recorder.section('right-hand side'):
@@ -213,7 +211,7 @@ def solve(
     y : sequence of Lanes
         Right-hand side, (n,).
     free : sequence of Lanes, optional
-        Zero for a held joint, whose pivot is infinite, so that it may have no inertia.
+        Zero for a held joint; its pivot is infinite, so that a massless joint can be held.
 
     Returns
     -------
@@ -247,7 +245,7 @@ def solve(
 
 
 def _times_inertia(plant: Plant, chain: Chain, u: Sequence[Lanes]) -> list[Lanes]:
-    """Return H u as the torques that the accelerations u take."""
+    """Return H u: the torques of the accelerations u at rest, without gravity."""
     t = known(chain, newton_euler(chain.links, None, u))
     if plant.armature is None:
         return t
@@ -260,7 +258,7 @@ def _conjugate_step(state: Sequence[Lanes], t: Sequence[Lanes]) -> tuple[tuple[L
     n = len(t)
     x, w, u, e = state[:n], state[n : 2 * n], state[2 * n : 3 * n], state[-1]
     curvature = _dot(u, t)
-    # Without positive curvature there is no step to take: nothing moves, and it ends.
+    # Without positive curvature the state stays as it is and the iteration ends.
     alpha = where(curvature, e / where(curvature, curvature, 1.0), 0.0)
     x = [a + alpha * b for a, b in zip(x, u, strict=True)]
     w = [a - alpha * b for a, b in zip(w, t, strict=True)]

@@ -1,3 +1,22 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""codegen."""
+"""
+Code generation: program -> text of LLVM IR. Each module writes the functions it is named after.
+
+    builder          one function: fresh names, loops, branches
+    spelling         number formats, types, constants, single operations, arrays
+    wrap             @wrap_angle: an angle beyond the range of the sine, by exact integers
+    split            @body of a long program, in several functions
+    body             @body: the program from its inputs to its output
+    evaluate         @evaluate: @body, with angles wrapped first
+    copies           @copy_in, @copy_out: rows of arrays to and from a buffer
+    batch            @batch: @evaluate over many states at any strides
+    chunks           @batch for arms of many joints
+    object_layout    fields of a NumPy array
+    python_entry     @entry, @bound: functions that Python calls, which check their arrays
+    step             @step: an integrator's step around @evaluate
+    rollout          @rollout, @accelerations: the simulation of one arm
+    law              feedback laws of an ensemble
+    arms             @arms, @ensemble: simulations of many arms, one per SIMD lane
+    module           whole modules: of a kernel, a rollout, an ensemble
+"""

@@ -7,46 +7,39 @@ LLVM IR of many simulations at once: one arm per SIMD lane, all steps in native 
     @arms        all steps of `width` arms, with the torque that their law gives at each
     @ensemble    a block of arms
 
-The torque of a step is taken from an array, to which a law may add what the state at its beginning
-asks for (pfd_core.kernels.codegen.law); it is held for the step. Every operation on an arm
-is one that the simulation of a single arm does, in the same order.
+The torque of a step is taken from an array, to which a law may add a feedback of the state at its
+beginning (pfd_core.kernels.codegen.law); it is held for the step. Every operation on an arm is
+one that the simulation of a single arm does, in the same order.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-import ctypes
 from dataclasses import dataclass
 
-from pfd_core.kernels.auto import choose
-from pfd_core.kernels.codegen.batch import copies
-from pfd_core.kernels.codegen.evaluate import evaluate
+from pfd_core.kernels.codegen.batch import table_row
+from pfd_core.kernels.codegen.builder import Function, Variable
+from pfd_core.kernels.codegen.copies import Block, Rows, copy
 from pfd_core.kernels.codegen.law import (
     GAINS,
     JOINTS,
     MATRIX,
     NONE,
     REFERENCES,
-    errors,
+    WHOLE,
     joint_by_joint,
-    whole_state,
+    state_errors,
 )
-from pfd_core.kernels.codegen.spelling import Format, arguments, module, splat
-from pfd_core.kernels.codegen.split import body
+from pfd_core.kernels.codegen.spelling import Array, Format
 from pfd_core.kernels.codegen.step import (
     REPORT,
     STATE,
-    finite,
-    goes_on,
-    held,
-    pointers,
-    step,
-    stop,
+    count_finite,
+    evaluate_at,
+    extra_arguments,
+    take_steps,
+    zero_braked_velocities,
 )
-from pfd_core.kernels.runtime.jit import Native, simd_width
-from pfd_core.kernels.source import forward, plant_of, turned_joints
 from pfd_core.machine.program import Program
-from pfd_core.model import Robot, Scene
 
 # One row of the table for each of these: pointer, and strides from arm to arm, from element to
 # element and from step to step [bytes].
@@ -60,254 +53,128 @@ SLOTS = (
     *REFERENCES,
     *(f'{name}.out' for name in REPORT),
 )
-# Arms `first` to `until` - 1; `last` is the last of all arms; the others are those of @arms.
-PARAMETERS = (
-    *('i64 %first', 'i64 %until', 'i64 %last', 'i64 %steps', 'i64 %substeps', 'i64 %every'),
-    *('i64 %law', 'ptr %table', 'ptr %sound'),
+# Parameters of @arms besides its first arm.
+COMMON = (
+    *('i64 %last', 'i64 %steps', 'i64 %substeps', 'i64 %every', 'i64 %law', 'ptr %table'),
+    'ptr %finite_steps',
 )
+# Parameters of @ensemble, which runs the arms `first` to `until` - 1.
+PARAMETERS = ('i64 %first', 'i64 %until', *COMMON)
+
+
+@dataclass(frozen=True)
+class _Slot:
+    """One row of the table: an array, with one row for each arm and a buffer for `width` arms."""
+
+    rows: Rows
+    step: str  # bytes from step to step
+    size: int  # elements of an arm at one step
+    buffer: str  # its address; empty for an array that is used in place
+
+    def at(self, ir: Function, step: str) -> Rows:
+        """Return the rows of one step."""
+        base = ir.offset(self.rows.base, step, self.step)
+        return Rows(base, self.rows.row, self.rows.column)
 
 
 def arms(program: Program, dynamics: Program, form: Format) -> str:
     """
-    Return `void @arms(b, last, steps, substeps, every, law, table, sound)`.
+    Return `void @arms(b, last, steps, substeps, every, law, table, finite_steps)`.
 
-    It runs arms b to b + width - 1, of which those beyond `last` repeat it. `table` holds what
-    SLOTS says; each `every`-th state is written, with its acceleration. `sound`, one number per
-    arm, receives after how many steps the arm's state was finite.
+    It runs arms b to b + width - 1, of which those beyond `last` repeat it. `table` holds one row
+    for each of SLOTS; each `every`-th state is written, with its acceleration. `finite_steps`,
+    one number per arm, receives the number of steps after which the arm's state was finite.
     """
     n, W = dynamics.inputs['q'], form.width
-    constant = [name for name in arguments(dynamics) if name in ('wrench', 'free')]
-    evaluation = f'  call void @evaluate({pointers(STATE)}{held(dynamics)}, ptr %qdd)'
-    lines = [
-        'define internal void @arms(i64 %b, i64 %last, i64 %steps, i64 %substeps, i64 %every, '
-        'i64 %law, ptr %table, ptr %sound) {',
-        *_prepare(n, constant, form),
-        'outer:',
-        '  %t = phi i64 [ 0, %start ], [ %t.next, %counted ]',
-        '  %row = phi i64 [ 0, %start ], [ %row.next, %counted ]',
-        '  %wait = phi i64 [ 1, %start ], [ %wait.next, %counted ]',
-        f'  %good = phi <{W} x i64> [ zeroinitializer, %start ], [ %good.next, %counted ]',
-        *_torque(n, form),
-        *(line for k in range(n) if 'free' in constant for line in stop(k, form)),
-        *([evaluation] if goes_on(program) else []),
-        '  br label %inner',
-        'inner:',
-        '  %s = phi i64 [ 0, %torque ], [ %s.next, %inner ]',
-        f'  call void @step({pointers(REPORT)}{held(dynamics)})',
-        '  %s.next = add i64 %s, 1',
-        '  %s.more = icmp ult i64 %s.next, %substeps',
-        '  br i1 %s.more, label %inner, label %finished',
-        'finished:',
-        *_count(n, form),
-        '  %t.next = add i64 %t, 1',
-        '  %t.more = icmp ult i64 %t.next, %steps',
-        *_write_row(n, evaluation),
-        '  br i1 %t.more, label %outer, label %done',
-        'done:',
-        *(_copied(False, name, n) for name in REPORT),
-        *_report(W),
-        '  ret void',
-        '}',
-    ]
-    return '\n'.join(lines)
-
-
-def _prepare(n: int, constant: Sequence[str], form: Format) -> Iterator[str]:
-    """Yield the entry: the table is read, and what stays the same for all steps."""
-    yield 'entry:'
-    yield f'  %lanes = alloca <{form.width} x i64>, align 64'
-    yield f'  %error = alloca [{2 * n} x {form.type}], align 64'
-    yield f'  %end = add i64 %b, {form.width - 1}'
-    yield '  %whole = icmp ule i64 %end, %last'
-    sizes = {name: 6 if name == 'wrench' else n for name in SLOTS}
-    for slot, name in enumerate(SLOTS):
-        yield from _slot(slot, name, sizes[name], form)
+    ir = Function(f'define internal void @arms({", ".join(("i64 %b", *COMMON))})')
+    end = ir.let(f'add i64 %b, {W - 1}')
+    block = Block('%b', '%last', ir.let(f'icmp ule i64 {end}, %last'))
+    slots = {name: _slot(ir, name, k, n, form) for k, name in enumerate(SLOTS)}
+    arrays = {name: slot.buffer for name, slot in slots.items()}
+    constant = [name for name in extra_arguments(dynamics) if name != 'tau']
     for name in (*STATE, *constant):
-        yield _copied(True, name, sizes[name])
-    yield f'  %follows = icmp ne i64 %law, {NONE}'
-    yield f'  %joints = icmp eq i64 %law, {JOINTS}'
-    yield '  br i1 %joints, label %gains, label %start'
-    yield 'gains:'
-    for name in GAINS:
-        yield _copied(True, name, n)
-    yield '  br label %start'
-    yield 'start:'
-    yield '  br label %outer'
-
-
-def _torque(n: int, form: Format) -> Iterator[str]:
-    """Yield the lines that find the torques of a step."""
-    yield from _at('tau', 't')
-    yield _copied(True, 'tau', n, 'tau.now')
-    yield '  br i1 %follows, label %follow, label %torque'
-    yield 'follow:'
-    for name in REFERENCES:
-        yield from _at(name, 't')
-        yield _copied(True, name, n, f'{name}.now')
-    yield from errors(n, form)
-    yield '  br i1 %joints, label %each, label %all'
-    yield 'each:'
-    yield from joint_by_joint(n, form)
-    yield '  br label %torque'
-    yield 'all:'
-    yield from _at(MATRIX, 't')
-    yield (
-        f'  call void @whole_state(ptr %tau, ptr %error, ptr %{MATRIX}.now, i64 %{MATRIX}.arm, '
-        f'i64 %{MATRIX}.column, i64 %b, i64 %last)'
-    )
-    yield '  br label %torque'
-    yield 'torque:'
-
-
-def _write_row(n: int, evaluation: str) -> Iterator[str]:
-    """Yield the lines that write the state after every so many steps, and find the last."""
-    yield '  %due = icmp eq i64 %wait, %every'
-    yield '  %final = xor i1 %t.more, true'
-    yield '  %told = or i1 %due, %final'
-    yield '  br i1 %told, label %tell, label %counted'
-    yield 'tell:'
-    yield evaluation
-    yield '  br i1 %due, label %write, label %counted'
-    yield 'write:'
+        copy(ir, 'in', slots[name].rows, arrays[name], slots[name].size, block)
+    joints = ir.let(f'icmp eq i64 %law, {JOINTS}')
+    with ir.when(joints):
+        for name in GAINS:
+            copy(ir, 'in', slots[name].rows, arrays[name], n, block)
+    final = ir.let('sub i64 %steps, 1')
+    row, wait = Variable('i64', '0'), Variable('i64', '1')
+    finite_steps = Variable(form.index, 'zeroinitializer')
+    with ir.loop('%steps', row, wait, finite_steps) as t:
+        _torque(ir, slots, t, joints, block, form)
+        if 'free' in constant:
+            zero_braked_velocities(ir, arrays, n, form)
+        take_steps(ir, '%substeps', program, dynamics, arrays)
+        count_finite(ir, finite_steps, t, arrays, n, form)
+        due = ir.let(f'icmp eq i64 {wait}, %every')
+        ends = ir.let(f'icmp eq i64 {t}, {final}')
+        with ir.when(ir.let(f'or i1 {due}, {ends}')):
+            evaluate_at(ir, dynamics, arrays)
+            with ir.when(due):
+                for name in REPORT:
+                    copy(ir, 'out', slots[f'{name}.out'].at(ir, row.value), arrays[name], n, block)
+        one = ir.let(f'zext i1 {due} to i64')
+        row.value = ir.let(f'add i64 {row}, {one}')
+        later = ir.let(f'add i64 {wait}, 1')
+        wait.value = ir.let(f'select i1 {due}, i64 1, i64 {later}')
     for name in REPORT:
-        yield from _at(f'{name}.out', 'row')
-        yield _copied(False, f'{name}.out', n, f'{name}.out.now', buffer=name)
-    yield '  br label %counted'
-    yield 'counted:'
-    yield '  %one = zext i1 %due to i64'
-    yield '  %row.next = add i64 %row, %one'
-    yield '  %later = add i64 %wait, 1'
-    yield '  %wait.next = select i1 %due, i64 1, i64 %later'
+        copy(ir, 'out', slots[name].rows, arrays[name], n, block)
+    _report(ir, finite_steps, W)
+    ir.ret()
+    return str(ir)
 
 
-def _report(width: int) -> Iterator[str]:
-    """Yield the lines that say of each arm there is after how many steps it was finite."""
-    yield f'  store <{width} x i64> %good.next, ptr %lanes, align 64'
-    yield '  br label %lane'
-    yield 'lane:'
-    yield '  %i = phi i64 [ 0, %done ], [ %i.next, %kept ]'
-    yield '  %arm = add i64 %b, %i'
-    yield '  %there = icmp ule i64 %arm, %last'
-    yield '  br i1 %there, label %keep, label %kept'
-    yield 'keep:'
-    yield '  %i.at = getelementptr i64, ptr %lanes, i64 %i'
-    yield '  %i.good = load i64, ptr %i.at'
-    yield '  %arm.at = getelementptr i64, ptr %sound, i64 %arm'
-    yield '  store i64 %i.good, ptr %arm.at'
-    yield '  br label %kept'
-    yield 'kept:'
-    yield '  %i.next = add i64 %i, 1'
-    yield f'  %i.more = icmp ult i64 %i.next, {width}'
-    yield '  br i1 %i.more, label %lane, label %out'
-    yield 'out:'
+def _slot(ir: Function, name: str, k: int, n: int, form: Format) -> _Slot:
+    """Read one row of the table and make room for `width` arms."""
+    base, arm, column, step = table_row(ir, k, 4)
+    size = 6 if name == 'wrench' else n
+    in_place = name == MATRIX or name.endswith('.out')
+    buffer = '' if in_place else ir.array(form.type, size)
+    return _Slot(Rows(base, arm, column), step, size, buffer)
 
 
-def _slot(slot: int, name: str, size: int, form: Format) -> Iterator[str]:
-    """Yield the lines that read one row of the table and make room for `width` arms."""
-    if name != MATRIX and not name.endswith('.out'):
-        yield f'  %{name} = alloca [{size} x {form.type}], align 64'
-    for column, part in enumerate(('base', 'arm', 'column', 'step')):
-        kind = 'ptr' if part == 'base' else 'i64'
-        yield f'  %{name}.{part}.at = getelementptr i64, ptr %table, i64 {4 * slot + column}'
-        yield f'  %{name}.{part} = load {kind}, ptr %{name}.{part}.at'
+def _torque(
+    ir: Function, slots: dict[str, _Slot], t: str, joints: str, block: Block, form: Format
+) -> None:
+    """Write the torques of a step: the given ones, plus those of the feedback law."""
+    n = slots['tau'].size
+    arrays = {name: Array(slot.buffer) for name, slot in slots.items()}
+    copy(ir, 'in', slots['tau'].at(ir, t), slots['tau'].buffer, n, block)
+    with ir.when(ir.let(f'icmp ne i64 %law, {NONE}')):
+        for name in REFERENCES:
+            copy(ir, 'in', slots[name].at(ir, t), slots[name].buffer, n, block)
+        errors = state_errors(ir, arrays, n, form)
+        with ir.when(joints):
+            joint_by_joint(ir, arrays, errors, n, form)
+        with ir.when(ir.let(f'icmp eq i64 %law, {WHOLE}')):
+            error = Array(ir.array(form.type, 2 * n))
+            for k, value in enumerate(errors):
+                form.write(ir, error, k, value)
+            gain = slots[MATRIX].at(ir, t)
+            ir.call(
+                'void',
+                'whole_state',
+                f'{arrays["tau"]}, {error}, ptr {gain.base}, i64 {gain.row}, i64 {gain.column}',
+                'i64 %b, i64 %last',
+            )
 
 
-def _at(name: str, index: str) -> tuple[str, str]:
-    """Return the lines that leave the address of a step's rows in `name`.now."""
-    return (
-        f'  %{name}.far = mul i64 %{index}, %{name}.step',
-        f'  %{name}.now = getelementptr i8, ptr %{name}.base, i64 %{name}.far',
-    )
-
-
-def _copied(
-    inward: bool, name: str, size: int, base: str | None = None, buffer: str | None = None
-) -> str:
-    way = 'copy_in' if inward else 'copy_out'
-    return (
-        f'  call void @{way}(i1 false, ptr %{buffer or name}, ptr %{base or name + ".base"}, '
-        f'i64 %{name}.arm, i64 %{name}.column, i64 %b, i1 %whole, i64 %last, i64 {size})'
-    )
-
-
-def _count(n: int, form: Format) -> Iterator[str]:
-    """Yield the lines that count a step for those arms that have been finite up to its end."""
-    W = form.width
-    yield from finite(n, form)
-    yield splat('t', W)
-    yield f'  %in.order = icmp eq <{W} x i64> %good, %t.all'
-    yield f'  %counts = and {form.flag} %in.order, %finite'
-    yield f'  %more = zext {form.flag} %counts to <{W} x i64>'
-    yield f'  %good.next = add <{W} x i64> %good, %more'
+def _report(ir: Function, finite_steps: Variable, width: int) -> None:
+    """Write `finite_steps` of the arms of this block, except those beyond the last."""
+    lanes = ir.array('i64', width)
+    ir.store(finite_steps.kind, finite_steps, lanes, 8)
+    with ir.loop(width) as lane:
+        arm = ir.let(f'add i64 %b, {lane}')
+        with ir.when(ir.let(f'icmp ule i64 {arm}, %last')):
+            count = ir.load('i64', ir.element('i64', lanes, lane))
+            ir.store('i64', count, ir.element('i64', '%finite_steps', arm))
 
 
 def ensemble(form: Format) -> str:
     """Return `void @ensemble` of PARAMETERS, which runs @arms on a block of arms."""
-    return f"""define void @ensemble({', '.join(PARAMETERS)}) {{
-entry:
-  br label %rows
-rows:
-  %b = phi i64 [ %first, %entry ], [ %b.next, %rows ]
-  call void @arms(i64 %b, i64 %last, i64 %steps, i64 %substeps, i64 %every, i64 %law, ptr %table, \
-ptr %sound)
-  %b.next = add i64 %b, {form.width}
-  %more = icmp ult i64 %b.next, %until
-  br i1 %more, label %rows, label %done
-done:
-  ret void
-}}"""
-
-
-@dataclass(frozen=True)
-class NativeEnsemble:
-    """
-    Many simulations in native code.
-
-    Attributes
-    ----------
-    method : str
-        The text it was recorded from.
-    width : int
-        Arms in a vector register.
-    work : int
-        Operations of one evaluation of the accelerations.
-    run : callable
-        The function that `ensemble` describes; pointers are addresses.
-    code : Native
-        Its code, which lives as long as this.
-
-    """
-
-    method: str
-    width: int
-    work: int
-    run: Callable[..., None]
-    code: Native
-
-
-def compile_ensemble(
-    robot: Robot, step_program: Program, *, scene: Scene, method: str, dtype: str, refine: int
-) -> NativeEnsemble:
-    """Compile many simulations of a robot by an integrator's step; errors as compile_kernel."""
-    plant, scene = plant_of(robot, scene, dtype)
-    method = choose(plant, method, refine)
-    recipe = forward(plant, method, refine, dtype)
-    form = Format(dtype, simd_width(dtype))
-
-    def text() -> str:
-        dynamics, angles = recipe.program, turned_joints(robot)
-        texts = [
-            body(dynamics, form),
-            evaluate(dynamics, form, angles),
-            step(step_program, dynamics, form),
-            whole_state(dynamics.inputs['q'], form),
-            arms(step_program, dynamics, form),
-            ensemble(form),
-            copies(form),
-        ]
-        return module(texts, dtype, [form.width], angles)
-
-    code = recipe.compile(f'ensemble {form.width} {step_program}', text)
-    kinds = [ctypes.c_void_p if kind.startswith('ptr') else ctypes.c_int64 for kind in PARAMETERS]
-    block = ctypes.CFUNCTYPE(None, *kinds)(code.address('ensemble'))
-    return NativeEnsemble(method, form.width, recipe.work, block, code)
+    ir = Function(f'define void @ensemble({", ".join(PARAMETERS)})')
+    with ir.loop('%until', start='%first', step=form.width) as b:
+        ir.call('void', 'arms', f'i64 {b}', *COMMON)
+    ir.ret()
+    return str(ir)

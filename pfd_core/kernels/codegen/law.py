@@ -1,53 +1,54 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-LLVM IR of a law of feedback: what the state adds to the torques of a step, for `width` arms.
+LLVM IR of a feedback law: torques that depend on the state, added to a step's, for `width` arms.
 
     joint by joint    tau + kp (q_ref - q) + kd (qd_ref - qd), summed from the left
     whole state       tau_i + sum over j of gain_ij e_j, summed from the left,
                       e = (q_ref - q, qd_ref - qd)
 
-The gains of a whole state may be another matrix for each arm and each step. They are read where
-they are, one number of `width` arms at a time: a copy of them all would not fit on the stack of a
-long chain.
+The matrix of a whole state may differ for each arm and each step. It is read in place, one number
+of `width` arms at a time: a copy would not fit on the stack of a long chain.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 
-from pfd_core.kernels.codegen.spelling import Format, splat
-from pfd_core.kernels.codegen.step import STATE, read, write
+from pfd_core.kernels.codegen.builder import Function, Variable
+from pfd_core.kernels.codegen.copies import gather, lane_numbers
+from pfd_core.kernels.codegen.spelling import Array, Format
+from pfd_core.kernels.codegen.step import STATE
 
 REFERENCES = tuple(f'{name}.ref' for name in STATE)
 GAINS = ('kp', 'kd')
 MATRIX = 'gain'
-# What the number of a law stands for.
+# Numbers of the laws, a parameter of @ensemble.
 NONE, JOINTS, WHOLE = range(3)
 
 
-def errors(n: int, form: Format) -> Iterator[str]:
-    """Yield the lines that leave reference minus state in %error, (2 n,)."""
-    for part, (name, reference) in enumerate(zip(STATE, REFERENCES, strict=True)):
+def state_errors(ir: Function, arrays: Mapping[str, Array], n: int, form: Format) -> list[str]:
+    """Return reference minus state, (2 n,)."""
+    values = []
+    for name, reference in zip(STATE, REFERENCES, strict=True):
         for k in range(n):
-            e = f'{name}.e{k}'
-            yield from read(f'%{name}.x{k}', name, k, form)
-            yield from read(f'%{reference}.x{k}', reference, k, form)
-            yield f'  %{e} = fsub {form.type} %{reference}.x{k}, %{name}.x{k}'
-            yield from write('error', part * n + k, f'%{e}', e, form)
+            state = form.read(ir, arrays[name], k)
+            wanted = form.read(ir, arrays[reference], k)
+            values.append(ir.let(f'fsub {form.type} {wanted}, {state}'))
+    return values
 
 
-def joint_by_joint(n: int, form: Format) -> Iterator[str]:
-    """Yield the lines that add to %tau what each joint's own error asks for."""
+def joint_by_joint(
+    ir: Function, arrays: Mapping[str, Array], errors: list[str], n: int, form: Format
+) -> None:
+    """Add to `tau` the gains of each joint times the errors of that joint."""
     T = form.type
     for k in range(n):
-        for name in ('tau', *GAINS):
-            yield from read(f'%{name}.x{k}', name, k, form)
-        yield f'  %p{k} = fmul {T} %kp.x{k}, %q.e{k}'
-        yield f'  %d{k} = fmul {T} %kd.x{k}, %qd.e{k}'
-        yield f'  %sum{k} = fadd {T} %tau.x{k}, %p{k}'
-        yield f'  %law{k} = fadd {T} %sum{k}, %d{k}'
-        yield from write('tau', k, f'%law{k}', f'tau{k}', form)
+        total, kp, kd = (form.read(ir, arrays[name], k) for name in ('tau', *GAINS))
+        for gain, error in ((kp, errors[k]), (kd, errors[n + k])):
+            product = ir.let(f'fmul {T} {gain}, {error}')
+            total = ir.let(f'fadd {T} {total}, {product}')
+        form.write(ir, arrays['tau'], k, total)
 
 
 def whole_state(n: int, form: Format) -> str:
@@ -55,50 +56,29 @@ def whole_state(n: int, form: Format) -> str:
     Return `void @whole_state(tau, error, gain, arm, column, b, last)`.
 
     It adds to `tau`, (n,), the product of each arm's matrix, (n, 2 n) with `column` bytes from
-    number to number, and `error`. Arm k has its matrix k `arm` bytes behind that of arm 0; arms
-    beyond `last` use its.
+    number to number, and `error`. The matrix of arm k lies k `arm` bytes behind that of arm 0;
+    arms beyond `last` use that of arm `last`.
     """
     T, W = form.type, form.width
-    lanes = ', '.join(f'i64 {lane}' for lane in range(W))
-    suffix = f'{form.suffix}.v{W}p0'
-    return f"""declare <{W} x i64> @llvm.umin.v{W}i64(<{W} x i64>, <{W} x i64>)
-define internal void @whole_state(ptr %tau, ptr %error, ptr %gain, i64 %arm, i64 %column, i64 %b, \
-i64 %last) {{
-entry:
-  %room = sub i64 %last, %b
-{splat('room', W)}
-{splat('arm', W)}
-  %there = call <{W} x i64> @llvm.umin.v{W}i64(<{W} x i64> <{lanes}>, <{W} x i64> %room.all)
-  %offsets = mul <{W} x i64> %there, %arm.all
-  %far = mul i64 %b, %arm
-  %first = getelementptr i8, ptr %gain, i64 %far
-  br label %row
-row:
-  %i = phi i64 [ 0, %entry ], [ %i.next, %written ]
-  %at = phi ptr [ %first, %entry ], [ %at.next, %written ]
-  %tau.at = getelementptr {T}, ptr %tau, i64 %i
-  %before = load {T}, ptr %tau.at, align {form.bytes}
-  br label %number
-number:
-  %j = phi i64 [ 0, %row ], [ %j.next, %number ]
-  %here = phi ptr [ %at, %row ], [ %at.next, %number ]
-  %sum = phi {T} [ %before, %row ], [ %sum.next, %number ]
-  %places = getelementptr i8, ptr %here, <{W} x i64> %offsets
-  %g = call {T} @llvm.masked.gather.{suffix}(<{W} x ptr> align {form.bytes} %places, \
-<{W} x i1> splat (i1 true), {T} poison)
-  %error.at = getelementptr {T}, ptr %error, i64 %j
-  %e = load {T}, ptr %error.at, align {form.bytes}
-  %product = fmul {T} %g, %e
-  %sum.next = fadd {T} %sum, %product
-  %at.next = getelementptr i8, ptr %here, i64 %column
-  %j.next = add i64 %j, 1
-  %j.more = icmp ult i64 %j.next, {2 * n}
-  br i1 %j.more, label %number, label %written
-written:
-  store {T} %sum.next, ptr %tau.at, align {form.bytes}
-  %i.next = add i64 %i, 1
-  %i.more = icmp ult i64 %i.next, {n}
-  br i1 %i.more, label %row, label %done
-done:
-  ret void
-}}"""
+    lanes, umin = form.index, f'llvm.umin.v{W}i64'
+    ir = Function(
+        'define internal void @whole_state(ptr %tau, ptr %error, ptr %gain, i64 %arm, '
+        'i64 %column, i64 %b, i64 %last)'
+    )
+    room = form.splat(ir, ir.let('sub i64 %last, %b'))
+    arm = ir.call(lanes, umin, f'{lanes} {lane_numbers(W)}', f'{lanes} {room}')
+    offsets = ir.let(f'mul {lanes} {arm}, {form.splat(ir, "%arm")}')
+    here = Variable('ptr', ir.offset('%gain', '%b', '%arm'))
+    with ir.loop(n, here) as i:
+        tau = ir.element(T, '%tau', i)
+        total = Variable(T, ir.load(T, tau, form.bytes))
+        with ir.loop(2 * n, here, total) as j:
+            places = ir.let(f'getelementptr i8, ptr {here}, {lanes} {offsets}')
+            gain = gather(ir, form, places)
+            error = ir.load(T, ir.element(T, '%error', j), form.bytes)
+            product = ir.let(f'fmul {T} {gain}, {error}')
+            total.value = ir.let(f'fadd {T} {total}, {product}')
+            here.value = ir.offset(here.value, '%column')
+        ir.store(T, total, tau, form.bytes)
+    ir.ret()
+    return f'declare {lanes} @{umin}({lanes}, {lanes})\n{ir}'

@@ -1,184 +1,71 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-LLVM IR of a simulation in native code: an integrator's step around @evaluate, in two loops.
+LLVM IR of the simulation of one arm: an integrator's step in two loops.
 
     @step             an integrator's step (pfd_core.kernels.codegen.step)
-    @rollout          all steps, with the torque that each is given
+    @rollout          all steps, each under its own torque
     @accelerations    qdd of states that were written before
 
-A step computes no more than the next state needs. What an acceleration was at its end is found by
-@accelerations when somebody asks.
+A step computes no more than the next state needs. The accelerations at the ends of steps are
+computed by @accelerations, only when a caller asks for them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-import ctypes
-from dataclasses import dataclass
-from typing import Any
-
-from pfd_core.kernels.auto import choose
-from pfd_core.kernels.codegen.evaluate import evaluate
-from pfd_core.kernels.codegen.spelling import Format, module
-from pfd_core.kernels.codegen.split import body
+from pfd_core.kernels.codegen.builder import Function, Variable
+from pfd_core.kernels.codegen.spelling import Array, Format
 from pfd_core.kernels.codegen.step import (
-    REPORT,
     STATE,
-    finite,
-    goes_on,
-    held,
+    count_finite,
+    evaluate_at,
+    extra_arguments,
     pointers,
-    step,
-    stop,
-    write,
+    take_steps,
+    zero_braked_velocities,
 )
-from pfd_core.kernels.runtime.jit import Native
-from pfd_core.kernels.source import forward, plant_of, turned_joints
 from pfd_core.machine.program import Program
-from pfd_core.model import Robot, Scene
 
 
 def rollout(program: Program, dynamics: Program, form: Format) -> str:
     """
-    Return `i64 @rollout(steps, substeps, q, qd, taus, held..., out.q, out.qd)`.
+    Return `i64 @rollout(steps, substeps, q, qd, taus, extra..., out.q, out.qd)`.
 
-    Each of `steps` steps holds one row of `taus` for `substeps` calls of @step, and writes the
-    state it reaches. Joints whose element of `free` is zero are stopped first. The result is
-    the number of steps after which the state was finite.
+    Each of `steps` steps takes one row of `taus` for `substeps` calls of @step, and writes the
+    state it reaches. Braked joints are brought to rest first. The result is the number of steps
+    after which the state was finite.
     """
-    n = program.lanes
-    parameters = ', '.join(
-        [
-            f'i64 %steps, i64 %substeps, {pointers(STATE)}',
-            f'ptr %taus{held(dynamics, tau=False)}',
-            pointers(tuple(f'out.{name}' for name in STATE)),
-        ]
-    )
-    lines = [
-        f'define i64 @rollout({parameters}) {{',
-        'entry:',
-        f'  %qdd = alloca [{n} x {form.type}], align 64',
-        '  br label %outer',
-        'outer:',
-        '  %t = phi i64 [ 0, %entry ], [ %t.next, %finished ]',
-        '  %sound = phi i64 [ 0, %entry ], [ %sound.next, %finished ]',
-        f'  %offset = mul i64 %t, {n}',
-        f'  %tau = getelementptr {form.type}, ptr %taus, i64 %offset',
-        *(line for k in range(n) if 'free' in dynamics.inputs for line in stop(k, form)),
-    ]
-    if goes_on(program):
-        lines.append(f'  call void @evaluate({pointers(STATE)}{held(dynamics)}, ptr %qdd)')
-    lines += [
-        '  br label %inner',
-        'inner:',
-        '  %s = phi i64 [ 0, %outer ], [ %s.next, %inner ]',
-        f'  call void @step({pointers(REPORT)}{held(dynamics)})',
-        '  %s.next = add i64 %s, 1',
-        '  %s.more = icmp ult i64 %s.next, %substeps',
-        '  br i1 %s.more, label %inner, label %finished',
-        'finished:',
-        *finite(n, form),
-        *(line for name in STATE for line in _kept(name, n, form)),
-        '  %in.order = icmp eq i64 %sound, %t',
-        '  %counts = and i1 %in.order, %finite',
-        '  %one = zext i1 %counts to i64',
-        '  %sound.next = add i64 %sound, %one',
-        '  %t.next = add i64 %t, 1',
-        '  %t.more = icmp ult i64 %t.next, %steps',
-        '  br i1 %t.more, label %outer, label %done',
-        'done:',
-        '  ret i64 %sound.next',
-        '}',
-    ]
-    return '\n'.join(lines)
-
-
-def _kept(name: str, n: int, form: Format) -> Iterator[str]:
-    """Yield the lines that write a part of the state, which `finite` has read."""
-    yield f'  %{name}.row = getelementptr {form.type}, ptr %out.{name}, i64 %offset'
-    for k in range(n):
-        yield from write(f'{name}.row', k, f'%{name}.w{k}', f'{name}.row{k}', form)
+    n, T = program.lanes, form.type
+    arrays = {name: f'%{name}' for name in (*STATE, *extra_arguments(dynamics))}
+    given = [*({**arrays, 'tau': '%taus'}).values(), *(f'%out.{name}' for name in STATE)]
+    ir = Function(f'define i64 @rollout(i64 %steps, i64 %substeps, {pointers(given)})')
+    arrays['qdd'] = ir.array(T, n)
+    finite_steps = Variable(form.index, 'zeroinitializer')
+    with ir.loop('%steps', finite_steps) as t:
+        row = ir.let(f'mul i64 {t}, {n}')
+        arrays['tau'] = ir.element(T, '%taus', row)
+        if 'free' in arrays:
+            zero_braked_velocities(ir, arrays, n, form)
+        take_steps(ir, '%substeps', program, dynamics, arrays)
+        state = count_finite(ir, finite_steps, t, arrays, n, form)
+        for name, values in state.items():
+            out = Array(ir.element(T, f'%out.{name}', row))
+            for k, value in enumerate(values):
+                form.write(ir, out, k, value)
+    ir.ret('i64', finite_steps)
+    return str(ir)
 
 
 def accelerations(dynamics: Program, form: Format) -> str:
-    """Return `void @accelerations(steps, q, qd, taus, held..., out)` of states in rows."""
+    """Return `void @accelerations(steps, qs, qds, taus, extra..., qdds)` of states in rows."""
     n = dynamics.inputs['q']
-    moved = (*STATE, 'tau', 'out')
-    lines = [
-        f'define void @accelerations(i64 %steps, {pointers(("qs", "qds", "taus"))}'
-        f'{held(dynamics, tau=False)}, ptr %outs) {{',
-        'entry:',
-        '  br label %loop',
-        'loop:',
-        '  %t = phi i64 [ 0, %entry ], [ %t.next, %loop ]',
-        f'  %offset = mul i64 %t, {n}',
-        *(f'  %{name} = getelementptr {form.type}, ptr %{name}s, i64 %offset' for name in moved),
-        f'  call void @evaluate({pointers(STATE)}{held(dynamics)}, ptr %out)',
-        '  %t.next = add i64 %t, 1',
-        '  %t.more = icmp ult i64 %t.next, %steps',
-        '  br i1 %t.more, label %loop, label %done',
-        'done:',
-        '  ret void',
-        '}',
-    ]
-    return '\n'.join(lines)
-
-
-@dataclass(frozen=True)
-class Rollout:
-    """
-    A simulation in native code.
-
-    Attributes
-    ----------
-    run, accelerations : callable
-        The functions that `rollout` and `accelerations` describe; pointers are addresses.
-    native : Native
-        The code, which lives as long as this.
-    method : str
-        The text it was recorded from.
-    work : int
-        Operations of one call of @step.
-
-    """
-
-    run: Callable[..., int]
-    accelerations: Callable[..., None]
-    native: Native
-    method: str
-    work: int
-
-
-def compile_rollout(
-    robot: Robot, step_program: Program, *, scene: Scene, method: str, dtype: str, refine: int
-) -> Rollout:
-    """Compile the simulation of a robot by an integrator's step; errors as compile_kernel."""
-    plant, scene = plant_of(robot, scene, dtype)
-    method = choose(plant, method, refine)
-    recipe = forward(plant, method, refine, dtype)
-
-    def text() -> str:
-        dynamics, angles, form = recipe.program, turned_joints(robot), Format(dtype, 1)
-        parts = [
-            body(dynamics, form),
-            evaluate(dynamics, form, angles),
-            step(step_program, dynamics, form),
-            rollout(step_program, dynamics, form),
-            accelerations(dynamics, form),
-        ]
-        return module(parts, dtype, [], angles)
-
-    native = recipe.compile(f'rollout {step_program}', text)
-    integer = ctypes.c_int64
-    given: list[Any] = [ctypes.c_void_p] * len(recipe.inputs)
-    run = ctypes.CFUNCTYPE(integer, integer, integer, *given, *given[: len(STATE)])
-    tell = ctypes.CFUNCTYPE(None, integer, *given, ctypes.c_void_p)
-    calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
-    return Rollout(
-        run(native.address('rollout')),
-        tell(native.address('accelerations')),
-        native,
-        method,
-        recipe.work * calls,
-    )
+    arrays = {name: f'%{name}' for name in (*STATE, *extra_arguments(dynamics), 'qdd')}
+    moving = {name: f'%{name}s' for name in (*STATE, 'tau', 'qdd')}
+    given = pointers((arrays | moving).values())
+    ir = Function(f'define void @accelerations(i64 %steps, {given})')
+    with ir.loop('%steps') as t:
+        row = ir.let(f'mul i64 {t}, {n}')
+        rows = {name: ir.element(form.type, array, row) for name, array in moving.items()}
+        evaluate_at(ir, dynamics, arrays | rows)
+    ir.ret()
+    return str(ir)

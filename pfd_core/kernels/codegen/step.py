@@ -5,26 +5,26 @@ LLVM IR of an integrator's step around @evaluate.
 
 The step is a program recorded over one lane per joint. Each lane is a value of its own here,
 which holds one number, or one for each of `width` arms: numbers that are written one by one and
-read as a vector would have to reach the cache first, which takes longer than the step's own
-operations. `call` hands positions and velocities to @evaluate, which knows the torque of the
-moment.
+read as a vector would have to reach the cache first, which takes longer than the operations of
+the step. The step's `call` hands positions and velocities to @evaluate.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Mapping
 
-from pfd_core.kernels.codegen.spelling import Format, arguments, not_finite
+from pfd_core.kernels.codegen.builder import Function, Variable
+from pfd_core.kernels.codegen.spelling import Array, Format, arguments
 from pfd_core.machine.program import Program
 
-# What a simulation carries from step to step, and what it tells of each state.
+# The state that a simulation carries from step to step, and the arrays that it reports.
 STATE = ('q', 'qd')
 REPORT = (*STATE, 'qdd')
 
 
 def step(program: Program, dynamics: Program, form: Format) -> str:
     """
-    Return `void @step(q, qd, qdd, held...)`, which advances rows of `width` arms in place.
+    Return `void @step(q, qd, qdd, extra...)`, which advances rows of `width` arms in place.
 
     Parameters
     ----------
@@ -38,83 +38,89 @@ def step(program: Program, dynamics: Program, form: Format) -> str:
 
     """
     n = program.lanes
-    lines = [f'define internal void @step({pointers(REPORT)}{held(dynamics)}) {{']
-    lines += [f'  %at.{name} = alloca [{n} x {form.type}], align 64' for name in REPORT]
-    operands: list[list[str]] = []
-    for register, instruction in enumerate(program.instructions):
-        args = [operands[a] for a in instruction.args]
-        names = [f'%v{register * n + k}' for k in range(n)]
-        if instruction.op == 'constant':
-            names = [form.constant(instruction.data[k]) for k in range(n)]
-        elif instruction.op == 'call':
+    names = (*REPORT, *extra_arguments(dynamics))
+    ir = Function(f'define internal void @step({pointers(f"%{name}" for name in names)})')
+    arrays = {name: f'%{name}' for name in names}
+    own = arrays | {name: ir.array(form.type, n) for name in REPORT}
+    values: list[list[str]] = []
+    for op, args, data, *_ in program.instructions:
+        operands = [values[a] for a in args]
+        if op == 'call':
             for k in range(n):
-                lines += write('at.q', k, args[0][k], f'{register}.q{k}', form)
-                lines += write('at.qd', k, args[1][k], f'{register}.qd{k}', form)
-            lines.append(
-                f'  call void @evaluate(ptr %at.q, ptr %at.qd{held(dynamics)}, ptr %at.qdd)'
-            )
-            for k in range(n):
-                lines += read(names[k], 'at.qdd', k, form)
-        elif instruction.op == 'input':
-            for k in range(n):
-                name, element = instruction.data[k]
-                lines += read(names[k], name, element, form)
+                for name, value in zip(STATE, operands, strict=True):
+                    form.write(ir, Array(own[name]), k, value[k])
+            evaluate_at(ir, dynamics, own)
+            values.append([form.read(ir, Array(own['qdd']), k) for k in range(n)])
+        elif op == 'input':
+            values.append([form.read(ir, Array(arrays[name]), k) for name, k in data])
         else:
-            for k in range(n):
-                own = [argument[k] for argument in args]
-                lines += form.spell(instruction, register * n + k, own)
-        operands.append(names)
+            lanes = [[value[k] for value in operands] for k in range(n)]
+            values.append(
+                [
+                    form.constant(data[k]) if op == 'constant' else form.operation(ir, op, lane)
+                    for k, lane in enumerate(lanes)
+                ]
+            )
     for name, (_, places) in program.outputs.items():
         for k, (register, _) in enumerate(places):
-            lines += write(name, k, operands[register][k], f'{name}.{k}', form)
-    return '\n'.join([*lines, '  ret void', '}'])
+            form.write(ir, Array(arrays[name]), k, values[register][k])
+    ir.ret()
+    return str(ir)
 
 
-def goes_on(program: Program) -> bool:
-    """Return whether a step begins with an acceleration that it is given."""
+def begins_with_acceleration(program: Program) -> bool:
+    """Return whether a step reads the acceleration at its beginning, which is then passed on."""
     return 'qdd' in program.inputs
 
 
-def stop(k: int, form: Format) -> Iterator[str]:
-    """Yield the lines that stop a joint whose element of `free` is zero."""
-    T, zero = form.type, form.constant(0.0)
-    yield from read(f'%free.y{k}', 'free', k, form)
-    yield from read(f'%qd.y{k}', 'qd', k, form)
-    yield f'  %moves{k} = fcmp ogt {T} %free.y{k}, {zero}'
-    yield f'  %qd.z{k} = select {form.flag} %moves{k}, {T} %qd.y{k}, {T} {zero}'
-    yield from write('qd', k, f'%qd.z{k}', f'qd{k}', form)
+def extra_arguments(dynamics: Program) -> list[str]:
+    """Return the arguments of @evaluate besides q and qd."""
+    return [name for name in arguments(dynamics) if name not in STATE]
 
 
-def finite(n: int, form: Format) -> Iterator[str]:
-    """Yield the lines that leave in %finite, `width` flags, whether the state is."""
-    values = []
-    for name in STATE:
-        for k in range(n):
-            values.append(f'%{name}.w{k}')
-            yield from read(values[-1], name, k, form)
-    lines, odd = not_finite(values, form)
-    yield from lines
-    yield f'  %finite = fcmp ord {form.type} {odd}, {odd}'
+def pointers(addresses: Iterable[str]) -> str:
+    """Return addresses as parameters or, spelled alike, as arguments."""
+    return ', '.join(f'ptr {address}' for address in addresses)
 
 
-def read(target: str, name: str, k: int, form: Format) -> Iterator[str]:
-    """Yield the lines that leave element k of an array in `target`."""
-    yield f'  {target}.at = getelementptr {form.type}, ptr %{name}, i64 {k}'
-    yield f'  {target} = load {form.type}, ptr {target}.at, align {form.bytes}'
+def evaluate_at(ir: Function, dynamics: Program, arrays: Mapping[str, str]) -> None:
+    """Write qdd of a state, each array given by its address."""
+    names = (*arguments(dynamics), 'qdd')
+    ir.call('void', 'evaluate', pointers(arrays[name] for name in names))
 
 
-def write(name: str, k: int, value: str, tag: str, form: Format) -> Iterator[str]:
-    """Yield the lines that put a value into element k of an array; `tag` is a new name."""
-    yield f'  %to.{tag} = getelementptr {form.type}, ptr %{name}, i64 {k}'
-    yield f'  store {form.type} {value}, ptr %to.{tag}, align {form.bytes}'
+def take_steps(
+    ir: Function, substeps: str, program: Program, dynamics: Program, arrays: Mapping[str, str]
+) -> None:
+    """Advance a state by a number of steps under one torque."""
+    if begins_with_acceleration(program):
+        evaluate_at(ir, dynamics, arrays)
+    with ir.loop(substeps):
+        names = (*REPORT, *extra_arguments(dynamics))
+        ir.call('void', 'step', pointers(arrays[name] for name in names))
 
 
-def pointers(names: tuple[str, ...]) -> str:
-    """Return some arrays as parameters or, spelled alike, as arguments."""
-    return ', '.join(f'ptr %{name}' for name in names)
+def zero_braked_velocities(ir: Function, arrays: Mapping[str, str], n: int, form: Format) -> None:
+    """Set the velocity of each joint to zero whose element of `free` is zero."""
+    for k in range(n):
+        free, velocity = (form.read(ir, Array(arrays[name]), k) for name in ('free', 'qd'))
+        moves = ir.let(f'fcmp ogt {form.type} {free}, {form.zero}')
+        form.write(ir, Array(arrays['qd']), k, form.select(ir, moves, velocity, form.zero))
 
 
-def held(dynamics: Program, tau: bool = True) -> str:
-    """Return what @evaluate takes besides q and qd, as arguments that follow others."""
-    names = [name for name in arguments(dynamics) if name not in STATE]
-    return ''.join(f', ptr %{name}' for name in names if tau or name != 'tau')
+def count_finite(
+    ir: Function, finite_steps: Variable, t: str, arrays: Mapping[str, str], n: int, form: Format
+) -> dict[str, list[str]]:
+    """
+    Count step t for each of `width` arms whose state has been finite up to its end.
+
+    Returns the values of the state, which are read for that.
+    """
+    state = {name: [form.read(ir, Array(arrays[name]), k) for k in range(n)] for name in STATE}
+    nonfinite = form.not_finite(ir, [value for values in state.values() for value in values])
+    finite = ir.let(f'fcmp ord {form.type} {nonfinite}, {nonfinite}')
+    so_far = ir.let(f'icmp eq {form.index} {finite_steps}, {form.splat(ir, t)}')
+    counts = ir.let(f'and {form.flag} {so_far}, {finite}')
+    one = ir.let(f'zext {form.flag} {counts} to {form.index}')
+    finite_steps.value = ir.let(f'add {form.index} {finite_steps}, {one}')
+    return state

@@ -1,13 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Large angles brought to [-pi, pi], in Python and as LLVM IR, bit for bit the same.
+LLVM IR of @wrap_angle: an angle modulo 2 pi, in [-pi, pi].
 
-`sincos` in pfd_core.kernels.passes.sincos takes |x| up to WRAP_LIMIT. This is the rare way for the
-rest: exact integers instead of floating point (Payne and Hanek, Radian reduction for
-trigonometric functions, SIGNUM Newsletter 18, 1983). With x = m 2^e, multiples of one in
-x / 2 pi drop out before anything is multiplied, so 256 bits of 2^e / 2 pi below the binary point
-are enough for every e; m times them, modulo one, is the fraction of a turn that remains.
+`sincos` in pfd_core.kernels.passes.sincos takes |x| up to WRAP_LIMIT; such angles stay as they
+are. Larger ones are rare, and reduced with exact integers instead of floating point (Payne and
+Hanek, Radian reduction for trigonometric functions, SIGNUM Newsletter 18, 1983). With
+x = m 2^e, multiples of one in x / 2 pi drop out before anything is multiplied, so 256 bits of
+2^e / 2 pi below the binary point are enough for every e; m times them, modulo one, is the
+fraction of a turn that remains.
 
 Error: the result is the remainder rounded to nearest, except where the remainder lies within
 2^-70 of its last place of the middle between two neighbours; that is, at most 0.5 + 2^-70 units
@@ -17,12 +18,7 @@ double in reach comes closer to a multiple of 2 pi than 2^-62 turns, which the t
 
 from __future__ import annotations
 
-import math
-
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
-
-WRAP_LIMIT = 1e5
+from pfd_core.kernels.passes.sincos import WRAP_LIMIT
 
 # Bits after the binary point: of 1 / 2 pi, of the fraction of a turn, and of 2 pi.
 _TABLE_BITS = 1280  # at least 971, the largest e, and 256
@@ -51,58 +47,7 @@ _TURNS = (1 << (2 * _TABLE_BITS + 64)) // _pi(_TABLE_BITS + 65)  # 2^1280 / 2 pi
 _TWO_PI = (_pi(_TWO_PI_BITS + 32) >> 30) + 1 >> 1  # to nearest
 
 
-def wrap_angle(x: ArrayLike) -> NDArray[np.floating]:
-    """
-    Remainder modulo 2 pi of the angles that `sincos` does not reach; identity on the others.
-
-    Parameters
-    ----------
-    x : array_like of float64 or float32, any shape
-        Angle in radians.
-
-    Returns
-    -------
-    ndarray
-        Same shape and number format. Where |x| <= WRAP_LIMIT, x itself; where it is larger,
-        x minus the nearest multiple of 2 pi, at most pi in magnitude (in float32: at most the
-        float32 next to pi); NaN where x is not finite. float32 is computed in float64 and then
-        rounded.
-
-    Raises
-    ------
-    ValueError
-        If x is neither float64 nor float32.
-
-    """
-    angle = np.asarray(x)
-    if angle.dtype not in (np.float64, np.float32):
-        raise ValueError(f'x must be float64 or float32, got {angle.dtype}: convert it first')
-    result: NDArray[np.floating] = angle.copy()
-    far = ~(np.abs(angle) <= WRAP_LIMIT)
-    result[far] = [_remainder(float(value)) for value in angle[far]]
-    return result
-
-
-def _remainder(x: float) -> float:
-    """Return x modulo 2 pi for |x| of 2^16 and more; the IR below is this function."""
-    if not math.isfinite(x):
-        return math.nan
-    significand, exponent = math.frexp(abs(x))
-    m, e = int(math.ldexp(significand, _DIGITS)), exponent - _DIGITS
-    turns = (_TURNS >> (_TABLE_BITS - _TURN_BITS - e)) * m % (1 << _TURN_BITS)
-    negative = turns >> (_TURN_BITS - 1)
-    if negative:
-        turns = (1 << _TURN_BITS) - turns
-    zeros = _TURN_BITS - turns.bit_length()
-    product = (turns << zeros >> 128) * _TWO_PI
-    more = 256 - product.bit_length()  # 0 or 1
-    rounded = (product << more >> (255 - _DIGITS)) + 1 >> 1
-    # 2^-256 turns, of which the upper 128 bits were taken, times 2^-125, of which 53 bits.
-    angle = math.ldexp(rounded, (256 - _DIGITS) - _TWO_PI_BITS - 128 - zeros - more)
-    return -angle if negative != (x < 0) else angle
-
-
-# A module that includes this must not declare @llvm.ctlz.i256 or @wrap_angle itself.
+# This text declares @llvm.ctlz.i256; a module must not declare it again.
 WRAP_ANGLE_IR = f"""
 declare i256 @llvm.ctlz.i256(i256, i1 immarg)
 
@@ -122,6 +67,7 @@ far:
 invalid:
   ret double 0x7FF8000000000000
 reduce:
+  ; |x| = m 2^(biased - {_OFFSET}); the fraction of a turn is m times a window of 1 / 2 pi
   %fraction = and i64 %bits, {2**52 - 1}
   %m64 = or i64 %fraction, {2**52}
   %m = zext i64 %m64 to i{_TURN_BITS}
@@ -133,12 +79,14 @@ reduce:
   %negative = icmp slt i256 %signed, 0
   %opposite = sub i256 0, %signed
   %turns = select i1 %negative, i256 %opposite, i256 %signed
+  ; the upper half of the fraction, without leading zeros, times 2 pi
   %zeros = call i256 @llvm.ctlz.i256(i256 %turns, i1 false)
   %normal = shl i256 %turns, %zeros
   %upper = lshr i256 %normal, 128
   %product = mul i256 %upper, {_TWO_PI}
   %more = call i256 @llvm.ctlz.i256(i256 %product, i1 false)
   %full = shl i256 %product, %more
+  ; rounded to nearest, and scaled by the exponent
   %leading = lshr i256 %full, {255 - _DIGITS}
   %leading64 = trunc i256 %leading to i64
   %above = add i64 %leading64, 1

@@ -5,8 +5,8 @@ Folding: constants meet constants, zeros and ones disappear, equal expressions a
 
 Every rule is exact for finite values, up to the sign of a zero; nothing is reassociated. Signs
 and powers of two, which cost no rounding, move through products until they meet a constant, an
-expression that is there already, or an addition that takes them in. (A power of two is exact
-unless a number falls below the smallest normal one.)
+expression computed before, or an addition that takes them in. (A power of two is exact unless a
+number falls below the smallest normal one.)
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Instruction, Program, renamed
 
 COMMUTATIVE = ('add', 'mul')
-# What has no value to simplify. A loop runs at least once, so that an expression inside it may
-# serve again after it, as one from before it may serve inside.
-KEPT = ('input', 'loop', 'state', 'end', 'result')
+# Inputs and the markers of a loop have no value to simplify. A loop runs at least once, so an
+# expression inside it may be shared after it, and an expression before it inside.
+UNFOLDED = ('input', 'loop', 'state', 'end', 'result')
 
 
 def fold(program: Program) -> Program:
@@ -41,18 +41,18 @@ class Folder:
         self._section = ''
 
     def add(self, instruction: Instruction) -> None:
-        """Take one instruction of the old program."""
+        """Write one instruction of the old program, simplified."""
         op, args, data, _, self._section = instruction
         if op == 'constant':
             register = self.constant(data[0])
         else:
             new = tuple(self.names[a] for a in args)
-            register = self.write(op, new, data) if op in KEPT else self.simplify(op, new)
+            register = self.write(op, new, data) if op in UNFOLDED else self.simplify(op, new)
         self.names.append(register)
 
     def constant(self, value: float) -> int:
         """Return the register of a constant."""
-        # One zero: its sign is not kept anywhere else either.
+        # There is only one zero: no rule keeps its sign.
         return self.write('constant', (), (value + 0.0,))
 
     def write(self, op: str, args: tuple[int, ...], data: object = None) -> int:
@@ -69,12 +69,12 @@ class Folder:
         return float(instruction.data[0]) if instruction.op == 'constant' else None
 
     def negated(self, register: int) -> int | None:
-        """Return the register this one is the negative of, if it is one."""
+        """Return x if the register holds -x."""
         instruction = self.instructions[register]
         return instruction.args[0] if instruction.op == 'neg' else None
 
     def known(self, op: str, args: tuple[int, ...]) -> int | None:
-        """Return the register that holds this expression already, if one does."""
+        """Return the register of an expression that was written before."""
         return self._known.get(_key(op, args))
 
     def scaled(self, register: int) -> tuple[float, int] | None:
@@ -144,7 +144,7 @@ class Folder:
             return b
         if values[1] == 1:
             return a
-        # Signs move outward, where an addition takes them in.
+        # Signs move outward to additions, which take them in.
         for i, other in ((0, b), (1, a)):
             x = self.negated(args[i])
             value = values[i]
@@ -157,7 +157,7 @@ class Folder:
         return self._mul_scaled(b, a, values[1]) if moved is None else moved
 
     def _mul_scaled(self, a: int, b: int, value: float | None) -> int | None:
-        """Return a b where b is p x, if p meets the constant a, or a x is there already."""
+        """Return a b for b = p x, if a is a constant or a x was written before."""
         scaled = self.scaled(b)
         if scaled is None:
             return None

@@ -5,10 +5,10 @@ Fusing: an addition takes in a product that it adds, and rounds once.
 
     a b + c = fma(a, b, c),  c - a b = fma(-a, b, c),  a b - c = fma(a, b, -c)
 
-A product is taken in where every use of it is an addition that takes it in: then it is not
-computed any more, and no operation is added. (The change of a sign is none: processors have it
-in the instruction.) Each addition takes in one product. Where it could take either of two, it is
-the one whose factors are ready last, so that the other one is computed in the meantime.
+A product is taken in only if every use of it is an addition that takes it in: then it is not
+computed separately, and no operation is added. (A change of sign costs nothing: it is part of the
+instruction.) Each addition takes in one product. Of two candidates, it is the one whose factors
+are ready last, so that the other one is computed in the meantime.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from collections.abc import Sequence
 
 from pfd_core.machine.program import Instruction, Program, renamed
 
-# Cycles from operands to result on recent processors; the order of size is all that matters.
+# Cycles from operands to result on recent processors; only the order of magnitude matters.
 LATENCY = {
     'add': 4,
     'sub': 4,
@@ -51,7 +51,7 @@ def _users(program: Program) -> list[list[int]]:
 
 
 def _choose(instructions: Sequence[Instruction], users: Sequence[list[int]]) -> dict[int, int]:
-    """Return for each addition that takes in a product the register of that."""
+    """Return the register of the product that each addition takes in, by the addition's."""
     able = {
         register
         for register, instruction in enumerate(instructions)
@@ -59,7 +59,7 @@ def _choose(instructions: Sequence[Instruction], users: Sequence[list[int]]) -> 
         and all(user >= 0 and instructions[user].op in ('add', 'sub') for user in users[register])
     }
     taken: dict[int, int] = {}
-    ready: list[int] = []  # when each register has its value
+    ready: list[int] = []  # cycle in which each register has its value
     for register, (op, args, *_) in enumerate(instructions):
         start = max((ready[a] for a in args), default=0)
         own = [a for a in args if a in able and len(users[a]) == 1]
@@ -86,7 +86,7 @@ class _Writer:
     def add(
         self, instruction: Instruction, old: Sequence[Instruction], product: int | None
     ) -> None:
-        """Take one instruction of the old program, with the product that it takes in."""
+        """Write one instruction of the old program, with the product that it takes in."""
         if product is None:
             args = tuple(self.names[a] for a in instruction.args)
             self.names.append(self._write(instruction._replace(args=args)))
@@ -97,7 +97,7 @@ class _Writer:
         if instruction.op == 'sub' and left == product:
             c = self._negative(c, instruction.section)
         elif instruction.op == 'sub':
-            # A constant stays as it is: its negative would be one more.
+            # A constant is not negated: the negative would be one more constant.
             if self.instructions[a].op == 'constant':
                 a, b = b, a
             a = self._negative(a, instruction.section)

@@ -1,16 +1,16 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Scheduling: the same operations in an order that a processor gets through faster.
+Instruction scheduling: the same operations in an order that a processor executes faster.
 
-As a text has it, one operation often waits for the one before. The order here is chosen one
-operation at a time among those whose operands are computed or under way. While registers are
-left, these count: how long it would wait for its operands, how much work must follow it, and of
-how many values it is the last reader, whose registers become free. When too many values are
-alive the last counts most. The compiler orders again within narrow bounds and assigns the
-registers; it keeps most of this.
+In the order of the recording, an operation often waits for the one before. The order here is
+chosen one operation at a time among those whose operands are computed or under way. While
+registers are left, an operation is rated by its wait for its operands, by the work that must
+follow it, and by the number of values it is the last to read, whose registers become free. When
+too many values are alive, the last counts most. The compiler reorders within narrow bounds and
+assigns the registers; it keeps most of this order.
 
-Measured with AVX-512 (minimum of 30 interleaved runs) against the order of the text: batches in
+Measured with AVX-512 (minimum of 30 interleaved runs) against the recorded order: batches in
 float64 take 6 to 9 % less time on UR5, Puma and Panda, and within 4 % of the same on a dense arm
 of six joints; one state alone takes 4 to 8 % less. With the 16 registers of AVX2 batches gain
 nothing, or lose up to 10 %.
@@ -27,24 +27,24 @@ from pfd_core.kernels.passes.fuse import LATENCY
 from pfd_core.machine.program import Instruction, Program, renamed
 
 # Values alive at once, above which freeing registers comes first: the 32 registers of AVX-512
-# and NEON, less what constants take.
+# and NEON, less those of constants.
 REGISTERS = 28
 # Operations begun in a cycle.
 WIDTH = 2
-# What is worth the register of a value: cycles of waiting, when registers are left and when they
-# are not, and cycles of work that follow.
+# One register is worth so many cycles of waiting while registers are left, so many when none are
+# left, and so many cycles of work that must follow.
 WAIT, WAIT_CROWDED, FOLLOWING = 2, 16, 32
-# Operations among which one is chosen, those that stand first in the text: keeps the time for
-# scheduling in proportion to the length of a program.
+# The next operation is chosen among so many, the first in recorded order: keeps the time for
+# scheduling proportional to the length of a program.
 CHOICE = 128
 # Beyond this many operations, programs are cut into parts (pfd_core.kernels.codegen.split) anyway.
 LONGEST = 6000
 LOOPED = ('loop', 'state', 'end', 'result')
-# No work of their own: part of the operation that reads them.
+# Instructions without work of their own: part of the operation that reads them.
 FREE = ('constant', 'input', 'neg')
 
 
-def schedule(program: Program) -> Program:
+def schedule_instructions(program: Program) -> Program:
     """Return a program in a better order; one with a loop, or too long, as it is."""
     instructions = program.instructions
     if len(instructions) > LONGEST or any(i.op in LOOPED for i in instructions):
@@ -70,7 +70,7 @@ def schedule(program: Program) -> Program:
 
 def _operands(instructions: Sequence[Instruction]) -> list[list[int]]:
     """Return for each instruction the computed registers it reads, signs left out."""
-    bases: list[int] = []  # what a register is, up to its sign
+    bases: list[int] = []  # the register that each one equals up to its sign
     operands: list[list[int]] = []
     for register, (op, args, *_) in enumerate(instructions):
         bases.append(bases[args[0]] if op == 'neg' else register)
@@ -98,7 +98,7 @@ def _order(program: Program) -> list[int]:
             unread[register] += 1
     missing = [len(found) for found in operands]
     last_of = [sum(unread[a] == 1 for a in found) for found in operands]
-    start = [0.0] * len(instructions)  # when the operands of an instruction are there
+    start = [0.0] * len(instructions)  # cycle in which the operands of an instruction are ready
     ready = [r for r in work if not missing[r]]
     order: list[int] = []
     alive, time = 0, 0.0

@@ -6,12 +6,12 @@ Sine and cosine as text over the machine's operations.
 The text knows `+ - *` and floats; it runs on NumPy arrays and on lane values that are being
 recorded. Every operation in it is rounded correctly and the order is fixed, so
 it gives the same bits on every machine, in the emulator and in a kernel. The table of
-operations counts sine and cosine as one step each; this is what a kernel puts in their place.
+operations counts sine and cosine as one step each; `expand_sines` puts this text in their place.
 
 Method: x = k pi/2 + r with the nearest integer k, where pi/2 is cut into parts so short that k
 times a part is exact (Cody and Waite, Software Manual for the Elementary Functions, 1980), a
 minimax polynomial for each of sin r and cos r, and the sum of angles r and k pi/2, in which one
-product is zero and the other exact. `wrap_angle` in
+product is zero and the other exact. @wrap_angle of
 pfd_core.kernels.codegen.wrap brings larger arguments into reach.
 
 Error, for |x| <= WRAP_LIMIT, in units in the last place of the result: at most 1.36 in float64
@@ -43,20 +43,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike
 
-from pfd_core.kernels.codegen.wrap import WRAP_ANGLE_IR, WRAP_LIMIT, wrap_angle
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder
 
-__all__ = ['WRAP_ANGLE_IR', 'WRAP_LIMIT', 'sincos', 'wrap_angle']
+# Largest angle in magnitude for which `sincos` keeps its error bound [rad].
+WRAP_LIMIT = 1e5
 
 
 @dataclass(frozen=True)
 class _Constants:
     """
-    What differs between the number formats.
+    The constants of one number format.
 
     pi/2 is the sum of all parts: `exact + middle + (last,)`. k times a part is exact but for the
-    last; x minus the exact ones is exact as well, however much cancels. `unit` is a number
-    between whose double and itself neighbours lie one apart: adding and subtracting 1.5 of it
-    rounds to an integer, 3 of it to a multiple of two.
+    last; x minus the exact ones is exact as well, however much cancels. Between `unit` and twice
+    `unit` neighbouring numbers are one apart: adding and subtracting 1.5 `unit` rounds to an
+    integer, 3 `unit` to a multiple of two.
     """
 
     unit: float
@@ -112,7 +114,7 @@ def sincos(x: Any, dtype: DTypeLike) -> tuple[Any, Any]:
     ----------
     x : array or lane value
         Angle in radians, any shape, at most WRAP_LIMIT in magnitude: above it the result
-        loses its accuracy, so call `wrap_angle` first. NaN and infinity give NaN.
+        loses its accuracy, so wrap it first. NaN and infinity give NaN.
     dtype : {'float64', 'float32'}
         Number format of x; all arithmetic is done in it.
 
@@ -134,7 +136,7 @@ def sincos(x: Any, dtype: DTypeLike) -> tuple[Any, Any]:
     k = _round(x * c.two_over_pi, 1.5 * c.unit)
     r, excess = _reduce(x, k, c)
     h = r * 0.5 * r
-    # r carries a rounding, which sine passes on and cosine dampens: only sine puts it right.
+    # r carries a rounding, which sine passes on and cosine dampens: only sine corrects it.
     sine = r - (r * h * _polynomial(c.sine, h) + excess)
     cosine = 1.0 - (h - h * (h * _polynomial(c.cosine, h)))
 
@@ -179,3 +181,25 @@ def _polynomial(coefficients: tuple[float, ...], h: Any) -> Any:
     for coefficient in reversed(coefficients[:-1]):
         value = value * h + coefficient
     return value
+
+
+def expand_sines(program: Program, dtype: str) -> Program:
+    """Return the program with every sine and cosine written out in the other operations."""
+    recorder = Recorder(program.lanes)
+    values: list[Lanes] = []
+    pairs: dict[int, tuple[Lanes, Lanes]] = {}
+    for instruction in program.instructions:
+        op, args, data, _, section = instruction
+        with recorder.section(section):
+            if op in ('sin', 'cos'):
+                if args[0] not in pairs:
+                    pairs[args[0]] = sincos(values[args[0]], dtype)
+                values.append(pairs[args[0]][op == 'cos'])
+            elif op == 'constant':
+                values.append(recorder.constant(data))
+            else:
+                values.append(recorder.copy(instruction, [values[a] for a in args]))
+    for name, (shape, places) in program.outputs.items():
+        recorder.output(name, shape, [(values[register], lane) for register, lane in places])
+    expanded = recorder.program()
+    return Program(program.lanes, expanded.instructions, program.inputs, expanded.outputs)

@@ -1,3 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""runtime."""
+"""
+Runtime: text of LLVM IR -> native code in this process.
+
+    disk_cache     bytes on disk under a digest of everything that decides them
+    jit            LLVM: targets, options, compiling, linking; objects are kept on disk
+    cpython_abi    native code as functions of Python; checks the layout of NumPy arrays
+    json_cache     get_or_compute: JSON values on disk, valid for this source of the package
+    threads        blocks of a batch or an ensemble on a pool of threads
+"""

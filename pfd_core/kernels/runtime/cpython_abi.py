@@ -4,9 +4,9 @@
 Objects of Python and NumPy as native code sees them.
 
 Native code reads arrays through the fields that NumPy's C API publishes, and becomes a function
-that Python calls directly (METH_FASTCALL of its C API). Whether this Python and this NumPy lay
-their objects out so is checked once, before the first function is made. Where they do not,
-kernels work without such functions: each call is converted and checked in Python.
+that Python calls directly (METH_FASTCALL of its C API). Before the first such function is made,
+the layout of objects in this Python and this NumPy is checked, once. If it differs, kernels work
+without such functions: each call is converted and checked in Python.
 """
 
 from __future__ import annotations
@@ -21,16 +21,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.kernels.codegen.object_layout import (
+    ALIGNED,
+    DATA,
+    DESCR,
+    DIMENSIONS,
+    FLAGS,
+    NDIM,
+    STRIDES,
+    TYPE,
+    WRITEABLE,
+)
 from pfd_core.kernels.runtime.jit import Native, add_symbol
 
-# Fields of a NumPy array after Python's object header (PyArrayObject_fields, NumPy's C API).
-HEADER: int = getattr(object, '__basicsize__', 16)
-TYPE, DATA, DIMENSIONS, STRIDES = HEADER - 8, HEADER, HEADER + 16, HEADER + 24
-NDIM, DESCR, FLAGS = HEADER + 8, HEADER + 40, HEADER + 48
-ALIGNED, WRITEABLE = 0x100, 0x400
-
 METH_FASTCALL = 0x80
-# Functions of Python's C API, by the names that modules give them.
+# Functions of Python's C API, by their names in modules of LLVM IR (with the prefix pfd.).
 FUNCTIONS = {
     'incref': 'Py_IncRef',
     'save': 'PyEval_SaveThread',
@@ -39,7 +44,7 @@ FUNCTIONS = {
 }
 
 LOG = logging.getLogger('pfd_core')
-# Where modules are told that a function is if this Python lacks it; then nobody calls it.
+# Stands for a function that this Python lacks, and that is therefore never called.
 _nowhere = ctypes.c_int64()
 
 
@@ -52,16 +57,8 @@ class _MethodDef(ctypes.Structure):
     )
 
 
-def load(name: str, base: str, offset: int, kind: str) -> tuple[str, str]:
-    """Return the lines that leave a field of an object in `name`."""
-    return (
-        f'  %{name}.at = getelementptr i8, ptr {base}, i64 {offset}',
-        f'  %{name} = load {kind}, ptr %{name}.at',
-    )
-
-
 def register_symbols() -> None:
-    """Tell the compiler where this process has what the text names."""
+    """Give the compiler the addresses of the objects and functions that modules refer to."""
     for name, function in FUNCTIONS.items():
         add_symbol(f'pfd.{name}', _address(function) or ctypes.addressof(_nowhere))
     add_symbol('pfd.none', id(None))
@@ -83,14 +80,14 @@ def python_function(native: Native, name: str = 'entry') -> Callable[..., Any]:
     make = ctypes.pythonapi.PyCFunction_NewEx
     make.argtypes = [ctypes.c_void_p, ctypes.py_object, ctypes.py_object]
     make.restype = ctypes.py_object
-    # Definition and code must outlive the function, which holds them as its `self`.
+    # The function holds its definition and code as its `self`, so that they outlive it.
     keep = (definition, native)
     function: Callable[..., Any] = make(ctypes.addressof(definition), keep, __name__)
     return function
 
 
 def refuse(*_: object) -> None:
-    """Return None for any arguments, as native functions do for those that they cannot take."""
+    """Return None for any arguments, as a native function does for unfit ones."""
 
 
 @cache
@@ -98,7 +95,7 @@ def supported() -> bool:
     """Return whether Python can call native code that reads its arrays; say once why not."""
     try:
         obstacle = _obstacle()
-    except Exception as error:  # an object that is not laid out as expected may be anything
+    except Exception as error:  # reading an object of another layout may raise anything
         obstacle = repr(error)
     if obstacle:
         LOG.warning(
@@ -110,7 +107,7 @@ def supported() -> bool:
 
 
 def _obstacle() -> str:
-    """Return what differs from what native code expects, if anything does."""
+    """Return how this Python or NumPy differs from the expected layout; empty if it does not."""
     if sys.implementation.name != 'cpython' or ctypes.sizeof(ctypes.c_void_p) != 8:
         bits = 8 * ctypes.sizeof(ctypes.c_void_p)
         return f'expected 64-bit CPython, found {sys.implementation.name} of {bits} bits'
@@ -125,13 +122,13 @@ def _obstacle() -> str:
 
 
 def _address(function: str) -> int | None:
-    """Return where a function of Python's C API lies, or None."""
+    """Return the address of a function of Python's C API, or None."""
     found = getattr(getattr(ctypes, 'pythonapi', None), function, None)
     return None if found is None else ctypes.cast(found, ctypes.c_void_p).value
 
 
 def _difference(probe: NDArray[Any]) -> str:
-    """Read an array through its published fields and return what NumPy says otherwise of it."""
+    """Return how the fields of an array differ from its attributes; empty if they do not."""
     if FLAGS + ctypes.sizeof(ctypes.c_int) > type(probe).__basicsize__:
         return f'an array holds {type(probe).__basicsize__} bytes'
 
@@ -153,7 +150,7 @@ def _difference(probe: NDArray[Any]) -> str:
         field(DESCR, ctypes.c_void_p),
         field(FLAGS, ctypes.c_int) & (ALIGNED | WRITEABLE),
     )
-    # What they point to only where all else is in its place.
+    # Shape and strides are behind pointers, which are followed only if all else is as expected.
     if found == wanted:
         numbers = ctypes.c_int64 * probe.ndim
         wanted = (*probe.shape, *probe.strides)

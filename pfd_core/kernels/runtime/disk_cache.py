@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Results on disk: bytes that were made once are found again by a digest of what decides them.
+Bytes on disk: a cache of results, each under a digest of everything that decides it.
 
     <folder>/<SHA-256 of everything that decides the result>.pfd
 
@@ -9,11 +9,11 @@ The folder is `pfd_ros` in the user's cache folder (XDG_CACHE_HOME, or ~/.cache)
 variable PFD_CACHE names another one (`~` is expanded, a relative path begins at the current
 folder), or, set to nothing, switches the cache off. A file is written beside its place and moved
 there whole, so that several processes may write at once; it begins with a checksum of its name
-and contents, and one that is damaged counts as absent. Once the files hold more than LIMIT bytes,
-those that were not used for longest are removed.
+and contents, and a damaged file counts as absent. Once the files hold more than LIMIT bytes, the
+least recently used ones are removed.
 
-Native code from disk is run, so folder and files must belong to the user (or root) and be
-writable by nobody else, and a file must be a regular one. Otherwise they are not used.
+Native code from disk is run, so folder and files must belong to the user (or root) and must not
+be writable by others, and a file must be a regular one. Otherwise they are not used.
 
 The cache never decides a result: without it, everything is computed again.
 """
@@ -36,33 +36,33 @@ import time
 
 VARIABLE = 'PFD_CACHE'
 LIMIT = 512 * 2**20
-# Removing goes on to here, so that it is not done again at once.
+# Eviction removes files until this size is reached, so that it is not needed again at once.
 TRIMMED = LIMIT * 3 // 4
-# A process looks at the whole folder again after it has written so much.
+# A process measures the folder again after it has written so many bytes.
 SLICE = LIMIT // 16
-# The largest result that is kept.
+# Bytes of the largest result that is written.
 LARGEST = LIMIT // 8
-# A write outlasts so many others that remove the folder at the same time.
+# A write is tried so often while other processes remove the folder.
 ATTEMPTS = 10
 HEAD = b'pfd_ros cache 2\n'
 CHECKSUM = hashlib.sha256().digest_size
 SUFFIX = '.pfd'
 UNFINISHED = 'unfinished-'
-# The folder may be any; only what the cache wrote itself is ever removed.
+# Names of files that the cache wrote itself; no other file is ever removed.
 OWN = re.compile(rf'[0-9a-f]{{64}}{re.escape(SUFFIX)}|{UNFINISHED}.*{re.escape(SUFFIX)}')
-# A FIFO, which would be waited for, and a link, which may lead anywhere, are not opened.
+# A FIFO, whose opening would block, and a link, which may lead anywhere, are not opened.
 READING = os.O_RDONLY | sum(
     getattr(os, name, 0) for name in ('O_NOFOLLOW', 'O_NONBLOCK', 'O_CLOEXEC', 'O_BINARY')
 )
-# By how much the clocks of a disk may differ from this one's; also the age at which an unfinished
-# file was left behind by a process that was killed.
+# Largest difference between the clocks of a disk and of this machine; also the age at which
+# an unfinished file must be a remainder of a killed process.
 HOUR = 3600 * 10**9  # [ns]
 
 LOG = logging.getLogger('pfd_core')
-# Bytes that this process has written to each folder since it looked at the whole.
+# Bytes that this process has written to each folder since it measured the folder.
 _written: dict[Path, int] = {}
-# What was said of each folder.
-_said: dict[str, str] = {}
+# The warning that was given about each folder.
+_warned: dict[str, str] = {}
 
 
 def folder() -> Path | None:
@@ -77,7 +77,7 @@ def folder() -> Path | None:
         # A relative XDG_CACHE_HOME is to be ignored (XDG base directory specification).
         home = base if base.is_absolute() else Path.home() / '.cache'
         return home.absolute() / 'pfd_ros'
-    except (RuntimeError, OSError) as error:  # nobody's home, or a current folder that is gone
+    except (RuntimeError, OSError) as error:  # no home folder, or a deleted current folder
         named = 'the user has no home' if given is None else f'{VARIABLE} is {given!r}'
         _warn(
             named,
@@ -98,7 +98,7 @@ def digest(*parts: str) -> str:
 
 
 def read(name: str) -> bytes | None:
-    """Return what was written under a name (64 hexadecimal digits), or None."""
+    """Return the bytes written under a name (64 hexadecimal digits), or None."""
     where = folder()
     if where is None:
         return None
@@ -121,7 +121,7 @@ def read(name: str) -> bytes | None:
 
 
 def write(name: str, payload: bytes) -> None:
-    """Keep some bytes under a name; where that is impossible, say so once and go on."""
+    """Write some bytes under a name; where that is impossible, warn once and go on."""
     where = folder()
     if where is None or len(payload) > LARGEST:
         return
@@ -130,8 +130,8 @@ def write(name: str, payload: bytes) -> None:
         try:
             _create(where)
             if _trusted(where):
-                _put(where / f'{name}{SUFFIX}', data)
-                _bound(where, len(data))
+                _write_whole(where / f'{name}{SUFFIX}', data)
+                _evict(where, len(data))
             return
         except OSError as error:
             # Another process may remove the folder meanwhile.
@@ -146,7 +146,7 @@ def write(name: str, payload: bytes) -> None:
 
 
 def _head(name: str, payload: bytes) -> bytes:
-    """Return what stands before a payload: whatever is kept under another name is damaged."""
+    """Return the head of a file: format, and checksum of name and payload."""
     return HEAD + hashlib.sha256(name.encode() + payload).digest()
 
 
@@ -158,17 +158,17 @@ def _create(where: Path) -> None:
 
 
 def _contents(path: Path) -> bytes | None:
-    """Return what a file holds, or None if it is none that the cache wrote for this user."""
+    """Return the contents of a file, or None if others could have written it."""
     handle = os.open(path, READING)
     try:
         state = os.fstat(handle)
-        if not (stat.S_ISREG(state.st_mode) and _safe(state) and state.st_size <= 2 * LARGEST):
+        if not (stat.S_ISREG(state.st_mode) and _ours(state) and state.st_size <= 2 * LARGEST):
             LOG.info(
                 '%r is no file of the cache (user %d, mode %s, %d bytes): it is not used',
                 *(str(path), state.st_uid, stat.filemode(state.st_mode), state.st_size),
             )
             return None
-        with suppress(OSError):  # the last to be removed
+        with suppress(OSError):  # marks the file as recently used
             os.utime(handle if os.utime in os.supports_fd else path)
         with open(handle, 'rb', closefd=False) as file:
             return file.read(state.st_size)
@@ -176,8 +176,8 @@ def _contents(path: Path) -> bytes | None:
         os.close(handle)
 
 
-def _put(path: Path, data: bytes) -> None:
-    """Write a file that nobody ever sees half written."""
+def _write_whole(path: Path, data: bytes) -> None:
+    """Write a file so that no process ever sees it half written."""
     handle, unfinished = tempfile.mkstemp(SUFFIX, UNFINISHED, path.parent)
     try:
         with os.fdopen(handle, 'wb') as file:
@@ -189,19 +189,19 @@ def _put(path: Path, data: bytes) -> None:
         raise
 
 
-def _safe(state: os.stat_result) -> bool:
-    """Return whether nobody but the user and root can have put something there."""
+def _ours(state: os.stat_result) -> bool:
+    """Return whether only the user and root can write a file or folder."""
     if sys.platform == 'win32':
         return True
     return state.st_uid in (0, os.geteuid()) and not state.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 def _trusted(where: Path) -> bool:
-    """Return whether nobody else can have put native code there for this user to run."""
+    """Return whether only the user and root can have put native code into a folder."""
     state = where.stat()
     if not stat.S_ISDIR(state.st_mode):
         raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR), str(where))
-    if _safe(state):
+    if _ours(state):
         return True
     _warn(
         str(where),
@@ -214,13 +214,13 @@ def _trusted(where: Path) -> bool:
 
 
 def _warn(about: str, text: str) -> None:
-    """Say something, once, of one thing; threads that come at once agree on who says it."""
-    if _said.setdefault(about, text) is text:
+    """Log a warning about a folder or variable, once, also if several threads come at once."""
+    if _warned.setdefault(about, text) is text:
         LOG.warning('%s', text)
 
 
-def _bound(where: Path, added: int) -> None:
-    """Remove what was not used for longest, once a folder holds more than the limit."""
+def _evict(where: Path, added: int) -> None:
+    """Remove the least recently used files, once a folder holds more than the limit."""
     written = _written.get(where)
     if written is not None and written + added <= SLICE:
         _written[where] = written + added
@@ -229,7 +229,7 @@ def _bound(where: Path, added: int) -> None:
     kept = []
     soon = time.time_ns() + HOUR
     for path, state in _own_files(where):
-        # Times in the future are those of a clock that was wrong: they do not make a file young.
+        # A time in the future comes from a wrong clock: it does not make a file young.
         young = state.st_mtime_ns <= soon
         if path.name.startswith(UNFINISHED) and (not young or state.st_mtime_ns < soon - 2 * HOUR):
             _remove(path)
@@ -244,10 +244,10 @@ def _bound(where: Path, added: int) -> None:
 
 
 def _own_files(where: Path) -> Iterator[tuple[Path, os.stat_result]]:
-    """Yield the regular files that the cache wrote, as far as they can be seen."""
+    """Yield the regular files that the cache wrote, with their state."""
     with suppress(OSError), os.scandir(where) as entries:
         for entry in entries:
-            with suppress(OSError):  # another process removes, too
+            with suppress(OSError):  # another process may have removed it
                 if OWN.fullmatch(entry.name) and entry.is_file(follow_symlinks=False):
                     yield Path(entry.path), entry.stat(follow_symlinks=False)
 

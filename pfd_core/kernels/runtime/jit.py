@@ -1,14 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Compiling: LLVM IR text becomes the address of native code for this processor.
+Compiling: LLVM IR text becomes native code in this process.
 
-The code generator is told nothing that lets it change a result: no fast-math flags, no
-contraction of a multiplication and an addition into one. What one processor computes, another
-computes bit for bit.
+No option lets the code generator change a result: no fast-math flags, no contraction of a
+multiplication and an addition into one. All processors compute the same bits.
 
 Objects are kept on disk (pfd_core.kernels.runtime.disk_cache) under everything that decides them.
-A fresh one and a kept one are brought into the process in the same way.
+A fresh object and one from disk are linked into the process in the same way.
 """
 
 from __future__ import annotations
@@ -27,50 +26,30 @@ import llvmlite.binding as llvm
 
 from pfd_core.kernels.runtime import disk_cache as disk
 
-# A function that a module shows to the outside.
-SHOWN = re.compile(r'^define (?!internal )[^@\n]*@([\w.]+)\(', re.MULTILINE)
-# Bytes of an object before the first that is its own, by the four with which the format begins:
-# ELF (up to e_machine) and Mach-O (up to filetype). COFF begins with the machine at once.
-FORMATS = {b'\x7fELF': 20, b'\xcf\xfa\xed\xfe': 16}
+# The definition of a function that a module exports.
+EXPORTED = re.compile(r'^define (?!internal )[^@\n]*@([\w.]+)\(', re.MULTILINE)
+# Bytes of an object that depend on its target alone, by its first four bytes: ELF (up
+# to e_machine) and Mach-O (up to filetype). COFF begins with the machine.
+HEADER_BYTES = {b'\x7fELF': 20, b'\xcf\xfa\xed\xfe': 16}
 COFF_MACHINE = 2
-# What modules may name that lies in this process: addresses by name.
+# Addresses in this process that a module may refer to, by their names.
 _symbols: dict[str, int] = {}
 
 
 @dataclass(frozen=True)
 class Outline:
-    """
-    What has to be known of a module of LLVM IR to use its object.
+    """The facts about a module of LLVM IR by which its object is found and linked."""
 
-    Attributes
-    ----------
-    digest : str
-        SHA-256 of the text.
-    functions : sequence of str
-        The functions that it shows to the outside.
-
-    """
-
-    digest: str
-    functions: Sequence[str]
+    digest: str  # SHA-256 of the text
+    functions: Sequence[str]  # the functions that it exports
 
 
 @dataclass(frozen=True)
 class Native:
-    """
-    Native code of one module.
+    """Native code of one module."""
 
-    Attributes
-    ----------
-    seconds : float
-        Time it took to compile it, or to find it on disk.
-    library : object
-        What holds the code, which lives as long as this.
-
-    """
-
-    seconds: float
-    library: Any
+    seconds: float  # time to compile it, or to load it from disk
+    library: Any  # owner of the code
 
     def address(self, name: str) -> int:
         """Return the address of a function."""
@@ -79,21 +58,11 @@ class Native:
 
 @dataclass(frozen=True)
 class Target:
-    """
-    A processor to compile for.
+    """A processor to compile for, as LLVM describes it."""
 
-    Attributes
-    ----------
-    triple : str
-        Architecture, vendor and system, as LLVM writes them.
-    cpu, features : str
-        Name of the processor and its extensions, as LLVM writes them.
-
-    """
-
-    triple: str
-    cpu: str = ''
-    features: str = ''
+    triple: str  # architecture, vendor and system
+    cpu: str = ''  # name of the processor
+    features: str = ''  # its extensions
 
     @property
     def vector_bits(self) -> int:
@@ -107,7 +76,7 @@ class Optimisation:
     """
     How hard LLVM tries; the bits of a result do not depend on it.
 
-    Every choice is a field, because the fields are part of an object's name on disk. The
+    Every option is a field, because the fields are part of an object's name on disk. The
     default cleans up around the straight-line code, which is already as short as it gets.
 
     Attributes
@@ -117,7 +86,7 @@ class Optimisation:
     slp_vectorization, loop_vectorization : bool
         Whether scalars and loops are turned into vectors.
     relocation, code_model : str
-        How code refers to its constants, and to what is outside.
+        How code refers to its constants, and to symbols outside the module.
 
     """
 
@@ -133,24 +102,24 @@ USUAL = Optimisation()
 
 
 def outline(ir: str) -> Outline:
-    """Return what has to be known of a module."""
-    return Outline(disk.digest(ir), SHOWN.findall(ir))
+    """Return the outline of a module."""
+    return Outline(disk.digest(ir), EXPORTED.findall(ir))
 
 
 def compile_ir(ir: str, optimisation: Optimisation = USUAL) -> Native:
-    """Return the native code of a module of LLVM IR, from disk if it was compiled before."""
+    """Return native code of a module of LLVM IR, from disk if it was compiled before."""
     return compile_outlined(outline(ir), lambda: ir, optimisation)
 
 
 def compile_outlined(
     known: Outline, text: Callable[[], str], optimisation: Optimisation = USUAL
 ) -> Native:
-    """Return the same of a module whose text is written only if its object is not on disk."""
+    """Return native code of a module whose text is written only if its object is not on disk."""
     start = time.perf_counter()
     target = host()
     name = object_key(known.digest, target, optimisation)
-    kept = disk.read(name)
-    library = None if kept is None else _load_kept(kept, known.functions, target)
+    entry = disk.read(name)
+    library = None if entry is None else _load_entry(entry, known.functions, target)
     if library is None:
         code = emit(text(), target, optimisation)
         disk.write(name, code)
@@ -159,7 +128,7 @@ def compile_outlined(
 
 
 def object_key(digest: str, target: Target, optimisation: Optimisation) -> str:
-    """Return the name of an object on disk: a digest of all that decides its bytes."""
+    """Return the name of an object on disk: a digest of everything that decides its bytes."""
     versions = f'llvmlite {llvmlite.__version__} LLVM {llvm.llvm_version_info}'
     return disk.digest('object', versions, repr(target), repr(optimisation), digest)
 
@@ -173,14 +142,14 @@ def emit(ir: str, target: Target, optimisation: Optimisation = USUAL) -> bytes:
     ir : str
         The module.
     target : Target
-        The processor, which need not be the one at hand.
+        The processor, which need not be this machine's.
     optimisation : Optimisation
         How hard to try.
 
     Raises
     ------
     RuntimeError
-        If the text is no sound module, or this LLVM cannot compile for the target.
+        If the text is not a valid module, or this LLVM cannot compile for the target.
 
     """
     machine = _machine(target, optimisation)
@@ -193,7 +162,7 @@ def emit(ir: str, target: Target, optimisation: Optimisation = USUAL) -> bytes:
 
 
 def add_symbol(name: str, address: int) -> None:
-    """Let modules refer to something of this process by name."""
+    """Let modules refer to an address of this process by name."""
     _symbols[name] = address
 
 
@@ -205,7 +174,7 @@ def simd_width(dtype: str, target: Target | None = None) -> int:
 
 @cache
 def host() -> Target:
-    """Return the processor at hand."""
+    """Return the processor of this machine."""
     features = _features()
     if features.get('avx512f'):
         features['prefer-256-bit'] = False
@@ -216,13 +185,13 @@ def host() -> Target:
 def _features() -> dict[str, bool]:
     try:
         return dict(llvm.get_host_cpu_features())
-    except RuntimeError:  # LLVM cannot ask every processor; then its name has to do
+    except RuntimeError:  # LLVM cannot query every processor; the name is enough then
         return {}
 
 
 @cache
 def _initialise(triple: str) -> None:
-    """Make LLVM know how to compile for a target."""
+    """Load LLVM's code generator for a target."""
     if triple == llvm.get_process_triple():
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
@@ -233,8 +202,8 @@ def _initialise(triple: str) -> None:
 
 def _machine(target: Target, optimisation: Optimisation) -> Any:
     _initialise(target.triple)
-    # Constants lie beside the code, so that an instruction reaches them by itself; only what is
-    # the process's own is reached through a table.
+    # Constants lie beside the code, in reach of an instruction; only symbols of the process
+    # are reached through a table.
     return llvm.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu,
         features=target.features,
@@ -252,10 +221,10 @@ def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
     builder.getModulePassManager().run(module, builder)
 
 
-def _load_kept(code: bytes, functions: Sequence[str], target: Target) -> Any:
-    """Return the same as `_load` of an object from disk, or None if it is none for the target."""
-    # LLVM links what is for another processor, too.
-    if code.startswith(_beginning(target)):
+def _load_entry(code: bytes, functions: Sequence[str], target: Target) -> Any:
+    """Return the library of a cache entry, or None if it holds no object for the target."""
+    # LLVM also links objects for other processors.
+    if code.startswith(_object_header(target)):
         with suppress(RuntimeError):
             return _load(code, functions, target)
     disk.LOG.info('an object in the cache cannot be linked here: it is compiled again')
@@ -263,16 +232,16 @@ def _load_kept(code: bytes, functions: Sequence[str], target: Target) -> Any:
 
 
 @cache
-def _beginning(target: Target) -> bytes:
-    """Return the bytes with which every object for a target begins: its format and processor."""
+def _object_header(target: Target) -> bytes:
+    """Return the first bytes of every object for a target: its format and processor."""
     empty = bytes(_machine(target, USUAL).emit_object(llvm.parse_assembly('')))
-    return empty[: FORMATS.get(empty[:4], COFF_MACHINE)]
+    return empty[: HEADER_BYTES.get(empty[:4], COFF_MACHINE)]
 
 
 def _load(code: bytes, functions: Sequence[str], target: Target) -> Any:
-    """Return a library that holds the code of an object file and knows where its functions are."""
-    # JITLink sees to it that code, constants and table come to lie next to each other. A linker
-    # of its own for each module, because one for all would not give back everything.
+    """Return the library of an object file, which owns its code and finds its functions."""
+    # JITLink places code, constants and table next to each other. Each module has its own linker,
+    # because a common one would not free everything.
     linker = llvm.create_lljit_compiler(_machine(target, USUAL), use_jit_link=True)
     builder = llvm.JITLibraryBuilder().add_object_img(code).add_current_process()
     for name, address in _symbols.items():
@@ -282,8 +251,8 @@ def _load(code: bytes, functions: Sequence[str], target: Target) -> Any:
     return builder.link(linker, 'kernel')
 
 
-# A process is copied between two calls of LLVM, never during one: a child has no thread that
-# would give llvmlite's lock back.
+# A process forks between two calls of LLVM, never during one: the child has no thread that would
+# release llvmlite's lock.
 _lock = getattr(llvm.ffi.lib, '_lock', None)
 if _lock is not None and hasattr(os, 'register_at_fork'):
     os.register_at_fork(

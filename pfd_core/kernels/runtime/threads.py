@@ -10,8 +10,9 @@ others'; each block is a call of native code without the interpreter's lock. The
 a member from the same numbers in whichever block it lies: the bits of a result depend neither on
 the number of threads nor on the order in which blocks are taken.
 
-A small batch is computed by the caller (ALONE), and no block is longer than MOST, so that a signal
-is answered in time. See docs/decisions/0007-threads.md.
+A small batch is computed by the caller alone, and a block has an upper bound, so that a signal is
+answered in time. Work is counted in operations on vector registers. See
+docs/decisions/0007-threads.md.
 """
 
 from __future__ import annotations
@@ -30,20 +31,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.kernels.arguments import address
 from pfd_core.kernels.runtime.jit import Native
 from pfd_core.model.checked_numbers import integer
 
-# Operations on vector registers up to which a batch is computed by the caller alone: half of it
-# takes as long as a worker needs to wake up and bring the arrays into the cache of its core.
-ALONE = 2_500_000
-# In a block, at least: some 50 microseconds of one core, to which its start adds two or three.
-LEAST = 250_000
-# And at most: 50 ms of a processor that does one a nanosecond, a fifth of what most of them do.
-MOST = 50_000_000
-# Blocks for each thread, where LEAST lets them be so small: a thread that is held up by other
-# processes can give half of its share away. More of them cost more than they bring.
-TURNS = 2
+# Up to this work the caller computes a batch alone: half of it takes as long as a worker needs to
+# wake up and bring the arrays into the cache of its core.
+SINGLE_THREAD_WORK = 2_500_000
+# Least work of a block: some 50 microseconds of one core, to which its start adds two or three.
+MIN_BLOCK_WORK = 250_000
+# Most work of a block: 50 ms at one operation a nanosecond; most processors are five times faster.
+MAX_BLOCK_WORK = 50_000_000
+# Blocks for each thread, unless they become too small: a thread that is held up by other processes
+# can leave half of its share to others. More blocks cost more than they bring.
+BLOCKS_PER_THREAD = 2
 BATCH = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
 
 
@@ -56,7 +56,7 @@ def cores() -> int:
 
 
 def _new_pool() -> ThreadPoolExecutor:
-    """Return a pool for all callers; it starts workers when there is work for them."""
+    """Return a pool for all callers; it starts a worker when a task is submitted."""
     return ThreadPoolExecutor(max(cores() - 1, 1), thread_name_prefix='pfd')
 
 
@@ -74,7 +74,7 @@ if hasattr(os, 'register_at_fork'):
 
 
 def thread_count(threads: object) -> int:
-    """Return a number of threads, of which 0 is one per core; ValueError if it is below."""
+    """Return a checked number of threads; 0 is one per core, ValueError for less."""
     return min(integer('threads', threads, 0) or cores(), cores())
 
 
@@ -94,10 +94,12 @@ def block_size(count: int, threads: int, width: int, operations: int) -> int:
         Operations on registers for each register of members.
 
     """
-    least, most = (max(limit // max(operations, 1), 1) for limit in (LEAST, MOST))
+    least, most = (
+        max(limit // max(operations, 1), 1) for limit in (MIN_BLOCK_WORK, MAX_BLOCK_WORK)
+    )
     registers = -(-count // width)
-    alone = threads == 1 or registers * operations <= ALONE
-    share = registers if alone else max(-(-registers // (threads * TURNS)), least)
+    single = threads == 1 or registers * operations <= SINGLE_THREAD_WORK
+    share = registers if single else max(-(-registers // (threads * BLOCKS_PER_THREAD)), least)
     return width * max(min(share, most), 1)
 
 
@@ -131,7 +133,7 @@ def run(work: Callable[[int, int], int], count: int, block: int, threads: int) -
     def take_blocks(own: int) -> int:
         flags = 0
         for part in (*parts[own:], *parts[:own]):
-            # From the end, where it is another's.
+            # Blocks of another thread's part are taken from its end.
             take = part.popleft if part is parts[own] else part.pop
             with suppress(IndexError):
                 while True:
@@ -147,7 +149,7 @@ def run(work: Callable[[int, int], int], count: int, block: int, threads: int) -
     finally:
         for part in parts:
             part.clear()
-        # A worker that has not begun has nothing left to do.
+        # No blocks are left for a worker that has not begun.
         begun = [worker for worker in workers if not worker.cancel()]
         wait(begun)
     for worker in begun:
@@ -156,33 +158,29 @@ def run(work: Callable[[int, int], int], count: int, block: int, threads: int) -
 
 
 def _submitted(task: Callable[[], int]) -> list[Future[int]]:
-    """Return the future of a task, or nothing where no worker can be had."""
+    """Return the future of a task, or none where no worker can be started."""
     try:
         return [_pool.submit(task)]
     except RuntimeError:
         # The interpreter is about to end, or the system starts no more threads. In the latter
-        # case the task waits in the queue, where nobody may find it later.
+        # case the task is still in the queue, and must not be run later.
         _pool.shutdown(cancel_futures=True)
         _replace_pool()
         return []
 
 
+def address(array: NDArray[Any]) -> int:
+    """Return the address of an array; `array.ctypes.data` takes three times as long."""
+    place: int = array.__array_interface__['data'][0]
+    return place
+
+
 @dataclass(frozen=True)
 class BatchWork:
-    """
-    The work of `i64 @batch(count, table)` (pfd_core.kernels.codegen.batch) on states in rows.
-
-    Attributes
-    ----------
-    code : Native
-        The module that holds the function.
-    rows : sequence of ndarray
-        Inputs and output, (B, elements), at any strides.
-
-    """
+    """The work of @batch (pfd_core.kernels.codegen.batch) on states in rows."""
 
     code: Native
-    rows: Sequence[NDArray[Any]]
+    rows: Sequence[NDArray[Any]]  # inputs and output, (B, elements), at any strides
 
     @cached_property
     def _table(self) -> NDArray[np.int64]:

@@ -10,14 +10,18 @@ import numpy as np
 import pytest
 
 from pfd_core.kernels.codegen.batch import batch
+from pfd_core.kernels.codegen.body import body
 from pfd_core.kernels.codegen.evaluate import evaluate
-from pfd_core.kernels.codegen.spelling import Format, body, module
+from pfd_core.kernels.codegen.module import module
+from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.kernels.runtime.jit import compile_ir
 from pfd_core.machine.emulator import run
+from pfd_core.machine.iteration import iterate
+from pfd_core.machine.lanes import on
 from pfd_core.machine.patterns import total
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import SCHEDULES, Lanes, Recorder, on
+from pfd_core.machine.recorder import SCHEDULES, Lanes, Recorder
 
 AT_MOST = 12
 
@@ -36,7 +40,7 @@ def roots(n: int, schedule: str, at_most: int = AT_MOST) -> Program:
         change = following - x
         return (following,), total(change * change) - 1e-20
 
-    (x,), trips = recorder.iterate(step, (q,), on(q, [0]), at_most)
+    (x,), trips = iterate(step, (q,), on(q, [0]), at_most)
     # What follows a loop may use what was computed before and inside it.
     y = x + 0.0 * q
     recorder.output('y', (n + 1,), [*((y, lane) for lane in range(n)), (trips, 0)])
@@ -91,10 +95,10 @@ def test_counts_follow_the_trips() -> None:
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize('width', [1, 4])
 def test_native_code_takes_the_same_trips_and_leaves_the_same_bits(dtype: str, width: int) -> None:
-    program = lower(roots(3, 'sequential'), dtype)
+    program = lower(roots(3, 'sequential'), dtype).compiled
     form = Format(dtype, width, strided=True)
     parts = [body(program, form), evaluate(program, form, ()), batch(program, form, 4)]
-    native = compile_ir(module(parts, dtype, [width], ()))
+    native = compile_ir(module(parts, form, ()))
     call = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
     q = np.random.default_rng(1).uniform(1e-4, 1e6, (9, 3)).astype(dtype)
     q[4] = -1.0
@@ -113,9 +117,9 @@ def test_printing_shows_the_markers() -> None:
 @pytest.mark.parametrize(
     ('act', 'message'),
     [
-        (lambda r, q: r.iterate(lambda x: ((x,), x), (q,), q, 0), 'at_most must be at least 1'),
-        (lambda r, q: r.iterate(lambda x: ((x,), x), (q,), on(q, [1]), 1), 'lane 0 has no value'),
-        (lambda r, q: r.iterate(lambda x: ((on(x, [1]),), x), (q,), q, 1), 'row 0 .* lacks lanes'),
+        (lambda r, q: iterate(lambda x: ((x,), x), (q,), q, 0), 'at_most must be at least 1'),
+        (lambda r, q: iterate(lambda x: ((x,), x), (q,), on(q, [1]), 1), 'lane 0 has no value'),
+        (lambda r, q: iterate(lambda x: ((on(x, [1]),), x), (q,), q, 1), 'row 0 .* lacks lanes'),
     ],
 )
 def test_a_loop_that_cannot_run_is_refused(act, message: str) -> None:  # type: ignore[no-untyped-def]

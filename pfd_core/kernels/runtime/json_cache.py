@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What this source made of a key once, as JSON on disk (pfd_core.kernels.runtime.disk_cache)."""
+"""JSON values on disk, valid for this source of the package: computed once for each key."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from pfd_core.kernels.runtime.cpython_abi import HEADER
+from pfd_core.kernels.codegen.object_layout import HEADER
 from pfd_core.kernels.runtime.disk_cache import LOG, digest, folder, read, write
 
 if TYPE_CHECKING:
     from importlib.abc import Traversable
 
 PACKAGE: Traversable = files(__name__.partition('.')[0])
-# A source file changed while this package was imported may not be what runs.
+# A source file that changed while this package was imported may differ from the running code.
 IMPORTED = time.time()
 IMPORTING = 1.0  # [s]
 
@@ -38,11 +38,11 @@ def sources() -> str | None:
     Return the digest of the source files of this package as it was imported, or None.
 
     None is for a package without source files, and for files so new that they may have been
-    written while they were imported. Times in the future say nothing, and do no harm.
+    written while they were imported. Times in the future are ignored.
     """
     try:
         found = sorted(_sources(PACKAGE, getattr(sys.modules[__name__].__loader__, 'archive', '')))
-    except Exception:  # of whatever kind the loader of this package raises
+    except Exception:  # loaders of packages raise exceptions of many kinds
         return None
     times = [changed for _, _, changed in found]
     if not found or any(IMPORTED - IMPORTING < changed <= IMPORTED for changed in times):
@@ -51,7 +51,7 @@ def sources() -> str | None:
 
 
 def _sources(where: Traversable, archive: str, at: str = '') -> Iterator[tuple[str, str, float]]:
-    """Yield name, text and time of each source file; files in an archive have that one's time."""
+    """Yield name, text and time of each source file; in an archive, the time of the archive."""
     for entry in where.iterdir():
         name = f'{at}/{entry.name}'
         if entry.is_dir():
@@ -61,39 +61,41 @@ def _sources(where: Traversable, archive: str, at: str = '') -> Iterator[tuple[s
             yield name, entry.read_text('utf-8'), changed
 
 
-def remember(key: tuple[str, ...], make: Callable[[], T], fits: Callable[[Any], bool]) -> T:
+def get_or_compute(
+    key: tuple[str, ...], compute: Callable[[], T], valid: Callable[[Any], bool]
+) -> T:
     """
-    Return `make()`, or what it returned when it was called for the same key before.
+    Return `compute()`, from disk if it was computed for the same key before.
 
     Parameters
     ----------
     key : tuple of str
         All that the result depends on, besides the source of this package and the versions of
         Python and NumPy.
-    make : callable
-        Returns what JSON can hold: dict with str for keys, list, str, int, float, bool, None.
-    fits : callable
-        Tells of any JSON value whether `make` may have returned it; one that it cannot have
-        returned counts as absent.
+    compute : callable
+        Returns a JSON value: dict with str for keys, list, str, int, float, bool, None.
+    valid : callable
+        Tells of any JSON value whether `compute` may have returned it; an entry that is not
+        valid counts as absent.
 
     """
     source = None if folder() is None else sources()
     if source is None:
-        return make()
-    # Python also because kernels know how it lays out its objects.
+        return compute()
+    # Python's version also because a kernel depends on how Python lays out its objects.
     python = f'{sys.version} {HEADER}'
     name = digest('made', source, python, np.__version__, *key)
-    kept = read(name)
-    if kept is not None:
+    entry = read(name)
+    if entry is not None:
         with suppress(ValueError, RecursionError):
-            value: T = json.loads(kept)
-            if fits(value):
+            value: T = json.loads(entry)
+            if valid(value):
                 return value
-        LOG.info('what is kept for %r does not fit: it is made again', key)
-    made = json.dumps(make()).encode()
-    write(name, made)
-    return json.loads(made)  # type: ignore[no-any-return]
+        LOG.info('the cache entry of %r is not valid: it is computed again', key)
+    computed = json.dumps(compute()).encode()
+    write(name, computed)
+    return json.loads(computed)  # type: ignore[no-any-return]
 
 
-# At once, because files may be edited while this process runs.
+# At import, because source files may be edited while this process runs.
 sources()

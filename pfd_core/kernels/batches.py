@@ -28,9 +28,3 @@ def as_rows(value: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
         return value
     whole = np.broadcast_to(value, (*shape, value.shape[-1]))
     return whole.reshape(-1, value.shape[-1])
-
-
-def address(array: NDArray[Any]) -> int:
-    """Return where an array lies; NumPy's own way takes three times as long."""
-    place: int = array.__array_interface__['data'][0]
-    return place

@@ -11,13 +11,16 @@ import numpy as np
 import pytest
 from zoo import random_chain, random_state
 
-from pfd_core.algorithms.programs import record_pcrbm
-from pfd_core.kernels.kernel import compile_kernel
+from pfd_core.algorithms.programs import FORWARD
+from pfd_core.kernels.compile import compile_kernel
+from pfd_core.kernels.passes.dead_code import eliminate_dead_code
 from pfd_core.kernels.passes.fold import fold
-from pfd_core.kernels.passes.pipeline import drop, expand, lower, operations
+from pfd_core.kernels.passes.pipeline import lower, operations
+from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.emulator import run
+from pfd_core.machine.lanes import cos, sin, sqrt, where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder, cos, sin, sqrt, where
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Scene, load_robot, resolve
 
 Text = Callable[[Lanes, Lanes], Any]
@@ -80,7 +83,7 @@ def recorded(text: Text) -> Program:
 )
 def test_folding_leaves_only_what_is_needed(text: Text, left: dict[str, int]) -> None:
     program = recorded(text)
-    folded = drop(fold(program))
+    folded = eliminate_dead_code(fold(program))
     assert operations(folded) == left
     for x, y in [(2.0, 3.0), (-0.75, 0.3), (1e-3, -7.0)]:
         inputs = {'x': [x], 'y': [y]}
@@ -107,19 +110,19 @@ def test_dropping_keeps_the_asked_outputs_only() -> None:
     x = recorder.input('x', [0])
     recorder.output('a', (1,), [(x * x, 0)])
     recorder.output('b', (1,), [(x + x, 0)])
-    program = drop(recorder.program(), ['b'])
+    program = eliminate_dead_code(recorder.program(), ['b'])
     assert operations(program) == {'add': 1}
     assert set(program.outputs) == {'b'}
     with pytest.raises(ValueError, match=r"no output of \['a', 'b'\] is in \['c'\]"):
-        drop(recorder.program(), ['c'])
+        eliminate_dead_code(recorder.program(), ['c'])
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 def test_one_expansion_serves_the_sine_and_the_cosine_of_an_angle(dtype: str) -> None:
-    both = expand(recorded(lambda x, y: sin(x) * y + cos(x)), dtype)
+    both = expand_sines(recorded(lambda x, y: sin(x) * y + cos(x)), dtype)
     counts = operations(both)
     assert not {'sin', 'cos'} & counts.keys()
-    one = operations(expand(recorded(lambda x, y: sin(x)), dtype))
+    one = operations(expand_sines(recorded(lambda x, y: sin(x)), dtype))
     assert sum(counts.values()) == sum(one.values()) + 2
     x = np.linspace(-7, 7, 101)[:, None]
     inputs = {'x': x, 'y': np.ones_like(x)}
@@ -130,8 +133,8 @@ def test_one_expansion_serves_the_sine_and_the_cosine_of_an_angle(dtype: str) ->
 @pytest.mark.parametrize('name', ['puma560', 'planar2'])
 def test_a_lowered_program_agrees_with_the_program_as_written(name: str) -> None:
     robot = load_robot(name)
-    program = record_pcrbm(resolve(robot, Scene(external_wrench=True)), 'sequential')
-    lowered = lower(program, 'float64', ['qdd'])
+    program = FORWARD['pcrbm'](resolve(robot, Scene(external_wrench=True)), 'sequential')
+    lowered = lower(program, 'float64', ['qdd']).compiled
     rng = np.random.default_rng(1)
     q, qd, tau = random_state(rng, robot.n)
     inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6)}
@@ -144,8 +147,8 @@ def test_a_scene_pays_only_for_what_it_models() -> None:
     robot = load_robot('ur5')
 
     def cost(scene: Scene) -> int:
-        program = record_pcrbm(resolve(robot, scene), 'sequential')
-        return sum(operations(lower(program, 'float64', ['qdd'], fma=False)).values())
+        program = FORWARD['pcrbm'](resolve(robot, scene), 'sequential')
+        return sum(operations(lower(program, 'float64', ['qdd'], fma=False).compiled).values())
 
     bare = cost(Scene(gravity=None))
     # Damping takes one product and one addition a joint, a rotor one addition.
@@ -159,7 +162,7 @@ def test_right_angles_cost_less_than_skew_ones() -> None:
     skew = random_chain(np.random.default_rng(2), 6, 0.0)
     square = load_robot('ur5')
     costs = [
-        sum(operations(lower(record_pcrbm(resolve(r), 'sequential'), 'float64')).values())
+        sum(operations(lower(FORWARD['pcrbm'](resolve(r), 'sequential'), 'float64')).values())
         for r in (square, skew)
     ]
     assert costs[0] < 0.8 * costs[1]
@@ -175,6 +178,6 @@ def test_the_cheapest_text_keeps_to_its_budget(name: str, most: int) -> None:
 
 
 def test_a_parallel_program_is_not_lowered() -> None:
-    program = record_pcrbm(resolve(load_robot('planar2')), 'parallel')
+    program = FORWARD['pcrbm'](resolve(load_robot('planar2')), 'parallel')
     with pytest.raises(ValueError, match='only a sequential program is lowered, got 2 lanes'):
         lower(program, 'float64')

@@ -5,13 +5,13 @@
 from __future__ import annotations
 
 import numpy as np
+from oracle import WRENCH, Oracle, chains, jacobi_condition, relative
 import pytest
-from test_algorithms_physics import WRENCH, Oracle, chains, jacobi_condition, relative
 from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import random_chain, random_state
 
-from pfd_core.algorithms.paper.triangular_array import SECTION, record_pcrbm_array
-from pfd_core.algorithms.programs import record_pcrbm
+from pfd_core.algorithms.paper.pcrbm_array import SECTION
+from pfd_core.algorithms.programs import FORWARD
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Steps
@@ -29,7 +29,7 @@ def test_forward_dynamics_by_the_array_agrees_with_pinocchio(schedule: str) -> N
         wrench = rng.normal(size=6) * 10
         tau = oracle.tau(q, qd, qdd, wrench)
         inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench}
-        found = run(record_pcrbm_array(resolve(robot, WRENCH), schedule), inputs)
+        found = run(FORWARD['pcrbm_array'](resolve(robot, WRENCH), schedule), inputs)
         wanted = oracle.qdd(q, qd, tau, wrench)
         H = oracle.H(q)
         assert relative(found['qdd'], wanted) < ACCELERATION * jacobi_condition(H), robot
@@ -44,7 +44,7 @@ def test_long_chains_agree_with_pinocchio(n: int) -> None:
     q, qd, qdd = random_state(rng, n)
     tau = oracle.tau(q, qd, qdd)
     inputs = {'q': q, 'qd': qd, 'tau': tau}
-    found = run(record_pcrbm_array(resolve(robot), 'parallel'), inputs)['qdd']
+    found = run(FORWARD['pcrbm_array'](resolve(robot), 'parallel'), inputs)['qdd']
     wanted = oracle.qdd(q, qd, tau)
     assert relative(found, wanted) < ACCELERATION * jacobi_condition(oracle.H(q))
 
@@ -56,7 +56,7 @@ def test_fifty_digits_by_the_array_are_those_by_elimination() -> None:
         inputs = {'q': q, 'qd': qd, 'tau': tau}
         a, b = (
             run(record(plant, 'parallel'), inputs, digits=50)['qdd']
-            for record in (record_pcrbm, record_pcrbm_array)
+            for record in (FORWARD['pcrbm'], FORWARD['pcrbm_array'])
         )
         scale = max(abs(x) for x in a)
         assert max(abs(x - y) for x, y in zip(a, b, strict=True)) < FIFTY_DIGITS * scale
@@ -69,7 +69,7 @@ def test_held_joints_do_not_move_and_the_others_do_not_feel_them(schedule: str) 
         held = rng.random(robot.n) < 0.4
         inputs = {'q': q, 'qd': qd, 'tau': tau, 'free': 1.0 - held}
         plant = resolve(robot, Scene(brakes=True))
-        found = run(record_pcrbm_array(plant, schedule), inputs)['qdd']
+        found = run(FORWARD['pcrbm_array'](plant, schedule), inputs)['qdd']
         np.testing.assert_array_equal(found[held], 0.0)
         oracle, free = Oracle(robot), ~held
         if free.any():
@@ -92,7 +92,7 @@ def test_an_arm_without_inertia_shows_in_the_pivots(digits: int | None) -> None:
         np.zeros((3, 3, 3)),
     )
     inputs = {name: np.ones(3) for name in ('q', 'qd', 'tau')}
-    found = run(record_pcrbm_array(resolve(robot), 'parallel'), inputs, digits=digits)
+    found = run(FORWARD['pcrbm_array'](resolve(robot), 'parallel'), inputs, digits=digits)
     assert not (found['pivots'].astype(float) > 0).any()
     assert not np.isfinite(found['qdd'].astype(float)).any()
 
@@ -104,11 +104,11 @@ def test_an_arm_without_inertia_shows_in_the_pivots(digits: int | None) -> None:
 def test_the_cells_do_a_cholesky_solve_and_the_lanes_pcrbm_and_ne1(n: int, schedule: str) -> None:
     plant = resolve(random_chain(np.random.default_rng(n), n, 0.0))
     work = (n**3 - n) // 6 + n * (n - 1)
-    program = record_pcrbm_array(plant, schedule)
+    program = FORWARD['pcrbm_array'](plant, schedule)
     cells, whole = program.count(section=SECTION), program.count()
     assert cells == Steps(work, work, n * (n - 1) // 2 + 2 * n, n)
     # Beside the cells all of PCRBM but its own solve.
-    pcrbm = record_pcrbm(plant, schedule)
+    pcrbm = FORWARD['pcrbm'](plant, schedule)
     solve = [pcrbm.count(section=section) for section in ('factorisation', 'column sweep')]
     for kind in ('multiplications', 'additions', 'divisions'):
         rest = getattr(pcrbm.count(), kind) - sum(getattr(part, kind) for part in solve)
@@ -124,8 +124,8 @@ def test_the_sequential_program_can_be_lowered_and_keeps_its_answer(n: int) -> N
     rng = np.random.default_rng(n)
     robot = random_chain(rng, n)
     plant = resolve(robot, Scene(brakes=True, external_wrench=True))
-    program = record_pcrbm_array(plant, 'sequential')
-    short = lower(program, 'float64', ['qdd'])
+    program = FORWARD['pcrbm_array'](plant, 'sequential')
+    short = lower(program, 'float64', ['qdd']).compiled
     q, qd, tau = random_state(rng, n)
     inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6), 'free': np.ones(n)}
     found = run(short, inputs)['qdd']

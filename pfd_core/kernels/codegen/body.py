@@ -1,0 +1,83 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+LLVM IR of @body: the lowered program, from its inputs to its output.
+
+A program may hold a repeated part (pfd_core.machine.recorder). It goes round until the number in
+its last row is not above a floor in any of the `width` problems, or a given number of times; a
+problem that is finished keeps its rows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+
+from pfd_core.kernels.codegen.builder import Function, Variable
+from pfd_core.kernels.codegen.spelling import Format, arguments
+from pfd_core.kernels.codegen.split import PART, body_in_parts
+from pfd_core.kernels.passes.schedule import LONGEST, LOOPED
+from pfd_core.machine.program import Program
+
+
+def body(program: Program, form: Format) -> str:
+    """Return `void @body(inputs..., out)`, in several functions where the program is long."""
+    looped = any(instruction.op in LOOPED for instruction in program.instructions)
+    if len(program.instructions) > LONGEST and not looped:
+        return body_in_parts(program, form, PART)
+    names = (*arguments(program), 'out')
+    ir = Function(f'define internal void @body({form.parameters(names)})')
+    values: list[str] = []
+    repeats: dict[int, _Repeat] = {}
+    for register, instruction in enumerate(program.instructions):
+        op, args, data, *_ = instruction
+        operands = [values[a] for a in args]
+        value = ''
+        if op == 'loop':
+            repeats[register] = _Repeat(ir, form, operands, data)
+        elif op == 'state':
+            value = repeats[args[0]].begun[data]
+        elif op == 'end':
+            repeats[register] = repeats[args[0]]
+            repeats[register].end(operands[1:])
+        elif op == 'result':
+            value = repeats[args[0]].rows[data].value
+        else:
+            value = form.spell(ir, instruction, operands)
+        values.append(value)
+    (output,) = program.outputs.values()
+    for k, (register, _) in enumerate(output.places):
+        form.write(ir, form.parameter('out'), k, values[register])
+    ir.ret()
+    return str(ir)
+
+
+class _Repeat:
+    """
+    The repeated part of a program while it is written.
+
+    `rows` are its rows and, last, the number of trips, which a program reads as row -1; `begun`
+    are their values at the beginning of a trip.
+    """
+
+    def __init__(self, ir: Function, form: Format, operands: Sequence[str], at_most: int) -> None:
+        *initial, self._floor = operands
+        self._ir, self._form = ir, form
+        self.rows = [Variable(form.type, value) for value in (*initial, form.zero)]
+        self._again = Variable('i1', 'true')
+        self._stack = ExitStack()
+        self._stack.enter_context(ir.loop(at_most, *self.rows, condition=self._again))
+        self.begun = [row.value for row in self.rows]
+
+    def end(self, following: Sequence[str]) -> None:
+        """Finish a trip with the rows for the next one."""
+        ir, form = self._ir, self._form
+        T, zero = form.type, form.zero
+        *rows, trips = self.rows
+        on = ir.let(f'fcmp ogt {T} {rows[-1]}, {self._floor}')
+        for row, value in zip(rows, following, strict=True):
+            row.value = form.select(ir, on, value, row.value)
+        one = form.select(ir, on, form.constant(1.0), zero)
+        trips.value = ir.let(f'fadd {T} {trips}, {one}')
+        self._again.value = form.any(ir, ir.let(f'fcmp ogt {T} {rows[-1]}, {self._floor}'))
+        self._stack.close()

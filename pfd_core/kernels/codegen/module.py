@@ -1,0 +1,123 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Whole modules of LLVM IR: the functions of a kernel or of a simulation, and their declarations.
+
+    kernel_module      one state or a batch, called from Python
+    rollout_module     the simulation of one arm
+    ensemble_module    the simulations of many arms, one per SIMD lane
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pfd_core.kernels.codegen.arms import arms, ensemble
+from pfd_core.kernels.codegen.body import body
+from pfd_core.kernels.codegen.chunks import batch_of
+from pfd_core.kernels.codegen.copies import copies
+from pfd_core.kernels.codegen.evaluate import evaluate
+from pfd_core.kernels.codegen.law import whole_state
+from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir
+from pfd_core.kernels.codegen.rollout import accelerations, rollout
+from pfd_core.kernels.codegen.spelling import Format
+from pfd_core.kernels.codegen.step import step
+from pfd_core.kernels.codegen.wrap import WRAP_ANGLE_IR
+from pfd_core.machine.program import Program
+
+INTRINSICS = {'sqrt': 1, 'fabs': 1, 'fma': 3}  # and their operands
+
+
+def kernel_module(program: Program, dtype: str, width: int, angles: Sequence[int]) -> str:
+    """
+    Return the module of a kernel: of one state for width 1, of a batch for larger ones.
+
+    Parameters
+    ----------
+    program : Program
+        A lowered program with one output.
+    dtype : str
+        Number format.
+    width : int
+        States in a vector register.
+    angles : sequence of int
+        Elements of q that are turned; without any, no angle is wrapped.
+
+    """
+    form = Format(dtype, width, strided=width > 1)
+    (output,) = program.outputs.values()
+    size = len(output.places)
+    parts = [body(program, form), evaluate(program, form, angles)]
+    if width == 1:
+        parts.append(entry_ir(program, dtype, size))
+    else:
+        parts += [batch_of(program, form, size), batch_entry_ir(program, dtype, size)]
+    return module(parts, form, angles)
+
+
+def rollout_module(
+    step_program: Program, dynamics: Program, dtype: str, angles: Sequence[int]
+) -> str:
+    """Return the module of the simulation of one arm by an integrator's step."""
+    form = Format(dtype, 1)
+    loops = [rollout(step_program, dynamics, form), accelerations(dynamics, form)]
+    return _simulation(step_program, dynamics, form, angles, loops)
+
+
+def ensemble_module(
+    step_program: Program, dynamics: Program, dtype: str, width: int, angles: Sequence[int]
+) -> str:
+    """Return the module of the simulations of many arms, `width` of them in a register."""
+    form = Format(dtype, width)
+    loops = [
+        whole_state(dynamics.inputs['q'], form),
+        arms(step_program, dynamics, form),
+        ensemble(form),
+        copies(form),
+    ]
+    return _simulation(step_program, dynamics, form, angles, loops)
+
+
+def _simulation(
+    step_program: Program,
+    dynamics: Program,
+    form: Format,
+    angles: Sequence[int],
+    loops: Sequence[str],
+) -> str:
+    parts = [
+        body(dynamics, form),
+        evaluate(dynamics, form, angles),
+        step(step_program, dynamics, form),
+        *loops,
+    ]
+    return module(parts, form, angles)
+
+
+def module(parts: Sequence[str], form: Format, angles: Sequence[int]) -> str:
+    """Return functions of one format with the declarations they need; `angles` as above."""
+    declarations = ['declare i64 @llvm.umin.i64(i64, i64)']
+    for own in (Format(form.dtype, width) for width in {1, form.width}):
+        declarations += _intrinsics(own)
+    # An angle that has to be wrapped is rare: its branch is laid out of the way.
+    metadata = '!0 = !{!"branch_weights", i32 1, i32 10000}'
+    wrap = [WRAP_ANGLE_IR] if angles else []
+    return '\n\n'.join([*parts, *wrap, *sorted(set(declarations)), metadata])
+
+
+def _intrinsics(form: Format) -> list[str]:
+    """Return the declarations of the intrinsics that functions of one width may call."""
+    declarations = [
+        f'declare {form.type} @llvm.{name}.{form.suffix}({", ".join([form.type] * operands)})'
+        for name, operands in INTRINSICS.items()
+    ]
+    if form.width == 1:
+        return declarations
+    places, on = f'<{form.width} x ptr>', f'<{form.width} x i1>'
+    gather = f'{form.suffix}.v{form.width}p0'
+    return [
+        *declarations,
+        f'declare i1 @llvm.vector.reduce.or.v{form.width}i1({form.flag})',
+        f'declare {form.type} @llvm.masked.gather.{gather}({places}, {on}, {form.type})',
+        f'declare void @llvm.masked.scatter.{gather}({form.type}, {places}, {on})',
+    ]

@@ -1,0 +1,105 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Bounded iteration: a part of a program that is repeated while a number is above another.
+
+The program has the repeated part once, between the markers `loop` and `end`; `state` reads a row
+of the state at the start of a trip, `result` reads it after the last trip
+(pfd_core.machine.operations).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+from pfd_core.machine.recorder import Lanes, Recorder
+
+
+def iterate(
+    step: Callable[..., tuple[tuple[Lanes, ...], Lanes]],
+    state: tuple[Lanes, ...],
+    go: Lanes,
+    at_most: int,
+    floor: Lanes | None = None,
+) -> tuple[tuple[Lanes, ...], Lanes]:
+    """
+    Record a part that is repeated while `go` is above `floor` on lane 0.
+
+    Parameters
+    ----------
+    step : callable
+        step(*state) returns the next state and the next `go`; it is recorded once.
+    state : tuple of Lanes
+        State before the first trip.
+    go : Lanes
+        The control unit reads lane 0 before each trip. A problem whose `go` is at the floor or
+        below, or NaN, is finished and keeps its state while other problems of its batch go on.
+    at_most : int
+        Trips after which the iteration ends in any case, at least 1.
+    floor : Lanes, optional
+        Default zero.
+
+    Returns
+    -------
+    state : tuple of Lanes
+        State after the last trip.
+    trips : Lanes
+        Number of trips that were taken, on every lane.
+
+    Raises
+    ------
+    ValueError
+        If at_most is below 1, `go` has no value on lane 0, or the next state lacks a lane.
+
+    """
+    if at_most < 1:
+        raise ValueError(f'at_most must be at least 1, got {at_most}')
+    recorder = go.recorder
+    floor = recorder.constant(0.0) if floor is None else floor
+    first = (*_registers(state), _lane0(go), _lane0(floor))
+    loop = recorder.write('loop', first, at_most, recorder.all)
+    following, again = step(*_rows_of(recorder, 'state', loop, state))
+    for k, (before, after) in enumerate(zip(state, following, strict=True)):
+        if before.defined & ~after.defined:
+            raise ValueError(f'iterate: row {k} of the next state lacks lanes of the first')
+    kept = [
+        Lanes(recorder, after.registers, before.defined)
+        for before, after in zip(state, following, strict=True)
+    ]
+    end = recorder.write('end', (loop, *_registers(kept), _lane0(again)), None, recorder.all)
+    trips = recorder.write('result', (end,), -1, recorder.all)
+    count = Lanes(recorder, (trips,) * len(go.registers), recorder.all)
+    return _rows_of(recorder, 'result', end, state), count
+
+
+def _lane0(go: Lanes) -> int:
+    if not go.defined & 1:
+        raise ValueError('iterate: lane 0 has no value to go on by')
+    return go.registers[0]
+
+
+def _registers(rows: Sequence[Lanes]) -> list[int]:
+    """Return the registers of rows: one a row, or one for each lane with a value."""
+    return [
+        register
+        for row in rows
+        for i, register in enumerate(row.registers)
+        if row.recorder.parallel or row.defined >> i & 1
+    ]
+
+
+def _rows_of(recorder: Recorder, op: str, marker: int, like: Sequence[Lanes]) -> tuple[Lanes, ...]:
+    """Return the rows of a loop's state, `op` at its marker, on the lanes of the rows `like`."""
+    rows = []
+    member = 0
+    for row in like:
+        registers = []
+        for i in range(len(row.registers)):
+            if recorder.parallel or row.defined >> i & 1:
+                active = row.defined if recorder.parallel else 1
+                registers.append(recorder.write(op, (marker,), member, active))
+                member += 1
+            else:
+                registers.append(-1)
+        rows.append(Lanes(recorder, tuple(registers), row.defined))
+    return tuple(rows)

@@ -1,0 +1,40 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Parts of the closed forms of step counts on n lanes, and chains to count on."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from zoo import random_chain
+
+from pfd_core.machine.program import Steps
+from pfd_core.model import Robot
+
+
+def chain(n: int, prismatic: bool = False) -> Robot:
+    """Return a skew chain; with `prismatic`, the last joint slides."""
+    types = ['revolute'] * n
+    if prismatic:
+        types[-1] = 'prismatic'
+    return random_chain(np.random.default_rng(n), n, joint_types=types)
+
+
+def levels(n: int) -> int:
+    return math.ceil(math.log2(n))
+
+
+def rounds(n: int) -> int:
+    """Return the rounds that the nine elements of the recurrence's matrices take."""
+    return sum(math.ceil(9 * (n - 2**k) / n) for k in range(levels(n)))
+
+
+def elimination(n: int) -> int:
+    """Return w + ceil(C/n), the fewest steps of an elimination with a right-hand side."""
+    elements = [r * (r + 3) // 2 for r in range(1, n)]
+    return sum(c < n for c in elements) + math.ceil(sum(c for c in elements if c >= n) / n)
+
+
+def arithmetic(steps: Steps) -> tuple[int, int, int, int]:
+    return steps.multiplications, steps.additions, steps.divisions, steps.square_roots

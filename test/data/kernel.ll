@@ -1,0 +1,456 @@
+define internal void @body(ptr %q, ptr %qd, ptr %tau, ptr %free, ptr %out) {
+entry:
+  %v1 = load double, ptr %q, align 8
+  %v2 = call double @llvm.fma.f64(double %v1, double 0x3FE45F306DC9C883, double 0x4338000000000000)
+  %v3 = fsub double %v2, 0x4338000000000000
+  %v4 = getelementptr double, ptr %q, i64 1
+  %v5 = load double, ptr %v4, align 8
+  %v6 = fsub double 0xC004000000000000, %v5
+  %v7 = fneg double %v3
+  %v8 = call double @llvm.fma.f64(double %v7, double 0x3FF921FB54440000, double %v1)
+  %v9 = fneg double %v5
+  %v10 = call double @llvm.fma.f64(double %v9, double %v6, double 0x3FF9000000000000)
+  %v11 = fadd double %v3, 0x3FF0000000000000
+  %v12 = fadd double %v3, 0x4348000000000000
+  %v13 = call double @llvm.fma.f64(double %v7, double 0x3D868C234C4C0000, double %v8)
+  %v14 = fsub double %v12, 0x4348000000000000
+  %v15 = fsub double %v13, %v8
+  %v16 = fmul double %v13, 0x3FE0000000000000
+  %v17 = fsub double %v14, %v3
+  %v18 = fmul double %v16, %v13
+  %v19 = call double @llvm.fma.f64(double %v3, double 0x3D868C234C4C0000, double %v15)
+  %v20 = call double @llvm.fma.f64(double %v3, double 0x3B298A2E03707345, double %v19)
+  %v21 = fneg double %v18
+  %v22 = call double @llvm.fma.f64(double %v21, double 0x3E45D8B559CDAE9C, double 0x3EAAE5E4B83F3EFB)
+  %v23 = call double @llvm.fma.f64(double %v21, double 0x3E18FA684A042C88, double 0x3E81EE9DBCF1CA8B)
+  %v24 = fadd double 0x4004000000000000, %v10
+  %v25 = call double @llvm.fma.f64(double %v22, double %v18, double 0xBF071DE35552B59E)
+  %v26 = call double @llvm.fma.f64(double %v23, double %v18, double 0xBEE27E4F7F19164F)
+  %v27 = fdiv double 0x3FF0000000000000, %v24
+  %v28 = fmul double %v13, %v18
+  %v29 = call double @llvm.fma.f64(double %v25, double %v18, double 0x3F5A01A019BE9217)
+  %v30 = call double @llvm.fma.f64(double %v26, double %v18, double 0x3F3A01A019C8F255)
+  %v31 = fadd double %v11, 0x4348000000000000
+  %v32 = call double @llvm.fma.f64(double %v29, double %v18, double 0xBFA111111110F730)
+  %v33 = call double @llvm.fma.f64(double %v30, double %v18, double 0xBF86C16C16C15015)
+  %v34 = fsub double %v31, 0x4348000000000000
+  %v35 = fsub double %v11, %v34
+  %v36 = call double @llvm.fma.f64(double %v32, double %v18, double 0x3FD5555555555548)
+  %v37 = call double @llvm.fma.f64(double %v28, double %v36, double %v20)
+  %v38 = call double @llvm.fma.f64(double %v33, double %v18, double 0x3FC555555555554B)
+  %v39 = fsub double %v13, %v37
+  %v40 = fmul double %v18, %v38
+  %v41 = call double @llvm.fma.f64(double %v21, double %v40, double %v18)
+  %v42 = fmul double %v39, %v17
+  %v43 = fmul double %v39, %v35
+  %v44 = load double, ptr %free, align 8
+  %v45 = fcmp ogt double %v44, 0x0000000000000000
+  %v46 = select i1 %v45, double %v27, double 0x0000000000000000
+  %v47 = fsub double 0x3FF0000000000000, %v41
+  %v48 = call double @llvm.fma.f64(double %v47, double %v35, double %v42)
+  %v49 = fneg double %v47
+  %v50 = call double @llvm.fma.f64(double %v49, double %v17, double %v43)
+  %v51 = load double, ptr %qd, align 8
+  %v52 = getelementptr double, ptr %qd, i64 1
+  %v53 = load double, ptr %v52, align 8
+  %v54 = fmul double %v51, %v53
+  %v55 = fmul double %v51, %v51
+  %v56 = fmul double %v48, 0x4020000000000000
+  %v57 = fmul double %v55, %v5
+  %v58 = fneg double %v50
+  %v59 = call double @llvm.fma.f64(double %v58, double 0x4020000000000000, double %v57)
+  %v60 = call double @llvm.fma.f64(double 0x4000000000000000, double %v54, double %v56)
+  %v61 = call double @llvm.fma.f64(double %v55, double 0x3FF4000000000000, double %v59)
+  %v62 = fmul double %v5, %v60
+  %v63 = call double @llvm.fma.f64(double 0x3FF4000000000000, double %v60, double %v62)
+  %v64 = getelementptr double, ptr %tau, i64 1
+  %v65 = load double, ptr %v64, align 8
+  %v66 = fadd double %v65, %v61
+  %v67 = fadd double %v56, %v63
+  %v68 = getelementptr double, ptr %free, i64 1
+  %v69 = load double, ptr %v68, align 8
+  %v70 = fcmp ogt double %v69, 0x0000000000000000
+  %v71 = select i1 %v70, double %v66, double 0x0000000000000000
+  %v72 = fcmp ogt double %v69, 0x0000000000000000
+  %v73 = select i1 %v72, double 0x3FF0000000000000, double 0x0000000000000000
+  %v74 = fmul double %v71, %v73
+  %v75 = load double, ptr %tau, align 8
+  %v76 = fsub double %v75, %v67
+  %v77 = fcmp ogt double %v44, 0x0000000000000000
+  %v78 = select i1 %v77, double %v76, double 0x0000000000000000
+  %v79 = fmul double %v78, %v46
+  store double %v79, ptr %out, align 8
+  %v80 = getelementptr double, ptr %out, i64 1
+  store double %v74, ptr %v80, align 8
+  ret void
+}
+
+define void @evaluate(ptr %q, ptr %qd, ptr %tau, ptr %free, ptr %out) {
+entry:
+  %a1 = alloca [2 x double], align 64
+  %v2 = load double, ptr %q, align 8
+  %v3 = call double @llvm.fma.f64(double %v2, double %v2, double 0x0000000000000000)
+  %v4 = fcmp ugt double %v3, 0x4202A05F20000000
+  br i1 %v4, label %then5, label %after6, !prof !0
+then5:
+  %v7 = load double, ptr %q, align 8
+  store double %v7, ptr %a1, align 8
+  call void @wrap_row(ptr %a1)
+  %v8 = getelementptr double, ptr %q, i64 1
+  %v9 = load double, ptr %v8, align 8
+  %v10 = getelementptr double, ptr %a1, i64 1
+  store double %v9, ptr %v10, align 8
+  br label %after6
+after6:
+  %v11 = phi ptr [ %a1, %then5 ], [ %q, %entry ]
+  call void @body(ptr %v11, ptr %qd, ptr %tau, ptr %free, ptr %out)
+  ret void
+}
+
+define internal void @wrap_row(ptr %row) cold noinline {
+entry:
+  br label %loop1
+loop1:
+  %v2 = phi i64 [ 0, %entry ], [ %v10, %after8 ]
+  %v3 = getelementptr double, ptr %row, i64 %v2
+  %v4 = load double, ptr %v3
+  %v5 = call double @llvm.fabs.f64(double %v4)
+  %v6 = fcmp ogt double %v5, 0x40F86A0000000000
+  br i1 %v6, label %then7, label %after8
+then7:
+  %v9 = call double @wrap_angle(double %v4)
+  store double %v9, ptr %v3
+  br label %after8
+after8:
+  %v10 = add i64 %v2, 1
+  %v11 = icmp ult i64 %v10, 1
+  br i1 %v11, label %loop1, label %done12
+done12:
+  ret void
+}
+
+define internal ptr @one(ptr %args, i64 %count) {
+entry:
+  %v1 = icmp eq i64 %count, 5
+  %v2 = xor i1 %v1, true
+  br i1 %v2, label %then3, label %after4
+then3:
+  ret ptr null
+after4:
+  %v5 = getelementptr ptr, ptr %args, i64 0
+  %v6 = load ptr, ptr %v5
+  %v7 = getelementptr i8, ptr %v6, i64 8
+  %v8 = load ptr, ptr %v7
+  %v9 = icmp eq ptr %v8, @pfd.ndarray
+  %v10 = xor i1 %v9, true
+  br i1 %v10, label %then11, label %after12
+then11:
+  ret ptr null
+after12:
+  %v13 = getelementptr i8, ptr %v6, i64 56
+  %v14 = load ptr, ptr %v13
+  %v15 = icmp eq ptr %v14, @pfd.float64
+  %v16 = xor i1 %v15, true
+  br i1 %v16, label %then17, label %after18
+then17:
+  ret ptr null
+after18:
+  %v19 = getelementptr i8, ptr %v6, i64 24
+  %v20 = load i32, ptr %v19
+  %v21 = icmp eq i32 %v20, 1
+  %v22 = xor i1 %v21, true
+  br i1 %v22, label %then23, label %after24
+then23:
+  ret ptr null
+after24:
+  %v25 = getelementptr i8, ptr %v6, i64 64
+  %v26 = load i32, ptr %v25
+  %v27 = and i32 %v26, 256
+  %v28 = icmp eq i32 %v27, 256
+  %v29 = xor i1 %v28, true
+  br i1 %v29, label %then30, label %after31
+then30:
+  ret ptr null
+after31:
+  %v32 = getelementptr ptr, ptr %args, i64 1
+  %v33 = load ptr, ptr %v32
+  %v34 = getelementptr i8, ptr %v33, i64 8
+  %v35 = load ptr, ptr %v34
+  %v36 = icmp eq ptr %v35, @pfd.ndarray
+  %v37 = xor i1 %v36, true
+  br i1 %v37, label %then38, label %after39
+then38:
+  ret ptr null
+after39:
+  %v40 = getelementptr i8, ptr %v33, i64 56
+  %v41 = load ptr, ptr %v40
+  %v42 = icmp eq ptr %v41, @pfd.float64
+  %v43 = xor i1 %v42, true
+  br i1 %v43, label %then44, label %after45
+then44:
+  ret ptr null
+after45:
+  %v46 = getelementptr i8, ptr %v33, i64 24
+  %v47 = load i32, ptr %v46
+  %v48 = icmp eq i32 %v47, 1
+  %v49 = xor i1 %v48, true
+  br i1 %v49, label %then50, label %after51
+then50:
+  ret ptr null
+after51:
+  %v52 = getelementptr i8, ptr %v33, i64 64
+  %v53 = load i32, ptr %v52
+  %v54 = and i32 %v53, 256
+  %v55 = icmp eq i32 %v54, 256
+  %v56 = xor i1 %v55, true
+  br i1 %v56, label %then57, label %after58
+then57:
+  ret ptr null
+after58:
+  %v59 = getelementptr ptr, ptr %args, i64 2
+  %v60 = load ptr, ptr %v59
+  %v61 = getelementptr i8, ptr %v60, i64 8
+  %v62 = load ptr, ptr %v61
+  %v63 = icmp eq ptr %v62, @pfd.ndarray
+  %v64 = xor i1 %v63, true
+  br i1 %v64, label %then65, label %after66
+then65:
+  ret ptr null
+after66:
+  %v67 = getelementptr i8, ptr %v60, i64 56
+  %v68 = load ptr, ptr %v67
+  %v69 = icmp eq ptr %v68, @pfd.float64
+  %v70 = xor i1 %v69, true
+  br i1 %v70, label %then71, label %after72
+then71:
+  ret ptr null
+after72:
+  %v73 = getelementptr i8, ptr %v60, i64 24
+  %v74 = load i32, ptr %v73
+  %v75 = icmp eq i32 %v74, 1
+  %v76 = xor i1 %v75, true
+  br i1 %v76, label %then77, label %after78
+then77:
+  ret ptr null
+after78:
+  %v79 = getelementptr i8, ptr %v60, i64 64
+  %v80 = load i32, ptr %v79
+  %v81 = and i32 %v80, 256
+  %v82 = icmp eq i32 %v81, 256
+  %v83 = xor i1 %v82, true
+  br i1 %v83, label %then84, label %after85
+then84:
+  ret ptr null
+after85:
+  %v86 = getelementptr ptr, ptr %args, i64 3
+  %v87 = load ptr, ptr %v86
+  %v88 = getelementptr i8, ptr %v87, i64 8
+  %v89 = load ptr, ptr %v88
+  %v90 = icmp eq ptr %v89, @pfd.ndarray
+  %v91 = xor i1 %v90, true
+  br i1 %v91, label %then92, label %after93
+then92:
+  ret ptr null
+after93:
+  %v94 = getelementptr i8, ptr %v87, i64 56
+  %v95 = load ptr, ptr %v94
+  %v96 = icmp eq ptr %v95, @pfd.float64
+  %v97 = xor i1 %v96, true
+  br i1 %v97, label %then98, label %after99
+then98:
+  ret ptr null
+after99:
+  %v100 = getelementptr i8, ptr %v87, i64 24
+  %v101 = load i32, ptr %v100
+  %v102 = icmp eq i32 %v101, 1
+  %v103 = xor i1 %v102, true
+  br i1 %v103, label %then104, label %after105
+then104:
+  ret ptr null
+after105:
+  %v106 = getelementptr i8, ptr %v87, i64 64
+  %v107 = load i32, ptr %v106
+  %v108 = and i32 %v107, 256
+  %v109 = icmp eq i32 %v108, 256
+  %v110 = xor i1 %v109, true
+  br i1 %v110, label %then111, label %after112
+then111:
+  ret ptr null
+after112:
+  %v113 = getelementptr ptr, ptr %args, i64 4
+  %v114 = load ptr, ptr %v113
+  %v115 = getelementptr i8, ptr %v114, i64 8
+  %v116 = load ptr, ptr %v115
+  %v117 = icmp eq ptr %v116, @pfd.ndarray
+  %v118 = xor i1 %v117, true
+  br i1 %v118, label %then119, label %after120
+then119:
+  ret ptr null
+after120:
+  %v121 = getelementptr i8, ptr %v114, i64 56
+  %v122 = load ptr, ptr %v121
+  %v123 = icmp eq ptr %v122, @pfd.float64
+  %v124 = xor i1 %v123, true
+  br i1 %v124, label %then125, label %after126
+then125:
+  ret ptr null
+after126:
+  %v127 = getelementptr i8, ptr %v114, i64 24
+  %v128 = load i32, ptr %v127
+  %v129 = icmp eq i32 %v128, 1
+  %v130 = xor i1 %v129, true
+  br i1 %v130, label %then131, label %after132
+then131:
+  ret ptr null
+after132:
+  %v133 = getelementptr i8, ptr %v114, i64 64
+  %v134 = load i32, ptr %v133
+  %v135 = and i32 %v134, 1280
+  %v136 = icmp eq i32 %v135, 1280
+  %v137 = xor i1 %v136, true
+  br i1 %v137, label %then138, label %after139
+then138:
+  ret ptr null
+after139:
+  %v140 = getelementptr i8, ptr %v6, i64 32
+  %v141 = load ptr, ptr %v140
+  %v142 = load i64, ptr %v141
+  %v143 = getelementptr i8, ptr %v6, i64 40
+  %v144 = load ptr, ptr %v143
+  %v145 = load i64, ptr %v144
+  %v146 = icmp eq i64 %v142, 2
+  %v147 = icmp eq i64 %v145, 8
+  %v148 = and i1 %v146, %v147
+  %v149 = xor i1 %v148, true
+  br i1 %v149, label %then150, label %after151
+then150:
+  ret ptr null
+after151:
+  %v152 = getelementptr i8, ptr %v6, i64 16
+  %v153 = load ptr, ptr %v152
+  %v154 = getelementptr double, ptr %v153, i64 0
+  %v155 = getelementptr double, ptr %v153, i64 1
+  %v156 = load double, ptr %v154
+  %v157 = load double, ptr %v155
+  %v158 = getelementptr i8, ptr %v33, i64 32
+  %v159 = load ptr, ptr %v158
+  %v160 = load i64, ptr %v159
+  %v161 = getelementptr i8, ptr %v33, i64 40
+  %v162 = load ptr, ptr %v161
+  %v163 = load i64, ptr %v162
+  %v164 = icmp eq i64 %v160, 2
+  %v165 = icmp eq i64 %v163, 8
+  %v166 = and i1 %v164, %v165
+  %v167 = xor i1 %v166, true
+  br i1 %v167, label %then168, label %after169
+then168:
+  ret ptr null
+after169:
+  %v170 = getelementptr i8, ptr %v33, i64 16
+  %v171 = load ptr, ptr %v170
+  %v172 = getelementptr double, ptr %v171, i64 0
+  %v173 = getelementptr double, ptr %v171, i64 1
+  %v174 = load double, ptr %v172
+  %v175 = load double, ptr %v173
+  %v176 = getelementptr i8, ptr %v60, i64 32
+  %v177 = load ptr, ptr %v176
+  %v178 = load i64, ptr %v177
+  %v179 = getelementptr i8, ptr %v60, i64 40
+  %v180 = load ptr, ptr %v179
+  %v181 = load i64, ptr %v180
+  %v182 = icmp eq i64 %v178, 2
+  %v183 = icmp eq i64 %v181, 8
+  %v184 = and i1 %v182, %v183
+  %v185 = xor i1 %v184, true
+  br i1 %v185, label %then186, label %after187
+then186:
+  ret ptr null
+after187:
+  %v188 = getelementptr i8, ptr %v60, i64 16
+  %v189 = load ptr, ptr %v188
+  %v190 = getelementptr double, ptr %v189, i64 0
+  %v191 = getelementptr double, ptr %v189, i64 1
+  %v192 = load double, ptr %v190
+  %v193 = load double, ptr %v191
+  %v194 = getelementptr i8, ptr %v87, i64 32
+  %v195 = load ptr, ptr %v194
+  %v196 = load i64, ptr %v195
+  %v197 = getelementptr i8, ptr %v87, i64 40
+  %v198 = load ptr, ptr %v197
+  %v199 = load i64, ptr %v198
+  %v200 = icmp eq i64 %v196, 2
+  %v201 = icmp eq i64 %v199, 8
+  %v202 = and i1 %v200, %v201
+  %v203 = xor i1 %v202, true
+  br i1 %v203, label %then204, label %after205
+then204:
+  ret ptr null
+after205:
+  %v206 = getelementptr i8, ptr %v87, i64 16
+  %v207 = load ptr, ptr %v206
+  %v208 = getelementptr double, ptr %v207, i64 0
+  %v209 = getelementptr double, ptr %v207, i64 1
+  %v210 = load double, ptr %v208
+  %v211 = load double, ptr %v209
+  %v212 = getelementptr i8, ptr %v114, i64 32
+  %v213 = load ptr, ptr %v212
+  %v214 = load i64, ptr %v213
+  %v215 = getelementptr i8, ptr %v114, i64 40
+  %v216 = load ptr, ptr %v215
+  %v217 = load i64, ptr %v216
+  %v218 = icmp eq i64 %v214, 2
+  %v219 = icmp eq i64 %v217, 8
+  %v220 = and i1 %v218, %v219
+  %v221 = xor i1 %v220, true
+  br i1 %v221, label %then222, label %after223
+then222:
+  ret ptr null
+after223:
+  %v224 = getelementptr i8, ptr %v114, i64 16
+  %v225 = load ptr, ptr %v224
+  %v226 = call double @llvm.fma.f64(double %v156, double 0x0000000000000000, double 0x0000000000000000)
+  %v227 = call double @llvm.fma.f64(double %v157, double 0x0000000000000000, double 0x0000000000000000)
+  %v228 = call double @llvm.fma.f64(double %v174, double 0x0000000000000000, double 0x0000000000000000)
+  %v229 = call double @llvm.fma.f64(double %v175, double 0x0000000000000000, double 0x0000000000000000)
+  %v230 = call double @llvm.fma.f64(double %v192, double 0x0000000000000000, double %v226)
+  %v231 = call double @llvm.fma.f64(double %v193, double 0x0000000000000000, double %v227)
+  %v232 = call double @llvm.fma.f64(double %v210, double 0x0000000000000000, double %v228)
+  %v233 = call double @llvm.fma.f64(double %v211, double 0x0000000000000000, double %v229)
+  %v234 = fadd double %v230, %v231
+  %v235 = fadd double %v232, %v233
+  %v236 = fadd double %v234, %v235
+  %v237 = fcmp ord double %v236, %v236
+  %v238 = xor i1 %v237, true
+  br i1 %v238, label %then239, label %after240
+then239:
+  ret ptr null
+after240:
+  call void @evaluate(ptr %v153, ptr %v171, ptr %v189, ptr %v207, ptr %v225)
+  ret ptr %v114
+}
+
+define ptr @entry(ptr %self, ptr %args, i64 %count) {
+entry:
+  %v1 = call ptr @one(ptr %args, i64 %count)
+  %v2 = icmp eq ptr %v1, null
+  br i1 %v2, label %then3, label %after4
+then3:
+  call void @pfd.incref(ptr @pfd.none)
+  ret ptr @pfd.none
+after4:
+  call void @pfd.incref(ptr %v1)
+  ret ptr %v1
+}
+
+define ptr @bound(ptr %self, ptr %args, i64 %count) {
+entry:
+  %v1 = call ptr @one(ptr %args, i64 %count)
+  %v2 = icmp eq ptr %v1, null
+  br i1 %v2, label %then3, label %after4
+then3:
+  call void @pfd.error(ptr @pfd.ValueError, ptr @message)
+  ret ptr null
+after4:
+  call void @pfd.incref(ptr %v1)
+  ret ptr %v1
+}

@@ -1,0 +1,245 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The cache folder: its place, its warnings, full disks, eviction."""
+
+from __future__ import annotations
+
+import errno
+import io
+import os
+from pathlib import Path
+import time
+from typing import Any
+
+import pytest
+
+from pfd_core.kernels.runtime import disk_cache as cache
+from pfd_core.kernels.runtime import jit as engine
+from pfd_core.kernels.runtime import json_cache as facts
+
+pwd = pytest.importorskip('pwd', reason='users and modes are those of POSIX')
+ROOT = Path(__file__).resolve().parent.parent
+LIFETIME = 120  # [s] of a child; far above what it takes
+IR = 'define double @f(double %x) {\n  %y = fmul double %x, %x\n  ret double %y\n}'
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_no_two_lists_of_texts_share_a_name() -> None:
+    lists = [('ab', 'c'), ('a', 'bc'), ('abc',), ('abc', ''), ('', 'abc'), ('2:ab', 'c')]
+    assert len({cache.digest(*parts) for parts in lists}) == len(lists)
+
+
+def test_the_variable_moves_the_cache_and_switches_it_off(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('HOME', str(tmp_path))
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / 'xdg'))
+    monkeypatch.setenv(cache.VARIABLE, str(tmp_path / 'here'))
+    assert cache.folder() == tmp_path / 'here'
+    monkeypatch.delenv(cache.VARIABLE)
+    assert cache.folder() == tmp_path / 'xdg' / 'pfd_ros'
+    monkeypatch.setenv('XDG_CACHE_HOME', 'relative')
+    assert cache.folder() == tmp_path / '.cache' / 'pfd_ros'
+    monkeypatch.setenv('XDG_CACHE_HOME', '')
+    assert cache.folder() == tmp_path / '.cache' / 'pfd_ros'
+    monkeypatch.setenv(cache.VARIABLE, '')
+    assert cache.folder() is None
+    engine.compile_ir(IR)
+    assert facts.get_or_compute(('key',), lambda: 1, lambda kept: True) == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_what_was_not_used_for_longest_is_removed_first_and_nothing_else(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cache, 'LIMIT', 4000)
+    monkeypatch.setattr(cache, 'TRIMMED', 3000)
+    monkeypatch.setattr(cache, 'SLICE', 0)
+    names = [cache.digest(str(k)) for k in range(5)]
+    folder.mkdir(mode=0o700)
+    (folder / 'notes.txt').write_bytes(bytes(10_000))
+    abandoned = folder / f'{cache.UNFINISHED}0{cache.SUFFIX}'
+    abandoned.write_bytes(bytes(100))
+    os.utime(abandoned, (1, 1))
+    for age, name in enumerate(names[:4]):
+        cache.write(name, bytes(900))
+        os.utime(folder / f'{name}{cache.SUFFIX}', (2 + age, 2 + age))
+    assert cache.read(names[0]) == bytes(900)
+    cache.write(names[4], bytes(900))
+    left = {path.name for path in folder.iterdir()}
+    assert left == {'notes.txt', *(f'{names[k]}{cache.SUFFIX}' for k in (0, 3, 4))}
+
+
+@pytest.mark.parametrize(
+    ('given', 'wanted'),
+    [
+        ('~/x', 'home/x'),
+        ('~', 'home'),
+        ('x/../y', 'work/x/../y'),
+        ('.', 'work'),
+        ('$HOME/x', 'work/$HOME/x'),
+        ('%s{}', 'work/%s{}'),
+    ],
+)
+def test_the_variable_may_begin_at_home_or_at_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, given: str, wanted: str
+) -> None:
+    (tmp_path / 'work').mkdir()
+    monkeypatch.chdir(tmp_path / 'work')
+    monkeypatch.setenv('HOME', str(tmp_path / 'home'))
+    monkeypatch.setenv(cache.VARIABLE, given)
+    assert cache.folder() == tmp_path / wanted
+
+
+def test_the_variable_may_begin_at_the_home_of_a_user(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(cache.VARIABLE, '~root/x')
+    assert cache.folder() == Path(pwd.getpwnam('root').pw_dir) / 'x'
+
+
+@pytest.mark.parametrize('given', ['', ' ', '\t'])
+def test_an_empty_variable_switches_the_cache_off(
+    given: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(cache.VARIABLE, given)
+    assert cache.folder() is None
+
+
+def unknown_user(monkeypatch: pytest.MonkeyPatch, _: Path) -> None:
+    monkeypatch.setenv(cache.VARIABLE, '~nobody knows/x')
+
+
+def no_home(monkeypatch: pytest.MonkeyPatch, _: Path) -> None:
+    for variable in (cache.VARIABLE, 'HOME', 'XDG_CACHE_HOME'):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setattr(pwd, 'getpwuid', {}.__getitem__)
+
+
+def no_current_folder(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / 'gone').mkdir()
+    monkeypatch.chdir(tmp_path / 'gone')
+    (tmp_path / 'gone').rmdir()
+    monkeypatch.setenv(cache.VARIABLE, 'x')
+
+
+def not_to_be_created(monkeypatch: pytest.MonkeyPatch, _: Path) -> None:
+    monkeypatch.setenv(cache.VARIABLE, '/proc/nothing/x')
+
+
+def home_is_no_folder(monkeypatch: pytest.MonkeyPatch, _: Path) -> None:
+    monkeypatch.setenv('HOME', '/dev/null')
+    for variable in (cache.VARIABLE, 'XDG_CACHE_HOME'):
+        monkeypatch.delenv(variable, raising=False)
+
+
+@pytest.mark.parametrize(
+    'missing', [unknown_user, no_home, no_current_folder, not_to_be_created, home_is_no_folder]
+)
+def test_without_a_folder_kernels_work_and_one_warning_says_so(
+    folder: Path,
+    missing: Any,
+    emitted: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    missing(monkeypatch, tmp_path)
+    for _ in range(2):
+        engine.compile_ir(IR)
+    assert emitted == [IR, IR]
+    (record,) = caplog.records
+    assert cache.VARIABLE in record.message
+    assert not list(tmp_path.iterdir())
+
+
+def no_space(*_: object, **__: object) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+@pytest.mark.parametrize('when', ['write', 'close'])
+def test_a_full_disk_leaves_nothing_half_written(
+    folder: Path, when: str, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    class Full(io.FileIO):
+        def write(self, data: Any) -> int:
+            written = super().write(data[: len(data) // 2])
+            if when == 'write':
+                no_space()
+            return written
+
+        def close(self) -> None:
+            again = self.closed
+            super().close()
+            if when == 'close' and not again:
+                no_space()
+
+    folder.mkdir(mode=0o700)
+    with monkeypatch.context() as patch:
+        patch.setattr(os, 'fdopen', lambda handle, mode: Full(handle, mode))
+        cache.write('0' * 64, b'x')
+    assert not contents(folder)
+    assert cache.read('0' * 64) is None
+    (record,) = caplog.records
+    assert 'No space left on device' in record.message
+
+
+def test_what_is_too_large_is_not_kept(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache, 'LARGEST', 1000)
+    cache.write('0' * 64, bytes(1000))
+    cache.write('1' * 64, bytes(1001))
+    assert cache.read('0' * 64) == bytes(1000)
+    assert [path.stem for path in folder.iterdir()] == ['0' * 64]
+
+
+NOW = time.time()
+LATER = 4e9  # [s] in 2096
+
+
+@pytest.mark.parametrize(
+    ('old', 'new'),
+    [(LATER, NOW), (LATER, LATER + 1), (-1e9, NOW), (-1e9, -1e9 + 1)],
+    ids=['clock was ahead', 'all ahead', 'before 1970', 'all before 1970'],
+)
+def test_clocks_that_were_wrong_do_not_decide_what_is_removed(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, old: float, new: float
+) -> None:
+    monkeypatch.setattr(cache, 'LIMIT', 4000)
+    monkeypatch.setattr(cache, 'TRIMMED', 3000)
+    names = [cache.digest(str(k)) for k in range(5)]
+    for name, when in zip(names, (new, old, new, old, new), strict=True):
+        cache.write(name, bytes(900))
+        os.utime(folder / f'{name}{cache.SUFFIX}', (when, when))
+    monkeypatch.setattr(cache, 'SLICE', 0)
+    cache.write(names[4], bytes(900))
+    left = {path.stem for path in folder.iterdir()}
+    assert left == {names[0], names[2], names[4]}
+
+
+@pytest.mark.parametrize(
+    ('age', 'stays'), [(0, True), (1800, True), (-1800, True), (7300, False), (-7300, False)]
+)
+def test_unfinished_files_are_removed_when_their_process_is_long_gone(
+    folder: Path, age: float, stays: bool
+) -> None:
+    folder.mkdir(mode=0o700)
+    unfinished = folder / f'{cache.UNFINISHED}0{cache.SUFFIX}'
+    unfinished.touch()
+    os.utime(unfinished, (time.time() - age,) * 2)
+    cache.write('0' * 64, b'x')
+    assert unfinished.exists() == stays
+
+
+def test_what_other_processes_wrote_is_counted_from_time_to_time(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cache, 'LIMIT', 10_000)
+    monkeypatch.setattr(cache, 'TRIMMED', 5000)
+    monkeypatch.setattr(cache, 'SLICE', 2000)
+    cache.write('0' * 64, bytes(900))
+    for k in range(12):
+        (folder / f'{cache.digest(str(k))}{cache.SUFFIX}').write_bytes(bytes(1000))
+    for k in range(3):
+        cache.write(str(k) * 64, bytes(900))
+    assert sum(path.stat().st_size for path in folder.iterdir()) <= 5000

@@ -1,0 +1,71 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The text of native code, line by line, for an arm with a revolute and a prismatic joint.
+
+    PFD_GOLDEN=write pytest test/test_kernels_golden.py
+
+writes test/data/*.ll anew, for a change of the text that is meant; its diff is to be reviewed.
+Each function is in the first file that has it. @wrap_angle has tests of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+import os
+from pathlib import Path
+import re
+
+import pytest
+from zoo import joint, link, urdf
+
+import pfd_core as pfd
+from pfd_core.kernels.codegen.module import ensemble_module, kernel_module, rollout_module
+from pfd_core.kernels.source import forward, plant_of, turned_joints
+from pfd_core.simulation.integrators import record_step
+
+DATA = Path(__file__).parent / 'data'
+WIDTH = 4
+ARM = urdf(
+    'two',
+    link('base'),
+    link('upper', 2.0, '0.5 0 0', J='1 1 1 0 0 0'),
+    link('lower', 1.0, '0.25 0 0', J='1 1 1 0 0 0'),
+    joint('turn', 'revolute', 'base', 'upper', axis='0 0 1'),
+    joint('slide', 'prismatic', 'upper', 'lower', xyz='1 0 0', axis='1 0 0'),
+)
+
+
+def modules() -> Iterator[tuple[str, str]]:
+    """Yield the name and the text of each kind of module."""
+    robot = pfd.load_robot(ARM)
+    scene = pfd.Scene(gravity=(0.0, -8.0, 0.0), brakes=True)
+    plant, _ = plant_of(robot, scene, 'float64')
+    dynamics = forward(plant, 'composite_body', 0, 'float64').program
+    step, angles = record_step('velocity_verlet', robot.n, 2.0**-10), turned_joints(robot)
+    yield 'kernel', kernel_module(dynamics, 'float64', 1, angles)
+    yield 'rollout', rollout_module(step, dynamics, 'float64', angles)
+    yield 'batch', kernel_module(dynamics, 'float64', WIDTH, angles)
+    yield 'ensemble', ensemble_module(step, dynamics, 'float64', WIDTH, angles)
+
+
+@cache
+def texts() -> dict[str, str]:
+    """Return each kind of module without functions that an earlier one has."""
+    seen = {'@wrap_angle'}
+    found = {}
+    for name, module in modules():
+        functions = re.findall(r'^(define .*?(@\w+)\(.*?^}\n)', module + '\n', re.M | re.S)
+        own = [text for text, called in functions if not {text, called} & seen]
+        seen.update(own)
+        found[name] = '\n'.join(own)
+    return found
+
+
+@pytest.mark.parametrize('name', ['kernel', 'rollout', 'batch', 'ensemble'])
+def test_the_text_of_native_code_is_the_golden_one(name: str) -> None:
+    golden = DATA / f'{name}.ll'
+    if os.environ.get('PFD_GOLDEN') == 'write':
+        golden.write_text(texts()[name])
+    assert texts()[name].splitlines() == golden.read_text().splitlines()

@@ -1,0 +1,296 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Compiled kernels on disk: the same bits, from any state of the folder."""
+
+from __future__ import annotations
+
+import ctypes
+from dataclasses import replace
+import errno
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+from typing import Any
+
+import llvmlite
+import llvmlite.binding as llvm
+import numpy as np
+import pytest
+from test_kernels_disk_cache import IR, LIFETIME, ROOT, contents
+from zoo import random_chain, random_state
+
+import pfd_core as pfd
+from pfd_core.kernels.compile import compile_inverse_kernel
+from pfd_core.kernels.runtime import disk_cache as cache
+from pfd_core.kernels.runtime import jit as engine
+
+CHILD = """
+import json, sys, time
+start = time.perf_counter()
+import numpy as np
+import pfd_core as pfd
+from pfd_core.kernels.runtime import jit as engine, json_cache as facts
+facts.IMPORTED = 0.0  # whoever edits the package while its tests run knows what he does
+facts.sources.cache_clear()
+emitted, emit = [], engine.emit
+engine.emit = lambda *args: emitted.append(1) or emit(*args)
+robot = pfd.load_robot(sys.argv[1])
+before = time.perf_counter()
+kernel = pfd.compile_kernel(robot)
+after = time.perf_counter()
+rows = np.random.default_rng(1).uniform(-1, 1, (3, 9, robot.n))
+first = kernel(*rows[:, 0])
+answer = time.perf_counter()
+print(json.dumps({
+    'single': first.tobytes().hex(), 'batch': kernel(*rows).tobytes().hex(),
+    'operations': kernel.operations, 'emitted': len(emitted),
+    'recorded': 'program' in kernel._source.__dict__,
+    'compile': after - before, 'answer': answer - start, 'ir': kernel.ir,
+}))
+"""
+HOST = engine.Target('x86_64-unknown-linux-gnu', 'haswell', '+avx,+avx2')
+
+
+def start_child(robot: str) -> subprocess.Popen[str]:
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    command = [sys.executable, '-c', CHILD, robot]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, text=True)
+
+
+def result(child: subprocess.Popen[str]) -> dict[str, Any]:
+    text, _ = child.communicate(timeout=LIFETIME)
+    assert child.returncode == 0
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
+def answers(kernel: pfd.Kernel) -> bytes:
+    """Return the bits of one state and of a batch."""
+    n = kernel.robot.n
+    q, qd, tau = (np.array(x, kernel.dtype) for x in random_state(np.random.default_rng(3), n))
+    rows = [np.tile(x, (9, 1)) for x in (q, qd, tau)]
+    return kernel(q, qd, tau).tobytes() + kernel(*rows).tobytes()
+
+
+def test_a_second_process_gets_the_same_bits_without_recording_or_compiling(folder: Path) -> None:
+    fresh, kept = result(start_child('ur5')), result(start_child('ur5'))
+    assert (fresh['recorded'], fresh['emitted']) == (True, 2)
+    assert (kept['recorded'], kept['emitted']) == (False, 0)
+    for key in ('single', 'batch', 'operations', 'ir'):
+        assert kept[key] == fresh[key], key
+    for name, times in (('fresh', fresh), ('kept', kept)):
+        print(
+            f'{name}: compile_kernel {1e3 * times["compile"]:.1f} ms, from the start of the '
+            f'imports to the first answer {1e3 * times["answer"]:.0f} ms'
+        )
+
+
+def test_two_processes_at_once_leave_one_sound_copy(folder: Path) -> None:
+    children = [start_child('planar2'), start_child('planar2')]
+    first, second = (result(child) for child in children)
+    assert (first['single'], first['batch']) == (second['single'], second['batch'])
+    written = contents(folder)
+    # Facts, two texts and two objects; nothing unfinished.
+    assert len(written) == 5
+    assert all(cache.read(Path(name).stem) for name in written)
+    assert result(start_child('planar2'))['emitted'] == 0
+
+
+@pytest.mark.parametrize(
+    'damage',
+    [
+        lambda data: b'',
+        lambda data: data[: len(data) // 2],
+        lambda data: data[:-1],
+        lambda data: data + b'\0',
+        lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:],
+        lambda data: data.replace(cache.HEAD, b'pfd_ros cache 0\n'),
+    ],
+    ids=['empty', 'half', 'one byte short', 'one byte more', 'one bit', 'another format'],
+)
+def test_a_damaged_file_is_made_again(folder: Path, emitted: list[str], damage: Any) -> None:
+    robot = pfd.load_robot('planar2')
+    wanted = answers(pfd.compile_kernel(robot))
+    sound = contents(folder)
+    for name, data in sound.items():
+        (folder / name).write_bytes(damage(data))
+    before = len(emitted)
+    assert answers(pfd.compile_kernel(robot)) == wanted
+    assert len(emitted) == before + 2
+    assert contents(folder) == sound
+
+
+def test_every_robot_scene_method_and_precision_is_kept_apart(
+    folder: Path, emitted: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = np.random.default_rng(4)
+    arm = random_chain(rng, 2)
+    heavier = replace(arm, masses=arm.masses * 2)
+
+    def seen(kernel: pfd.Kernel) -> tuple[str, bytes]:
+        return kernel.ir, answers(kernel)
+
+    choices: list[dict[str, Any]] = [
+        {'robot': arm},
+        {'robot': heavier},
+        {'robot': arm, 'scene': pfd.Scene(gravity=None)},
+        {'robot': arm, 'method': 'walker_orin_3'},
+        {'robot': arm, 'dtype': 'float32'},
+        {'robot': arm, 'refine': 1},
+    ]
+    monkeypatch.setenv(cache.VARIABLE, '')
+    wanted = [seen(pfd.compile_kernel(**choice)) for choice in choices]
+    torques = seen(compile_inverse_kernel(arm))
+    # They differ at all, so that one taken for another would show.
+    assert len({*wanted, torques}) == len(choices) + 1
+    monkeypatch.setenv(cache.VARIABLE, str(folder))
+    for _ in range(2):
+        count = len(emitted)
+        assert [seen(pfd.compile_kernel(**choice)) for choice in choices] == wanted
+        assert seen(compile_inverse_kernel(arm)) == torques
+    assert len(emitted) == count
+
+
+def test_a_kernel_from_disk_still_has_its_program(folder: Path) -> None:
+    robot = pfd.load_robot('planar2')
+    fresh, kept = pfd.compile_kernel(robot), pfd.compile_kernel(robot)
+    assert kept.operations == fresh.operations
+    assert str(kept.program) == str(fresh.program)
+    assert kept.compile_seconds > 0
+
+
+def test_the_name_of_an_object_depends_on_all_that_decides_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def key(ir: str, target: engine.Target, optimisation: engine.Optimisation) -> str:
+        return engine.object_key(engine.outline(ir).digest, target, optimisation)
+
+    usual = engine.USUAL
+    names = [
+        key(IR, HOST, usual),
+        key(IR + '\n', HOST, usual),
+        key(IR, replace(HOST, cpu='skylake'), usual),
+        key(IR, replace(HOST, features='+avx'), usual),
+        key(IR, replace(HOST, triple='aarch64-linux-gnu'), usual),
+        key(IR, HOST, replace(usual, passes=2)),
+        key(IR, HOST, replace(usual, code=3)),
+    ]
+    monkeypatch.setattr(llvmlite, '__version__', '0.0')
+    names.append(key(IR, HOST, usual))
+    assert len(set(names)) == len(names)
+    assert key(IR, HOST, usual) == names[-1]
+
+
+HERE = engine.host().triple
+FOREIGN = ('x86_64' if HERE.startswith('aarch64') else 'aarch64') + '-unknown-linux-gnu'
+
+
+def object_of(ir: str, triple: str) -> bytes:
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    return engine.emit(ir, engine.Target(triple))
+
+
+@pytest.mark.parametrize(
+    'spoil',
+    [
+        lambda code: b'',
+        lambda code: b'a text',
+        lambda code: code[:16],
+        lambda code: code[:64],
+        lambda code: code[: len(code) // 2],
+        lambda code: code[:-1],
+        lambda code: code[:20] + bytes(len(code) - 20),
+        lambda code: object_of(IR, FOREIGN),
+        lambda code: object_of(IR, 'i686-unknown-linux-gnu'),
+        lambda code: object_of(IR, 'x86_64-apple-darwin'),
+        lambda code: object_of(IR, 'x86_64-pc-windows-msvc'),
+        lambda code: object_of(IR.replace('@f', '@g'), HERE),
+        lambda code: object_of('', HERE),
+    ],
+    ids=[
+        *(
+            'empty',
+            'text',
+            'magic',
+            'header',
+            'half',
+            'one byte short',
+            'zeros',
+            'processor',
+            '32 bits',
+        ),
+        *('macOS', 'Windows', 'another function', 'no function'),
+    ],
+)
+def test_a_sound_file_that_holds_no_object_for_this_processor_is_compiled_again(
+    folder: Path, emitted: list[str], spoil: Any
+) -> None:
+    engine.compile_ir(IR)
+    ((name, sound),) = contents(folder).items()
+    payload = cache.read(Path(name).stem)
+    assert payload is not None
+    spoilt = spoil(payload)
+    cache.write(Path(name).stem, spoilt)
+    assert cache.read(Path(name).stem) == spoilt
+    emitted.clear()
+    square = ctypes.CFUNCTYPE(ctypes.c_double, ctypes.c_double)
+    native = engine.compile_ir(IR)
+    assert square(native.address('f'))(3.0) == 9.0
+    assert emitted == [IR]
+    assert contents(folder) == {name: sound}
+
+
+def test_what_was_written_under_another_name_is_made_again(
+    folder: Path, emitted: list[str]
+) -> None:
+    engine.compile_ir(IR)
+    (name,) = contents(folder)
+    engine.compile_ir(IR.replace('fmul', 'fadd'))
+    (other,) = contents(folder).keys() - {name}
+    (folder / other).replace(folder / name)
+    emitted.clear()
+    engine.compile_ir(IR)
+    assert emitted == [IR]
+
+
+def refuse(*_: object) -> None:
+    raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+
+
+def in_the_way(folder: Path, _: pytest.MonkeyPatch) -> None:
+    folder.write_text('not a folder')
+
+
+def read_only(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Permissions do not hold back root, as which tests often run.
+    monkeypatch.setattr('tempfile.mkstemp', refuse)
+
+
+def full(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, 'replace', refuse)
+
+
+@pytest.mark.parametrize('obstacle', [in_the_way, read_only, full])
+def test_where_nothing_can_be_written_kernels_work_and_one_warning_says_so(
+    folder: Path,
+    obstacle: Any,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    robot = pfd.load_robot('planar2')
+    wanted = answers(pfd.compile_kernel(robot))
+    for name in contents(folder):
+        (folder / name).unlink()
+    folder.rmdir()
+    obstacle(folder, monkeypatch)
+    caplog.clear()
+    for _ in range(2):
+        assert answers(pfd.compile_kernel(robot)) == wanted
+    (record,) = caplog.records
+    assert (record.name, record.levelname) == ('pfd_core', 'WARNING')
+    assert f'cannot be kept in {str(folder)!r}' in record.message
+    assert cache.VARIABLE in record.message
+    assert folder.is_file() or not contents(folder)

@@ -1,3 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""arm."""
+"""The arm without ROS, clock, thread or file: events go in, messages come out.
+
+From the inputs to the outputs:
+
+settings   everything that is not an event: robot, scene, step size, rates
+events     the events and outputs, the sources, the verdicts; the event rule
+commands   the rules for a command, NaN and infinity among them, and the drive it leads to
+arm        the simulated arm: robot, brakes, simulator, failure
+engine     one cycle: events -> verdicts -> drive -> step -> verdict rows, state, clock tick
+"""

@@ -1,42 +1,21 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a command does to the arm: which joints it moves from now on, and with what effort.
+"""The rules for commands: which joints a command drives from now on, and with what effort.
 
-Pure rules over names and numbers, shared by the node and the replay. A joint is held by its
-brake until the first command that names it; a command changes the joints it names and leaves
-the others as they were; a message that breaks a rule changes nothing at all.
+A brake holds each joint until the first command that names it. A command changes the joints it
+names and leaves the others as they were; a message that breaks a rule changes nothing at all.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
+from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.text import NAME_COUNT, cut, listed
-
-
-class Verdict(IntEnum):
-    """What became of a command; the numbers are written into recordings and stay."""
-
-    ACCEPTED = 0
-    MALFORMED = 1
-    NO_NAMES = 2
-    RAGGED = 3
-    INFINITE = 4
-    STALE = 5
-    DUPLICATE_NAMES = 6
-    NO_EFFORT = 7
-    UNKNOWN_NAMES = 8
-    ALL_NAN = 9
-    WRONG_SIZE = 10
-    NOT_FINITE = 11
-    # Never judged: newer commands needed its place before the next step.
-    OVERFLOWED = 12
-
 
 # A driver sends NaN until a controller has claimed the joint: no command, and no mistake.
 QUIET = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN})
@@ -44,10 +23,19 @@ ERRORS = frozenset({Verdict.INFINITE, Verdict.NOT_FINITE})
 
 
 @dataclass(frozen=True)
-class Command:
-    """One message, judged: the joints (model order) it commands and their efforts.
+class Judgement:
+    """The verdict on a message and its effect.
 
-    `unknown` holds the first few names that are of no joint, cut; `unknown_count` counts all.
+    Attributes
+    ----------
+    verdict
+        Whether the message acts, or the rule it broke.
+    detail
+        For people: the names and numbers that broke the rule.
+    joints, efforts
+        Indices in the model of the joints it drives, and their efforts, N m or N.
+    unknown, unknown_count
+        The first few names of joints that the arm does not have, cut short; the count of all.
     """
 
     verdict: Verdict
@@ -60,29 +48,29 @@ class Command:
 
 @dataclass(frozen=True)
 class Drive:
-    """What the joints get, in model order: efforts (n,) in N m or N, brakes (n,) of bool."""
+    """Efforts (n,) in N m or N and brakes (n,) of bool, both in model order."""
 
     effort: np.ndarray
     braked: np.ndarray
 
 
 def held(count: int) -> Drive:
-    """Return the drive of an arm that nobody has commanded: all brakes on."""
+    """Return the drive of an arm without commands: every brake on."""
     return Drive(np.zeros(count), np.ones(count, bool))
 
 
-def merge(drive: Drive, command: Command) -> Drive:
-    """Return the drive after a command; one that was not accepted changes nothing."""
-    if command.verdict is not Verdict.ACCEPTED:
+def merge(drive: Drive, judgement: Judgement) -> Drive:
+    """Return the drive after a command; only an accepted one changes it."""
+    if judgement.verdict is not Verdict.ACCEPTED:
         return drive
     effort, braked = drive.effort.copy(), drive.braked.copy()
-    joints = list(command.joints)
-    effort[joints] = command.efforts
+    joints = list(judgement.joints)
+    effort[joints] = judgement.efforts
     braked[joints] = False
     return Drive(effort, braked)
 
 
-def judge_named(message: JointMessage, index: Mapping[str, int], since_ns: int) -> Command:
+def judge_named(message: JointMessage, index: Mapping[str, int], since_ns: int) -> Judgement:
     """Judge a command by joint name.
 
     Parameters
@@ -102,31 +90,35 @@ def judge_named(message: JointMessage, index: Mapping[str, int], since_ns: int) 
         'effort': message.effort,
     }
     if not names:
-        return Command(Verdict.NO_NAMES, 'no joint names; ~/commands takes efforts without names')
+        return Judgement(
+            Verdict.NO_NAMES, 'no joint names; ~/commands takes efforts without names'
+        )
     for kind, values in kinds.items():
         if len(values) not in (0, len(names)):
-            return Command(
+            return Judgement(
                 Verdict.RAGGED, f'{len(names)} names and {len(values)} numbers in {kind}'
             )
         if np.isinf(values).any():
-            return Command(Verdict.INFINITE, f'{kind} holds an infinity')
+            return Judgement(Verdict.INFINITE, f'{kind} holds an infinity')
     if message.stamp_ns != 0 and message.stamp_ns < since_ns:
-        return Command(Verdict.STALE, f'stamp {message.stamp_ns} ns, arm started at {since_ns} ns')
+        return Judgement(
+            Verdict.STALE, f'stamp {message.stamp_ns} ns, arm started at {since_ns} ns'
+        )
     if len(set(names)) < len(names):
-        return Command(Verdict.DUPLICATE_NAMES, 'a joint is named twice')
+        return Judgement(Verdict.DUPLICATE_NAMES, 'a joint is named twice')
     if not len(message.effort):
         given = [kind for kind, values in kinds.items() if len(values)] or ['nothing']
-        return Command(Verdict.NO_EFFORT, f'holds {" and ".join(given)} but no effort')
+        return Judgement(Verdict.NO_EFFORT, f'holds {" and ".join(given)} but no effort')
     return _named_efforts(names, message.effort.tolist(), index)
 
 
 def _named_efforts(
     names: Sequence[str], efforts: Sequence[float], index: Mapping[str, int]
-) -> Command:
+) -> Judgement:
     strange = [name for name in names if name not in index]
     unknown = tuple(cut(name) for name in strange[:NAME_COUNT])
     if len(strange) == len(names):
-        return Command(
+        return Judgement(
             Verdict.UNKNOWN_NAMES,
             f'none of {listed(names)} is a joint of the arm',
             unknown=unknown,
@@ -139,14 +131,14 @@ def _named_efforts(
         if name in index and effort == effort
     ]
     if not given:
-        return Command(
+        return Judgement(
             Verdict.ALL_NAN, 'every effort is NaN', unknown=unknown, unknown_count=len(strange)
         )
     joints, values = zip(*given, strict=True)
-    return Command(Verdict.ACCEPTED, '', joints, values, unknown, len(strange))
+    return Judgement(Verdict.ACCEPTED, '', joints, values, unknown, len(strange))
 
 
-def judge_array(efforts: np.ndarray, order: Sequence[int]) -> Command:
+def judge_array(efforts: np.ndarray, order: Sequence[int]) -> Judgement:
     """Judge a command without names: one finite effort for each joint, or it is dropped whole.
 
     Parameters
@@ -157,7 +149,7 @@ def judge_array(efforts: np.ndarray, order: Sequence[int]) -> Command:
         Place in the model of each number, in the order of the parameter `joints`.
     """
     if len(efforts) != len(order):
-        return Command(Verdict.WRONG_SIZE, f'{len(efforts)} numbers for {len(order)} joints')
+        return Judgement(Verdict.WRONG_SIZE, f'{len(efforts)} numbers for {len(order)} joints')
     if not np.isfinite(efforts).all():
-        return Command(Verdict.NOT_FINITE, 'holds a number that is not finite')
-    return Command(Verdict.ACCEPTED, '', tuple(order), tuple(efforts.tolist()))
+        return Judgement(Verdict.NOT_FINITE, 'holds a number that is not finite')
+    return Judgement(Verdict.ACCEPTED, '', tuple(order), tuple(efforts.tolist()))

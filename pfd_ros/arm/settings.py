@@ -1,32 +1,32 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the node can be told: one frozen record, checked once, written into every recording.
+"""The settings of a run: one frozen table, checked once, written into every recording.
 
-The fields are the node's parameters; `parameters.py` declares them from this table and a
-replay reads them back from the file, so both run the same simulation. No ROS in here.
+A new setting is a new field of `Settings`: the node declares its parameters from the fields, and
+a replay reads them back from the file, so that both run the same simulation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 import dataclasses
 from dataclasses import dataclass
 import json
 import math
 from typing import Any
 
+from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import cut, listed
 
-NANOSECONDS = 1_000_000_000
 # How far a product of step size and rate may lie from a whole number before it is refused:
 # decimal fractions such as 1/3 kHz carry that much rounding.
 WHOLE = 1e-6
-# No arm comes near; a mistaken file must not fill a log or the memory.
+# Far more than any arm needs; a mistaken file must not fill a log or the memory.
 MOST_VALUES = 1000
 LONGEST_TEXT = 1 << 20
-# Slower than this, a period in nanoseconds is no number to count with.
+# A slower arm has a period in nanoseconds that a float does not hold exactly.
 SLOWEST_FACTOR = 1e-6
-# One message in so many steps is none.
+# Least share of the steps that are published; less is a mistake.
 SLOWEST_SHARE = 1e-12
 
 
@@ -85,7 +85,7 @@ class Settings:
     recording: str = _field('', "MCAP file to write, never over another; '' records nothing")
 
     def __post_init__(self) -> None:
-        """Check every value, so that whoever holds settings can rely on them."""
+        """Check every value, so that the users of settings need not."""
         for field in dataclasses.fields(self):
             _check_finite(field.name, getattr(self, field.name))
             _check_range(field.name, getattr(self, field.name), field.metadata['range'])
@@ -169,23 +169,8 @@ def to_json(settings: Settings) -> str:
     return json.dumps(dataclasses.asdict(settings), sort_keys=True)
 
 
-def from_json(text: str) -> Settings:
-    """Return the settings that `to_json` wrote.
-
-    Raises
-    ------
-    ValueError
-        If the text is no JSON object, names an unknown setting, or a value is refused.
-    """
-    try:
-        values = json.loads(text)
-    except RecursionError:
-        raise ValueError('the settings are nested too deep, expected a JSON object') from None
-    return from_values(values)
-
-
 def from_values(values: Mapping[str, Any]) -> Settings:
-    """Return settings from a mapping; what is not named keeps its default.
+    """Return settings from a mapping; a field that is not in it keeps its default.
 
     Parameters
     ----------
@@ -199,67 +184,43 @@ def from_values(values: Mapping[str, Any]) -> Settings:
     """
     if not isinstance(values, Mapping):
         raise ValueError(f'the settings are {type(values).__name__}, expected a JSON object')
-    fields = {field.name: field for field in dataclasses.fields(Settings)}
-    unknown = [str(name) for name in values if name not in fields]
+    kinds = {field.name: str(field.type) for field in dataclasses.fields(Settings)}
+    unknown = [str(name) for name in values if name not in kinds]
     if unknown:
         raise ValueError(
             f'unknown settings {listed(sorted(unknown))}; the file is from another version of pfd'
         )
-    return Settings(
-        **{name: _READERS[str(fields[name].type)](name, value) for name, value in values.items()}
-    )
+    return Settings(**{name: _typed(name, value, kinds[name]) for name, value in values.items()})
 
 
-def _wrong(name: str, value: Any, expected: str) -> ValueError:
-    shown = cut(repr(value) if isinstance(value, str | int | float) else type(value).__name__)
-    return ValueError(f'{name} is {shown}, expected {expected}')
+# By the annotation of a field.
+_ACCEPTED: dict[str, tuple[Any, str]] = {
+    'str': ((str,), 'text'),
+    'bool': ((bool,), 'true or false'),
+    'int': ((int,), 'a whole number'),
+    'float': ((int, float), 'a number'),
+    'tuple': ((list, tuple), 'a list'),
+}
 
 
-def _text(name: str, value: Any) -> str:
-    if not isinstance(value, str):
-        raise _wrong(name, value, 'text')
-    if len(value) > LONGEST_TEXT or '\0' in value:
+def _typed(name: str, value: Any, annotation: str) -> Any:
+    """Return a value as its field has it."""
+    kind, _, rest = annotation.partition('[')
+    types, expected = _ACCEPTED[kind]
+    if not isinstance(value, types) or (isinstance(value, bool) and kind != 'bool'):
+        shown = cut(repr(value) if isinstance(value, str | int | float) else type(value).__name__)
+        raise ValueError(f'{name} is {shown}, expected {expected}')
+    if kind == 'tuple':
+        if len(value) > MOST_VALUES:
+            raise ValueError(f'{name} holds {len(value)} values, expected {MOST_VALUES} at most')
+        return tuple(_typed(name, entry, rest.partition(',')[0]) for entry in value)
+    if kind == 'str' and (len(value) > LONGEST_TEXT or '\0' in value):
         raise ValueError(
             f'{name} is {cut(value)!r}, expected {LONGEST_TEXT} characters at most and no NUL'
         )
-    return value
-
-
-def _flag(name: str, value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise _wrong(name, value, 'true or false')
-    return value
-
-
-def _whole(name: str, value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise _wrong(name, value, 'a whole number')
-    return value
-
-
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise _wrong(name, value, 'a number')
+    if kind != 'float':
+        return value
     try:
         return float(value)
     except OverflowError:
         raise ValueError(f'{name} is a number too large for a float') from None
-
-
-def _values(name: str, value: Any, read: Callable[[str, Any], Any]) -> tuple[Any, ...]:
-    if not isinstance(value, list | tuple):
-        raise _wrong(name, value, 'a list')
-    if len(value) > MOST_VALUES:
-        raise ValueError(f'{name} holds {len(value)} values, expected {MOST_VALUES} at most')
-    return tuple(read(name, entry) for entry in value)
-
-
-# By the annotation of the field.
-_READERS: dict[str, Callable[[str, Any], Any]] = {
-    'str': _text,
-    'bool': _flag,
-    'int': _whole,
-    'float': _number,
-    'tuple[str, ...]': lambda name, value: _values(name, value, _text),
-    'tuple[float, ...]': lambda name, value: _values(name, value, _number),
-}

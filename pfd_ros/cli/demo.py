@@ -21,6 +21,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Run the demo; 0 only if all of it worked."""
-    from pfd_ros.demo import run as demo
+    from pfd_ros.demo.processes import run_demo
 
-    return demo.run(given.robot, given.seconds, given.out)
+    return run_demo(given.robot, given.seconds, given.out)

@@ -9,10 +9,10 @@ from collections.abc import Callable
 from pathlib import Path
 import sys
 
-from pfd_ros.arm.commands import Verdict
-from pfd_ros.recording.format import CLOCK, STATES, TAKEN
+from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Verdict
 from pfd_ros.recording.provenance import versions
-from pfd_ros.replay.verify import Summary, read
+from pfd_ros.replay.summary import Summary
+from pfd_ros.replay.verify import read
 from pfd_ros.text import one_line
 
 HELP = 'look at a recording, or check it bit for bit'

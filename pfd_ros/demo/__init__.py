@@ -1,3 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""demo."""
+"""`pfd demo`: the node and a controller under test, and the proof that it worked.
+
+In the order of a run:
+
+motion       the motion that the controller should follow
+controller   the controller, a ROS 2 node: computed torque
+processes    both nodes as two processes on a ROS domain of their own: `run_demo`
+results      from the recording: rate, jitter, tracking, losses, replay, plot
+"""

@@ -22,8 +22,8 @@ from rclpy.utilities import remove_ros_args, try_shutdown
 from sensor_msgs.msg import JointState
 
 import pfd_core as pfd
-from pfd_ros.arm.settings import NANOSECONDS
 from pfd_ros.demo.motion import motion_of
+from pfd_ros.messages.convert import NANOSECONDS
 
 # Critically damped, 20 rad/s: slow enough for the odd millisecond that a message takes.
 STIFFNESS, DAMPING = 400.0, 40.0

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-# Largest swing in rad or m; what the model's limits leave is shared out instead if less.
+# Largest swing in rad or m; a joint with narrow limits swings by a share of their distance.
 SWING = {'revolute': 0.5, 'continuous': 0.5, 'prismatic': 0.1}
-SHARE_OF_ROOM = 0.4
+SHARE_OF_LIMITS = 0.4
 SLOWEST, SPREAD = 1.5, 0.25  # angular frequency of joint i: SLOWEST + i * SPREAD, rad/s
 
 
@@ -43,6 +43,6 @@ def motion_of(robot: Any) -> Motion:
     lower, upper = robot.position_lower, robot.position_upper
     bounded = np.isfinite(lower) & np.isfinite(upper)
     swing = wanted.copy()
-    swing[bounded] = np.minimum(wanted, SHARE_OF_ROOM * (upper - lower))[bounded]
+    swing[bounded] = np.minimum(wanted, SHARE_OF_LIMITS * (upper - lower))[bounded]
     start = np.clip(np.zeros(robot.n), lower + swing, upper - swing)
     return Motion(start, swing, SLOWEST + SPREAD * np.arange(robot.n))

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the demo's recording shows: rate, jitter, tracking, losses, and the same bits again."""
+"""The results of the demo, from its recording: rate, jitter, tracking, losses, replay, plot."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from typing import Any
 
 import numpy as np
 
-from pfd_ros.arm.settings import NANOSECONDS
 from pfd_ros.demo.motion import motion_of
-from pfd_ros.messages.convert import decode_joint_state
+from pfd_ros.messages.convert import NANOSECONDS, decode_joint_state
 from pfd_ros.recording.reader import Log
-from pfd_ros.replay.verify import Summary, read
+from pfd_ros.replay.summary import Summary
+from pfd_ros.replay.verify import read
 
 # The promise about the rate: mean period within this part of the wanted one.
 RATE_TOLERANCE = 0.01
-# A controller that works follows within this many rad or m; one that is not heard falls.
+# A controller that works follows within this many rad or m; without commands the arm falls.
 TRACKING_LIMIT = 0.1
 
 
 @dataclass(frozen=True)
 class States:
-    """All recorded states: times in ns (count,), positions (count, n), messages by role."""
+    """All recorded states: times in ns (count,), positions (count, n); messages by role."""
 
     logged_ns: np.ndarray
     stamp_ns: np.ndarray
@@ -36,7 +36,7 @@ class States:
 
 
 def read_states(path: Path) -> States:
-    """Return the states of a recording, and how many messages there are of each kind."""
+    """Return the states of a recording, and the number of its messages by role."""
     messages: Counter[str] = Counter()
     logged, states = [], []
     for entry in Log(path).entries():
@@ -53,8 +53,8 @@ def read_states(path: Path) -> States:
     )
 
 
-def show(base: Path, robot: Any, told: Mapping[str, int]) -> list[str]:
-    """Print the results, write the plot and return what did not work.
+def show_results(base: Path, robot: Any, report: Mapping[str, int]) -> list[str]:
+    """Print the results, write the plot and return the problems.
 
     Parameters
     ----------
@@ -62,8 +62,8 @@ def show(base: Path, robot: Any, told: Mapping[str, int]) -> list[str]:
         The recording's path without `.mcap`; the plot goes beside it.
     robot
         The robot of the demo.
-    told
-        What the controller said: `sent` commands, motion from `start_ns` to `end_ns` of
+    report
+        Of the controller on itself: `sent` commands, motion from `start_ns` to `end_ns` of
         simulated time.
 
     Raises
@@ -76,14 +76,14 @@ def show(base: Path, robot: Any, told: Mapping[str, int]) -> list[str]:
     if not len(states.position):
         return [f'{path} holds no states']
     motion = motion_of(robot)
-    moving = (states.stamp_ns >= told['start_ns']) & (states.stamp_ns < told['end_ns'])
-    t = (states.stamp_ns[moving] - told['start_ns']) / NANOSECONDS
+    moving = (states.stamp_ns >= report['start_ns']) & (states.stamp_ns < report['end_ns'])
+    t = (states.stamp_ns[moving] - report['start_ns']) / NANOSECONDS
     wanted, shown = motion.at(t)[0], states.position[moving]
     problems = _show_rate(states)
     problems += _show_tracking(states.names, wanted, shown)
-    recorded = states.messages['joint_commands']
+    sent, recorded = report['sent'], states.messages['joint_commands']
     print(
-        f'commands   sent {told["sent"]}, recorded {recorded}, lost {told["sent"] - recorded}\n'
+        f'commands   sent {sent}, recorded {recorded}, lost {sent - recorded}\n'
         f'file       {path}, {path.stat().st_size / 1e6:.2f} MB, '
         f'{states.messages.total()} messages'
     )

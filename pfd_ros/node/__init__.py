@@ -1,3 +1,24 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""node."""
+"""The ROS 2 node `sim_arm` around the engine: topics, threads, the recording, log lines.
+
+The way of a command and of the state it leads to:
+
+    endpoints        publishers and subscriptions: topics, types, QoS; publishers that cannot block
+    receiving        executor's thread: numbers and records each command; the bounded queue
+    stepping         stepping thread: one cycle of the engine per period; records, publishes
+    step_timer       when the next cycle is due, on the steady clock
+    log_session      the recording of this run: opened, written, closed with its totals
+
+Around it:
+
+    parameters       the settings as ROS parameters
+    command_counts   verdicts counted by topic
+    graph_check      other nodes on the topics: foreign types, QoS, a second clock
+    throttled_log    log lines that become rarer while a trouble lasts
+    reporting        main thread: log lines once a second, totals, problems at the end
+    sim_arm          the rclpy node: puts these parts together
+    workers          threads that are watched: the end of one stops all
+    process          starts and stops ROS, the node and its threads; exit status
+    main             signals; the entry point `sim_node`
+"""

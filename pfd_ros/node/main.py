@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Starts the node `sim_arm` and takes its signals; the entry point `sim_node`.
 
-A second SIGINT (a terminal sends one, a launcher another) interrupts whatever cleans up after
-the first. So a signal only sets a flag, from before the slow imports until the interpreter goes
-down; the third one ends the process, whatever it hangs in, after a moment to finish a close
-that does not hang.
+A second SIGINT (a terminal sends one, a launcher another) would interrupt the clean-up after the
+first. So signals are only counted, from before the slow imports until the interpreter goes down:
+the first stops the node, the second changes nothing, and the third ends a process that hangs,
+after a moment in which a close that does not hang still finishes.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ import time
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 LAST = 3
-# A close that works takes a fraction of this; signals may come in bursts.
+# A close that works takes a fraction of this, and signals may come in bursts.
 GRACE_SECONDS = 1.0
-# Of a shell, for a process that a signal ended.
+# A shell adds the number of the signal that ended a process.
 STATUS_BASE = 128
 
 
 def _count_signals(stop: threading.Event) -> None:
     """Set `stop` at the first signal and end the process at the third.
 
-    On a thread of its own, which a main thread that hangs does not hinder.
+    On a thread of its own: a main thread that hangs in C runs no handler.
     """
     reading, writing = os.pipe()
     os.set_blocking(writing, False)

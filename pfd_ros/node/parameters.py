@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter
 from pfd_ros.arm.settings import Settings, from_values
 from pfd_ros.text import listed
 
-# By the annotation of the field: an empty tuple does not say what it is a tuple of.
+# By the annotation of the field: an empty tuple does not have the type of its elements.
 _KINDS = {
     'str': Parameter.Type.STRING,
     'bool': Parameter.Type.BOOL,
@@ -39,7 +39,7 @@ def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
 
 
 def declare(node: Node) -> Settings:
-    """Declare every setting as a read-only parameter and return what the user chose.
+    """Declare every setting as a read-only parameter and return the chosen values.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def declare(node: Node) -> Settings:
 
 def misspelt(node: Node) -> str:
     """Return the parameters the user set that the node does not have, as a list to show."""
-    # rclpy keeps what came from the command line and files here and nowhere public.
+    # rclpy keeps parameters of the command line and of files here, and nowhere public.
     given = getattr(node, '_parameter_overrides', {})
     unknown = sorted(name for name in given if not node.has_parameter(name))
     return listed(unknown) if unknown else ''

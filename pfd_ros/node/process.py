@@ -1,16 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node's threads, and the order of going down: stop stepping, close the file, close ROS.
+"""Starts ROS, the node and its threads, and takes them down: stepping, then the file, then ROS.
 
-rclpy's own signal handlers tear the context down before anything can be closed; `node.py` sets
-a flag instead, and what is here waits for it. A thread that ends sets it too: an arm that is
-deaf, or does not step, must not look like one that works.
+rclpy's own signal handlers tear the context down before anything can be closed; so `main.py`
+sets an event instead, and the main thread waits for it here.
+See docs/decisions/0003-executor-and-stepping-thread.md and 0009-a-node-that-goes-on.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
 import gc
 import os
 import signal
@@ -28,6 +26,7 @@ from rclpy.task import Future
 from rclpy.utilities import remove_ros_args, try_shutdown
 
 from pfd_ros.node.sim_arm import NAME, SimArm
+from pfd_ros.node.workers import Workers
 from pfd_ros.text import listed, one_line
 
 REPORT_SECONDS = 1.0
@@ -37,7 +36,7 @@ FOREVER_SECONDS = 1e8
 END_SECONDS = 10
 # Callbacks that may fail before the node gives up: rclpy logs each one at length.
 MOST_FAILURES = 1000
-# What a wrong argument, parameter or file makes rclpy and this package raise.
+# Errors of rclpy and this package for a wrong argument, parameter or file.
 MISTAKES = (
     ValueError,
     OSError,
@@ -77,69 +76,32 @@ def _limit_the_rest() -> None:
     signal.alarm(END_SECONDS)
 
 
-@dataclass
-class _Crew:
-    """The node's threads: when one ends, by itself or by an error, all are told to stop."""
-
-    stop: threading.Event
-    failures: list[str] = field(default_factory=list)
-
-    def start(self, name: str, work: Callable[[], None]) -> threading.Thread:
-        """Start a thread."""
-        thread = threading.Thread(target=self.guard, args=(name, work), name=name, daemon=True)
-        thread.start()
-        return thread
-
-    def guard(self, name: str, work: Callable[[], None]) -> None:
-        """Do some work that should last until `stop` is set, and note how it ended."""
-        try:
-            work()
-            if not self.stop.is_set():
-                self.failures.append(f'{name} ended by itself')
-        except BaseException as error:
-            where = traceback.extract_tb(error.__traceback__)[-1]
-            self.failures.append(
-                one_line(
-                    f'{name} failed: {type(error).__name__}: {error} '
-                    f'({os.path.basename(where.filename)}:{where.lineno})'
-                )
-            )
-        finally:
-            self.stop.set()
-
-    def join(self, thread: threading.Thread) -> None:
-        """Wait for a thread to end, but not for ever."""
-        thread.join(END_SECONDS)
-        if thread.is_alive():
-            self.failures.append(f'{thread.name} did not end within {END_SECONDS} s')
-
-
 def _run(args: list[str], stop: threading.Event) -> int:
     extra = remove_ros_args([NAME, *args])[1:]
     if extra:
         raise ValueError(f'unknown arguments {listed(extra)}; parameters follow --ros-args -p')
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     node = SimArm()
-    crew = _Crew(stop)
+    workers = Workers(stop)
     ended: Future = Future()
     executor: Any = EventsExecutor()
     executor.add_node(node)
-    spinning = crew.start('the executor', lambda: _spin(executor, ended, node))
+    spinning = workers.start('the executor', lambda: _spin(executor, ended, node))
     # Start-up garbage is looked at once, not again and again while the arm runs.
     gc.collect()
     gc.freeze()
-    stepping = crew.start('stepping', lambda: node.run(stop.is_set))
-    crew.guard('reporting', lambda: _report(node, stop))
-    crew.join(stepping)
-    crew.guard('closing the recording', node.close_recording)
-    crew.guard('reporting', lambda: node.report(last=True))
+    stepping = workers.start('stepping', lambda: node.stepper.run(stop.is_set))
+    workers.guard('reporting', lambda: _report(node, stop))
+    workers.join(stepping, END_SECONDS)
+    workers.guard('closing the recording', node.close_recording)
+    workers.guard('reporting', lambda: node.reporter.report(last=True))
     ended.set_result(None)
     executor.wake()
-    crew.join(spinning)
-    problems = [*crew.failures, *node.problems()]
+    workers.join(spinning, END_SECONDS)
+    problems = [*workers.failures, *node.reporter.problems()]
     for problem in problems:
         node.get_logger().error(problem)
-    node.get_logger().info(f'stopped: {node.totals()}')
+    node.get_logger().info(f'stopped: {node.reporter.totals()}')
     if stepping.is_alive() or spinning.is_alive():
         # ROS cannot be taken down under a thread that may still use it.
         sys.stderr.flush()
@@ -150,18 +112,18 @@ def _run(args: list[str], stop: threading.Event) -> int:
 
 
 def _report(node: SimArm, stop: threading.Event) -> None:
-    node.introduce()
+    node.reporter.introduce()
     while not stop.wait(REPORT_SECONDS):
-        node.report()
+        node.reporter.report()
 
 
 def _spin(executor: Any, ended: Future, node: SimArm) -> None:
-    """Run callbacks until told to end; one that fails is counted and the next one runs."""
+    """Run callbacks until `ended` is done; a failed callback is counted and the next one runs."""
     while not ended.done():
         try:
             executor.spin_until_future_complete(ended, FOREVER_SECONDS)
             return
         except Exception as error:
-            node.callback_failed(error)
-            if node.callback_failures >= MOST_FAILURES:
+            node.reporter.callback_failed(error)
+            if node.reporter.callback_failures >= MOST_FAILURES:
                 raise RuntimeError(f'{MOST_FAILURES} callbacks failed') from error

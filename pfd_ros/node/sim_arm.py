@@ -1,58 +1,43 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node `sim_arm`: torques in, joint states and the clock out.
+"""The rclpy node `sim_arm`: torques in, joint states and the clock out.
 
-A thread of its own steps the arm; an events executor on another thread only puts incoming
-bytes into a queue. See docs/decisions/0003-executor-and-stepping-thread.md.
+It only puts the parts together; the package's docstring has a map of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
-import itertools
-import json
-import time
 from typing import Any
 
-from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
-from rclpy.qos_overriding_options import QoSOverridingOptions
-from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 
-from pfd_ros.arm.commands import ERRORS, QUIET, Command, Verdict
-from pfd_ros.arm.plant import Plant, Source, load_robot
-from pfd_ros.arm.settings import NANOSECONDS
-from pfd_ros.messages import convert
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Source
+from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
-from pfd_ros.node.inbox import Inbox
-from pfd_ros.node.notices import Notices
-from pfd_ros.node.outlet import Outlet
-from pfd_ros.node.peers import Peers, type_name
-from pfd_ros.node.schedule import Schedule
-from pfd_ros.node.tally import Tally
-from pfd_ros.recording import channels
-from pfd_ros.recording.format import ROLE_OF_SOURCE, ROLES, TAKEN_COLUMNS
-from pfd_ros.recording.recorder import LogRecorder
-from pfd_ros.text import cut, listed
+from pfd_ros.node.command_counts import CommandCounts
+from pfd_ros.node.endpoints import NonblockingPublisher, create_endpoints
+from pfd_ros.node.graph_check import GraphCheck
+from pfd_ros.node.log_session import open_session
+from pfd_ros.node.receiving import EventQueue, Receiver
+from pfd_ros.node.reporting import Reporter
+from pfd_ros.node.stepping import Stepper
+from pfd_ros.node.throttled_log import ThrottledLog
+from pfd_ros.text import cut
 
 NAME = 'sim_arm'
-TAKEN, STATES, CLOCK = map(ROLES.index, ('taken', 'joint_states', 'clock'))
-# A command for ten joints has half a kilobyte; decoding this much takes about a second. What is
-# larger gets no number and no row: it is not looked at, nor kept.
-LARGEST_COMMAND = 1 << 22
-# Rows of one message on ~/applied_commands: after a flood there may be a million.
-MOST_ROWS = 4096
-# At unlimited speed the arm waits for the disk from this backlog on.
-BACKLOG_LIMIT = 0.25
-OVERFLOWED = Command(Verdict.OVERFLOWED, 'newer ones came before the next step')
 
 
 class SimArm(Node):
     """The arm on its topics.
+
+    Attributes
+    ----------
+    stepper
+        For the stepping thread.
+    reporter
+        For the main thread.
 
     Raises
     ------
@@ -62,239 +47,38 @@ class SimArm(Node):
 
     def __init__(self) -> None:
         super().__init__(NAME)
-        self.settings = parameters.declare(self)
-        robot = load_robot(self.settings)
-        self.plant = Plant(self.settings, robot)
-        factor = self.settings.real_time_factor
-        self.schedule = Schedule(self.settings.step_ns / factor if factor else 0)
-        self.cycles = 0
-        self.tally = Tally()
-        self.callback_failures = 0
-        self._callback_failure = ''
-        self._published = 0
-        self._ticks = 0
-        self._taken = 0
-        self._notices = Notices(self.get_logger())
-        self._inbox = Inbox()
-        self._recorder: LogRecorder | None = None
-        self._connect(robot)
+        settings = parameters.declare(self)
+        robot = load_robot(settings)
+        engine = Engine(settings, robot)
+        endpoints = create_endpoints(
+            self, publish_clock=settings.publish_clock, on_message=self._receive
+        )
+        # After everything that a parameter can make fail: a refused parameter leaves no file.
+        session = open_session(self, settings, robot, engine.arm.method, endpoints)
+        queue, counts = EventQueue(), CommandCounts()
+        publishers = {
+            role: NonblockingPublisher(publisher)
+            for role, publisher in endpoints.publishers.items()
+        }
+        self._receiver = Receiver(queue, session.record, counts)
+        self.stepper = Stepper(engine, queue, session, publishers, counts)
+        log = ThrottledLog(self.get_logger())
+        graph = GraphCheck(self, endpoints, log)
+        self.reporter = Reporter(log, endpoints, self.stepper, graph)
+        self._warn_about(settings, robot, log)
+
+    def _receive(self, source: Source, data: bytes) -> None:
+        # The endpoints are there before the receiver; messages come once an executor spins.
+        self._receiver.receive(source, data)
+
+    def _warn_about(self, settings: Settings, robot: Any, log: ThrottledLog) -> None:
         misspelt = parameters.misspelt(self)
         if misspelt:
-            self._notices.once('misspelt', f'not parameters of this node: {misspelt}; misspelt?')
+            log.once('misspelt', f'not parameters of this node: {misspelt}; misspelt?')
         for name in ('armature', 'damping'):
-            if getattr(self.settings, name) and not getattr(robot, name).any():
-                self._notices.once(
-                    name, f'{name} is true, but the model of {cut(robot.name)!r} states none'
-                )
-
-    def _connect(self, robot: Any) -> None:
-        """Create the endpoints, and last the recording: a refused parameter leaves no file."""
-        overridable: dict[str, Any] = {
-            'qos_overriding_options': QoSOverridingOptions.with_default_policies()
-        }
-        # The graph tells it with names and cures, and only once: peers.py.
-        silent = PublisherEventCallbacks(use_default_callbacks=False)
-        states = self.create_publisher(
-            JointState, 'joint_states', QoSProfile(depth=10), event_callbacks=silent, **overridable
-        )
-        clock = (
-            self.create_publisher(
-                Clock, '/clock', QoSProfile(depth=1), event_callbacks=silent, **overridable
-            )
-            if self.settings.publish_clock
-            else None
-        )
-        self._commands = [
-            self.create_subscription(
-                kind,
-                topic,
-                self._listen(source),
-                QoSProfile(depth=1),
-                raw=True,
-                event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-                **overridable,
-            )
-            for source, (kind, topic) in enumerate(
-                ((JointState, 'joint_commands'), (Float64MultiArray, '~/commands'))
-            )
-        ]
-        self._outlets = {STATES: Outlet(states)} | ({CLOCK: Outlet(clock)} if clock else {})
-        self._peers = Peers(self, self._commands, states, clock, self._notices)
-        if self.settings.recording:
-            self._recorder = self._start_recording(robot, [*self._commands, None, states, clock])
-
-    def introduce(self) -> None:
-        """Log what the node listens to and what it publishes, by resolved names."""
-        named, plain = self._commands
-        order = ', '.join(cut(name) for name in self.plant.names)
-        published = ' and '.join(
-            f'{o.publisher.topic_name} ({type_name(o.publisher)})' for o in self._outlets.values()
-        )
-        log = self.get_logger()
-        log.info(
-            f'takes commands on {named.topic_name} ({type_name(named)}: name and effort) and '
-            f'{plain.topic_name} ({type_name(plain)}: efforts in this order: {order})'
-        )
-        log.info(f'publishes {published}')
-        log.info(f'{cut(self.settings.robot)}: {len(self.plant.names)} joints, held')
-
-    def _start_recording(self, robot: Any, ends: list[Any]) -> LogRecorder:
-        """Open the file; `ends` are the endpoints of the channels, None where there is none."""
-        # By name: another version may choose otherwise.
-        settings = replace(self.settings, method=self.plant.method)
-        own = self.resolve_topic_name('~/applied_commands')
-        return channels.start(
-            settings, robot, own, ends, lambda text: self.get_logger().error(text)
-        )
-
-    def _listen(self, source: int) -> Callable[[bytes], None]:
-        """Return the callback of one command topic: it records, `cycle` does the rest."""
-        numbers = itertools.count(1)
-
-        def on_message(data: bytes) -> None:
-            if len(data) > LARGEST_COMMAND:
-                detail = f'{len(data)} bytes, expected {LARGEST_COMMAND} at most'
-                self.tally.add(source, Command(Verdict.MALFORMED, detail))
-                return
-            number = next(numbers)
-            if self._recorder is not None:
-                self._recorder.record(source, number, data)
-            self._inbox.put(source, number, data)
-
-        return on_message
-
-    def callback_failed(self, error: Exception) -> None:
-        """Count a callback that raised: a fault, but no reason to let the arm go deaf."""
-        self.callback_failures += 1
-        self._callback_failure = f'{type(error).__name__}: {error}'
-
-    def run(self, stopped: Callable[[], bool]) -> None:
-        """Step on schedule until `stopped` says so."""
-        self.schedule.start()
-        while True:
-            self.schedule.wait(stopped)
-            while self._waits_for_disk() and not stopped():
-                time.sleep(0.001)
-            if stopped():
-                return
-            self.cycle()
-
-    def _waits_for_disk(self) -> bool:
-        recorder = self._recorder
-        if recorder is None or self.schedule.period_ns:
-            return False
-        # What waits when the disk has failed will wait for ever.
-        return not recorder.failed and recorder.backlog > BACKLOG_LIMIT
-
-    def cycle(self) -> None:
-        """Take what came in, do one step, publish: the state before the clock."""
-        self.cycles += 1
-        self._take_commands()
-        self.plant.advance()
-        if self.cycles % self.settings.publish_every == 0:
-            self._published += 1
-            self._send(STATES, self._published, self.plant.state())
-        if CLOCK in self._outlets and self.cycles % self.settings.clock_every == 0:
-            self._ticks += 1
-            self._send(CLOCK, self._ticks, self.plant.clock())
-
-    def _send(self, topic: int, number: int, data: bytes) -> None:
-        """Record and publish the same bytes; recorded first, so that no answer precedes it."""
-        if self._recorder is not None:
-            self._recorder.record(topic, number, data)
-        self._outlets[topic].send(data)
-
-    def _take_commands(self) -> None:
-        """Give the plant what waits, and record before which step it was taken."""
-        waiting = self._inbox.take()
-        for source, numbers in waiting.dropped.items():
-            self.tally.add(source, OVERFLOWED, len(numbers))
-            for start in range(0, len(numbers), MOST_ROWS):
-                some = numbers[start : start + MOST_ROWS]
-                self._record_rows([(self.cycles, source, n, Verdict.OVERFLOWED) for n in some])
-        rows = []
-        for source, number, data in waiting.commands:
-            command = self.plant.receive(source, data)
-            self.tally.add(source, command)
-            rows.append((self.cycles, source, number, command.verdict))
-        if rows:
-            # In one message, which says what was taken before the step.
-            self._record_rows(rows)
-
-    def _record_rows(self, rows: Sequence[tuple[int, int, int, Verdict]]) -> None:
-        """Record what became of some commands."""
-        if self._recorder is not None:
-            self._taken += 1
-            self._recorder.record(TAKEN, self._taken, convert.encode_rows(rows, TAKEN_COLUMNS))
-
-    def report(self, *, last: bool = False) -> None:
-        """Log what went wrong since the last call; called about once a second."""
-        tell = self._notices.count
-        for (source, verdict), (count, detail) in self.tally.verdicts().items():
-            if verdict not in QUIET:
-                text = (
-                    f'messages on {ROLE_OF_SOURCE[Source(source)]} dropped: '
-                    f'{verdict.name.lower()} ({detail})'
-                )
-                tell((source, verdict), count, text, error=verdict in ERRORS, last=last)
-        count, names = self.tally.unknown()
-        tell('unknown', count, f'unknown joint names: {listed(names)}', last=last)
-        missed = self.schedule.missed
-        tell('missed', missed, 'periods missed: this machine is too slow', last=last)
-        for outlet in self._outlets.values():
-            topic = outlet.publisher.topic_name
-            text = f'messages not published on {topic}, a reader takes none: {outlet.detail}'
-            tell(topic, outlet.refused, text, last=last)
-        if self._recorder is not None and not self._recorder.failed:
-            dropped = sum(self._recorder.dropped)
-            tell('recorder', dropped, 'messages not recorded: the disk is too slow', last=last)
-        text = f'callbacks failed, the newest by {self._callback_failure}'
-        tell('callbacks', self.callback_failures, text, error=True, last=last)
-        text = f'failure, simulation stopped: {self.plant.failure}'
-        tell('plant', int(bool(self.plant.failure)), text, error=True, last=last)
-        if not last:
-            self._peers.look()
-
-    def problems(self) -> list[str]:
-        """Return why the run was no success, though it came to its end."""
-        found = []
-        if self.plant.failure:
-            found.append('the simulation did not go on to the end')
-        if self._recorder is not None:
-            topics = zip(self._recorder.topics, self._recorder.dropped, strict=True)
-            lost = sum(count for topic, count in topics if topic.vital)
-            if self._recorder.failed:
-                found.append('the recording does not hold everything')
-            elif lost:
-                found.append(f'the recording lacks {lost} messages that a replay needs')
-        return found
-
-    def totals(self) -> dict[str, Any]:
-        """Return what the node did, as numbers."""
-        verdicts = self.tally.verdicts()
-        accepted = sum(n for (_, v), (n, _) in verdicts.items() if v is Verdict.ACCEPTED)
-        return {
-            'steps': self.plant.step,
-            'simulated_seconds': self.plant.step * self.settings.step_ns / NANOSECONDS,
-            'states': self._published,
-            'not_published': sum(outlet.refused for outlet in self._outlets.values()),
-            'commands_accepted': accepted,
-            'commands_dropped': sum(n for n, _ in verdicts.values()) - accepted,
-            'late_steps': self.schedule.late,
-            'missed_periods': self.schedule.missed,
-            'failure': self.plant.failure,
-        }
-
-    def _ending(self) -> Mapping[str, str]:
-        """Return the last record of the file."""
-        assert self._recorder is not None
-        topics = [topic.name for topic in self._recorder.topics]
-        recorded = dict(zip(topics, self._recorder.recorded, strict=True))
-        dropped = dict(zip(topics, self._recorder.dropped, strict=True))
-        told = {'totals': self.totals(), 'recorded': recorded, 'dropped': dropped}
-        return {name: json.dumps(value) for name, value in told.items()}
+            if getattr(settings, name) and not getattr(robot, name).any():
+                log.once(name, f'{name} is true, but the model of {cut(robot.name)!r} states none')
 
     def close_recording(self) -> None:
-        """Write what waits and close the file."""
-        if self._recorder is not None:
-            self._recorder.close(self._ending)
+        """Write the queue and the totals, and close the file."""
+        self.stepper.session.close(self.reporter.totals)

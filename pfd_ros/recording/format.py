@@ -12,7 +12,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from pfd_ros.arm.plant import Source
+from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Source
 from pfd_ros.messages import convert
 
 FORMAT = '1'
@@ -62,7 +62,6 @@ class Channel(NamedTuple):
 
 
 NAMED_COMMANDS, ARRAY_COMMANDS = 'joint_commands', 'commands'
-TAKEN, STATES, CLOCK = 'taken', 'joint_states', 'clock'
 # In the order of the recorder's topics: the commands come first, by Source.
 CHANNELS = {
     NAMED_COMMANDS: Channel(convert.JOINT_STATE, vital=True),
@@ -74,8 +73,6 @@ CHANNELS = {
 ROLES = tuple(CHANNELS)
 ROLE_OF_SOURCE = {Source.NAMED: NAMED_COMMANDS, Source.ARRAY: ARRAY_COMMANDS}
 SOURCE_OF_ROLE = {role: source for source, role in ROLE_OF_SOURCE.items()}
-# Columns of the role TAKEN: before which step a command was taken, and its verdict.
-TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict')
 
 # MCAP counts messages in 32 bits: 49 days at 1 kHz.
 SEQUENCE_MASK = 0xFFFFFFFF

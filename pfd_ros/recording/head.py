@@ -15,8 +15,9 @@ import re
 from typing import Any
 
 from pfd_ros.arm import settings as settings_file
+from pfd_ros.arm.events import CLOCK
 from pfd_ros.arm.settings import Settings
-from pfd_ros.recording.format import CHANNELS, CLOCK, EndKey, HeadKey
+from pfd_ros.recording.format import CHANNELS, EndKey, HeadKey
 from pfd_ros.text import one_line
 
 # More than any recording counts; a larger number is damage, and no loop should run to it.

@@ -1,3 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""replay."""
+"""A recording run again, without ROS.
+
+From the file to the verdict:
+
+ordering     each message in its cycle; numbers, order and times that cannot be are refused
+inspection   whether everything that was recorded is in the file, without simulating
+summary      the result of an inspection for people
+verify       the engine fed from the recording, its outputs compared byte for byte: `read`
+"""

@@ -1,15 +1,15 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs a recording again and compares every state and clock tick it published, bit for bit.
+"""Runs a recording again and compares every output of the arm, byte for byte.
 
-Needs the file alone, no ROS: settings and robot are in its head, the commands as they came in,
-and for each of them the step before which it was taken. The file is read twice: first to see
-that it is whole and can have happened (`survey.py`), then to simulate it.
+Needs the file alone, no ROS: it holds settings, robot, the bytes of every command, and the cycle
+that took it. The file is read twice: first to inspect whether it is whole and possible
+(`inspection.py`), then to feed the engine from it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,20 +17,29 @@ from typing import Any
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.commands import Verdict
-from pfd_ros.arm.plant import Plant
-from pfd_ros.messages.convert import JointMessage, decode_clock, decode_joint_state
-from pfd_ros.recording.format import ROBOT, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import (
+    CLOCK,
+    STATES,
+    TAKEN,
+    TAKEN_COLUMNS,
+    Arrival,
+    Event,
+    Overflow,
+    Source,
+    Verdict,
+)
+from pfd_ros.messages.convert import JointMessage, decode_clock, decode_joint_state, decode_rows
+from pfd_ros.recording.format import ROBOT, ROLE_OF_SOURCE, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending
 from pfd_ros.recording.reader import Log, LogError, damage_named
-from pfd_ros.replay.events import Event, Row, events
-from pfd_ros.replay.survey import Summary, Survey, survey
-
-__all__ = ['DifferenceError', 'Summary', 'read']
+from pfd_ros.replay.inspection import Inspection, inspect
+from pfd_ros.replay.ordering import PlacedMessage, placed_messages
+from pfd_ros.replay.summary import Summary
 
 FIELDS = ('position', 'velocity', 'effort')
-# Part of the time that looking through the file takes when it is simulated too.
-LOOKING = 0.1
+# Share of the progress that the inspection gets when the file is simulated too.
+INSPECTION_SHARE = 0.1
 
 
 class DifferenceError(LogError):
@@ -45,11 +54,11 @@ def read(
     Parameters
     ----------
     path
-        The file; a cut-off one is read up to the cut.
+        The file; a file that was cut off is read up to the cut.
     verify
-        Simulate everything again and compare all states and clock ticks.
+        Run the engine again and compare all verdicts, states and clock ticks.
     progress
-        Called now and then with the part that is done, 0 to 1.
+        Called now and then with the finished part, 0 to 1.
 
     Raises
     ------
@@ -67,30 +76,31 @@ def read(
     path = Path(path)
     log = Log(path)
     with damage_named(path):
-        found = survey(log, part(0.0, LOOKING if verify else 1.0))
+        found = inspect(log, part(0.0, INSPECTION_SHARE if verify else 1.0))
         if verify:
-            _replay(log, found, part(LOOKING, 1.0 - LOOKING))
+            _replay(log, found, part(INSPECTION_SHARE, 1.0 - INSPECTION_SHARE))
         if found.altered:
             raise ValueError(found.altered)
     return found.summary
 
 
-def _replay(log: Log, found: Survey, progress: Callable[[float], None] | None) -> None:
-    """Simulate what a recording holds and compare."""
+def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | None) -> None:
+    """Feed an engine from a recording and compare its outputs with the recorded ones."""
     if found.summary.states == 0:
         raise LogError(f'{log.path} holds no states, so there is nothing to verify')
     if found.summary.obstacle:
         raise LogError(f'{log.path} {found.summary.obstacle}')
-    run = _Run(Plant(found.summary.settings, _robot(log, found.state)))
-    for count, event in enumerate(events(log)):
-        run.follow(event)
+    replay = _Replay(Engine(found.summary.settings, _robot(log, found.state)))
+    for count, message in enumerate(placed_messages(log)):
+        replay.follow(message)
         if progress is not None and count % 1000 == 0:
             progress(log.position / log.size)
     if found.ending is not None:
-        run.finish(found.ending)
-    if run.plant.failure:
-        found.summary.stopped_at = run.plant.step
-        found.summary.failure = run.plant.failure
+        replay.finish(found.ending)
+    arm = replay.engine.arm
+    if arm.failure:
+        found.summary.stopped_at, found.summary.failure = arm.step, arm.failure
+    replay.compare_last_rows()
 
 
 def _robot(log: Log, state: bytes) -> Any:
@@ -107,79 +117,113 @@ def _robot(log: Log, state: bytes) -> Any:
 
 
 @dataclass
-class _Run:
-    """A plant that follows a recording, and the commands not yet taken."""
+class _Replay:
+    """An engine that follows a recording.
 
-    plant: Plant
-    cycle: int = 0
-    commands: dict[tuple[int, int], bytes] = field(default_factory=dict)
+    Attributes
+    ----------
+    payloads
+        Commands that have come in and not been taken, by source and sequence.
+    rows
+        Messages with the verdict rows of the next cycle.
+    outputs
+        Data of the last cycle's state and tick, by role.
+    """
 
-    def follow(self, event: Event) -> None:
-        """Do what the node did, and compare what it published."""
-        if event.role in SOURCE_OF_ROLE:
-            key = SOURCE_OF_ROLE[event.role], event.number & SEQUENCE_MASK
-            self.commands[key] = event.data
-        elif event.role == 'taken':
-            self._advance(event.step - 1)
-            for row in event.rows:
-                self._receive(row)
+    engine: Engine
+    payloads: dict[tuple[Source, int], bytes] = field(default_factory=dict)
+    rows: list[PlacedMessage] = field(default_factory=list)
+    outputs: dict[str, bytes] = field(default_factory=dict)
+
+    def follow(self, message: PlacedMessage) -> None:
+        """Take one message: an input, rows that say which cycle took it, or an output."""
+        if message.role in SOURCE_OF_ROLE:
+            self.payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
+        elif message.role == TAKEN:
+            self._run_to(message.cycle - 1)
+            self.rows.append(message)
         else:
-            self._advance_to_stamp(event)
-            states = event.role == 'joint_states'
-            computed = self.plant.state() if states else self.plant.clock()
-            # Almost always one comparison of bytes.
-            if event.data != computed:
-                where = (_state_difference if states else _tick_difference)(event.data, computed)
-                why = f'; the replay: {self.plant.failure}' if self.plant.failure else ''
-                raise DifferenceError(f'step {event.step}: {where}{why}')
+            if message.lost:
+                self._run_to_stamp(message)
+            self._run_to(message.cycle)
+            self._compare(message, self.outputs[message.role])
 
     def finish(self, ending: Ending) -> None:
         """Go on to where the node stopped, and compare whether it had failed by then."""
-        # The failure itself is one step behind the last good one.
-        self._advance(ending.steps + bool(ending.failure))
-        ours, theirs = self.plant.failure, ending.failure
-        if bool(ours) != bool(theirs) or self.plant.step != ending.steps:
+        # The cycle that failed follows the last good step.
+        self._run_to(ending.steps + bool(ending.failure))
+        arm, theirs = self.engine.arm, ending.failure
+        if bool(arm.failure) != bool(theirs) or arm.step != ending.steps:
             raise DifferenceError(
                 f'the end: recorded {ending.steps} steps and {theirs or "no failure"!r}, '
-                f'replayed {self.plant.step} steps and {ours or "no failure"!r}'
+                f'replayed {arm.step} steps and {arm.failure or "no failure"!r}'
             )
 
-    def _advance(self, step: int) -> None:
-        while self.cycle < step:
-            self.cycle += 1
-            self.plant.advance()
-            if self.plant.failure:
-                # It stands still from here on, however long.
-                self.cycle = step
+    def compare_last_rows(self) -> None:
+        """Compare the verdicts of a cycle whose state is not in the file."""
+        if self.rows:
+            self._run_cycle()
 
-    def _advance_to_stamp(self, event: Event) -> None:
-        """Advance to the step of an event, through a gap only if its stamp says the same.
+    def _run_to(self, cycle: int) -> None:
+        while self.engine.cycles < cycle:
+            if self.engine.arm.failure and not self.rows:
+                self.engine.stand_still(cycle - 1)
+            self._run_cycle()
 
-        A failed arm has an earlier stamp; then no step behind that stamp can have been done.
-        """
-        settings = self.plant.settings
-        if event.lost:
-            stamp = decode_clock(event.data)
-            done = (stamp - settings.start_ns) // settings.step_ns
-            if done < event.step:
-                self._advance(done + 1)
-                if not self.plant.failure:
-                    raise DifferenceError(
-                        f'step {event.step}: {event.role} {event.number}: recorded stamp '
-                        f'{stamp} ns, expected that of step {event.step}'
-                    )
-        self._advance(event.step)
+    def _run_cycle(self) -> None:
+        recorded, self.rows = self.rows, []
+        events = [event for message in recorded for event in self._events(message)]
+        outputs = self.engine.run_cycle(events).outputs
+        self.outputs = {output.role: output.data for output in outputs}
+        if recorded:
+            written = [output.data for output in outputs if output.role == TAKEN]
+            for message, computed in zip(recorded, written, strict=True):
+                self._compare(message, computed)
 
-    def _receive(self, row: Row) -> None:
-        data = self.commands.pop((row.source, row.number), b'')
-        if row.verdict is Verdict.OVERFLOWED:
+    def _events(self, message: PlacedMessage) -> Iterator[Event]:
+        """Yield the events that the rows of a message are about."""
+        payloads = [self.payloads.pop((row.source, row.sequence), b'') for row in message.rows]
+        if message.rows[0].verdict is Verdict.OVERFLOWED:
+            yield Overflow(message.rows[0].source, [row.sequence for row in message.rows])
             return
-        judged = self.plant.receive(row.source, data).verdict
-        if judged != row.verdict:
+        for row, payload in zip(message.rows, payloads, strict=True):
+            yield Arrival(row.source, row.sequence, payload)
+
+    def _run_to_stamp(self, message: PlacedMessage) -> None:
+        """Run through a gap only if the stamp behind it says that it was run through.
+
+        A failed arm has an earlier stamp; then the next step cannot have been done.
+        """
+        settings = self.engine.settings
+        stamp = decode_clock(message.data)
+        done = (stamp - settings.start_ns) // settings.step_ns
+        if done >= message.cycle:
+            return
+        self._run_to(done + 1)
+        if not self.engine.arm.failure:
             raise DifferenceError(
-                f'step {self.cycle + 1}: command {row.number} of {ROLE_OF_SOURCE[row.source]}: '
-                f'recorded as {row.verdict.name}, replayed as {judged.name}'
+                f'step {message.cycle}: {message.role} {message.number}: recorded stamp '
+                f'{stamp} ns, expected that of step {message.cycle}'
             )
+
+    def _compare(self, message: PlacedMessage, computed: bytes) -> None:
+        # Almost always one comparison of bytes.
+        if message.data != computed:
+            where = _DIFFERENCES[message.role](message.data, computed)
+            failure = self.engine.arm.failure
+            why = f'; the replay: {failure}' if failure else ''
+            raise DifferenceError(f'step {message.cycle}: {where}{why}')
+
+
+def _row_difference(recorded: bytes, computed: bytes) -> str:
+    rows = (decode_rows(data, len(TAKEN_COLUMNS)) for data in (recorded, computed))
+    for (_, source, number, theirs), (*_, ours) in zip(*rows, strict=False):
+        if theirs != ours:
+            return (
+                f'command {number} of {ROLE_OF_SOURCE[Source(source)]}: '
+                f'recorded as {Verdict(theirs).name}, replayed as {Verdict(ours).name}'
+            )
+    return 'the same verdicts, in other rows'
 
 
 def _tick_difference(recorded: bytes, computed: bytes) -> str:
@@ -217,3 +261,6 @@ def _first_difference(recorded: JointMessage, computed: JointMessage) -> str:
                 f'({other.view(np.uint64)[i]:#018x})'
             )
     return ''
+
+
+_DIFFERENCES = {TAKEN: _row_difference, STATES: _state_difference, CLOCK: _tick_difference}

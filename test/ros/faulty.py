@@ -77,36 +77,37 @@ def without_ros(run) -> None:
 
 def step_after(count: int) -> None:
     """Let the arm step once that many commands have come in."""
-    from pfd_ros.node import sim_arm
+    from pfd_ros.node.receiving import EventQueue
+    from pfd_ros.node.stepping import Stepper
 
     came, enough = itertools.count(1), threading.Event()
-    real_put, real_run = sim_arm.Inbox.put, sim_arm.SimArm.run
+    real_put, real_run = EventQueue.put, Stepper.run
 
-    def put(inbox, *command) -> None:
-        real_put(inbox, *command)
+    def put(queue, arrival) -> None:
+        real_put(queue, arrival)
         if next(came) == count:
             enough.set()
 
-    def run(arm, stopped) -> None:
+    def run(stepper, stopped) -> None:
         enough.wait()
-        real_run(arm, stopped)
+        real_run(stepper, stopped)
 
-    sim_arm.Inbox.put = put
-    sim_arm.SimArm.run = run
+    EventQueue.put = put
+    Stepper.run = run
 
 
 def trace() -> None:
     """Tell with every report how much memory the objects take."""
     tracemalloc.start()
-    from pfd_ros.node import sim_arm
+    from pfd_ros.node.reporting import Reporter
 
-    real_report = sim_arm.SimArm.report
+    real_report = Reporter.report
 
-    def report(arm, **options) -> None:
-        real_report(arm, **options)
+    def report(reporter, **options) -> None:
+        real_report(reporter, **options)
         print(f'traced {tracemalloc.get_traced_memory()[0]}', flush=True)
 
-    sim_arm.SimArm.report = report
+    Reporter.report = report
 
 
 def put_in(fault: str) -> None:
@@ -119,32 +120,41 @@ def put_in(fault: str) -> None:
         return
     from pfd_ros.node import process, sim_arm
 
+    if fault == 'reports_often':
+        process.REPORT_SECONDS = 0.1
+        return
     if fault.startswith('executor_'):
         real = process.EventsExecutor
         process.EventsExecutor = lambda: FaultyExecutor(real(), fault)
         # As many as a real one may have before the node gives up.
         process.MOST_FAILURES = 3
     elif fault == 'stepping_fails':
-        real_cycle = sim_arm.SimArm.cycle
+        from pfd_ros.node.stepping import Stepper
 
-        def cycle(arm) -> None:
-            if arm.cycles == 200:
+        real_cycle = Stepper.run_cycle
+
+        def run_cycle(stepper) -> None:
+            if stepper.engine.cycles == 200:
                 raise KeyError('{0}')
-            real_cycle(arm)
+            real_cycle(stepper)
 
-        sim_arm.SimArm.cycle = cycle
+        Stepper.run_cycle = run_cycle
     elif fault == 'stepping_hangs':
         process.END_SECONDS = 1
-        real_advance = sim_arm.Plant.advance
+        from pfd_ros.arm.arm import Arm
 
-        def advance(plant) -> None:
-            if plant.step == 200:
+        real_advance = Arm.advance
+
+        def advance(arm, drive) -> None:
+            if arm.step == 200:
                 hang_in_c()
-            real_advance(plant)
+            real_advance(arm, drive)
 
-        sim_arm.Plant.advance = advance
+        Arm.advance = advance
     elif fault == 'reporting_fails':
-        sim_arm.SimArm.report = lambda arm, last=False: {}['{}']
+        from pfd_ros.node.reporting import Reporter
+
+        Reporter.report = lambda reporter, last=False: {}['{}']
     elif fault == 'closing_hangs':
         sim_arm.SimArm.close_recording = hang_in_python
     elif fault == 'closing_hangs_in_c':
@@ -156,8 +166,10 @@ def put_in(fault: str) -> None:
         process.END_SECONDS = 2
         threading.Thread(target=hang_in_c).start()
     elif fault == 'recorder_failed':
-        sim_arm.LogRecorder.backlog = property(lambda recorder: 1.0)
-        sim_arm.LogRecorder.failed = property(lambda recorder: True, lambda recorder, value: None)
+        from pfd_ros.recording.recorder import LogRecorder
+
+        LogRecorder.backlog = property(lambda recorder: 1.0)
+        LogRecorder.failed = property(lambda recorder: True, lambda recorder, value: None)
     elif fault.startswith('first_step_after_'):
         step_after(int(fault.removeprefix('first_step_after_')))
     else:

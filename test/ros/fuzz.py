@@ -34,12 +34,14 @@ from typing import Any
 import numpy as np
 from ros_processes import JOINTS, Peer, Process, Processes, resident_bytes
 
-from pfd_ros.arm.commands import Verdict
-from pfd_ros.arm.plant import Plant, Source, load_robot
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.cdr import CdrWriter
 from pfd_ros.messages.convert import JointStateEncoder
-from pfd_ros.replay.verify import Summary, read
+from pfd_ros.replay.summary import Summary
+from pfd_ros.replay.verify import read
 
 # Largest message for which the memory of the whole process is judged.
 SMALL_BYTES = 2048
@@ -73,7 +75,7 @@ SECONDS_PER_PARAMETER_CALL = 3.0
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a run came to."""
+    """The result of a run."""
 
     sent: int
     largest: int
@@ -91,7 +93,7 @@ class Messages:
         self.random = random.Random(seed)
         self._largest = largest
         settings = Settings(damping=True)
-        self._plant = Plant(settings, load_robot(settings))
+        self._engine = Engine(settings, load_robot(settings))
 
     def name(self) -> str:
         chance = self.random.random()
@@ -177,7 +179,7 @@ class Messages:
                 continue
             # The middleware fills up to four bytes: a message that was cut may come out whole.
             arriving = data + bytes(-len(data) % 4)
-            efforts = self._plant.receive(source, arriving).efforts
+            efforts = self._engine.judge(Arrival(source, 1, arriving)).efforts
             if all(abs(effort) <= SMALL for effort in efforts):
                 yield source, data
 
@@ -262,7 +264,7 @@ def _flood(
 
 
 def fuzz(processes: Processes, seconds: float, seed: int, largest: int) -> Outcome:
-    """Run a node under hostile messages and return what came of it."""
+    """Run a node under hostile messages and return the result."""
     arm = processes.faulty('traced', '-p', 'recording:=arm.mcap', '-p', 'damping:=true')
     peer = Peer(processes.domain)
     crowd = Crowd(processes.domain, random.Random(seed))

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, Recording, Sent
 
+from pfd_ros.arm.events import TAKEN_COLUMNS
 from pfd_ros.messages import convert
-from pfd_ros.recording.format import END, HEAD, TAKEN_COLUMNS
+from pfd_ros.recording.format import END, HEAD
 
 LARGE = 1 << 31
 # The file's own name: the rest of the line is left open.

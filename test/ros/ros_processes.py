@@ -20,6 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 # Longest wait for anything a process should do: discovery alone may take three seconds, and
 # compiling a robot on a busy machine some more. Nothing is measured against it.
 PATIENCE = 60.0
+MILLISECOND = 1_000_000
 HAS_ROS = importlib.util.find_spec('rclpy') is not None
 NODE = ('-m', 'pfd_ros.node.main')
 JOINTS = tuple(f'joint{i}' for i in range(1, 7))
@@ -50,6 +51,12 @@ def example_robot(path: str) -> Path:
     return prefix / 'share' / 'example-robot-data' / 'robots' / path
 
 
+def stamp_ns(message: Any) -> int:
+    """Return the simulated time of a JointState or Clock."""
+    stamp = getattr(message, 'clock', None) or message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
 def resident_bytes(pid: int) -> int:
     """Return how much memory a process holds."""
     pages = int(Path(f'/proc/{pid}/statm').read_text(encoding='ascii').split()[1])
@@ -67,7 +74,7 @@ def environment(domain: int) -> dict[str, str]:
 
 
 class Process:
-    """A process of ours and what it prints."""
+    """A process of ours and its output."""
 
     def __init__(self, command: Sequence[str], folder: Path, domain: int) -> None:
         self.output = folder / f'output_{time.monotonic_ns()}.txt'

@@ -6,18 +6,22 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, Recording, Sent, Type
 
-from pfd_ros.arm.commands import Verdict
-from pfd_ros.arm.plant import Plant, Source, load_robot
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Arrival, Source, Verdict, VerdictRow
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages import cdr, convert
+from pfd_ros.messages import cdr
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, END, TAKEN_COLUMNS
+from pfd_ros.recording.format import CHANNELS, END
 from pfd_ros.recording.mcap_file import TimeBase
+from pfd_ros.recording.reader import Log
+from pfd_ros.replay.ordering import placed_messages
 
 ROLES = {
     'joint_commands': NAMED,
@@ -27,6 +31,11 @@ ROLES = {
     'clock': CLOCK,
 }
 START_NS = 1_700_000_000_000_000_000
+
+
+def rows_of(path: Path) -> list[VerdictRow]:
+    """Return the verdict rows of a recording, in their order."""
+    return [row for message in placed_messages(Log(path)) for row in message.rows]
 
 
 def efforts(*values: float) -> bytes:
@@ -54,7 +63,7 @@ def simulate(
     """
     chosen = Settings(**{'robot': 'planar2', **settings})
     robot = load_robot(chosen)
-    plant = Plant(chosen, robot)
+    engine = Engine(chosen, robot)
     roles = {k: v for k, v in ROLES.items() if k != 'clock' or chosen.publish_clock}
     head = provenance.file_head(chosen, robot, roles, TimeBase(START_NS, 0))
     made = Recording(
@@ -64,33 +73,29 @@ def simulate(
             Type(topic, 'cdr', CHANNELS[role].type, 'ros2msg') for role, topic in roles.items()
         ],
     )
-    counts = dict.fromkeys(ROLES.values(), 0)
+    counts = dict.fromkeys(ROLES, 0)
     accepted = 0
 
-    def record(topic: str, step: int, data: bytes) -> int:
-        counts[topic] += 1
-        made.messages.append(Sent(topic, counts[topic], START_NS + step * chosen.step_ns, data))
-        return counts[topic]
+    def record(role: str, step: int, data: bytes) -> int:
+        counts[role] += 1
+        log_ns = START_NS + step * chosen.step_ns
+        made.messages.append(Sent(ROLES[role], counts[role], log_ns, data))
+        return counts[role]
 
     for step in range(1, steps + 1):
-        rows = []
-        for data in (commands or {}).get(step, ()):
-            number = record(ARRAY, step, data)
-            verdict = plant.receive(Source.ARRAY, data).verdict
-            accepted += verdict is Verdict.ACCEPTED
-            rows.append((step, Source.ARRAY, number, verdict))
-        if rows:
-            record(TAKEN, step, convert.encode_rows(rows, TAKEN_COLUMNS))
-        plant.advance()
-        if step % chosen.publish_every == 0:
-            record(STATES, step, plant.state())
-        if chosen.publish_clock and step % chosen.clock_every == 0:
-            record(CLOCK, step, plant.clock())
+        events = [
+            Arrival(Source.ARRAY, record('commands', step, data), data)
+            for data in (commands or {}).get(step, ())
+        ]
+        result = engine.run_cycle(events)
+        accepted += sum(found.verdict is Verdict.ACCEPTED for _, found, _ in result.judgements)
+        for role, number, data in result.outputs:
+            assert number == record(role, step, data)
     totals = {
-        'steps': plant.step,
-        'states': counts[STATES],
+        'steps': engine.arm.step,
+        'states': counts['joint_states'],
         'commands_accepted': accepted,
-        'failure': plant.failure,
+        'failure': engine.arm.failure,
     }
     zeros = dict.fromkeys(roles.values(), 0)
     told = {'totals': totals, 'recorded': zeros, 'dropped': zeros}

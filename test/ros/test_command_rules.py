@@ -1,15 +1,16 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a command does and when it does nothing: the table of cases, without ROS."""
+"""The rules for commands: the verdict on each case and its effect on the drive."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from pfd_ros.arm.commands import Command, Verdict, held, judge_array, judge_named, merge
+from pfd_ros.arm.commands import Judgement, held, judge_array, judge_named, merge
+from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
-from pfd_ros.node.tally import Tally
+from pfd_ros.node.command_counts import CommandCounts
 
 INDEX = {'a': 0, 'b': 1, 'c': 2}
 START_NS = 5_000_000_000
@@ -21,7 +22,7 @@ def message(names, effort=(), position=(), velocity=(), stamp_ns: int = 0) -> Jo
     return JointMessage(stamp_ns, '', tuple(names), *arrays)
 
 
-def judge(*args, **other) -> Command:
+def judge(*args, **other) -> Judgement:
     return judge_named(message(*args, **other), INDEX, START_NS)
 
 
@@ -110,16 +111,16 @@ def test_the_size_of_a_verdict_does_not_depend_on_that_of_the_message() -> None:
     )
 
 
-def test_a_tally_stays_small_however_many_names_come() -> None:
-    tally = Tally()
+def test_the_counts_stay_small_however_many_names_come() -> None:
+    counts = CommandCounts()
     for k in range(1000):
-        tally.add(0, judge([f'{{{k}}}', 'y'], [1.0, 1.0]))
-        tally.add(1, judge('a', [1.0]), 3)
-    assert tally.verdicts() == {
+        counts.add(0, judge([f'{{{k}}}', 'y'], [1.0, 1.0]))
+        counts.add(1, judge('a', [1.0]), 3)
+    assert counts.verdicts() == {
         (0, Verdict.UNKNOWN_NAMES): (1000, "none of ['{999}', 'y'] is a joint of the arm"),
         (1, Verdict.ACCEPTED): (3000, ''),
     }
-    count, names = tally.unknown()
+    count, names = counts.unknown()
     assert (count, names[:3], len(names)) == (2000, ['{0}', 'y', '{1}'], 8)
 
 

@@ -15,7 +15,7 @@ import pytest
 from ros_processes import HAS_ROS, PATIENCE, Processes, environment
 
 import pfd_core as pfd
-from pfd_ros.demo import run as demo
+from pfd_ros.demo import processes as demo
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.replay.verify import read
 
@@ -59,12 +59,12 @@ def test_a_run_takes_a_name_of_its_own(tmp_path: Path) -> None:
 @pytest.mark.parametrize('seconds', [0.0, -1.0, float('nan'), float('inf')])
 def test_a_length_that_is_none_is_refused(tmp_path: Path, seconds: float) -> None:
     with pytest.raises(ValueError, match='--seconds is'):
-        demo.run('puma560', seconds, tmp_path)
+        demo.run_demo('puma560', seconds, tmp_path)
 
 
 def test_an_unknown_robot_is_named_before_anything_starts(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match='r2d2'):
-        demo.run('r2d2', 1.0, tmp_path / 'out')
+        demo.run_demo('r2d2', 1.0, tmp_path / 'out')
     assert not (tmp_path / 'out').exists()
 
 
@@ -103,8 +103,9 @@ def test_the_domain_is_never_the_inherited_one_and_not_always_the_same(inherited
 
 
 @pytest.mark.ros
-def test_a_domain_with_a_node_on_it_is_not_free(processes: Processes, peer_of) -> None:
-    peer_of(processes)
+def test_a_domain_with_a_node_on_it_is_not_free(processes: Processes) -> None:
+    # Of a process of its own: participants are numbered by process, and their ports by number.
+    processes.arm('-p', 'robot:=planar2')
     assert not demo._is_free(processes.domain)
     inherited = {'ROS_DOMAIN_ID': str(1 + processes.domain % 100)}
     assert processes.domain not in {demo.free_domain(inherited) for _ in range(300)}
@@ -182,7 +183,7 @@ def test_even_on_one_domain_two_demos_are_apart(tmp_path: Path, monkeypatch) -> 
     monkeypatch.setattr(demo, '_stop', lambda process: 1)
     for _ in range(2):
         with contextlib.suppress(AttributeError):
-            demo.run('planar2', 1.0, tmp_path)
+            demo.run_demo('planar2', 1.0, tmp_path)
     names = [[part for part in command if part.startswith('__ns:=')] for command in started]
     assert all(len(name) == 1 for name in names)
     assert len({name[0] for name in names}) == 2

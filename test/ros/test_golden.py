@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from pfd_ros.arm.commands import Verdict
+from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read
 
 DATA = Path(__file__).resolve().parents[1] / 'data'

@@ -1,49 +1,23 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node as its users meet it: a process on real topics, with signals and full disks."""
+"""The node as its users meet it: a process on real topics."""
 
 from __future__ import annotations
 
-import json
-import os
-from pathlib import Path
-import resource
 import signal
-import time
 
-from mcap.reader import make_reader
 import numpy as np
 import pytest
-from ros_processes import JOINTS, PATIENCE, READER, Processes, example_robot
+from ros_processes import JOINTS, MILLISECOND, READER, Processes, stamp_ns
+from simulating import rows_of
 
-from pfd_ros.arm.commands import Verdict
-from pfd_ros.arm.plant import Source
-from pfd_ros.messages.convert import decode_rows
-from pfd_ros.node.inbox import MOST_COMMANDS
-from pfd_ros.recording.format import TAKEN_COLUMNS
-from pfd_ros.recording.reader import Log
+from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.node.receiving import LARGEST_MESSAGE
 from pfd_ros.replay.verify import read
 
-pytestmark = pytest.mark.ros
-LARGEST_COMMAND = 1 << 22
-
 NAN, INF = float('nan'), float('inf')
-MILLISECOND = 1_000_000
 
-
-def stamp_ns(message) -> int:
-    stamp = getattr(message, 'clock', None) or message.header.stamp
-    return stamp.sec * 1_000_000_000 + stamp.nanosec
-
-
-def taken(path: Path) -> list[tuple[Source, Verdict]]:
-    """Return where each command came from and what became of it, in order."""
-    return [
-        (Source(row[1]), Verdict(row[3]))
-        for entry in Log(path).entries()
-        if entry.role == 'taken'
-        for row in decode_rows(entry.data, len(TAKEN_COLUMNS))
-    ]
+pytestmark = pytest.mark.ros
 
 
 def test_a_torque_goes_in_and_a_moving_arm_comes_out(processes: Processes, peer_of) -> None:
@@ -108,61 +82,11 @@ def test_every_kind_of_command_is_judged_as_the_rules_say(processes: Processes, 
     assert peer.states[-1].effort.tolist() == [0.6, 0.5, 0.4, 0.3, 0.2, 0.1]
     assert all(np.isfinite(state.position).all() for state in peer.states)
     assert arm.end(signal.SIGTERM) == 0
-    assert taken(processes.folder / 'arm.mcap') == wanted
+    rows = rows_of(processes.folder / 'arm.mcap')
+    assert [(row.source, row.verdict) for row in rows] == wanted
     for text in ('ragged (6 names and', 'no_effort (holds', 'joint7'):
         assert text in arm.text()
     assert read(processes.folder / 'arm.mcap', verify=True).verdicts[Verdict.ACCEPTED] == 3
-
-
-@pytest.mark.parametrize(
-    'signals',
-    [
-        (signal.SIGINT,),
-        (signal.SIGTERM,),
-        (signal.SIGHUP,),
-        (signal.SIGINT, signal.SIGINT),
-        (signal.SIGHUP, signal.SIGTERM),
-    ],
-    ids=lambda signals: '+'.join(s.name for s in signals),
-)
-def test_a_signal_ends_the_node_cleanly_and_the_file_is_whole(
-    processes: Processes, signals: tuple[signal.Signals, ...]
-) -> None:
-    arm = processes.arm('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0')
-    wait_for_steps(processes)
-    assert arm.end(*signals) == 0, arm.text()
-    summary = read(processes.folder / 'arm.mcap', verify=True)
-    assert summary.complete
-    # An independent reader, by the index at the end of the file.
-    with (processes.folder / 'arm.mcap').open('rb') as stream:
-        reader = make_reader(stream, validate_crcs=True)
-        states = sum(1 for _ in reader.iter_messages(topics=['/joint_states']))
-        end = [m.metadata for m in reader.iter_metadata() if m.name == 'pfd_ros_end']
-    assert states == summary.states
-    assert json.loads(end[0]['totals'])['states'] == states + summary.missing
-
-
-def wait_for_steps(processes: Processes) -> None:
-    """Wait until the recording has grown beyond its head."""
-    path = processes.folder / 'arm.mcap'
-    head, deadline = path.stat().st_size, time.monotonic() + PATIENCE
-    while path.stat().st_size <= head:
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
-def test_a_killed_node_leaves_a_file_that_verifies(processes: Processes, peer_of) -> None:
-    arm = processes.arm('-p', 'recording:=arm.mcap')
-    peer = peer_of(processes)
-    peer.connect()
-    for k in range(50):
-        peer.command(JOINTS, [0.01 * k] * 6)
-        peer.let_pass(10)
-    assert arm.end(signal.SIGKILL) == -signal.SIGKILL
-    summary = read(processes.folder / 'arm.mcap', verify=True)
-    assert not summary.complete
-    assert summary.states > 100
-    assert summary.verdicts[Verdict.ACCEPTED] > 0
 
 
 def test_two_arms_in_two_namespaces_do_not_hear_each_other(processes: Processes, peer_of) -> None:
@@ -185,78 +109,6 @@ def test_two_arms_in_two_namespaces_do_not_hear_each_other(processes: Processes,
     peers[0].wait(lambda: len(peers[0].clocks) > count + 10)
 
 
-def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None:
-    (processes.folder / 'given.yaml').write_text(
-        '/**:\n  ros__parameters:\n    robot: planar2\n    joints: [elbow, shoulder]\n'
-        '    initial_positions: [0.5, -0.25]\n    step_size: 0.002\n    publish_rate: 100.0\n'
-        '    colour: red\n'
-    )
-    arm = processes.arm('--params-file', 'given.yaml')
-    peer = peer_of(processes)
-    peer.connect()
-    peer.let_pass(5)
-    assert list(peer.states[-1].name) == ['elbow', 'shoulder']
-    assert peer.states[-1].position.tolist() == [0.5, -0.25]
-    steps = np.diff([stamp_ns(state) for state in peer.states])
-    assert all(step % (10 * MILLISECOND) == 0 and step > 0 for step in steps)
-    assert arm.end(signal.SIGINT) == 0
-    assert "not parameters of this node: ['colour']" in arm.text()
-
-
-@pytest.mark.parametrize(
-    ('args', 'text'),
-    [
-        (('-p', 'step_size:=5.0'), 'step_size out of range'),
-        (('-p', 'step_size:=1'), "'step_size' to '1' of type 'INTEGER', expecting type 'DOUBLE'"),
-        (('-p', 'robot:=r2d2'), 'r2d2'),
-        (('-p', 'publish_rate:=300.0'), 'publish_rate is 300.0 Hz'),
-        (('-p', 'recording:=there.mcap'), 'there.mcap exists and is never written over'),
-        (('--params-file', 'nix.yaml'), 'nix.yaml'),
-        (('-p', 'recording:=folder'), 'folder exists and is never written over'),
-        (('-p', 'recording:=fifo'), 'fifo exists and is never written over'),
-        (('-p', 'recording:=/proc/nowhere/arm.mcap'), '/proc/nowhere/arm.mcap cannot be written'),
-        (('-p', 'recording:=nowhere/arm.mcap'), 'nowhere/arm.mcap cannot be written'),
-        (('-p', f'recording:={"x" * 300}'), 'File name too long'),
-        (('-p', 'robot:=fifo'), "'fifo' must end in .urdf"),
-        (('-p', 'robot:=folder'), 'folder'),
-        (('-p', "robot:='{0}{}%s'"), '{0}{}%s'),
-        (('-p', f'robot:={"x" * 50_000}'), 'xxx'),
-        (('-p', "joints:=['{}','{0}']"), "joints is ['{}', '{0}'], expected each joint"),
-        (('-p', f'step_size:={10**400}'), 'step_size'),
-        (('-p', f'substeps:={10**400}'), 'substeps'),
-        (('-p', 'substeps:=1000000000000'), 'substeps out of range'),
-        (('-p', 'gravity:=[.nan, 0.0, 0.0]'), 'gravity holds nan'),
-        (('-p', 'real_time_factor:=1e-9'), 'real_time_factor is 1e-09'),
-        (('-p', 'publish_rate:=1e-300'), 'publish_rate is 1e-300 Hz'),
-        (('-p', 'locked:=[nobody]'), 'nobody'),
-        (('-p', 'locked:=[a, a]'), 'locked names a joint twice'),
-        (('-p', 'locked_positions:=[0.5]'), 'locked_positions holds 1 numbers, expected 0'),
-        (('--params-file', 'large.yaml'), 'joints holds 300000 values, expected 1000 at most'),
-        (('-r', '__node:={x}'), 'remap rule'),
-        (('-x',), "['-x']"),
-    ],
-    ids=lambda value: str(value)[:60],
-)
-def test_a_bad_parameter_is_named_and_the_status_is_1(
-    processes: Processes, args: tuple[str, ...], text: str
-) -> None:
-    (processes.folder / 'there.mcap').write_bytes(b'dear')
-    (processes.folder / 'folder').mkdir()
-    os.mkfifo(processes.folder / 'fifo')
-    names = ', '.join(f'joint{k}' for k in range(300_000))
-    (processes.folder / 'large.yaml').write_text(
-        f'/**: {{ros__parameters: {{joints: [{names}]}}}}'
-    )
-    arm = processes.arm(*args, ready=False)
-    assert arm.end() == 1
-    lines = [line for line in arm.text().splitlines() if not line.startswith('[WARN]')]
-    assert len(lines) == 1, arm.text()
-    assert lines[0].startswith('sim_arm: ')
-    assert text in lines[0]
-    assert len(lines[0]) < 700
-    assert (processes.folder / 'there.mcap').read_bytes() == b'dear'
-
-
 def test_a_state_that_overflows_is_said_once_and_the_node_goes_on(
     processes: Processes, peer_of
 ) -> None:
@@ -273,56 +125,6 @@ def test_a_state_that_overflows_is_said_once_and_the_node_goes_on(
     assert arm.text().count('simulation stopped') == 1
     assert 'the simulation did not go on to the end' in arm.text()
     assert read(processes.folder / 'arm.mcap', verify=True).complete
-
-
-def test_a_full_disk_stops_the_recording_and_not_the_arm(processes: Processes, peer_of) -> None:
-    arm = processes.arm('-p', 'recording:=arm.mcap')
-    # The kernel writes up to this size and then refuses, as a full disk does.
-    resource.prlimit(arm.process.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
-    peer = peer_of(processes)
-    peer.connect()
-    arm.wait_for_text('recording stopped')
-    peer.let_pass(100)
-    assert arm.end(signal.SIGINT) == 1, arm.text()
-    assert arm.text().count('recording stopped') == 1
-    assert 'the recording does not hold everything' in arm.text()
-    summary = read(processes.folder / 'arm.mcap', verify=True)
-    assert not summary.complete
-    assert summary.states > 0
-
-
-def test_a_failed_recording_does_not_stop_an_arm_at_unlimited_speed(
-    processes: Processes, peer_of
-) -> None:
-    # Its queue stays as full as it was when the disk failed.
-    arm = processes.faulty(
-        'recorder_failed', '-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0'
-    )
-    peer = peer_of(processes)
-    peer.connect()
-    peer.let_pass(100)
-    assert arm.end(signal.SIGINT) == 1, arm.text()
-    assert 'the recording does not hold everything' in arm.text()
-
-
-def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
-    processes: Processes, peer_of
-) -> None:
-    arm = processes.arm(
-        *('-p', f'robot:={example_robot("panda_description/urdf/panda.urdf")}'),
-        *('-p', 'locked:=[panda_finger_joint1, panda_finger_joint2]'),
-        *('-p', 'locked_positions:=[0.01, 0.02]'),
-        *('-p', 'recording:=arm.mcap'),
-    )
-    peer = peer_of(processes)
-    peer.connect()
-    peer.plain_command([0.5] * 7)
-    peer.wait(lambda: peer.states[-1].effort.tolist() == [0.5] * 7)
-    assert list(peer.states[-1].name) == [f'panda_joint{i}' for i in range(1, 8)]
-    assert arm.end(signal.SIGINT) == 0, arm.text()
-    summary = read(processes.folder / 'arm.mcap', verify=True)
-    assert summary.settings is not None
-    assert summary.settings.locks == {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}
 
 
 def test_a_stopped_reader_that_wants_everything_stops_neither_the_arm_nor_its_clock(
@@ -348,40 +150,6 @@ def test_a_stopped_reader_that_wants_everything_stops_neither_the_arm_nor_its_cl
     reader.process.kill()
 
 
-def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
-    processes: Processes, peer_of
-) -> None:
-    from rclpy.duration import Duration
-
-    count = MOST_COMMANDS + 100
-    arm = processes.faulty(
-        f'first_step_after_{count}',
-        *('-p', 'recording:=arm.mcap'),
-        *('-p', 'qos_overrides./sim_arm/commands.subscription.history:=keep_all'),
-    )
-    peer = peer_of(processes)
-    peer.wait(peer.plain.get_subscription_count)
-    for k in range(count):
-        peer.plain_command([1e-6 * k] * 6)
-        # The publisher keeps ten.
-        if k % 10 == 0:
-            assert peer.plain.wait_for_all_acked(Duration(seconds=PATIENCE))
-    peer.wait(lambda: peer.states and any(peer.states[-1].effort))
-    assert peer.states[-1].effort.tolist() == [1e-6 * (count - 1)] * 6
-    assert arm.end(signal.SIGINT) == 0, arm.text()
-    assert 'messages on commands dropped: overflowed' in arm.text()
-    rows = [
-        row
-        for entry in Log(processes.folder / 'arm.mcap').entries()
-        if entry.role == 'taken'
-        for row in decode_rows(entry.data, len(TAKEN_COLUMNS))
-    ]
-    assert [row[2] for row in rows] == list(range(1, count + 1))
-    verdicts = [Verdict(row[3]) for row in rows]
-    assert verdicts[:100] == [Verdict.OVERFLOWED] * 100
-    assert set(verdicts[100:]) == {Verdict.ACCEPTED}
-
-
 def test_names_of_any_kind_are_counted_shown_short_and_change_nothing_else(
     processes: Processes, peer_of
 ) -> None:
@@ -393,8 +161,8 @@ def test_names_of_any_kind_are_counted_shown_short_and_change_nothing_else(
     for names in (['{'], ['}'], ['{0}', 'joint1'], ['%s%n'], ['a\nb'], ['x' * 1_000_000]):
         peer.command(names, [0.0] * len(names))
         peer.let_pass()
-    peer.plain_command([0.0] * (LARGEST_COMMAND // 8))
-    arm.wait_for_text(f'bytes, expected {LARGEST_COMMAND} at most')
+    peer.plain_command([0.0] * (LARGEST_MESSAGE // 8))
+    arm.wait_for_text(f'bytes, expected {LARGEST_MESSAGE} at most')
     peer.command(JOINTS, [1.0] * 6)
     peer.wait(lambda: peer.states[-1].effort.tolist() == [1.0] * 6)
     assert arm.end(signal.SIGINT) == 0, arm.text()

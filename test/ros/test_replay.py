@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 import io
 from pathlib import Path
-import struct
 import subprocess
 import sys
 
@@ -16,7 +15,7 @@ import pytest
 from rewriting import GOLDEN, STATES, TAKEN, Sent, load, rewrite
 from ros_processes import environment
 
-from pfd_ros.arm.commands import Verdict
+from pfd_ros.arm.events import Verdict
 from pfd_ros.cli import main as command_line
 from pfd_ros.cli.replay import progress_on
 from pfd_ros.messages.convert import decode_clock, decode_joint_state
@@ -118,30 +117,10 @@ def test_the_sign_of_a_zero_is_a_bit_like_any_other(recorded: Path, tmp_path: Pa
         read(tmp_path / 'a.mcap', verify=True)
 
 
-def test_a_changed_stamp_is_found(recorded: Path, tmp_path: Path) -> None:
-    hit = only('/joint_states', [7])
-    rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: flipped(m, 8) if hit(t, m) else m)
-    with pytest.raises(DifferenceError, match=r'step 7: stamp_ns: recorded 700000[01]'):
-        read(tmp_path / 'a.mcap', verify=True)
-
-
 def test_a_changed_command_is_found_by_what_it_does(recorded: Path, tmp_path: Path) -> None:
     hit = only('/joint_commands', [20])
     rewrite(recorded, tmp_path / 'a.mcap', lambda t, m: flipped(m, -2) if hit(t, m) else m)
     with pytest.raises(DifferenceError, match=r'step \d+: joint .*, (position|velocity|effort)'):
-        read(tmp_path / 'a.mcap', verify=True)
-
-
-def test_a_command_that_is_judged_otherwise_is_found(recorded: Path, tmp_path: Path) -> None:
-    hit = only('/joint_commands', [3])
-
-    def change(topic: str, message: Sent) -> Sent:
-        if hit(topic, message):
-            message.data = message.data[:-8] + struct.pack('<d', float('inf'))
-        return message
-
-    rewrite(recorded, tmp_path / 'a.mcap', change)
-    with pytest.raises(DifferenceError, match='recorded as ACCEPTED, replayed as INFINITE'):
         read(tmp_path / 'a.mcap', verify=True)
 
 
@@ -151,12 +130,6 @@ def without(recorded: Path, tmp_path: Path, topic: str, numbers: Iterable[int]) 
     return rewrite(
         recorded, tmp_path / 'a.mcap', lambda t, m: None if hit(t, m) else m, closed=False
     )
-
-
-def test_a_lost_command_is_named(recorded: Path, tmp_path: Path) -> None:
-    path = without(recorded, tmp_path, '/joint_commands', [3])
-    with pytest.raises(LogError, match=r'lacks command 3 of joint_commands, taken before step'):
-        read(path, verify=True)
 
 
 @pytest.mark.parametrize('number', [2, 6])

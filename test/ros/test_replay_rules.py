@@ -1,9 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What a replay makes of arms that fail, commands that overflow, and files that still grow."""
+"""Replays of arms that fail, of commands that overflow, and of files that still grow."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import json
 import os
 from pathlib import Path
@@ -15,12 +16,12 @@ from rewriting import ARRAY, STATES, TAKEN, Recording, Sent
 from ros_processes import environment
 from simulating import START_NS, efforts, simulate
 
-from pfd_ros.arm.commands import Verdict
+from pfd_ros.arm.events import TAKEN_COLUMNS, Source, Verdict
 from pfd_ros.cli import main as command_line
 from pfd_ros.messages import convert
-from pfd_ros.recording.format import END, TAKEN_COLUMNS
+from pfd_ros.recording.format import END
 from pfd_ros.recording.reader import Entry, Log, LogError
-from pfd_ros.replay.events import events
+from pfd_ros.replay.ordering import placed_messages
 from pfd_ros.replay.verify import DifferenceError, read
 
 MOVE = {3: [efforts(1.0, 2.0)], 9: [efforts(-1.0, 0.5), efforts(2.0, 0.0)]}
@@ -108,36 +109,54 @@ def test_commands_behind_the_last_state_are_judged_too(tmp_path: Path) -> None:
         read(run.save(tmp_path / 'a.mcap'), verify=True)
 
 
-def overflowing(step: int) -> Recording:
-    """Return a run with a command that never reached the arm, and a row that says so."""
+def overflowing() -> Recording:
+    """Return a run with commands that never reached the arm, and rows that say so."""
     run = simulate(20, MOVE)
     at = next(k for k, m in enumerate(run.messages) if m.topic == TAKEN and m.sequence == 2)
-    command, row = run.messages[at - 1], run.messages[at]
-    # One number further for the commands and rows behind it.
-    lost = Sent(ARRAY, 4, command.log_ns, efforts(1e308, 1e308))
-    rows = convert.decode_rows(row.data, 4)
-    rows.append([step, 1, 4, Verdict.OVERFLOWED])
-    row.data = convert.encode_rows(rows, TAKEN_COLUMNS)
-    run.messages.insert(at, lost)
+    log_ns = run.messages[at].log_ns
+    lost = [Sent(ARRAY, number, log_ns, efforts(1e308, 1e308)) for number in (4, 5)]
+    rows = [
+        Sent(TAKEN, number, log_ns, overflow_rows([9, Source.ARRAY, 2 + number]))
+        for number in (2, 3)
+    ]
+    run.messages[at].sequence = 4
+    run.messages[at:at] = [*lost, *rows]
     run.recount(digests=True)
     return run
 
 
-@pytest.mark.parametrize('step', [9, 7, 8])
-def test_a_command_that_overflowed_is_not_given_to_the_arm(tmp_path: Path, step: int) -> None:
-    summary = read(overflowing(step).save(tmp_path / 'a.mcap'), verify=True)
-    assert summary.verdicts == {Verdict.ACCEPTED: 3, Verdict.OVERFLOWED: 1}
+def overflow_rows(*rows: list[int]) -> bytes:
+    return convert.encode_rows([[*row, Verdict.OVERFLOWED] for row in rows], TAKEN_COLUMNS)
+
+
+def test_commands_that_overflowed_are_not_given_to_the_arm(tmp_path: Path) -> None:
+    summary = read(overflowing().save(tmp_path / 'a.mcap'), verify=True)
+    assert summary.verdicts == {Verdict.ACCEPTED: 3, Verdict.OVERFLOWED: 2}
     assert summary.waiting == 0
 
 
-def test_a_record_of_overflows_alone_may_come_at_any_time(tmp_path: Path) -> None:
-    run = simulate(20, MOVE)
-    last = run.messages[-1].log_ns
-    rows = convert.encode_rows([[5, 1, 4, Verdict.OVERFLOWED]], TAKEN_COLUMNS)
-    run.messages += [Sent(ARRAY, 4, last, b'junk'), Sent(TAKEN, 3, last, rows)]
+@pytest.mark.parametrize(
+    ('rows', 'error'),
+    [
+        (lambda: overflow_rows([8, Source.ARRAY, 4]), 'was recorded before it'),
+        (lambda: overflow_rows([8, 1, 4], [9, 1, 5]), r'names steps \[8, 9\], expected one'),
+        (lambda: overflow_rows([9, 0, 4], [9, 1, 5]), 'the same verdicts, in other rows'),
+        (lambda: overflow_rows(), 'not as the node writes it'),
+        (
+            lambda: convert.encode_rows([[9, 1, 4, 12], [9, 1, 5, 0]], TAKEN_COLUMNS),
+            'mixes commands judged and overflowed',
+        ),
+    ],
+    ids=['of a cycle before', 'of two cycles', 'of two sources', 'empty', 'mixed'],
+)
+def test_rows_of_overflow_are_as_the_engine_writes_them(
+    tmp_path: Path, rows: Callable[[], bytes], error: str
+) -> None:
+    run = overflowing()
+    run.on(TAKEN)[1].data = rows()
     run.recount(digests=True)
-    summary = read(run.save(tmp_path / 'a.mcap'), verify=True)
-    assert summary.verdicts[Verdict.OVERFLOWED] == 1
+    with pytest.raises(LogError, match=error):
+        read(run.save(tmp_path / 'a.mcap'), verify=True)
 
 
 def test_a_command_that_was_never_taken_waits(tmp_path: Path) -> None:
@@ -201,22 +220,22 @@ def test_a_file_that_still_grows_is_verified_up_to_where_it_was(tmp_path: Path) 
 
 
 def test_numbers_go_on_where_32_bits_end(tmp_path: Path) -> None:
-    from pfd_ros.replay.events import _Order
+    from pfd_ros.replay.ordering import _Order
 
     log = Log(simulate(1).save(tmp_path / 'a.mcap'))
-    list(events(log))
+    list(placed_messages(log))
     order = _Order(log)
     order._last['joint_states'] = (1 << 32) - 2
     later = START_NS + (1 << 33) * 1_000_000
     found = [
-        order.event(Entry('joint_states', later, n & 0xFFFFFFFF, b''))
+        order.place(Entry('joint_states', later, n & 0xFFFFFFFF, b''))
         for n in range((1 << 32) - 1, (1 << 32) + 2)
     ]
     assert [event.number for event in found] == [(1 << 32) - 1, 1 << 32, (1 << 32) + 1]
     assert [event.lost for event in found] == [0, 0, 0]
 
 
-# --- what is no file, and nobody who listens
+# --- no regular file, and no reader of the output
 
 
 def replay(*args: str, **options: object) -> subprocess.CompletedProcess[str]:

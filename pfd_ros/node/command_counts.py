@@ -1,40 +1,41 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What became of the commands, counted by one thread and read by another."""
+"""Commands counted by verdict: the other threads add, the main thread reads."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 import threading
 
-from pfd_ros.arm.commands import Command, Verdict
+from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.text import NAME_COUNT
 
 
 @dataclass
-class Tally:
+class CommandCounts:
     """Counts by source and verdict, each with the newest detail, and the first unknown names.
 
     Its size does not depend on how many messages or names come in.
     """
 
     _lock: threading.Lock = field(default_factory=threading.Lock)
-    _verdicts: dict[tuple[int, Verdict], tuple[int, str]] = field(default_factory=dict)
+    _verdicts: dict[tuple[Source, Verdict], tuple[int, str]] = field(default_factory=dict)
     _unknown: int = 0
     _names: dict[str, None] = field(default_factory=dict)
 
-    def add(self, source: int, command: Command, count: int = 1) -> None:
+    def add(self, source: Source, judgement: Judgement, count: int = 1) -> None:
         """Count a command, or several of one kind."""
-        key = source, command.verdict
+        key = source, judgement.verdict
         with self._lock:
             before, _ = self._verdicts.get(key, (0, ''))
-            self._verdicts[key] = before + count, command.detail
-            self._unknown += command.unknown_count
-            for name in command.unknown:
+            self._verdicts[key] = before + count, judgement.detail
+            self._unknown += judgement.unknown_count
+            for name in judgement.unknown:
                 if len(self._names) < NAME_COUNT:
                     self._names[name] = None
 
-    def verdicts(self) -> dict[tuple[int, Verdict], tuple[int, str]]:
+    def verdicts(self) -> dict[tuple[Source, Verdict], tuple[int, str]]:
         """Return (source, verdict) -> (count, newest detail)."""
         with self._lock:
             return dict(self._verdicts)

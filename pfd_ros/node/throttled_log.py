@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Counts and findings turned into log lines, ever more rarely the longer a trouble lasts."""
+"""Log lines about counts and findings, ever more rarely the longer a trouble lasts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pfd_ros.text import one_line
 
 # Time between two lines of one kind: doubled with every line, short again after a quiet time.
 SHORTEST_SECONDS, LONGEST_SECONDS = 1.0, 60.0
-# Kinds that are told once each; no more of them than this.
+# Most findings, which are logged once each.
 MOST_FINDINGS = 64
 
 
@@ -25,39 +25,25 @@ class _Kind:
 
 
 @dataclass
-class Notices:
-    """Tells what is new; used by one thread.
-
-    Parameters
-    ----------
-    logger
-        Where the lines go.
-    clock
-        Steady time in s.
-    """
+class ThrottledLog:
+    """Logs new counts and new findings; for one thread. `clock` gives steady time in s."""
 
     logger: Any
     clock: Callable[[], float] = time.monotonic
     _kinds: dict[Hashable, _Kind] = field(default_factory=dict)
     _found: set[Hashable] = field(default_factory=set)
 
+    def info(self, text: str) -> None:
+        """Log a text at once."""
+        self.logger.info(text)
+
     def count(
         self, key: Hashable, count: int, text: str, *, error: bool = False, last: bool = False
     ) -> None:
-        """Log how much a count has grown, and the text.
+        """Log how much a count of troubles has grown since its last line, and a text.
 
-        Parameters
-        ----------
-        key
-            The kind of trouble; of a set that is known beforehand.
-        count
-            How often there was such trouble up to now.
-        text
-            Follows the number.
-        error
-            Log an error, not a warning.
-        last
-            Log now: there is no later.
+        The keys must come from a set that is known beforehand. With `last` the line is not put
+        off: there is no later.
         """
         kind = self._kinds.setdefault(key, _Kind())
         new, now = count - kind.told, self.clock()

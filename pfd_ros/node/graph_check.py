@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Who else is on the node's topics, and why the two ends do not hear each other.
+"""Checks the ROS graph: other nodes on the topics, and why two ends do not hear each other.
 
 The graph is asked, about once a second, instead of the middleware's events: those would have
 to be trusted to an experimental executor, and come without the name of the other node.
@@ -8,7 +8,7 @@ to be trusted to an experimental executor, and come without the name of the othe
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from itertools import islice
 import time
@@ -24,19 +24,17 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 
-from pfd_ros.node.notices import Notices
+from pfd_ros.arm.events import CLOCK, STATES
+from pfd_ros.node.endpoints import Endpoints, type_name
+from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.text import cut
 
 # Discovery alone takes up to three seconds.
 PATIENCE_SECONDS = 5.0
-# A crowd is not looked at one by one.
+# Endpoints of one topic that are checked; a crowd is not checked one by one.
 MOST_ENDPOINTS = 100
-
-
-def type_name(end: Any) -> str:
-    """Return the type of a publisher or subscription as ROS writes it: 'package/msg/Name'."""
-    package, folder, _ = end.msg_type.__module__.split('.', 2)
-    return f'{package}/{folder}/{end.msg_type.__name__}'
+# Discovery finds an endpoint before the name of its node; of other middleware it never does.
+NAMELESS = '_NODE_NAME_UNKNOWN_'
 
 
 def _who(info: Any) -> str:
@@ -45,65 +43,63 @@ def _who(info: Any) -> str:
 
 
 @dataclass
-class Peers:
-    """Says once each: nobody commands, a foreign type, incompatible QoS, a second clock.
+class GraphCheck:
+    """Tells once each: no publisher of commands, a foreign type, incompatible QoS, a second clock.
 
-    Parameters
-    ----------
-    node
-        The node.
-    commands
-        Its subscriptions for commands.
-    states
-        Its publisher of states.
-    clock
-        Its publisher of the clock, if it has one.
-    notices
-        Where findings go.
-    now
-        Steady time in s.
+    `now` is steady time in s.
     """
 
     node: Node
-    commands: Sequence[Any]
-    states: Any
-    clock: Any | None
-    notices: Notices
+    endpoints: Endpoints
+    log: ThrottledLog
     now: Callable[[], float] = time.monotonic
 
     def __post_init__(self) -> None:
         """Begin to wait for a first publisher."""
         self._since = self.now()
         self._commanded = False
+        self._nameless_since: dict[tuple[int, ...], float] = {}
 
-    def look(self) -> None:
-        """Ask the graph and tell what cannot work."""
-        for end in self.commands:
-            self._look_at_commands(end)
+    def check(self) -> None:
+        """Ask the graph and log why a connection cannot work."""
+        commands = self.endpoints.subscriptions.values()
+        for end in commands:
+            self._check_commands(end)
         if not self._commanded and self.now() - self._since > PATIENCE_SECONDS:
-            topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in self.commands)
-            self.notices.once(
+            topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in commands)
+            self.log.once(
                 'nobody',
                 f'after {PATIENCE_SECONDS:g} s nobody publishes commands on {topics}; '
                 'check topic names, remappings and ROS_DOMAIN_ID of the controller',
             )
-        readers = self.node.get_subscriptions_info_by_topic(self.states.topic_name)
-        for info in islice(readers, MOST_ENDPOINTS):
-            self._check(self.states, info, publishing=False)
-        if self.clock is not None:
-            self._look_at_clock(self.clock)
+        states = self.endpoints.publishers[STATES]
+        for info in self._settled(self.node.get_subscriptions_info_by_topic(states.topic_name)):
+            self._check_pair(states, info, publishing=False)
+        if CLOCK in self.endpoints.publishers:
+            self._check_clock(self.endpoints.publishers[CLOCK])
 
-    def _look_at_commands(self, end: Any) -> None:
-        for info in islice(self.node.get_publishers_info_by_topic(end.topic_name), MOST_ENDPOINTS):
-            if self._check(end, info, publishing=True):
+    def _settled(self, found: Iterable[Any]) -> Iterator[Any]:
+        """Yield the endpoints whose node has a name, or has had none for a while."""
+        if len(self._nameless_since) > MOST_ENDPOINTS:
+            self._nameless_since.clear()
+        for info in islice(found, MOST_ENDPOINTS):
+            if info.node_name == NAMELESS:
+                now, key = self.now(), tuple(info.endpoint_gid)
+                if now - self._nameless_since.setdefault(key, now) <= PATIENCE_SECONDS:
+                    continue
+            yield info
+
+    def _check_commands(self, end: Any) -> None:
+        for info in self._settled(self.node.get_publishers_info_by_topic(end.topic_name)):
+            if self._check_pair(end, info, publishing=True):
                 self._commanded = True
 
-    def _check(self, end: Any, info: Any, *, publishing: bool) -> bool:
-        """Return whether a peer's endpoint goes with ours, and tell it if it does not."""
+    def _check_pair(self, end: Any, info: Any, *, publishing: bool) -> bool:
+        """Return whether an endpoint of another node fits ours; log the reason if it does not."""
         key, wanted = tuple(info.endpoint_gid), type_name(end)
         does = 'publishes' if publishing else 'subscribes to'
         if info.topic_type != wanted:
-            self.notices.once(
+            self.log.once(
                 ('type', key),
                 f'{_who(info)} {does} {cut(info.topic_type)!r} on {end.topic_name}, which has the '
                 f'type {wanted}: nothing of it arrives{self._other_topic(info, publishing)}',
@@ -114,7 +110,7 @@ class Peers:
         # An enumeration of the C++ part, which equals none of Python's.
         fits = bool(int(level) != QoSCompatibility.ERROR)
         if not fits:
-            self.notices.once(
+            self.log.once(
                 ('qos', key),
                 f'{_who(info)} {does} {end.topic_name} with incompatible QoS ({reason.strip()}): '
                 f'nothing of it arrives; {_cure(end, info, publishing)}',
@@ -122,21 +118,21 @@ class Peers:
         return fits
 
     def _other_topic(self, info: Any, publishing: bool) -> str:
-        """Return where a command of that type is taken, if anywhere."""
-        fitting: Iterable[Any] = self.commands if publishing else ()
+        """Return the topic that takes commands of that type, as the end of a sentence."""
+        fitting: Iterable[Any] = self.endpoints.subscriptions.values() if publishing else ()
         for end in fitting:
             if type_name(end) == info.topic_type:
                 return f'; {end.topic_name} takes that type'
         return ''
 
-    def _look_at_clock(self, clock: Any) -> None:
-        found = self.node.get_publishers_info_by_topic(clock.topic_name)
+    def _check_clock(self, clock: Any) -> None:
+        found = list(self._settled(self.node.get_publishers_info_by_topic(clock.topic_name)))
         own = (self.node.get_name(), self.node.get_namespace())
         others = [info for info in found if (info.node_name, info.node_namespace) != own]
         # Another node of our name counts too, wherever it runs.
         if len(found) > 1:
             who = _who(others[0]) if others else 'another node of the same name'
-            self.notices.once(
+            self.log.once(
                 'clock',
                 f'{who} publishes {clock.topic_name} too: simulated time jumps back and forth; '
                 'set publish_clock:=false on all but one node',
@@ -144,7 +140,7 @@ class Peers:
 
 
 def _effective(profile: QoSProfile) -> QoSProfile:
-    """Return our profile as the graph has it: "not set" is without end there."""
+    """Return our profile as the graph has it: there, policies without a value are infinite."""
     return QoSProfile(
         depth=profile.depth,
         reliability=profile.reliability,
@@ -156,7 +152,7 @@ def _effective(profile: QoSProfile) -> QoSProfile:
 
 
 def _cure(end: Any, info: Any, publishing: bool) -> str:
-    """Return what makes the two ends fit."""
+    """Return a cure for two endpoints that do not fit."""
     if not publishing:
         return 'subscribe reliable or best effort, volatile, without deadline and liveliness'
     if info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT:

@@ -1,9 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd demo`: the arm and a controller under test as two real processes, then the proof.
+"""`pfd demo`: runs the node and a controller as two processes, then shows the results.
 
-Leaves the recording, the node's parameters, both processes' output and a plot in one folder;
-a later run adds its own files beside them.
+Recording, parameters, the output of both processes and a plot go into one folder; a later run
+adds its own files beside them. The processes get a ROS domain of their own, and no variable of
+the environment that leads to another system.
 """
 
 from __future__ import annotations
@@ -25,8 +26,8 @@ from typing import Any
 import yaml
 
 import pfd_core as pfd
-from pfd_ros.demo import results as demo_results
 from pfd_ros.demo.motion import motion_of
+from pfd_ros.demo.results import show_results
 from pfd_ros.recording.reader import LogError
 
 # Finding each other and compiling the robot, with a busy machine in mind.
@@ -130,8 +131,8 @@ def _stop(process: subprocess.Popen[bytes]) -> int:
         return process.wait()
 
 
-def run(robot_name: str, seconds: float, folder: Path) -> int:
-    """Run the demo and print what it did; 0 only if all of it worked.
+def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
+    """Run the demo and print its results; return 0 only if all of it worked.
 
     Parameters
     ----------
@@ -160,7 +161,7 @@ def run(robot_name: str, seconds: float, folder: Path) -> int:
         'robot': robot_name,
         'initial_positions': motion_of(robot).start.tolist(),
         'recording': str(base.with_suffix('.mcap')),
-        # At depth 1 a newer command may replace one that waits; the demo counts every one.
+        # At depth 1 a newer command may replace a waiting one; the demo counts every command.
         'qos_overrides': {
             f'{namespace}/joint_commands': {'subscription': {'depth': COMMAND_DEPTH}}
         },
@@ -169,10 +170,10 @@ def run(robot_name: str, seconds: float, folder: Path) -> int:
         yaml.safe_dump({'/**': {'ros__parameters': parameters}}), encoding='utf-8'
     )
     print(f'{robot_name}: arm and controller for {seconds:g} s, recorded to {base}.mcap')
-    told, problems = _run_processes(robot_name, seconds, base, namespace)
-    if told is not None:
+    report, problems = _run_processes(robot_name, seconds, base, namespace)
+    if report is not None:
         try:
-            problems += demo_results.show(base, robot, told)
+            problems += show_results(base, robot, report)
         except (LogError, OSError) as error:
             problems.append(str(error))
     for problem in problems:
@@ -185,7 +186,7 @@ def run(robot_name: str, seconds: float, folder: Path) -> int:
 def _run_processes(
     robot_name: str, seconds: float, base: Path, namespace: str
 ) -> tuple[dict[str, Any] | None, list[str]]:
-    """Run both processes; return what the controller said and what went wrong."""
+    """Run both processes; return the controller's report on itself and the problems."""
     env = environment(os.environ, free_domain(os.environ))
     # /clock is the one topic that a namespace leaves alone.
     names = ['--ros-args', '-r', f'__ns:={namespace}', '-r', '/clock:=clock']
@@ -217,7 +218,7 @@ def _run_processes(
         )
         if status != 0
     ]
-    told: dict[str, Any] | None = None
+    report: dict[str, Any] | None = None
     if not problems:
-        told = json.loads(output.read_text(encoding='utf-8').splitlines()[-1])
-    return told, problems
+        report = json.loads(output.read_text(encoding='utf-8').splitlines()[-1])
+    return report, problems

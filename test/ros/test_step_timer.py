@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The schedule, on a clock that the test moves."""
+"""The step timer, on a clock that the test moves."""
 
 from __future__ import annotations
 
-from pfd_ros.node.schedule import CATCH_UP_NS, LONGEST_SLEEP_NS, Schedule
+from pfd_ros.node.step_timer import CATCH_UP_NS, LONGEST_SLEEP_NS, StepTimer
 
 MILLISECOND = 1_000_000
 
@@ -24,8 +24,8 @@ class Time:
         self.now += round(seconds * 1e9)
 
 
-def schedule(time: Time, period_ns: float = MILLISECOND) -> Schedule:
-    made = Schedule(period_ns, time.clock, time.sleep)
+def timer(time: Time, period_ns: float = MILLISECOND) -> StepTimer:
+    made = StepTimer(period_ns, time.clock, time.sleep)
     made.start()
     return made
 
@@ -36,53 +36,53 @@ def never() -> bool:
 
 def test_steps_are_due_at_whole_periods_however_long_they_take() -> None:
     time = Time()
-    chosen = schedule(time)
+    timed = timer(time)
     for k in range(1, 100):
-        chosen.wait(never)
+        timed.wait(never)
         assert time.now == 123 + k * MILLISECOND
         time.now += (k % 10) * MILLISECOND // 10
-    assert (chosen.late, chosen.missed) == (0, 0)
+    assert (timed.late, timed.missed) == (0, 0)
 
 
 def test_a_period_of_part_nanoseconds_does_not_drift() -> None:
     time = Time()
-    chosen = schedule(time, MILLISECOND / 3)
+    timed = timer(time, MILLISECOND / 3)
     for _ in range(3000):
-        chosen.wait(never)
+        timed.wait(never)
     assert time.now == 123 + 1000 * MILLISECOND
 
 
 def test_a_short_delay_is_made_up_for() -> None:
     time = Time()
-    chosen = schedule(time)
+    timed = timer(time)
     time.now += 10 * MILLISECOND
     for _ in range(20):
-        chosen.wait(never)
+        timed.wait(never)
     assert time.now == 123 + 20 * MILLISECOND
-    assert (chosen.late, chosen.missed) == (8, 0)
+    assert (timed.late, timed.missed) == (8, 0)
 
 
 def test_a_long_stall_is_counted_and_not_rushed_through() -> None:
     time = Time()
-    chosen = schedule(time)
+    timed = timer(time)
     time.now += CATCH_UP_NS + 10 * MILLISECOND
     stalled = time.now
-    chosen.wait(never)
-    assert (chosen.late, chosen.missed) == (1, 59)
-    chosen.wait(never)
+    timed.wait(never)
+    assert (timed.late, timed.missed) == (1, 59)
+    timed.wait(never)
     assert time.now == stalled + MILLISECOND
 
 
 def test_as_fast_as_possible_never_waits() -> None:
     time = Time()
-    chosen = schedule(time, 0)
+    timed = timer(time, 0)
     for _ in range(5):
-        chosen.wait(never)
+        timed.wait(never)
     assert time.now == 123
-    assert (chosen.late, chosen.missed) == (0, 0)
+    assert (timed.late, timed.missed) == (0, 0)
 
 
 def test_a_slow_arm_stops_promptly() -> None:
     time = Time()
-    schedule(time, 1000 * MILLISECOND).wait(lambda: len(time.sleeps) == 3)
+    timer(time, 1000 * MILLISECOND).wait(lambda: len(time.sleeps) == 3)
     assert time.now == 123 + 3 * LONGEST_SLEEP_NS

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""When to step: an absolute schedule on the machine's steady clock, never on ROS time."""
+"""When the next step is due, in multiples of a period on the steady clock, never on ROS time."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from dataclasses import dataclass
 import time
 
 # Short delays are made up for, so that the mean rate holds. After a longer stall the arm does
-# not rush through what it missed: the schedule starts anew and the missed periods are counted.
+# not rush through the missed periods: they are counted, and the timer starts anew.
 CATCH_UP_NS = 50_000_000
 # Sleeps are cut into pieces of this length, so that a slow arm still stops promptly.
 LONGEST_SLEEP_NS = 50_000_000
 
 
 @dataclass
-class Schedule:
-    """Times of the steps: `origin + k * period`, and how well they were kept.
+class StepTimer:
+    """Waits until `origin + k * period` for step k, and counts how well that was kept.
 
     Parameters
     ----------

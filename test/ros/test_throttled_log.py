@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 
-from pfd_ros.node.notices import LONGEST_SECONDS, MOST_FINDINGS, Notices
+from pfd_ros.node.throttled_log import LONGEST_SECONDS, MOST_FINDINGS, ThrottledLog
 from pfd_ros.text import cut, listed, one_line
 
 
@@ -25,26 +25,26 @@ class Time:
         return self.now
 
 
-def made() -> tuple[Notices, Logger, Time]:
+def made() -> tuple[ThrottledLog, Logger, Time]:
     logger, time = Logger(), Time()
-    return Notices(logger, time), logger, time
+    return ThrottledLog(logger, time), logger, time
 
 
 def test_the_first_of_a_kind_is_told_at_once_and_nothing_twice() -> None:
-    notices, logger, time = made()
-    notices.count('a', 2, 'bad', error=True)
-    notices.count('b', 1, 'worse')
+    log, logger, time = made()
+    log.count('a', 2, 'bad', error=True)
+    log.count('b', 1, 'worse')
     time.now = 100.0
-    notices.count('a', 2, 'bad', error=True)
+    log.count('a', 2, 'bad', error=True)
     assert logger == [('error', '2 bad'), ('warning', '1 worse')]
 
 
 def test_a_trouble_that_lasts_is_told_ever_more_rarely_and_every_count_is_told() -> None:
-    notices, logger, time = made()
+    log, logger, time = made()
     for k in range(1, 36_001):
         time.now = k / 10
-        notices.count('a', k, '{} {0} %s')
-    notices.count('a', 36_000, '{} {0} %s', last=True)
+        log.count('a', k, '{} {0} %s')
+    log.count('a', 36_000, '{} {0} %s', last=True)
     told = [int(text.removesuffix(' {} {0} %s')) for _, text in logger]
     assert sum(told) == 36_000
     # An hour: the first minute or two, then one a minute.
@@ -52,26 +52,26 @@ def test_a_trouble_that_lasts_is_told_ever_more_rarely_and_every_count_is_told()
 
 
 def test_after_a_quiet_time_a_trouble_is_told_promptly_again() -> None:
-    notices, logger, time = made()
+    log, logger, time = made()
     for k in range(1, 1000):
         time.now += 1.0
-        notices.count('a', k, 'bad')
+        log.count('a', k, 'bad')
     time.now += 1000.0
-    notices.count('a', 1000, 'bad')
+    log.count('a', 1000, 'bad')
     time.now += 1.1
     logger.clear()
-    notices.count('a', 1001, 'bad')
+    log.count('a', 1001, 'bad')
     assert logger == [('warning', '1 bad')]
 
 
 def test_findings_are_told_once_each_and_not_without_end() -> None:
-    notices, logger, _ = made()
+    log, logger, _ = made()
     for k in range(1000):
-        notices.once(k % 500, f'found {k}')
+        log.once(k % 500, f'found {k}')
     assert len(logger) == MOST_FINDINGS + 2
     assert logger[-1][1] == 'more findings of this kind are not told'
     # What is counted is of a kind known beforehand, and told all the same.
-    notices.count('plant', 1, 'failure', error=True)
+    log.count('failure', 1, 'failure', error=True)
     assert logger[-1] == ('error', '1 failure')
 
 

@@ -1,0 +1,134 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated arm: robot, scene, brakes and time, stepped under the efforts that drive it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+import pfd_core as pfd
+from pfd_ros.arm.commands import Drive
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.convert import NANOSECONDS
+from pfd_ros.text import cut, listed
+
+
+def load_robot(settings: Settings) -> Any:
+    """Return the robot that the settings name."""
+    return pfd.load_robot(
+        settings.robot,
+        base=settings.base_link or None,
+        tip=settings.tip_link or None,
+        locked=settings.locks or None,
+    )
+
+
+def joint_order(wanted: Sequence[str], robot: Any) -> tuple[int, ...]:
+    """Return the index in the model of each joint, in the order in which joints are published.
+
+    Raises
+    ------
+    ValueError
+        If `wanted` is not empty and not a permutation of the robot's joints.
+    """
+    names = list(robot.joint_names)
+    if not wanted:
+        return tuple(range(robot.n))
+    if sorted(wanted) != sorted(names):
+        raise ValueError(
+            f'joints is {listed(wanted)}, expected each joint of {cut(robot.name)!r} once: {names}'
+        )
+    return tuple(names.index(name) for name in wanted)
+
+
+class Arm:
+    """A simulator and its last finite state.
+
+    Attributes
+    ----------
+    order, names
+        Index in the model and name of each joint, in published order.
+    q, qd, tau
+        The last finite state (n,) in published order, rad or m, rad/s or m/s, and the efforts
+        that led to it, N m or N; a joint on its brake has none.
+    step
+        Steps that ended in a finite state.
+    failure
+        Why the simulation stopped, '' while it goes on.
+
+    Raises
+    ------
+    ValueError
+        If the settings do not go with the robot.
+    """
+
+    def __init__(self, settings: Settings, robot: Any) -> None:
+        self.order = joint_order(settings.joints, robot)
+        self.names = tuple(robot.joint_names[i] for i in self.order)
+        self.step = 0
+        self.failure = ''
+        self._start_ns, self._step_ns = settings.start_ns, settings.step_ns
+        self._columns = list(self.order)
+        self._simulator = pfd.Simulator(
+            robot,
+            pfd.Scene(
+                gravity=settings.gravity if any(settings.gravity) else None,
+                damping='model' if settings.damping else None,
+                armature='model' if settings.armature else None,
+                brakes=True,
+            ),
+            step_size=settings.step_ns / NANOSECONDS,
+            substeps=settings.substeps,
+            integrator=settings.integrator,
+            method=settings.method,
+        )
+        start = self._initial_positions(settings.initial_positions)
+        self._simulator.reset(q=start, time=settings.start_ns / NANOSECONDS)
+        self._keep_state(np.zeros(robot.n))
+
+    def _initial_positions(self, given: Sequence[float]) -> np.ndarray:
+        """Return the initial positions (n,) in model order; they are given in published order."""
+        count = len(self.order)
+        if given and len(given) != count:
+            raise ValueError(
+                f'initial_positions holds {len(given)} numbers, '
+                f'expected {count}, one for each of {list(self.names)}, or none'
+            )
+        q = np.zeros(count)
+        if given:
+            q[self._columns] = given
+        return q
+
+    @property
+    def method(self) -> str:
+        """The method of forward dynamics, also where the settings leave it to 'auto'."""
+        return self._simulator.method
+
+    @property
+    def stamp_ns(self) -> int:
+        """Simulated time, ns: whole steps, so that it never drifts."""
+        return self._start_ns + self.step * self._step_ns
+
+    def advance(self, drive: Drive) -> None:
+        """Do one step; after a failure the arm stands still and keeps its last finite state."""
+        if self.failure:
+            return
+        try:
+            self._simulator.step(drive.effort, brakes=drive.braked)
+        except (ValueError, ArithmeticError) as error:
+            self.failure = f'step {self.step + 1} failed: {error}'
+            return
+        if not (np.isfinite(self._simulator.q).all() and np.isfinite(self._simulator.qd).all()):
+            self.failure = f'the state after step {self.step + 1} is not finite'
+            return
+        self.step += 1
+        self._keep_state(drive.effort)
+
+    def _keep_state(self, effort: np.ndarray) -> None:
+        # Copies: the simulator's own arrays do not stay finite in a step that fails.
+        self.q = self._simulator.q[self._columns]
+        self.qd = self._simulator.qd[self._columns]
+        self.tau = effort[self._columns]

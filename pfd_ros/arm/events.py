@@ -1,0 +1,84 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The inputs and outputs of the arm: events come in, messages go out.
+
+Wall time and thread order reach the arm only as events. Everything else follows from the
+settings, the events and the number of the cycle, so a recording of the events proves a run.
+
+A new kind of input is a new `Source`, with its rule in `engine.py: Engine.judge`. It needs no
+queue, no numbering and no row of its own: an `Arrival` and a `VerdictRow` hold every kind.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import NamedTuple, TypeAlias
+
+
+class Source(IntEnum):
+    """The topic an event came from; the numbers are written into recordings and stay."""
+
+    NAMED = 0
+    ARRAY = 1
+
+
+class Verdict(IntEnum):
+    """The verdict on a message; the numbers are written into recordings and stay."""
+
+    ACCEPTED = 0
+    MALFORMED = 1
+    NO_NAMES = 2
+    RAGGED = 3
+    INFINITE = 4
+    STALE = 5
+    DUPLICATE_NAMES = 6
+    NO_EFFORT = 7
+    UNKNOWN_NAMES = 8
+    ALL_NAN = 9
+    WRONG_SIZE = 10
+    NOT_FINITE = 11
+    # Never judged: newer events needed its place before the next cycle.
+    OVERFLOWED = 12
+
+
+class Arrival(NamedTuple):
+    """A message that came in: its topic, its number there from 1, its bytes as they travelled."""
+
+    source: Source
+    sequence: int
+    payload: bytes
+
+
+class Overflow(NamedTuple):
+    """Messages of one source that were dropped before the arm saw them, by sequence number."""
+
+    source: Source
+    sequences: Sequence[int]
+
+
+Event: TypeAlias = Arrival | Overflow
+
+
+class VerdictRow(NamedTuple):
+    """The cycle that judged or dropped a message, and its verdict."""
+
+    cycle: int
+    source: Source
+    sequence: int
+    verdict: Verdict
+
+
+# The fields of a VerdictRow as they are labelled in recordings.
+TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict')
+
+# Roles of the outputs: verdict rows, the arm's state, the clock tick.
+TAKEN, STATES, CLOCK = 'taken', 'joint_states', 'clock'
+
+
+class Output(NamedTuple):
+    """A message of the arm: its role, its number among the messages of that role, its bytes."""
+
+    role: str
+    number: int
+    data: bytes

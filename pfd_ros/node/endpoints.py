@@ -1,0 +1,125 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The publishers and subscriptions of the node: topics, types, QoS; publishers that cannot block.
+
+A new topic is a row in one of the two tables; QoS can be overridden by parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+import time
+from typing import Any
+
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from pfd_ros.arm.events import CLOCK, STATES, Source
+
+# Type, topic and depth of each source of events, and of each output by role.
+SUBSCRIBED = {
+    Source.NAMED: (JointState, 'joint_commands', 1),
+    Source.ARRAY: (Float64MultiArray, '~/commands', 1),
+}
+PUBLISHED = {STATES: (JointState, 'joint_states', 10), CLOCK: (Clock, '/clock', 1)}
+AT_ONCE = Duration()
+# Longest call of a publisher, s; the step timer makes up for delays this long.
+LONGEST_SECONDS = 0.05
+
+
+@dataclass(frozen=True)
+class Endpoints:
+    """The rclpy publishers by role and subscriptions by source."""
+
+    publishers: Mapping[str, Any]
+    subscriptions: Mapping[Source, Any]
+
+
+def create_endpoints(
+    node: Node, *, publish_clock: bool, on_message: Callable[[Source, bytes], None]
+) -> Endpoints:
+    """Create the endpoints of a node, the clock's only if wanted.
+
+    `on_message` is called with each serialized message, on the executor's thread.
+    """
+    overridable: dict[str, Any] = {
+        'qos_overriding_options': QoSOverridingOptions.with_default_policies()
+    }
+    # No events of the middleware: graph_check.py tells the same with names and cures, once.
+    publishers = {
+        role: node.create_publisher(
+            kind,
+            topic,
+            QoSProfile(depth=depth),
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+            **overridable,
+        )
+        for role, (kind, topic, depth) in PUBLISHED.items()
+        if role != CLOCK or publish_clock
+    }
+    subscriptions = {
+        source: node.create_subscription(
+            kind,
+            topic,
+            partial(on_message, source),
+            QoSProfile(depth=depth),
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            **overridable,
+        )
+        for source, (kind, topic, depth) in SUBSCRIBED.items()
+    }
+    return Endpoints(publishers, subscriptions)
+
+
+class NonblockingPublisher:
+    """A publisher that leaves messages out while the middleware refuses them.
+
+    With the history `keep_all`, a reader that is alive and takes nothing fills the
+    publisher's memory; from then on every call blocks for 0.1 s and fails. So after the first
+    such call nothing is published on the topic until every reader has acknowledged its messages
+    or is gone; the messages left out are counted.
+
+    Attributes
+    ----------
+    refused
+        Number of messages that were left out.
+    detail
+        The middleware's newest reason.
+    """
+
+    def __init__(self, publisher: Any) -> None:
+        self.topic: str = publisher.topic_name
+        self.refused = 0
+        self.detail = ''
+        self._publisher = publisher
+        self._full = False
+        self._can_block = publisher.qos_profile.history is HistoryPolicy.KEEP_ALL
+
+    def publish(self, data: bytes) -> None:
+        """Publish a serialized message if the middleware takes it."""
+        try:
+            if not self._full or self._publisher.wait_for_all_acked(AT_ONCE):
+                begun = time.monotonic()
+                self._publisher.publish(data)
+                self._full = self._can_block and time.monotonic() - begun > LONGEST_SECONDS
+                return
+        except RCLError as error:
+            self._full = True
+            self.detail = str(error)
+        self.refused += 1
+
+
+def type_name(endpoint: Any) -> str:
+    """Return the type of a publisher or subscription as ROS writes it: 'package/msg/Name'."""
+    package, folder, _ = endpoint.msg_type.__module__.split('.', 2)
+    return f'{package}/{folder}/{endpoint.msg_type.__name__}'

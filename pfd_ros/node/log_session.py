@@ -1,0 +1,120 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The recording of one run of the node: opened, written and closed with the run's totals."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+import json
+from pathlib import Path
+from typing import Any
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from pfd_ros.arm.events import TAKEN
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.qos import qos_text
+from pfd_ros.node.endpoints import Endpoints
+from pfd_ros.recording import provenance
+from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE, EndKey
+from pfd_ros.recording.mcap_file import TimeBase, Topic
+from pfd_ros.recording.recorder import LogRecorder
+
+# The channel of the verdict rows, which only the file has.
+TAKEN_TOPIC = '~/applied_commands'
+
+
+@dataclass(frozen=True)
+class LogSession:
+    """An open recording with channels of these roles, or none where the settings name no file."""
+
+    recorder: LogRecorder | None = None
+    roles: Sequence[str] = ()
+
+    def record(self, role: str, number: int, data: bytes) -> None:
+        """Record one message; returns at once."""
+        if self.recorder is not None:
+            self.recorder.record(self.roles.index(role), number, data)
+
+    @property
+    def backlog(self) -> float:
+        """Share of the recorder's queue that waits for the disk; 0 without a working recording."""
+        if self.recorder is None or self.recorder.failed:
+            return 0.0
+        return self.recorder.backlog
+
+    @property
+    def dropped(self) -> int:
+        """Messages left out because of a slow disk; the recorder reports a failure itself."""
+        if self.recorder is None or self.recorder.failed:
+            return 0
+        return sum(self.recorder.dropped)
+
+    def problems(self) -> list[str]:
+        """Return why a replay of the whole run is not possible."""
+        if self.recorder is None:
+            return []
+        if self.recorder.failed:
+            return ['the recording does not hold everything']
+        topics = zip(self.recorder.topics, self.recorder.dropped, strict=True)
+        lost = sum(count for topic, count in topics if topic.vital)
+        return [f'the recording lacks {lost} messages that a replay needs'] if lost else []
+
+    def close(self, totals: Callable[[], Mapping[str, Any]]) -> None:
+        """Write the queue and the totals of the run, and close the file."""
+        recorder = self.recorder
+        if recorder is None:
+            return
+
+        def ending() -> dict[str, str]:
+            topics = [topic.name for topic in recorder.topics]
+            told = {
+                EndKey.TOTALS: totals(),
+                EndKey.RECORDED: dict(zip(topics, recorder.recorded, strict=True)),
+                EndKey.DROPPED: dict(zip(topics, recorder.dropped, strict=True)),
+            }
+            return {name: json.dumps(value) for name, value in told.items()}
+
+        recorder.close(ending)
+
+
+def open_session(
+    node: Node, settings: Settings, robot: Any, method: str, endpoints: Endpoints
+) -> LogSession:
+    """Open the file that the settings name, with a channel for each endpoint and the verdict rows.
+
+    `method` is the method that 'auto' stands for here: another version may choose otherwise.
+
+    Raises
+    ------
+    OSError
+        If the file exists or cannot be written.
+    """
+    if not settings.recording:
+        return LogSession()
+    ends = {role: endpoints.subscriptions[source] for source, role in ROLE_OF_SOURCE.items()}
+    ends |= endpoints.publishers
+    channels = {
+        role: Topic(end.topic_name, CHANNELS[role].type, qos_of(end.qos_profile))
+        for role, end in ends.items()
+    }
+    own = node.resolve_topic_name(TAKEN_TOPIC)
+    channels[TAKEN] = Topic(own, CHANNELS[TAKEN].type, qos_text(1))
+    roles = [role for role in CHANNELS if role in channels]
+    topics = [replace(channels[role], vital=CHANNELS[role].vital) for role in roles]
+    names = {role: channels[role].name for role in roles}
+    head = provenance.file_head(replace(settings, method=method), robot, names, TimeBase())
+    error = node.get_logger().error
+    return LogSession(LogRecorder(Path(settings.recording), topics, head, error), roles)
+
+
+def qos_of(profile: QoSProfile) -> str:
+    """Return the text of an endpoint's profile for the recording."""
+    return qos_text(
+        profile.depth,
+        profile.history.short_key,
+        profile.reliability.short_key,
+        profile.durability.short_key,
+    )

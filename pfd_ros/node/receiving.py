@@ -1,0 +1,94 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The executor's thread: messages are numbered, recorded, and queued for the stepping thread."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+import itertools
+import threading
+
+from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.events import Arrival, Event, Overflow, Source, Verdict
+from pfd_ros.node.command_counts import CommandCounts
+from pfd_ros.recording.format import ROLE_OF_SOURCE
+
+# Messages that wait for one cycle; more than that is a flood, not control.
+MOST_MESSAGES = 1000
+MOST_BYTES = 1 << 25
+# A command for ten joints has half a kilobyte; decoding this much takes about a second. A larger
+# message is refused unread: it is counted, but gets no number and no row.
+LARGEST_MESSAGE = 1 << 22
+
+
+@dataclass
+class EventQueue:
+    """A queue that drops its oldest message when it is full: the newest command counts.
+
+    One thread puts, another takes. The messages of a source are numbered without gaps, so
+    the dropped ones are a range, however many there are.
+
+    Parameters
+    ----------
+    most
+        Most messages that wait.
+    most_bytes
+        Most bytes that wait; one message may be larger.
+    """
+
+    most: int = MOST_MESSAGES
+    most_bytes: int = MOST_BYTES
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _waiting: deque[Arrival] = field(default_factory=deque)
+    _bytes: int = 0
+    _dropped: dict[Source, range] = field(default_factory=dict)
+
+    def put(self, arrival: Arrival) -> None:
+        """Add a message, and drop the oldest ones until there is room for it."""
+        with self._lock:
+            self._waiting.append(arrival)
+            self._bytes += len(arrival.payload)
+            while len(self._waiting) > self.most or (
+                self._bytes > self.most_bytes and len(self._waiting) > 1
+            ):
+                self._drop_oldest()
+
+    def _drop_oldest(self) -> None:
+        source, sequence, payload = self._waiting.popleft()
+        self._bytes -= len(payload)
+        before = self._dropped.get(source, range(sequence, sequence))
+        self._dropped[source] = range(before.start, sequence + 1)
+
+    def take(self) -> list[Event]:
+        """Return all events since the last call: overflows first, then messages in order."""
+        with self._lock:
+            events: list[Event] = [Overflow(*dropped) for dropped in self._dropped.items()]
+            events += self._waiting
+            self._waiting.clear()
+            self._bytes = 0
+            self._dropped = {}
+        return events
+
+
+@dataclass
+class Receiver:
+    """Takes the messages of all sources on the executor's thread, and judges none of them."""
+
+    queue: EventQueue
+    record: Callable[[str, int, bytes], None]
+    counts: CommandCounts
+    _sequences: dict[Source, Iterator[int]] = field(
+        default_factory=lambda: {source: itertools.count(1) for source in Source}
+    )
+
+    def receive(self, source: Source, data: bytes) -> None:
+        """Take one serialized message."""
+        if len(data) > LARGEST_MESSAGE:
+            detail = f'{len(data)} bytes, expected {LARGEST_MESSAGE} at most'
+            self.counts.add(source, Judgement(Verdict.MALFORMED, detail))
+            return
+        sequence = next(self._sequences[source])
+        self.record(ROLE_OF_SOURCE[source], sequence, data)
+        self.queue.put(Arrival(source, sequence, data))

@@ -1,0 +1,107 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The main thread: log lines about topics and, once a second, troubles; totals and problems."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pfd_ros.arm.commands import ERRORS, QUIET
+from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.messages.convert import NANOSECONDS
+from pfd_ros.node.endpoints import Endpoints, type_name
+from pfd_ros.node.graph_check import GraphCheck
+from pfd_ros.node.stepping import Stepper
+from pfd_ros.node.throttled_log import ThrottledLog
+from pfd_ros.recording.format import ROLE_OF_SOURCE
+from pfd_ros.text import cut, listed
+
+
+@dataclass
+class Reporter:
+    """Logs the counts of the other parts, which other threads write and only this one reads."""
+
+    log: ThrottledLog
+    endpoints: Endpoints
+    stepper: Stepper
+    graph: GraphCheck
+    callback_failures: int = 0
+    newest_failure: str = ''
+
+    def introduce(self) -> None:
+        """Log the topics of the node by their resolved names, and the robot."""
+        engine = self.stepper.engine
+        named, plain = (self.endpoints.subscriptions[source] for source in Source)
+        order = ', '.join(cut(name) for name in engine.arm.names)
+        published = ' and '.join(
+            f'{publisher.topic_name} ({type_name(publisher)})'
+            for publisher in self.endpoints.publishers.values()
+        )
+        self.log.info(
+            f'takes commands on {named.topic_name} ({type_name(named)}: name and effort) and '
+            f'{plain.topic_name} ({type_name(plain)}: efforts in this order: {order})'
+        )
+        self.log.info(f'publishes {published}')
+        self.log.info(f'{cut(engine.settings.robot)}: {len(engine.arm.names)} joints, held')
+
+    def callback_failed(self, error: Exception) -> None:
+        """Count a callback that raised: a fault, but no reason to let the arm go deaf."""
+        self.callback_failures += 1
+        self.newest_failure = f'{type(error).__name__}: {error}'
+
+    def report(self, *, last: bool = False) -> None:
+        """Log the troubles since the last call, and look at the other nodes unless it ends."""
+        tell = self.log.count
+        self._report_commands(last)
+        missed = self.stepper.timer.missed
+        tell('missed', missed, 'periods missed: this machine is too slow', last=last)
+        for publisher in self.stepper.publishers.values():
+            text = (
+                f'messages not published on {publisher.topic}, '
+                f'a reader takes none: {publisher.detail}'
+            )
+            tell(publisher.topic, publisher.refused, text, last=last)
+        text = 'messages not recorded: the disk is too slow'
+        tell('recorder', self.stepper.session.dropped, text, last=last)
+        text = f'callbacks failed, the newest by {self.newest_failure}'
+        tell('callbacks', self.callback_failures, text, error=True, last=last)
+        failure = self.stepper.engine.arm.failure
+        text = f'failure, simulation stopped: {failure}'
+        tell('failure', int(bool(failure)), text, error=True, last=last)
+        if not last:
+            self.graph.check()
+
+    def _report_commands(self, last: bool) -> None:
+        for (source, verdict), (count, detail) in self.stepper.counts.verdicts().items():
+            if verdict not in QUIET:
+                text = (
+                    f'messages on {ROLE_OF_SOURCE[source]} dropped: '
+                    f'{verdict.name.lower()} ({detail})'
+                )
+                self.log.count((source, verdict), count, text, error=verdict in ERRORS, last=last)
+        count, names = self.stepper.counts.unknown()
+        self.log.count('unknown', count, f'unknown joint names: {listed(names)}', last=last)
+
+    def problems(self) -> list[str]:
+        """Return why the run was no success, though it came to its end."""
+        failed = bool(self.stepper.engine.arm.failure)
+        found = ['the simulation did not go on to the end'] if failed else []
+        return found + self.stepper.session.problems()
+
+    def totals(self) -> dict[str, Any]:
+        """Return the totals of the run, for the log and for the recording's last record."""
+        engine, timer = self.stepper.engine, self.stepper.timer
+        verdicts = self.stepper.counts.verdicts()
+        accepted = sum(n for (_, v), (n, _) in verdicts.items() if v is Verdict.ACCEPTED)
+        return {
+            'steps': engine.arm.step,
+            'simulated_seconds': engine.arm.step * engine.settings.step_ns / NANOSECONDS,
+            'states': self.stepper.states,
+            'not_published': sum(p.refused for p in self.stepper.publishers.values()),
+            'commands_accepted': accepted,
+            'commands_dropped': sum(n for n, _ in verdicts.values()) - accepted,
+            'late_steps': timer.late,
+            'missed_periods': timer.missed,
+            'failure': engine.arm.failure,
+        }

@@ -1,0 +1,246 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Inspects a recording without simulating it: whether everything that was recorded is there.
+
+A closed file says how many messages were recorded and dropped on every channel, and all but the
+oldest also say their digests; a difference is damage. A file that was cut off is as good as its
+numbers: missing messages are counted.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+import hashlib
+
+from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Verdict
+from pfd_ros.messages.convert import decode_clock
+from pfd_ros.recording.format import DIGEST_PREFIX, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
+from pfd_ros.recording.head import Ending
+from pfd_ros.recording.reader import Log
+from pfd_ros.replay.ordering import PlacedMessage, placed_messages
+from pfd_ros.replay.summary import Summary
+
+# Most commands between their arrival and their row. The node queues 1000 and 32 MB of them for a
+# cycle; the commands that a flood drops stand in the file long before their rows.
+WAITING_LIMIT = 1 << 16
+WAITING_BYTES = 1 << 26
+
+
+@dataclass
+class _ChannelCount:
+    """The count, the gaps and the digest of one channel's messages."""
+
+    found: int = 0
+    last: int = 0
+    lost: int = 0
+    gap: str = ''
+    data: bytes = b''
+    digest: hashlib._Hash = field(default_factory=hashlib.sha256)
+
+    def add(self, message: PlacedMessage) -> None:
+        self.found += 1
+        self.last = message.number
+        if message.lost:
+            self.lost += message.lost
+            self.gap = self.gap or f'{message.number - message.lost} to {message.number - 1}'
+        self.data = message.data
+        self.digest.update(DIGEST_PREFIX.pack(message.number & SEQUENCE_MASK, len(message.data)))
+        self.digest.update(message.data)
+
+
+@dataclass
+class Inspection:
+    """The result of an inspection.
+
+    Attributes
+    ----------
+    summary
+        For people.
+    ending
+        The node's end record, None in a file that was cut off.
+    altered
+        Why the messages are not the recorded ones, or ''. A digest does not say where, so a
+        replay should look for the place first.
+    state
+        The last state, as it was recorded.
+    """
+
+    summary: Summary
+    ending: Ending | None = None
+    altered: str = ''
+    state: bytes = b''
+
+
+def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspection:
+    """Inspect a recording.
+
+    Raises
+    ------
+    ValueError
+        If it is damaged, or a closed file lacks messages; the text says where.
+    OSError
+        If it cannot be read.
+    """
+    channels: dict[str, _ChannelCount] = {}
+    verdicts: Counter[Verdict] = Counter()
+    waiting = _WaitingCommands()
+    span = [0, 0]
+    for count, message in enumerate(placed_messages(log)):
+        channel = channels.setdefault(message.role, _ChannelCount())
+        channel.add(message)
+        if message.role in SOURCE_OF_ROLE:
+            waiting.put(message)
+        elif message.role == TAKEN:
+            waiting.take(message, channel.found)
+            verdicts.update(row.verdict for row in message.rows)
+        elif message.role == STATES:
+            span = [span[0] or message.log_ns, message.log_ns]
+        if progress is not None and count % 1000 == 0:
+            progress(log.position / log.size)
+    settings = log.settings
+    for role in log.roles.values():
+        channels.setdefault(role, _ChannelCount())
+    states = channels[STATES]
+    found = Inspection(
+        Summary(
+            path=log.path,
+            settings=settings,
+            complete=log.complete,
+            versions=log.versions,
+            steps=states.last * settings.publish_every,
+            states=states.found,
+            lost={role: channel.lost for role, channel in channels.items() if channel.lost},
+            verdicts=verdicts,
+            waiting=len(waiting),
+            first_ns=span[0],
+            last_ns=span[1],
+            obstacle=waiting.obstacle,
+        ),
+        # It may lie before the last chunk, which a cut-off file lacks.
+        log.ending if log.complete else None,
+        state=states.data,
+    )
+    _add_failure(found)
+    _check_complete(log, found, channels)
+    return found
+
+
+class _WaitingCommands:
+    """Sizes of the commands that have not been taken."""
+
+    def __init__(self) -> None:
+        self.obstacle = ''
+        self._sizes: dict[tuple[int, int], int] = {}
+        self._bytes = 0
+
+    def __len__(self) -> int:
+        return len(self._sizes)
+
+    def put(self, message: PlacedMessage) -> None:
+        if self.obstacle:
+            return
+        self._sizes[SOURCE_OF_ROLE[message.role], message.number] = len(message.data)
+        self._bytes += len(message.data)
+        if len(self._sizes) > WAITING_LIMIT or self._bytes > WAITING_BYTES:
+            raise ValueError(
+                f'{len(self._sizes)} commands of {self._bytes} bytes were never taken, '
+                f'expected at most {WAITING_LIMIT} of {WAITING_BYTES} bytes'
+            )
+
+    def take(self, message: PlacedMessage, found: int) -> None:
+        if message.lost and not self.obstacle:
+            self._block(
+                f'lacks {message.lost} records of commands taken before step {message.cycle}: '
+                'the disk was too slow'
+            )
+        for row in message.rows:
+            size = self._sizes.pop((row.source, row.sequence), None)
+            # A command that overflowed did nothing: its payload does not matter.
+            if size is None and not self.obstacle and row.verdict is not Verdict.OVERFLOWED:
+                self._block(
+                    f'lacks command {row.sequence} of {ROLE_OF_SOURCE[row.source]}, '
+                    f'taken before step {message.cycle}'
+                )
+            self._bytes -= size or 0
+
+    def _block(self, reason: str) -> None:
+        self.obstacle = f'{reason}, and what follows cannot be replayed'
+        self._sizes.clear()
+        self._bytes = 0
+
+
+def _add_failure(found: Inspection) -> None:
+    """Add where the simulation failed, if it did: from the end record, or the last stamp."""
+    summary, ending = found.summary, found.ending
+    if ending is not None:
+        if ending.failure:
+            summary.stopped_at, summary.failure = ending.steps, ending.failure
+        return
+    try:
+        stamp = decode_clock(found.state)
+    except ValueError:
+        return
+    done = (stamp - summary.settings.start_ns) // summary.settings.step_ns
+    if 0 <= done < summary.steps:
+        summary.stopped_at = done
+
+
+def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCount]) -> None:
+    """Compare the messages of a file with its end record."""
+    ending = found.ending
+    if ending is None:
+        if log.complete:
+            raise ValueError('it was closed without the end record of the node')
+        ticks, summary = channels.get(CLOCK), found.summary
+        if ticks is not None:
+            # The last state may have been cut off from its tick.
+            expected = max(0, summary.steps - 1) // summary.settings.clock_every
+            late = max(0, expected - ticks.last)
+            if late:
+                summary.lost[CLOCK] = ticks.lost + late
+        return
+    for role, channel in channels.items():
+        recorded, dropped = ending.recorded[role], ending.dropped[role]
+        if channel.found != recorded:
+            where = (
+                f'{channel.gap} are missing' if channel.gap else f'the last one is {channel.last}'
+            )
+            raise ValueError(f'it holds {channel.found} of {recorded} messages {role}: {where}')
+        if channel.last > recorded + dropped:
+            raise ValueError(
+                f'it holds {role} {channel.last}, its end record counts {recorded + dropped}'
+            )
+        if dropped:
+            found.summary.lost[role] = dropped
+        if ending.digests and channel.digest.hexdigest() != ending.digests[role]:
+            found.altered = found.altered or f'the messages {role} are not the recorded ones'
+    _check_totals(found, ending)
+
+
+def _check_totals(found: Inspection, ending: Ending) -> None:
+    """Compare the totals of an end record with one another."""
+    settings = found.summary.settings
+    published = {role: n + ending.dropped[role] for role, n in ending.recorded.items()}
+    states, every = published[STATES], settings.publish_every
+    # A failed arm stands still, and goes on publishing.
+    last = (states + 1) * every - 1 if ending.failure else ending.steps
+    if ending.states != states or last // every != states or ending.steps > last:
+        raise ValueError(
+            f'its end record counts {ending.steps} steps and {ending.states} states, '
+            f'of which {states} were recorded or dropped, one in {every} steps'
+        )
+    if CLOCK in published:
+        first = states * every if ending.failure else last
+        ticks, each = published[CLOCK], settings.clock_every
+        # A node that ends when it cannot publish a state has not come to its tick.
+        if not first // each - 1 <= ticks <= last // each:
+            raise ValueError(
+                f'its end record counts {ticks} clock ticks, one in {each} of {last} steps'
+            )
+    accepted = found.summary.verdicts[Verdict.ACCEPTED]
+    if not ending.dropped[TAKEN] and ending.accepted != accepted:
+        raise ValueError(
+            f'its end record counts {ending.accepted} commands accepted, it holds {accepted}'
+        )

@@ -1,0 +1,54 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The summary of a recording, as people get to see it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.settings import Settings
+
+
+@dataclass
+class Summary:
+    """Counts, times and the failure of a recorded run, if any; verified by a replay or not."""
+
+    path: Path
+    settings: Settings
+    complete: bool = False
+    versions: dict[str, str] = field(default_factory=dict)
+    # Up to the last recorded state; the arm itself stood still from `stopped_at` on, if it failed.
+    steps: int = 0
+    states: int = 0
+    lost: dict[str, int] = field(default_factory=dict)
+    verdicts: Counter[Verdict] = field(default_factory=Counter)
+    waiting: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    stopped_at: int | None = None
+    failure: str = ''
+    obstacle: str = ''
+
+    @property
+    def missing(self) -> int:
+        """States that were published but not recorded."""
+        return self.lost.get('joint_states', 0)
+
+    @property
+    def simulated(self) -> int:
+        """Steps until the arm stopped, or else `steps`."""
+        return self.steps if self.stopped_at is None else self.stopped_at
+
+    @property
+    def seconds(self) -> float:
+        """Wall time from the first recorded state to the last, s."""
+        return (self.last_ns - self.first_ns) / 1e9
+
+    @property
+    def rate(self) -> float:
+        """Recorded states per second of wall time, Hz; 0 if there are too few to say."""
+        published = self.states + self.missing
+        return (published - 1) / self.seconds if published > 1 and self.seconds > 0 else 0.0

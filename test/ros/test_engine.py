@@ -1,0 +1,299 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The engine: events in, messages out, driven by bytes and without ROS."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from ros_processes import example_robot
+from simulating import efforts
+
+import pfd_core as pfd
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.engine import MOST_ROWS, Engine
+from pfd_ros.arm.events import TAKEN_COLUMNS, Arrival, Event, Output, Overflow, Source, Verdict
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.convert import (
+    JointMessage,
+    JointStateEncoder,
+    decode_clock,
+    decode_joint_state,
+    decode_rows,
+)
+from pfd_ros.recording.format import ROLE_OF_SOURCE, SOURCE_OF_ROLE
+from pfd_ros.recording.reader import Log
+
+GOLDEN = Path(__file__).resolve().parents[1] / 'data' / 'golden_1.mcap'
+STEP_NS = 1_000_000
+NAN = float('nan')
+
+
+def made(**chosen) -> Engine:
+    settings = Settings(**chosen)
+    return Engine(settings, load_robot(settings))
+
+
+def named(names, effort) -> bytes:
+    none = np.zeros(len(names))
+    return JointStateEncoder(names).encode(0, none, none, np.array(effort, float))
+
+
+def array(*values: float) -> Arrival:
+    return Arrival(Source.ARRAY, 1, efforts(*values))
+
+
+def run(engine: Engine, cycles: int, events: Sequence[Event] = ()) -> JointMessage:
+    """Run some cycles, the events in the first of them, and return the last state."""
+    for cycle in range(cycles):
+        outputs = engine.run_cycle(events if cycle == 0 else ()).outputs
+    return decode_joint_state(data_of(outputs, 'joint_states'))
+
+
+def data_of(outputs: Sequence[Output], role: str) -> bytes:
+    (found,) = (output.data for output in outputs if output.role == role)
+    return found
+
+
+def rows_of(outputs: Sequence[Output]) -> list[list[int]]:
+    return [
+        row
+        for output in outputs
+        if output.role == 'taken'
+        for row in decode_rows(output.data, len(TAKEN_COLUMNS))
+    ]
+
+
+def test_an_arm_nobody_commands_stays_exactly_where_it_starts() -> None:
+    start = (0.1, -0.2, 0.3, 0.4, -0.5, 0.6)
+    engine = made(initial_positions=start, start_time=2.0)
+    run(engine, 49)
+    outputs = engine.run_cycle().outputs
+    state = decode_joint_state(data_of(outputs, 'joint_states'))
+    assert tuple(state.position) == start
+    assert not state.velocity.any()
+    assert not state.effort.any()
+    assert (
+        state.stamp_ns == 2_000_000_000 + 50 * STEP_NS == decode_clock(data_of(outputs, 'clock'))
+    )
+
+
+def test_only_the_joints_that_were_commanded_move() -> None:
+    command = Arrival(Source.NAMED, 1, named(['joint2', 'joint5'], [3.0, 0.2]))
+    state = run(made(), 20, [command])
+    assert [bool(v) for v in state.velocity] == [False, True, False, False, True, False]
+    assert state.effort.tolist() == [0, 3.0, 0, 0, 0.2, 0]
+
+
+def test_an_arm_that_is_free_follows_the_simulator_bit_for_bit() -> None:
+    values = [1.0, -2.0, 3.0, 0.1, 0.2, -0.3]
+    engine = made(gravity=(0.0, 0.0, -1.62), damping=True, armature=True, substeps=3)
+    scene = pfd.Scene(gravity=(0.0, 0.0, -1.62), damping='model', armature='model', brakes=True)
+    wanted = pfd.Simulator(pfd.load_robot('puma560'), scene, step_size=1e-3, substeps=3)
+    for _ in range(100):
+        wanted.step(values, brakes=np.zeros(6, bool))
+    state = run(engine, 100, [array(*values)])
+    assert state.position.tobytes() == wanted.q.tobytes()
+    assert state.velocity.tobytes() == wanted.qd.tobytes()
+
+
+def test_the_order_of_the_joints_is_a_view_and_does_not_change_the_motion() -> None:
+    straight = made(initial_positions=(0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
+    names = straight.arm.names[::-1]
+    turned = made(joints=names, initial_positions=(0.6, 0.5, 0.4, 0.3, 0.2, 0.1))
+    one = run(straight, 50, [array(1, 2, 3, 0.4, 0.5, 0.6)])
+    other = run(turned, 50, [array(0.6, 0.5, 0.4, 3, 2, 1)])
+    assert other.names == names
+    for field in ('position', 'velocity', 'effort'):
+        assert getattr(one, field).tobytes() == getattr(other, field)[::-1].tobytes()
+
+
+def test_a_state_that_overflows_stops_the_arm_at_the_last_finite_one() -> None:
+    engine = made()
+    last, state = run(engine, 1), run(engine, 1, [array(*[1e300] * 6)])
+    while not engine.arm.failure:
+        last, state = state, run(engine, 1)
+    assert 'is not finite' in engine.arm.failure
+    # It publishes that state also in the cycle that fails, and whatever commands come later.
+    for after in (state, run(engine, 1), run(engine, 3, [array(*[1.0] * 6)])):
+        assert after.stamp_ns == last.stamp_ns == engine.arm.stamp_ns
+        for field in ('position', 'velocity', 'effort'):
+            assert np.isfinite(getattr(last, field)).all()
+            assert getattr(after, field).tobytes() == getattr(last, field).tobytes()
+
+
+def test_a_failed_arm_goes_on_judging_and_counting_and_a_gap_costs_nothing() -> None:
+    engine, passed = made(publish_rate=500.0), made(publish_rate=500.0)
+    for one in (engine, passed):
+        run(one, 2, [array(*[1e308] * 6)])
+        assert one.arm.failure
+    for _ in range(97):
+        engine.run_cycle()
+    passed.stand_still(99)
+    for command in (array(1.0), array(*[2.0] * 6)):
+        assert engine.run_cycle([command]) == passed.run_cycle([command])
+    passed.stand_still(10**15 - 1)
+    assert [output.number for output in passed.run_cycle().outputs] == [10**15 // 2, 10**15]
+
+
+def test_an_arm_that_moves_cannot_pass_over_cycles() -> None:
+    with pytest.raises(RuntimeError, match='only an arm that failed'):
+        made(robot='planar2').stand_still(5)
+
+
+EVENTS: dict[int, list[Event]] = {
+    2: [array(1.0, 2.0)],
+    3: [
+        Overflow(Source.ARRAY, range(2, 5)),
+        Arrival(Source.NAMED, 1, b'junk'),
+        Arrival(Source.ARRAY, 5, efforts(3.0, NAN)),
+        Arrival(Source.ARRAY, 6, efforts(-1.0, 0.5)),
+    ],
+    7: [Arrival(Source.NAMED, 2, named(['elbow'], [NAN]))],
+}
+
+
+def test_the_same_events_in_the_same_cycles_give_the_same_bytes() -> None:
+    engines = [made(robot='planar2', clock_rate=500.0) for _ in range(2)]
+    for cycle in range(1, 30):
+        one, other = (engine.run_cycle(EVENTS.get(cycle, ())) for engine in engines)
+        assert one == other
+    # A command one cycle later is another run.
+    late = made(robot='planar2', clock_rate=500.0)
+    for cycle in range(1, 30):
+        last = late.run_cycle(EVENTS.get(cycle - 1, ()))
+    assert data_of(last.outputs, 'joint_states') != data_of(one.outputs, 'joint_states')
+
+
+def test_outputs_come_in_the_order_rows_of_overflow_rows_state_tick_and_are_numbered() -> None:
+    engine = made(robot='planar2', publish_rate=500.0, clock_rate=250.0)
+    found = [
+        [(output.role, output.number) for output in engine.run_cycle(EVENTS.get(k, ())).outputs]
+        for k in range(1, 9)
+    ]
+    assert found == [
+        [],
+        [('taken', 1), ('joint_states', 1)],
+        [('taken', 2), ('taken', 3)],
+        [('joint_states', 2), ('clock', 1)],
+        [],
+        [('joint_states', 3)],
+        [('taken', 4)],
+        [('joint_states', 4), ('clock', 2)],
+    ]
+
+
+def test_an_arm_without_a_clock_puts_out_no_tick() -> None:
+    outputs = made(robot='planar2', publish_clock=False).run_cycle().outputs
+    assert [output.role for output in outputs] == ['joint_states']
+
+
+def test_each_event_gets_a_row_with_its_cycle_and_its_verdict() -> None:
+    engine = made(robot='planar2')
+    rows = [rows_of(engine.run_cycle(EVENTS.get(k, ())).outputs) for k in range(1, 8)]
+    assert rows[1] == [[2, Source.ARRAY, 1, Verdict.ACCEPTED]]
+    assert rows[2] == [
+        [3, Source.ARRAY, 2, Verdict.OVERFLOWED],
+        [3, Source.ARRAY, 3, Verdict.OVERFLOWED],
+        [3, Source.ARRAY, 4, Verdict.OVERFLOWED],
+        [3, Source.NAMED, 1, Verdict.MALFORMED],
+        [3, Source.ARRAY, 5, Verdict.NOT_FINITE],
+        [3, Source.ARRAY, 6, Verdict.ACCEPTED],
+    ]
+    assert rows[6] == [[7, Source.NAMED, 2, Verdict.ALL_NAN]]
+
+
+def test_a_flood_that_overflowed_is_told_in_messages_of_bounded_size() -> None:
+    count = 2 * MOST_ROWS + 5
+    result = made(robot='planar2').run_cycle([Overflow(Source.NAMED, range(7, 7 + count))])
+    sizes = [len(rows_of([output])) for output in result.outputs[:-2]]
+    assert sizes == [MOST_ROWS, MOST_ROWS, 5]
+    assert [row[2] for row in rows_of(result.outputs)] == list(range(7, 7 + count))
+    assert [(source, told.verdict, n) for source, told, n in result.judgements] == [
+        (Source.NAMED, Verdict.OVERFLOWED, count)
+    ]
+
+
+def test_nan_leaves_a_joint_as_it_was() -> None:
+    engine = made(robot='planar2')
+    first = Arrival(Source.NAMED, 1, named(['shoulder'], [1.5]))
+    again = Arrival(Source.NAMED, 2, named(['shoulder', 'elbow'], [NAN, NAN]))
+    assert run(engine, 3, [first]).effort.tolist() == [1.5, 0.0]
+    state = run(engine, 3, [again])
+    assert state.effort.tolist() == [1.5, 0.0]
+    assert state.velocity[1] == 0.0
+
+
+def test_judging_a_message_does_not_apply_it() -> None:
+    engine = made(robot='planar2')
+    assert engine.judge(array(1.0, 2.0)).verdict is Verdict.ACCEPTED
+    assert not run(engine, 2).effort.any()
+
+
+def test_an_engine_that_is_fed_a_recording_puts_out_what_was_recorded() -> None:
+    # By hand, with all rows known beforehand: the replay itself streams.
+    log = Log(GOLDEN)
+    recorded: dict[str, list[bytes]] = defaultdict(list)
+    for entry in log.entries():
+        recorded[entry.role].append(entry.data)
+    events: dict[int, list[Event]] = defaultdict(list)
+    for data in recorded['taken']:
+        for cycle, source, sequence, _ in decode_rows(data, len(TAKEN_COLUMNS)):
+            payload = recorded[ROLE_OF_SOURCE[Source(source)]][sequence - 1]
+            events[cycle].append(Arrival(Source(source), sequence, payload))
+    settings = log.settings
+    engine = Engine(settings, pfd.load_robot(log.robot_yaml))
+    computed: dict[str, list[bytes]] = defaultdict(list)
+    for cycle in range(1, settings.publish_every * len(recorded['joint_states']) + 1):
+        for role, _, data in engine.run_cycle(events[cycle]).outputs:
+            computed[role].append(data)
+    assert len(events) > 30
+    assert dict(computed) == {
+        role: found for role, found in recorded.items() if role not in SOURCE_OF_ROLE
+    }
+
+
+def test_an_arm_with_a_gripper_has_the_masses_of_the_whole_file() -> None:
+    urdf = example_robot('panda_description/urdf/panda.urdf')
+    fingers = ('panda_finger_joint1', 'panda_finger_joint2')
+    settings = Settings(robot=str(urdf), locked=fingers, locked_positions=(0.02, 0.02))
+    robot = load_robot(settings)
+    assert robot.joint_names == tuple(f'panda_joint{i}' for i in range(1, 8))
+    masses = {
+        link.get('name'): float(link.find('inertial/mass').get('value'))
+        for link in ElementTree.parse(urdf).iter('link')
+        if link.find('inertial/mass') is not None
+    }
+    del masses['panda_link0']
+    np.testing.assert_allclose(robot.masses.sum(), sum(masses.values()), rtol=1e-12)
+    assert run(Engine(settings, robot), 1, [array(*[1.0] * 7)]).velocity.all()
+
+
+@pytest.mark.parametrize('source', list(Source))
+@pytest.mark.parametrize('data', [b'', b'\x00\x01\x00\x00', b'\xff' * 40])
+def test_bytes_that_are_no_message_do_nothing(source: Source, data: bytes) -> None:
+    assert made().judge(Arrival(source, 1, data)).verdict is Verdict.MALFORMED
+
+
+@pytest.mark.parametrize(
+    ('wrong', 'text'),
+    [
+        ({'joints': ('joint1', 'elbow')}, r"joints is \['joint1', 'elbow'\], expected each joint"),
+        ({'joints': ('joint1',) * 6}, 'expected each joint of .* once'),
+        ({'initial_positions': (0.0,)}, 'initial_positions holds 1 numbers, expected 6'),
+        ({'robot': 'r2d2'}, 'r2d2'),
+        ({'integrator': 'euler'}, 'euler'),
+        ({'method': 'magic'}, 'magic'),
+        ({'tip_link': 'nowhere'}, 'nowhere'),
+        ({'locked': ('{0}',)}, r'\{0\}'),
+        ({'joints': ('x' * 9999,) * 1000}, '9999 characters.*and 992 more'),
+    ],
+)
+def test_settings_that_do_not_go_with_the_robot_are_refused(wrong: dict, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        made(**wrong)

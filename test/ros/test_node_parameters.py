@@ -1,0 +1,101 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The parameters of a real node: from a file, out of range, out of this world."""
+
+from __future__ import annotations
+
+import os
+import signal
+
+import numpy as np
+import pytest
+from ros_processes import MILLISECOND, Processes, example_robot, stamp_ns
+
+from pfd_ros.replay.verify import read
+
+pytestmark = pytest.mark.ros
+
+
+def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None:
+    (processes.folder / 'given.yaml').write_text(
+        '/**:\n  ros__parameters:\n    robot: planar2\n    joints: [elbow, shoulder]\n'
+        '    initial_positions: [0.5, -0.25]\n    step_size: 0.002\n    publish_rate: 100.0\n'
+        '    colour: red\n'
+    )
+    arm = processes.arm('--params-file', 'given.yaml')
+    peer = peer_of(processes)
+    peer.connect()
+    peer.let_pass(5)
+    assert list(peer.states[-1].name) == ['elbow', 'shoulder']
+    assert peer.states[-1].position.tolist() == [0.5, -0.25]
+    steps = np.diff([stamp_ns(state) for state in peer.states])
+    assert all(step % (10 * MILLISECOND) == 0 and step > 0 for step in steps)
+    assert arm.end(signal.SIGINT) == 0
+    assert "not parameters of this node: ['colour']" in arm.text()
+
+
+@pytest.mark.parametrize(
+    ('args', 'text'),
+    [
+        (('-p', 'step_size:=5.0'), 'step_size out of range'),
+        (('-p', 'step_size:=1'), "'step_size' to '1' of type 'INTEGER', expecting type 'DOUBLE'"),
+        (('-p', 'robot:=r2d2'), 'r2d2'),
+        (('-p', 'publish_rate:=300.0'), 'publish_rate is 300.0 Hz'),
+        (('-p', 'recording:=there.mcap'), 'there.mcap exists and is never written over'),
+        (('--params-file', 'nix.yaml'), 'nix.yaml'),
+        (('-p', 'recording:=folder'), 'folder exists and is never written over'),
+        (('-p', 'recording:=fifo'), 'fifo exists and is never written over'),
+        (('-p', 'recording:=/proc/nowhere/arm.mcap'), '/proc/nowhere/arm.mcap cannot be written'),
+        (('-p', 'recording:=nowhere/arm.mcap'), 'nowhere/arm.mcap cannot be written'),
+        (('-p', f'recording:={"x" * 300}'), 'File name too long'),
+        (('-p', 'robot:=fifo'), "'fifo' must end in .urdf"),
+        (('-p', 'robot:=folder'), 'folder'),
+        (('-p', "robot:='{0}{}%s'"), '{0}{}%s'),
+        (('-p', f'robot:={"x" * 50_000}'), 'xxx'),
+        (('-p', "joints:=['{}','{0}']"), "joints is ['{}', '{0}'], expected each joint"),
+        (('-p', f'step_size:={10**400}'), 'step_size'),
+        (('-p', 'substeps:=1000000000000'), 'substeps out of range'),
+        (('--params-file', 'large.yaml'), 'joints holds 300000 values, expected 1000 at most'),
+        (('-r', '__node:={x}'), 'remap rule'),
+        (('-x',), "['-x']"),
+    ],
+    ids=lambda value: str(value)[:60],
+)
+def test_a_bad_parameter_is_named_and_the_status_is_1(
+    processes: Processes, args: tuple[str, ...], text: str
+) -> None:
+    (processes.folder / 'there.mcap').write_bytes(b'dear')
+    (processes.folder / 'folder').mkdir()
+    os.mkfifo(processes.folder / 'fifo')
+    names = ', '.join(f'joint{k}' for k in range(300_000))
+    (processes.folder / 'large.yaml').write_text(
+        f'/**: {{ros__parameters: {{joints: [{names}]}}}}'
+    )
+    arm = processes.arm(*args, ready=False)
+    assert arm.end() == 1
+    lines = [line for line in arm.text().splitlines() if not line.startswith('[WARN]')]
+    assert len(lines) == 1, arm.text()
+    assert lines[0].startswith('sim_arm: ')
+    assert text in lines[0]
+    assert len(lines[0]) < 700
+    assert (processes.folder / 'there.mcap').read_bytes() == b'dear'
+
+
+def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
+    processes: Processes, peer_of
+) -> None:
+    arm = processes.arm(
+        *('-p', f'robot:={example_robot("panda_description/urdf/panda.urdf")}'),
+        *('-p', 'locked:=[panda_finger_joint1, panda_finger_joint2]'),
+        *('-p', 'locked_positions:=[0.01, 0.02]'),
+        *('-p', 'recording:=arm.mcap'),
+    )
+    peer = peer_of(processes)
+    peer.connect()
+    peer.plain_command([0.5] * 7)
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [0.5] * 7)
+    assert list(peer.states[-1].name) == [f'panda_joint{i}' for i in range(1, 8)]
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    summary = read(processes.folder / 'arm.mcap', verify=True)
+    assert summary.settings is not None
+    assert summary.settings.locks == {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}

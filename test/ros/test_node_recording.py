@@ -1,0 +1,131 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The recording of a real node: signals, kills, full disks, and commands that came too fast."""
+
+from __future__ import annotations
+
+import json
+import resource
+import signal
+import time
+
+from mcap.reader import make_reader
+import pytest
+from ros_processes import JOINTS, PATIENCE, Processes
+from simulating import rows_of
+
+from pfd_ros.arm.events import Verdict
+from pfd_ros.node.receiving import MOST_MESSAGES
+from pfd_ros.replay.verify import read
+
+pytestmark = pytest.mark.ros
+
+
+@pytest.mark.parametrize(
+    'signals',
+    [
+        (signal.SIGINT,),
+        (signal.SIGTERM,),
+        (signal.SIGHUP,),
+        (signal.SIGINT, signal.SIGINT),
+        (signal.SIGHUP, signal.SIGTERM),
+    ],
+    ids=lambda signals: '+'.join(s.name for s in signals),
+)
+def test_a_signal_ends_the_node_cleanly_and_the_file_is_whole(
+    processes: Processes, signals: tuple[signal.Signals, ...]
+) -> None:
+    arm = processes.arm('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0')
+    wait_for_steps(processes)
+    assert arm.end(*signals) == 0, arm.text()
+    summary = read(processes.folder / 'arm.mcap', verify=True)
+    assert summary.complete
+    # An independent reader, by the index at the end of the file.
+    with (processes.folder / 'arm.mcap').open('rb') as stream:
+        reader = make_reader(stream, validate_crcs=True)
+        states = sum(1 for _ in reader.iter_messages(topics=['/joint_states']))
+        end = [m.metadata for m in reader.iter_metadata() if m.name == 'pfd_ros_end']
+    assert states == summary.states
+    assert json.loads(end[0]['totals'])['states'] == states + summary.missing
+
+
+def wait_for_steps(processes: Processes) -> None:
+    """Wait until the recording has grown beyond its head."""
+    path = processes.folder / 'arm.mcap'
+    head, deadline = path.stat().st_size, time.monotonic() + PATIENCE
+    while path.stat().st_size <= head:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_a_killed_node_leaves_a_file_that_verifies(processes: Processes, peer_of) -> None:
+    arm = processes.arm('-p', 'recording:=arm.mcap')
+    peer = peer_of(processes)
+    peer.connect()
+    for k in range(50):
+        peer.command(JOINTS, [0.01 * k] * 6)
+        peer.let_pass(10)
+    assert arm.end(signal.SIGKILL) == -signal.SIGKILL
+    summary = read(processes.folder / 'arm.mcap', verify=True)
+    assert not summary.complete
+    assert summary.states > 100
+    assert summary.verdicts[Verdict.ACCEPTED] > 0
+
+
+def test_a_full_disk_stops_the_recording_and_not_the_arm(processes: Processes, peer_of) -> None:
+    arm = processes.arm('-p', 'recording:=arm.mcap')
+    # The kernel writes up to this size and then refuses, as a full disk does.
+    resource.prlimit(arm.process.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
+    peer = peer_of(processes)
+    peer.connect()
+    arm.wait_for_text('recording stopped')
+    peer.let_pass(100)
+    assert arm.end(signal.SIGINT) == 1, arm.text()
+    assert arm.text().count('recording stopped') == 1
+    assert 'the recording does not hold everything' in arm.text()
+    summary = read(processes.folder / 'arm.mcap', verify=True)
+    assert not summary.complete
+    assert summary.states > 0
+
+
+def test_a_failed_recording_does_not_stop_an_arm_at_unlimited_speed(
+    processes: Processes, peer_of
+) -> None:
+    # Its queue stays as full as it was when the disk failed.
+    arm = processes.faulty(
+        'recorder_failed', '-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.0'
+    )
+    peer = peer_of(processes)
+    peer.connect()
+    peer.let_pass(100)
+    assert arm.end(signal.SIGINT) == 1, arm.text()
+    assert 'the recording does not hold everything' in arm.text()
+
+
+def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
+    processes: Processes, peer_of
+) -> None:
+    from rclpy.duration import Duration
+
+    count = MOST_MESSAGES + 100
+    arm = processes.faulty(
+        f'first_step_after_{count}',
+        *('-p', 'recording:=arm.mcap'),
+        *('-p', 'qos_overrides./sim_arm/commands.subscription.history:=keep_all'),
+    )
+    peer = peer_of(processes)
+    peer.wait(peer.plain.get_subscription_count)
+    for k in range(count):
+        peer.plain_command([1e-6 * k] * 6)
+        # The publisher keeps ten.
+        if k % 10 == 0:
+            assert peer.plain.wait_for_all_acked(Duration(seconds=PATIENCE))
+    peer.wait(lambda: peer.states and any(peer.states[-1].effort))
+    assert peer.states[-1].effort.tolist() == [1e-6 * (count - 1)] * 6
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    assert 'messages on commands dropped: overflowed' in arm.text()
+    rows = rows_of(processes.folder / 'arm.mcap')
+    assert [row.sequence for row in rows] == list(range(1, count + 1))
+    verdicts = [row.verdict for row in rows]
+    assert verdicts[:100] == [Verdict.OVERFLOWED] * 100
+    assert set(verdicts[100:]) == {Verdict.ACCEPTED}

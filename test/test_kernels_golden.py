@@ -23,7 +23,7 @@ from zoo import joint, link, urdf
 import pfd_core as pfd
 from pfd_core.kernels.codegen.module import ensemble_module, kernel_module, rollout_module
 from pfd_core.kernels.source import forward, plant_of, turned_joints
-from pfd_core.simulation.integrators import record_step
+from pfd_core.simulation.integrators import TABLE, record_step
 
 DATA = Path(__file__).parent / 'data'
 WIDTH = 4
@@ -43,7 +43,8 @@ def modules() -> Iterator[tuple[str, str]]:
     scene = pfd.Scene(gravity=(0.0, -8.0, 0.0), brakes=True)
     plant, _ = plant_of(robot, scene, 'float64')
     dynamics = forward(plant, 'composite_body', 0, 'float64').program
-    step, angles = record_step('velocity_verlet', robot.n, 2.0**-10), turned_joints(robot)
+    step = record_step(TABLE['velocity_verlet'], robot.n, 2.0**-10)
+    angles = turned_joints(robot)
     yield 'kernel', kernel_module(dynamics, 'float64', 1, angles)
     yield 'rollout', rollout_module(step, dynamics, 'float64', angles)
     yield 'batch', kernel_module(dynamics, 'float64', WIDTH, angles)

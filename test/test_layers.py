@@ -8,6 +8,7 @@ import ast
 from collections.abc import Iterator
 from graphlib import TopologicalSorter
 from pathlib import Path
+import re
 import shutil
 import subprocess
 import sys
@@ -119,6 +120,15 @@ def test_every_folder_of_a_package_with_rooms_is_one_of_its_rooms() -> None:
         folder = ROOT / package.replace('.', '/')
         rooms = {path.parent.name for path in folder.glob('*/__init__.py')}
         assert rooms == {name for name in order if (folder / name).is_dir()}
+
+
+def test_the_docstring_of_each_package_is_a_map_of_its_modules() -> None:
+    for init in (path for path in modules().values() if path.name == '__init__.py'):
+        members = {path.stem for path in init.parent.glob('*.py')} - {'__init__', '_types'}
+        members |= {path.parent.name for path in init.parent.glob('*/__init__.py')}
+        docstring = ast.get_docstring(ast.parse(init.read_text(encoding='utf-8'))) or ''
+        lines = re.findall(r'^    (\w+)/? {2,}\S', docstring, re.MULTILINE)
+        assert sorted(lines) == sorted(members), init
 
 
 def test_no_circle_of_imports() -> None:

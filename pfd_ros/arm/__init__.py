@@ -4,9 +4,12 @@
 
 From the inputs to the outputs:
 
-settings   everything that is not an event: robot, scene, step size, rates
-events     the events and outputs, the sources, the verdicts; the event rule
-commands   the rules for a command, NaN and infinity among them, and the drive it leads to
-arm        the simulated arm: robot, brakes, simulator, failure
-engine     one cycle: events -> verdicts -> drive -> step -> verdict rows, state, clock tick
+    settings    everything that is not an event: robot, scene, step size, rates
+    events      the event rule: events and outputs, sources, verdicts
+    commands    the rules for a command, NaN and infinity among them, and the drive it leads to
+    arm         the simulated arm: robot, brakes, simulator, failure
+    engine      one cycle: events -> verdicts -> drive -> step -> verdict rows, state, clock tick
+
+A new input is a Source in `events` and a rule in `engine`; a new output is an Output of `engine`
+and a row in node.endpoints and recording.format.
 """

@@ -2,8 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `pfd`.
 
-- `main`: the table of commands, `--ros-args`, errors as one line and an exit status
-- `demo`, `sim`, `replay`, `report`, `robots`: one command each, its arguments and its run
+    main      the table of commands, `--ros-args`, errors as one line and an exit status
+    demo      pfd demo
+    sim       pfd sim: the node
+    replay    pfd replay: a recording verified, with its summary
+    report    pfd report: counts, speed
+    robots    pfd robots
 
 A new command is a module with `HELP`, `add_arguments` and `run`, and a place in `main.COMMANDS`.
 """

@@ -2,19 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 """The MCAP file of a run, from the messages to the disk and back; see docs/decisions/0004.
 
-- `format`: names, roles, types, columns and bounds, which writer and reader share
+    format          the format's version, roles, types, columns, bounds, for writer and reader
 
 Written, from the callers to the disk:
 
-- `provenance`: the head of a file: settings, robot, topics, versions, clocks
-- `recorder`: LogRecorder: a bounded queue and the thread that empties it
-- `mcap_file`: the records of the file, and the digests of its topics
-- `sink`: bytes to the disk in whole flushes
+    provenance      the head of a file: settings, robot, topics, versions, clocks
+    recorder        LogRecorder: a bounded queue and the thread that empties it
+    mcap_file       the records of the file, and the digests of its topics
+    sink            bytes to the disk in whole flushes
 
 Read, from the bytes to a log:
 
-- `mcap_stream`: the file from front to back: framing, chunks, checksums
-- `mcap_records`: the fields of one record
-- `head`: the metadata records: settings, topics, versions, the ending of the run
-- `reader`: Log: messages by role, with settings, robot and ending; LogError
+    mcap_stream     the file from front to back: framing, chunks, checksums
+    mcap_records    the fields of one record
+    head            the metadata records: settings, topics, versions, the ending of the run
+    reader          Log: messages by role, with settings, robot and ending; LogError
 """

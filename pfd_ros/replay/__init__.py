@@ -4,8 +4,8 @@
 
 From the file to the verdict:
 
-ordering     each message in its cycle; numbers, order and times that cannot be are refused
-inspection   whether everything that was recorded is in the file, without simulating
-summary      the result of an inspection for people
-verify       the engine fed from the recording, its outputs compared byte for byte: `read`
+    ordering      each message in its cycle; impossible numbers, orders and times are refused
+    inspection    whether everything that was recorded is in the file, without simulating
+    summary       the result of an inspection for people
+    verify        the engine fed from the recording, its outputs compared byte for byte: `read`
 """

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """Bytes of ROS 2 messages to arrays and back, without ROS.
 
-cdr            the wire format, one value at a time
-convert        fields of each message that the node reads or writes; names of the types
-definitions    text and hash of a message type, from where ROS installed them
-qos            QoS profiles as rosbag2 writes them
+    cdr            the wire format, one value at a time
+    convert        fields of each message that the node reads or writes; names of the types
+    definitions    text and hash of a message type, from where ROS installed them
+    qos            QoS profiles as rosbag2 writes them
 
 A new message type is a name and its functions in `convert`.
 """

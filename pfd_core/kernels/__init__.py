@@ -5,7 +5,7 @@ Kernels: the recording of an algorithm becomes native code for one robot and sce
 
 Rooms and modules in the order of the way of the data; each imports only from those above it.
 
-    passes/        program -> short equal program
+    passes/        program -> short equal program, with sine and cosine written out
     codegen/       program -> text of LLVM IR
     runtime/       text -> native code in this process; cache on disk, threads, Python's C API
     source         robot, scene and method -> lowered program, recorded only if needed
@@ -15,4 +15,7 @@ Rooms and modules in the order of the way of the data; each imports only from th
     compile        compile_kernel, compile_inverse_kernel
     functions      forward_dynamics, inverse_dynamics: plain functions that keep their kernels
     simulations    compile_rollout, compile_ensemble: whole simulations in native code
+
+A new pass is a module of passes and a line of pipeline.lower; a new function in native code a
+module of codegen and a line of codegen.module; a new quantity a recipe in source.
 """

@@ -213,8 +213,11 @@ class Kernel:
         """Return the result for arrays that need no conversion, or None for others."""
         if out is None:
             out = np.empty((len(q), self._size), self.dtype, 'F' if q.flags.fnc else 'C')
-        elif any(isinstance(x, np.ndarray) and np.may_share_memory(x, out) for x in given):
-            return None
+        else:
+            # A loop: a generator would take a fifth of the time of a small batch.
+            for array in given:
+                if isinstance(array, np.ndarray) and np.may_share_memory(array, out):
+                    return None
         return self._batch_entry(*given, out)
 
     def bind(

@@ -18,6 +18,9 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     checked_numbers     the one reader of numbers that users give
     error_text          foreign values as error messages quote them
     frozen_arrays       read-only arrays in frozen dataclasses
+
+A new effect is a field of Scene and of Plant, resolved in `scene`; its term is recorded by
+pfd_core.algorithms (chain.joint_torques for an effect of the joints).
 """
 
 from pfd_core.model.loading import known_robots, load_robot

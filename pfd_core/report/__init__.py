@@ -23,5 +23,6 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     speed            the survey: which robots, works and contenders, and the findings
     speed_pages      the page: its tables and columns, JSON and plot
 
-A column of a page is a field of Row (counts, timing) and a cell in counts_pages or speed_pages.
+A column is a field of the table's record (counts.Row, counts.Cell, convergence.Convergence,
+timing.Row) and, in counts_pages or speed_pages, a title in the header and a cell of that table.
 """

@@ -85,10 +85,11 @@ def _at_printed(rows: Sequence[Row], trips: Sequence[Convergence]) -> list[str]:
             f'most trips of the robots with {PRINTED_AT} joints in "What convergence costs".'
         ),
         '',
-        '| system | processors | mult | of these div | add | sqrt | routes | unpacked: mult | add '
-        '| routes | busy | speed-up, arithmetic alone / with routes | efficiency, alone / with '
-        'routes |',
-        '|---' * 13 + '|',
+        *_header(
+            'system | processors | mult | of these div | add | sqrt | routes | unpacked: mult '
+            '| add | routes | busy | speed-up, arithmetic alone / with routes '
+            '| efficiency, alone / with routes'
+        ),
     ]
     for one in chosen:
         table.append(_counts(one, 'not converged'))
@@ -97,6 +98,11 @@ def _at_printed(rows: Sequence[Row], trips: Sequence[Convergence]) -> list[str]:
             table.append(_counts(counts_of(one.system, one.n, fewest), 'the fewest to converge'))
             table.append(_counts(counts_of(one.system, one.n, most), 'the most to converge'))
     return [*table, '']
+
+
+def _header(titles: str) -> list[str]:
+    """Return the first two lines of a table whose titles are separated by bars."""
+    return [f'| {titles} |', '|---' * (titles.count('|') + 1) + '|']
 
 
 def _range(trips: Sequence[Convergence], system: str, n: int) -> tuple[int, int]:
@@ -145,9 +151,10 @@ def _beside_the_paper(rows: Sequence[Row], trips: Sequence[Convergence]) -> list
             'routes are in neither.'
         ),
         '',
-        '| system | operation | measured | unpacked | formula | printed | sum of its parts '
-        '| measured is | remark |',
-        '|---' * 9 + '|',
+        *_header(
+            'system | operation | measured | unpacked | formula | printed | sum of its parts '
+            '| measured is | remark'
+        ),
     ]
     for one in (row for row in rows if row.n == PRINTED_AT):
         table += [
@@ -187,9 +194,10 @@ def _convergence(trips: Sequence[Convergence]) -> list[str]:
             'uniformN is the chain of N links on which everything else here is counted.'
         ),
         '',
-        '| system | robot | n | trips: fewest | median | most | mult | add | routes '
-        '| error after n trips: median | largest | at the end: largest |',
-        '|---' * 12 + '|',
+        *_header(
+            'system | robot | n | trips: fewest | median | most | mult | add | routes '
+            '| error after n trips: median | largest | at the end: largest'
+        ),
     ]
     for found in trips:
         table.append(
@@ -226,8 +234,7 @@ def _grid(rows: Sequence[Row], text) -> list[str]:  # type: ignore[no-untyped-de
     systems = list(dict.fromkeys(row.system for row in rows))
     known = {(row.system, row.n): row for row in rows}
     titles = {row.system: row.title + (', n trips' if row.trips else '') for row in rows}
-    lines = ['', '| system | ' + ' | '.join(str(n) for n in sizes) + ' |']
-    lines.append('|---' * (len(sizes) + 1) + '|')
+    lines = ['', *_header(' | '.join(map(str, ('system', *sizes))))]
     for system in systems:
         cells = [text(known[system, n]) for n in sizes]
         lines.append(f'| {titles[system]} | ' + ' | '.join(cells) + ' |')

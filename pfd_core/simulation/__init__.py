@@ -10,4 +10,7 @@ Time: the motion of an arm, or of many arms at once, in native code.
     simulator       Simulator: one arm, step by step or in a rollout
     ensemble        Ensemble: many arms, in rollouts
     trajectory      Trajectory: the states that a rollout returns
+
+A new integrator is a function and a row of integrators.TABLE, a new law of feedback a class in
+`feedback` and its text in kernels.codegen.law.
 """

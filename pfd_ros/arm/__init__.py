@@ -10,6 +10,8 @@ From the inputs to the outputs:
     arm         the simulated arm: robot, brakes, simulator, failure
     engine      one cycle: events -> verdicts -> drive -> step -> verdict rows, state, clock tick
 
-A new input is a Source in `events` and a rule in `engine`; a new output is an Output of `engine`
-and a row in node.endpoints and recording.format.
+A new input is a Source in `events` and a rule in `engine`. A new output is a role in `events`, its
+numbers in `arm`, its bytes in messages.convert, an Output of `engine`, and a row in node.endpoints
+and in recording.format (with always=False: older recordings lack it); stepping and recording need
+no change.
 """

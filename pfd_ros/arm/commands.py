@@ -4,6 +4,7 @@
 
 A brake holds each joint until the first command that names it. A command changes the joints it
 names and leaves the others as they were; a message that breaks a rule changes nothing at all.
+NaN leaves its joint as it was, brake included; in a command without names it drops the message.
 """
 
 from __future__ import annotations

@@ -21,4 +21,8 @@ Around it:
     workers          threads that are watched: the end of one stops all
     process          starts and stops ROS, the node and its threads; exit status
     main             signals; the entry point `sim_node`
+
+Threads: main (reporting), the executor and stepping, which process starts, and the recording's own
+(recording.recorder); those of the middleware beside them. A new topic is a row in endpoints, a new
+parameter a field of arm.settings.
 """

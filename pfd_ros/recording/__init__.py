@@ -15,6 +15,8 @@ Read, from the bytes to a log:
 
     mcap_stream     the file from front to back: framing, chunks, checksums
     mcap_records    the fields of one record
-    head            the metadata records: settings, topics, versions, the ending of the run
-    reader          Log: messages by role, with settings, robot and ending; LogError
+    head            the metadata records: settings, topics, versions of the software, the ending
+    reader          Log: checks the format; messages by role, settings, robot, ending; LogError
+
+A new channel is a row of format.CHANNELS; a new key of the head or the end, of HeadKey or EndKey.
 """

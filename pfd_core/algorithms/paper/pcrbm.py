@@ -142,7 +142,7 @@ def _composite_bodies(chain: Links, pose: Pose) -> tuple[Lanes, LaneArray, LaneA
     share = on(chain.m, inner) / mass
     b = merge(pose.p_star + share * pose.s, c_end)
     c = suffix_affine(a, b, lambda k, x: k * x, lambda k, kk: k * kk)
-    d = shift(c, -1) - pose.s
+    d = shift(c, -1) - pose.s  # eqs (19), (20)
     terms = merge(pose.J + (beyond * share) * parallel_axis(d), pose.J)
     return M, c, suffix(lambda left, right: left + right, terms)
 

@@ -5,7 +5,7 @@ Passes: program -> short equal program. One module for each pass, in the order t
 
     fold         constants, zeros and ones, equal expressions
     dead_code    instructions that no output depends on
-    sincos       sine and cosine written out in the other operations; error bound and table
+    sincos       sine and cosine written out: coefficients, error bound, counts of operations
     fuse         additions take in products: fma; latencies of operations
     schedule     order of the operations: registers and waiting
     pipeline     lower(): all passes, with the program at each stage; counts of operations

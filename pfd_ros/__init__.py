@@ -13,5 +13,5 @@ The rooms, in the order in which the data flow; each imports only from those abo
     demo         the node and a controller as two processes, and a look at their recording
     cli          the command `pfd`, one module a command
 
-Only `node` and `demo` know rclpy.
+Only `node` and `demo` know rclpy. For a new input or output of the arm see `arm`.
 """

@@ -265,7 +265,8 @@ def test_another_number_format_is_refused_and_named() -> None:
         sincos(np.arange(3, dtype='int32'), 'int32')
 
 
-@pytest.mark.parametrize('dtype', ['float32', pytest.param('float64', marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize('dtype', ['float32', 'float64'])
 def test_the_constants_are_those_that_the_fit_prints(dtype: str) -> None:
     spec = importlib.util.spec_from_file_location('fit_sine', FIT)
     assert spec is not None

@@ -18,7 +18,7 @@ In the order in which a text becomes a program and a result:
     systolic     clocked array of cells, for the paper's triangular array
 
 A new operation is a row of operations.OPERATIONS; a new kind of step count is a column name in
-operations.COSTS and a field of program.Steps. Program.count prices every instruction; a route
-costs one step whatever the distance (program.busy_lanes), and a network with other prices would be
-a function of its `data` there.
+operations.COSTS and a field of program.Steps. Program._work adds up the cost of each instruction;
+a route counts once whatever its distance. A network with other prices would multiply `times` there
+by a function of instruction.data.
 """

@@ -24,5 +24,6 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     speed_pages      the page: its tables and columns, JSON and plot
 
 A column is a field of the table's record (counts.Row, counts.Cell, convergence.Convergence,
-timing.Row) and, in counts_pages or speed_pages, a title in the header and a cell of that table.
+timing.Row) and, in counts_pages or speed_pages, a title in the header and a cell of that table;
+the JSON has all fields of Row by itself.
 """

@@ -11,6 +11,6 @@ Time: the motion of an arm, or of many arms at once, in native code.
     ensemble        Ensemble: many arms, in rollouts
     trajectory      Trajectory: the states that a rollout returns
 
-A new integrator is a function and a row of integrators.TABLE, a new law of feedback a class in
-`feedback` and its text in kernels.codegen.law.
+A new integrator is a function and a row of integrators.TABLE (INTEGRATORS are its names), a new
+law of feedback a class in `feedback` and its text in kernels.codegen.law.
 """

@@ -11,7 +11,7 @@ From the inputs to the outputs:
     engine      one cycle: events -> verdicts -> drive -> step -> verdict rows, state, clock tick
 
 A new input is a Source in `events` and a rule in `engine`. A new output is a role in `events`, its
-numbers in `arm`, its bytes in messages.convert, an Output of `engine`, and a row in node.endpoints
-and in recording.format (with always=False: older recordings lack it); stepping and recording need
-no change.
+numbers in arm.Arm, its bytes in messages.convert, an Output of `engine`, and a row in
+node.endpoints and in recording.format (with always=False: older recordings lack it); stepping and
+recording need no change.
 """

@@ -23,6 +23,7 @@ Around it:
     main             signals; the entry point `sim_node`
 
 Threads: main (reporting), the executor and stepping, which process starts, and the recording's own
-(recording.recorder); those of the middleware beside them. A new topic is a row in endpoints, a new
-parameter a field of arm.settings.
+(recording.recorder); those of the middleware beside them. The pool of pfd_core is not used: one
+arm is stepped by one thread. A new topic is a row in endpoints, the last but one of the steps that
+pfd_ros.arm lists; a new parameter is a field of arm.settings.
 """

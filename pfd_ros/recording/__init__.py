@@ -18,5 +18,6 @@ Read, from the bytes to a log:
     head            the metadata records: settings, topics, versions of the software, the ending
     reader          Log: checks the format; messages by role, settings, robot, ending; LogError
 
-A new channel is a row of format.CHANNELS; a new key of the head or the end, of HeadKey or EndKey.
+A new channel is a row of format.CHANNELS (its role and bytes: see pfd_ros.arm); a new key of the
+head or the end, of HeadKey or EndKey.
 """

@@ -53,7 +53,7 @@ class Channel(NamedTuple):
     vital
         Whether a replay cannot do without a single one: such messages are dropped last.
     always
-        Whether each recording has the channel.
+        Whether each recording has the channel; others may be added without a new FORMAT.
     """
 
     type: str

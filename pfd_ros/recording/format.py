@@ -70,7 +70,6 @@ CHANNELS = {
     STATES: Channel(convert.JOINT_STATE),
     CLOCK: Channel(convert.CLOCK, always=False),
 }
-ROLES = tuple(CHANNELS)
 ROLE_OF_SOURCE = {Source.NAMED: NAMED_COMMANDS, Source.ARRAY: ARRAY_COMMANDS}
 SOURCE_OF_ROLE = {role: source for source, role in ROLE_OF_SOURCE.items()}
 

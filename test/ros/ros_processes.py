@@ -145,6 +145,7 @@ class Peer:
     def __init__(self, domain: int, namespace: str = '') -> None:
         import rclpy
         from rclpy.executors import SingleThreadedExecutor
+        from rclpy.parameter import Parameter
         from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Float64MultiArray
@@ -152,8 +153,15 @@ class Peer:
         os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=domain)
+        # Without services: each is two endpoints to discover, and to take down again.
+        without = Parameter('start_type_description_service', value=False)
         self.node = rclpy.create_node(
-            'peer', context=self.context, namespace=namespace, enable_rosout=False
+            'peer',
+            context=self.context,
+            namespace=namespace,
+            enable_rosout=False,
+            start_parameter_services=False,
+            parameter_overrides=[without],
         )
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)

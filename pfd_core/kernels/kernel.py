@@ -6,9 +6,9 @@ Kernels: a robot, a scene and a method as a native function of arrays.
     kernel = compile_kernel(robot)
     qdd = kernel(q, qd, tau)         (n,) one state, (B, n) a batch
 
-A kernel is compiled once and may then be called from any thread. A batch runs without Python's
-lock. Arrays that need no conversion are checked in native code
-(pfd_core.kernels.codegen.python_entry); every other call is checked and converted here.
+A kernel is compiled once and may then be called from any thread; a batch runs without Python's
+lock. Arrays that need no conversion are checked in native code (codegen.python_entry); every other
+call is checked and converted here.
 """
 
 from __future__ import annotations
@@ -62,10 +62,8 @@ class Kernel:
         recreate: Callable[[], Kernel],
         with_error: Callable[[], Kernel] | None = None,
     ) -> None:
-        self.robot = robot
-        self.scene = scene
-        self.method = method
-        self.dtype = dtype
+        self.robot, self.scene = robot, scene
+        self.method, self.dtype = method, dtype
         self.operations = source.operations
         self._source = source
         self._recreate = recreate

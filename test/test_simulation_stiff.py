@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from zoo import to_pinocchio
+from zoo import random_chain, to_pinocchio
 
 import pfd_core as pfd
+from pfd_core.kernels.passes.schedule import LONGEST
 
 START = np.array([0.1, -0.7, 0.9, 0.3, 0.2, 0.5])
 # Error of an angle at steps of 1 ms, from 2 rad/s on. Seen up to 7e-7.
@@ -114,3 +115,14 @@ def test_an_ensemble_moves_by_the_bits_of_a_simulator(dtype: str) -> None:
         np.testing.assert_array_equal(runs.q[k], alone.q)
         np.testing.assert_array_equal(runs.qd[k], alone.qd)
         np.testing.assert_array_equal(runs.qdd[k], alone.qdd)
+
+
+def test_functions_of_a_long_chain_are_cut_into_parts_of_their_own() -> None:
+    n = 30
+    robot = random_chain(np.random.default_rng(1), n)
+    scene = pfd.Scene(damping=np.full(n, 5.0), armature=np.full(n, 0.1))
+    sim = pfd.Simulator(robot, scene, integrator='imex2')
+    assert sum(pfd.compile_kernel(robot, scene=scene).operations['compiled'].values()) > LONGEST
+    end = sim.rollout(np.zeros((20, n))).q[-1]
+    reference = pfd.integrate(robot, np.zeros(n), 0.02, scene=scene).q[-1]
+    np.testing.assert_allclose(end, reference, rtol=0, atol=STIFF)

@@ -9,7 +9,8 @@ The packages stand in the order in which data flow; each imports only from those
     machine       the emulated parallel computer: operations, programs, lanes, the emulator
     algorithms    the dynamics, each algorithm as one text that records a program
     kernels       a program as native code for one robot and scene: one state or a batch
-    simulation    time: integrators, Simulator for one arm, Ensemble for many
+    simulation    time: integrators, Simulator for one arm, Ensemble for many,
+                  integrate for adaptive steps offline
     report        tables and plots: steps counted, speed and error measured
 
 The names below are the public ones.
@@ -34,6 +35,7 @@ from pfd_core.model import (
     robot_to_yaml,
     with_payload,
 )
+from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
 from pfd_core.simulation.ensemble import Ensemble
 from pfd_core.simulation.feedback import Feedback, StateFeedback
 from pfd_core.simulation.integrators import INTEGRATORS
@@ -48,6 +50,7 @@ except PackageNotFoundError:  # a checkout that was never installed
 __all__ = [
     'INTEGRATORS',
     'METHODS',
+    'AdaptiveTrajectory',
     'Ensemble',
     'Feedback',
     'Kernel',
@@ -65,6 +68,7 @@ __all__ = [
     'compile_kernel',
     'emulate',
     'forward_dynamics',
+    'integrate',
     'inverse_dynamics',
     'known_robots',
     'load_robot',

@@ -11,9 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 import ctypes
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
+from pfd_core.algorithms.chain.joint_torques import without_joint_torques
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.codegen.arms import PARAMETERS
 from pfd_core.kernels.codegen.module import ensemble_module, rollout_module
@@ -47,15 +50,28 @@ class NativeEnsemble:
 
 
 def compile_rollout(
-    robot: Robot, step_program: Program, *, scene: Scene, method: str, dtype: str, refine: int
+    robot: Robot,
+    step_program: Program,
+    *,
+    scene: Scene,
+    method: str,
+    dtype: str,
+    refine: int,
+    implicit: float = 0.0,
 ) -> Rollout:
-    """Compile the simulation of a robot by an integrator's step; errors as compile_kernel."""
-    source, method = _source(robot, scene, method, dtype, refine)
+    """
+    Compile the simulation of a robot by an integrator's step; errors as compile_kernel.
+
+    `implicit` is the time [s] by which the damping of the plant that the step solves with is
+    multiplied; 0 for a step that calls the accelerations alone.
+    """
+    source, others, method = _sources(robot, scene, method, dtype, refine, implicit)
 
     def text() -> str:
-        return rollout_module(step_program, source.program, dtype, turned_joints(robot))
+        programs = {name: other.program for name, other in others.items()}
+        return rollout_module(step_program, source.program, dtype, turned_joints(robot), programs)
 
-    native = source.compile(f'rollout {step_program}', text)
+    native = source.compile(f'rollout{_implicit_key(implicit)} {step_program}', text)
     integer = ctypes.c_int64
     inputs: list[Any] = [ctypes.c_void_p] * len(source.inputs)
     run = ctypes.CFUNCTYPE(integer, integer, integer, *inputs, *inputs[: len(STATE)])
@@ -71,25 +87,55 @@ def compile_rollout(
 
 
 def compile_ensemble(
-    robot: Robot, step_program: Program, *, scene: Scene, method: str, dtype: str, refine: int
+    robot: Robot,
+    step_program: Program,
+    *,
+    scene: Scene,
+    method: str,
+    dtype: str,
+    refine: int,
+    implicit: float = 0.0,
 ) -> NativeEnsemble:
-    """Compile many simulations of a robot by an integrator's step; errors as compile_kernel."""
-    source, method = _source(robot, scene, method, dtype, refine)
+    """Compile many simulations of a robot by an integrator's step; as compile_rollout."""
+    source, others, method = _sources(robot, scene, method, dtype, refine, implicit)
     width = simd_width(dtype)
 
     def text() -> str:
-        return ensemble_module(step_program, source.program, dtype, width, turned_joints(robot))
+        programs = {name: other.program for name, other in others.items()}
+        return ensemble_module(
+            step_program, source.program, dtype, width, turned_joints(robot), programs
+        )
 
-    native = source.compile(f'ensemble {width} {step_program}', text)
+    native = source.compile(f'ensemble {width}{_implicit_key(implicit)} {step_program}', text)
     kinds = [ctypes.c_void_p if kind.startswith('ptr') else ctypes.c_int64 for kind in PARAMETERS]
     run = ctypes.CFUNCTYPE(None, *kinds)(native.address('ensemble'))
     return NativeEnsemble(method, width, source.work, run, native)
 
 
-def _source(
-    robot: Robot, scene: Scene, method: str, dtype: str, refine: int
-) -> tuple[KernelSource, str]:
-    """Return the source of the dynamics, and the method that 'auto' stands for."""
+def _sources(
+    robot: Robot, scene: Scene, method: str, dtype: str, refine: int, implicit: float
+) -> tuple[KernelSource, dict[str, KernelSource], str]:
+    """
+    Return the source of the dynamics, those of other functions, and what 'auto' stands for.
+
+    With `implicit` = c and a damping D in the scene these are `undamped`, the accelerations
+    without damping, and `solve`, those of a torque at rest, without gravity and wrench, with
+    rotors that are heavier by c D: (H + c D)^-1 tau.
+    """
     plant, _ = plant_of(robot, scene, dtype)
     method = choose(plant, method, refine)
-    return forward(plant, method, refine, dtype), method
+    others: dict[str, KernelSource] = {}
+    if implicit and plant.damping is not None:
+        undamped = without_joint_torques(plant)
+        heavier = implicit * plant.damping
+        armature = heavier if plant.armature is None else plant.armature + heavier
+        solved = replace(undamped, gravity=np.zeros(3), armature=armature, external_wrench=False)
+        others = {
+            'undamped': forward(undamped, method, refine, dtype),
+            'solve': forward(solved, method, refine, dtype),
+        }
+    return forward(plant, method, refine, dtype), others, method
+
+
+def _implicit_key(implicit: float) -> str:
+    return f' implicit {implicit.hex()}' if implicit else ''

@@ -10,7 +10,11 @@ Time: the motion of an arm, or of many arms at once, in native code.
     simulator       Simulator: one arm, step by step or in a rollout
     ensemble        Ensemble: many arms, in rollouts
     trajectory      Trajectory: the states that a rollout returns
+    embedded_pairs  Runge-Kutta pairs for adaptive steps as data; their dense output
+    step_control    adaptive steps: estimated error, next size, status at the end
+    adaptive        integrate: one arm offline, to a tolerance; AdaptiveTrajectory
 
 A new integrator is a function and a row of integrators.TABLE (INTEGRATORS are its names), a new
-law of feedback a class in `feedback` and its text in kernels.codegen.law.
+adaptive one its coefficients and a row of embedded_pairs.PAIRS, a new law of feedback a class in
+`feedback` and its text in kernels.codegen.law.
 """

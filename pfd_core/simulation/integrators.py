@@ -14,10 +14,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+import math
 from typing import Any
 
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
+from pfd_core.model.checked_numbers import Array
 
 State = tuple[Any, ...]
 Accelerations = Callable[[Any, Any], Any]
@@ -31,13 +34,19 @@ class Integrator:
     Attributes
     ----------
     step : callable
-        step(f, h, *carried) returns the carried parts for the next step.
+        step(f, h, *carried) returns the carried parts for the next step; with `implicit`,
+        step(f, solve, D, h, *carried), see below.
     carried : tuple of str
         Parts of the state that a step takes and returns: q, qd, and qdd if it needs it.
     order : int
         Power of h with which the error of a motion falls.
     evaluations : int
-        Evaluations of f in a step.
+        Evaluations of f, and solutions, in a step.
+    implicit : float
+        Part c of h for which the damping D acts implicitly, or 0. If it is not 0, f is without
+        damping, and solve(q, y) = (H + c h D)^-1 y, which is the forward dynamics of a torque y at
+        rest, without gravity, of a plant with an armature larger by c h D. Without damping in the
+        scene, solve is None.
 
     """
 
@@ -45,6 +54,7 @@ class Integrator:
     carried: tuple[str, ...]
     order: int
     evaluations: int
+    implicit: float = 0.0
 
 
 def rk4(f: Accelerations, h: float, q: Any, qd: Any) -> State:
@@ -74,9 +84,41 @@ def velocity_verlet(f: Accelerations, h: float, q: Any, qd: Any, a: Any) -> Stat
     return q_end, qd + (h / 2) * (a + a_end), a_end
 
 
+# Diagonal coefficient of the two implicit stages, and weight of the first explicit one.
+IMEX_DIAGONAL = 1 - 1 / math.sqrt(2)
+IMEX_FIRST = 1 - 1 / (2 * IMEX_DIAGONAL)
+
+
+def imex2(f: Accelerations, solve: Any, damping: Any, h: float, q: Any, qd: Any) -> State:
+    """
+    Return q and qd after one step of ARS(2, 2, 2), with the damping D implicit.
+
+    An implicit stage (H + c h D) v = H w is v = w - c h (H + c h D)^-1 D w; its part of the
+    acceleration, -H^-1 D v, is then (v - w) / (c h). Positions take the implicit weights. L-stable
+    in D: U. M. Ascher, S. J. Ruuth, R. J. Spiteri, Implicit-explicit Runge-Kutta methods for
+    time-dependent partial differential equations, Applied Numerical Mathematics 25 (1997), 2.6.
+    """
+    c, d = IMEX_DIAGONAL, IMEX_FIRST
+    a = f(q, qd)
+    w1 = qd + (c * h) * a
+    v1 = w1
+    if solve is not None:
+        x = solve(q + (c * h) * qd, damping * w1)
+        v1 = w1 - (c * h) * x
+    a1 = f(q + (c * h) * v1, v1)
+    w2 = qd + h * (d * a + (1 - d) * a1)
+    v2 = w2
+    if solve is not None:
+        w2 = w2 - ((1 - c) * h) * x
+        y = solve(q + h * (d * qd + (1 - d) * v1), damping * w2)
+        v2 = w2 - (c * h) * y
+    return q + h * ((1 - c) * v1 + c * v2), v2
+
+
 TABLE = {
     'rk4': Integrator(rk4, ('q', 'qd'), order=4, evaluations=4),
     'velocity_verlet': Integrator(velocity_verlet, ('q', 'qd', 'qdd'), order=2, evaluations=1),
+    'imex2': Integrator(imex2, ('q', 'qd'), order=2, evaluations=4, implicit=IMEX_DIAGONAL),
 }
 # The integrator that 'auto' stands for: the more accurate per evaluation at the steps of an arm.
 DEFAULT = 'rk4'
@@ -90,11 +132,21 @@ def integrator_named(name: str) -> Integrator:
     return TABLE[DEFAULT if name == 'auto' else name]
 
 
-def record_step(integrator: Integrator, n: int, h: float) -> Program:
-    """Return the program of one step on n lanes, which calls the function `qdd`."""
+def record_step(integrator: Integrator, n: int, h: float, damping: Array | None = None) -> Program:
+    """
+    Return the program of one step on n lanes, for a scene with a damping (n,) or none.
+
+    It calls the function `qdd`; where damping is implicit, `undamped` and `solve` instead.
+    """
     recorder = Recorder(n)
     carried = [recorder.input(part, range(n)) for part in integrator.carried]
-    end = integrator.step(lambda x, v: recorder.call('qdd', x, v), h, *carried)
+    qdd, undamped, solve = (partial(recorder.call, name) for name in ('qdd', 'undamped', 'solve'))
+    if not integrator.implicit:
+        end = integrator.step(qdd, h, *carried)
+    elif damping is None:
+        end = integrator.step(qdd, None, None, h, *carried)
+    else:
+        end = integrator.step(undamped, solve, recorder.constant(damping), h, *carried)
     for part, value in zip(integrator.carried, end, strict=True):
         recorder.output(part, (n,), [(value, lane) for lane in range(n)])
     return recorder.program()

@@ -64,9 +64,15 @@ class Simulation(ABC):
 
     def _compile(self) -> Any:
         """Return the native code of these settings."""
-        step = record_step(self._integrator, self.robot.n, self.step_size / self.substeps)
+        h = self.step_size / self.substeps
+        damping = resolve(self.robot, self.scene).damping
         return self._compiler(
-            self.robot, step, scene=self.scene, dtype=self.dtype, **self._options
+            self.robot,
+            record_step(self._integrator, self.robot.n, h, damping),
+            scene=self.scene,
+            dtype=self.dtype,
+            implicit=self._integrator.implicit * h,
+            **self._options,
         )
 
     def __getstate__(self) -> dict[str, Any]:

@@ -48,7 +48,7 @@ class Simulator(Simulation):
     substeps : int
         Steps of the integrator in one step.
     integrator : str
-        'auto' or a name in pfd_core.INTEGRATORS.
+        'auto' or a name in pfd_core.INTEGRATORS; 'imex2' where damping is strong.
     method, dtype, refine
         As for compile_kernel.
 

@@ -20,13 +20,13 @@ from pfd_core.kernels.passes.schedule import LONGEST, LOOPED
 from pfd_core.machine.program import Program
 
 
-def body(program: Program, form: Format) -> str:
+def body(program: Program, form: Format, suffix: str = '') -> str:
     """Return `void @body(inputs..., out)`, in several functions where the program is long."""
     looped = any(instruction.op in LOOPED for instruction in program.instructions)
     if len(program.instructions) > LONGEST and not looped:
-        return body_in_parts(program, form, PART)
+        return body_in_parts(program, form, PART, suffix)
     names = (*arguments(program), 'out')
-    ir = Function(f'define internal void @body({form.parameters(names)})')
+    ir = Function(f'define internal void @body{suffix}({form.parameters(names)})')
     values: list[str] = []
     repeats: dict[int, _Repeat] = {}
     for register, instruction in enumerate(program.instructions):

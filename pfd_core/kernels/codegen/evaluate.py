@@ -17,16 +17,17 @@ from pfd_core.kernels.passes.sincos import WRAP_LIMIT
 from pfd_core.machine.program import Program
 
 
-def evaluate(program: Program, form: Format, angles: Sequence[int]) -> str:
+def evaluate(program: Program, form: Format, angles: Sequence[int], suffix: str = '') -> str:
     """Return `void @evaluate(inputs..., out)`; `angles` are the elements of q that are turned."""
     names = (*arguments(program), 'out')
-    ir = Function(f'define void @evaluate({form.parameters(names)})')
+    ir = Function(f'define void @evaluate{suffix}({form.parameters(names)})')
     arrays = {name: form.parameter(name) for name in names}
     if angles:
         arrays['q'] = _wrapped(ir, form, arrays['q'], program.inputs['q'], angles)
-    ir.call('void', 'body', *map(str, arrays.values()))
+    ir.call('void', f'body{suffix}', *map(str, arrays.values()))
     ir.ret()
-    return '\n'.join([str(ir), *([_wrap_row(form)] if angles else [])])
+    # Functions with a suffix stand in a module beside one without.
+    return '\n'.join([str(ir), *([_wrap_row(form)] if angles and not suffix else [])])
 
 
 def _wrapped(ir: Function, form: Format, q: Array, n: int, angles: Sequence[int]) -> Array:

@@ -10,7 +10,8 @@ Whole modules of LLVM IR: the functions of a kernel or of a simulation, and thei
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from pfd_core.kernels.codegen.arms import arms, ensemble
 from pfd_core.kernels.codegen.body import body
@@ -56,18 +57,32 @@ def kernel_module(program: Program, dtype: str, width: int, angles: Sequence[int
 
 
 def rollout_module(
-    step_program: Program, dynamics: Program, dtype: str, angles: Sequence[int]
+    step_program: Program,
+    dynamics: Program,
+    dtype: str,
+    angles: Sequence[int],
+    others: Mapping[str, Program] = MappingProxyType({}),
 ) -> str:
-    """Return the module of the simulation of one arm by an integrator's step."""
+    """
+    Return the module of the simulation of one arm by an integrator's step.
+
+    `dynamics` is the program of @evaluate, `others` are those of further functions, by the names
+    that the step calls them.
+    """
     form = Format(dtype, 1)
     loops = [rollout(step_program, dynamics, form), accelerations(dynamics, form)]
-    return _simulation(step_program, dynamics, form, angles, loops)
+    return _simulation(step_program, dynamics, form, angles, loops, others)
 
 
 def ensemble_module(
-    step_program: Program, dynamics: Program, dtype: str, width: int, angles: Sequence[int]
+    step_program: Program,
+    dynamics: Program,
+    dtype: str,
+    width: int,
+    angles: Sequence[int],
+    others: Mapping[str, Program] = MappingProxyType({}),
 ) -> str:
-    """Return the module of the simulations of many arms, `width` of them in a register."""
+    """Return the module of many arms, `width` of them in a register; as rollout_module."""
     form = Format(dtype, width)
     loops = [
         whole_state(dynamics.inputs['q'], form),
@@ -75,7 +90,7 @@ def ensemble_module(
         ensemble(form),
         copies(form),
     ]
-    return _simulation(step_program, dynamics, form, angles, loops)
+    return _simulation(step_program, dynamics, form, angles, loops, others)
 
 
 def _simulation(
@@ -84,11 +99,14 @@ def _simulation(
     form: Format,
     angles: Sequence[int],
     loops: Sequence[str],
+    others: Mapping[str, Program],
 ) -> str:
     parts = [
         body(dynamics, form),
         evaluate(dynamics, form, angles),
-        step(step_program, dynamics, form),
+        *(body(program, form, f'_{name}') for name, program in others.items()),
+        *(evaluate(program, form, angles, f'_{name}') for name, program in others.items()),
+        step(step_program, dynamics, form, others),
         *loops,
     ]
     return module(parts, form, angles)

@@ -27,7 +27,7 @@ PART = 500
 FREE = ('constant', 'input')
 
 
-def body_in_parts(program: Program, form: Format, size: int) -> str:
+def body_in_parts(program: Program, form: Format, size: int, suffix: str = '') -> str:
     """Return @body of a program without loops, in functions of `size` operations."""
     own = [r for r, instruction in enumerate(program.instructions) if instruction.op not in FREE]
     groups = [own[k : k + size] for k in range(0, len(own), size)]
@@ -35,13 +35,13 @@ def body_in_parts(program: Program, form: Format, size: int) -> str:
     names = (*arguments(program), 'out')
     parameters = form.parameters(names)
     parts = [
-        _part(f'part{p}', program, form, registers, place, last=p == len(groups) - 1)
+        _part(f'part{p}{suffix}', program, form, registers, place, last=p == len(groups) - 1)
         for p, registers in enumerate(groups)
     ]
-    ir = Function(f'define internal void @body({parameters})')
+    ir = Function(f'define internal void @body{suffix}({parameters})')
     frame = ir.array(form.type, max(top, 1))
     for p in range(len(groups)):
-        ir.call('void', f'part{p}', parameters, f'ptr {frame}')
+        ir.call('void', f'part{p}{suffix}', parameters, f'ptr {frame}')
     ir.ret()
     return '\n\n'.join([*parts, str(ir)])
 

@@ -6,12 +6,15 @@ LLVM IR of an integrator's step around @evaluate.
 The step is a program recorded over one lane per joint. Each lane is a value of its own here,
 which holds one number, or one for each of `width` arms: numbers that are written one by one and
 read as a vector would have to reach the cache first, which takes longer than the operations of
-the step. The step's `call` hands positions and velocities to @evaluate.
+the step. The step's `call` of qdd hands positions and velocities to @evaluate. Its `call` of solve
+hands positions and torques at rest to @evaluate_solve, and of undamped its state to
+@evaluate_undamped.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 
 from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.spelling import Array, Format, arguments
@@ -22,7 +25,16 @@ STATE = ('q', 'qd')
 REPORT = (*STATE, 'qdd')
 
 
-def step(program: Program, dynamics: Program, form: Format) -> str:
+# Inputs that a `call` hands over, by the name of its function; the step holds the others.
+HANDED = {'qdd': STATE, 'undamped': STATE, 'solve': ('q', 'tau')}
+
+
+def step(
+    program: Program,
+    dynamics: Program,
+    form: Format,
+    others: Mapping[str, Program] = MappingProxyType({}),
+) -> str:
     """
     Return `void @step(q, qd, qdd, extra...)`, which advances rows of `width` arms in place.
 
@@ -35,6 +47,8 @@ def step(program: Program, dynamics: Program, form: Format) -> str:
         The lowered program that @evaluate runs.
     form : Format
         Number format and width.
+    others : dict
+        Lowered programs of the other functions that the step calls, by name.
 
     """
     n = program.lanes
@@ -42,14 +56,23 @@ def step(program: Program, dynamics: Program, form: Format) -> str:
     ir = Function(f'define internal void @step({pointers(f"%{name}" for name in names)})')
     arrays = {name: f'%{name}' for name in names}
     own = arrays | {name: ir.array(form.type, n) for name in REPORT}
+    rest = own
+    if 'solve' in others:
+        rest = own | {name: ir.array(form.type, n) for name in ('qd', 'tau')}
+        for k in range(n):
+            form.write(ir, Array(rest['qd']), k, form.zero)
     values: list[list[str]] = []
     for op, args, data, *_ in program.instructions:
         operands = [values[a] for a in args]
         if op == 'call':
+            buffers = rest if data == 'solve' else own
             for k in range(n):
-                for name, value in zip(STATE, operands, strict=True):
-                    form.write(ir, Array(own[name]), k, value[k])
-            evaluate_at(ir, dynamics, own)
+                for name, value in zip(HANDED[data], operands, strict=True):
+                    form.write(ir, Array(buffers[name]), k, value[k])
+            if data in others:
+                evaluate_at(ir, others[data], buffers, f'_{data}')
+            else:
+                evaluate_at(ir, dynamics, buffers)
             values.append([form.read(ir, Array(own['qdd']), k) for k in range(n)])
         elif op == 'input':
             values.append([form.read(ir, Array(arrays[name]), k) for name, k in data])
@@ -83,10 +106,12 @@ def pointers(addresses: Iterable[str]) -> str:
     return ', '.join(f'ptr {address}' for address in addresses)
 
 
-def evaluate_at(ir: Function, dynamics: Program, arrays: Mapping[str, str]) -> None:
+def evaluate_at(
+    ir: Function, dynamics: Program, arrays: Mapping[str, str], suffix: str = ''
+) -> None:
     """Write qdd of a state, each array given by its address."""
     names = (*arguments(dynamics), 'qdd')
-    ir.call('void', 'evaluate', pointers(arrays[name] for name in names))
+    ir.call('void', f'evaluate{suffix}', pointers(arrays[name] for name in names))
 
 
 def take_steps(

@@ -60,7 +60,7 @@ class Settings:
     )
     step_size: float = _field(0.001, 'Simulated time per step, s', 1e-5, 0.1)
     substeps: int = _field(2, 'Steps of the integrator per step', 1, 100)
-    integrator: str = _field('auto', 'Integrator: auto, rk4 or velocity_verlet')
+    integrator: str = _field('auto', 'Integrator: auto, rk4, velocity_verlet or imex2')
     method: str = _field('auto', 'Forward dynamics: auto or a name from pfd_core.METHODS')
     gravity: tuple[float, ...] = _field(
         (0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2; zeros switch it off'

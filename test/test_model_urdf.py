@@ -214,9 +214,6 @@ BAD = [
         id='weightless',
     ),
     pytest.param(
-        urdf('x', *ARM, joint('j', 'revolute', 'base', 'arm', extra='')), {}, '<limit>', id='limit'
-    ),
-    pytest.param(
         urdf('x', *ARM, joint('j', 'revolute', 'base', 'arm', axis='0 0 0')),
         {},
         "<axis xyz> of joint 'j'",

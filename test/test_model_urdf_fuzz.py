@@ -196,7 +196,8 @@ def limits(joint: minidom.Element) -> list[float]:
         written = bool(there) and there[0].hasAttribute(key)
         value = there[0].getAttribute(key) if written else ''
         found.append(number(value, True) if written else silent.get(key, 0.0))
-    if joint.getAttribute('type') == 'continuous':
+    unlimited = not joint.getElementsByTagName('limit')
+    if unlimited or joint.getAttribute('type') == 'continuous':
         found[:2] = [-math.inf, math.inf]
     return found
 
@@ -210,6 +211,13 @@ def normal(text: str) -> str:
                 numbers = [number(word, True) for word in value.split()]
                 plain = [0.0 if abs(x) < 1e-300 else float(np.nan_to_num(x)) for x in numbers]
                 element.setAttribute(key, ' '.join(map(repr, plain)))
+    # Pinocchio refuses a joint without limits; its dynamics do not depend on them.
+    for element in document.getElementsByTagName('joint'):
+        if not element.getElementsByTagName('limit'):
+            limit = document.createElement('limit')
+            for key in ('velocity', 'effort'):
+                limit.setAttribute(key, '1.0')
+            element.appendChild(limit)
     return document.toxml()
 
 

@@ -15,6 +15,7 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     robot               Robot: the chain in the frames of Lee and Chang, checked once
     robot_changes       Payload, and robots with a payload or with locked joints
     scene               Scene: which effects are on; Plant: a scene and a robot as numbers
+    joint_space_checks  joints that nothing resists, whose acceleration has no value
     checked_numbers     the one reader of numbers that users give
     error_text          foreign values as error messages quote them
     frozen_arrays       read-only arrays in frozen dataclasses

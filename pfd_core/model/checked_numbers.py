@@ -15,6 +15,7 @@ Every error names the argument, states the expectation and quotes the value.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import math
 import numbers
 import operator
@@ -56,6 +57,7 @@ def real_array(
     broadcast: bool = False,
     finite: bool = True,
     largest: float = math.inf,
+    joints: Sequence[str] = (),
 ) -> Array:
     """
     Return real numbers as an array, without a copy if `value` is such an array.
@@ -76,6 +78,8 @@ def real_array(
         Whether NaN and infinities are refused.
     largest : float
         Largest absolute value, where numbers must be finite.
+    joints : sequence of str
+        Names of the joints along the last dimension, for errors; default: no joints.
 
     Raises
     ------
@@ -90,7 +94,7 @@ def real_array(
         wanted = 'a number' if shape == () else 'an array of numbers'
         array = _converted(name, value, dtype, wanted)
     if finite:
-        check_finite(name, array, largest)
+        check_finite(name, array, largest, joints)
     return array if shape is None else fit_shape(name, array, shape, broadcast)
 
 
@@ -144,8 +148,10 @@ def integer(name: str, value: object, least: int) -> int:
     return found
 
 
-def check_finite(name: str, array: Array, largest: float = math.inf) -> None:
-    """Raise ValueError for a number that is not finite or above `largest`, with its index."""
+def check_finite(
+    name: str, array: Array, largest: float = math.inf, joints: Sequence[str] = ()
+) -> None:
+    """Raise ValueError for a number not finite or above `largest`; names index and joint."""
     bounded = largest < math.inf
     few = array.size <= _FEW and not bounded
     if few and all(map(math.isfinite, array.ravel().tolist())):
@@ -157,8 +163,10 @@ def check_finite(name: str, array: Array, largest: float = math.inf) -> None:
     if array.ndim == 0:
         raise ValueError(f'{name} must be {rule}, got {array}')
     first, *others = np.argwhere(~right).tolist()
+    named = len(joints) == array.shape[-1]
+    joint = f', joint {quote(joints[first[-1]])}' if named else ''
     raise ValueError(
-        f'{name} must be {rule}, got {array[tuple(first)]} at index {first} '
+        f'{name} must be {rule}, got {array[tuple(first)]} at index {first}{joint} '
         f'({1 + len(others)} of {array.size} elements)'
     )
 

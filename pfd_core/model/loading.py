@@ -65,8 +65,8 @@ def load_robot(
     Warns
     -----
     PhysicsWarning
-        If an inertia breaks the triangle rule, or a link within the chain of a URDF has no
-        <inertial> and is taken as massless.
+        If an inertia breaks the triangle rule, or in the chain of a URDF a link has no <inertial>
+        and is taken as massless, or a joint has no <limit> and is taken as unlimited.
 
     """
     text, origin, is_urdf = _read(source)

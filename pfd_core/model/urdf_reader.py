@@ -67,7 +67,12 @@ class Limits:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint; `mimics` names the joint it follows, `snapped` is true if an angle was rounded."""
+    """
+    A joint.
+
+    `mimics` names the joint it follows, `snapped` is true if an angle was rounded, and `limited`
+    is false for a revolute or prismatic joint without the <limit> that the format asks for.
+    """
 
     name: str
     kind: str
@@ -78,6 +83,7 @@ class Joint:
     limits: Limits
     mimics: str | None
     snapped: bool
+    limited: bool
 
 
 @dataclass(frozen=True)
@@ -254,13 +260,12 @@ def _joint(element: ElementTree.Element, name: str, slack: float) -> Joint:
     mimic = _only(element, 'mimic', label)
     mimics = None if mimic is None else mimic.get('joint', '')
     limits = _limits(element, kind, label)
-    return Joint(name, kind, parent, child, origin, axis, limits, mimics, snapped)
+    limited = kind not in ('revolute', 'prismatic') or element.find('limit') is not None
+    return Joint(name, kind, parent, child, origin, axis, limits, mimics, snapped, limited)
 
 
 def _limits(element: ElementTree.Element, kind: str, label: str) -> Limits:
     limit, dynamics = _only(element, 'limit', label), _only(element, 'dynamics', label)
-    if kind in ('revolute', 'prismatic') and limit is None:
-        raise ValueError(f'{label} is {kind} and must have a <limit>; or make it continuous')
     found: dict[str, float] = {}
     if limit is not None:
         # The format gives 0 to a bound that is left out; the other two must be there.

@@ -79,7 +79,8 @@ def robot_from_urdf(
     Warns
     -----
     PhysicsWarning
-        If a link between two moving joints has no <inertial>, and so no mass.
+        If a link between two moving joints has no <inertial>, and so no mass, or a revolute or
+        prismatic joint has no <limit>, and so may move without bound.
 
     """
     urdf = read_urdf(text, real_number('right_angle', right_angle, largest=LARGEST))
@@ -90,6 +91,7 @@ def robot_from_urdf(
     placements = _placements(chain, turns, frames)
     length = max(float(np.abs(p).max()) for _, p in placements)
     bodies = _bodies(urdf, chain, frames, length)
+    _warn_of_missing_limits(chain)
     robot = Robot(
         name=urdf.name,
         joint_names=tuple(joint.name for joint in chain.joints),
@@ -196,6 +198,17 @@ def _check_masses(chain: Chain, massive: set[str]) -> None:
                 'give it one of mass 0',
                 PhysicsWarning,
                 stacklevel=5,
+            )
+
+
+def _warn_of_missing_limits(chain: Chain) -> None:
+    for joint in chain.joints:
+        if not joint.limited:
+            warnings.warn(
+                f'joint {quote(joint.name)} is {joint.kind} and has no <limit>: it is taken as '
+                'unlimited. If it is meant, give it infinite limits',
+                PhysicsWarning,
+                stacklevel=4,
             )
 
 

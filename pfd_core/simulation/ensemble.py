@@ -175,7 +175,7 @@ class Ensemble(Simulation):
             if steps is None:
                 raise ValueError('steps is needed where taus does not say how many there are')
             return np.broadcast_to(np.zeros(n, self.dtype), (self.size, steps, n)), steps
-        array = real_array('taus', taus, self.dtype)
+        array = real_array('taus', taus, self.dtype, joints=self.robot.joint_names)
         if array.ndim not in (2, 3):
             raise ValueError(
                 f'taus must have shape (steps, {n}) or ({self.size}, steps, {n}), '

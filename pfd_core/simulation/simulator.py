@@ -101,7 +101,7 @@ class Simulator(Simulation):
             Joints that stay where they are, (n,); only if the scene has brakes, default none.
 
         """
-        row = real_array('tau', tau, self.dtype, (self.robot.n,))
+        row = real_array('tau', tau, self.dtype, (self.robot.n,), joints=self.robot.joint_names)
         following = self._following(row, self._scene_inputs(wrench, brakes))
         at = following.at
         # Native code writes the row of this step's state over that state: the same numbers.
@@ -130,7 +130,9 @@ class Simulator(Simulation):
 
         """
         # Copies: the caller may change the arguments before the accelerations are read.
-        rows = real_array('taus', taus, self.dtype, ('steps', self.robot.n)).copy(order='C')
+        rows = real_array(
+            'taus', taus, self.dtype, ('steps', self.robot.n), joints=self.robot.joint_names
+        ).copy(order='C')
         inputs = {name: x.copy() for name, x in self._scene_inputs(wrench, brakes).items()}
         before = self._now.steps
         q, qd = np.empty_like(rows), np.empty_like(rows)

@@ -1,0 +1,331 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The policy on bad input, one fact a test, with published URDF files where a file is the input.
+
+Rows of the policy that other files state:
+
+    =================================  ==========================================================
+    input                              test
+    =================================  ==========================================================
+    finite torque that overflows       simulation: an_overflow_is_a_status_and_the_finite_steps...
+    wrong length                       simulation: bad_calls_are_named_and_change_nothing
+                                       kernels_arguments: bad_arguments_are_named
+    no numbers at all                  model_checked_numbers: what_is_no_real_number_is_refused...
+    last link without <inertial>       model_urdf: what_is_no_chain_is_refused... [weightless]
+    middle link without <inertial>     model_urdf_hostile: a_massless_link_within_the_chain_is...
+    negative mass                      model_urdf: what_is_no_chain_is_refused... [negative mass]
+    negative or indefinite inertia     model_urdf_hostile: a_body_that_cannot_be_is_not_hidden...
+    inertia negative by rounding       model_urdf_hostile: an_inertia_may_miss_zero_by_rounding
+    broken triangle rule               model_robot: a_broken_triangle_rule_is_warned_of_and_the...
+    NaN in the file                    model_urdf_hostile: what_is_no_number_is_refused_and_the...
+    axis of zeros                      model_urdf: what_is_no_chain_is_refused... [axis]
+    lower limit above upper            model_urdf_hostile: what_the_format_does_not_allow_is_...
+    fixed joints                       model_urdf: a_chain_has_the_inertia_the_torques_and_the...
+    two parents, loops                 model_urdf: what_is_no_chain_is_refused... [loop]
+                                       model_urdf_hostile: a_loop_apart_from_the_rest_is_named
+    two roots                          model_urdf: what_is_no_chain_is_refused... [two roots]
+    trees                              model_urdf: what_is_no_chain_is_refused... [tree, two arms]
+    mimic joint on the chain           model_urdf: what_is_no_chain_is_refused... [mimic]
+    =================================  ==========================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+import xml.etree.ElementTree as ElementTree
+
+import mpmath
+import numpy as np
+import pinocchio as pin
+import pytest
+from test_model_urdf import assert_same_physics, exact_angles, example
+from tolerances import ACCELERATION
+from zoo import BODY, joint, link, random_state, urdf
+
+import pfd_core as pfd
+from pfd_core.model import PhysicsWarning, load_robot
+
+UR5 = 'ur_description/urdf/ur5_robot.urdf'
+XARM7 = 'xarm_description/urdf/xarm7.urdf'
+WRIST = "link[@name='wrist_3_link']/inertial"
+# One turning joint that nothing brakes.
+WHEEL = urdf(
+    'wheel', link('base'), link('rim', 1, J=BODY), joint('hub', 'continuous', 'base', 'rim')
+)
+
+
+def edited(name: str, edit: Callable[[ElementTree.Element], object]) -> str:
+    """Return the text of a URDF of example-robot-data after an edit of its elements."""
+    root = ElementTree.fromstring(example(name).strip())
+    edit(root)
+    return ElementTree.tostring(root, encoding='unicode')
+
+
+def found(root: ElementTree.Element, path: str) -> ElementTree.Element:
+    """Return the element of a URDF at a path."""
+    element = root.find(path)
+    assert element is not None, path
+    return element
+
+
+def without_last_mass(root: ElementTree.Element) -> None:
+    """Set the mass and the inertia of the last link to zero; those welded to it have none."""
+    found(root, f'{WRIST}/mass').set('value', '0')
+    inertia = found(root, f'{WRIST}/inertia')
+    inertia.attrib.update(dict.fromkeys(inertia.attrib, '0'))
+
+
+def without_limits(root: ElementTree.Element) -> None:
+    """Remove all <limit> elements."""
+    for element in root.findall('joint'):
+        for limit in element.findall('limit'):
+            element.remove(limit)
+
+
+def scaled_condition(model: pin.Model, q: np.ndarray) -> float:
+    """Return the condition number of H after Jacobi scaling."""
+    H = np.triu(pin.crba(model, model.createData(), q))
+    H = H + np.triu(H, 1).T
+    scale = np.sqrt(np.diag(H))
+    return float(np.linalg.cond(H / np.outer(scale, scale)))
+
+
+# Numbers at run time.
+
+NOT_FINITE: dict[str, Callable[[pfd.Simulator, np.ndarray], Any]] = {
+    'tau': lambda sim, x: sim.step(x),
+    'taus': lambda sim, x: sim.rollout([x, x]),
+    'q': lambda sim, x: sim.reset(q=x),
+    'qd': lambda sim, x: sim.reset(qd=x),
+}
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize('name', NOT_FINITE)
+def test_a_number_that_is_not_finite_is_refused_with_joint_and_index_and_the_state_stays(
+    name: str, value: float
+) -> None:
+    sim = pfd.Simulator(load_robot(example(UR5), tip='ee_link'))
+    sim.step(np.ones(6))
+    before = sim.q.tobytes(), sim.qd.tobytes(), sim.time, sim.status
+    bad = np.zeros(6)
+    bad[2] = value
+    index = r'\[0, 2\]' if name == 'taus' else r'\[2\]'
+    with pytest.raises(ValueError, match=rf"^{name} must be .*at index {index}, joint 'elbow_j"):
+        NOT_FINITE[name](sim, bad)
+    assert (sim.q.tobytes(), sim.qd.tobytes(), sim.time, sim.status) == before
+
+
+def test_of_an_ensemble_the_arm_is_named_too() -> None:
+    many = pfd.Ensemble(load_robot(example(UR5), tip='ee_link'), 3)
+    bad = np.zeros((3, 6))
+    bad[1, 2] = np.nan
+    message = r"must be finite, got nan at index \[1, 2\], joint 'elbow_joint'"
+    with pytest.raises(ValueError, match='q ' + message):
+        many.reset(q=bad)
+    with pytest.raises(ValueError, match='taus ' + message):
+        many.rollout(bad)
+
+
+@pytest.mark.parametrize(('dtype', 'most'), [('float64', 2.0**30), ('float32', 2.0**10)])
+def test_a_simulation_does_not_start_at_an_angle_that_has_lost_its_digits(
+    dtype: str, most: float
+) -> None:
+    sim = pfd.Simulator(load_robot(WHEEL), dtype=dtype)
+    sim.reset(q=[most])
+    for angle in (np.nextafter(np.dtype(dtype).type(most), np.inf), -1e30):
+        with pytest.raises(ValueError, match=r"q must be .* at most .*\[0\], joint 'hub'"):
+            sim.reset(q=[angle])
+    assert sim.q[0] == most
+    # A distance is no angle: it may have any size.
+    slide = load_robot(WHEEL.replace('continuous', 'prismatic').replace('-2', '-inf'))
+    pfd.Simulator(slide, dtype=dtype).reset(q=[1e30])
+
+
+@pytest.mark.parametrize('angle', [1e6, 2.0**40, 1e22, 1e300])
+def test_an_evaluation_takes_the_remainder_of_any_finite_angle(angle: float) -> None:
+    robot = load_robot(example(UR5), tip='ee_link')
+    rng = np.random.default_rng(3)
+    q, qd, tau = random_state(rng, 6)
+    q[1] = angle
+    with mpmath.workdps(350):
+        reduced = float(mpmath.fmod(mpmath.mpf(angle), 2 * mpmath.pi))
+    near = q.copy()
+    near[1] = reduced
+    kernel = pfd.compile_kernel(robot)
+    right = kernel(near, qd, tau)
+    assert np.abs(kernel(q, qd, tau) - right).max() <= ACCELERATION * np.abs(right).max()
+
+
+def test_float32_arrays_are_computed_with_in_float64_unless_float32_is_asked_for() -> None:
+    robot = load_robot(example(UR5), tip='ee_link')
+    state = [x.astype('f4') for x in random_state(np.random.default_rng(4), 6)]
+    qdd = pfd.forward_dynamics(robot, *state)
+    assert qdd.dtype == np.float64
+    np.testing.assert_array_equal(
+        qdd, pfd.forward_dynamics(robot, *(x.astype('f8') for x in state))
+    )
+    assert pfd.forward_dynamics(robot, *state, dtype='float32').dtype == np.float32
+
+
+# Masses and inertias.
+
+
+def test_an_arm_whose_last_link_is_all_zero_loads_and_is_refused_where_it_should_move() -> None:
+    robot = load_robot(edited(UR5, without_last_mass), tip='ee_link')
+    assert robot.masses[-1] == 0
+    for simulation in (pfd.Simulator, lambda *a: pfd.Ensemble(a[0], 2, *a[1:])):
+        with pytest.raises(ValueError, match=r"link 6 of 'ur5'.*'wrist_3_joint'.* no inertia"):
+            simulation(robot)
+        # A rotor or a payload makes it an arm.
+        simulation(robot, pfd.Scene(armature=[0.1] * 6))
+        simulation(robot, pfd.Scene(payload=pfd.Payload(1.0, (0.0, 0.0, 0.1), 0.01 * np.eye(3))))
+    # Inverse dynamics divides by no inertia.
+    assert np.isfinite(
+        pfd.inverse_dynamics(robot, *random_state(np.random.default_rng(5), 6))
+    ).all()
+
+
+def test_a_sliding_link_needs_a_mass_and_a_turning_one_an_inertia_about_its_axis() -> None:
+    def arm(kind: str, mass: float, xyz: str, J: str) -> pfd.Robot:
+        return load_robot(
+            urdf('x', link('base'), link('arm', mass, xyz, J=J), joint('j', kind, 'base', 'arm'))
+        )
+
+    zero, ball = '0 0 0 0 0 0', '0.1 0.1 0.1 0 0 0'
+    pfd.Simulator(arm('revolute', 0.0, '0 0 0', ball))
+    pfd.Simulator(arm('revolute', 1.0, '0.1 0 0', zero))
+    pfd.Simulator(arm('prismatic', 1.0, '0 0 0', zero))
+    with pytest.raises(ValueError, match='no mass'):
+        pfd.Simulator(arm('prismatic', 0.0, '0 0 0', ball))
+    with pytest.raises(ValueError, match='no inertia about its joint'):
+        pfd.Simulator(arm('revolute', 1.0, '0 0 0.1', zero))
+
+
+def test_a_link_with_inertia_and_without_mass_moves_as_in_pinocchio() -> None:
+    text = edited(UR5, lambda root: found(root, f'{WRIST}/mass').set('value', '0'))
+    robot = load_robot(text, tip='ee_link')
+    assert robot.masses[-1] == 0
+    assert_same_physics(robot, text, {})
+    model = pin.buildModelFromXML(exact_angles(text))
+    q, qd, tau = random_state(np.random.default_rng(6), 6)
+    right = pin.aba(model, model.createData(), q, qd, tau)
+    condition = scaled_condition(model, q)
+    for method in ('composite_body', 'articulated_body'):
+        qdd = pfd.forward_dynamics(robot, q, qd, tau, method=method)
+        assert np.abs(qdd - right).max() <= ACCELERATION * condition * np.abs(right).max()
+
+
+def test_an_arm_scaled_to_micrometres_moves_by_the_same_bits() -> None:
+    # Lengths, gravity: 2^-14; masses: 2^-42; inertias, torques: 2^-70. All of these are exact,
+    # and moments are of the order of 1e-23 kg m^2: nothing may be compared with a fixed number.
+    length, mass = 2.0**-14, 2.0**-42
+
+    def shrink(root: ElementTree.Element) -> None:
+        for origin in (*root.findall('joint/origin'), *root.findall('link/inertial/origin')):
+            xyz = [repr(float(x) * length) for x in origin.get('xyz', '0 0 0').split()]
+            origin.set('xyz', ' '.join(xyz))
+        for element in root.findall('link/inertial/mass'):
+            element.set('value', repr(float(element.get('value', '')) * mass))
+        for element in root.findall('link/inertial/inertia'):
+            for key, value in element.items():
+                element.set(key, repr(float(value) * mass * length**2))
+
+    arm = load_robot(example(UR5), tip='ee_link')
+    micro = load_robot(edited(UR5, shrink), tip='ee_link')
+    assert np.abs(micro.inertias).max() < 1e-20
+    q, qd, tau = random_state(np.random.default_rng(7), 6)
+    gravity = np.array([0.0, 0.0, -9.81])
+    for dtype in ('float64', 'float32'):
+        right = pfd.compile_kernel(arm, dtype=dtype)(q, qd, tau)
+        kernel = pfd.compile_kernel(micro, dtype=dtype, scene=pfd.Scene(gravity=gravity * length))
+        np.testing.assert_array_equal(kernel(q, qd, tau * mass * length**2), right)
+
+
+# Axes, limits, friction and structure.
+
+
+def test_an_axis_of_any_length_is_a_direction() -> None:
+    def stretch(root: ElementTree.Element) -> None:
+        for axis in root.findall('joint/axis'):
+            axis.set('xyz', ' '.join(repr(float(x) * 8.0) for x in axis.get('xyz', '').split()))
+
+    text = edited(UR5, stretch)
+    robot = load_robot(text, tip='ee_link')
+    assert robot == load_robot(example(UR5), tip='ee_link')
+    assert_same_physics(robot, text, {})
+
+
+def test_a_joint_without_limits_is_unlimited_and_warned_of() -> None:
+    with pytest.warns(PhysicsWarning) as warned:
+        robot = load_robot(edited(UR5, without_limits), tip='ee_link')
+    assert [str(w.message).split(' is ')[0] for w in warned] == [
+        f"joint '{name}'" for name in robot.joint_names
+    ]
+    assert all(w.filename == __file__ for w in warned)
+    for key in ('position_upper', 'velocity_limit', 'effort_limit'):
+        np.testing.assert_array_equal(getattr(robot, key), np.inf)
+    np.testing.assert_array_equal(robot.position_lower, -np.inf)
+
+
+def test_joint_limits_are_off_also_for_an_arm_that_starts_beyond_them() -> None:
+    robot = load_robot(example(UR5), tip='ee_link')
+    with pytest.warns(PhysicsWarning):
+        free = load_robot(edited(UR5, without_limits), tip='ee_link')
+    q = robot.position_upper + np.array([1.0, -1.0, 0.5, 2.0, -3.0, 1.0])
+    assert (q > robot.position_upper).any()
+    states = []
+    for each in (robot, free):
+        sim = pfd.Simulator(each)
+        sim.reset(q=q)
+        np.testing.assert_array_equal(sim.q, q)
+        sim.rollout(np.zeros((100, 6)))
+        assert sim.status == 'ok'
+        states.append((sim.q.tobytes(), sim.qd.tobytes()))
+    assert states[0] == states[1]
+
+
+def test_damping_of_the_file_is_off_and_can_be_switched_on() -> None:
+    text = example(XARM7)
+    robot = load_robot(text, right_angle=-1.0)
+    assert robot.damping.tolist() == [10, 10, 5, 5, 5, 2, 2]
+    model = pin.buildModelFromXML(text)
+    data = model.createData()
+    q, qd, tau = random_state(np.random.default_rng(8), 7)
+    for scene, felt in ((None, tau), (pfd.Scene(damping='model'), tau - robot.damping * qd)):
+        right = pin.aba(model, data, q, qd, felt)
+        qdd = pfd.forward_dynamics(robot, q, qd, tau, scene=scene)
+        condition = scaled_condition(model, q)
+        assert np.abs(qdd - right).max() <= ACCELERATION * condition * np.abs(right).max()
+
+
+def test_a_continuous_joint_has_one_position_that_counts_its_turns() -> None:
+    sim = pfd.Simulator(load_robot(WHEEL), pfd.Scene(gravity=None))
+    sim.reset(qd=[100.0])
+    sim.rollout(np.zeros((1000, 1)))
+    assert sim.q.shape == (1,)
+    assert abs(sim.q[0] - 100.0) < 1e-9
+
+
+# Positions are plain sums q += h qd: each addition rounds to the last digit of q, which grows.
+PLAIN_SUM = 'positions are added up without a term for the digits that an addition loses'
+
+
+@pytest.mark.xfail(raises=AssertionError, reason=PLAIN_SUM)
+@pytest.mark.parametrize(('dtype', 'most'), [('float64', 1e-9), ('float32', 0.02)])
+def test_an_hour_of_spinning_ends_at_the_right_angle(dtype: str, most: float) -> None:
+    sim = pfd.Simulator(load_robot(WHEEL), pfd.Scene(gravity=None), dtype=dtype)
+    sim.reset(qd=[10.0])
+    for _ in range(60):
+        sim.rollout(np.zeros((60_000, 1)))
+    assert abs(float(sim.q[0]) - 36_000.0) <= most
+
+
+@pytest.mark.xfail(raises=AssertionError, reason=PLAIN_SUM)
+def test_a_slow_joint_does_not_stand_still_in_float32() -> None:
+    sim = pfd.Simulator(load_robot(WHEEL), pfd.Scene(gravity=None), dtype='float32')
+    sim.reset(q=[1.0], qd=[5e-5])
+    sim.rollout(np.zeros((10_000, 1)))
+    assert abs(float(sim.q[0]) - 1.0005) <= 1e-6

@@ -19,6 +19,9 @@ from pfd_core.report.hard_case_errors import FEW, MANY, KernelRow, Result, measu
 from pfd_core.report.hard_cases import CASES, LATER, ROUNDING
 
 COMMAND = 'pfd report hard-cases'
+# Error estimates are asked to be this close, where the error is above so many units of rounding:
+# 1e-13 in float64.
+FACTOR, SHOWN = 3, 1e-13 / ROUNDING['float64']
 INTRODUCTION = f"""# Errors of forward dynamics at hard cases
 
 Written by `{COMMAND}`; every number but those of peers is the same on every machine.
@@ -59,7 +62,8 @@ def markdown(results: Sequence[Result]) -> str:
 
 METHODS_TEXT = (
     'Error without / with one step of refinement. Each method is run as its text is recorded; the '
-    'kernel above is folded for its robot and fused besides, and rounds differently. Chains of '
+    'kernel above is folded for its robot and fused besides, and rounds differently. Sines of '
+    'angles far from zero need fused operations: so *large_angle_1e6* in float32. Chains of '
     f'more than {FEW} joints take minutes to record by most methods. The methods left for them, '
     'and the most joints: ' + ', '.join(f'{name} {most}' for name, most in MANY.items()) + '.'
 )
@@ -96,18 +100,19 @@ def _outcome(results: Sequence[Result]) -> list[str]:
         f'- {one.name}, {after.dtype}: {after.estimate:.2g} times {_error(before.error)}'
         for one in results
         for before, after in pairwise(one.kernels)
-        if after.refine
-        and after.estimate is not None
-        and before.error > SHOWN * ROUNDING[after.dtype]
-        if not 1 / FACTOR <= after.estimate <= FACTOR
+        if _is_estimated(before, after)
+        if not 1 / FACTOR <= (after.estimate or 0.0) <= FACTOR
     ]
     return lines + (wrong or [f'- none, of errors above {SHOWN:.0f} u'])
 
 
+def _is_estimated(before: KernelRow, after: KernelRow) -> bool:
+    """Return whether a row has an estimate of an error that is more than rounding."""
+    large = before.error > SHOWN * ROUNDING[before.dtype]
+    return bool(after.refine) and after.estimate is not None and large
+
+
 RESIDUALS = 'which was set for residuals in float64'
-# Error estimates are asked to be this close, where the error is above so many units of rounding:
-# 1e-13 in float64.
-FACTOR, SHOWN = 3, 1e-13 / ROUNDING['float64']
 
 
 def _paragraph(text: str) -> str:
@@ -160,7 +165,7 @@ def _kernels(results: Sequence[Result], dtype: str) -> list[str]:
                 f'{refined.in_units:.2g}' if math.isfinite(refined.in_units) else 'lost',
                 refined.bound or '-',
                 _met(refined),
-                '-' if refined.estimate is None else f'{refined.estimate:.2g}',
+                f'{refined.estimate:.2g}' if _is_estimated(plain, refined) else '-',
             )
         )
     return table

@@ -132,17 +132,15 @@ def _run(program: Any, states: States, dtype: str) -> dict[str, Any]:
 
 
 def peer_answers(problem: Problem) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield qdd (S, n) by each peer that is installed; NaN where a peer refuses the robot."""
-    found: dict[str, list[Array]] = {}
-    for make in (_pinocchio, _mujoco):
-        for row in range(len(problem.states['q'])):
-            state = {name: x[row] for name, x in problem.states.items()}
-            try:
-                for name, qdd in make(problem.plant, state):
-                    found.setdefault(name, []).append(np.array(qdd, dtype=np.float64))
-            except LeftOutError:
-                break
-    yield from ((name, np.array(rows)) for name, rows in found.items())
+    """Yield qdd (S, n) by each peer, except a missing one and one that refuses the robot."""
+    count = len(problem.states['q'])
+    states = [{name: x[row] for name, x in problem.states.items()} for row in range(count)]
+    for answers in (_pinocchio, _mujoco):
+        try:
+            rows = [dict(answers(problem.plant, state)) for state in states]
+        except (LeftOutError, ValueError, RuntimeError):
+            continue
+        yield from ((name, np.array([row[name] for row in rows])) for name in rows[0])
 
 
 def _pinocchio(plant: Plant, state: States) -> Iterator[tuple[str, Array]]:
@@ -152,8 +150,9 @@ def _pinocchio(plant: Plant, state: States) -> Iterator[tuple[str, Array]]:
     if plant.armature is not None:
         model.armature = np.array(plant.armature)
     q, qd, tau = (state[name] for name in ('q', 'qd', 'tau'))
-    yield 'Pinocchio aba', pin.aba(model, data, q, qd, tau)
-    yield 'Pinocchio aba, WORLD', pin.aba(model, data, q, qd, tau, pin.Convention.WORLD)
+    yield 'Pinocchio aba', np.array(pin.aba(model, data, q, qd, tau))
+    in_world = pin.aba(model, data, q, qd, tau, pin.Convention.WORLD)
+    yield 'Pinocchio aba, WORLD', np.array(in_world)
     (*_, crba) = peer.sides(Work('call', q, qd, tau))
     yield 'Pinocchio crba', np.array(crba.result(), dtype=np.float64)
 

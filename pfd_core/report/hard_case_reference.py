@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The certified reference of a hard case, its condition numbers, and errors beside the reference.
+Certified references of the hard cases, condition numbers, and errors beside the references.
 
 The reference is qdd in 50 digits by articulated bodies, in the axes of each link. It is certified
 by PCRBM, which solves with an inertia matrix of sums in other frames, and by the torque that

@@ -105,17 +105,17 @@ class Case:
 # The rule for every case: at most 100 kappa_s u after a step of refinement.
 LAW = Bound(100, 'kappa_s u')
 TIGHT, SINGLE = Bound(20, 'u'), Bound(1e-6)
-_pole = 'H is nearly singular: its condition grows with n^4 along a stretched chain'
-_heavy = 'small inertias are differences of large ones that the heavy last link leaves'
-_coaxial = 'the inertia between two joints on one axis is all that tells them apart'
-_tip = 'sums about the base swamp the inertia of the last link'
-_wrist_cause = 'two axes of the wrist nearly coincide: singular kinematics'
-_scaled_cause = 'a hidden absolute tolerance, or an exponent out of range'
-_massless = 'a link without inertia of its own: a pivot of zero in a careless elimination'
+STRETCHED = 'H is nearly singular: its condition grows with n^4 along a stretched chain'
+HEAVY = 'small inertias are differences of large ones that the heavy last link leaves'
+COAXIAL = 'the inertia between two joints on one axis is all that tells them apart'
+LIGHT_TIP = 'sums about the base swamp the inertia of the last link'
+WRIST = 'two axes of the wrist nearly coincide: singular kinematics'
+UNITS = 'a hidden absolute tolerance, or an exponent out of range'
+MASSLESS = 'a link without inertia of its own: a pivot of zero in a careless elimination'
 
 CASES: Sequence[Case] = (
-    Case('stretched_12', _pole, lambda: problem(chain(12, 'y'), q=0.0), LAW),
-    Case('stretched_200', _pole, lambda: problem(chain(200, 'y'), q=0.0), TIGHT, Bound(1e-5)),
+    Case('stretched_12', STRETCHED, lambda: problem(chain(12, 'y'), q=0.0), LAW),
+    Case('stretched_200', STRETCHED, lambda: problem(chain(200, 'y'), q=0.0), TIGHT, Bound(1e-5)),
     Case(
         'random_200',
         'rounding piles up over many links',
@@ -123,28 +123,28 @@ CASES: Sequence[Case] = (
         Bound(1e-14),
         Bound(1e-5),
     ),
-    Case('near_stretched_6', _pole, lambda: problem(chain(6, 'y'), q=1e-3), LAW, fast=True),
-    Case('near_stretched_40', _pole, lambda: problem(chain(40, 'y'), q=1e-3), LAW),
+    Case('near_stretched_6', STRETCHED, lambda: problem(chain(6, 'y'), q=1e-3), LAW, fast=True),
+    Case('near_stretched_40', STRETCHED, lambda: problem(chain(40, 'y'), q=1e-3), LAW),
     Case(
         'folded_12',
         'every link lies on the one before',
         lambda: problem(chain(12, 'y'), q=np.array([0.0] + [np.pi] * 11)),
         LAW,
     ),
-    Case('heavy_tip_1e8_n6', _heavy, lambda: heavy_tip(6, 'yz'), LAW, Bound(1e-5), wide=True),
+    Case('heavy_tip_1e8_n6', HEAVY, lambda: heavy_tip(6, 'yz'), LAW, Bound(1e-5), wide=True),
     Case(
         'heavy_tip_1e8_planar_n6',
-        _heavy,
+        HEAVY,
         lambda: heavy_tip(6, 'y'),
         LAW,
         Bound(1e-5),
         wide=True,
         fast=True,
     ),
-    Case('heavy_tip_1e8_n12', _heavy, lambda: heavy_tip(12, 'yz'), LAW, Bound(1e-5), wide=True),
+    Case('heavy_tip_1e8_n12', HEAVY, lambda: heavy_tip(12, 'yz'), LAW, Bound(1e-5), wide=True),
     Case(
         'heavy_tip_1e8_planar_n12',
-        _heavy,
+        HEAVY,
         lambda: heavy_tip(12, 'y'),
         LAW,
         Bound(1e-5),
@@ -156,21 +156,21 @@ CASES: Sequence[Case] = (
         lambda: one_link(0, 1e8),
         LAW,
     ),
-    Case('payload_1e6', _heavy, payload, Bound(1e-14), Bound(1e-3), wide=True, fast=True),
-    Case('feather_tip_1e-8', _tip, lambda: one_link(5, 1e-8), LAW),
-    Case('massless_mid_1e-12', _massless, lambda: one_link(2, 1e-12), LAW),
-    Case('massless_mid_0', _massless, lambda: one_link(2, 0.0), TIGHT, SINGLE, fast=True),
-    Case('collinear_axes_1e-4', _coaxial, lambda: collinear(1e-4), LAW),
-    Case('collinear_axes_1e-12', _coaxial, lambda: collinear(1e-12), Bound(1e-14), fast=True),
-    Case('collinear_axes_1e-8_payload_1e4', _coaxial, lambda: collinear(1e-8, 1e4), Bound(1e-14)),
-    Case('tiny_tip_1e-6', _tip, lambda: problem(tiny_tip(1e-6)), TIGHT, SINGLE),
-    Case('tiny_tip_1e-12', _tip, lambda: problem(tiny_tip(1e-12)), TIGHT, SINGLE),
-    Case('tiny_tip_1e-18', _tip, lambda: problem(tiny_tip(1e-18)), TIGHT, SINGLE, fast=True),
+    Case('payload_1e6', HEAVY, payload, Bound(1e-14), Bound(1e-3), wide=True, fast=True),
+    Case('feather_tip_1e-8', LIGHT_TIP, lambda: one_link(5, 1e-8), LAW),
+    Case('massless_mid_1e-12', MASSLESS, lambda: one_link(2, 1e-12), LAW),
+    Case('massless_mid_0', MASSLESS, lambda: one_link(2, 0.0), TIGHT, SINGLE, fast=True),
+    Case('collinear_axes_1e-4', COAXIAL, lambda: collinear(1e-4), LAW),
+    Case('collinear_axes_1e-12', COAXIAL, lambda: collinear(1e-12), Bound(1e-14), fast=True),
+    Case('collinear_axes_1e-8_payload_1e4', COAXIAL, lambda: collinear(1e-8, 1e4), Bound(1e-14)),
+    Case('tiny_tip_1e-6', LIGHT_TIP, lambda: problem(tiny_tip(1e-6)), TIGHT, SINGLE),
+    Case('tiny_tip_1e-12', LIGHT_TIP, lambda: problem(tiny_tip(1e-12)), TIGHT, SINGLE),
+    Case('tiny_tip_1e-18', LIGHT_TIP, lambda: problem(tiny_tip(1e-18)), TIGHT, SINGLE, fast=True),
     Case('far_base_16m', 'sums about a distant origin', lambda: far(16.0), LAW),
     Case('far_base_1km', 'sums about a distant origin', lambda: far(1000.0), LAW, fast=True),
-    Case('wrist_q5_0', _wrist_cause, lambda: wrist(0.0), TIGHT, SINGLE, fast=True),
-    Case('wrist_q5_1e-8', _wrist_cause, lambda: wrist(1e-8), TIGHT, SINGLE),
-    Case('wrist_q5_1e-4', _wrist_cause, lambda: wrist(1e-4), TIGHT, SINGLE),
+    Case('wrist_q5_0', WRIST, lambda: wrist(0.0), TIGHT, SINGLE, fast=True),
+    Case('wrist_q5_1e-8', WRIST, lambda: wrist(1e-8), TIGHT, SINGLE),
+    Case('wrist_q5_1e-4', WRIST, lambda: wrist(1e-4), TIGHT, SINGLE),
     Case(
         'fast_qd_1e6',
         'velocity products of 1e12 beside torques of 1',
@@ -185,8 +185,8 @@ CASES: Sequence[Case] = (
         lambda: problem(chain(6, 'yz'), q=1e6),
         LAW,
     ),
-    Case('micro_arm_1um', _scaled_cause, lambda: scaled(2.0**-20, 2.0**-20), LAW),
-    Case('giant_arm_1km', _scaled_cause, lambda: scaled(2.0**10, 2.0**30), LAW),
+    Case('micro_arm_1um', UNITS, lambda: scaled(2.0**-20, 2.0**-20), LAW),
+    Case('giant_arm_1km', UNITS, lambda: scaled(2.0**10, 2.0**30), LAW),
     Case('mixed_scales', 'links of 1 m and 1 kg between links of 1 mm and 1 mg', mixed, LAW),
     Case('geared_rotors_1e6', 'rotor inertias a million times those of the links', rotors, LAW),
     Case(

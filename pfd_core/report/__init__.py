@@ -23,7 +23,15 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     speed            the survey: which robots, works and contenders, and the findings
     speed_pages      the page: its tables and columns, JSON and plot
 
+`pfd report hard-cases` (docs/report/hard-cases.md, .json):
+
+    hard_case_problems   robots and states of the cases: chains of rods, arms (Problem)
+    hard_cases           the table of cases: cause, problem and bounds (Case)
+    hard_case_reference  qdd in 50 digits with its certificate, and condition numbers
+    hard_case_errors     errors of the kernel, every method and peers beside it (Result)
+    hard_case_pages      the page: its tables and columns; writes all files
+
 A column is a field of the table's record (counts.Row, counts.Cell, convergence.Convergence,
-timing.Row) and, in counts_pages or speed_pages, a title in the header and a cell of that table;
-the JSON has all fields of Row by itself.
+timing.Row, hard_case_errors.Result) and, in the module of the pages, a title in the header and a
+cell of that table; the JSON has all fields of the records by itself.
 """

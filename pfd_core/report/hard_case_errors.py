@@ -1,0 +1,232 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Errors at the hard cases: of the kernel of method 'auto', of every method, and of peers.
+
+Programs run on the emulator, which gives the bits of a kernel; sine and cosine are written out in
+other operations, so that the errors are the same on every machine.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfd_core.algorithms.programs import METHODS
+from pfd_core.algorithms.refinement import record_refined
+from pfd_core.kernels.auto import choose
+from pfd_core.kernels.passes.pipeline import lower
+from pfd_core.kernels.passes.sincos import expand_sines
+from pfd_core.kernels.source import TOLERANCES
+from pfd_core.machine.emulator import run
+from pfd_core.model import Plant
+from pfd_core.report.hard_case_problems import Array, Problem
+from pfd_core.report.hard_case_reference import (
+    Reference,
+    States,
+    errors,
+    kappa_j,
+    kappa_s,
+    reference,
+)
+from pfd_core.report.hard_cases import ROUNDING, Case
+from pfd_core.report.peers import Mujoco, Pinocchio
+from pfd_core.report.timing import LeftOutError, Work
+
+# Methods for chains of more than FEW joints, with the most joints: others take minutes to record.
+FEW = 12
+MANY = {'composite_body': 40, 'grouped_articulated_body': 200, 'articulated_body': 40}
+SAME_BITS = 'the bits of its twin'
+
+
+@dataclass(frozen=True)
+class KernelRow:
+    """
+    The kernel of method 'auto' at a case.
+
+    Attributes
+    ----------
+    dtype, refine : str, int
+        Number format and steps of refinement.
+    error, in_units : float
+        Largest error, and largest error over kappa_s u.
+    bound : str or None
+        The bound of the case as text, where it has one.
+    met : bool or None
+        Whether the bound is met, and the bits of the twin, if the case has one, are the same.
+    estimate : float or None
+        Error estimate over the error without refinement, in the state where that is largest.
+
+    """
+
+    dtype: str
+    refine: int
+    error: float
+    in_units: float
+    bound: str | None
+    met: bool | None
+    estimate: float | None
+
+
+@dataclass(frozen=True)
+class MethodRow:
+    """Largest error over the states of a case, by a method of ours as recorded, or by a peer."""
+
+    way: str
+    dtype: str
+    refine: int
+    error: float
+
+
+@dataclass(frozen=True)
+class Result:
+    """Everything measured at a case; `auto` is the method that 'auto' stands for."""
+
+    name: str
+    cause: str
+    n: int
+    states: int
+    auto: str
+    kappa_j: float
+    kappa_s: float
+    difference: float
+    residual: float
+    kernels: tuple[KernelRow, ...]
+    methods: tuple[MethodRow, ...]
+
+
+def kernel_answer(
+    problem: Problem, dtype: str, refine: int, method: str = 'auto'
+) -> tuple[NDArray[Any], Array]:
+    """Return qdd (S, n), with the bits of the kernel, and its error estimates (S,), or NaN."""
+    method = choose(problem.plant, method, refine)
+    recorded = record_refined(problem.plant, method, refine, TOLERANCES[dtype])
+    outputs = ['qdd', 'error'] if refine else ['qdd']
+    result = _run(lower(recorded, dtype, outputs).compiled, problem.states, dtype)
+    estimates = (
+        result['error'][:, 0].astype(np.float64) if refine else np.nan * result['qdd'][:, 0]
+    )
+    return result['qdd'], estimates
+
+
+def methods(n: int) -> tuple[str, ...]:
+    """Return the methods that are measured on chains of n joints."""
+    return tuple(name for name in METHODS if n <= (FEW if n <= FEW else MANY.get(name, 0)))
+
+
+def method_answer(problem: Problem, method: str, dtype: str, refine: int) -> NDArray[Any]:
+    """Return qdd (S, n) by the text of a method as recorded, before it is folded and fused."""
+    recorded = record_refined(problem.plant, method, refine, TOLERANCES[dtype])
+    qdd: NDArray[Any] = _run(expand_sines(recorded, dtype), problem.states, dtype)['qdd']
+    return qdd
+
+
+def _run(program: Any, states: States, dtype: str) -> dict[str, Any]:
+    # A lost answer divides by zero and overflows: its error says so.
+    with np.errstate(all='ignore'):
+        return run(program, states, dtype)
+
+
+def peer_answers(problem: Problem) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield qdd (S, n) by each peer, except a missing one and one that refuses the robot."""
+    count = len(problem.states['q'])
+    states = [{name: x[row] for name, x in problem.states.items()} for row in range(count)]
+    for answers in (_pinocchio, _mujoco):
+        try:
+            rows = [dict(answers(problem.plant, state)) for state in states]
+        except (LeftOutError, ValueError, RuntimeError):
+            continue
+        yield from ((name, np.array([row[name] for row in rows])) for name in rows[0])
+
+
+def _pinocchio(plant: Plant, state: States) -> Iterator[tuple[str, Array]]:
+    peer = Pinocchio(plant.robot)
+    pin, model, data = peer.pin, peer.model, peer.data
+    model.gravity.linear = plant.robot.base_rotation @ plant.gravity
+    if plant.armature is not None:
+        model.armature = np.array(plant.armature)
+    q, qd, tau = (state[name] for name in ('q', 'qd', 'tau'))
+    yield 'Pinocchio aba', np.array(pin.aba(model, data, q, qd, tau))
+    in_world = pin.aba(model, data, q, qd, tau, pin.Convention.WORLD)
+    yield 'Pinocchio aba, WORLD', np.array(in_world)
+    (*_, crba) = peer.sides(Work('call', q, qd, tau))
+    yield 'Pinocchio crba', np.array(crba.result(), dtype=np.float64)
+
+
+def _mujoco(plant: Plant, state: States) -> Iterator[tuple[str, Array]]:
+    peer = Mujoco(plant.robot)
+    peer.model.opt.gravity[:] = plant.robot.base_rotation @ plant.gravity
+    if plant.armature is not None:
+        peer.model.dof_armature[:] = plant.armature
+    for side in peer.sides(Work('call', state['q'], state['qd'], state['tau'])):
+        side.run()
+        yield 'MuJoCo', np.array(side.result(), dtype=np.float64)
+
+
+def measure(case: Case) -> Result:
+    """Return everything measured at a case: seconds for six joints, minutes for 200."""
+    problem = case.make()
+    known, n = reference(problem), problem.plant.robot.n
+    condition = kappa_s(problem, known)
+    others = [
+        MethodRow(name, dtype, refine, worst(method_answer(problem, name, dtype, refine), known))
+        for name in methods(n)
+        for dtype in ROUNDING
+        for refine in (0, 1)
+    ]
+    others += [
+        MethodRow(name, 'float64', 0, worst(found, known)) for name, found in peer_answers(problem)
+    ]
+    return Result(
+        name=case.name,
+        cause=case.cause,
+        n=n,
+        states=len(known.qdd),
+        auto=choose(problem.plant, 'auto', 1),
+        kappa_j=kappa_j(problem),
+        kappa_s=float(condition.max()),
+        difference=known.difference,
+        residual=known.residual,
+        kernels=tuple(kernel_rows(case, problem, known, condition)),
+        methods=tuple(others),
+    )
+
+
+def worst(found: NDArray[Any], known: Reference) -> float:
+    """Return the largest error over the states."""
+    return float(errors(found, known).max())
+
+
+def kernel_rows(
+    case: Case, problem: Problem, known: Reference, condition: Array
+) -> Iterator[KernelRow]:
+    """Yield the kernel's errors in both number formats, without and with refinement."""
+    for dtype, u in ROUNDING.items():
+        plain: Array | None = None
+        for refine in (0, 1):
+            qdd, estimates = kernel_answer(problem, dtype, refine)
+            found = errors(qdd, known)
+            bound = case.bound(dtype, refine)
+            text = None if bound is None else str(bound)
+            met = None if bound is None else bool((found <= bound.at(dtype, condition)).all())
+            if problem.twin is not None and refine:
+                twin, _ = kernel_answer(problem.twin(), dtype, refine)
+                met = met is not False and bool((twin == qdd).all())
+                text = SAME_BITS if text is None else f'{text}, {SAME_BITS}'
+            ratio = _ratio(estimates, plain) if plain is not None else None
+            in_units = float((found / condition).max() / u)
+            yield KernelRow(dtype, refine, float(found.max()), in_units, text, met, ratio)
+            plain = found
+
+
+def _ratio(estimates: Array, before: Array) -> float | None:
+    """Return the estimate over the error where that is largest; None if it is no number."""
+    k = int(before.argmax())
+    if not 0 < before[k] < np.inf:
+        return None
+    ratio = float(estimates[k] / before[k])
+    return ratio if np.isfinite(ratio) else None

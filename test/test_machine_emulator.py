@@ -48,6 +48,14 @@ def test_float32_stays_in_float32() -> None:
     np.testing.assert_array_equal(y, expected(list(x), np))
 
 
+def test_inputs_of_many_digits_keep_them() -> None:
+    recorder = Recorder(1)
+    recorder.output('x', (1,), [(recorder.input('x', [0]), 0)])
+    with mpmath.workdps(50):
+        third = mpmath.mpf(1) / 3
+    assert run(recorder.program(), {'x': [third]}, digits=50)['x'][0] == third
+
+
 def test_digits_compute_in_mpmath() -> None:
     x = np.random.default_rng(3).normal(size=4)
     y = run(sample(4, 'parallel'), {'x': x}, digits=50)['y']

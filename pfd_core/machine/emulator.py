@@ -213,7 +213,8 @@ class _Mpmath:
         }
 
     def array(self, values: ArrayLike) -> Any:
-        return np.vectorize(self.mp.mpf, otypes=[object])(np.asarray(values))
+        with self.context():  # mpf rounds to the digits that are set
+            return np.vectorize(self.mp.mpf, otypes=[object])(np.asarray(values))
 
     def meaning(self, op: str) -> Any:
         return self._functions.get(op, OPERATIONS[op].meaning)

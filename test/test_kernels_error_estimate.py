@@ -97,6 +97,7 @@ ALL = [
 
 
 @pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(('arm', 'method', 'dtype'), ALL)
 def test_the_estimate_is_within_a_factor_of_three_in_500_states(
     arm: str, method: str, dtype: str

@@ -27,6 +27,7 @@ from pfd_ros.cli import main as command_line
 
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 BY_NAME = {case.name: case for case in CASES}
+LONG = [pytest.mark.slow, pytest.mark.long]
 
 # Two evaluations in 50 digits differ by the condition of H, below 1e13 here, times 1e-50, and
 # large terms that cancel. A wrong text or a wrong frame differs in the first digits.
@@ -69,7 +70,7 @@ def bounded(cases: Iterable[Case]) -> list[object]:
                 reason = MISSED.get((case.name, dtype))
                 marks = [pytest.mark.xfail(reason=reason)] if reason else []
                 if not case.fast:
-                    marks.append(pytest.mark.slow)
+                    marks += LONG
                 found.append(pytest.param(case.name, dtype, marks=marks))
     return found
 
@@ -88,7 +89,7 @@ def test_one_step_of_refinement_meets_the_bound(name: str, dtype: str) -> None:
 
 @pytest.mark.parametrize(
     'name',
-    [pytest.param(case.name, marks=[] if case.fast else [pytest.mark.slow]) for case in CASES],
+    [pytest.param(case.name, marks=[] if case.fast else LONG) for case in CASES],
 )
 def test_two_evaluations_in_other_frames_and_the_missed_torque_certify(name: str) -> None:
     _, known = solved(name)

@@ -336,9 +336,8 @@ def test_an_iteration_that_does_not_converge_answers_nan(method: str, dtype: str
     assert pfd.emulate(massless, rest, rest, [1.0, 2.0], method=method).status == 'not_converged'
     assert np.isnan(kernel(rest, rest, [1.0, 2.0])).all()
     assert np.isnan(kernel(np.zeros((20, 2)), rest, [1.0, 2.0])).all()
-    sim = pfd.Simulator(massless, method=method, dtype=dtype)
-    sim.step([1.0, 2.0])
-    assert sim.status == 'not_finite'
+    with pytest.raises(ValueError, match=r"'elbow'\) has no inertia about its joint"):
+        pfd.Simulator(massless, method=method, dtype=dtype)
 
 
 @pytest.mark.parametrize('method', ITERATIVE)

@@ -247,8 +247,9 @@ def test_two_channels_of_one_name_are_refused(tmp_path: Path) -> None:
 
 def replace(path: Path) -> None:
     path.with_name('b.mcap').write_bytes(b'other')
-    path.rename(path.with_name('c.mcap'))
-    path.with_name('b.mcap').rename(path)
+    os.link(path, path.with_name('c.mcap'))
+    # At once: between two renames the name would be nobody's.
+    path.with_name('b.mcap').replace(path)
 
 
 def cover(path: Path) -> None:

@@ -20,7 +20,7 @@ from pfd_core.algorithms.chain.joint_torques import without_joint_torques
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.codegen.arms import PARAMETERS
 from pfd_core.kernels.codegen.module import ensemble_module, rollout_module
-from pfd_core.kernels.codegen.step import STATE
+from pfd_core.kernels.codegen.step import MOTION, further_rows
 from pfd_core.kernels.runtime.jit import Native, simd_width
 from pfd_core.kernels.source import KernelSource, forward, plant_of, turned_joints
 from pfd_core.machine.program import Program
@@ -33,6 +33,7 @@ class Rollout:
 
     method: str  # the method it was recorded from
     work: int  # operations of one call of @step
+    rows: tuple[str, ...]  # of the state, beside q and qd
     run: Callable[..., int]  # @rollout (pfd_core.kernels.codegen.rollout)
     accelerations: Callable[..., None]  # @accelerations
     native: Native  # owner of the code
@@ -45,6 +46,7 @@ class NativeEnsemble:
     method: str  # the method it was recorded from
     width: int  # arms in a vector register
     work: int  # operations of one evaluation of the accelerations
+    rows: tuple[str, ...]  # of the state, beside q and qd
     run: Callable[..., None]  # @ensemble (pfd_core.kernels.codegen.arms)
     native: Native  # owner of the code
 
@@ -74,12 +76,15 @@ def compile_rollout(
     native = source.compile(f'rollout{_implicit_key(implicit)} {step_program}', text)
     integer = ctypes.c_int64
     inputs: list[Any] = [ctypes.c_void_p] * len(source.inputs)
-    run = ctypes.CFUNCTYPE(integer, integer, integer, *inputs, *inputs[: len(STATE)])
+    rows = further_rows(step_program)
+    states: list[Any] = [ctypes.c_void_p] * (len(rows) + len(MOTION))
+    run = ctypes.CFUNCTYPE(integer, integer, integer, *inputs, *states)
     accelerate = ctypes.CFUNCTYPE(None, integer, *inputs, ctypes.c_void_p)
     calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
     return Rollout(
         method,
         source.work * calls,
+        rows,
         run(native.address('rollout')),
         accelerate(native.address('accelerations')),
         native,
@@ -109,7 +114,7 @@ def compile_ensemble(
     native = source.compile(f'ensemble {width}{_implicit_key(implicit)} {step_program}', text)
     kinds = [ctypes.c_void_p if kind.startswith('ptr') else ctypes.c_int64 for kind in PARAMETERS]
     run = ctypes.CFUNCTYPE(None, *kinds)(native.address('ensemble'))
-    return NativeEnsemble(method, width, source.work, run, native)
+    return NativeEnsemble(method, width, source.work, further_rows(step_program), run, native)
 
 
 def _sources(

@@ -67,8 +67,9 @@ class Ensemble(Simulation):
         super().__init__(robot, scene, **settings)
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
-        _check_memory(self.size, 2 * len(REPORT) * self.robot.n * np.dtype(self.dtype).itemsize)
-        return dict.fromkeys(REPORT, (self.size, self.robot.n))
+        names = (*REPORT, *self._native.rows)
+        _check_memory(self.size, 2 * len(names) * self.robot.n * np.dtype(self.dtype).itemsize)
+        return dict.fromkeys(names, (self.size, self.robot.n))
 
     @property
     def qdd(self) -> Array:
@@ -155,7 +156,8 @@ class Ensemble(Simulation):
         steps, every, law = plan
         following = self._copied_state()
         arrays = arrays | following.arrays
-        table = np.array([_table_row(arrays.get(name)) for name in SLOTS], np.int64)
+        names = (*SLOTS, *self._native.rows)
+        table = np.array([_table_row(arrays.get(name)) for name in names], np.int64)
         finite = np.zeros(self.size, np.int64)
         settings = (self.size - 1, steps, self.substeps, every, law)
         work = partial(_run_block, self._native, settings, table, finite, arrays)

@@ -64,7 +64,7 @@ class Simulation(ABC):
 
     @abstractmethod
     def _shapes(self) -> dict[str, tuple[int, ...]]:
-        """Return the arrays of a state buffer by name: q, qd and others."""
+        """Return the arrays of a state buffer by name: the rows of the state, and others."""
 
     def _compile(self) -> Any:
         """Return the native code of these settings."""

@@ -66,9 +66,9 @@ class Simulator(Simulation):
     _compiler = staticmethod(compile_rollout)
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
-        n = (self.robot.n,)
         # Beside the state, the inputs of the last step, which `qdd` needs.
-        return {'q': n, 'qd': n, 'tau': n, 'wrench': (6,), 'free': n}
+        rows = ('q', 'qd', *self._native.rows, 'tau', 'free')
+        return {**dict.fromkeys(rows, (self.robot.n,)), 'wrench': (6,)}
 
     @property
     def qdd(self) -> Array:
@@ -180,8 +180,8 @@ class Simulator(Simulation):
         many steps the state was finite.
         """
         at = following.at
-        inputs = [at[name] for name in self._inputs]
-        finite = self._native.run(steps, self.substeps, at['q'], at['qd'], taus, *inputs, q, qd)
+        beside = [at[name] for name in (*self._inputs, *self._native.rows)]
+        finite = self._native.run(steps, self.substeps, at['q'], at['qd'], taus, *beside, q, qd)
         following.steps += steps
         if finite < steps:
             following.status = 'not_finite'

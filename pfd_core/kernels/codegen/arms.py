@@ -31,18 +31,19 @@ from pfd_core.kernels.codegen.law import (
 )
 from pfd_core.kernels.codegen.spelling import Array, Format
 from pfd_core.kernels.codegen.step import (
+    MOTION,
     REPORT,
-    STATE,
     count_finite,
     evaluate_at,
     extra_arguments,
+    further_rows,
     take_steps,
     zero_braked_velocities,
 )
 from pfd_core.machine.program import Program
 
-# One row of the table for each of these: pointer, and strides from arm to arm, from element to
-# element and from step to step [bytes].
+# One row of the table for each of these, then for each further row of the state: pointer, and
+# strides from arm to arm, from element to element and from step to step [bytes].
 SLOTS = (
     *REPORT,
     'tau',
@@ -82,17 +83,19 @@ def arms(program: Program, dynamics: Program, form: Format) -> str:
     Return `void @arms(b, last, steps, substeps, every, law, table, finite_steps)`.
 
     It runs arms b to b + width - 1, of which those beyond `last` repeat it. `table` holds one row
-    for each of SLOTS; each `every`-th state is written, with its acceleration. `finite_steps`,
-    one number per arm, receives the number of steps after which the arm's state was finite.
+    for each of SLOTS and of the further rows of the state; each `every`-th state is written, with
+    its acceleration. `finite_steps`, one number per arm, receives the number of steps after which
+    the arm's state was finite.
     """
     n, W = dynamics.inputs['q'], form.width
     ir = Function(f'define internal void @arms({", ".join(("i64 %b", *COMMON))})')
     end = ir.let(f'add i64 %b, {W - 1}')
     block = Block('%b', '%last', ir.let(f'icmp ule i64 {end}, %last'))
-    slots = {name: _slot(ir, name, k, n, form) for k, name in enumerate(SLOTS)}
+    further = further_rows(program)
+    slots = {name: _slot(ir, name, k, n, form) for k, name in enumerate((*SLOTS, *further))}
     arrays = {name: slot.buffer for name, slot in slots.items()}
     constant = [name for name in extra_arguments(dynamics) if name != 'tau']
-    for name in (*STATE, *constant):
+    for name in (*MOTION, *further, *constant):
         copy(ir, 'in', slots[name].rows, arrays[name], slots[name].size, block)
     joints = ir.let(f'icmp eq i64 %law, {JOINTS}')
     with ir.when(joints):
@@ -118,7 +121,7 @@ def arms(program: Program, dynamics: Program, form: Format) -> str:
         row.value = ir.let(f'add i64 {row}, {one}')
         later = ir.let(f'add i64 {wait}, 1')
         wait.value = ir.let(f'select i1 {due}, i64 1, i64 {later}')
-    for name in REPORT:
+    for name in (*REPORT, *further):
         copy(ir, 'out', slots[name].rows, arrays[name], n, block)
     _report(ir, finite_steps, W)
     ir.ret()

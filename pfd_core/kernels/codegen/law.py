@@ -18,9 +18,9 @@ from collections.abc import Mapping
 from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.copies import gather, lane_numbers
 from pfd_core.kernels.codegen.spelling import Array, Format
-from pfd_core.kernels.codegen.step import STATE
+from pfd_core.kernels.codegen.step import MOTION
 
-REFERENCES = tuple(f'{name}.ref' for name in STATE)
+REFERENCES = tuple(f'{name}.ref' for name in MOTION)
 GAINS = ('kp', 'kd')
 MATRIX = 'gain'
 # Numbers of the laws, a parameter of @ensemble.
@@ -30,7 +30,7 @@ NONE, JOINTS, WHOLE = range(3)
 def state_errors(ir: Function, arrays: Mapping[str, Array], n: int, form: Format) -> list[str]:
     """Return reference minus state, (2 n,)."""
     values = []
-    for name, reference in zip(STATE, REFERENCES, strict=True):
+    for name, reference in zip(MOTION, REFERENCES, strict=True):
         for k in range(n):
             state = form.read(ir, arrays[name], k)
             wanted = form.read(ir, arrays[reference], k)

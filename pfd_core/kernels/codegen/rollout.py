@@ -16,10 +16,11 @@ from __future__ import annotations
 from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.spelling import Array, Format
 from pfd_core.kernels.codegen.step import (
-    STATE,
+    MOTION,
     count_finite,
     evaluate_at,
     extra_arguments,
+    further_rows,
     pointers,
     take_steps,
     zero_braked_velocities,
@@ -29,15 +30,16 @@ from pfd_core.machine.program import Program
 
 def rollout(program: Program, dynamics: Program, form: Format) -> str:
     """
-    Return `i64 @rollout(steps, substeps, q, qd, taus, extra..., out.q, out.qd)`.
+    Return `i64 @rollout(steps, substeps, q, qd, taus, extra..., further..., out.q, out.qd)`.
 
     Each of `steps` steps takes one row of `taus` for `substeps` calls of @step, and writes the
-    state it reaches. Braked joints are brought to rest first. The result is the number of steps
-    after which the state was finite.
+    motion that it ends with. `further` are the other rows of the state. Braked joints are brought
+    to rest first. The result is the number of steps after which the state was finite.
     """
     n, T = program.lanes, form.type
-    arrays = {name: f'%{name}' for name in (*STATE, *extra_arguments(dynamics))}
-    given = [*({**arrays, 'tau': '%taus'}).values(), *(f'%out.{name}' for name in STATE)]
+    names = (*MOTION, *extra_arguments(dynamics), *further_rows(program))
+    arrays = {name: f'%{name}' for name in names}
+    given = [*({**arrays, 'tau': '%taus'}).values(), *(f'%out.{name}' for name in MOTION)]
     ir = Function(f'define i64 @rollout(i64 %steps, i64 %substeps, {pointers(given)})')
     arrays['qdd'] = ir.array(T, n)
     finite_steps = Variable(form.index, 'zeroinitializer')
@@ -47,8 +49,8 @@ def rollout(program: Program, dynamics: Program, form: Format) -> str:
         if 'free' in arrays:
             zero_braked_velocities(ir, arrays, n, form)
         take_steps(ir, '%substeps', program, dynamics, arrays)
-        state = count_finite(ir, finite_steps, t, arrays, n, form)
-        for name, values in state.items():
+        motion = count_finite(ir, finite_steps, t, arrays, n, form)
+        for name, values in motion.items():
             out = Array(ir.element(T, f'%out.{name}', row))
             for k, value in enumerate(values):
                 form.write(ir, out, k, value)
@@ -59,8 +61,8 @@ def rollout(program: Program, dynamics: Program, form: Format) -> str:
 def accelerations(dynamics: Program, form: Format) -> str:
     """Return `void @accelerations(steps, qs, qds, taus, extra..., qdds)` of states in rows."""
     n = dynamics.inputs['q']
-    arrays = {name: f'%{name}' for name in (*STATE, *extra_arguments(dynamics), 'qdd')}
-    moving = {name: f'%{name}s' for name in (*STATE, 'tau', 'qdd')}
+    arrays = {name: f'%{name}' for name in (*MOTION, *extra_arguments(dynamics), 'qdd')}
+    moving = {name: f'%{name}s' for name in (*MOTION, 'tau', 'qdd')}
     given = pointers((arrays | moving).values())
     ir = Function(f'define void @accelerations(i64 %steps, {given})')
     with ir.loop('%steps') as t:

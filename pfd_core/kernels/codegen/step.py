@@ -6,7 +6,13 @@ LLVM IR of an integrator's step around @evaluate.
 The step is a program recorded over one lane per joint. Each lane is a value of its own here,
 which holds one number, or one for each of `width` arms: numbers that are written one by one and
 read as a vector would have to reach the cache first, which takes longer than the operations of
-the step. The step's `call` of qdd hands positions and velocities to @evaluate. Its `call` of solve
+the step.
+
+The state is a list of named rows of one number per joint: MOTION, and a row for each effect that
+has a state of its own (`further_rows`). An integrator's program names them by its outputs; they
+begin at zero, and are carried on from step to step, but not reported.
+
+The step's `call` of qdd hands positions and velocities to @evaluate. Its `call` of solve
 hands positions and torques at rest to @evaluate_solve, and of undamped its state to
 @evaluate_undamped.
 """
@@ -20,13 +26,12 @@ from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.spelling import Array, Format, arguments
 from pfd_core.machine.program import Program
 
-# The state that a simulation carries from step to step, and the arrays that it reports.
-STATE = ('q', 'qd')
-REPORT = (*STATE, 'qdd')
-
+# The rows of the state that every simulation has, and the arrays that it reports.
+MOTION = ('q', 'qd')
+REPORT = (*MOTION, 'qdd')
 
 # Inputs that a `call` hands over, by the name of its function; the step holds the others.
-HANDED = {'qdd': STATE, 'undamped': STATE, 'solve': ('q', 'tau')}
+HANDED = {'qdd': MOTION, 'undamped': MOTION, 'solve': ('q', 'tau')}
 
 
 def step(
@@ -36,13 +41,13 @@ def step(
     others: Mapping[str, Program] = MappingProxyType({}),
 ) -> str:
     """
-    Return `void @step(q, qd, qdd, extra...)`, which advances rows of `width` arms in place.
+    Return `void @step(q, qd, qdd, further..., extra...)`: it advances `width` arms in place.
 
     Parameters
     ----------
     program : Program
-        An integrator's step, parallel: inputs and outputs q and qd, and qdd where a step begins
-        with the acceleration that the one before ended with.
+        An integrator's step, parallel: inputs and outputs are the rows of the state, and qdd
+        where a step begins with the acceleration that the one before ended with.
     dynamics : Program
         The lowered program that @evaluate runs.
     form : Format
@@ -52,7 +57,7 @@ def step(
 
     """
     n = program.lanes
-    names = (*REPORT, *extra_arguments(dynamics))
+    names = _arguments(program, dynamics)
     ir = Function(f'define internal void @step({pointers(f"%{name}" for name in names)})')
     arrays = {name: f'%{name}' for name in names}
     own = arrays | {name: ir.array(form.type, n) for name in REPORT}
@@ -91,6 +96,16 @@ def step(
     return str(ir)
 
 
+def further_rows(program: Program) -> tuple[str, ...]:
+    """Return the rows of the state beside MOTION that an integrator's program advances."""
+    return tuple(name for name in program.outputs if name not in REPORT)
+
+
+def _arguments(program: Program, dynamics: Program) -> tuple[str, ...]:
+    """Return the arguments of @step."""
+    return *REPORT, *further_rows(program), *extra_arguments(dynamics)
+
+
 def begins_with_acceleration(program: Program) -> bool:
     """Return whether a step reads the acceleration at its beginning, which is then passed on."""
     return 'qdd' in program.inputs
@@ -98,7 +113,7 @@ def begins_with_acceleration(program: Program) -> bool:
 
 def extra_arguments(dynamics: Program) -> list[str]:
     """Return the arguments of @evaluate besides q and qd."""
-    return [name for name in arguments(dynamics) if name not in STATE]
+    return [name for name in arguments(dynamics) if name not in MOTION]
 
 
 def pointers(addresses: Iterable[str]) -> str:
@@ -121,7 +136,7 @@ def take_steps(
     if begins_with_acceleration(program):
         evaluate_at(ir, dynamics, arrays)
     with ir.loop(substeps):
-        names = (*REPORT, *extra_arguments(dynamics))
+        names = _arguments(program, dynamics)
         ir.call('void', 'step', pointers(arrays[name] for name in names))
 
 
@@ -139,9 +154,10 @@ def count_finite(
     """
     Count step t for each of `width` arms whose state has been finite up to its end.
 
-    Returns the values of the state, which are read for that.
+    Returns the values of MOTION, which are read for that. Other rows are not looked at: they
+    reach the motion in the next step.
     """
-    state = {name: [form.read(ir, Array(arrays[name]), k) for k in range(n)] for name in STATE}
+    state = {name: [form.read(ir, Array(arrays[name]), k) for k in range(n)] for name in MOTION}
     nonfinite = form.not_finite(ir, [value for values in state.values() for value in values])
     finite = ir.let(f'fcmp ord {form.type} {nonfinite}, {nonfinite}')
     so_far = ir.let(f'icmp eq {form.index} {finite_steps}, {form.splat(ir, t)}')

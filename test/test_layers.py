@@ -44,10 +44,12 @@ PFD_ROS = {
     'demo': {'text', 'messages', 'arm', 'recording', 'replay', 'node'},
     'cli': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'demo'},
 }
+SIMULATION: dict[str, set[str]] = {'contact': set()}
 ORDERS = {
     'pfd_core': PFD_CORE,
     'pfd_core.algorithms': ALGORITHMS,
     'pfd_core.kernels': KERNELS,
+    'pfd_core.simulation': SIMULATION,
     'pfd_ros': PFD_ROS,
 }
 # Outside packages that only some may know.

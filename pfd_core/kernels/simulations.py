@@ -9,7 +9,7 @@ Simulations in native code: an integrator's step around @evaluate, over all step
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 import ctypes
 from dataclasses import dataclass, replace
 from typing import Any
@@ -21,10 +21,13 @@ from pfd_core.kernels.auto import choose
 from pfd_core.kernels.codegen.arms import PARAMETERS
 from pfd_core.kernels.codegen.module import ensemble_module, rollout_module
 from pfd_core.kernels.codegen.step import MOTION, further_rows
+from pfd_core.kernels.codegen.trips import Contact
+from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.kernels.runtime.jit import Native, simd_width
-from pfd_core.kernels.source import KernelSource, forward, plant_of, turned_joints
+from pfd_core.kernels.source import KernelSource, forward, inverse, plant_of, turned_joints
 from pfd_core.machine.program import Program
-from pfd_core.model import Robot, Scene
+from pfd_core.model import Plant, Robot, Scene
+from pfd_core.model.plant import without_step_effects
 
 
 @dataclass(frozen=True)
@@ -60,30 +63,34 @@ def compile_rollout(
     dtype: str,
     refine: int,
     implicit: float = 0.0,
+    contact: Contact | None = None,
 ) -> Rollout:
     """
     Compile the simulation of a robot by an integrator's step; errors as compile_kernel.
 
     `implicit` is the time [s] by which the damping of the plant that the step solves with is
-    multiplied; 0 for a step that calls the accelerations alone.
+    multiplied; 0 for a step that calls the accelerations alone. With `contact` the step is that
+    of dry friction and joint stops, with texts that are not lowered yet, and `step_program` tells
+    its state alone.
     """
-    source, others, method = _sources(robot, scene, method, dtype, refine, implicit)
+    sources = _sources(robot, scene, method, dtype, refine, implicit, contact)
 
     def text() -> str:
-        programs = {name: other.program for name, other in others.items()}
-        return rollout_module(step_program, source.program, dtype, turned_joints(robot), programs)
+        return rollout_module(
+            step_program, sources.signature, dtype, turned_joints(robot), *sources.further()
+        )
 
-    native = source.compile(f'rollout{_implicit_key(implicit)} {step_program}', text)
+    native = sources.main.compile(f'rollout{sources.key} {step_program}', text)
     integer = ctypes.c_int64
-    inputs: list[Any] = [ctypes.c_void_p] * len(source.inputs)
+    inputs: list[Any] = [ctypes.c_void_p] * len(sources.signature.inputs)
     rows = further_rows(step_program)
     states: list[Any] = [ctypes.c_void_p] * (len(rows) + len(MOTION))
     run = ctypes.CFUNCTYPE(integer, integer, integer, *inputs, *states)
     accelerate = ctypes.CFUNCTYPE(None, integer, *inputs, ctypes.c_void_p)
     calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
     return Rollout(
-        method,
-        source.work * calls,
+        sources.method,
+        sources.main.work * calls,
         rows,
         run(native.address('rollout')),
         accelerate(native.address('accelerations')),
@@ -100,47 +107,125 @@ def compile_ensemble(
     dtype: str,
     refine: int,
     implicit: float = 0.0,
+    contact: Contact | None = None,
 ) -> NativeEnsemble:
     """Compile many simulations of a robot by an integrator's step; as compile_rollout."""
-    source, others, method = _sources(robot, scene, method, dtype, refine, implicit)
+    sources = _sources(robot, scene, method, dtype, refine, implicit, contact)
     width = simd_width(dtype)
 
     def text() -> str:
-        programs = {name: other.program for name, other in others.items()}
         return ensemble_module(
-            step_program, source.program, dtype, width, turned_joints(robot), programs
+            step_program,
+            sources.signature,
+            dtype,
+            width,
+            turned_joints(robot),
+            *sources.further(),
         )
 
-    native = source.compile(f'ensemble {width}{_implicit_key(implicit)} {step_program}', text)
+    native = sources.main.compile(f'ensemble {width}{sources.key} {step_program}', text)
     kinds = [ctypes.c_void_p if kind.startswith('ptr') else ctypes.c_int64 for kind in PARAMETERS]
     run = ctypes.CFUNCTYPE(None, *kinds)(native.address('ensemble'))
-    return NativeEnsemble(method, width, source.work, further_rows(step_program), run, native)
+    rows = further_rows(step_program)
+    return NativeEnsemble(sources.method, width, sources.main.work, rows, run, native)
+
+
+@dataclass(frozen=True)
+class _Sources:
+    """
+    Sources of the functions of a simulation.
+
+    Attributes
+    ----------
+    method : str
+        The method that 'auto' stood for.
+    main : KernelSource
+        The dynamics that a step evaluates most.
+    key : str
+        All that decides the module besides the main source and the step's program.
+    others : dict
+        Sources of other functions, by the names that the step calls them.
+    contact : Contact or None
+        Dry friction and joint stops, with lowered texts.
+
+    """
+
+    method: str
+    main: KernelSource
+    key: str
+    others: Mapping[str, KernelSource]
+    inputs: Mapping[str, int]
+    dtype: str
+    contact: Contact | None = None
+
+    @property
+    def signature(self) -> Program:
+        """A program with the inputs of the simulation."""
+        return Program(1, (), dict(self.inputs), {}) if self.contact else self.main.program
+
+    def further(self) -> tuple[dict[str, Program], Contact | None]:
+        """Return the other programs, and dry friction and stops with lowered programs."""
+        programs = {name: other.program for name, other in self.others.items()}
+        if self.contact is None:
+            return programs, None
+        texts = {
+            name: lower(program, self.dtype).compiled
+            for name, program in self.contact.texts.items()
+        }
+        return {}, replace(self.contact, texts=texts, dynamics=programs)
 
 
 def _sources(
-    robot: Robot, scene: Scene, method: str, dtype: str, refine: int, implicit: float
-) -> tuple[KernelSource, dict[str, KernelSource], str]:
+    robot: Robot,
+    scene: Scene,
+    method: str,
+    dtype: str,
+    refine: int,
+    implicit: float,
+    contact: Contact | None,
+) -> _Sources:
     """
-    Return the source of the dynamics, those of other functions, and what 'auto' stands for.
+    Return the sources of a simulation.
 
-    With `implicit` = c and a damping D in the scene these are `undamped`, the accelerations
+    With `implicit` = c and a damping D in the scene there are `undamped`, the accelerations
     without damping, and `solve`, those of a torque at rest, without gravity and wrench, with
     rotors that are heavier by c D: (H + c D)^-1 tau.
     """
     plant, _ = plant_of(robot, scene, dtype)
-    method = choose(plant, method, refine)
-    others: dict[str, KernelSource] = {}
-    if implicit and plant.damping is not None:
-        undamped = without_joint_torques(plant)
-        heavier = implicit * plant.damping
-        armature = heavier if plant.armature is None else plant.armature + heavier
-        solved = replace(undamped, gravity=np.zeros(3), armature=armature, external_wrench=False)
-        others = {
-            'undamped': forward(undamped, method, refine, dtype),
-            'solve': forward(solved, method, refine, dtype),
-        }
-    return forward(plant, method, refine, dtype), others, method
+    instant = without_step_effects(plant)
+    method = choose(instant, method, refine)
+    if contact is not None:
+        return _contact_sources(instant, method, dtype, refine, contact)
+    main = forward(plant, method, refine, dtype)
+    if not implicit or plant.damping is None:
+        return _Sources(method, main, '', {}, main.inputs, dtype)
+    undamped = without_joint_torques(plant)
+    heavier = implicit * plant.damping
+    armature = heavier if plant.armature is None else plant.armature + heavier
+    solved = replace(_at_rest(plant), armature=armature)
+    others = {
+        'undamped': forward(undamped, method, refine, dtype),
+        'solve': forward(solved, method, refine, dtype),
+    }
+    return _Sources(method, main, f' implicit {implicit.hex()}', others, main.inputs, dtype)
 
 
-def _implicit_key(implicit: float) -> str:
-    return f' implicit {implicit.hex()}' if implicit else ''
+def _contact_sources(
+    plant: Plant, method: str, dtype: str, refine: int, contact: Contact
+) -> _Sources:
+    """Return the sources of a simulation with dry friction and joint stops."""
+    held = replace(plant, brakes=True)
+    main = forward(held, method, refine, dtype)
+    others = {'_held': main, '_inverse': inverse(plant, dtype)}
+    if 'hits' in contact.texts:
+        others['_momentum'] = inverse(_at_rest(plant), dtype)
+        others['_solve'] = forward(_at_rest(held), method, refine, dtype)
+    inputs = {k: size for k, size in main.inputs.items() if k != 'free' or plant.brakes}
+    key = f' {" ".join(inputs)} {contact.key}'
+    return _Sources(method, main, key, others, inputs, dtype, contact)
+
+
+def _at_rest(plant: Plant) -> Plant:
+    """Return a plant on which no torque acts but inertia: H qdd = tau at rest."""
+    still = without_joint_torques(plant)
+    return replace(still, gravity=np.zeros(3), external_wrench=False)

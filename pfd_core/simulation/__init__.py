@@ -4,6 +4,7 @@
 Time: the motion of an arm, or of many arms at once, in native code.
 
     integrators     one step of qdd = f(q, qd); the table of integrators
+    contact/        dry friction, joint stops and impacts within a step
     feedback        laws that compute torques from the state, within native code
     state_buffer    a state in memory; double buffering of steps
     simulation      settings, copies and reset of Simulator and Ensemble

@@ -12,10 +12,13 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.model import Robot, Scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, check_finite, integer, real_array, real_number
 from pfd_core.model.joint_space_checks import check_joint_inertia
-from pfd_core.simulation.integrators import integrator_named, record_step
+from pfd_core.simulation.contact.modes import PIVOTS
+from pfd_core.simulation.contact.texts import contact_texts
+from pfd_core.simulation.integrators import TABLE, integrator_named, record_step
 from pfd_core.simulation.state_buffer import StateBuffer
 
 # Larger angles [rad] have lost more than 2e-7 rad in float64 and 1e-4 rad in float32 already.
@@ -69,13 +72,20 @@ class Simulation(ABC):
     def _compile(self) -> Any:
         """Return the native code of these settings."""
         h = self.step_size / self.substeps
-        damping = resolve(self.robot, self.scene).damping
+        plant = resolve(self.robot, self.scene)
+        texts = contact_texts(plant, self.dtype)
+        if texts and self._integrator is not TABLE['rk4']:
+            raise ValueError(
+                "friction and joint_limits of the scene need integrator='rk4' or 'auto', "
+                'the only one whose steps are cut at events'
+            )
         return self._compiler(
             self.robot,
-            record_step(self._integrator, self.robot.n, h, damping),
+            record_step(self._integrator, self.robot.n, h, plant.damping),
             scene=self.scene,
             dtype=self.dtype,
             implicit=self._integrator.implicit * h,
+            contact=Contact(texts, h, PIVOTS * self.robot.n) if texts else None,
             **self._options,
         )
 

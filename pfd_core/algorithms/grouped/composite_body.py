@@ -33,7 +33,7 @@ from pfd_core.algorithms.grouped.newton_euler import (
 )
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
+from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array
 from pfd_core.model import Plant
 
@@ -49,7 +49,6 @@ def record_composite_body(plant: Plant, schedule: str) -> Program:
     free = None
     if plant.brakes:
         free = input_list(recorder, 'free', len(y))
-        H, y = _held(recorder, free, H, y)
     with recorder.section('solve'):
         x, pivots = solve(H, y, free)
     return program_with_outputs(recorder, qdd=x, pivots=pivots)
@@ -99,28 +98,14 @@ def _moved_body(
     return m, h + m * link.r, inward_symmetric(link, inertia) + shift
 
 
-def _held(
-    recorder: Recorder, free: Sequence[Lanes], H: list[list[Lanes]], y: list[Lanes]
-) -> tuple[list[list[Lanes]], list[Lanes]]:
-    """Return the equations with the accelerations of held joints set to zero."""
-    with recorder.section('brakes'):
-        rows = [
-            [
-                row[j] if i == j else where(free[i], where(free[j], row[j], 0.0), 0.0)
-                for j in range(i + 1)
-            ]
-            for i, row in enumerate(H)
-        ]
-        return rows, [where(moves, value, 0.0) for moves, value in zip(free, y, strict=True)]
-
-
 def solve(
     H: Sequence[Sequence[Lanes]], y: Sequence[Lanes], free: Sequence[Lanes] | None = None
 ) -> tuple[list[Lanes], list[Lanes]]:
     """
     Return x of H x = y and the pivots, by H = L' D L from the last row on.
 
-    The pivot of a held joint is infinite, so that a massless joint can be held.
+    The pivot of a held joint is infinite, so that a massless joint can be held: its reciprocal is
+    zero, and so are its x and all its factors, by which its row would change others.
     """
     n = len(y)
     rows, x = [list(row) for row in H], list(y)
@@ -139,6 +124,8 @@ def solve(
         x[k] = x[k] * inverses[k]
         for i, factor in enumerate(L[k]):
             x[k] = x[k] - factor * x[i]
+        if free is not None:
+            x[k] = where(free[k], x[k], 0.0)
     pivots = [rows[k][k] for k in range(n)]
     if free is not None:
         pivots = [where(moves, d, math.inf) for moves, d in zip(free, pivots, strict=True)]

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-LLVM IR of @body: the lowered program, from its inputs to its output.
+LLVM IR of @body, a lowered program from its inputs to its output, and of other procedures.
 
 A program may hold a repeated part (pfd_core.machine.recorder). It goes round until the number in
 its last row is not above a floor in any of the `width` problems, or a given number of times; a
@@ -27,6 +27,33 @@ def body(program: Program, form: Format, suffix: str = '') -> str:
         return body_in_parts(program, form, PART, suffix)
     names = (*arguments(program), 'out')
     ir = Function(f'define internal void @body{suffix}({form.parameters(names)})')
+    values = _values(ir, program, form)
+    (output,) = program.outputs.values()
+    for k, (register, _) in enumerate(output.places):
+        form.write(ir, form.parameter('out'), k, values[register])
+    ir.ret()
+    return str(ir)
+
+
+def procedure(name: str, program: Program, form: Format) -> str:
+    """
+    Return `void @name(inputs..., outputs...)` of a program with any inputs and outputs.
+
+    They are arrays in the order of the program; an output may be written over an input.
+    """
+    outputs = [f'out.{output}' for output in program.outputs]
+    parameters = form.parameters((*program.inputs, *outputs))
+    ir = Function(f'define internal void @{name}({parameters})')
+    values = _values(ir, program, form)
+    for output, (_, places) in zip(outputs, program.outputs.values(), strict=True):
+        for k, (register, _) in enumerate(places):
+            form.write(ir, form.parameter(output), k, values[register])
+    ir.ret()
+    return str(ir)
+
+
+def _values(ir: Function, program: Program, form: Format) -> list[str]:
+    """Write the operations of a program, and return the value of each register."""
     values: list[str] = []
     repeats: dict[int, _Repeat] = {}
     for register, instruction in enumerate(program.instructions):
@@ -45,11 +72,7 @@ def body(program: Program, form: Format, suffix: str = '') -> str:
         else:
             value = form.spell(ir, instruction, operands)
         values.append(value)
-    (output,) = program.outputs.values()
-    for k, (register, _) in enumerate(output.places):
-        form.write(ir, form.parameter('out'), k, values[register])
-    ir.ret()
-    return str(ir)
+    return values
 
 
 class _Repeat:

@@ -27,7 +27,7 @@ def evaluate(program: Program, form: Format, angles: Sequence[int], suffix: str 
     ir.call('void', f'body{suffix}', *map(str, arrays.values()))
     ir.ret()
     # Functions with a suffix stand in a module beside one without.
-    return '\n'.join([str(ir), *([_wrap_row(form)] if angles and not suffix else [])])
+    return '\n'.join([str(ir), *([wrap_row(form)] if angles and not suffix else [])])
 
 
 def _wrapped(ir: Function, form: Format, q: Array, n: int, angles: Sequence[int]) -> Array:
@@ -51,7 +51,7 @@ def _wrapped(ir: Function, form: Format, q: Array, n: int, angles: Sequence[int]
     return Array(*(variable.value for variable in chosen))
 
 
-def _wrap_row(form: Format) -> str:
+def wrap_row(form: Format) -> str:
     """Return `void @wrap_row(ptr)`, which wraps those of `width` angles beyond the limit."""
     S = form.scalar
     ir = Function('define internal void @wrap_row(ptr %row) cold noinline')

@@ -22,7 +22,8 @@ from pfd_core.kernels.codegen.law import whole_state
 from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir
 from pfd_core.kernels.codegen.rollout import accelerations, rollout
 from pfd_core.kernels.codegen.spelling import Format
-from pfd_core.kernels.codegen.step import step
+from pfd_core.kernels.codegen.step import extra_arguments, step
+from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.kernels.codegen.wrap import WRAP_ANGLE_IR
 from pfd_core.machine.program import Program
 
@@ -62,16 +63,18 @@ def rollout_module(
     dtype: str,
     angles: Sequence[int],
     others: Mapping[str, Program] = MappingProxyType({}),
+    contact: Contact | None = None,
 ) -> str:
     """
     Return the module of the simulation of one arm by an integrator's step.
 
     `dynamics` is the program of @evaluate, `others` are those of further functions, by the names
-    that the step calls them.
+    that the step calls them. With `contact` the step and the accelerations are of that, and the
+    programs tell its inputs alone.
     """
     form = Format(dtype, 1)
     loops = [rollout(step_program, dynamics, form), accelerations(dynamics, form)]
-    return _simulation(step_program, dynamics, form, angles, loops, others)
+    return _simulation(step_program, dynamics, form, angles, loops, others, contact)
 
 
 def ensemble_module(
@@ -81,6 +84,7 @@ def ensemble_module(
     width: int,
     angles: Sequence[int],
     others: Mapping[str, Program] = MappingProxyType({}),
+    contact: Contact | None = None,
 ) -> str:
     """Return the module of many arms, `width` of them in a register; as rollout_module."""
     form = Format(dtype, width)
@@ -90,7 +94,7 @@ def ensemble_module(
         ensemble(form),
         copies(form),
     ]
-    return _simulation(step_program, dynamics, form, angles, loops, others)
+    return _simulation(step_program, dynamics, form, angles, loops, others, contact)
 
 
 def _simulation(
@@ -100,7 +104,11 @@ def _simulation(
     angles: Sequence[int],
     loops: Sequence[str],
     others: Mapping[str, Program],
+    contact: Contact | None,
 ) -> str:
+    if contact is not None:
+        extra = extra_arguments(dynamics)
+        return module([*contact.functions(extra, form, angles), *loops], form, angles)
     parts = [
         body(dynamics, form),
         evaluate(dynamics, form, angles),

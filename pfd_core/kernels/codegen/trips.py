@@ -1,0 +1,288 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+LLVM IR of a step with dry friction and joint stops: trips from event to event.
+
+    @modes ...   the texts of pfd_core.simulation.contact, one procedure each
+    @hold        directions, held joints and accelerations of a state
+    @compress    velocities after the compression of an impact
+    @step        impacts, modes, stages and the end of a trip, until no rest of the step is left
+    @evaluate    accelerations of a state, by @hold
+
+The texts say how the arrays of a joint change, this module in which order they run. A text that
+concerns few states runs only if it concerns one of the `width` arms; it leaves the others as they
+are, so that an arm moves by the same bits alone and beside any others.
+
+The dynamics are @evaluate_held, in which held joints are an input, @evaluate_inverse,
+@evaluate_momentum (H qdd) and @evaluate_solve (H^-1 tau).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+
+from pfd_core.kernels.codegen.body import body, procedure
+from pfd_core.kernels.codegen.builder import Function, Variable
+from pfd_core.kernels.codegen.evaluate import evaluate, wrap_row
+from pfd_core.kernels.codegen.spelling import Array, Format, arguments
+from pfd_core.kernels.codegen.step import MOTION, REPORT
+from pfd_core.machine.program import Program
+
+# Arrays of one number for each arm; all others have one for each joint.
+SINGLE = ('watch', 'busy', 'hits', 'event', 'rest', 'rest.end')
+# Arrays of @hold and @compress that their caller reads.
+HELD = ('direction', 'moving', 'qdd')
+COMPRESSED = ('x', 'torque', 'load', 'candidate', 'moving')
+
+
+class _Trips:
+    """
+    Writer of one function: its arrays by name, and the texts and dynamics that run on them.
+
+    Parameters
+    ----------
+    head : str
+        Result and name of the function, as `define internal void @step`.
+    given : sequence of str
+        Arrays that are parameters; others are made on the stack when they are first used.
+    contact : Contact
+        The texts and the dynamics.
+    form : Format
+        Number format and width.
+
+    """
+
+    def __init__(
+        self,
+        head: str,
+        given: Sequence[str],
+        contact: Contact,
+        form: Format,
+    ) -> None:
+        self.ir = Function(f'{head}({", ".join(f"ptr %{name}" for name in given)})')
+        self._arrays = {name: f'%{name}' for name in given}
+        self._texts, self._dynamics, self._form = contact.texts, contact.dynamics, form
+        self._n = contact.dynamics['_held'].inputs['q']
+
+    def address(self, name: str) -> str:
+        """Return the address of an array."""
+        if name not in self._arrays:
+            self._arrays[name] = self.ir.array(self._form.type, self.size(name))
+        return self._arrays[name]
+
+    def size(self, name: str) -> int:
+        """Return the numbers of an array for each arm."""
+        return 1 if name in SINGLE else self._n
+
+    def fill(self, name: str, value: float) -> None:
+        """Set all elements of an array."""
+        for k in range(self.size(name)):
+            self._form.write(self.ir, Array(self.address(name)), k, self._form.constant(value))
+
+    def copy(self, source: str, target: str) -> None:
+        """Copy an array."""
+        for k in range(self.size(source)):
+            value = self._form.read(self.ir, Array(self.address(source)), k)
+            self._form.write(self.ir, Array(self.address(target)), k, value)
+
+    def run(self, text: str, **arrays: str) -> None:
+        """Run a text on the arrays of its names, or of other names if given."""
+        program = self._texts[text]
+        self.call(text, [arrays.get(name, name) for name in (*program.inputs, *program.outputs)])
+
+    def effort(self, qd: str) -> str:
+        """Return the array of the torques less the friction at some velocities."""
+        if 'effort' not in self._texts:
+            return 'tau'
+        self.run('effort', qd=qd)
+        return 'effort'
+
+    def call(self, function: str, names: Sequence[str]) -> None:
+        """Call a function on arrays."""
+        self.ir.call('void', function, *(f'ptr {self.address(name)}' for name in names))
+
+    def evaluate(self, suffix: str, result: str, **arrays: str) -> None:
+        """Evaluate dynamics: inputs are the arrays of their names, or of other names if given."""
+        names = arguments(self._dynamics[suffix])
+        self.call(f'evaluate{suffix}', [*(arrays.get(name, name) for name in names), result])
+
+    def any(self, name: str) -> str:
+        """Return an i1: whether a number is above zero for any of `width` arms."""
+        value = self._form.read(self.ir, Array(self.address(name)), 0)
+        above = self.ir.let(f'fcmp ogt {self._form.type} {value}, {self._form.zero}')
+        return self._form.any(self.ir, above)
+
+    @contextmanager
+    def while_any(self, name: str, at_most: int) -> Iterator[None]:
+        """Repeat the body, at least once, while a number is above zero for any arm."""
+        again = Variable('i1', 'true')
+        with self.ir.loop(at_most, condition=again):
+            yield
+            again.value = self.any(name)
+
+    @property
+    def text(self) -> str:
+        """The whole function."""
+        self.ir.ret()
+        return str(self.ir)
+
+
+@dataclass(frozen=True)
+class Contact:
+    """
+    A step with dry friction and joint stops.
+
+    Attributes
+    ----------
+    texts : dict
+        Programs of pfd_core.simulation.contact by name; without `hits` there are no stops.
+    h : float
+        Size of the step [s].
+    pivots : int
+        Largest number of changes of the set of held joints.
+    dynamics : dict
+        Lowered programs of the dynamics, under the suffix of their @evaluate: _held, _inverse,
+        and with stops _momentum and _solve.
+
+    """
+
+    texts: Mapping[str, Program]
+    h: float
+    pivots: int
+    dynamics: Mapping[str, Program] = field(default_factory=dict)
+
+    @property
+    def key(self) -> str:
+        """All that decides the functions besides the dynamics."""
+        texts = '\n'.join(f'{name}\n{program}' for name, program in self.texts.items())
+        return f'contact {self.h.hex()} {self.pivots}\n{texts}'
+
+    def functions(self, extra: Sequence[str], form: Format, angles: Sequence[int]) -> list[str]:
+        """
+        Return the functions of the step; texts and dynamics are lowered programs.
+
+        Parameters
+        ----------
+        extra : sequence of str
+            Inputs of the simulation beside q and qd.
+        form : Format
+            Number format and width.
+        angles : sequence of int
+            Joints that turn.
+
+        """
+        functions = [
+            *(body(program, form, name) for name, program in self.dynamics.items()),
+            *(evaluate(program, form, angles, name) for name, program in self.dynamics.items()),
+            *([wrap_row(form)] if angles else []),
+            *(procedure(name, program, form) for name, program in self.texts.items()),
+            _hold(self, extra, form),
+        ]
+        if 'hits' in self.texts:
+            functions.append(_compress(self, form))
+        return [*functions, _step(self, extra, form), _evaluate(self, extra, form)]
+
+
+def _hold_arguments(extra: Sequence[str]) -> tuple[str, ...]:
+    """Return the arrays of @hold."""
+    return ('q', 'qd', 'watch', 'unlocked', *(name for name in extra if name != 'free'), *HELD)
+
+
+def _hold(contact: Contact, extra: Sequence[str], form: Format) -> str:
+    """Return @hold."""
+    trips = _Trips('define internal void @hold', _hold_arguments(extra), contact, form)
+
+    def solve() -> None:
+        effort = trips.effort('qd')
+        trips.evaluate('_held', 'qdd', tau=effort, free='moving')
+
+    trips.run('directions')
+    trips.copy('unlocked', 'moving')
+    trips.fill('busy', 0.0)
+    with trips.ir.when(trips.any('watch')):
+        trips.run('modes')
+    solve()
+    with trips.ir.when(trips.any('busy')), trips.while_any('busy', contact.pivots):
+        trips.evaluate('_inverse', 'torque')
+        trips.run('pivot', x='qdd', load='tau')
+        with trips.ir.when(trips.any('busy')):
+            solve()
+    return trips.text
+
+
+def _compress(contact: Contact, form: Format) -> str:
+    """Return @compress."""
+    given = ('q', 'qd', 'unlocked', 'hits', *COMPRESSED)
+    trips = _Trips('define internal void @compress', given, contact, form)
+    trips.fill('zero', 0.0)
+
+    def solve() -> None:
+        trips.evaluate('_solve', 'x', qd='zero', tau='load', free='moving')
+
+    trips.evaluate('_momentum', 'load', qd='zero', qdd='qd')
+    trips.run('compression')
+    solve()
+    with trips.while_any('busy', contact.pivots):
+        trips.evaluate('_momentum', 'torque', qd='zero', qdd='x')
+        trips.run('pivot')
+        with trips.ir.when(trips.any('busy')):
+            solve()
+    return trips.text
+
+
+def _step(contact: Contact, extra: Sequence[str], form: Format) -> str:
+    """Return @step."""
+    trips = _Trips('define internal void @step', (*REPORT, *extra), contact, form)
+    n = trips.size('q')
+    trips.fill('rest', contact.h)
+    trips.fill('tripped', 0.0)
+    _unlock(trips, extra)
+    # Each joint has at most two events, and a step at most one end.
+    with trips.while_any('rest', 2 * n + 1):
+        trips.run('watch')
+        if 'hits' in contact.texts:
+            with trips.ir.when(trips.any('watch')):
+                trips.run('hits')
+                with trips.ir.when(trips.any('hits')):
+                    _impact(trips)
+        trips.call('hold', _hold_arguments(extra))
+        for k in (2, 3, 4):
+            trips.run(f'stage{k}')
+            effort = trips.effort(f'qd{k}')
+            trips.evaluate('_held', f'qdd{k}', q='at', qd=f'qd{k}', tau=effort, free='moving')
+        trips.run('end')
+        with trips.ir.when(trips.any('event'), rarely=True):
+            trips.run('cut')
+        trips.run('commit')
+    return trips.text
+
+
+def _evaluate(contact: Contact, extra: Sequence[str], form: Format) -> str:
+    """Return @evaluate."""
+    trips = _Trips('define void @evaluate', (*MOTION, *extra, 'qdd'), contact, form)
+    _unlock(trips, extra)
+    trips.run('watch')
+    trips.call('hold', _hold_arguments(extra))
+    return trips.text
+
+
+def _unlock(trips: _Trips, extra: Sequence[str]) -> None:
+    """Set `unlocked`: all joints but those that a brake holds."""
+    if 'free' in extra:
+        trips.copy('free', 'unlocked')
+    else:
+        trips.fill('unlocked', 1.0)
+
+
+def _impact(trips: _Trips) -> None:
+    """Write the velocities after an impact to qd."""
+    trips.call('compress', ('q', 'qd', 'unlocked', 'hits', *COMPRESSED))
+    trips.run('impulses')
+    trips.fill('zero', 0.0)
+    trips.evaluate('_solve', 'returned', qd='zero', tau='thrown', free='unlocked')
+    trips.run('restitution')
+    with trips.ir.when(trips.any('hits')):
+        trips.call('compress', ('q', 'qd', 'unlocked', 'hits', *COMPRESSED))
+        trips.run('inelastic')

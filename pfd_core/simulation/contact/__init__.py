@@ -1,0 +1,10 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Dry friction, joint stops and brakes in a step: texts that the native step runs between events.
+
+    modes     which joints slide and which are held; the active set that finds the accelerations
+    impacts   velocities after a joint has reached its stop
+    events    stages of RK4 in fixed modes; the trip cut at a reversal or a stop
+    texts     all texts by name; the native code that runs them is kernels.codegen.trips
+"""

@@ -1,0 +1,263 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Integration between events: the classical Runge-Kutta method with its cubic output.
+
+The modes of the joints are fixed over a trip of length r, the rest of the step. If a sliding joint
+reverses in it, or a joint passes its stop, the trip is cut at the earliest such event, by the
+output of third order
+
+    v(t) = v + r (b1 a1 + b2 (a2 + a3) + b4 a4),   q(t) likewise of the stages' velocities
+    b1 = t - 3 t^2/2 + 2 t^3/3,   b2 = t^2 - 2 t^3/3,   b4 = -t^2/2 + 2 t^3/3,   0 <= t <= 1
+
+Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.6. At the event
+the velocity is 0.0, or the position the stop, exactly. A joint with a second event in one step is
+locked until the step ends, so that a step has at most 2 n + 1 trips, also of a joint that bounces
+without end.
+
+A joint that begins at rest or at its stop has a root at t = 0, which is divided out.
+
+One register holds one number; flags are 1 or 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.machine.iteration import iterate
+from pfd_core.machine.lanes import absolute, where
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.model import Plant
+from pfd_core.simulation.contact.modes import (
+    any_of,
+    both,
+    either,
+    first_equal,
+    inside_stops,
+    sign_of,
+    smallest,
+)
+
+# Stages of the method: their accelerations, and their velocities after the first, which is qd.
+ACCELERATIONS = ('qdd', 'qdd2', 'qdd3', 'qdd4')
+VELOCITIES = ('qd', 'qd2', 'qd3', 'qd4')
+# Trips of Newton's method in a bracket; bisection alone would need 53.
+ROOT_TRIPS = 60
+# Part of a trip within which an event is found: a few units of rounding.
+ROOT_TOLERANCE = {'float64': 2.0**-51, 'float32': 2.0**-22}
+
+Cubic = list[Lanes]
+
+
+def record_stage(n: int, stage: int) -> Program:
+    """Return the program of position `at` and velocity `qd<stage>` of stage 2, 3 or 4."""
+    recorder = Recorder(1, 'sequential')
+    before, slope = VELOCITIES[stage - 2], ACCELERATIONS[stage - 2]
+    q, qd = (input_list(recorder, name, n) for name in ('q', 'qd'))
+    v = qd if before == 'qd' else input_list(recorder, before, n)
+    a = input_list(recorder, slope, n)
+    (r,) = input_list(recorder, 'rest', 1)
+    c = r if stage == 4 else r * 0.5
+    return program_with_outputs(
+        recorder,
+        at=[q[i] + c * v[i] for i in range(n)],
+        **{VELOCITIES[stage - 1]: [qd[i] + c * a[i] for i in range(n)]},
+    )
+
+
+def record_end(plant: Plant) -> Program:
+    """
+    Return the program of the end of a trip.
+
+    Inputs are q, the stages, direction and, (1,), rest. Outputs are q.end, qd.end and, (1,),
+    rest.end = 0 and `event`: whether a joint may have reversed or passed its stop.
+    """
+    n = plant.robot.n
+    recorder, q, r, v, a = _stages(n)
+    sixth = r * (1 / 6)
+    q_end, qd_end = (
+        [x0[i] + sixth * ((s[0][i] + s[3][i]) + 2.0 * (s[1][i] + s[2][i])) for i in range(n)]
+        for x0, s in ((q, v), (v[0], a))
+    )
+    zero = recorder.constant(0.0)
+    reversals = [event for event in _events(plant, recorder, q) if event.stop is None]
+    margins = [event.at(q_end, qd_end) for event in reversals] + inside_stops(plant, q_end)
+    return program_with_outputs(
+        recorder,
+        **{'q.end': q_end, 'qd.end': qd_end, 'rest.end': [zero]},
+        event=[sign_of(-smallest(margins))],
+    )
+
+
+def record_cut(plant: Plant, dtype: str) -> Program:
+    """
+    Return the program that cuts a trip at its earliest event.
+
+    Inputs are those of `record_end` and q.end, qd.end, unlocked, and tripped, flags of the joints
+    with an event in this step. Outputs are q.end, qd.end, rest.end, unlocked and tripped.
+    """
+    n = plant.robot.n
+    recorder, q, r, v, a = _stages(n)
+    q_end, qd_end, unlocked, tripped = (
+        input_list(recorder, name, n) for name in ('q.end', 'qd.end', 'unlocked', 'tripped')
+    )
+    position = [_cubic(q[i], r, [row[i] for row in v]) for i in range(n)]
+    velocity = [_cubic(v[0][i], r, [row[i] for row in a]) for i in range(n)]
+    events = _events(plant, recorder, q)
+    passed = [sign_of(-e.at(q_end, qd_end)) for e in events]
+    event = any_of(passed)
+    functions = [_deflated(e.polynomial(position, velocity)) for e in events]
+    roots = _roots(functions, passed, ROOT_TOLERANCE[dtype])
+    times = [where(flag, root, 2.0) for flag, root in zip(passed, roots, strict=True)]
+    t = times[0]
+    for other in times[1:]:
+        t = where(t - other, other, t)
+    first = [both(event, flag) for flag in first_equal(times, t)]
+
+    cut_q = [_value(position[i], t) for i in range(n)]
+    cut_qd = [_value(velocity[i], t) for i in range(n)]
+    zero = recorder.constant(0.0)
+    mine = [zero] * n
+    for flag, e in zip(first, events, strict=True):
+        i = e.joint
+        mine[i] = either(mine[i], flag)
+        if e.stop is None:
+            cut_qd[i] = where(flag, 0.0, cut_qd[i])
+        else:
+            cut_q[i] = where(flag, e.stop, cut_q[i])
+    pinned = list(map(both, mine, tripped))
+    cut_qd = [where(pinned[i], 0.0, cut_qd[i]) for i in range(n)]
+    return program_with_outputs(
+        recorder,
+        **{
+            'q.end': [where(event, cut_q[i], q_end[i]) for i in range(n)],
+            'qd.end': [where(event, cut_qd[i], qd_end[i]) for i in range(n)],
+            'rest.end': [where(event, r * (1.0 - t), 0.0)],
+        },
+        unlocked=[where(pinned[i], 0.0, unlocked[i]) for i in range(n)],
+        tripped=list(map(either, tripped, mine)),
+    )
+
+
+def record_commit(n: int) -> Program:
+    """Return the program of q, qd and rest after a trip; a finished step keeps its own."""
+    recorder = Recorder(1, 'sequential')
+    (rest,) = input_list(recorder, 'rest', 1)
+    return program_with_outputs(
+        recorder,
+        **{
+            name: [
+                where(rest, end, old)
+                for end, old in zip(
+                    input_list(recorder, f'{name}.end', size),
+                    input_list(recorder, name, size),
+                    strict=True,
+                )
+            ]
+            for name, size in (('q', n), ('qd', n), ('rest', 1))
+        },
+    )
+
+
+@dataclass(frozen=True)
+class _Event:
+    """A function of a joint's position or velocity that is below zero after the event."""
+
+    joint: int
+    sign: Lanes  # of the position's or velocity's part in the function
+    stop: Lanes | None  # the position that a joint must not pass; None for a reversal
+
+    def at(self, q: Sequence[Lanes], qd: Sequence[Lanes]) -> Lanes:
+        """Return the function of a state."""
+        way = qd[self.joint] if self.stop is None else q[self.joint] - self.stop
+        result: Lanes = self.sign * way
+        return result
+
+    def polynomial(self, position: Sequence[Cubic], velocity: Sequence[Cubic]) -> Cubic:
+        """Return the coefficients of the function over a trip, from the constant one on."""
+        row = list((velocity if self.stop is None else position)[self.joint])
+        if self.stop is not None:
+            row[0] = row[0] - self.stop
+        return [self.sign * c for c in row]
+
+
+def _events(plant: Plant, recorder: Recorder, q: Sequence[Lanes]) -> list[_Event]:
+    """Return the events that joints may have: reversals under friction, and stops passed."""
+    one = recorder.constant(1.0)
+    events = []
+    if plant.friction is not None:
+        direction = input_list(recorder, 'direction', len(q))
+        events = [_Event(i, direction[i], None) for i in np.flatnonzero(plant.friction).tolist()]
+    for i, (lower, upper) in enumerate([] if plant.joint_limits is None else plant.joint_limits):
+        # A joint beyond its stop must not move further.
+        if math.isfinite(lower):
+            events.append(_Event(i, one, where(q[i] - float(lower), float(lower), q[i])))
+        if math.isfinite(upper):
+            events.append(_Event(i, -one, where(float(upper) - q[i], float(upper), q[i])))
+    return events
+
+
+def _stages(n: int) -> tuple[Recorder, list[Lanes], Lanes, list[list[Lanes]], list[list[Lanes]]]:
+    """Return a recorder, and the inputs q, rest, velocities and accelerations of the stages."""
+    recorder = Recorder(1, 'sequential')
+    q = input_list(recorder, 'q', n)
+    (rest,) = input_list(recorder, 'rest', 1)
+    v, a = ([input_list(recorder, m, n) for m in names] for names in (VELOCITIES, ACCELERATIONS))
+    return recorder, q, rest, v, a
+
+
+def _cubic(start: Lanes, r: Lanes, slopes: Sequence[Lanes]) -> Cubic:
+    """Return the coefficients of the output of one component, from the constant one on."""
+    first, last = slopes[0], slopes[3]
+    middle = slopes[1] + slopes[2]
+    second = r * (middle - 1.5 * first - 0.5 * last)
+    third = r * ((2 / 3) * ((first - middle) + last))
+    return [start, r * first, second, third]
+
+
+def _deflated(c: Cubic) -> Cubic:
+    """Return a polynomial without its root at 0, if it has one there."""
+    shifted = [*c[1:], c[0] * 0.0]
+    return [where(absolute(c[0]), own, other) for own, other in zip(c, shifted, strict=True)]
+
+
+def _value(c: Cubic, t: Lanes) -> Lanes:
+    result: Lanes = c[0] + t * (c[1] + t * (c[2] + t * c[3]))
+    return result
+
+
+def _roots(functions: Sequence[Cubic], passed: Sequence[Lanes], tolerance: float) -> list[Lanes]:
+    """
+    Return a root in [0, 1] of each function that is below zero at 1; the others do not matter.
+
+    Newton's method; where it leaves the bracket, the middle of the bracket.
+    """
+    count = len(functions)
+    zero, one = (passed[0].recorder.constant(x) for x in (0.0, 1.0))
+
+    def trip(*state: Lanes) -> tuple[tuple[Lanes, ...], Lanes]:
+        following: list[Lanes] = []
+        furthest = zero
+        for k, c in enumerate(functions):
+            left, right, x = state[3 * k : 3 * k + 3]
+            f = _value(c, x)
+            slope = c[1] + x * (2.0 * c[2] + x * (3.0 * c[3]))
+            left, right = where(-f, left, x), where(-f, x, right)
+            newton = x - f / slope
+            outside = either(sign_of(left - newton), sign_of(newton - right))
+            better = where(outside, 0.5 * (left + right), newton)
+            new = where(absolute(f), better, x)
+            way = where(passed[k], absolute(new - x), zero)
+            furthest = where(way - furthest, way, furthest)
+            following += [left, right, new]
+        return tuple(following), furthest
+
+    start = tuple(x for _ in range(count) for x in (zero, one, one))
+    state, _ = iterate(trip, start, one, ROOT_TRIPS, one * tolerance)
+    return [state[3 * k + 2] for k in range(count)]

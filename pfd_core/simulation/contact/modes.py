@@ -1,0 +1,276 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Modes of the joints: which slide, which are held, and by which bounds.
+
+    H x = c + lambda,   lower <= lambda <= upper where x = 0
+
+is the problem of holding (x the accelerations, c = tau - bias) and that of an impact (x the
+velocities after it, c = H qd). Both are the stationary conditions of a strictly convex function,
+x'Hx/2 - c'x plus convex terms of single joints, so that the solution is one and always there.
+
+A joint is at rest exactly if its velocity is 0.0; then it is a candidate for being held, by static
+friction, by a stop, or by both. A primal active set starts with all candidates held and changes
+one joint at a time (`pivot`):
+
+    released joints whose x has the wrong sign     the first on the way from the last feasible x is
+                                                   held again
+    otherwise                                      the held joint with the largest excess of lambda
+                                                   over its bounds is released
+
+Every change with a way above zero lowers the function, and a joint that is held again without one
+stays held, so that no set comes twice. The solution for a set is the forward dynamics of a scene
+with brakes, lambda is inverse dynamics minus the load; neither needs the inertia matrix itself.
+
+Nocedal and Wright, Numerical Optimization, 2nd ed., 16.5 (active sets).
+
+One register holds one number; flags are 1 or 0.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import math
+
+import numpy as np
+
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.machine.lanes import absolute, where
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.model import Plant
+
+# Largest number of pivots, times the number of joints. Random matrices of condition 1e8 need less
+# than four.
+PIVOTS = 4
+
+
+def record_watch(plant: Plant) -> Program:
+    """
+    Return the program of `watch`, (1,): whether a joint may be at rest or at a stop.
+
+    Inputs are q and qd. It is the short way past the texts that only such joints need.
+    """
+    n = plant.robot.n
+    recorder = Recorder(1, 'sequential')
+    q, qd = (input_list(recorder, name, n) for name in ('q', 'qd'))
+    margins = [*inside_stops(plant, q)]
+    if plant.friction is not None:
+        margins += [qd[i] * qd[i] for i in np.flatnonzero(plant.friction)]
+    return program_with_outputs(recorder, watch=[negated(smallest(margins))])
+
+
+def record_directions(n: int) -> Program:
+    """Return the program of `direction`, (n,), the signs of the velocities qd."""
+    recorder = Recorder(1, 'sequential')
+    qd = input_list(recorder, 'qd', n)
+    return program_with_outputs(
+        recorder, direction=[where(v, 1.0, where(-v, -1.0, 0.0)) for v in qd]
+    )
+
+
+def record_modes(plant: Plant) -> Program:
+    """
+    Return the program of the modes in which an integration begins.
+
+    Inputs are q, qd and unlocked, 0 for a joint that a brake holds. Outputs, (n,): moving, 0 for a
+    held joint; candidate; lower and upper, the bounds of a candidate's lambda; last and barred,
+    zeros, for `record_pivot`. Output, (1,): busy, whether any joint is a candidate.
+    """
+    n = plant.robot.n
+    recorder = Recorder(1, 'sequential')
+    q, qd, unlocked = (input_list(recorder, name, n) for name in ('q', 'qd', 'unlocked'))
+    zero = recorder.constant(0.0)
+    friction = np.zeros(n) if plant.static_friction is None else plant.static_friction
+    bound = [recorder.constant(f) for f in friction.tolist()]
+    at_lower, at_upper = at_stops(plant, q)
+    resting = [negated(absolute(v)) for v in qd]
+    bounded = [either(sign_of(bound[i]), either(at_lower[i], at_upper[i])) for i in range(n)]
+    candidate = [both(unlocked[i], both(resting[i], bounded[i])) for i in range(n)]
+    return program_with_outputs(
+        recorder,
+        moving=[where(candidate[i], 0.0, unlocked[i]) for i in range(n)],
+        candidate=candidate,
+        lower=[where(at_upper[i], -math.inf, -bound[i]) for i in range(n)],
+        upper=[where(at_lower[i], math.inf, bound[i]) for i in range(n)],
+        last=[zero] * n,
+        barred=[zero] * n,
+        busy=[any_of(candidate)],
+    )
+
+
+def record_pivot(n: int) -> Program:
+    """
+    Return the program of one change of the set of held joints.
+
+    Inputs, (n,): x, the solution for the set, torque = H x + bias, load = c + bias, and the
+    outputs of `record_modes` and `record_directions`. Outputs are those that change.
+    """
+    recorder = Recorder(1, 'sequential')
+    rows = ('x', 'torque', 'load', 'candidate', 'lower', 'upper')
+    x, torque, load, candidate, lower, upper = (input_list(recorder, r, n) for r in rows)
+    moving, direction, last, barred = (
+        input_list(recorder, name, n) for name in ('moving', 'direction', 'last', 'barred')
+    )
+    (busy,) = input_list(recorder, 'busy', 1)
+    zero, one = recorder.constant(0.0), recorder.constant(1.0)
+
+    # The way to x until the first released joint has come to zero, as a part of it.
+    wrong = [
+        both(both(candidate[i], moving[i]), sign_of(-(direction[i] * x[i]))) for i in range(n)
+    ]
+    parts = [where(wrong[i], last[i] / (last[i] - x[i]), 2.0) for i in range(n)]
+    part = smallest(parts)
+    blocked = sign_of(2.0 - part)
+    held_again = list(map(both, first_equal(parts, part), [blocked] * n))
+    halfway = [where(held_again[i], 0.0, last[i] + part * (x[i] - last[i])) for i in range(n)]
+
+    # The held joint that needs more than its bounds allow.
+    lam = [t - c for t, c in zip(torque, load, strict=True)]
+    above = [lam[i] - upper[i] for i in range(n)]
+    below = [lower[i] - lam[i] for i in range(n)]
+    waits = [both(both(candidate[i], negated(moving[i])), negated(barred[i])) for i in range(n)]
+    excess = [
+        where(waits[i], where(above[i] - below[i], above[i], below[i]), 0.0) for i in range(n)
+    ]
+    largest = _extreme(excess, lambda a, b: where(a - b, a, b))
+    goes_on = either(blocked, sign_of(largest))
+    released = list(map(both, first_equal(excess, largest), [sign_of(largest)] * n))
+
+    def chosen(old: Lanes, blocked_value: Lanes, other: Lanes) -> Lanes:
+        result: Lanes = where(busy, where(blocked, blocked_value, other), old)
+        return result
+
+    sign = [where(above[i], -1.0, 1.0) for i in range(n)]
+    again = [where(held_again[i], 0.0, moving[i]) for i in range(n)]
+    more = [where(released[i], 1.0, moving[i]) for i in range(n)]
+    sent = [where(released[i], sign[i], direction[i]) for i in range(n)]
+    stuck = [
+        where(held_again[i], where(absolute(last[i]), barred[i], one), barred[i]) for i in range(n)
+    ]
+    back = [where(held_again[i], 0.0, direction[i]) for i in range(n)]
+    return program_with_outputs(
+        recorder,
+        moving=list(map(chosen, moving, again, more)),
+        direction=list(map(chosen, direction, back, sent)),
+        last=list(map(chosen, last, halfway, x)),
+        barred=list(map(chosen, barred, stuck, barred)),
+        busy=[where(busy, goes_on, zero)],
+    )
+
+
+def record_effort(plant: Plant) -> Program:
+    """
+    Return the program of `effort`, (n,): torques less the dry friction of sliding joints.
+
+    Inputs are tau, direction s and qd. Friction is s F(qd), F(v) = Fc + (Fs - Fc)/(1 + (v/vs)^2)
+    with the speed vs of Stribeck; F(0) = Fs bounds a held joint, too, so that a joint is released
+    without a jump.
+    """
+    n = plant.robot.n
+    recorder = Recorder(1, 'sequential')
+    tau, direction, qd = (input_list(recorder, name, n) for name in ('tau', 'direction', 'qd'))
+    effort = list(tau)
+    assert plant.friction is not None
+    assert plant.static_friction is not None
+    for i, (sliding, static) in enumerate(
+        zip(plant.friction.tolist(), plant.static_friction.tolist(), strict=True)
+    ):
+        friction = recorder.constant(sliding)
+        if static > sliding and plant.stribeck_velocity is not None:
+            u = qd[i] * (1.0 / float(plant.stribeck_velocity[i]))
+            friction = friction + (static - sliding) / (1.0 + u * u)
+        effort[i] = tau[i] - direction[i] * friction
+    return program_with_outputs(recorder, effort=effort)
+
+
+def at_stops(plant: Plant, q: Sequence[Lanes]) -> tuple[list[Lanes], list[Lanes]]:
+    """Return flags of the joints at or beyond their lower, and their upper, stops."""
+    zero = q[0].recorder.constant(0.0)
+    lower, upper = [zero] * len(q), [zero] * len(q)
+    if plant.joint_limits is not None:
+        for i, (first, last) in enumerate(plant.joint_limits.tolist()):
+            if math.isfinite(first):
+                lower[i] = negated(q[i] - first)
+            if math.isfinite(last):
+                upper[i] = negated(last - q[i])
+    return lower, upper
+
+
+def inside_stops(plant: Plant, q: Sequence[Lanes]) -> list[Lanes]:
+    """Return numbers that are all above zero if every joint is between its stops."""
+    if plant.joint_limits is None:
+        return []
+    margins = []
+    for x, (lower, upper) in zip(q, plant.joint_limits.tolist(), strict=True):
+        # At most one of the two distances is negative.
+        distances = [x - lower] * math.isfinite(lower) + [upper - x] * math.isfinite(upper)
+        margins += [math.prod(distances[1:], start=distances[0])] if distances else []
+    return margins
+
+
+def into_stops(plant: Plant, q: Sequence[Lanes], qd: Sequence[Lanes]) -> list[Lanes]:
+    """Return flags of the joints that are at a stop and move into it."""
+    lower, upper = at_stops(plant, q)
+    return [
+        either(both(a, sign_of(-v)), both(b, sign_of(v)))
+        for a, b, v in zip(lower, upper, qd, strict=True)
+    ]
+
+
+# Flags: 1 or 0.
+
+
+def sign_of(x: Lanes) -> Lanes:
+    """Return whether a number is above zero."""
+    result: Lanes = where(x, 1.0, 0.0)
+    return result
+
+
+def both(a: Lanes, b: Lanes) -> Lanes:
+    """Return whether two flags are set."""
+    result: Lanes = where(a, b, 0.0)
+    return result
+
+
+def either(a: Lanes, b: Lanes) -> Lanes:
+    """Return whether one of two flags is set."""
+    result: Lanes = where(a, a, b)
+    return result
+
+
+def negated(a: Lanes) -> Lanes:
+    """Return whether a flag is not set, or a number not above zero."""
+    result: Lanes = where(a, 0.0, 1.0)
+    return result
+
+
+def any_of(flags: Sequence[Lanes]) -> Lanes:
+    """Return whether any flag is set."""
+    total = flags[0]
+    for flag in flags[1:]:
+        total = either(total, flag)
+    return total
+
+
+def first_equal(values: Sequence[Lanes], value: Lanes) -> list[Lanes]:
+    """Return the flag of the first of some numbers that equals a number."""
+    taken = value.recorder.constant(0.0)
+    flags = []
+    for x in values:
+        equal = where(absolute(x - value), 0.0, 1.0)
+        flags.append(where(taken, 0.0, equal))
+        taken = either(taken, flags[-1])
+    return flags
+
+
+def smallest(values: Sequence[Lanes]) -> Lanes:
+    """Return the smallest of some numbers."""
+    return _extreme(values, lambda a, b: where(a - b, b, a))
+
+
+def _extreme(values: Sequence[Lanes], better: Callable[[Lanes, Lanes], Lanes]) -> Lanes:
+    best = values[0]
+    for value in values[1:]:
+        best = better(best, value)
+    return best

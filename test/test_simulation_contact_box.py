@@ -1,0 +1,237 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Held joints, released joints and impacts satisfy the conditions that define them."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from oracle import Oracle
+import pytest
+from zoo import random_chain
+
+import pfd_core as pfd
+from pfd_core.model.checked_numbers import Array
+
+# A time in which no state changes and no event happens, after which rates can be read.
+INSTANT = 1e-15
+# Torques of 1e3 N m of a chain of condition 1e4, after one step.
+BALANCE = 1e-8
+# An impact never adds energy but by rounding.
+ENERGY = 1e-12
+
+
+def instant(robot: pfd.Robot, scene: pfd.Scene, q: Array, qd: Array, tau: Array) -> pfd.Ensemble:
+    """Return an ensemble after a step of no length from states, (B, n), under torques."""
+    arms = pfd.Ensemble(robot, len(q), scene, step_size=INSTANT, substeps=1)
+    arms.reset(q, qd)
+    arms.rollout(tau[:, np.newaxis])
+    return arms
+
+
+@pytest.mark.parametrize('n', [1, 2, 4, 7])
+def test_accelerations_from_rest_balance_the_torques_within_the_friction(n: int) -> None:
+    rng = np.random.default_rng(n)
+    robot = random_chain(rng, n, 0.2)
+    friction = rng.uniform(0.5, 2.0, n)
+    q = rng.uniform(-2, 2, (100, n))
+    oracle = Oracle(robot)
+    zero = np.zeros(n)
+    needed = np.array([oracle.tau(x, zero, zero) for x in q])
+    tau = needed + friction * rng.uniform(-10, 10, (100, n)) ** rng.integers(0, 2, (100, n))
+    tau[:20] = needed[:20] + friction * rng.uniform(-0.95, 0.95, (20, n))
+    qdd = instant(robot, pfd.Scene(friction=friction), q, 0 * q, tau).qdd
+    for x, a, given, bias in zip(q, qdd, tau, needed, strict=True):
+        reaction = oracle.H(x) @ a + bias - given
+        scale = BALANCE * (np.abs(given).max() + friction.max())
+        assert (np.abs(reaction) <= friction + scale).all()
+        moves = a != 0.0
+        assert np.abs(reaction + np.sign(a) * friction)[moves].max(initial=0.0) < scale
+    assert (qdd[:20] == 0.0).all()
+    if n > 1:
+        held = qdd == 0.0
+        assert (held.any(axis=1) & ~held.all(axis=1)).sum() > 10
+
+
+def test_a_joint_at_its_stop_is_pushed_away_from_it_alone() -> None:
+    rng = np.random.default_rng(5)
+    robot, n = random_chain(rng, 4, 0.2), 4
+    limits = np.array([[-1.0, 1.0]] * n)
+    friction = np.array([0.0, 1.0, 0.0, 0.5])
+    scene = pfd.Scene(friction=friction, joint_limits=limits, restitution=0.3)
+    q = rng.choice([-1.0, 1.0, 0.3], (200, n))
+    tau = rng.uniform(-30, 30, (200, n))
+    qdd = instant(robot, scene, q, 0 * q, tau).qdd
+    oracle = Oracle(robot)
+    for x, a, given in zip(q, qdd, tau, strict=True):
+        reaction = oracle.H(x) @ a + oracle.tau(x, 0 * x, 0 * x) - given
+        scale = BALANCE * 30
+        lower = np.where(x == 1.0, -np.inf, -friction)
+        upper = np.where(x == -1.0, np.inf, friction)
+        assert (lower - scale <= reaction).all()
+        assert (reaction <= upper + scale).all()
+        assert (a[x == -1.0] >= 0).all()
+        assert (a[x == 1.0] <= 0).all()
+        wanted = np.where(a > 0, lower, upper)[a != 0.0]
+        assert np.abs(reaction[a != 0.0] - wanted).max(initial=0.0) < scale
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_an_impact_never_adds_energy_and_no_joint_moves_on_into_its_stop(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n = 2 + seed % 6
+    robot = random_chain(rng, n, 0.2)
+    scene = pfd.Scene(
+        gravity=None, joint_limits=[[-1.0, 1.0]] * n, restitution=rng.uniform(0, 1, n)
+    )
+    q = rng.choice([-1.0, 1.0, 0.2], (256, n), p=[0.4, 0.4, 0.2])
+    before = rng.normal(size=(256, n))
+    after = instant(robot, scene, q, before, 0 * q).qd
+    oracle = Oracle(robot)
+    into = ((q == -1.0) & (before < 0)) | ((q == 1.0) & (before > 0))
+    still = ((q == -1.0) & (after < 0)) | ((q == 1.0) & (after > 0))
+    assert into.any(axis=1).sum() > 128
+    assert not still.any()
+    for x, v, w in zip(q, before, after, strict=True):
+        H = oracle.H(x)
+        assert w @ H @ w <= v @ H @ v * (1 + ENERGY)
+
+
+def test_an_impact_of_one_joint_turns_its_velocity_by_the_restitution() -> None:
+    rng = np.random.default_rng(2)
+    robot, n = random_chain(rng, 3, 0.0), 3
+    scene = pfd.Scene(gravity=None, joint_limits=[[-1, 1]] * n, restitution=[0.2, 0.5, 1.0])
+    oracle = Oracle(robot)
+    for i, e in enumerate([0.2, 0.5, 1.0]):
+        q, v = rng.uniform(-0.9, 0.9, (1, n)), rng.normal(size=(1, n))
+        q[0, i], v[0, i] = 1.0, 2.0
+        after = instant(robot, scene, q, v, 0 * q).qd[0]
+        impulse = oracle.H(q[0]) @ (after - v[0])
+        assert after[i] == pytest.approx(-e * v[0, i], rel=BALANCE)
+        others = np.arange(n) != i
+        assert np.abs(impulse[others]).max() < BALANCE * abs(impulse[i])
+
+
+def test_a_braked_joint_takes_no_part_in_an_impact() -> None:
+    rng = np.random.default_rng(4)
+    robot = random_chain(rng, 3, 0.0)
+    scene = pfd.Scene(gravity=None, joint_limits=[[-1, 1]] * 3, restitution=[1.0] * 3, brakes=True)
+    q, v, held = [0.3, 1.0, 0.1], [0.0, 2.0, -1.0], np.array([True, False, False])
+    sim = pfd.Simulator(robot, scene, step_size=INSTANT, substeps=1)
+    sim.reset(q, v)
+    sim.step(np.zeros(3), brakes=held)
+    assert sim.qd[0] == 0.0
+    H = Oracle(robot).H(np.array(q))[1:, 1:]
+    change = sim.qd[1:] - v[1:]
+    assert abs((H @ change)[1]) < BALANCE * abs((H @ change)[0])
+    assert sim.qd[1] == pytest.approx(-2.0, rel=BALANCE)
+
+
+def loaded_arm(share: float) -> tuple[pfd.Robot, Array, Array]:
+    """Return UR5, a pose, and friction of which gravity needs a share."""
+    robot = pfd.load_robot('ur5')
+    q = np.array([0.3, -0.8, 1.1, 0.4, -0.6, 0.2])
+    needed = np.abs(pfd.inverse_dynamics(robot, q, 0 * q, 0 * q))
+    return robot, q, np.maximum(needed / share, 0.1)
+
+
+def test_an_arm_under_95_percent_of_its_friction_does_not_creep() -> None:
+    robot, q, friction = loaded_arm(0.95)
+    sim = pfd.Simulator(robot, pfd.Scene(friction=friction))
+    sim.reset(q)
+    run = sim.rollout(np.zeros((10_000, 6)))
+    assert (run.q == q).all()
+    assert (run.qd == 0.0).all()
+    assert (run.qdd == 0.0).all()
+
+
+def test_an_arm_under_a_shaking_torque_below_its_friction_does_not_creep() -> None:
+    robot, q, friction = loaded_arm(1.0)
+    time = np.arange(10_000) * 1e-3
+    shaken = pfd.inverse_dynamics(robot, q, 0 * q, 0 * q)
+    taus = shaken * (1 - 0.8 - 0.15 * np.sin(10 * np.pi * time))[:, np.newaxis]
+    sim = pfd.Simulator(robot, pfd.Scene(friction=friction))
+    sim.reset(q)
+    run = sim.rollout(taus)
+    assert (run.q == q).all()
+
+
+@pytest.mark.parametrize(('dtype', 'brakes'), [*product(['float64', 'float32'], [False, True])])
+def test_an_arm_moves_by_the_same_bits_alone_step_by_step_and_beside_others(
+    dtype: str, brakes: bool
+) -> None:
+    rng = np.random.default_rng(7)
+    robot = pfd.load_robot('puma560')
+    n = robot.n
+    scene = pfd.Scene(
+        friction=rng.uniform(0.5, 3, n),
+        static_friction=[4.0] * n,
+        stribeck_velocity=[0.1] * n,
+        joint_limits=[[-1.0, 1.0]] * n,
+        restitution=0.5,
+        brakes=brakes,
+        external_wrench=True,
+    )
+    settings = {'step_size': 2e-3, 'dtype': dtype}
+    held = {'brakes': np.arange(n) == 1} if brakes else {}
+    q, qd = rng.uniform(-0.9, 0.9, (11, n)), rng.normal(0, 3, (11, n))
+    qd[::3] = 0.0
+    taus = rng.normal(0, 20, (11, 300, n))
+    wrench = rng.normal(0, 5, 6)
+    arms = pfd.Ensemble(robot, 11, scene, **settings)
+    arms.reset(q, qd)
+    many = arms.rollout(taus, wrench=wrench, threads=2, **held)
+    assert (many.finite_steps == 300).all()
+    assert ((many.qd == 0).any(axis=(1, 2))).all()
+    for k in range(11):
+        alone = pfd.Simulator(robot, scene, **settings)
+        alone.reset(q[k], qd[k])
+        run = alone.rollout(taus[k], wrench=wrench, **held)
+        for name in ('q', 'qd', 'qdd'):
+            np.testing.assert_array_equal(getattr(run, name), getattr(many, name)[k], name)
+    stepped = pfd.Simulator(robot, scene, **settings)
+    stepped.reset(q[10], qd[10])
+    for tau in taus[10]:
+        stepped.step(tau, wrench, **held)
+    np.testing.assert_array_equal(stepped.q, run.q[-1])
+    np.testing.assert_array_equal(stepped.qdd, run.qdd[-1])
+
+
+def test_the_order_is_four_while_sliding_and_above_two_through_reversals_and_stops() -> None:
+    rng = np.random.default_rng(1)
+    robot, n = random_chain(rng, 3, 0.0), 3
+    armature = {'armature': [1.0] * n}
+    smooth = pfd.Scene(friction=[0.5] * n, **armature)
+    eventful = pfd.Scene(
+        friction=[3.0] * n, joint_limits=[[-0.5, 0.5]] * n, restitution=0.5, **armature
+    )
+    for scene, least in ((smooth, 3.8), (eventful, 2.0)):
+        ends = []
+        for refined in (1, 2, 4, 8, 64):
+            sim = pfd.Simulator(robot, scene, step_size=8e-3, substeps=refined)
+            sim.reset([0.1] * n, [3.0, -3.0, 3.0])
+            ends.append(sim.rollout(np.zeros((100 if scene is eventful else 6, n))).q[-1])
+        errors = np.abs(np.array(ends[:-1]) - ends[-1]).max(axis=1)
+        order = np.log2(errors[0] / errors[-1]) / 3
+        assert order > least
+
+
+def test_friction_costs_no_operation_where_it_is_off() -> None:
+    robot = pfd.load_robot('ur5')
+    bare = pfd.Simulator(robot)
+    off = pfd.Simulator(robot, pfd.Scene(friction=[0.0] * 6, joint_limits=[[-np.inf, np.inf]] * 6))
+    assert off._native.native is bare._native.native or off._native.work == bare._native.work
+
+
+@pytest.mark.parametrize('integrator', ['velocity_verlet', 'imex2'])
+def test_other_integrators_refuse_friction(integrator: str) -> None:
+    robot = pfd.load_robot('ur5')
+    with pytest.raises(ValueError, match=r'friction and joint_limits .* need'):
+        pfd.Simulator(robot, pfd.Scene(friction=[1.0] * 6), integrator=integrator)
+
+
+def test_functions_of_one_instant_refuse_friction() -> None:
+    robot = pfd.load_robot('ur5')
+    with pytest.raises(ValueError, match='act over a step of time'):
+        pfd.compile_kernel(robot, scene=pfd.Scene(friction=[1.0] * 6))

@@ -330,7 +330,7 @@ def nested(levels: int) -> str:
         ('joints: [' + '1, ' * 30_000 + ']\n', 'more than 30000 nodes'),
         ('#' * 1_000_000 + '\n', 'has 1000001 characters'),
         ('joints: !!python/name:os.system x\n', "tag 'tag:yaml.org,2002:python/name:os.system'"),
-        ('joints: !!int 3\n', 'is not used in robots'),
+        ('joints: !!int 3\n', 'is not used here'),
         ('joints: 1\n? [a]\n: b\n', 'a key is no text'),
         ('joints: 1\njoints: 2\n', "key 'joints' occurs more than once in line 1"),
         ('joints: \x07\n', 'is not YAML'),

@@ -3,8 +3,9 @@
 """
 Models: a robot is a serial chain, and a scene is the set of effects that act on it.
 
-    loading             load_robot: a robot by name, from a file or from text
-    yaml_reader         YAML text -> dict, list and str, bounded
+    loading             load_robot: a robot by name, from a file or from text; load_scene
+    yaml_reader         YAML text -> dict, list and str, bounded; tables with known keys
+    yaml_scene          scenes from YAML
     yaml_robot          robots as YAML: tables from papers, and robots stored to the last bit
     urdf_reader         URDF text -> links and joints
     urdf_chain          which joints of a URDF move, and which links each of them carries
@@ -15,6 +16,7 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     robot               Robot: the chain in the frames of Lee and Chang, checked once
     robot_changes       Payload, and robots with a payload or with locked joints
     scene               Scene: which effects are on
+    scene_checks        the fields of a scene as users give them, checked
     plant               Plant: a scene and a robot as numbers
     scene_inputs        the inputs that a scene adds at run time
     joint_space_checks  joints that nothing resists, whose acceleration has no value
@@ -26,7 +28,7 @@ A new effect is a field of Scene, checked in `scene`, and of Plant, resolved in 
 is recorded by pfd_core.algorithms (chain.joint_torques for an effect of the joints).
 """
 
-from pfd_core.model.loading import known_robots, load_robot
+from pfd_core.model.loading import known_robots, load_robot, load_scene
 from pfd_core.model.plant import (
     Plant,
     check_instant,
@@ -35,7 +37,7 @@ from pfd_core.model.plant import (
 )
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.robot_changes import Payload, lock, with_payload
-from pfd_core.model.scene import Scene
+from pfd_core.model.scene import Scene, scene_to_yaml
 from pfd_core.model.scene_inputs import scene_inputs
 from pfd_core.model.yaml_robot import robot_to_yaml
 
@@ -48,10 +50,12 @@ __all__ = [
     'check_instant',
     'known_robots',
     'load_robot',
+    'load_scene',
     'lock',
     'resolve',
     'robot_to_yaml',
     'scene_inputs',
+    'scene_to_yaml',
     'with_payload',
     'without_step_effects',
 ]

@@ -1,6 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Robots by name, from a file or from text."""
+"""
+Robots by name, from a file or from text, and scenes from a file or from text.
+
+A scene file is YAML: a table of the fields of Scene. `null` is None, and numbers of joints are
+lists in the order of the robot's joints.
+"""
 
 from __future__ import annotations
 
@@ -12,9 +17,11 @@ from pathlib import Path
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot import Robot
 from pfd_core.model.robot_changes import lock
+from pfd_core.model.scene import Scene
 from pfd_core.model.urdf_reader import RIGHT_ANGLE_SLACK
 from pfd_core.model.urdf_robot import robot_from_urdf
 from pfd_core.model.yaml_robot import robot_from_yaml
+from pfd_core.model.yaml_scene import scene_from_yaml
 
 PACKAGE = Path(__file__).resolve().parent.parent
 # Installed, the configuration lies in the package; in a checkout, beside it.
@@ -50,7 +57,8 @@ def load_robot(
         off. Branches on a moving link keep their mass, also beyond the tip, but their joints must
         be locked.
     locked : mapping, optional
-        Name of a joint -> position [rad, m] at which it becomes a fixed joint.
+        Name of a joint -> position [rad, m] at which it becomes a fixed joint, and with it the
+        joints of a URDF that mimic it.
     right_angle : float
         Angles of a URDF within this distance [rad] of a multiple of 90 degrees become exact:
         1.570796325 means pi/2, and exact zeros halve the work of a kernel. The robot's
@@ -82,6 +90,32 @@ def load_robot(
                 f'holds one chain, from {quote(robot.base)} to {quote(robot.tip)}'
             )
     return robot if locked is None else lock(robot, locked)
+
+
+def load_scene(source: str | PathLike[str]) -> Scene:
+    """
+    Return a scene from a YAML file, as `Scene.save` writes it, or from the text of one.
+
+    Parameters
+    ----------
+    source : str or path
+        The path of a file, or its text, which has a line break.
+
+    Raises
+    ------
+    ValueError
+        If there is no such file, it cannot be read, a key is unknown or occurs twice, or a value
+        is refused by Scene; the text names file and field.
+
+    """
+    if isinstance(source, str) and '\n' in source:
+        return scene_from_yaml(source, 'YAML text')
+    if not isinstance(source, (str, PathLike)) or not isinstance(fspath(source), str):
+        raise ValueError(f'source must be a path or text, got {quote(source)}')
+    path = Path(source)
+    if not _is_there(path):
+        raise ValueError(f'no scene file {quote(str(path))} (looked in {quote(str(Path.cwd()))})')
+    return scene_from_yaml(_text(path), str(path))
 
 
 def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
@@ -123,12 +157,16 @@ def _file(path: Path) -> tuple[str, str, bool]:
         raise ValueError(f'{label} is xacro: run `xacro {label} > robot.urdf` first')
     if path.suffix not in (*URDF, *YAML):
         raise ValueError(f'{label} must end in {", ".join((*URDF, *YAML))}')
+    return _text(path), str(path), path.suffix in URDF
+
+
+def _text(path: Path) -> str:
+    """Return the text of a file; ValueError if it cannot be read."""
     try:
-        text = _content(path).decode('utf-8-sig')
+        return _content(path).decode('utf-8-sig')
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, 'strerror', None) or error
-        raise ValueError(f'cannot read {label}: {reason}') from error
-    return text, str(path), path.suffix in URDF
+        raise ValueError(f'cannot read {quote(str(path))}: {reason}') from error
 
 
 def _content(path: Path) -> bytes:

@@ -25,7 +25,8 @@ from pfd_core.model.frozen_arrays import FrozenArrays, frozen
 from pfd_core.model.geometry import Array, product
 from pfd_core.model.robot import Robot
 from pfd_core.model.robot_changes import with_payload
-from pfd_core.model.scene import MODEL, PER_JOINT, Scene
+from pfd_core.model.scene import PER_JOINT, Scene
+from pfd_core.model.scene_checks import MODEL
 
 # Fields of Plant whose effects no text has yet.
 NOT_BUILT = ('stiffness', 'effort_limits', 'torque_speed', 'gravity_compensation')

@@ -15,26 +15,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields
 import hashlib
 import math
-from typing import Any, NamedTuple
+from os import PathLike
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.checked_numbers import LARGEST, Array, real_array, real_number
+from pfd_core.model.checked_numbers import LARGEST, real_array
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot_changes import Payload
-
-MODEL = 'model'
-
-
-class Rule(NamedTuple):
-    """What a field with one number a joint may hold."""
-
-    model: str | None = None  # the field of Robot that "model" stands for
-    least: float = 0.0
-    above: bool = False  # whether the least number is excluded
-    infinite: bool = False  # whether infinity is allowed, for a joint without a limit
-
+from pfd_core.model.scene_checks import (
+    Rule,
+    joint_limits,
+    per_joint,
+    restitution,
+    switch,
+    torque_speed,
+)
+from pfd_core.model.yaml_reader import yaml_text
 
 # Fields of Scene with one number a joint.
 PER_JOINT: Mapping[str, Rule] = {
@@ -136,7 +135,7 @@ class Scene:
 
     def __post_init__(self) -> None:
         checked: dict[str, Any] = {
-            key: _per_joint(key, getattr(self, key), rule) for key, rule in PER_JOINT.items()
+            key: per_joint(key, getattr(self, key), rule) for key, rule in PER_JOINT.items()
         }
         if self.gravity is not None:
             gravity = real_array('gravity', self.gravity, shape=(3,), largest=LARGEST)
@@ -144,10 +143,10 @@ class Scene:
         if self.payload is not None and not isinstance(self.payload, Payload):
             raise ValueError(f'payload must be a Payload or None, got {quote(self.payload)}')
         for key in ('external_wrench', 'brakes'):
-            checked[key] = _switch(key, getattr(self, key))
-        checked['joint_limits'] = _joint_limits(self.joint_limits)
-        checked['restitution'] = _restitution(self.restitution)
-        checked['torque_speed'] = _torque_speed(self.torque_speed)
+            checked[key] = switch(key, getattr(self, key))
+        checked['joint_limits'] = joint_limits(self.joint_limits)
+        checked['restitution'] = restitution(self.restitution)
+        checked['torque_speed'] = torque_speed(self.torque_speed)
         checked['gravity_compensation'] = _compensation(self.gravity_compensation)
         for key, value in checked.items():
             object.__setattr__(self, key, value)
@@ -161,99 +160,14 @@ class Scene:
         # The fields are None, bool, str, tuples of floats and a scene, whose repr is exact.
         return hashlib.sha256(repr(self).encode()).hexdigest()
 
-
-def _switch(key: str, value: Any) -> bool:
-    if not isinstance(value, (bool, np.bool_)):
-        raise ValueError(f'{key} must be True or False, got {quote(value)}')
-    return bool(value)
+    def save(self, path: str | PathLike[str]) -> None:
+        """Write the scene to a YAML file, which `load_scene` reads as an equal scene."""
+        Path(path).write_text(scene_to_yaml(self), encoding='utf-8')
 
 
-def _per_joint(key: str, value: Any, rule: Rule) -> tuple[float, ...] | str | None:
-    """Return a field as None, "model" or a tuple with one number a joint."""
-    model = f', {MODEL!r}' if rule.model else ''
-    if value is None or (rule.model and isinstance(value, str) and value == MODEL):
-        return None if value is None else MODEL
-    length = _length(value)
-    if length is None:
-        raise ValueError(f'{key} must be None{model} or one number a joint, got {quote(value)}')
-    array = _numbers(key, value, (length,), rule.infinite)
-    if rule.above and (array <= rule.least).any():
-        raise ValueError(f'{key} must be above {rule.least:g}, got {quote(array.tolist())}')
-    if (array < rule.least).any():
-        raise ValueError(f'{key} must not be negative, got {quote(array.tolist())}')
-    return tuple(array.tolist())
-
-
-def _length(value: Any) -> int | None:
-    """Return the length of an array or a sequence; None for a text and for a single value."""
-    try:
-        return None if isinstance(value, str) else len(value)
-    except TypeError:
-        return None
-
-
-def _numbers(key: str, value: Any, shape: tuple[int | str, ...], infinite: bool) -> Array:
-    """Return finite numbers of a size that can be computed with, or infinite ones, as an array."""
-    if not infinite:
-        return real_array(key, value, shape=shape, largest=LARGEST) + 0.0
-    array = real_array(key, value, shape=shape, finite=False) + 0.0
-    if np.isnan(array).any() or (np.isfinite(array) & (np.abs(array) > LARGEST)).any():
-        raise ValueError(
-            f'{key} must be at most {LARGEST:g} in size, or infinite, got {quote(array.tolist())}'
-        )
-    return array
-
-
-def _joint_limits(value: Any) -> tuple[tuple[float, ...], ...] | str | None:
-    """Return None, "model" or a tuple of pairs."""
-    if value is None or (isinstance(value, str) and value == MODEL):
-        return value
-    if _length(value) is None:
-        raise ValueError(
-            f'joint_limits must be None, {MODEL!r} or a lower and an upper limit a joint, got '
-            f'{quote(value)}'
-        )
-    array = _numbers('joint_limits', value, ('n', 2), infinite=True)
-    return tuple(map(tuple, array.tolist()))
-
-
-def _restitution(value: Any) -> tuple[float, ...] | float:
-    """Return one number or a tuple with one a joint, from 0 to 1."""
-    length = _length(value)
-    number = real_number('restitution', value) if length is None else None
-    array = real_array('restitution', value, shape=() if length is None else (length,)) + 0.0
-    if (array < 0).any() or (array > 1).any():
-        raise ValueError(f'restitution must be from 0 to 1, got {quote(array.tolist())}')
-    return tuple(array.tolist()) if number is None else number + 0.0
-
-
-def _torque_speed(value: Any) -> tuple[tuple[tuple[float, ...], ...] | None, ...] | None:
-    """Return None, or for each joint None or its table as a tuple of pairs."""
-    if value is None:
-        return None
-    if _length(value) is None:
-        raise ValueError(
-            'torque_speed must be None or one table a joint with rows (speed, torque), got '
-            f'{quote(value)}'
-        )
-    return tuple(_table(f'torque_speed of joint {i + 1}', rows) for i, rows in enumerate(value))
-
-
-def _table(label: str, rows: Any) -> tuple[tuple[float, ...], ...] | None:
-    """Return the table of one joint, whose speeds rise and whose torques do not."""
-    if rows is None:
-        return None
-    array = real_array(label, rows, shape=('k', 2), largest=LARGEST) + 0.0
-    speeds, torques = array.T
-    if not len(array):
-        raise ValueError(f'{label} must have at least one row, or be None')
-    if (array < 0).any():
-        raise ValueError(f'{label} must not be negative, got {quote(array.tolist())}')
-    if (np.diff(speeds) <= 0).any():
-        raise ValueError(f'speeds of {label} must rise, got {quote(speeds.tolist())}')
-    if (np.diff(torques) > 0).any():
-        raise ValueError(f'torques of {label} must not rise, got {quote(torques.tolist())}')
-    return tuple(map(tuple, array.tolist()))
+def scene_to_yaml(scene: Scene) -> str:
+    """Return a scene as YAML: its gravity, and the fields that differ from their defaults."""
+    return yaml_text(_document(scene))
 
 
 def _compensation(value: Any) -> bool | Scene:
@@ -275,3 +189,19 @@ def _compensation(value: Any) -> bool | Scene:
             f'it has {others[0]}'
         )
     return value
+
+
+def _document(part: Any) -> dict[str, Any]:
+    """Return the fields of a scene or a payload as dict, list, float, bool, str and None."""
+    found = {item.name: (getattr(part, item.name), item.default) for item in fields(part)}
+    return {
+        key: _plain(value)
+        for key, (value, default) in found.items()
+        if value != default or key == 'gravity'
+    }
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return [_plain(item) for item in value]
+    return _document(value) if isinstance(value, (Scene, Payload)) else value

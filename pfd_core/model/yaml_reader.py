@@ -3,6 +3,10 @@
 """
 YAML as dict, list and str, with bounds on size and depth.
 
+    read_yaml    the document of a text
+    table        a table of it with the keys that it must and may have
+    yaml_text    the text of a document
+
 YAML 1.1 reads `no` as false, 1:30 as 90 and 1_0 as 10, and takes the last of two equal keys. Here
 every scalar stays a text, which the caller converts, and two equal keys are an error.
 """
@@ -10,6 +14,7 @@ every scalar stays a text, which the caller converts, and two equal keys are an 
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from typing import Any
 
 import yaml
@@ -43,13 +48,35 @@ def read_yaml(text: str, source: str) -> Any:
     """
     if len(text) > MOST_CHARACTERS:
         raise ValueError(
-            f'{quote(source)} has {len(text)} characters; robots in YAML may have '
-            f'{MOST_CHARACTERS}'
+            f'{quote(source)} has {len(text)} characters; a YAML file may have {MOST_CHARACTERS}'
         )
     try:
         return _Loader(text).get_single_data()
     except yaml.YAMLError as error:
         raise ValueError(f'{quote(source)} is not YAML: {_one_line(error)}') from error
+
+
+def table(
+    label: str, value: Any, required: tuple[str, ...], optional: tuple[str, ...]
+) -> Mapping[str, Any]:
+    """Return a mapping; ValueError unless it has the required keys and no unknown one."""
+    if not isinstance(value, Mapping):
+        raise ValueError(f'{label} must be a mapping with {", ".join(required + optional)}')
+    for key in required:
+        if key not in value:
+            raise ValueError(f'{label} has no {key!r}; it must have {", ".join(required)}')
+    for key in value:
+        if key not in required + optional:
+            known = ', '.join(required + optional)
+            raise ValueError(f'{label} has an unknown key {quote(key)}; known keys are {known}')
+    return value
+
+
+def yaml_text(document: Mapping[str, Any]) -> str:
+    """Return a document as YAML, of whose numbers `read_yaml` gives the same floats."""
+    # PyYAML writes the shortest digits that read back as the same float.
+    text: str = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, width=99)
+    return text
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
@@ -91,7 +118,7 @@ def _check_node(node: Any) -> None:
     """Raise YAMLError for a node with an explicit tag, and a table with two equal keys."""
     problem = ''
     if node.tag not in _PLAIN:
-        problem = f'tag {quote(node.tag)} is not used in robots'
+        problem = f'tag {quote(node.tag)} is not used here'
     elif isinstance(node, yaml.MappingNode):
         keys = [key.value for key, _ in node.value if isinstance(key, yaml.ScalarNode)]
         counts = Counter(keys)

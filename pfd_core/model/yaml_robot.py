@@ -30,7 +30,6 @@ import math
 from typing import Any
 
 import numpy as np
-import yaml
 
 from pfd_core.model.checked_numbers import number_from_text, real_number
 from pfd_core.model.error_text import quote
@@ -45,7 +44,7 @@ from pfd_core.model.geometry import (
     welded_frames,
 )
 from pfd_core.model.robot import JOINT_FIELDS, LIMIT_FIELDS, Robot
-from pfd_core.model.yaml_reader import read_yaml
+from pfd_core.model.yaml_reader import read_yaml, table, yaml_text
 
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}
 UNLIMITED = dict.fromkeys(LIMIT_FIELDS, math.inf) | {'lower': -math.inf}
@@ -80,11 +79,7 @@ def robot_to_yaml(robot: Robot) -> str:
         'translation': robot.base_position.tolist(),
     }
     document = {'robot': robot.name, 'source': robot.source, 'base': base, 'tip': robot.tip}
-    # PyYAML writes the shortest digits that read back as the same float.
-    text: str = yaml.safe_dump(
-        {**document, 'joints': joints}, sort_keys=False, default_flow_style=None, width=99
-    )
-    return text
+    return yaml_text({**document, 'joints': joints})
 
 
 def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
@@ -105,7 +100,7 @@ def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
 
     """
     document = read_yaml(text, source)
-    document = _table(quote(source), document, ('robot', 'joints'), ('source', 'base', 'tip'))
+    document = table(quote(source), document, ('robot', 'joints'), ('source', 'base', 'tip'))
     name = document['robot']
     rows = document['joints']
     if not isinstance(rows, list):
@@ -161,7 +156,7 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
     name = row.get('name', f'number {index + 1}') if isinstance(row, Mapping) else index + 1
     label = f'joint {quote(name)}'
     optional = ('center', 'inertia', 'limits', 'damping', 'friction', 'armature', 'rotor')
-    row = _table(
+    row = table(
         label, row, ('name', 'type', 'mass'), (*optional, *PLACED_BY, 'accept_unphysical_inertia')
     )
     ways = [key for key in PLACED_BY if key in row]
@@ -169,8 +164,8 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
         raise ValueError(f'{label} must have exactly one of {", ".join(PLACED_BY)}, got {ways}')
     if 'rotor' in row and 'armature' in row:
         raise ValueError(f'{label} has both rotor and armature; give one of them')
-    limits = _table(f'limits of {label}', row.get('limits', {}), (), tuple(LIMIT_FIELDS))
-    inertia = _table(f'inertia of {label}', row.get('inertia', {}), (), tuple(ELEMENTS))
+    limits = table(f'limits of {label}', row.get('limits', {}), (), tuple(LIMIT_FIELDS))
+    inertia = table(f'inertia of {label}', row.get('inertia', {}), (), tuple(ELEMENTS))
     elements = [_number(f'inertia {k} of {label}', inertia.get(k, 0.0)) for k in ELEMENTS]
     return {
         'name': row['name'],
@@ -195,8 +190,8 @@ def _placed(label: str, way: str, value: Any) -> Frame:
     """Return a frame in the frame before it, at q = 0."""
     place = f'{way} of {label}'
     if way == 'frame':
-        return _placement(place, _table(place, value, FRAME, ()))
-    row = {k: _number(f'{k} in {place}', v) for k, v in _table(place, value, ROW, ()).items()}
+        return _placement(place, table(place, value, FRAME, ()))
+    row = {k: _number(f'{k} in {place}', v) for k, v in table(place, value, ROW, ()).items()}
     turn = rotation_z(*cos_sin_degrees(row['theta_deg']))
     twist = rotation_x(*cos_sin_degrees(row['alpha_deg']))
     along_x, along_z = np.array([row['a'], 0.0, 0.0]), np.array([0.0, 0.0, row['d']])
@@ -212,7 +207,7 @@ def _drive(label: str, row: Mapping[str, Any]) -> dict[str, float]:
     if 'rotor' not in row:
         return own
     motor = f'rotor of {label}'
-    given = _table(motor, row['rotor'], ('inertia', 'gear_ratio'), ('damping', 'friction'))
+    given = table(motor, row['rotor'], ('inertia', 'gear_ratio'), ('damping', 'friction'))
     rotor = {key: _number(f'{key} of {motor}', value) for key, value in given.items()}
     gear = abs(rotor['gear_ratio'])
     return {
@@ -226,33 +221,17 @@ def _end(role: str, value: Any) -> tuple[str, Array, Array]:
     """Return the name of an end link, and the axes and origin of the chain's frame in it."""
     if isinstance(value, str):
         return value, np.eye(3), np.zeros(3)
-    table = _table(role, value, ('link',), FRAME)
-    return (table['link'], *_placement(role, table))
+    end = table(role, value, ('link',), FRAME)
+    return (end['link'], *_placement(role, end))
 
 
-def _placement(label: str, table: Mapping[str, Any]) -> Frame:
-    rotation = table.get('rotation', np.eye(3))
-    translation = table.get('translation', np.zeros(3))
+def _placement(label: str, frame: Mapping[str, Any]) -> Frame:
+    rotation = frame.get('rotation', np.eye(3))
+    translation = frame.get('translation', np.zeros(3))
     return (
         _numbers(f'rotation in {label}', rotation, (3, 3)),
         _numbers(f'translation in {label}', translation, (3,)),
     )
-
-
-def _table(
-    label: str, value: Any, required: tuple[str, ...], optional: tuple[str, ...]
-) -> Mapping[str, Any]:
-    """Return a mapping; ValueError unless it has the required keys and no unknown one."""
-    if not isinstance(value, Mapping):
-        raise ValueError(f'{label} must be a mapping with {", ".join(required + optional)}')
-    for key in required:
-        if key not in value:
-            raise ValueError(f'{label} has no {key!r}; it must have {", ".join(required)}')
-    for key in value:
-        if key not in required + optional:
-            known = ', '.join(required + optional)
-            raise ValueError(f'{label} has an unknown key {quote(key)}; known keys are {known}')
-    return value
 
 
 def _truth(label: str, row: Mapping[str, Any]) -> bool:

@@ -12,7 +12,16 @@ import numpy as np
 import pytest
 from zoo import random_chain, to_pinocchio
 
-from pfd_core.model import Payload, Robot, Scene, load_robot, resolve, with_payload
+from pfd_core.algorithms.programs import record_forward_dynamics, record_inverse_dynamics
+from pfd_core.model import (
+    Payload,
+    Robot,
+    Scene,
+    load_robot,
+    resolve,
+    with_payload,
+    without_step_effects,
+)
 
 # One product with a rotation: three products and two sums.
 ROUNDING = 4 * np.finfo(float).eps
@@ -54,6 +63,110 @@ def test_an_effect_is_off_or_from_the_model_or_given(robot: Robot, key: str) -> 
     np.testing.assert_array_equal(getattr(resolve(robot, Scene(**{key: given})), key), given)
     without = replace(robot, **{key: np.zeros(4)})
     assert getattr(resolve(without, Scene(**{key: 'model'})), key) is None
+
+
+@pytest.mark.parametrize(
+    ('key', 'of_robot'), [('friction', 'friction'), ('effort_limits', 'effort_limit')]
+)
+def test_friction_and_effort_limits_may_be_the_models(
+    robot: Robot, key: str, of_robot: str
+) -> None:
+    numbers = np.array([3.0, 0.5, 2.0, 1.0])
+    model = replace(robot, **{of_robot: numbers})
+    np.testing.assert_array_equal(getattr(resolve(model, Scene(**{key: 'model'})), key), numbers)
+
+
+@pytest.mark.parametrize(
+    'arguments',
+    [
+        {'friction': (0, 0, 0, 0)},
+        {'friction': (0, 0, 0, 0), 'static_friction': (0, 0, 0, 0)},
+        {'motor_lag': (0, 0, 0, 0)},
+        {'stiffness': (0, 0, 0, 0), 'rest_position': (1, 1, 1, 1)},
+        {'effort_limits': [np.inf] * 4},
+        {'joint_limits': [(-np.inf, np.inf)] * 4, 'restitution': 0.5},
+        {'torque_speed': [None] * 4},
+        {'gravity': None, 'gravity_compensation': True},
+        {'gravity_compensation': Scene(gravity=None, payload=Payload(1.0))},
+    ],
+    ids=lambda arguments: '-'.join(arguments),
+)
+def test_an_effect_of_zeros_is_off(robot: Robot, arguments: dict[str, object]) -> None:
+    bare = resolve(robot, Scene(gravity=arguments.get('gravity', (0, 0, -9.81))))
+    assert resolve(robot, Scene(**arguments)).digest == bare.digest
+
+
+def test_static_friction_is_coulomb_friction_unless_it_is_given(robot: Robot) -> None:
+    sliding, resting, speed = (1.0, 0.0, 2.0, 3.0), (1.5, 0.5, 2.0, 3.0), (0.1, 0.1, 0.2, 0.3)
+    plain = resolve(robot, Scene(friction=sliding))
+    np.testing.assert_array_equal(plain.static_friction, sliding)
+    assert plain.stribeck_velocity is None
+    scene = Scene(friction=sliding, static_friction=resting, stribeck_velocity=speed)
+    plant = resolve(robot, scene)
+    np.testing.assert_array_equal(plant.friction, sliding)
+    np.testing.assert_array_equal(plant.static_friction, resting)
+    np.testing.assert_array_equal(plant.stribeck_velocity, speed)
+    # Friction that does not fall has no velocity at which it falls.
+    assert resolve(robot, replace(scene, static_friction=sliding)).stribeck_velocity is None
+
+
+def test_stops_are_the_models_or_given_with_one_restitution_or_many(robot: Robot) -> None:
+    limits = [(-1.0, 1.0), (-np.inf, 2.0), (0.0, np.inf), (-np.inf, np.inf)]
+    lower, upper = np.transpose(limits)
+    model = replace(robot, position_lower=lower, position_upper=upper)
+    for plant in (
+        resolve(model, Scene(joint_limits='model', restitution=0.5)),
+        resolve(robot, Scene(joint_limits=limits, restitution=[0.5] * 4)),
+    ):
+        np.testing.assert_array_equal(plant.joint_limits, limits)
+        np.testing.assert_array_equal(plant.restitution, [0.5] * 4)
+    assert not resolve(robot, Scene(joint_limits=limits)).restitution.any()
+
+
+def test_tables_of_torque_and_speed_get_the_rows_of_the_longest(robot: Robot) -> None:
+    tables = [None, [(1.0, 9.0), (2.0, 0.0)], [(0.5, 4.0)], None]
+    inf = np.inf
+    np.testing.assert_array_equal(
+        resolve(robot, Scene(torque_speed=tables)).torque_speed,
+        [
+            [(inf, inf), (inf, inf)],
+            [(1, 9), (2, 0)],
+            [(0.5, 4), (inf, 4)],
+            [(inf, inf), (inf, inf)],
+        ],
+    )
+
+
+def test_drives_compensate_the_robot_without_its_payload_or_a_model(robot: Robot) -> None:
+    payload, other = Payload(1.0, (0, 0, 0.1)), Payload(2.0)
+    scene = Scene(gravity=(1.0, 0.0, -9.0), payload=payload, gravity_compensation=True)
+    drives = resolve(robot, scene).gravity_compensation
+    assert drives is not None
+    assert drives.robot == robot
+    np.testing.assert_array_equal(drives.gravity, resolve(robot, scene).gravity)
+    model = Scene(gravity=(0, 0, -1.6), payload=other)
+    drives = resolve(robot, replace(scene, gravity_compensation=model)).gravity_compensation
+    assert drives is not None
+    assert drives.robot == with_payload(robot, other)
+    np.testing.assert_array_equal(drives.gravity, resolve(robot, model).gravity)
+
+
+OVER_A_STEP = {
+    'friction': {'friction': (1, 1, 1, 1)},
+    'static_friction': {'friction': (0, 0, 0, 0), 'static_friction': (1, 1, 1, 1)},
+    'joint_limits': {'joint_limits': [(-1, 1)] * 4},
+    'motor_lag': {'motor_lag': (0.01, 0.01, 0.01, 0.01)},
+}
+
+
+@pytest.mark.parametrize('key', OVER_A_STEP)
+def test_effects_over_a_step_are_refused_at_an_instant(robot: Robot, key: str) -> None:
+    plant = resolve(robot, Scene(**OVER_A_STEP[key]))
+    with pytest.raises(ValueError, match=f"'{key}'.* act over a step of time.*Simulator"):
+        record_forward_dynamics(plant, 'pcrbm', 'parallel')
+    with pytest.raises(ValueError, match=f"'{key}'.* act over a step of time.*Simulator"):
+        record_inverse_dynamics(plant, 'parallel')
+    assert without_step_effects(plant).digest == resolve(robot).digest
 
 
 def test_the_payload_is_welded_on(robot: Robot) -> None:
@@ -132,8 +245,41 @@ def test_a_plant_cannot_change(robot: Robot) -> None:
         ({'payload': 2.0}, 'payload must be a Payload or None, got 2.0'),
         ({'brakes': 'yes'}, "brakes must be True or False, got 'yes'"),
         ({'external_wrench': 1}, 'external_wrench must be True or False, got 1'),
-        ({'friction': 'model'}, 'friction is not modelled yet'),
-        ({'joint_limits': True}, 'joint_limits is not modelled yet'),
+        ({'friction': 0.1}, "friction must be None, 'model' or one number a joint, got 0.1"),
+        ({'friction': [1, -1]}, 'friction must not be negative'),
+        ({'motor_lag': 'model'}, "motor_lag must be None or one number a joint, got 'model'"),
+        ({'static_friction': [1]}, 'static_friction was given without friction'),
+        (
+            {'friction': [1], 'stribeck_velocity': [1]},
+            'stribeck_velocity was given without static_friction',
+        ),
+        (
+            {'friction': [1], 'static_friction': [1], 'stribeck_velocity': [0]},
+            'stribeck_velocity must be above 0',
+        ),
+        ({'rest_position': [1]}, 'rest_position was given without stiffness'),
+        ({'restitution': 0.5}, 'restitution was given without joint_limits'),
+        ({'restitution': [0.0, 0.0]}, 'restitution was given without joint_limits'),
+        ({'restitution': 1.5, 'joint_limits': 'model'}, 'restitution must be from 0 to 1'),
+        ({'restitution': 'full'}, "restitution must be a number, got 'full'"),
+        ({'restitution': np.nan}, 'restitution must be finite'),
+        ({'joint_limits': True}, 'joint_limits must be None, .*got True'),
+        ({'joint_limits': [1, 2]}, 'joint_limits must have shape'),
+        ({'joint_limits': [(0, np.nan)]}, 'joint_limits must be .* or infinite'),
+        ({'effort_limits': [1, np.nan]}, 'effort_limits must be .* or infinite'),
+        ({'effort_limits': [1e200]}, 'effort_limits must be at most 1e[+]100'),
+        ({'effort_limits': [-1]}, 'effort_limits must not be negative'),
+        ({'torque_speed': 5}, 'torque_speed must be None or one table a joint'),
+        ({'torque_speed': [None, [1, 2]]}, 'torque_speed of joint 2 must have shape'),
+        ({'torque_speed': [np.zeros((0, 2))]}, 'torque_speed of joint 1 must have .* one row'),
+        ({'torque_speed': [[(0, 1), (0, 0)]]}, 'speeds of torque_speed of joint 1 must rise'),
+        ({'torque_speed': [[(0, 1), (1, 2)]]}, 'torques of torque_speed .* must not rise'),
+        ({'torque_speed': [[(0, 1), (1, -1)]]}, 'torque_speed .* must not be negative'),
+        ({'gravity_compensation': 1}, 'gravity_compensation must be True, False or a Scene'),
+        (
+            {'gravity_compensation': Scene(damping=[1])},
+            'the scene of gravity_compensation may have .* it has damping',
+        ),
     ],
 )
 def test_a_wrong_scene_is_refused(arguments: dict[str, object], message: str) -> None:
@@ -144,6 +290,32 @@ def test_a_wrong_scene_is_refused(arguments: dict[str, object], message: str) ->
 def test_a_wrong_length_names_the_robot_and_its_joints(robot: Robot) -> None:
     with pytest.raises(ValueError, match=r"damping .* has 3 numbers, but 'random4' has 4 joints"):
         resolve(robot, Scene(damping=(1, 2, 3)))
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        ({'torque_speed': [None]}, 'torque_speed .* has 1 tables, but .* has 4 joints'),
+        ({'joint_limits': [(0, 1)]}, 'joint_limits .* has 1 rows, but .* has 4 joints'),
+        (
+            {'joint_limits': [(0, 1)] * 4, 'restitution': [0.5]},
+            'restitution .* has 1 numbers, but .* has 4 joints',
+        ),
+        (
+            {'joint_limits': [(0, 1), (2, 2), (0, 1), (0, 1)]},
+            "joint_limits of joint 'joint2' must be .* below .*, got 2.0 and 2.0.*locked",
+        ),
+        (
+            {'friction': (1, 1, 1, 1), 'static_friction': (1, 1, 0.5, 1)},
+            "static_friction of joint 'joint3' must be at least its friction 1.0, got 0.5",
+        ),
+    ],
+)
+def test_a_scene_that_does_not_fit_names_the_joint(
+    robot: Robot, arguments: dict[str, object], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        resolve(robot, Scene(**arguments))
 
 
 def test_other_things_than_robots_and_scenes_are_refused(robot: Robot) -> None:

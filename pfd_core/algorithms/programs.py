@@ -42,11 +42,12 @@ from pfd_core.algorithms.serial.walker_orin import (
     record_walker_orin_4,
 )
 from pfd_core.machine.program import Program
-from pfd_core.model import Plant
+from pfd_core.model import Plant, check_instant
 
 
 def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
     """Return the program of tau, (n,), from q, qd and qdd; brakes play no part."""
+    check_instant(plant)
     recorder, chain, at = chain_on_lanes(plant, schedule)
     qd, qdd = input_row(recorder, 'qd'), input_row(recorder, 'qdd')
     tau = torques(plant, chain, at, qd, qdd, newton_euler)
@@ -55,6 +56,7 @@ def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
 
 def record_terms(plant: Plant, schedule: str) -> Program:
     """Return the program of H, (n, n), and of the bias, (n,), from q and qd."""
+    check_instant(plant)
     recorder, chain, at = chain_on_lanes(plant, schedule)
     bias = torques(plant, chain, at, input_row(recorder, 'qd'), None, newton_euler)
     rows = inertia_matrix(recorder, chain, at, armature(recorder, plant))
@@ -103,8 +105,10 @@ def record_forward_dynamics(
 
     Its outputs are `qdd`, (n,), and `pivots`, (n,), all above zero exactly if H is positive
     definite, or, for an iterative method, `trips` and `converged`, (1,). An iterative method stops
-    at a tolerance, by default that of double precision. ValueError for an unknown method.
+    at a tolerance, by default that of double precision. ValueError for an unknown method, and for
+    effects that act over a step of time.
     """
+    check_instant(plant)
     if method not in FORWARD:
         raise ValueError(f'method must be one of {METHODS}, got {method!r}')
     if tolerance is None or method not in ITERATIVE:

@@ -14,20 +14,29 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     rigid_body_checks   conditions on a rotation and an inertia, with their tolerances
     robot               Robot: the chain in the frames of Lee and Chang, checked once
     robot_changes       Payload, and robots with a payload or with locked joints
-    scene               Scene: which effects are on; Plant: a scene and a robot as numbers
+    scene               Scene: which effects are on
+    plant               Plant: a scene and a robot as numbers
+    scene_inputs        the inputs that a scene adds at run time
     joint_space_checks  joints that nothing resists, whose acceleration has no value
     checked_numbers     the one reader of numbers that users give
     error_text          foreign values as error messages quote them
     frozen_arrays       read-only arrays in frozen dataclasses
 
-A new effect is a field of Scene and of Plant, resolved in `scene`; its term is recorded by
-pfd_core.algorithms (chain.joint_torques for an effect of the joints).
+A new effect is a field of Scene, checked in `scene`, and of Plant, resolved in `plant`; its term
+is recorded by pfd_core.algorithms (chain.joint_torques for an effect of the joints).
 """
 
 from pfd_core.model.loading import known_robots, load_robot
+from pfd_core.model.plant import (
+    Plant,
+    check_instant,
+    resolve,
+    without_step_effects,
+)
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.robot_changes import Payload, lock, with_payload
-from pfd_core.model.scene import Plant, Scene, resolve, scene_inputs
+from pfd_core.model.scene import Scene
+from pfd_core.model.scene_inputs import scene_inputs
 from pfd_core.model.yaml_robot import robot_to_yaml
 
 __all__ = [
@@ -36,6 +45,7 @@ __all__ = [
     'Plant',
     'Robot',
     'Scene',
+    'check_instant',
     'known_robots',
     'load_robot',
     'lock',
@@ -43,4 +53,5 @@ __all__ = [
     'robot_to_yaml',
     'scene_inputs',
     'with_payload',
+    'without_step_effects',
 ]

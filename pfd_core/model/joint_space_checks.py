@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import product
+from pfd_core.model.plant import Plant
 from pfd_core.model.robot import link_label
-from pfd_core.model.scene import Plant
 
 
 def check_joint_inertia(plant: Plant) -> None:

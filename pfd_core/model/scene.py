@@ -1,32 +1,60 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Scene: the effects that act on a robot. Plant: a scene and a robot as numbers.
+Scene: the effects that act on a robot, each checked by itself.
 
-A scene fits any robot; `resolve` makes a plant of both, which an algorithm records as a program.
-The default is rigid links and gravity, nothing else.
+A scene fits any robot with the number of joints that it names; `pfd_core.model.plant` makes
+numbers of both. The default is rigid links and gravity, nothing else.
 
-A new effect is a field of Scene, its numbers a field of Plant, and its force a term in
-`pfd_core.algorithms.chain.equations`; an input at run time is read by `scene_inputs`.
+A new effect is a field of Scene, checked here, and its numbers a field of Plant.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 import hashlib
-from typing import Any
+import math
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pfd_core.model.checked_numbers import LARGEST, fit_shape, real_array
-from pfd_core.model.error_text import quote, quote_all
-from pfd_core.model.frozen_arrays import FrozenArrays, frozen
-from pfd_core.model.geometry import Array, product
-from pfd_core.model.robot import Robot
-from pfd_core.model.robot_changes import Payload, with_payload
+from pfd_core.model.checked_numbers import LARGEST, Array, real_array, real_number
+from pfd_core.model.error_text import quote
+from pfd_core.model.robot_changes import Payload
 
 MODEL = 'model'
+
+
+class Rule(NamedTuple):
+    """What a field with one number a joint may hold."""
+
+    model: str | None = None  # the field of Robot that "model" stands for
+    least: float = 0.0
+    above: bool = False  # whether the least number is excluded
+    infinite: bool = False  # whether infinity is allowed, for a joint without a limit
+
+
+# Fields of Scene with one number a joint.
+PER_JOINT: Mapping[str, Rule] = {
+    'damping': Rule('damping'),
+    'armature': Rule('armature'),
+    'friction': Rule('friction'),
+    'static_friction': Rule(),
+    'stribeck_velocity': Rule(above=True),
+    'stiffness': Rule(),
+    'rest_position': Rule(least=-math.inf),
+    'effort_limits': Rule('effort_limit', infinite=True),
+    'motor_lag': Rule(),
+}
+# Field -> the field without which it means nothing, with the values that switch that one off.
+NEEDS: Mapping[str, str] = {
+    'static_friction': 'friction',
+    'stribeck_velocity': 'static_friction',
+    'restitution': 'joint_limits',
+    'rest_position': 'stiffness',
+}
 
 
 @dataclass(frozen=True)
@@ -34,27 +62,57 @@ class Scene:
     """
     The effects that act on a robot; an effect that is off costs nothing.
 
+    Units are those of joints that turn; for one that slides read m, N, kg for rad, N m, kg m^2.
+
     Attributes
     ----------
     gravity : array_like or None
         Acceleration of free fall, (3,) [m/s^2], in the frame of the base link.
     damping : None, "model" or array_like
-        Viscous friction of the joints, (n,) [N m s/rad, N s/m]; "model" for the robot's own.
+        Viscous friction of the joints, (n,) [N m s/rad]; "model" for the robot's own.
     armature : None, "model" or array_like
-        Rotor inertia seen at the joints, (n,) [kg m^2, kg]; "model" for the robot's own.
+        Rotor inertia seen at the joints, (n,) [kg m^2]: that of the rotor times the square of
+        the gear ratio; "model" for the robot's own.
     payload : Payload or None
         A body held by the last link.
     external_wrench : bool
         Whether a force and a moment on the last link are an input.
     brakes : bool
         Whether each joint can be held at run time; a held joint does not accelerate.
-    friction, joint_limits : None
-        Dry friction and end stops are not modelled; only None is accepted.
+    friction : None, "model" or array_like
+        Coulomb friction of the sliding joint, (n,) [N m]; "model" for the robot's own.
+    static_friction : None or array_like
+        Friction that a resting joint can hold, (n,) [N m], at least `friction`, its default.
+    stribeck_velocity : None or array_like
+        Velocity v_s at which static friction F_s has fallen half-way to Coulomb friction F_c,
+        (n,) [rad/s]: F_c + (F_s - F_c)/(1 + (v/v_s)^2). None: it falls at once.
+    joint_limits : None, "model" or array_like
+        Stops, lower and upper, (n, 2) [rad]; infinite for none; "model" for the robot's own.
+    restitution : float or array_like
+        Share of its velocity that a joint keeps when it bounces off its stop, one for all or
+        (n,), from 0 to 1.
+    stiffness : None or array_like
+        Springs that pull the joints to `rest_position`, (n,) [N m/rad].
+    rest_position : None or array_like
+        Positions at which the springs are slack, (n,) [rad]; None is zero everywhere.
+    effort_limits : None, "model" or array_like
+        Largest torque of the motors, (n,) [N m]; infinite for none; "model" for the robot's own.
+    torque_speed : None or sequence
+        Per joint None or a table of rows (speed, torque), (k, 2) [rad/s, N m]: the largest
+        torque that a motor gives in the direction in which its joint moves, linear between the
+        rows and constant beyond them; speeds rise, torques do not.
+    gravity_compensation : bool or Scene
+        Whether the drives add the gravity torques of a model to the commanded ones: True for the
+        robot without its payload, in the gravity of this scene; a scene for its gravity and
+        payload.
+    motor_lag : None or array_like
+        Time constants with which the torques follow the commanded ones, (n,) [s].
 
     Raises
     ------
     ValueError
-        If a value has another type, or a number is negative or not finite.
+        If a value has another type, a number is out of its range, or an effect lacks the one
+        that it refines.
 
     """
 
@@ -64,209 +122,156 @@ class Scene:
     payload: Payload | None = None
     external_wrench: bool = False
     brakes: bool = False
-    friction: None = None
-    joint_limits: None = None
+    friction: ArrayLike | str | None = None
+    joint_limits: ArrayLike | str | None = None
+    static_friction: ArrayLike | None = None
+    stribeck_velocity: ArrayLike | None = None
+    restitution: ArrayLike = 0.0
+    stiffness: ArrayLike | None = None
+    rest_position: ArrayLike | None = None
+    effort_limits: ArrayLike | str | None = None
+    torque_speed: Any = None
+    gravity_compensation: bool | Scene = False
+    motor_lag: ArrayLike | None = None
 
     def __post_init__(self) -> None:
+        checked: dict[str, Any] = {
+            key: _per_joint(key, getattr(self, key), rule) for key, rule in PER_JOINT.items()
+        }
         if self.gravity is not None:
             gravity = real_array('gravity', self.gravity, shape=(3,), largest=LARGEST)
-            object.__setattr__(self, 'gravity', tuple((gravity + 0.0).tolist()))
-        for key in ('damping', 'armature'):
-            object.__setattr__(self, key, _per_joint(key, getattr(self, key)))
+            checked['gravity'] = tuple((gravity + 0.0).tolist())
         if self.payload is not None and not isinstance(self.payload, Payload):
             raise ValueError(f'payload must be a Payload or None, got {quote(self.payload)}')
         for key in ('external_wrench', 'brakes'):
-            if not isinstance(getattr(self, key), (bool, np.bool_)):
-                raise ValueError(f'{key} must be True or False, got {quote(getattr(self, key))}')
-            object.__setattr__(self, key, bool(getattr(self, key)))
-        for key in ('friction', 'joint_limits'):
-            if getattr(self, key) is not None:
-                raise ValueError(f'{key} is not modelled yet: leave it None')
+            checked[key] = _switch(key, getattr(self, key))
+        checked['joint_limits'] = _joint_limits(self.joint_limits)
+        checked['restitution'] = _restitution(self.restitution)
+        checked['torque_speed'] = _torque_speed(self.torque_speed)
+        checked['gravity_compensation'] = _compensation(self.gravity_compensation)
+        for key, value in checked.items():
+            object.__setattr__(self, key, value)
+        for key, needed in NEEDS.items():
+            if getattr(self, key) not in (None, 0.0) and getattr(self, needed) is None:
+                raise ValueError(f'{key} was given without {needed}: give the scene both')
 
     @property
     def digest(self) -> str:
         """SHA-256 of everything in the scene, as 64 hexadecimal digits."""
-        # The fields are None, bool, str and tuples of floats, whose repr is exact.
+        # The fields are None, bool, str, tuples of floats and a scene, whose repr is exact.
         return hashlib.sha256(repr(self).encode()).hexdigest()
 
 
-@dataclass(frozen=True, eq=False)
-class Plant(FrozenArrays):
-    """
-    A scene as numbers for one robot.
-
-    Attributes
-    ----------
-    robot : Robot
-        The chain, with the payload welded on.
-    gravity : ndarray
-        (3,) [m/s^2], in the axes of frame 0; zeros without gravity.
-    damping, armature : ndarray or None
-        (n,) [N m s/rad, N s/m] and [kg m^2, kg]; None if the effect is off.
-    external_wrench, brakes : bool
-        Whether a wrench on the last link, and joints held at run time, are inputs.
-
-    """
-
-    robot: Robot
-    gravity: Array
-    damping: Array | None
-    armature: Array | None
-    external_wrench: bool
-    brakes: bool
-
-    def __post_init__(self) -> None:
-        for key in ('gravity', 'damping', 'armature'):
-            if getattr(self, key) is not None:
-                object.__setattr__(self, key, frozen(getattr(self, key)))
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of all numbers and switches, on which the recorded programs depend."""
-        state = hashlib.sha256(self.robot.digest.encode())
-        for values in (self.gravity, self.damping, self.armature):
-            state.update(b'none' if values is None else values.astype('<f8').tobytes())
-        state.update(repr((self.external_wrench, self.brakes)).encode())
-        return state.hexdigest()
+def _switch(key: str, value: Any) -> bool:
+    if not isinstance(value, (bool, np.bool_)):
+        raise ValueError(f'{key} must be True or False, got {quote(value)}')
+    return bool(value)
 
 
-def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
-    """
-    Return a scene as numbers for a robot.
-
-    Parameters
-    ----------
-    robot : Robot
-        The chain.
-    scene : Scene, optional
-        Which effects are on; gravity alone if not given.
-
-    Raises
-    ------
-    ValueError
-        If the scene gives damping or armature for another number of joints.
-
-    """
-    if not isinstance(robot, Robot):
-        raise ValueError(f'robot must be a Robot, got {quote(robot)}; load_robot() makes one')
-    scene = Scene() if scene is None else scene
-    if not isinstance(scene, Scene):
-        raise ValueError(f'scene must be a Scene or None, got {quote(scene)}')
-    carrying = robot if scene.payload is None else with_payload(robot, scene.payload)
-    gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
-    return Plant(
-        robot=carrying,
-        gravity=product(robot.base_rotation.T, gravity),
-        damping=_values(robot, 'damping', scene.damping),
-        armature=_values(robot, 'armature', scene.armature),
-        external_wrench=scene.external_wrench,
-        brakes=scene.brakes,
-    )
-
-
-def scene_inputs(
-    scene: Scene,
-    n: int,
-    dtype: str,
-    wrench: ArrayLike | None,
-    brakes: ArrayLike | None,
-    batch: tuple[int, ...] | None = None,
-) -> dict[str, NDArray[Any]]:
-    """
-    Return the inputs that a scene adds to positions, velocities and torques, checked.
-
-    Parameters
-    ----------
-    scene : Scene
-        Which effects are on.
-    n : int
-        Number of joints.
-    dtype : {'float64', 'float32'}
-        Number format of the result.
-    wrench : array_like or None
-        Force [N] and moment [N m] on the last link, (..., 6); exactly if the scene has one.
-    brakes : array_like of bool or None
-        True for joints that are held, (..., n); only if the scene has brakes. None holds none.
-    batch : tuple of int, optional
-        Leading dimensions to which the inputs are broadcast; default: as given.
-
-    Returns
-    -------
-    dict
-        `wrench`, (..., 6), and `free`, (..., n), 1 for joints that move and 0 for held ones; each
-        only if the scene has it.
-
-    Raises
-    ------
-    ValueError
-        If an input is given that the scene lacks, the wrench is missing, or one has another shape
-        or type.
-
-    """
-
-    def in_batch(name: str, array: NDArray[Any], size: int) -> NDArray[Any]:
-        if batch is None or array.shape[-1:] != (size,):
-            return fit_shape(name, array, (..., size))
-        return fit_shape(name, array, (*batch, size), broadcast=True)
-
-    inputs = {}
-    if scene.external_wrench:
-        if wrench is None:
-            raise ValueError('the scene has external_wrench=True, so the call needs wrench=')
-        inputs['wrench'] = in_batch('wrench', real_array('wrench', wrench, dtype), 6)
-    elif wrench is not None:
-        raise ValueError(
-            'wrench was given, but the scene has external_wrench=False: '
-            'use Scene(external_wrench=True)'
-        )
-    if scene.brakes:
-        held = np.zeros(n, bool) if brakes is None else _bools('brakes', brakes)
-        inputs['free'] = (~in_batch('brakes', held, n)).astype(dtype)
-    elif brakes is not None:
-        raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
-    return inputs
-
-
-def _bools(name: str, value: ArrayLike) -> NDArray[np.bool_]:
-    """Return an array of bool; ValueError for numbers, as 1 could mean a joint that moves."""
-    try:
-        array = np.asarray(None if isinstance(value, np.ma.MaskedArray) else value)
-    except (TypeError, ValueError, RuntimeError):
-        array = np.asarray(None)
-    if array.dtype != bool:
-        raise ValueError(f'{name} must be an array of bool, True for held, got {quote(value)}')
-    return array
-
-
-def _per_joint(key: str, value: Any) -> tuple[float, ...] | str | None:
-    """Return damping or armature of a scene as None, "model" or a tuple of numbers."""
-    if value is None:
-        return None
-    if isinstance(value, str) and value == MODEL:
-        return MODEL
-    try:
-        length = None if isinstance(value, str) else len(value)
-    except TypeError:
-        length = None
+def _per_joint(key: str, value: Any, rule: Rule) -> tuple[float, ...] | str | None:
+    """Return a field as None, "model" or a tuple with one number a joint."""
+    model = f', {MODEL!r}' if rule.model else ''
+    if value is None or (rule.model and isinstance(value, str) and value == MODEL):
+        return None if value is None else MODEL
+    length = _length(value)
     if length is None:
-        raise ValueError(
-            f'{key} must be None, {MODEL!r} or one number a joint, got {quote(value)}'
-        )
-    array = real_array(key, value, shape=(length,), largest=LARGEST) + 0.0
-    if (array < 0).any():
+        raise ValueError(f'{key} must be None{model} or one number a joint, got {quote(value)}')
+    array = _numbers(key, value, (length,), rule.infinite)
+    if rule.above and (array <= rule.least).any():
+        raise ValueError(f'{key} must be above {rule.least:g}, got {quote(array.tolist())}')
+    if (array < rule.least).any():
         raise ValueError(f'{key} must not be negative, got {quote(array.tolist())}')
     return tuple(array.tolist())
 
 
-def _values(robot: Robot, key: str, switch: Any) -> Array | None:
-    """Return one number a joint, or None if the effect is off."""
-    if switch is None:
+def _length(value: Any) -> int | None:
+    """Return the length of an array or a sequence; None for a text and for a single value."""
+    try:
+        return None if isinstance(value, str) else len(value)
+    except TypeError:
         return None
-    values = getattr(robot, key) if switch == MODEL else np.asarray(switch, dtype=np.float64)
-    if values.shape != (robot.n,):
+
+
+def _numbers(key: str, value: Any, shape: tuple[int | str, ...], infinite: bool) -> Array:
+    """Return finite numbers of a size that can be computed with, or infinite ones, as an array."""
+    if not infinite:
+        return real_array(key, value, shape=shape, largest=LARGEST) + 0.0
+    array = real_array(key, value, shape=shape, finite=False) + 0.0
+    if np.isnan(array).any() or (np.isfinite(array) & (np.abs(array) > LARGEST)).any():
         raise ValueError(
-            f'{key} of the scene has {len(values)} numbers, but {quote(robot.name)} has '
-            f'{robot.n} joints: {quote_all(robot.joint_names)}'
+            f'{key} must be at most {LARGEST:g} in size, or infinite, got {quote(array.tolist())}'
         )
-    # Zeros switch the effect off, so that it costs nothing.
-    return values if values.any() else None
+    return array
+
+
+def _joint_limits(value: Any) -> tuple[tuple[float, ...], ...] | str | None:
+    """Return None, "model" or a tuple of pairs."""
+    if value is None or (isinstance(value, str) and value == MODEL):
+        return value
+    if _length(value) is None:
+        raise ValueError(
+            f'joint_limits must be None, {MODEL!r} or a lower and an upper limit a joint, got '
+            f'{quote(value)}'
+        )
+    array = _numbers('joint_limits', value, ('n', 2), infinite=True)
+    return tuple(map(tuple, array.tolist()))
+
+
+def _restitution(value: Any) -> tuple[float, ...] | float:
+    """Return one number or a tuple with one a joint, from 0 to 1."""
+    length = _length(value)
+    number = real_number('restitution', value) if length is None else None
+    array = real_array('restitution', value, shape=() if length is None else (length,)) + 0.0
+    if (array < 0).any() or (array > 1).any():
+        raise ValueError(f'restitution must be from 0 to 1, got {quote(array.tolist())}')
+    return tuple(array.tolist()) if number is None else number + 0.0
+
+
+def _torque_speed(value: Any) -> tuple[tuple[tuple[float, ...], ...] | None, ...] | None:
+    """Return None, or for each joint None or its table as a tuple of pairs."""
+    if value is None:
+        return None
+    if _length(value) is None:
+        raise ValueError(
+            'torque_speed must be None or one table a joint with rows (speed, torque), got '
+            f'{quote(value)}'
+        )
+    return tuple(_table(f'torque_speed of joint {i + 1}', rows) for i, rows in enumerate(value))
+
+
+def _table(label: str, rows: Any) -> tuple[tuple[float, ...], ...] | None:
+    """Return the table of one joint, whose speeds rise and whose torques do not."""
+    if rows is None:
+        return None
+    array = real_array(label, rows, shape=('k', 2), largest=LARGEST) + 0.0
+    speeds, torques = array.T
+    if not len(array):
+        raise ValueError(f'{label} must have at least one row, or be None')
+    if (array < 0).any():
+        raise ValueError(f'{label} must not be negative, got {quote(array.tolist())}')
+    if (np.diff(speeds) <= 0).any():
+        raise ValueError(f'speeds of {label} must rise, got {quote(speeds.tolist())}')
+    if (np.diff(torques) > 0).any():
+        raise ValueError(f'torques of {label} must not rise, got {quote(torques.tolist())}')
+    return tuple(map(tuple, array.tolist()))
+
+
+def _compensation(value: Any) -> bool | Scene:
+    """Return True, False, or the scene of a model, which has gravity and a payload only."""
+    if not isinstance(value, Scene):
+        if not isinstance(value, (bool, np.bool_)):
+            raise ValueError(
+                f'gravity_compensation must be True, False or a Scene, got {quote(value)}'
+            )
+        return bool(value)
+    others = [
+        item.name
+        for item in fields(value)
+        if item.name not in ('gravity', 'payload') and getattr(value, item.name) != item.default
+    ]
+    if others:
+        raise ValueError(
+            'the scene of gravity_compensation may have gravity and a payload, nothing else: '
+            f'it has {others[0]}'
+        )
+    return value

@@ -7,7 +7,7 @@ Torques of the joints themselves, beside the torques of the links: friction and 
 
 Every text takes these torques from here, on n lanes (one row for all joints) and on one
 processor (a list with one number per joint). A further effect of a joint, such as Coulomb
-friction, is a field of Scene and Plant (pfd_core.model.scene), a term of `_terms` and, since it
+friction, is a field of Scene and Plant (pfd_core.model), a term of `_terms` and, since it
 depends on qd, is set to None in `without_joint_torques`. A sign is written with lanes.where.
 
 In forward dynamics qdd is unknown, so that each method adds the rotors' inertia to the diagonal

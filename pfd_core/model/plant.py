@@ -1,0 +1,289 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Plant: a scene and a robot as numbers, which an algorithm records as a program.
+
+    resolve                a plant of a robot and a scene
+    check_instant          refuses effects that a program of one instant cannot have
+    without_step_effects   a plant without those
+
+An effect that is off, or whose numbers are all zero, or infinite for a limit, is None. Most
+effects are torques at an instant, terms of pfd_core.algorithms.chain.joint_torques. Dry friction,
+stops and the lag of motors act over a step of time, in pfd_core.simulation.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+import hashlib
+from typing import Any
+
+import numpy as np
+
+from pfd_core.model.error_text import quote, quote_all
+from pfd_core.model.frozen_arrays import FrozenArrays, frozen
+from pfd_core.model.geometry import Array, product
+from pfd_core.model.robot import Robot
+from pfd_core.model.robot_changes import with_payload
+from pfd_core.model.scene import MODEL, PER_JOINT, Scene
+
+# Fields of Plant whose effects no text has yet.
+NOT_BUILT = ('stiffness', 'effort_limits', 'torque_speed', 'gravity_compensation')
+# Fields of Plant whose effects act over a step of time.
+STEP_EFFECTS = (
+    'friction',
+    'static_friction',
+    'stribeck_velocity',
+    'joint_limits',
+    'restitution',
+    'motor_lag',
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Plant(FrozenArrays):
+    """
+    A scene as numbers for one robot; an effect that is off is None.
+
+    Attributes
+    ----------
+    robot : Robot
+        The chain, with the payload welded on.
+    gravity : ndarray
+        (3,) [m/s^2], in the axes of frame 0; zeros without gravity.
+    damping, armature : ndarray or None
+        (n,) [N m s/rad, N s/m] and [kg m^2, kg].
+    external_wrench, brakes : bool
+        Whether a wrench on the last link, and joints held at run time, are inputs.
+    friction, static_friction : ndarray or None
+        (n,) [N m, N]: Coulomb friction, and the larger or equal friction at rest; both or none.
+    stribeck_velocity : ndarray or None
+        (n,) [rad/s, m/s]; only if static friction is larger somewhere.
+    joint_limits : ndarray or None
+        (n, 2) [rad, m], lower below upper, infinite where there is no stop.
+    restitution : ndarray or None
+        (n,), from 0 to 1; exactly if there are joint limits.
+    stiffness, rest_position : ndarray or None
+        (n,) [N m/rad, N/m] and [rad, m]; both or none.
+    effort_limits : ndarray or None
+        (n,) [N m, N], infinite where there is none.
+    torque_speed : ndarray or None
+        (n, k, 2), rows (speed, torque) [rad/s, N m; m/s, N]; rows beyond a joint's own have
+        infinite speeds, and those of a joint without a table infinite torques.
+    gravity_compensation : Plant or None
+        The robot and gravity whose gravity torques the drives add.
+    motor_lag : ndarray or None
+        (n,) [s].
+
+    """
+
+    robot: Robot
+    gravity: Array
+    damping: Array | None = None
+    armature: Array | None = None
+    external_wrench: bool = False
+    brakes: bool = False
+    friction: Array | None = None
+    static_friction: Array | None = None
+    stribeck_velocity: Array | None = None
+    joint_limits: Array | None = None
+    restitution: Array | None = None
+    stiffness: Array | None = None
+    rest_position: Array | None = None
+    effort_limits: Array | None = None
+    torque_speed: Array | None = None
+    gravity_compensation: Plant | None = None
+    motor_lag: Array | None = None
+
+    def __post_init__(self) -> None:
+        for key, value in vars(self).items():
+            if isinstance(value, np.ndarray):
+                object.__setattr__(self, key, frozen(value))
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of all numbers and switches, on which the recorded programs depend."""
+        state = hashlib.sha256()
+        for item in fields(self):
+            value = getattr(self, item.name)
+            if isinstance(value, (Robot, Plant)):
+                value = value.digest
+            exact = isinstance(value, np.ndarray)
+            text = value.astype('<f8').tobytes() if exact else repr(value).encode()
+            state.update(f'{item.name}='.encode() + text)
+        return state.hexdigest()
+
+
+def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
+    """
+    Return a scene as numbers for a robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        The chain.
+    scene : Scene, optional
+        Which effects are on; gravity alone if not given.
+
+    Raises
+    ------
+    ValueError
+        If the scene has numbers for another number of joints, a static friction below the Coulomb
+        friction, or stops between which a joint cannot move.
+
+    """
+    if not isinstance(robot, Robot):
+        raise ValueError(f'robot must be a Robot, got {quote(robot)}; load_robot() makes one')
+    scene = Scene() if scene is None else scene
+    if not isinstance(scene, Scene):
+        raise ValueError(f'scene must be a Scene or None, got {quote(scene)}')
+    values = {key: _values(robot, scene, key) for key in PER_JOINT}
+    gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
+    limits = _joint_limits(robot, scene)
+    return Plant(
+        robot=robot if scene.payload is None else with_payload(robot, scene.payload),
+        gravity=product(robot.base_rotation.T, gravity),
+        damping=_unless_zero(values['damping']),
+        armature=_unless_zero(values['armature']),
+        external_wrench=scene.external_wrench,
+        brakes=scene.brakes,
+        **_friction(robot, values),
+        joint_limits=limits,
+        restitution=None if limits is None else _restitution(robot, scene),
+        **_springs(robot, values),
+        effort_limits=_unless_infinite(values['effort_limits']),
+        torque_speed=_torque_speed(robot, scene),
+        gravity_compensation=_compensation(robot, scene),
+        motor_lag=_unless_zero(values['motor_lag']),
+    )
+
+
+def without_step_effects(plant: Plant) -> Plant:
+    """Return a plant without dry friction, stops and lag: the accelerations at an instant."""
+    off: dict[str, Any] = dict.fromkeys(STEP_EFFECTS)
+    return replace(plant, **off)
+
+
+def check_instant(plant: Plant) -> None:
+    """Raise ValueError for effects that act over a step of time, not at an instant."""
+    for key in NOT_BUILT:
+        if getattr(plant, key) is not None:
+            raise ValueError(f'{key} is not modelled yet: leave it out of the scene')
+    over = [key for key in STEP_EFFECTS if getattr(plant, key) is not None]
+    if over:
+        raise ValueError(
+            f'{quote_all(over)} of the scene act over a step of time, not at an instant: '
+            'simulate with Simulator or Ensemble, or leave them out of the scene'
+        )
+
+
+def _values(robot: Robot, scene: Scene, key: str) -> Array | None:
+    """Return a field with one number a joint, or None if the scene has none."""
+    value = getattr(scene, key)
+    if value is None:
+        return None
+    if value == MODEL:
+        numbers: Array = getattr(robot, PER_JOINT[key].model or key)
+        return numbers
+    _check_count(robot, key, value)
+    return np.asarray(value, dtype=np.float64)
+
+
+def _check_count(robot: Robot, key: str, rows: Any, noun: str = 'numbers') -> None:
+    if len(rows) != robot.n:
+        raise ValueError(
+            f'{key} of the scene has {len(rows)} {noun}, but {quote(robot.name)} has '
+            f'{robot.n} joints: {quote_all(robot.joint_names)}'
+        )
+
+
+def _unless_zero(values: Array | None) -> Array | None:
+    return values if values is not None and values.any() else None
+
+
+def _unless_infinite(values: Array | None) -> Array | None:
+    return values if values is not None and np.isfinite(values).any() else None
+
+
+def _friction(robot: Robot, values: dict[str, Array | None]) -> dict[str, Array | None]:
+    """Return Coulomb friction, static friction and Stribeck velocity."""
+    sliding, resting = values['friction'], values['static_friction']
+    resting = sliding if resting is None else resting
+    if sliding is None or resting is None or not (sliding.any() or resting.any()):
+        return {}
+    for name, low, high in zip(robot.joint_names, sliding.tolist(), resting.tolist(), strict=True):
+        if high < low:
+            raise ValueError(
+                f'static_friction of joint {quote(name)} must be at least its friction {low}, '
+                f'got {high}'
+            )
+    falling = (resting > sliding).any()
+    return {
+        'friction': sliding,
+        'static_friction': resting,
+        'stribeck_velocity': values['stribeck_velocity'] if falling else None,
+    }
+
+
+def _joint_limits(robot: Robot, scene: Scene) -> Array | None:
+    """Return lower and upper limits, (n, 2), or None without a stop."""
+    if scene.joint_limits is None:
+        return None
+    if scene.joint_limits == MODEL:
+        limits = np.stack([robot.position_lower, robot.position_upper], axis=1)
+    else:
+        _check_count(robot, 'joint_limits', scene.joint_limits, 'rows')
+        limits = np.asarray(scene.joint_limits, dtype=np.float64)
+    for name, (lower, upper) in zip(robot.joint_names, limits.tolist(), strict=True):
+        if not lower < upper:
+            raise ValueError(
+                f'joint_limits of joint {quote(name)} must be a lower limit below an upper one, '
+                f'got {lower} and {upper}; a joint that cannot move is to be locked'
+            )
+    return _unless_infinite(limits)
+
+
+def _restitution(robot: Robot, scene: Scene) -> Array:
+    if isinstance(scene.restitution, float):
+        return np.full(robot.n, scene.restitution)
+    _check_count(robot, 'restitution', scene.restitution)
+    return np.asarray(scene.restitution, dtype=np.float64)
+
+
+def _springs(robot: Robot, values: dict[str, Array | None]) -> dict[str, Array]:
+    """Return stiffness and rest positions."""
+    stiffness, rest = values['stiffness'], values['rest_position']
+    if stiffness is None or not stiffness.any():
+        return {}
+    return {
+        'stiffness': stiffness,
+        'rest_position': np.zeros(robot.n) if rest is None else rest,
+    }
+
+
+def _torque_speed(robot: Robot, scene: Scene) -> Array | None:
+    """Return the tables of all joints with the rows of the longest."""
+    if scene.torque_speed is None:
+        return None
+    tables: Any = scene.torque_speed
+    _check_count(robot, 'torque_speed', tables, 'tables')
+    longest = max(len(table or ()) for table in tables)
+    if not longest:
+        return None
+    rows = np.full((robot.n, longest, 2), np.inf)
+    for i, table in enumerate(tables):
+        if table is not None:
+            rows[i, : len(table)] = table
+            rows[i, len(table) :, 1] = table[-1][1]
+    return rows
+
+
+def _compensation(robot: Robot, scene: Scene) -> Plant | None:
+    """Return the plant whose gravity torques the drives add; None for no torques."""
+    model = scene.gravity_compensation
+    if model is False:
+        return None
+    if not isinstance(model, Scene):
+        model = Scene(gravity=scene.gravity)
+    plant = resolve(robot, model)
+    return plant if plant.gravity.any() else None

@@ -1,0 +1,88 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The inputs that a scene adds to positions, velocities and torques at run time, checked."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pfd_core.model.checked_numbers import fit_shape, real_array
+from pfd_core.model.error_text import quote
+from pfd_core.model.scene import Scene
+
+
+def scene_inputs(
+    scene: Scene,
+    n: int,
+    dtype: str,
+    wrench: ArrayLike | None,
+    brakes: ArrayLike | None,
+    batch: tuple[int, ...] | None = None,
+) -> dict[str, NDArray[Any]]:
+    """
+    Return the inputs that a scene adds to positions, velocities and torques, checked.
+
+    Parameters
+    ----------
+    scene : Scene
+        Which effects are on.
+    n : int
+        Number of joints.
+    dtype : {'float64', 'float32'}
+        Number format of the result.
+    wrench : array_like or None
+        Force [N] and moment [N m] on the last link, (..., 6); exactly if the scene has one.
+    brakes : array_like of bool or None
+        True for joints that are held, (..., n); only if the scene has brakes. None holds none.
+    batch : tuple of int, optional
+        Leading dimensions to which the inputs are broadcast; default: as given.
+
+    Returns
+    -------
+    dict
+        `wrench`, (..., 6), and `free`, (..., n), 1 for joints that move and 0 for held ones; each
+        only if the scene has it.
+
+    Raises
+    ------
+    ValueError
+        If an input is given that the scene lacks, the wrench is missing, or one has another shape
+        or type.
+
+    """
+
+    def in_batch(name: str, array: NDArray[Any], size: int) -> NDArray[Any]:
+        if batch is None or array.shape[-1:] != (size,):
+            return fit_shape(name, array, (..., size))
+        return fit_shape(name, array, (*batch, size), broadcast=True)
+
+    inputs = {}
+    if scene.external_wrench:
+        if wrench is None:
+            raise ValueError('the scene has external_wrench=True, so the call needs wrench=')
+        inputs['wrench'] = in_batch('wrench', real_array('wrench', wrench, dtype), 6)
+    elif wrench is not None:
+        raise ValueError(
+            'wrench was given, but the scene has external_wrench=False: '
+            'use Scene(external_wrench=True)'
+        )
+    if scene.brakes:
+        held = np.zeros(n, bool) if brakes is None else _bools('brakes', brakes)
+        inputs['free'] = (~in_batch('brakes', held, n)).astype(dtype)
+    elif brakes is not None:
+        raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
+    return inputs
+
+
+def _bools(name: str, value: ArrayLike) -> NDArray[np.bool_]:
+    """Return an array of bool; ValueError for numbers, as 1 could mean a joint that moves."""
+    try:
+        array = np.asarray(None if isinstance(value, np.ma.MaskedArray) else value)
+    except (TypeError, ValueError, RuntimeError):
+        array = np.asarray(None)
+    if array.dtype != bool:
+        raise ValueError(f'{name} must be an array of bool, True for held, got {quote(value)}')
+    return array

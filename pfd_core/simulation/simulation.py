@@ -15,8 +15,10 @@ from numpy.typing import ArrayLike
 from pfd_core.model import Robot, Scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, check_finite, integer, real_array, real_number
 from pfd_core.model.joint_space_checks import check_joint_inertia
-from pfd_core.simulation.integrators import integrator_named, record_step
+from pfd_core.simulation.integrators import TABLE, record_step
 from pfd_core.simulation.state_buffer import StateBuffer
+from pfd_core.simulation.stiffness import chosen
+from pfd_core.simulation.turns import split_turns
 
 # Larger angles [rad] have lost more than 2e-7 rad in float64 and 1e-4 rad in float32 already.
 LARGEST_ANGLE = {'float64': 2.0**30, 'float32': 2.0**10}
@@ -43,6 +45,7 @@ class Simulation(ABC):
         method: str = 'auto',
         dtype: str = 'float64',
         refine: int = 0,
+        compensated: bool | None = None,
     ) -> None:
         check_joint_inertia(resolve(robot, scene))  # ValueError for a wrong robot or scene
         self.robot = robot
@@ -52,7 +55,8 @@ class Simulation(ABC):
             raise ValueError(f'step_size must be above zero seconds, got {self.step_size}')
         self.substeps = integer('substeps', substeps, 1)
         self.dtype = dtype
-        self._integrator = integrator_named(integrator)
+        self.integrator = chosen(integrator, robot, self.scene, self.step_size / self.substeps)
+        self.compensated = _positions_grow(robot, dtype) if compensated is None else compensated
         self._options = {'method': method, 'refine': refine}
         self._native = self._compile()
         # Inputs beside the torque, in the order of the native code.
@@ -68,14 +72,22 @@ class Simulation(ABC):
 
     def _compile(self) -> Any:
         """Return the native code of these settings."""
-        h = self.step_size / self.substeps
-        damping = resolve(self.robot, self.scene).damping
+        integrator, h = TABLE[self.integrator], self.step_size / self.substeps
+        plant = resolve(self.robot, self.scene)
+        step = record_step(
+            integrator,
+            self.robot.n,
+            h,
+            plant.damping,
+            compensated=self.compensated,
+            motor_lag=plant.motor_lag,
+        )
         return self._compiler(
             self.robot,
-            record_step(self._integrator, self.robot.n, h, damping),
+            step,
             scene=self.scene,
             dtype=self.dtype,
-            implicit=self._integrator.implicit * h,
+            implicit=integrator.implicit * h,
             **self._options,
         )
 
@@ -111,6 +123,18 @@ class Simulation(ABC):
     def qd(self) -> Array:
         """Joint velocities, (n,) or (B, n) [rad/s or m/s]; a copy."""
         return np.array(self._now.arrays['qd'])
+
+    @property
+    def wrapped(self) -> tuple[Array, Array]:
+        """
+        Positions as angles from -pi to pi and whole turns, each (n,) or (B, n).
+
+        Of joints that turn; sliding ones keep their position [m], with 0 turns. An angle has the
+        digits that q has lost to its turns, where positions are `compensated`.
+        """
+        arrays = self._now.arrays
+        turning = np.array([kind != 'prismatic' for kind in self.robot.joint_types])
+        return split_turns(arrays['q'], arrays.get('q_low'), turning)
 
     @property
     def time(self) -> float:
@@ -163,6 +187,11 @@ class Simulation(ABC):
     ) -> dict[str, Array]:
         """Return the inputs that the scene asks for, checked and the same for all steps."""
         return scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes, self._batch)
+
+
+def _positions_grow(robot: Robot, dtype: str) -> bool:
+    """Return whether positions lose digits that show: angles without limit, or few digits."""
+    return dtype == 'float32' or 'continuous' in robot.joint_types
 
 
 def _check_angles(robot: Robot, q: Array, dtype: str) -> None:

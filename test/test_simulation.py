@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 from functools import partial
 from itertools import pairwise
+import operator
 
 import numpy as np
 import pinocchio as pin
@@ -15,7 +17,7 @@ from zoo import random_chain, to_pinocchio
 
 import pfd_core as pfd
 from pfd_core.machine.emulator import run
-from pfd_core.simulation.integrators import TABLE, record_step
+from pfd_core.simulation.integrators import TABLE, System, record_step
 
 INTEGRATORS = tuple(TABLE)
 
@@ -56,18 +58,42 @@ def test_steps_and_rollout_give_the_same_bits(integrator: str, dtype: str) -> No
     assert trajectory.finite_steps == 50
 
 
+class ExactLoss:
+    """Sums q + dq with the loss of one added to the next dq, by rational numbers."""
+
+    def __init__(self) -> None:
+        self.low = np.zeros(3)
+
+    def __call__(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+        y = dq + self.low
+        total: np.ndarray = q + y
+        exact = [[Fraction(float(x)) for x in row] for row in (q, y, total)]
+        self.low = np.array([float(a + b - s) for a, b, s in zip(*exact, strict=True)])
+        return total
+
+
+@pytest.mark.parametrize('compensated', [False, True])
 @pytest.mark.parametrize('integrator', INTEGRATORS)
-def test_native_steps_are_the_integrators_text_on_numpy_bit_for_bit(integrator: str) -> None:
+def test_native_steps_are_the_integrators_text_on_numpy_bit_for_bit(
+    integrator: str, compensated: bool
+) -> None:
     robot = random_chain(np.random.default_rng(2), 3)
     scene = pfd.Scene(damping=DAMPING, armature=np.full(3, 0.1))
     kernel = pfd.compile_kernel(robot, scene=scene)
     step_size, substeps = 2e-3, 2
     sim = pfd.Simulator(
-        robot, scene, step_size=step_size, substeps=substeps, integrator=integrator
+        robot,
+        scene,
+        step_size=step_size,
+        substeps=substeps,
+        integrator=integrator,
+        compensated=compensated,
     )
     text = TABLE[integrator]
     h = step_size / substeps
-    program = record_step(text, 3, h, DAMPING)
+    program = record_step(text, 3, h, DAMPING, compensated=compensated)
+    exact = ExactLoss()
+    advance = exact if compensated else operator.add
     undamped = pfd.compile_kernel(robot, scene=replace(scene, damping=None))
     heavier = replace(
         scene, gravity=None, damping=None, armature=text.implicit * h * DAMPING + 0.1
@@ -83,12 +109,15 @@ def test_native_steps_are_the_integrators_text_on_numpy_bit_for_bit(integrator: 
     for tau in np.random.default_rng(3).normal(size=(20, 3)):
         f, explicit = partial(kernel, tau=tau), partial(undamped, tau=tau)
         functions = {'qdd': f, 'undamped': explicit, 'solve': solve}
-        given = (explicit, solve, DAMPING) if text.implicit else (f,)
+        part = explicit if text.implicit else f
+        system = System(lambda q, qd, at, part=part: part(q, qd), advance, solve, DAMPING)
         sim.step(tau)
         state = {'q': q, 'qd': qd, 'qdd': f(q, qd)}
         x = state = {name: state[name] for name in text.carried}
+        if compensated:
+            x = x | {'q_low': exact.low}
         for _ in range(substeps):
-            end = text.step(*given, h, *state.values())
+            end = text.step(system, h, *state.values())
             state = dict(zip(state, end, strict=True))
             x = run(program, x, functions=functions)
         q, qd = state['q'], state['qd']

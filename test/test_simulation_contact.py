@@ -8,7 +8,7 @@ from math import log, sqrt
 
 import numpy as np
 import pytest
-from zoo import joint, link, urdf
+from zoo import joint, link, slider, urdf
 
 import pfd_core as pfd
 
@@ -35,13 +35,6 @@ def rotor(inertia: float) -> pfd.Robot:
             joint('j', 'continuous', 'base', 'wheel'),
         )
     )
-
-
-def slider(x: float, z: float) -> pfd.Robot:
-    """Return a mass of 1 kg on a straight rail."""
-    J = '0.1 0.1 0.1 0 0 0'
-    text = joint('j', 'prismatic', 'base', 'mass', axis=f'{x} 0 {z}')
-    return pfd.load_robot(urdf('slider', link('base'), link('mass', 1.0, J=J), text))
 
 
 def two_links() -> pfd.Robot:

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 from oracle import Oracle
 import pytest
-from zoo import random_chain
+from zoo import random_chain, slider
 
 import pfd_core as pfd
 from pfd_core.model.checked_numbers import Array
@@ -235,3 +235,41 @@ def test_functions_of_one_instant_refuse_friction() -> None:
     robot = pfd.load_robot('ur5')
     with pytest.raises(ValueError, match='act over a step of time'):
         pfd.compile_kernel(robot, scene=pfd.Scene(friction=[1.0] * 6))
+
+
+def test_stops_out_of_reach_leave_the_motion_as_it_is_with_lagging_motors() -> None:
+    robot = pfd.load_robot('ur5')
+    lag = {'motor_lag': [0.01, 0.0, 0.002, 1e-4, 0.05, 0.02], 'armature': [0.1] * 6}
+    far = pfd.Scene(joint_limits=[[-100.0, 100.0]] * 6, **lag)
+    taus = np.random.default_rng(3).normal(0, 20, (200, 6))
+    ends = []
+    for scene in (pfd.Scene(**lag), far):
+        sim = pfd.Simulator(robot, scene)
+        sim.reset([0.1] * 6, [0.5] * 6)
+        ends.append(sim.rollout(taus))
+    for name in ('q', 'qd', 'qdd'):
+        free, bounded = (getattr(run, name) for run in ends)
+        assert np.abs(free - bounded).max() < BALANCE * np.abs(free).max()
+
+
+def test_a_motor_that_lags_breaks_a_joint_away_when_its_torque_reaches_the_friction() -> None:
+    """Torque u (1 - exp(-t/T)) against friction F: v = (u - F)(t - t0) - u T (e0 - e), m = 1."""
+    u, lag, friction = 20.0, 0.05, 8.0
+    scene = pfd.Scene(gravity=None, friction=[friction], motor_lag=[lag])
+    sim = pfd.Simulator(slider(1, 0), scene, step_size=1e-3, substeps=1)
+    run = sim.rollout(np.full((200, 1), u))
+    away = -lag * np.log(1 - friction / u)
+    assert (run.qd[run.time < away] == 0.0).all()
+    t = run.time[run.time > away]
+    wanted = (u - friction) * (t - away) - u * lag * (np.exp(-away / lag) - np.exp(-t / lag))
+    # The joint is released at the end of the step in which its torque reaches the friction.
+    assert np.abs(run.qd[run.time > away, 0] - wanted).max() < u / lag * 1e-3**2
+
+
+def test_a_slow_joint_under_friction_does_not_stand_still_in_float32() -> None:
+    """At 1000 m a step of 1e-5 m is a sixth of the last digit of a position in float32."""
+    scene = pfd.Scene(gravity=None, friction=[1e-9])
+    sim = pfd.Simulator(slider(1, 0), scene, step_size=1e-3, substeps=1, dtype='float32')
+    sim.reset([1000.0], [0.01])
+    run = sim.rollout(np.zeros((10_000, 1)))
+    assert abs(float(run.q[-1, 0]) - 1000.1) < np.spacing(np.float32(1000.0))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 import pinocchio as pin
 
-from pfd_core.model import Robot
+from pfd_core.model import Robot, load_robot
 
 Array = NDArray[np.float64]
 
@@ -130,6 +130,12 @@ TWO_ARMS = urdf(
     joint('right_shoulder', 'continuous', 'column', 'right_upper', '0 -0.2 1', extra=''),
     joint('right_elbow', 'revolute', 'right_upper', 'right_fore', '0.3 0 0', axis='0 1 0'),
 )
+
+
+def slider(x: float, z: float) -> Robot:
+    """Return a mass of 1 kg on a straight rail."""
+    rail = joint('j', 'prismatic', 'base', 'mass', axis=f'{x} 0 {z}')
+    return load_robot(urdf('slider', link('base'), link('mass', 1.0, J='0.1 0.1 0.1 0 0 0'), rail))
 
 
 def random_rotation(rng: np.random.Generator) -> Array:

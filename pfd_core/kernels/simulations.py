@@ -20,7 +20,8 @@ from pfd_core.algorithms.chain.joint_torques import without_joint_torques
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.codegen.arms import PARAMETERS
 from pfd_core.kernels.codegen.module import ensemble_module, rollout_module
-from pfd_core.kernels.codegen.step import MOTION, further_rows
+from pfd_core.kernels.codegen.rollout import written
+from pfd_core.kernels.codegen.step import further_rows, torque_row
 from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.kernels.runtime.jit import Native, simd_width
@@ -37,6 +38,8 @@ class Rollout:
     method: str  # the method it was recorded from
     work: int  # operations of one call of @step
     rows: tuple[str, ...]  # of the state, beside q and qd
+    written: tuple[str, ...]  # rows that `run` writes after each step
+    torque: str  # the row, or input, that is the torque at the end of a step
     run: Callable[..., int]  # @rollout (pfd_core.kernels.codegen.rollout)
     accelerations: Callable[..., None]  # @accelerations
     native: Native  # owner of the code
@@ -83,8 +86,8 @@ def compile_rollout(
     native = sources.main.compile(f'rollout{sources.key} {step_program}', text)
     integer = ctypes.c_int64
     inputs: list[Any] = [ctypes.c_void_p] * len(sources.signature.inputs)
-    rows = further_rows(step_program)
-    states: list[Any] = [ctypes.c_void_p] * (len(rows) + len(MOTION))
+    rows, out = further_rows(step_program), written(step_program)
+    states: list[Any] = [ctypes.c_void_p] * len((*rows, *out))
     run = ctypes.CFUNCTYPE(integer, integer, integer, *inputs, *states)
     accelerate = ctypes.CFUNCTYPE(None, integer, *inputs, ctypes.c_void_p)
     calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
@@ -92,6 +95,8 @@ def compile_rollout(
         sources.method,
         sources.main.work * calls,
         rows,
+        out,
+        torque_row(step_program),
         run(native.address('rollout')),
         accelerate(native.address('accelerations')),
         native,
@@ -192,10 +197,11 @@ def _sources(
     rotors that are heavier by c D: (H + c D)^-1 tau.
     """
     plant, _ = plant_of(robot, scene, dtype)
-    instant = without_step_effects(plant)
-    method = choose(instant, method, refine)
+    # Effects over a step of time are the step's own.
+    plant = without_step_effects(plant)
+    method = choose(plant, method, refine)
     if contact is not None:
-        return _contact_sources(instant, method, dtype, refine, contact)
+        return _contact_sources(plant, method, dtype, refine, contact)
     main = forward(plant, method, refine, dtype)
     if not implicit or plant.damping is None:
         return _Sources(method, main, '', {}, main.inputs, dtype)

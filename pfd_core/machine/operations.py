@@ -83,7 +83,7 @@ OPERATIONS = {
         Operation('sin', 1, 'sines', np.sin),
         Operation('cos', 1, 'sines', np.cos),
         # The rows of a function that is recorded elsewhere: accelerations, for an integrator.
-        Operation('call', 2),
+        Operation('call', -1),
         # A repeated part: `loop` (its initial rows), `state` (a row as this trip finds it),
         # `end` (the rows for the next trip), `result` (a row after the last one).
         Operation('loop', -1),

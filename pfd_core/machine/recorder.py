@@ -206,11 +206,11 @@ class Recorder:
         register = self.write(instruction.op, args, instruction.data, instruction.active)
         return Lanes(self, (register,), instruction.active)
 
-    def call(self, function: str, first: Lanes, second: Lanes) -> Lanes:
-        """Record a call of a function of two rows, whose body is another program."""
+    def call(self, function: str, *rows: Lanes) -> Lanes:
+        """Record a call of a function of some rows, whose body is another program."""
         if not self.parallel:
             raise ValueError('a call takes whole rows: record it with the parallel schedule')
-        args = (first.registers[0], second.registers[0])
+        args = tuple(row.registers[0] for row in rows)
         return Lanes(self, (self.write('call', args, function, self.all),), self.all)
 
     def route(self, value: Lanes, sources: Sequence[int | None], fill: Lanes | None) -> Lanes:

@@ -3,9 +3,12 @@
 """
 Time: the motion of an arm, or of many arms at once, in native code.
 
-    integrators     one step of qdd = f(q, qd); the table of integrators
+    rows            rows of the state beside q and qd: compensated positions, motor torques
+    integrators     one step of qdd = f(q, qd, t); the table of integrators
+    stiffness       the integrator that 'auto' stands for
     contact/        dry friction, joint stops and impacts within a step
     feedback        laws that compute torques from the state, within native code
+    turns           angles and whole turns of positions
     state_buffer    a state in memory; double buffering of steps
     simulation      settings, copies and reset of Simulator and Ensemble
     simulator       Simulator: one arm, step by step or in a rollout
@@ -17,5 +20,6 @@ Time: the motion of an arm, or of many arms at once, in native code.
 
 A new integrator is a function and a row of integrators.TABLE (INTEGRATORS are its names), a new
 adaptive one its coefficients and a row of embedded_pairs.PAIRS, a new law of feedback a class in
-`feedback` and its text in kernels.codegen.law.
+`feedback` and its text in kernels.codegen.law, a new row of the state a class in `rows` and a line
+of integrators.record_step.
 """

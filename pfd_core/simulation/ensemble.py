@@ -30,6 +30,7 @@ from pfd_core.kernels.simulations import NativeEnsemble, compile_ensemble
 from pfd_core.model import Robot, Scene
 from pfd_core.model.checked_numbers import Array, fit_shape, integer, real_array
 from pfd_core.simulation.feedback import Law, law_arrays
+from pfd_core.simulation.integrators import TABLE
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.trajectory import Trajectory
 
@@ -47,7 +48,7 @@ class Ensemble(Simulation):
     scene : Scene, optional
         Which effects are on; default: rigid links and gravity.
     **settings
-        step_size, substeps, integrator, method, dtype and refine, as for Simulator.
+        step_size, substeps, integrator, method, dtype, refine and compensated, as for Simulator.
 
     Raises
     ------
@@ -140,7 +141,7 @@ class Ensemble(Simulation):
     @property
     def _work(self) -> int:
         """Operations of one step of a register of arms."""
-        evaluations = 1 + self.substeps * self._integrator.evaluations
+        evaluations = 1 + self.substeps * TABLE[self.integrator].evaluations
         return self._native.work * evaluations
 
     def _advance(

@@ -1,10 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Integrators: one step of size h of qdd = f(q, qd), with the torque held.
+Integrators: one step of size h of qdd = f(q, qd, t), with the commanded torque held.
 
 An integrator is a function, text over one lane per joint, and its row in TABLE: to add one, write
-both. A simulation then offers it under its name, and the tests measure its order.
+both. A simulation then offers it under its name, and the tests measure its order. It sees the arm
+as a System: where its torque comes from and how its positions are summed is not its business.
 
 An integrator that carries the acceleration at the end of a step on to the next does not evaluate
 f twice at one state; a simulation then adds one evaluation when the torque changes.
@@ -16,14 +17,41 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 import math
+import operator
 from typing import Any
 
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model.checked_numbers import Array
+from pfd_core.simulation.rows import CompensatedSum, LaggedTorque
 
 State = tuple[Any, ...]
-Accelerations = Callable[[Any, Any], Any]
+
+
+@dataclass(frozen=True)
+class System:
+    """
+    An arm for the length of a step, as its integrator sees it.
+
+    Attributes
+    ----------
+    accelerations : callable
+        f(q, qd, at), with the torque after the part `at` of the step: 0 its beginning, 1 its end.
+    advance : callable
+        advance(q, dq) returns q + dq, the position at the end of the step; for one call.
+    solve : callable or None
+        For an implicit integrator in a scene with damping: solve(q, y) = (H + c h D)^-1 y, which
+        is the forward dynamics of a torque y at rest, without gravity, of a plant with an
+        armature larger by c h D. `accelerations` are then without damping.
+    damping : row or None
+        D, with `solve`.
+
+    """
+
+    accelerations: Callable[[Any, Any, float], Any]
+    advance: Callable[[Any, Any], Any] = operator.add
+    solve: Callable[[Any, Any], Any] | None = None
+    damping: Any = None
 
 
 @dataclass(frozen=True)
@@ -34,8 +62,7 @@ class Integrator:
     Attributes
     ----------
     step : callable
-        step(f, h, *carried) returns the carried parts for the next step; with `implicit`,
-        step(f, solve, D, h, *carried), see below.
+        step(system, h, *carried) returns the carried parts for the next step.
     carried : tuple of str
         Parts of the state that a step takes and returns: q, qd, and qdd if it needs it.
     order : int
@@ -43,10 +70,7 @@ class Integrator:
     evaluations : int
         Evaluations of f, and solutions, in a step.
     implicit : float
-        Part c of h for which the damping D acts implicitly, or 0. If it is not 0, f is without
-        damping, and solve(q, y) = (H + c h D)^-1 y, which is the forward dynamics of a torque y at
-        rest, without gravity, of a plant with an armature larger by c h D. Without damping in the
-        scene, solve is None.
+        Part c of h for which the damping D acts implicitly, see System; 0 if it does not.
 
     """
 
@@ -57,30 +81,30 @@ class Integrator:
     implicit: float = 0.0
 
 
-def rk4(f: Accelerations, h: float, q: Any, qd: Any) -> State:
+def rk4(system: System, h: float, q: Any, qd: Any) -> State:
     """Return q and qd after one step of the classical Runge-Kutta method."""
-    half, sixth = h / 2, h / 6
-    a = f(q, qd)
+    f, half, sixth = system.accelerations, h / 2, h / 6
+    a = f(q, qd, 0)
     v2 = qd + half * a
-    a2 = f(q + half * qd, v2)
+    a2 = f(q + half * qd, v2, 0.5)
     v3 = qd + half * a2
-    a3 = f(q + half * v2, v3)
+    a3 = f(q + half * v2, v3, 0.5)
     v4 = qd + h * a3
-    a4 = f(q + h * v3, v4)
-    q_end = q + sixth * ((qd + v4) + 2.0 * (v2 + v3))
+    a4 = f(q + h * v3, v4, 1)
+    q_end = system.advance(q, sixth * ((qd + v4) + 2.0 * (v2 + v3)))
     qd_end = qd + sixth * ((a + a4) + 2.0 * (a2 + a3))
     return q_end, qd_end
 
 
-def velocity_verlet(f: Accelerations, h: float, q: Any, qd: Any, a: Any) -> State:
+def velocity_verlet(system: System, h: float, q: Any, qd: Any, a: Any) -> State:
     """
     Return q, qd and a' after one step of velocity Verlet.
 
     The forces of an arm depend on the velocity, so that it is predicted for the evaluation:
     q' = q + h qd + h^2/2 a, a' = f(q', qd + h a), qd' = qd + h/2 (a + a').
     """
-    q_end = q + h * (qd + (h / 2) * a)
-    a_end = f(q_end, qd + h * a)
+    q_end = system.advance(q, h * (qd + (h / 2) * a))
+    a_end = system.accelerations(q_end, qd + h * a, 1)
     return q_end, qd + (h / 2) * (a + a_end), a_end
 
 
@@ -89,7 +113,7 @@ IMEX_DIAGONAL = 1 - 1 / math.sqrt(2)
 IMEX_FIRST = 1 - 1 / (2 * IMEX_DIAGONAL)
 
 
-def imex2(f: Accelerations, solve: Any, damping: Any, h: float, q: Any, qd: Any) -> State:
+def imex2(system: System, h: float, q: Any, qd: Any) -> State:
     """
     Return q and qd after one step of ARS(2, 2, 2), with the damping D implicit.
 
@@ -98,21 +122,22 @@ def imex2(f: Accelerations, solve: Any, damping: Any, h: float, q: Any, qd: Any)
     in D: U. M. Ascher, S. J. Ruuth, R. J. Spiteri, Implicit-explicit Runge-Kutta methods for
     time-dependent partial differential equations, Applied Numerical Mathematics 25 (1997), 2.6.
     """
+    f, solve, damping = system.accelerations, system.solve, system.damping
     c, d = IMEX_DIAGONAL, IMEX_FIRST
-    a = f(q, qd)
+    a = f(q, qd, 0)
     w1 = qd + (c * h) * a
     v1 = w1
     if solve is not None:
         x = solve(q + (c * h) * qd, damping * w1)
         v1 = w1 - (c * h) * x
-    a1 = f(q + (c * h) * v1, v1)
+    a1 = f(q + (c * h) * v1, v1, c)
     w2 = qd + h * (d * a + (1 - d) * a1)
     v2 = w2
     if solve is not None:
         w2 = w2 - ((1 - c) * h) * x
         y = solve(q + h * (d * qd + (1 - d) * v1), damping * w2)
         v2 = w2 - (c * h) * y
-    return q + h * ((1 - c) * v1 + c * v2), v2
+    return system.advance(q, h * ((1 - c) * v1 + c * v2)), v2
 
 
 TABLE = {
@@ -120,33 +145,44 @@ TABLE = {
     'velocity_verlet': Integrator(velocity_verlet, ('q', 'qd', 'qdd'), order=2, evaluations=1),
     'imex2': Integrator(imex2, ('q', 'qd'), order=2, evaluations=4, implicit=IMEX_DIAGONAL),
 }
-# The integrator that 'auto' stands for: the more accurate per evaluation at the steps of an arm.
-DEFAULT = 'rk4'
 INTEGRATORS = ('auto', *TABLE)
 
 
-def integrator_named(name: str) -> Integrator:
-    """Return an integrator of TABLE, or the default for 'auto'; ValueError for another name."""
-    if name not in INTEGRATORS:
-        raise ValueError(f'integrator must be one of {INTEGRATORS}, got {name!r}')
-    return TABLE[DEFAULT if name == 'auto' else name]
-
-
-def record_step(integrator: Integrator, n: int, h: float, damping: Array | None = None) -> Program:
+def record_step(
+    integrator: Integrator,
+    n: int,
+    h: float,
+    damping: Array | None = None,
+    *,
+    compensated: bool = False,
+    motor_lag: Array | None = None,
+) -> Program:
     """
     Return the program of one step on n lanes, for a scene with a damping (n,) or none.
 
-    It calls the function `qdd`; where damping is implicit, `undamped` and `solve` instead.
+    It calls the function `qdd`; where damping is implicit, `undamped` and `solve` instead. Rows
+    are added for positions with `compensated` sums and for motors with a lag (n,) [s].
     """
     recorder = Recorder(n)
-    carried = [recorder.input(part, range(n)) for part in integrator.carried]
-    qdd, undamped, solve = (partial(recorder.call, name) for name in ('qdd', 'undamped', 'solve'))
-    if not integrator.implicit:
-        end = integrator.step(qdd, h, *carried)
-    elif damping is None:
-        end = integrator.step(qdd, None, None, h, *carried)
-    else:
-        end = integrator.step(undamped, solve, recorder.constant(damping), h, *carried)
-    for part, value in zip(integrator.carried, end, strict=True):
-        recorder.output(part, (n,), [(value, lane) for lane in range(n)])
+    carried = {part: recorder.input(part, range(n)) for part in integrator.carried}
+    low = CompensatedSum(recorder) if compensated else None
+    torque = None if motor_lag is None else LaggedTorque(recorder, motor_lag, h)
+    solved = damping if integrator.implicit else None
+    function = 'qdd' if solved is None else 'undamped'
+
+    def accelerations(q: Any, qd: Any, at: float) -> Any:
+        return recorder.call(function, q, qd, *([] if torque is None else [torque(at)]))
+
+    system = System(
+        accelerations,
+        operator.add if low is None else low,
+        None if solved is None else partial(recorder.call, 'solve'),
+        None if solved is None else recorder.constant(solved),
+    )
+    if torque is not None and torque.jumps and 'qdd' in carried:
+        carried['qdd'] = accelerations(carried['q'], carried['qd'], 0)
+    end = dict(zip(carried, integrator.step(system, h, *carried.values()), strict=True))
+    end |= {row.name: row.end() for row in (low, torque) if row is not None}
+    for name, value in end.items():
+        recorder.output(name, (n,), [(value, lane) for lane in range(n)])
     return recorder.program()

@@ -13,13 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.kernels.codegen.trips import Contact
-from pfd_core.model import Robot, Scene, resolve, scene_inputs
+from pfd_core.model import Plant, Robot, Scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, check_finite, integer, real_array, real_number
 from pfd_core.model.joint_space_checks import check_joint_inertia
 from pfd_core.simulation.contact.modes import PIVOTS
-from pfd_core.simulation.contact.texts import contact_texts
-from pfd_core.simulation.integrators import TABLE, integrator_named, record_step
+from pfd_core.simulation.contact.texts import contact_texts, has_contact
+from pfd_core.simulation.integrators import TABLE, record_step
+from pfd_core.simulation.rows import decays
 from pfd_core.simulation.state_buffer import StateBuffer
+from pfd_core.simulation.stiffness import chosen
+from pfd_core.simulation.turns import split_turns
 
 # Larger angles [rad] have lost more than 2e-7 rad in float64 and 1e-4 rad in float32 already.
 LARGEST_ANGLE = {'float64': 2.0**30, 'float32': 2.0**10}
@@ -46,6 +49,7 @@ class Simulation(ABC):
         method: str = 'auto',
         dtype: str = 'float64',
         refine: int = 0,
+        compensated: bool | None = None,
     ) -> None:
         check_joint_inertia(resolve(robot, scene))  # ValueError for a wrong robot or scene
         self.robot = robot
@@ -55,7 +59,8 @@ class Simulation(ABC):
             raise ValueError(f'step_size must be above zero seconds, got {self.step_size}')
         self.substeps = integer('substeps', substeps, 1)
         self.dtype = dtype
-        self._integrator = integrator_named(integrator)
+        self.integrator = chosen(integrator, robot, self.scene, self.step_size / self.substeps)
+        self.compensated = _positions_grow(robot, dtype) if compensated is None else compensated
         self._options = {'method': method, 'refine': refine}
         self._native = self._compile()
         # Inputs beside the torque, in the order of the native code.
@@ -71,23 +76,40 @@ class Simulation(ABC):
 
     def _compile(self) -> Any:
         """Return the native code of these settings."""
-        h = self.step_size / self.substeps
+        integrator, h = TABLE[self.integrator], self.step_size / self.substeps
         plant = resolve(self.robot, self.scene)
-        texts = contact_texts(plant, self.dtype)
-        if texts and self._integrator is not TABLE['rk4']:
-            raise ValueError(
-                "friction and joint_limits of the scene need integrator='rk4' or 'auto', "
-                'the only one whose steps are cut at events'
-            )
+        step = record_step(
+            integrator,
+            self.robot.n,
+            h,
+            plant.damping,
+            compensated=self.compensated,
+            motor_lag=plant.motor_lag,
+        )
         return self._compiler(
             self.robot,
-            record_step(self._integrator, self.robot.n, h, plant.damping),
+            step,
             scene=self.scene,
             dtype=self.dtype,
-            implicit=self._integrator.implicit * h,
-            contact=Contact(texts, h, PIVOTS * self.robot.n) if texts else None,
+            implicit=integrator.implicit * h,
+            contact=self._contact(plant, h),
             **self._options,
         )
+
+    def _contact(self, plant: Plant, h: float) -> Contact | None:
+        """Return the step with dry friction and joint stops, None if the scene has neither."""
+        if not has_contact(plant):
+            return None
+        if self.integrator != 'rk4':
+            raise ValueError(
+                "friction and joint_limits of the scene need integrator='rk4', the only one whose "
+                f'steps are cut at events, got {self.integrator!r}'
+            )
+        exact = None
+        if plant.motor_lag is not None:
+            exact = decays(plant.motor_lag, h / 2), decays(plant.motor_lag, h)
+        texts = contact_texts(plant, self.dtype, h, self.compensated, exact)
+        return Contact(texts, h, PIVOTS * self.robot.n)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != '_native'}
@@ -121,6 +143,18 @@ class Simulation(ABC):
     def qd(self) -> Array:
         """Joint velocities, (n,) or (B, n) [rad/s or m/s]; a copy."""
         return np.array(self._now.arrays['qd'])
+
+    @property
+    def wrapped(self) -> tuple[Array, Array]:
+        """
+        Positions as angles from -pi to pi and whole turns, each (n,) or (B, n).
+
+        Of joints that turn; sliding ones keep their position [m], with 0 turns. An angle has the
+        digits that q has lost to its turns, where positions are `compensated`.
+        """
+        arrays = self._now.arrays
+        turning = np.array([kind != 'prismatic' for kind in self.robot.joint_types])
+        return split_turns(arrays['q'], arrays.get('q_low'), turning)
 
     @property
     def time(self) -> float:
@@ -173,6 +207,11 @@ class Simulation(ABC):
     ) -> dict[str, Array]:
         """Return the inputs that the scene asks for, checked and the same for all steps."""
         return scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes, self._batch)
+
+
+def _positions_grow(robot: Robot, dtype: str) -> bool:
+    """Return whether positions lose digits that show: angles without limit, or few digits."""
+    return dtype == 'float32' or 'continuous' in robot.joint_types
 
 
 def _check_angles(robot: Robot, q: Array, dtype: str) -> None:

@@ -48,9 +48,14 @@ class Simulator(Simulation):
     substeps : int
         Steps of the integrator in one step.
     integrator : str
-        'auto' or a name in pfd_core.INTEGRATORS; 'imex2' where damping is strong.
+        A name in pfd_core.INTEGRATORS; 'auto' takes 'imex2' where damping is strong, see
+        pfd_core.simulation.stiffness, and else 'rk4'. The attribute `integrator` says which.
     method, dtype, refine
         As for compile_kernel.
+    compensated : bool, optional
+        Whether positions are summed without loss, so that they stay right to the last digit
+        however often a joint turns and however slowly it moves; default: where joints turn
+        without limit, and in float32. The attribute `compensated` says which.
 
     Copies and pickles carry the state on with the same bits; the native code is compiled again,
     or found on disk, where a pickle is opened.
@@ -75,12 +80,13 @@ class Simulator(Simulation):
         """
         Accelerations at the end of the last step, under its torque, (n,) [rad/s^2 or m/s^2].
 
-        Zero before the first step.
+        The torque is that of the motors, where they lag behind the commanded one. Zero before the
+        first step.
         """
         arrays = self._now.arrays
         if not self._now.steps:
             return np.zeros(self.robot.n, self.dtype)
-        q, qd, tau = (arrays[name][np.newaxis] for name in ('q', 'qd', 'tau'))
+        q, qd, tau = (arrays[name][np.newaxis] for name in ('q', 'qd', self._native.torque))
         inputs = [arrays[name] for name in self._inputs]
         qdd: Array = _accelerations(self._native, q, qd, tau, inputs)[0]
         return qdd
@@ -103,9 +109,9 @@ class Simulator(Simulation):
         """
         row = real_array('tau', tau, self.dtype, (self.robot.n,), joints=self.robot.joint_names)
         following = self._following(row, self._scene_inputs(wrench, brakes))
-        at = following.at
-        # Native code writes the row of this step's state over that state: the same numbers.
-        self._advance(following, 1, at['tau'], at['q'], at['qd'])
+        # Native code writes the rows of this step's state over that state: the same numbers.
+        states = (following.at[name] for name in self._native.written)
+        self._advance(following, 1, following.at['tau'], *states)
 
     def rollout(
         self, taus: ArrayLike, wrench: ArrayLike | None = None, *, brakes: ArrayLike | None = None
@@ -135,21 +141,22 @@ class Simulator(Simulation):
         ).copy(order='C')
         inputs = {name: x.copy() for name, x in self._scene_inputs(wrench, brakes).items()}
         before = self._now.steps
-        q, qd = np.empty_like(rows), np.empty_like(rows)
-        finite_steps = self._run_pieces(rows, inputs, q, qd)
+        states = {name: np.empty_like(rows) for name in self._native.written}
+        finite_steps = self._run_pieces(rows, inputs, [*states.values()])
+        q, qd, tau = (({'tau': rows} | states)[name] for name in ('q', 'qd', self._native.torque))
         steps = np.arange(before + 1, before + len(rows) + 1)
         return Trajectory(
             time=self._now.start + self.step_size * steps,
             q=q,
             qd=qd,
-            _qdd=partial(_accelerations, self._native, q, qd, rows, [*inputs.values()]),
+            _qdd=partial(_accelerations, self._native, q, qd, tau, [*inputs.values()]),
             status='ok' if finite_steps == len(rows) else 'not_finite',
             finite_steps=finite_steps,
         )
 
-    def _run_pieces(self, rows: Array, inputs: dict[str, Array], q: Array, qd: Array) -> int:
+    def _run_pieces(self, rows: Array, inputs: dict[str, Array], states: list[Array]) -> int:
         """Take a step for each row of torques; return after how many the state was finite."""
-        addresses = [array.ctypes.data for array in (rows, q, qd)]
+        addresses = [array.ctypes.data for array in (rows, *states)]
         done = finite_steps = 0
         count = max(1, FIRST_OPERATIONS // (self._native.work * self.substeps))
         while done < len(rows):
@@ -172,16 +179,16 @@ class Simulator(Simulation):
             following.arrays[name][:] = value
         return following
 
-    def _advance(self, following: StateBuffer, steps: int, taus: int, q: int, qd: int) -> int:
+    def _advance(self, following: StateBuffer, steps: int, taus: int, *states: int) -> int:
         """
         Run native code on a buffer, and make its state the valid one.
 
-        Torques are read from, and states written to, rows at these addresses. Returns after how
-        many steps the state was finite.
+        Torques are read from, and rows of the states written to, these addresses. Returns after
+        how many steps the state was finite.
         """
-        at = following.at
-        beside = [at[name] for name in (*self._inputs, *self._native.rows)]
-        finite = self._native.run(steps, self.substeps, at['q'], at['qd'], taus, *beside, q, qd)
+        at, native = following.at, self._native
+        beside = [at[name] for name in (*self._inputs, *native.rows)]
+        finite = native.run(steps, self.substeps, at['q'], at['qd'], taus, *beside, *states)
         following.steps += steps
         if finite < steps:
             following.status = 'not_finite'

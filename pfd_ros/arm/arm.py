@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,8 @@ class Arm:
 
     Attributes
     ----------
+    settings
+        Those given, with the names that 'auto' stood for.
     order, names
         Index in the model and name of each joint, in published order.
     q, qd, tau
@@ -84,6 +87,13 @@ class Arm:
             substeps=settings.substeps,
             integrator=settings.integrator,
             method=settings.method,
+            compensated=settings.compensated,
+        )
+        self.settings = replace(
+            settings,
+            integrator=self._simulator.integrator,
+            method=self._simulator.method,
+            position_sums='compensated' if self._simulator.compensated else 'plain',
         )
         start = self._initial_positions(settings.initial_positions)
         self._simulator.reset(q=start, time=settings.start_ns / NANOSECONDS)
@@ -101,11 +111,6 @@ class Arm:
         if given:
             q[self._columns] = given
         return q
-
-    @property
-    def method(self) -> str:
-        """The method of forward dynamics, also where the settings leave it to 'auto'."""
-        return self._simulator.method
 
     @property
     def stamp_ns(self) -> int:

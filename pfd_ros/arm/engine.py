@@ -66,8 +66,8 @@ class Engine:
     """
 
     def __init__(self, settings: Settings, robot: Any) -> None:
-        self.settings = settings
         self.arm = Arm(settings, robot)
+        self.settings = self.arm.settings
         self.cycles = 0
         self._row_messages = 0
         self._publish_every = settings.publish_every

@@ -29,6 +29,9 @@ SLOWEST_FACTOR = 1e-6
 # Least share of the steps that are published; less is a mistake.
 SLOWEST_SHARE = 1e-12
 
+# Names of `position_sums`, and whether the simulator then compensates; None leaves it to it.
+POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
+
 
 def _field(
     default: Any, description: str, least: float | None = None, most: float | None = None
@@ -61,6 +64,9 @@ class Settings:
     step_size: float = _field(0.001, 'Simulated time per step, s', 1e-5, 0.1)
     substeps: int = _field(2, 'Steps of the integrator per step', 1, 100)
     integrator: str = _field('auto', 'Integrator: auto, rk4, velocity_verlet or imex2')
+    position_sums: str = _field(
+        'auto', 'Sums of positions: plain, compensated (right after any number of turns) or auto'
+    )
     method: str = _field('auto', 'Forward dynamics: auto or a name from pfd_core.METHODS')
     gravity: tuple[float, ...] = _field(
         (0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2; zeros switch it off'
@@ -109,7 +115,17 @@ class Settings:
             raise ValueError(
                 f'step_size is {self.step_size!r} s, expected a whole number of nanoseconds'
             )
+        if self.position_sums not in POSITION_SUMS:
+            raise ValueError(
+                f'position_sums is {cut(repr(self.position_sums))}, '
+                f'expected one of {list(POSITION_SUMS)}'
+            )
         _ = self.publish_every, self.clock_every
+
+    @property
+    def compensated(self) -> bool | None:
+        """Whether sums of positions are compensated; None where the simulator decides."""
+        return POSITION_SUMS[self.position_sums]
 
     @property
     def locks(self) -> dict[str, float]:

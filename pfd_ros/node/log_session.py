@@ -80,12 +80,10 @@ class LogSession:
         recorder.close(ending)
 
 
-def open_session(
-    node: Node, settings: Settings, robot: Any, method: str, endpoints: Endpoints
-) -> LogSession:
+def open_session(node: Node, settings: Settings, robot: Any, endpoints: Endpoints) -> LogSession:
     """Open the file that the settings name, with a channel for each endpoint and the verdict rows.
 
-    `method` is the method that 'auto' stands for here: another version may choose otherwise.
+    The settings name what 'auto' stands for here: another version may choose otherwise.
 
     Raises
     ------
@@ -105,7 +103,7 @@ def open_session(
     roles = [role for role in CHANNELS if role in channels]
     topics = [replace(channels[role], vital=CHANNELS[role].vital) for role in roles]
     names = {role: channels[role].name for role in roles}
-    head = provenance.file_head(replace(settings, method=method), robot, names, TimeBase())
+    head = provenance.file_head(settings, robot, names, TimeBase())
     error = node.get_logger().error
     return LogSession(LogRecorder(Path(settings.recording), topics, head, error), roles)
 

@@ -54,7 +54,7 @@ class SimArm(Node):
             self, publish_clock=settings.publish_clock, on_message=self._receive
         )
         # After everything that a parameter can make fail: a refused parameter leaves no file.
-        session = open_session(self, settings, robot, engine.arm.method, endpoints)
+        session = open_session(self, engine.settings, robot, endpoints)
         queue, counts = EventQueue(), CommandCounts()
         publishers = {
             role: NonblockingPublisher(publisher)

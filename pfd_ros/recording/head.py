@@ -22,6 +22,8 @@ from pfd_ros.text import one_line
 
 # More than any recording counts; a larger number is damage, and no loop should run to it.
 COUNT_LIMIT = 1 << 53
+# Settings that recordings of the first versions lack, or hold as 'auto', and what it stood for.
+FIRST_VERSIONS = {'integrator': 'rk4', 'position_sums': 'plain'}
 _DIGEST = re.compile('[0-9a-f]{64}')
 
 
@@ -67,7 +69,9 @@ def read_roles(topics: Any) -> dict[str, str]:
 
 def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
     """Return the settings of a recording with channels of these roles, by topic."""
-    settings = settings_file.from_values(_table(value, HeadKey.SETTINGS))
+    values = _table(value, HeadKey.SETTINGS)
+    first = {name: x for name, x in FIRST_VERSIONS.items() if values.get(name, 'auto') == 'auto'}
+    settings = settings_file.from_values(values | first)
     needed = {role for role, channel in CHANNELS.items() if channel.always}
     if not set(roles.values()) >= needed:
         raise ValueError(f'its topics are {sorted(roles.values())}, expected {sorted(needed)}')

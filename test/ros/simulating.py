@@ -65,7 +65,7 @@ def simulate(
     robot = load_robot(chosen)
     engine = Engine(chosen, robot)
     roles = {k: v for k, v in ROLES.items() if k != 'clock' or chosen.publish_clock}
-    head = provenance.file_head(chosen, robot, roles, TimeBase(START_NS, 0))
+    head = provenance.file_head(engine.settings, robot, roles, TimeBase(START_NS, 0))
     made = Recording(
         metadata=[(name, dict(values)) for name, values in head.metadata.items()],
         attachments=[(name, text.encode()) for name, text in head.attachments.items()],

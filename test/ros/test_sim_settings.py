@@ -55,6 +55,7 @@ def test_settings_come_back_from_json_with_the_same_bits() -> None:
         ({'publish_rate': 300.0}, 'publish_rate is 300.0 Hz, which is one in 3.33333 steps'),
         ({'clock_rate': 2000.0}, 'clock_rate is 2000.0 Hz'),
         ({'robot': ''}, 'robot is empty'),
+        ({'position_sums': 'exact'}, "position_sums is 'exact', expected one of .*'plain'"),
         ({'colour': 'red'}, r"unknown settings \['colour'\]"),
         ({'real_time_factor': 5e-324}, 'real_time_factor is 5e-324, expected 0 or'),
         ({'publish_rate': 5e-324}, 'publish_rate is 5e-324 Hz'),

@@ -34,7 +34,7 @@ from pfd_core.kernels.codegen.step import (
     MOTION,
     REPORT,
     count_finite,
-    evaluate_at,
+    evaluate_at_end,
     extra_arguments,
     further_rows,
     take_steps,
@@ -113,7 +113,7 @@ def arms(program: Program, dynamics: Program, form: Format) -> str:
         due = ir.let(f'icmp eq i64 {wait}, %every')
         ends = ir.let(f'icmp eq i64 {t}, {final}')
         with ir.when(ir.let(f'or i1 {due}, {ends}')):
-            evaluate_at(ir, dynamics, arrays)
+            evaluate_at_end(ir, program, dynamics, arrays)
             with ir.when(due):
                 for name in REPORT:
                     copy(ir, 'out', slots[f'{name}.out'].at(ir, row.value), arrays[name], n, block)

@@ -22,7 +22,7 @@ from pfd_core.kernels.codegen.law import whole_state
 from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir
 from pfd_core.kernels.codegen.rollout import accelerations, rollout
 from pfd_core.kernels.codegen.spelling import Format
-from pfd_core.kernels.codegen.step import extra_arguments, step
+from pfd_core.kernels.codegen.step import extra_arguments, further_rows, step
 from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.kernels.codegen.wrap import WRAP_ANGLE_IR
 from pfd_core.machine.program import Program
@@ -107,8 +107,9 @@ def _simulation(
     contact: Contact | None,
 ) -> str:
     if contact is not None:
-        extra = extra_arguments(dynamics)
-        return module([*contact.functions(extra, form, angles), *loops], form, angles)
+        further, extra = further_rows(step_program), extra_arguments(dynamics)
+        functions = contact.functions(further, extra, form, angles)
+        return module([*functions, *loops], form, angles)
     parts = [
         body(dynamics, form),
         evaluate(dynamics, form, angles),

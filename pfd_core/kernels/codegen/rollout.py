@@ -23,6 +23,7 @@ from pfd_core.kernels.codegen.step import (
     further_rows,
     pointers,
     take_steps,
+    torque_row,
     zero_braked_velocities,
 )
 from pfd_core.machine.program import Program
@@ -30,16 +31,18 @@ from pfd_core.machine.program import Program
 
 def rollout(program: Program, dynamics: Program, form: Format) -> str:
     """
-    Return `i64 @rollout(steps, substeps, q, qd, taus, extra..., further..., out.q, out.qd)`.
+    Return `i64 @rollout(steps, substeps, q, qd, taus, extra..., further..., out...)`.
 
     Each of `steps` steps takes one row of `taus` for `substeps` calls of @step, and writes the
-    motion that it ends with. `further` are the other rows of the state. Braked joints are brought
-    to rest first. The result is the number of steps after which the state was finite.
+    motion that it ends with, and the torque, if that is a row of its own. `further` are the other
+    rows of the state. Braked joints are brought to rest first. The result is the number of steps
+    after which the state was finite.
     """
     n, T = program.lanes, form.type
     names = (*MOTION, *extra_arguments(dynamics), *further_rows(program))
     arrays = {name: f'%{name}' for name in names}
-    given = [*({**arrays, 'tau': '%taus'}).values(), *(f'%out.{name}' for name in MOTION)]
+    given = [*({**arrays, 'tau': '%taus'}).values()]
+    given += [f'%out.{name}' for name in written(program)]
     ir = Function(f'define i64 @rollout(i64 %steps, i64 %substeps, {pointers(given)})')
     arrays['qdd'] = ir.array(T, n)
     finite_steps = Variable(form.index, 'zeroinitializer')
@@ -50,12 +53,18 @@ def rollout(program: Program, dynamics: Program, form: Format) -> str:
             zero_braked_velocities(ir, arrays, n, form)
         take_steps(ir, '%substeps', program, dynamics, arrays)
         motion = count_finite(ir, finite_steps, t, arrays, n, form)
-        for name, values in motion.items():
+        for name in written(program):
             out = Array(ir.element(T, f'%out.{name}', row))
+            values = motion.get(name) or [form.read(ir, Array(arrays[name]), k) for k in range(n)]
             for k, value in enumerate(values):
                 form.write(ir, out, k, value)
     ir.ret('i64', finite_steps)
     return str(ir)
+
+
+def written(program: Program) -> tuple[str, ...]:
+    """Return the rows that @rollout writes after each step: those from which qdd follows."""
+    return tuple(name for name in (*MOTION, torque_row(program)) if name in program.outputs)
 
 
 def accelerations(dynamics: Program, form: Format) -> str:

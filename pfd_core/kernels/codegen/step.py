@@ -12,7 +12,8 @@ The state is a list of named rows of one number per joint: MOTION, and a row for
 has a state of its own (`further_rows`). An integrator's program names them by its outputs; they
 begin at zero, and are carried on from step to step, but not reported.
 
-The step's `call` of qdd hands positions and velocities to @evaluate. Its `call` of solve
+The step's `call` of qdd hands positions and velocities to @evaluate, and torques that change
+within the step. Its `call` of solve
 hands positions and torques at rest to @evaluate_solve, and of undamped its state to
 @evaluate_undamped.
 """
@@ -30,8 +31,11 @@ from pfd_core.machine.program import Program
 MOTION = ('q', 'qd')
 REPORT = (*MOTION, 'qdd')
 
-# Inputs that a `call` hands over, by the name of its function; the step holds the others.
-HANDED = {'qdd': MOTION, 'undamped': MOTION, 'solve': ('q', 'tau')}
+# Inputs that a `call` hands over, by the name of its function; the step holds the others. The
+# torque is handed over where it changes within a step.
+HANDED = {'qdd': (*MOTION, 'tau'), 'undamped': (*MOTION, 'tau'), 'solve': ('q', 'tau')}
+# The row of the state that is the torque, where motors lag behind the commanded one.
+MOTOR_TORQUE = 'tau_motor'
 
 
 def step(
@@ -60,7 +64,8 @@ def step(
     names = _arguments(program, dynamics)
     ir = Function(f'define internal void @step({pointers(f"%{name}" for name in names)})')
     arrays = {name: f'%{name}' for name in names}
-    own = arrays | {name: ir.array(form.type, n) for name in REPORT}
+    local = (*REPORT, 'tau') if torque_row(program) == MOTOR_TORQUE else REPORT
+    own = arrays | {name: ir.array(form.type, n) for name in local}
     rest = own
     if 'solve' in others:
         rest = own | {name: ir.array(form.type, n) for name in ('qd', 'tau')}
@@ -72,7 +77,7 @@ def step(
         if op == 'call':
             buffers = rest if data == 'solve' else own
             for k in range(n):
-                for name, value in zip(HANDED[data], operands, strict=True):
+                for name, value in zip(HANDED[data], operands, strict=False):
                     form.write(ir, Array(buffers[name]), k, value[k])
             if data in others:
                 evaluate_at(ir, others[data], buffers, f'_{data}')
@@ -101,6 +106,11 @@ def further_rows(program: Program) -> tuple[str, ...]:
     return tuple(name for name in program.outputs if name not in REPORT)
 
 
+def torque_row(program: Program) -> str:
+    """Return the row or input that is the torque at the beginning and the end of a step."""
+    return MOTOR_TORQUE if MOTOR_TORQUE in program.outputs else 'tau'
+
+
 def _arguments(program: Program, dynamics: Program) -> tuple[str, ...]:
     """Return the arguments of @step."""
     return *REPORT, *further_rows(program), *extra_arguments(dynamics)
@@ -121,6 +131,13 @@ def pointers(addresses: Iterable[str]) -> str:
     return ', '.join(f'ptr {address}' for address in addresses)
 
 
+def evaluate_at_end(
+    ir: Function, program: Program, dynamics: Program, arrays: Mapping[str, str]
+) -> None:
+    """Write qdd of a state between two steps."""
+    evaluate_at(ir, dynamics, {**arrays, 'tau': arrays[torque_row(program)]})
+
+
 def evaluate_at(
     ir: Function, dynamics: Program, arrays: Mapping[str, str], suffix: str = ''
 ) -> None:
@@ -134,7 +151,7 @@ def take_steps(
 ) -> None:
     """Advance a state by a number of steps under one torque."""
     if begins_with_acceleration(program):
-        evaluate_at(ir, dynamics, arrays)
+        evaluate_at_end(ir, program, dynamics, arrays)
     with ir.loop(substeps):
         names = _arguments(program, dynamics)
         ir.call('void', 'step', pointers(arrays[name] for name in names))

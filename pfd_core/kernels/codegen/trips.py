@@ -92,11 +92,11 @@ class _Trips:
         program = self._texts[text]
         self.call(text, [arrays.get(name, name) for name in (*program.inputs, *program.outputs)])
 
-    def effort(self, qd: str) -> str:
-        """Return the array of the torques less the friction at some velocities."""
+    def effort(self, qd: str, tau: str = 'tau') -> str:
+        """Return the array of torques less the friction at some velocities."""
         if 'effort' not in self._texts:
-            return 'tau'
-        self.run('effort', qd=qd)
+            return tau
+        self.run('effort', qd=qd, tau=tau)
         return 'effort'
 
     def call(self, function: str, names: Sequence[str]) -> None:
@@ -159,14 +159,20 @@ class Contact:
         texts = '\n'.join(f'{name}\n{program}' for name, program in self.texts.items())
         return f'contact {self.h.hex()} {self.pivots}\n{texts}'
 
-    def functions(self, extra: Sequence[str], form: Format, angles: Sequence[int]) -> list[str]:
+    def functions(
+        self,
+        further: Sequence[str],
+        extra: Sequence[str],
+        form: Format,
+        angles: Sequence[int],
+    ) -> list[str]:
         """
         Return the functions of the step; texts and dynamics are lowered programs.
 
         Parameters
         ----------
-        extra : sequence of str
-            Inputs of the simulation beside q and qd.
+        further, extra : sequence of str
+            Rows of the state, and inputs of the simulation, beside q and qd.
         form : Format
             Number format and width.
         angles : sequence of int
@@ -182,7 +188,7 @@ class Contact:
         ]
         if 'hits' in self.texts:
             functions.append(_compress(self, form))
-        return [*functions, _step(self, extra, form), _evaluate(self, extra, form)]
+        return [*functions, _step(self, further, extra, form), _evaluate(self, extra, form)]
 
 
 def _hold_arguments(extra: Sequence[str]) -> tuple[str, ...]:
@@ -232,9 +238,12 @@ def _compress(contact: Contact, form: Format) -> str:
     return trips.text
 
 
-def _step(contact: Contact, extra: Sequence[str], form: Format) -> str:
+def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: Format) -> str:
     """Return @step."""
-    trips = _Trips('define internal void @step', (*REPORT, *extra), contact, form)
+    given = (*REPORT, *further, *extra)
+    trips = _Trips('define internal void @step', given, contact, form)
+    lags = 'lag' in contact.texts
+    begin, mid, end = ('tau.begin', 'tau.mid', 'tau.end') if lags else ('tau',) * 3
     n = trips.size('q')
     trips.fill('rest', contact.h)
     trips.fill('tripped', 0.0)
@@ -247,14 +256,18 @@ def _step(contact: Contact, extra: Sequence[str], form: Format) -> str:
                 trips.run('hits')
                 with trips.ir.when(trips.any('hits')):
                     _impact(trips)
-        trips.call('hold', _hold_arguments(extra))
-        for k in (2, 3, 4):
+        if lags:
+            trips.run('lag')
+        trips.call('hold', [begin if name == 'tau' else name for name in _hold_arguments(extra)])
+        for k, tau in ((2, mid), (3, mid), (4, end)):
             trips.run(f'stage{k}')
-            effort = trips.effort(f'qd{k}')
+            effort = trips.effort(f'qd{k}', tau)
             trips.evaluate('_held', f'qdd{k}', q='at', qd=f'qd{k}', tau=effort, free='moving')
         trips.run('end')
         with trips.ir.when(trips.any('event'), rarely=True):
             trips.run('cut')
+        if lags:
+            trips.run('follow')
         trips.run('commit')
     return trips.text
 

@@ -6,5 +6,6 @@ Dry friction, joint stops and brakes in a step: texts that the native step runs 
     modes     which joints slide and which are held; the active set that finds the accelerations
     impacts   velocities after a joint has reached its stop
     events    stages of RK4 in fixed modes; the trip cut at a reversal or a stop
+    lag       torques of motors that lag, over trips of any length
     texts     all texts by name; the native code that runs them is kernels.codegen.trips
 """

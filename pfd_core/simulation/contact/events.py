@@ -75,22 +75,26 @@ def record_end(plant: Plant) -> Program:
     """
     Return the program of the end of a trip.
 
-    Inputs are q, the stages, direction and, (1,), rest. Outputs are q.end, qd.end and, (1,),
-    rest.end = 0 and `event`: whether a joint may have reversed or passed its stop.
+    Inputs are q, the stages, direction and, (1,), rest. Outputs are q.end = q + dq, dq, qd.end,
+    stopped, zeros, and, (1,), rest.end = 0 and `event`: whether a joint may have reversed or
+    passed its stop.
     """
     n = plant.robot.n
     recorder, q, r, v, a = _stages(n)
     sixth = r * (1 / 6)
-    q_end, qd_end = (
-        [x0[i] + sixth * ((s[0][i] + s[3][i]) + 2.0 * (s[1][i] + s[2][i])) for i in range(n)]
-        for x0, s in ((q, v), (v[0], a))
+    dq, dqd = (
+        [sixth * ((s[0][i] + s[3][i]) + 2.0 * (s[1][i] + s[2][i])) for i in range(n)]
+        for s in (v, a)
     )
+    q_end, qd_end = ([x[i] + d[i] for i in range(n)] for x, d in ((q, dq), (v[0], dqd)))
     zero = recorder.constant(0.0)
     reversals = [event for event in _events(plant, recorder, q) if event.stop is None]
     margins = [event.at(q_end, qd_end) for event in reversals] + inside_stops(plant, q_end)
     return program_with_outputs(
         recorder,
         **{'q.end': q_end, 'qd.end': qd_end, 'rest.end': [zero]},
+        dq=dq,
+        stopped=[zero] * n,
         event=[sign_of(-smallest(margins))],
     )
 
@@ -99,14 +103,14 @@ def record_cut(plant: Plant, dtype: str) -> Program:
     """
     Return the program that cuts a trip at its earliest event.
 
-    Inputs are those of `record_end` and q.end, qd.end, unlocked, and tripped, flags of the joints
-    with an event in this step. Outputs are q.end, qd.end, rest.end, unlocked and tripped.
+    Inputs are those of `record_end`, its results, unlocked, and tripped, flags of the joints with
+    an event in this step. Outputs are the results for the shorter trip, `stopped` flags of joints
+    at their stop, unlocked and tripped.
     """
     n = plant.robot.n
     recorder, q, r, v, a = _stages(n)
-    q_end, qd_end, unlocked, tripped = (
-        input_list(recorder, name, n) for name in ('q.end', 'qd.end', 'unlocked', 'tripped')
-    )
+    names = ('q.end', 'qd.end', 'dq', 'unlocked', 'tripped')
+    q_end, qd_end, dq, unlocked, tripped = (input_list(recorder, name, n) for name in names)
     position = [_cubic(q[i], r, [row[i] for row in v]) for i in range(n)]
     velocity = [_cubic(v[0][i], r, [row[i] for row in a]) for i in range(n)]
     events = _events(plant, recorder, q)
@@ -122,8 +126,8 @@ def record_cut(plant: Plant, dtype: str) -> Program:
 
     cut_q = [_value(position[i], t) for i in range(n)]
     cut_qd = [_value(velocity[i], t) for i in range(n)]
-    zero = recorder.constant(0.0)
-    mine = [zero] * n
+    cut_dq = [_change(c, t) for c in position]
+    mine, stopped = ([recorder.constant(0.0)] * n for _ in range(2))
     for flag, e in zip(first, events, strict=True):
         i = e.joint
         mine[i] = either(mine[i], flag)
@@ -131,6 +135,7 @@ def record_cut(plant: Plant, dtype: str) -> Program:
             cut_qd[i] = where(flag, 0.0, cut_qd[i])
         else:
             cut_q[i] = where(flag, e.stop, cut_q[i])
+            stopped[i] = either(stopped[i], flag)
     pinned = list(map(both, mine, tripped))
     cut_qd = [where(pinned[i], 0.0, cut_qd[i]) for i in range(n)]
     return program_with_outputs(
@@ -140,27 +145,48 @@ def record_cut(plant: Plant, dtype: str) -> Program:
             'qd.end': [where(event, cut_qd[i], qd_end[i]) for i in range(n)],
             'rest.end': [where(event, r * (1.0 - t), 0.0)],
         },
+        dq=[where(event, cut_dq[i], dq[i]) for i in range(n)],
+        stopped=stopped,
         unlocked=[where(pinned[i], 0.0, unlocked[i]) for i in range(n)],
         tripped=list(map(either, tripped, mine)),
     )
 
 
-def record_commit(n: int) -> Program:
-    """Return the program of q, qd and rest after a trip; a finished step keeps its own."""
+def record_commit(n: int, compensated: bool, lagging: bool) -> Program:
+    """
+    Return the program of the state after a trip; a finished step keeps its own.
+
+    Inputs and outputs are q, qd, rest and the further rows of the state. With q_low the position
+    is the sum q + q_low + dq, whose rounding error is kept (pfd_core.simulation.rows), but where a
+    joint was stopped, as `stopped` says.
+    """
     recorder = Recorder(1, 'sequential')
-    (rest,) = input_list(recorder, 'rest', 1)
+
+    def read(name: str) -> list[Lanes]:
+        return input_list(recorder, name, n)
+
+    old = {'q': read('q'), 'qd': read('qd'), 'rest': input_list(recorder, 'rest', 1)}
+    new = {'q': read('q.end'), 'qd': read('qd.end')}
+    new['rest'] = input_list(recorder, 'rest.end', 1)
+    if compensated:
+        old['q_low'], dq, stopped = read('q_low'), read('dq'), read('stopped')
+        low: list[Lanes] = []
+        for i, q in enumerate(old['q']):
+            y = dq[i] + old['q_low'][i]
+            q_end = q + y
+            added = q_end - q
+            error = (q - (q_end - added)) + (y - added)
+            new['q'][i] = where(stopped[i], new['q'][i], q_end)
+            low.append(where(stopped[i], 0.0, error))
+        new['q_low'] = low
+    if lagging:
+        old['tau_motor'], new['tau_motor'] = read('tau_motor'), read('motor.end')
+    (rest,) = old['rest']
     return program_with_outputs(
         recorder,
         **{
-            name: [
-                where(rest, end, old)
-                for end, old in zip(
-                    input_list(recorder, f'{name}.end', size),
-                    input_list(recorder, name, size),
-                    strict=True,
-                )
-            ]
-            for name, size in (('q', n), ('qd', n), ('rest', 1))
+            name: [where(rest, end, own) for end, own in zip(new[name], row, strict=True)]
+            for name, row in old.items()
         },
     )
 
@@ -228,7 +254,12 @@ def _deflated(c: Cubic) -> Cubic:
 
 
 def _value(c: Cubic, t: Lanes) -> Lanes:
-    result: Lanes = c[0] + t * (c[1] + t * (c[2] + t * c[3]))
+    result: Lanes = c[0] + _change(c, t)
+    return result
+
+
+def _change(c: Cubic, t: Lanes) -> Lanes:
+    result: Lanes = t * (c[1] + t * (c[2] + t * c[3]))
     return result
 
 

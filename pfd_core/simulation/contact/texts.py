@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant
+from pfd_core.model.checked_numbers import Array
 from pfd_core.simulation.contact.events import record_commit, record_cut, record_end, record_stage
 from pfd_core.simulation.contact.impacts import (
     record_compression,
@@ -14,6 +15,7 @@ from pfd_core.simulation.contact.impacts import (
     record_inelastic,
     record_restitution,
 )
+from pfd_core.simulation.contact.lag import record_follow, record_lag
 from pfd_core.simulation.contact.modes import (
     record_directions,
     record_effort,
@@ -23,11 +25,31 @@ from pfd_core.simulation.contact.modes import (
 )
 
 
-def contact_texts(plant: Plant, dtype: str) -> dict[str, Program]:
-    """Return the texts that a plant needs; none without dry friction and joint stops."""
-    friction, stops = plant.friction is not None, plant.joint_limits is not None
-    if not friction and not stops:
-        return {}
+def has_contact(plant: Plant) -> bool:
+    """Return whether a plant has dry friction or joint stops."""
+    return plant.friction is not None or plant.joint_limits is not None
+
+
+def contact_texts(
+    plant: Plant, dtype: str, h: float, compensated: bool, decays: tuple[Array, Array] | None
+) -> dict[str, Program]:
+    """
+    Return the texts that a plant with dry friction or joint stops needs.
+
+    Parameters
+    ----------
+    plant : Plant
+        Robot and scene.
+    dtype : str
+        Number format.
+    h : float
+        Size of a step [s].
+    compensated : bool
+        Whether positions have the row q_low.
+    decays : tuple of ndarray or None
+        exp(-t/T) after half a step and after a step, (n,); None without a lag of motors.
+
+    """
     n = plant.robot.n
     texts = {
         'watch': record_watch(plant),
@@ -37,11 +59,14 @@ def contact_texts(plant: Plant, dtype: str) -> dict[str, Program]:
         **{f'stage{stage}': record_stage(n, stage) for stage in (2, 3, 4)},
         'end': record_end(plant),
         'cut': record_cut(plant, dtype),
-        'commit': record_commit(n),
+        'commit': record_commit(n, compensated, plant.motor_lag is not None),
     }
-    if friction:
+    if decays is not None:
+        texts['lag'] = record_lag(plant, h, *decays)
+        texts['follow'] = record_follow(plant)
+    if plant.friction is not None:
         texts['effort'] = record_effort(plant)
-    if stops:
+    if plant.joint_limits is not None:
         texts |= {
             'hits': record_hits(plant),
             'compression': record_compression(plant),

@@ -16,6 +16,7 @@ STEP = 1e-3
 # Errors of RK4 at 1 ms with events located on its cubic output.
 SLIDING = 1e-14  # constant deceleration, of which the output is exact
 DAMPED = 2e-12
+IMPLICIT = 4e-7  # imex2, of second order
 REVERSING = 1e-10
 BREAKING_AWAY = 1e-6  # caused by the motion of another joint, it waits for the end of a step
 RESTING = 3e-9
@@ -73,6 +74,20 @@ def test_a_rotor_with_damping_and_friction_stops_at_the_closed_form() -> None:
     angle = inertia / d * (v - friction / d * log(1 + d * v / friction))
     assert abs(run.q[-1, 0] - angle) < DAMPED
     assert run.time[np.flatnonzero(run.qd == 0.0)[0]] - time < STEP
+
+
+def test_the_implicit_damping_stops_a_rotor_with_friction_at_the_closed_form() -> None:
+    inertia, d, friction, v = 0.5, 3.0, 2.0, 5.0
+    scene = pfd.Scene(friction=[friction], damping=[d])
+    angle = inertia / d * (v - friction / d * log(1 + d * v / friction))
+    errors = []
+    for substeps in (1, 4):
+        settings = {'integrator': 'imex2', 'substeps': substeps}
+        run = simulated(rotor(inertia), scene, [0.0], [v], np.zeros((400, 1)), **settings)
+        assert run.qd[-1, 0] == 0.0
+        errors.append(abs(run.q[-1, 0] - angle))
+    assert errors[0] < IMPLICIT
+    assert errors[1] < errors[0] / 4**1.8
 
 
 @pytest.mark.parametrize(('mu', 'steps'), [(0.7, 1000), (0.4, 2000)])

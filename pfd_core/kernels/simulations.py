@@ -28,6 +28,7 @@ from pfd_core.kernels.runtime.jit import Native, simd_width
 from pfd_core.kernels.source import KernelSource, forward, inverse, plant_of, turned_joints
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene
+from pfd_core.model.checked_numbers import Array
 from pfd_core.model.plant import without_step_effects
 
 
@@ -205,10 +206,8 @@ def _sources(
     main = forward(plant, method, refine, dtype)
     if not implicit or plant.damping is None:
         return _Sources(method, main, '', {}, main.inputs, dtype)
-    undamped = without_joint_torques(plant)
-    heavier = implicit * plant.damping
-    armature = heavier if plant.armature is None else plant.armature + heavier
-    solved = replace(_at_rest(plant), armature=armature)
+    undamped = replace(plant, damping=None)
+    solved = replace(_at_rest(plant), armature=_heavier(plant, implicit))
     others = {
         'undamped': forward(undamped, method, refine, dtype),
         'solve': forward(solved, method, refine, dtype),
@@ -220,15 +219,30 @@ def _contact_sources(
     plant: Plant, method: str, dtype: str, refine: int, contact: Contact
 ) -> _Sources:
     """Return the sources of a simulation with dry friction and joint stops."""
+    brakes = plant.brakes
+    heavier = None
+    if contact.implicit and plant.damping is not None:
+        heavier = _heavier(plant, contact.implicit)
+        plant = replace(plant, damping=None)
     held = replace(plant, brakes=True)
     main = forward(held, method, refine, dtype)
     others = {'_held': main, '_inverse': inverse(plant, dtype)}
     if 'hits' in contact.texts:
         others['_momentum'] = inverse(_at_rest(plant), dtype)
         others['_solve'] = forward(_at_rest(held), method, refine, dtype)
-    inputs = {k: size for k, size in main.inputs.items() if k != 'free' or plant.brakes}
+    if heavier is not None:
+        stiff = replace(_at_rest(held), armature=heavier)
+        others['_stiff'] = forward(stiff, method, refine, dtype)
+    inputs = {k: size for k, size in main.inputs.items() if k != 'free' or brakes}
     key = f' {" ".join(inputs)} {contact.key}'
     return _Sources(method, main, key, others, inputs, dtype, contact)
+
+
+def _heavier(plant: Plant, time: float) -> Array:
+    """Return the rotors' inertia plus a time [s] times the damping."""
+    assert plant.damping is not None
+    added: Array = time * plant.damping
+    return added if plant.armature is None else plant.armature + added
 
 
 def _at_rest(plant: Plant) -> Plant:

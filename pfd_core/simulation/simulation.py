@@ -17,8 +17,9 @@ from pfd_core.model import Plant, Robot, Scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, check_finite, integer, real_array, real_number
 from pfd_core.model.joint_space_checks import check_joint_inertia
 from pfd_core.simulation.contact.modes import PIVOTS
+from pfd_core.simulation.contact.schemes import RK4, imex2
 from pfd_core.simulation.contact.texts import contact_texts, has_contact
-from pfd_core.simulation.integrators import TABLE, record_step
+from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
 from pfd_core.simulation.rows import decays
 from pfd_core.simulation.state_buffer import StateBuffer
 from pfd_core.simulation.stiffness import chosen
@@ -100,16 +101,18 @@ class Simulation(ABC):
         """Return the step with dry friction and joint stops, None if the scene has neither."""
         if not has_contact(plant):
             return None
-        if self.integrator != 'rk4':
+        implicit = TABLE[self.integrator].implicit
+        if self.integrator not in ('rk4', 'imex2') or (implicit and plant.damping is None):
             raise ValueError(
-                "friction and joint_limits of the scene need integrator='rk4', the only one whose "
-                f'steps are cut at events, got {self.integrator!r}'
+                "friction and joint_limits of the scene need integrator='rk4', or 'imex2' with "
+                f'damping, whose steps are cut at events, got {self.integrator!r}'
             )
+        scheme = imex2(IMEX_DIAGONAL, IMEX_FIRST) if implicit else RK4
         exact = None
         if plant.motor_lag is not None:
-            exact = decays(plant.motor_lag, h / 2), decays(plant.motor_lag, h)
-        texts = contact_texts(plant, self.dtype, h, self.compensated, exact)
-        return Contact(texts, h, PIVOTS * self.robot.n)
+            exact = decays(plant.motor_lag, scheme.middle * h), decays(plant.motor_lag, h)
+        texts = contact_texts(plant, scheme, self.dtype, h, self.compensated, exact)
+        return Contact(texts, scheme.stages, h, implicit * h, PIVOTS * self.robot.n)
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in self.__dict__.items() if name != '_native'}

@@ -14,7 +14,7 @@ concerns few states runs only if it concerns one of the `width` arms; it leaves 
 are, so that an arm moves by the same bits alone and beside any others.
 
 The dynamics are @evaluate_held, in which held joints are an input, @evaluate_inverse,
-@evaluate_momentum (H qdd) and @evaluate_solve (H^-1 tau).
+@evaluate_momentum (H qdd), @evaluate_solve (H^-1 tau) and @evaluate_stiff ((H + c h D)^-1 tau).
 """
 
 from __future__ import annotations
@@ -32,9 +32,23 @@ from pfd_core.machine.program import Program
 
 # Arrays of one number for each arm; all others have one for each joint.
 SINGLE = ('watch', 'busy', 'hits', 'event', 'rest', 'rest.end')
+# Torques of the motors at the beginning, in the middle and at the end of a trip.
+TORQUES = ('tau.begin', 'tau.mid', 'tau.end')
 # Arrays of @hold and @compress that their caller reads.
 HELD = ('direction', 'moving', 'qdd')
 COMPRESSED = ('x', 'torque', 'load', 'candidate', 'moving')
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A text, and the evaluation after it: names of arrays, and the dynamics' suffix."""
+
+    text: str  # empty for none
+    result: str
+    q: str
+    qd: str
+    tau: str  # tau.begin, tau.mid, tau.end, or an array that takes no friction
+    function: str = '_held'
 
 
 class _Trips:
@@ -138,18 +152,25 @@ class Contact:
     ----------
     texts : dict
         Programs of pfd_core.simulation.contact by name; without `hits` there are no stops.
+    stages : tuple of Stage
+        Texts and evaluations between the modes and the end of a trip.
     h : float
         Size of the step [s].
+    implicit : float
+        Time [s] by which the damping is multiplied that `_stiff` adds to the inertia; 0 for
+        stages without it.
     pivots : int
         Largest number of changes of the set of held joints.
     dynamics : dict
         Lowered programs of the dynamics, under the suffix of their @evaluate: _held, _inverse,
-        and with stops _momentum and _solve.
+        with stops _momentum and _solve, for implicit stages _stiff.
 
     """
 
     texts: Mapping[str, Program]
+    stages: tuple[Stage, ...]
     h: float
+    implicit: float
     pivots: int
     dynamics: Mapping[str, Program] = field(default_factory=dict)
 
@@ -157,7 +178,8 @@ class Contact:
     def key(self) -> str:
         """All that decides the functions besides the dynamics."""
         texts = '\n'.join(f'{name}\n{program}' for name, program in self.texts.items())
-        return f'contact {self.h.hex()} {self.pivots}\n{texts}'
+        settings = f'{self.h.hex()} {self.implicit.hex()} {self.pivots} {self.stages}'
+        return f'contact {settings}\n{texts}'
 
     def functions(
         self,
@@ -200,9 +222,13 @@ def _hold(contact: Contact, extra: Sequence[str], form: Format) -> str:
     """Return @hold."""
     trips = _Trips('define internal void @hold', _hold_arguments(extra), contact, form)
 
+    drive = 'tau'
+    if 'drive' in contact.texts:
+        drive = 'drive'
+        trips.run('drive')
+
     def solve() -> None:
-        effort = trips.effort('qd')
-        trips.evaluate('_held', 'qdd', tau=effort, free='moving')
+        trips.evaluate('_held', 'qdd', tau=trips.effort('qd', drive), free='moving')
 
     trips.run('directions')
     trips.copy('unlocked', 'moving')
@@ -212,7 +238,7 @@ def _hold(contact: Contact, extra: Sequence[str], form: Format) -> str:
     solve()
     with trips.ir.when(trips.any('busy')), trips.while_any('busy', contact.pivots):
         trips.evaluate('_inverse', 'torque')
-        trips.run('pivot', x='qdd', load='tau')
+        trips.run('pivot', x='qdd', load=drive)
         with trips.ir.when(trips.any('busy')):
             solve()
     return trips.text
@@ -243,10 +269,15 @@ def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: 
     given = (*REPORT, *further, *extra)
     trips = _Trips('define internal void @step', given, contact, form)
     lags = 'lag' in contact.texts
-    begin, mid, end = ('tau.begin', 'tau.mid', 'tau.end') if lags else ('tau',) * 3
+    torques = {} if lags else dict.fromkeys(TORQUES, 'tau')
+    hold = [
+        torques.get('tau.begin', 'tau.begin') if name == 'tau' else name
+        for name in _hold_arguments(extra)
+    ]
     n = trips.size('q')
     trips.fill('rest', contact.h)
     trips.fill('tripped', 0.0)
+    trips.fill('zero', 0.0)
     _unlock(trips, extra)
     # Each joint has at most two events, and a step at most one end.
     with trips.while_any('rest', 2 * n + 1):
@@ -258,11 +289,15 @@ def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: 
                     _impact(trips)
         if lags:
             trips.run('lag')
-        trips.call('hold', [begin if name == 'tau' else name for name in _hold_arguments(extra)])
-        for k, tau in ((2, mid), (3, mid), (4, end)):
-            trips.run(f'stage{k}')
-            effort = trips.effort(f'qd{k}', tau)
-            trips.evaluate('_held', f'qdd{k}', q='at', qd=f'qd{k}', tau=effort, free='moving')
+        trips.call('hold', hold)
+        for stage in contact.stages:
+            if stage.text:
+                trips.run(stage.text)
+            tau = torques.get(stage.tau, stage.tau)
+            if stage.tau in TORQUES:
+                tau = trips.effort(stage.qd, tau)
+            arrays = {'q': stage.q, 'qd': stage.qd, 'tau': tau, 'free': 'moving'}
+            trips.evaluate(stage.function, stage.result, **arrays)
         trips.run('end')
         with trips.ir.when(trips.any('event'), rarely=True):
             trips.run('cut')
@@ -293,7 +328,6 @@ def _impact(trips: _Trips) -> None:
     """Write the velocities after an impact to qd."""
     trips.call('compress', ('q', 'qd', 'unlocked', 'hits', *COMPRESSED))
     trips.run('impulses')
-    trips.fill('zero', 0.0)
     trips.evaluate('_solve', 'returned', qd='zero', tau='thrown', free='unlocked')
     trips.run('restitution')
     with trips.ir.when(trips.any('hits')):

@@ -1,19 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Integration between events: the classical Runge-Kutta method with its cubic output.
+Events: the end of a trip, and the trip cut at the earliest event in it.
 
-The modes of the joints are fixed over a trip of length r, the rest of the step. If a sliding joint
-reverses in it, or a joint passes its stop, the trip is cut at the earliest such event, by the
-output of third order
-
-    v(t) = v + r (b1 a1 + b2 (a2 + a3) + b4 a4),   q(t) likewise of the stages' velocities
-    b1 = t - 3 t^2/2 + 2 t^3/3,   b2 = t^2 - 2 t^3/3,   b4 = -t^2/2 + 2 t^3/3,   0 <= t <= 1
-
-Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.6. At the event
-the velocity is 0.0, or the position the stop, exactly. A joint with a second event in one step is
-locked until the step ends, so that a step has at most 2 n + 1 trips, also of a joint that bounces
-without end.
+The modes of the joints are fixed over a trip, whose length is the rest of the step. If a sliding
+joint reverses in it, or a joint passes its stop, the trip is cut at the earliest such event, found
+on the polynomials of pfd_core.simulation.contact.schemes. At the event the velocity is 0.0, or the
+position the stop, exactly. A joint with a second event in one step is locked until the step ends,
+so that a step has at most 2 n + 1 trips, also of a joint that bounces without end.
 
 A joint that begins at rest or at its stop has a root at t = 0, which is divided out.
 
@@ -43,50 +37,27 @@ from pfd_core.simulation.contact.modes import (
     sign_of,
     smallest,
 )
+from pfd_core.simulation.contact.schemes import Cubic, Scheme
 
-# Stages of the method: their accelerations, and their velocities after the first, which is qd.
-ACCELERATIONS = ('qdd', 'qdd2', 'qdd3', 'qdd4')
-VELOCITIES = ('qd', 'qd2', 'qd3', 'qd4')
 # Trips of Newton's method in a bracket; bisection alone would need 53.
 ROOT_TRIPS = 60
 # Part of a trip within which an event is found: a few units of rounding.
 ROOT_TOLERANCE = {'float64': 2.0**-51, 'float32': 2.0**-22}
 
-Cubic = list[Lanes]
 
-
-def record_stage(n: int, stage: int) -> Program:
-    """Return the program of position `at` and velocity `qd<stage>` of stage 2, 3 or 4."""
-    recorder = Recorder(1, 'sequential')
-    before, slope = VELOCITIES[stage - 2], ACCELERATIONS[stage - 2]
-    q, qd = (input_list(recorder, name, n) for name in ('q', 'qd'))
-    v = qd if before == 'qd' else input_list(recorder, before, n)
-    a = input_list(recorder, slope, n)
-    (r,) = input_list(recorder, 'rest', 1)
-    c = r if stage == 4 else r * 0.5
-    return program_with_outputs(
-        recorder,
-        at=[q[i] + c * v[i] for i in range(n)],
-        **{VELOCITIES[stage - 1]: [qd[i] + c * a[i] for i in range(n)]},
-    )
-
-
-def record_end(plant: Plant) -> Program:
+def record_end(plant: Plant, scheme: Scheme) -> Program:
     """
     Return the program of the end of a trip.
 
-    Inputs are q, the stages, direction and, (1,), rest. Outputs are q.end = q + dq, dq, qd.end,
-    stopped, zeros, and, (1,), rest.end = 0 and `event`: whether a joint may have reversed or
-    passed its stop.
+    Inputs are q, qd, the stages, direction and, (1,), rest. Outputs are q.end = q + dq, dq,
+    qd.end, stopped, zeros, and, (1,), rest.end = 0 and `event`: whether a joint may have reversed
+    or passed its stop.
     """
     n = plant.robot.n
-    recorder, q, r, v, a = _stages(n)
-    sixth = r * (1 / 6)
-    dq, dqd = (
-        [sixth * ((s[0][i] + s[3][i]) + 2.0 * (s[1][i] + s[2][i])) for i in range(n)]
-        for s in (v, a)
-    )
-    q_end, qd_end = ([x[i] + d[i] for i in range(n)] for x, d in ((q, dq), (v[0], dqd)))
+    recorder = Recorder(1, 'sequential')
+    q = input_list(recorder, 'q', n)
+    dq, qd_end = scheme.end(recorder, n)
+    q_end = [x + d for x, d in zip(q, dq, strict=True)]
     zero = recorder.constant(0.0)
     reversals = [event for event in _events(plant, recorder, q) if event.stop is None]
     margins = [event.at(q_end, qd_end) for event in reversals] + inside_stops(plant, q_end)
@@ -99,7 +70,7 @@ def record_end(plant: Plant) -> Program:
     )
 
 
-def record_cut(plant: Plant, dtype: str) -> Program:
+def record_cut(plant: Plant, scheme: Scheme, dtype: str) -> Program:
     """
     Return the program that cuts a trip at its earliest event.
 
@@ -108,11 +79,12 @@ def record_cut(plant: Plant, dtype: str) -> Program:
     at their stop, unlocked and tripped.
     """
     n = plant.robot.n
-    recorder, q, r, v, a = _stages(n)
+    recorder = Recorder(1, 'sequential')
+    q = input_list(recorder, 'q', n)
+    (r,) = input_list(recorder, 'rest', 1)
     names = ('q.end', 'qd.end', 'dq', 'unlocked', 'tripped')
     q_end, qd_end, dq, unlocked, tripped = (input_list(recorder, name, n) for name in names)
-    position = [_cubic(q[i], r, [row[i] for row in v]) for i in range(n)]
-    velocity = [_cubic(v[0][i], r, [row[i] for row in a]) for i in range(n)]
+    position, velocity = scheme.output(recorder, n)
     events = _events(plant, recorder, q)
     passed = [sign_of(-e.at(q_end, qd_end)) for e in events]
     event = any_of(passed)
@@ -227,24 +199,6 @@ def _events(plant: Plant, recorder: Recorder, q: Sequence[Lanes]) -> list[_Event
         if math.isfinite(upper):
             events.append(_Event(i, -one, where(float(upper) - q[i], float(upper), q[i])))
     return events
-
-
-def _stages(n: int) -> tuple[Recorder, list[Lanes], Lanes, list[list[Lanes]], list[list[Lanes]]]:
-    """Return a recorder, and the inputs q, rest, velocities and accelerations of the stages."""
-    recorder = Recorder(1, 'sequential')
-    q = input_list(recorder, 'q', n)
-    (rest,) = input_list(recorder, 'rest', 1)
-    v, a = ([input_list(recorder, m, n) for m in names] for names in (VELOCITIES, ACCELERATIONS))
-    return recorder, q, rest, v, a
-
-
-def _cubic(start: Lanes, r: Lanes, slopes: Sequence[Lanes]) -> Cubic:
-    """Return the coefficients of the output of one component, from the constant one on."""
-    first, last = slopes[0], slopes[3]
-    middle = slopes[1] + slopes[2]
-    second = r * (middle - 1.5 * first - 0.5 * last)
-    third = r * ((2 / 3) * ((first - middle) + last))
-    return [start, r * first, second, third]
 
 
 def _deflated(c: Cubic) -> Cubic:

@@ -27,19 +27,19 @@ from pfd_core.model import Plant
 from pfd_core.model.checked_numbers import Array
 
 
-def record_lag(plant: Plant, h: float, half: Array, whole: Array) -> Program:
+def record_lag(plant: Plant, h: float, middle: float, at_middle: Array, at_end: Array) -> Program:
     """
     Return the program of the torques tau.begin, tau.mid and tau.end of a trip, (n,).
 
-    Inputs are tau, the command, tau_motor and, (1,), rest. `half` and `whole` are the
-    exponentials of a trip of a whole step h.
+    Inputs are tau, the command, tau_motor and, (1,), rest. The exponentials of a trip of a whole
+    step h after its part `middle`, and at its end, are given.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
     command, motor = (input_list(recorder, name, n) for name in ('tau', 'tau_motor'))
     (rest,) = input_list(recorder, 'rest', 1)
     parts = []
-    for part, exact in ((0.5, half), (1.0, whole)):
+    for part, exact in ((middle, at_middle), (1.0, at_end)):
         decay = _decays(plant, rest * part)
         # No trip is longer than a step.
         decay = [where(h - rest, d, float(e)) for d, e in zip(decay, exact, strict=True)]

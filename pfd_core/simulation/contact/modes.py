@@ -184,6 +184,17 @@ def record_effort(plant: Plant) -> Program:
     return program_with_outputs(recorder, effort=effort)
 
 
+def record_drive(plant: Plant) -> Program:
+    """Return the program of `drive`, (n,): torques tau less the damping D qd."""
+    n = plant.robot.n
+    recorder = Recorder(1, 'sequential')
+    tau, qd = (input_list(recorder, name, n) for name in ('tau', 'qd'))
+    assert plant.damping is not None
+    damping = plant.damping.tolist()
+    drive = [t - v * d for t, v, d in zip(tau, qd, damping, strict=True)]
+    return program_with_outputs(recorder, drive=drive)
+
+
 def at_stops(plant: Plant, q: Sequence[Lanes]) -> tuple[list[Lanes], list[Lanes]]:
     """Return flags of the joints at or beyond their lower, and their upper, stops."""
     zero = q[0].recorder.constant(0.0)

@@ -7,7 +7,7 @@ from __future__ import annotations
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant
 from pfd_core.model.checked_numbers import Array
-from pfd_core.simulation.contact.events import record_commit, record_cut, record_end, record_stage
+from pfd_core.simulation.contact.events import record_commit, record_cut, record_end
 from pfd_core.simulation.contact.impacts import (
     record_compression,
     record_hits,
@@ -18,11 +18,13 @@ from pfd_core.simulation.contact.impacts import (
 from pfd_core.simulation.contact.lag import record_follow, record_lag
 from pfd_core.simulation.contact.modes import (
     record_directions,
+    record_drive,
     record_effort,
     record_modes,
     record_pivot,
     record_watch,
 )
+from pfd_core.simulation.contact.schemes import RK4, Scheme
 
 
 def has_contact(plant: Plant) -> bool:
@@ -31,7 +33,12 @@ def has_contact(plant: Plant) -> bool:
 
 
 def contact_texts(
-    plant: Plant, dtype: str, h: float, compensated: bool, decays: tuple[Array, Array] | None
+    plant: Plant,
+    scheme: Scheme,
+    dtype: str,
+    h: float,
+    compensated: bool,
+    decays: tuple[Array, Array] | None,
 ) -> dict[str, Program]:
     """
     Return the texts that a plant with dry friction or joint stops needs.
@@ -40,6 +47,8 @@ def contact_texts(
     ----------
     plant : Plant
         Robot and scene.
+    scheme : Scheme
+        The integrator between events.
     dtype : str
         Number format.
     h : float
@@ -47,7 +56,8 @@ def contact_texts(
     compensated : bool
         Whether positions have the row q_low.
     decays : tuple of ndarray or None
-        exp(-t/T) after half a step and after a step, (n,); None without a lag of motors.
+        exp(-t/T) after the part `scheme.middle` of a step and after a step, (n,); None without a
+        lag of motors.
 
     """
     n = plant.robot.n
@@ -56,14 +66,16 @@ def contact_texts(
         'directions': record_directions(n),
         'modes': record_modes(plant),
         'pivot': record_pivot(n),
-        **{f'stage{stage}': record_stage(n, stage) for stage in (2, 3, 4)},
-        'end': record_end(plant),
-        'cut': record_cut(plant, dtype),
+        **scheme.texts(plant),
+        'end': record_end(plant, scheme),
+        'cut': record_cut(plant, scheme, dtype),
         'commit': record_commit(n, compensated, plant.motor_lag is not None),
     }
     if decays is not None:
-        texts['lag'] = record_lag(plant, h, *decays)
+        texts['lag'] = record_lag(plant, h, scheme.middle, *decays)
         texts['follow'] = record_follow(plant)
+    if scheme is not RK4:
+        texts['drive'] = record_drive(plant)
     if plant.friction is not None:
         texts['effort'] = record_effort(plant)
     if plant.joint_limits is not None:

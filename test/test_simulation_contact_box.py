@@ -175,7 +175,8 @@ def test_an_arm_moves_by_the_same_bits_alone_step_by_step_and_beside_others(
         restitution=0.5,
         brakes=brakes,
         external_wrench=True,
-        damping=[0.01] * n,
+        damping=[0.05] * n,
+        armature=[0.1] * n,
         motor_lag=[0.01, 0.0, 0.001, 0.0, 0.02, 0.005],
     )
     settings = {'step_size': 2e-3, 'dtype': dtype, 'integrator': integrator}

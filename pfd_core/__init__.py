@@ -33,6 +33,7 @@ from pfd_core.model import (
     load_robot,
     load_scene,
     lock,
+    reflected_inertia,
     robot_to_yaml,
     with_payload,
 )
@@ -75,6 +76,7 @@ __all__ = [
     'load_robot',
     'load_scene',
     'lock',
+    'reflected_inertia',
     'robot_to_yaml',
     'with_payload',
 ]

@@ -35,6 +35,7 @@ from pfd_core.model import (
     lock,
     reflected_inertia,
     robot_to_yaml,
+    scene_to_yaml,
     with_payload,
 )
 from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
@@ -78,5 +79,6 @@ __all__ = [
     'lock',
     'reflected_inertia',
     'robot_to_yaml',
+    'scene_to_yaml',
     'with_payload',
 ]

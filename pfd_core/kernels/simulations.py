@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from pfd_core.algorithms.chain.drives import has_drives, without_drives
 from pfd_core.algorithms.chain.joint_torques import without_joint_torques
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.codegen.arms import PARAMETERS
@@ -25,7 +26,7 @@ from pfd_core.kernels.codegen.step import further_rows, torque_row
 from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.kernels.runtime.jit import Native, simd_width
-from pfd_core.kernels.source import KernelSource, forward, inverse, plant_of, turned_joints
+from pfd_core.kernels.source import KernelSource, forward, inverse, motors, plant_of, turned_joints
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene
 from pfd_core.model.checked_numbers import Array
@@ -224,9 +225,11 @@ def _contact_sources(
     if contact.implicit and plant.damping is not None:
         heavier = _heavier(plant, contact.implicit)
         plant = replace(plant, damping=None)
+    others = {'_motor': motors(plant, dtype)} if has_drives(plant) else {}
+    plant = without_drives(plant)
     held = replace(plant, brakes=True)
     main = forward(held, method, refine, dtype)
-    others = {'_held': main, '_inverse': inverse(plant, dtype)}
+    others |= {'_held': main, '_inverse': inverse(plant, dtype)}
     if 'hits' in contact.texts:
         others['_momentum'] = inverse(_at_rest(plant), dtype)
         others['_solve'] = forward(_at_rest(held), method, refine, dtype)

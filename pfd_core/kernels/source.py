@@ -20,7 +20,7 @@ from typing import Any
 
 from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.paper.pcgm import TOLERANCE
-from pfd_core.algorithms.programs import record_inverse_dynamics
+from pfd_core.algorithms.programs import record_inverse_dynamics, record_motor_torques
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.codegen.spelling import arguments
 from pfd_core.kernels.passes.pipeline import Stages, lower, operations
@@ -146,6 +146,13 @@ def inverse(plant: Plant, dtype: str) -> KernelSource:
         return lower(record_inverse_dynamics(plant, 'sequential'), dtype)
 
     return KernelSource(lowered, ('inverse', plant.digest, dtype))
+
+
+def motors(plant: Plant, dtype: str) -> KernelSource:
+    """Return the source of the torques of motors under commanded ones."""
+    return KernelSource(
+        lambda: lower(record_motor_torques(plant), dtype), ('motors', plant.digest, dtype)
+    )
 
 
 def plant_of(robot: Robot, scene: Scene | None, dtype: str) -> tuple[Plant, Scene]:

@@ -12,6 +12,7 @@ import numpy as np
 
 import pfd_core as pfd
 from pfd_ros.arm.commands import Drive
+from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import cut, listed
@@ -77,12 +78,7 @@ class Arm:
         self._columns = list(self.order)
         self._simulator = pfd.Simulator(
             robot,
-            pfd.Scene(
-                gravity=settings.gravity if any(settings.gravity) else None,
-                damping='model' if settings.damping else None,
-                armature='model' if settings.armature else None,
-                brakes=True,
-            ),
+            scene_of(settings),
             step_size=settings.step_ns / NANOSECONDS,
             substeps=settings.substeps,
             integrator=settings.integrator,

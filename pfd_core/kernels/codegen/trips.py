@@ -14,7 +14,8 @@ concerns few states runs only if it concerns one of the `width` arms; it leaves 
 are, so that an arm moves by the same bits alone and beside any others.
 
 The dynamics are @evaluate_held, in which held joints are an input, @evaluate_inverse,
-@evaluate_momentum (H qdd), @evaluate_solve (H^-1 tau) and @evaluate_stiff ((H + c h D)^-1 tau).
+@evaluate_momentum (H qdd), @evaluate_solve (H^-1 tau), @evaluate_stiff ((H + c h D)^-1 tau) and
+@evaluate_motor, the torques of the motors.
 """
 
 from __future__ import annotations
@@ -106,7 +107,14 @@ class _Trips:
         program = self._texts[text]
         self.call(text, [arrays.get(name, name) for name in (*program.inputs, *program.outputs)])
 
-    def effort(self, qd: str, tau: str = 'tau') -> str:
+    def motor(self, q: str, qd: str, tau: str) -> str:
+        """Return the array of the motors' torques under commanded ones at some state."""
+        if '_motor' not in self._dynamics:
+            return tau
+        self.evaluate('_motor', 'motor', q=q, qd=qd, tau=tau)
+        return 'motor'
+
+    def effort(self, qd: str, tau: str) -> str:
         """Return the array of torques less the friction at some velocities."""
         if 'effort' not in self._texts:
             return tau
@@ -163,7 +171,7 @@ class Contact:
         Largest number of changes of the set of held joints.
     dynamics : dict
         Lowered programs of the dynamics, under the suffix of their @evaluate: _held, _inverse,
-        with stops _momentum and _solve, for implicit stages _stiff.
+        with stops _momentum and _solve, for implicit stages _stiff, for drives _motor.
 
     """
 
@@ -203,7 +211,10 @@ class Contact:
         """
         functions = [
             *(body(program, form, name) for name, program in self.dynamics.items()),
-            *(evaluate(program, form, angles, name) for name, program in self.dynamics.items()),
+            *(
+                evaluate(program, form, angles if 'q' in program.inputs else (), name)
+                for name, program in self.dynamics.items()
+            ),
             *([wrap_row(form)] if angles else []),
             *(procedure(name, program, form) for name, program in self.texts.items()),
             _hold(self, extra, form),
@@ -222,10 +233,10 @@ def _hold(contact: Contact, extra: Sequence[str], form: Format) -> str:
     """Return @hold."""
     trips = _Trips('define internal void @hold', _hold_arguments(extra), contact, form)
 
-    drive = 'tau'
+    drive = trips.motor('q', 'qd', 'tau')
     if 'drive' in contact.texts:
+        trips.run('drive', tau=drive)
         drive = 'drive'
-        trips.run('drive')
 
     def solve() -> None:
         trips.evaluate('_held', 'qdd', tau=trips.effort('qd', drive), free='moving')
@@ -295,7 +306,7 @@ def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: 
                 trips.run(stage.text)
             tau = torques.get(stage.tau, stage.tau)
             if stage.tau in TORQUES:
-                tau = trips.effort(stage.qd, tau)
+                tau = trips.effort(stage.qd, trips.motor(stage.q, stage.qd, tau))
             arrays = {'q': stage.q, 'qd': stage.qd, 'tau': tau, 'free': 'moving'}
             trips.evaluate(stage.function, stage.result, **arrays)
         trips.run('end')

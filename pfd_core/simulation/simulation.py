@@ -16,6 +16,7 @@ from pfd_core.model import Robot, Scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, check_finite, integer, real_array, real_number
 from pfd_core.model.joint_space_checks import check_joint_inertia
 from pfd_core.simulation.integrators import TABLE, record_step
+from pfd_core.simulation.rows import LaggedTorque
 from pfd_core.simulation.state_buffer import StateBuffer
 from pfd_core.simulation.stiffness import chosen
 from pfd_core.simulation.turns import split_turns
@@ -148,18 +149,26 @@ class Simulation(ABC):
         return self._now.status
 
     def reset(
-        self, q: ArrayLike | None = None, qd: ArrayLike | None = None, time: float = 0.0
+        self,
+        q: ArrayLike | None = None,
+        qd: ArrayLike | None = None,
+        time: float = 0.0,
+        *,
+        tau_motor: ArrayLike | None = None,
     ) -> None:
         """
         Set positions and velocities, (n,) or (B, n), default zero, and the time [s].
 
-        Positions may lie beyond the joint limits. ValueError for an angle above LARGEST_ANGLE.
+        `tau_motor` are the torques of motors with a lag; only if the scene has one. Positions may
+        lie beyond the joint limits. ValueError for an angle above LARGEST_ANGLE.
         """
         following = self._buffers[1 - self._turn]
         following.clear(start=real_number('time', time))
-        for name, value in (('q', q), ('qd', qd)):
-            target = following.arrays[name]
+        for name, value in (('q', q), ('qd', qd), (LaggedTorque.name, tau_motor)):
             if value is not None:
+                if name not in following.arrays:
+                    raise ValueError(f'{name} was given, but the scene has no motor_lag')
+                target = following.arrays[name]
                 target[...] = real_array(
                     name,
                     value,

@@ -48,7 +48,8 @@ class Simulation(ABC):
         refine: int = 0,
         compensated: bool | None = None,
     ) -> None:
-        check_joint_inertia(resolve(robot, scene))  # ValueError for a wrong robot or scene
+        plant = resolve(robot, scene)
+        check_joint_inertia(plant)
         self.robot = robot
         self.scene = Scene() if scene is None else scene
         self.step_size = real_number('step_size', step_size)
@@ -56,7 +57,7 @@ class Simulation(ABC):
             raise ValueError(f'step_size must be above zero seconds, got {self.step_size}')
         self.substeps = integer('substeps', substeps, 1)
         self.dtype = dtype
-        self.integrator = chosen(integrator, robot, self.scene, self.step_size / self.substeps)
+        self.integrator = chosen(integrator, plant, self.step_size / self.substeps)
         self.compensated = _positions_grow(robot, dtype) if compensated is None else compensated
         self._options = {'method': method, 'refine': refine}
         self._native = self._compile()

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pfd_core.model import Plant, Robot, Scene, resolve
+from pfd_core.model import Plant, Robot
 from pfd_core.model.checked_numbers import Array
 from pfd_core.simulation.integrators import INTEGRATORS, TABLE
 
@@ -24,13 +24,13 @@ POSES = 64
 ELEMENTS = 100_000
 
 
-def chosen(name: str, robot: Robot, scene: Scene, h: float) -> str:
+def chosen(name: str, plant: Plant, h: float) -> str:
     """Return the integrator of a name, for steps of h [s]; ValueError for an unknown name."""
     if name not in TABLE and name != 'auto':
         raise ValueError(f'integrator must be one of {INTEGRATORS}, got {name!r}')
     if name != 'auto':
         return name
-    return 'imex2' if h * fastest_decay(resolve(robot, scene)) > STIFF else 'rk4'
+    return 'imex2' if h * fastest_decay(plant) > STIFF else 'rk4'
 
 
 def fastest_decay(plant: Plant) -> float:

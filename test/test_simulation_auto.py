@@ -70,7 +70,13 @@ def test_the_fastest_decay_is_hardly_exceeded_in_other_poses(name: str) -> None:
 @pytest.mark.parametrize(
     ('damping', 'rotors', 'duration'),
     [(d, True, 0.2) for d in (1e-2, 1.0, 30.0, 100.0, 300.0, 1e3)]
-    + [(1e4, True, 0.05), (1e-2, False, 0.2), (0.1, False, 0.1), (1.0, False, 0.05)],
+    + [
+        (1e4, True, 0.05),
+        (1e-2, False, 0.2),
+        (0.1, False, 0.1),
+        (1.0, False, 0.05),
+        (1e2, False, 0.01),
+    ],
 )
 def test_an_arm_is_accurate_at_any_damping(damping: float, rotors: bool, duration: float) -> None:
     robot, scene = pfd.load_robot('puma560'), scene_of(damping, rotors)
@@ -83,3 +89,22 @@ def test_an_arm_is_accurate_at_any_damping(damping: float, rotors: bool, duratio
     )
     assert run.status == right.status == 'ok'
     assert np.abs(run.q[-1] - right.q[-1]).max() < 1e-5
+
+
+@pytest.mark.parametrize('rotors', [True, False])
+def test_a_very_strong_damping_takes_up_the_momentum(rotors: bool) -> None:
+    # d (q - q0) = H qd0 - (gravity torques) t, but for parts that are smaller by the motion. The
+    # first step takes the Coriolis torques of qd0, which is over at once: 1e-6 rad are left.
+    damping, duration = 1e4, 0.2
+    robot, scene = pfd.load_robot('puma560'), scene_of(damping, rotors)
+    sim = pfd.Simulator(robot, scene, step_size=1e-3, substeps=1)
+    assert sim.integrator == 'imex2'
+    sim.reset(START, np.full(6, 2.0))
+    run = sim.rollout(np.zeros((round(duration / 1e-3), 6)))
+    model = to_pinocchio(robot)
+    data = model.createData()
+    (H,) = inertia_matrices(resolve(robot, scene), START[np.newaxis])
+    gravity = pin.computeGeneralizedGravity(model, data, START)
+    moved = (H @ np.full(6, 2.0) - gravity * duration) / damping
+    assert np.abs(moved).max() > 1e-4
+    np.testing.assert_allclose(run.q[-1] - START, moved, rtol=0, atol=3e-6)

@@ -169,6 +169,20 @@ def test_a_scene_without_a_lag_has_the_program_of_a_step_without_one(integrator:
     assert states[0] == states[1]
 
 
+def test_an_arm_whose_motors_hold_it_from_the_start_does_not_fall() -> None:
+    robot = pfd.load_robot('puma560')
+    scene = pfd.Scene(armature='model', motor_lag=np.full(6, 0.02))
+    hold = pfd.inverse_dynamics(robot, START, np.zeros(6), np.zeros(6))
+    starts = np.array([START, START])
+    many = pfd.Ensemble(robot, 2, scene)
+    many.reset(starts, tau_motor=hold)
+    np.testing.assert_allclose(many.rollout(np.tile(hold, (50, 1))).q[:, -1], starts, atol=1e-9)
+    many.reset(starts)
+    assert np.abs(many.rollout(np.tile(hold, (50, 1))).q[:, -1] - starts).max() > 1e-3
+    with pytest.raises(ValueError, match='tau_motor was given, but the scene has no motor_lag'):
+        pfd.Simulator(robot).reset(tau_motor=hold)
+
+
 def test_an_instant_has_no_lag() -> None:
     with pytest.raises(ValueError, match='motor_lag'):
         pfd.compile_kernel(pfd.load_robot('planar2'), scene=pfd.Scene(motor_lag=[0.1, 0.1]))

@@ -85,12 +85,13 @@ def test_velocities_under_a_very_strong_damping_are_quasi_static() -> None:
         np.testing.assert_allclose(qd, expected, rtol=0, atol=QUASI_STATIC * abs(expected).max())
 
 
+@pytest.mark.parametrize('integrator', ['imex2', 'auto'])
 @pytest.mark.parametrize('damping', [1e-2, 1.0, 1e2, 3e3, 1e4, 1e6])
-def test_a_damped_rod_coasts_as_its_closed_form_says(damping: float) -> None:
+def test_a_damped_rod_coasts_as_its_closed_form_says(damping: float, integrator: str) -> None:
     # Two rods of 0.5 m and 1 kg, in line: I = 2/3, qd = w0 exp(-d t / I).
     scene = pfd.Scene(gravity=None, damping=np.full(2, damping), brakes=True)
     sim = pfd.Simulator(
-        pfd.load_robot('planar2'), scene, step_size=1e-3, substeps=1, integrator='imex2'
+        pfd.load_robot('planar2'), scene, step_size=1e-3, substeps=1, integrator=integrator
     )
     sim.reset(qd=[1.0, 0.0])
     trajectory = sim.rollout(np.zeros((1000, 2)), brakes=[False, True])

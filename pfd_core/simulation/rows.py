@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from pfd_core.kernels.codegen.step import MOTOR_TORQUE
 from pfd_core.machine.lanes import where
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model.checked_numbers import Array
@@ -69,7 +70,7 @@ class LaggedTorque:
 
     """
 
-    name = 'tau_motor'
+    name = MOTOR_TORQUE
 
     def __init__(self, recorder: Recorder, lag: Array, h: float) -> None:
         self._recorder, lanes = recorder, range(recorder.lanes)

@@ -20,7 +20,7 @@ from pfd_core.simulation.contact.modes import PIVOTS
 from pfd_core.simulation.contact.schemes import RK4, imex2
 from pfd_core.simulation.contact.texts import contact_texts, has_contact
 from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
-from pfd_core.simulation.rows import decays
+from pfd_core.simulation.rows import LaggedTorque, decays
 from pfd_core.simulation.state_buffer import StateBuffer
 from pfd_core.simulation.stiffness import chosen
 from pfd_core.simulation.turns import split_turns
@@ -52,7 +52,8 @@ class Simulation(ABC):
         refine: int = 0,
         compensated: bool | None = None,
     ) -> None:
-        check_joint_inertia(resolve(robot, scene))  # ValueError for a wrong robot or scene
+        plant = resolve(robot, scene)
+        check_joint_inertia(plant)
         self.robot = robot
         self.scene = Scene() if scene is None else scene
         self.step_size = real_number('step_size', step_size)
@@ -60,7 +61,7 @@ class Simulation(ABC):
             raise ValueError(f'step_size must be above zero seconds, got {self.step_size}')
         self.substeps = integer('substeps', substeps, 1)
         self.dtype = dtype
-        self.integrator = chosen(integrator, robot, self.scene, self.step_size / self.substeps)
+        self.integrator = chosen(integrator, plant, self.step_size / self.substeps)
         self.compensated = _positions_grow(robot, dtype) if compensated is None else compensated
         self._options = {'method': method, 'refine': refine}
         self._native = self._compile()
@@ -171,18 +172,26 @@ class Simulation(ABC):
         return self._now.status
 
     def reset(
-        self, q: ArrayLike | None = None, qd: ArrayLike | None = None, time: float = 0.0
+        self,
+        q: ArrayLike | None = None,
+        qd: ArrayLike | None = None,
+        time: float = 0.0,
+        *,
+        tau_motor: ArrayLike | None = None,
     ) -> None:
         """
         Set positions and velocities, (n,) or (B, n), default zero, and the time [s].
 
-        Positions may lie beyond the joint limits. ValueError for an angle above LARGEST_ANGLE.
+        `tau_motor` are the torques of motors with a lag; only if the scene has one. Positions may
+        lie beyond the joint limits. ValueError for an angle above LARGEST_ANGLE.
         """
         following = self._buffers[1 - self._turn]
         following.clear(start=real_number('time', time))
-        for name, value in (('q', q), ('qd', qd)):
-            target = following.arrays[name]
+        for name, value in (('q', q), ('qd', qd), (LaggedTorque.name, tau_motor)):
             if value is not None:
+                if name not in following.arrays:
+                    raise ValueError(f'{name} was given, but the scene has no motor_lag')
+                target = following.arrays[name]
                 target[...] = real_array(
                     name,
                     value,

@@ -4,51 +4,45 @@
 The integrator that 'auto' stands for, by the stiffness of the damping.
 
 A damping D decays with the rates lambda, the eigenvalues of H(q)^-1 D. An explicit integrator is
-stable up to h lambda = 2 (velocity Verlet) or 2.8 (RK4) only, and most exact far below that; an
-implicit one is stable at any, but its error is larger. The largest rate over POSES poses, spread
-evenly over the turns of the joints, decides.
+stable up to h lambda = 2 (velocity Verlet) or 2.8 (RK4) only; below that RK4 is the most accurate,
+beyond it the implicit one is stable at any rate. The largest rate of POSES poses decides, spread
+evenly over the turns of the joints; poses between them may be a few times as stiff.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from pfd_core.kernels.functions import inverse_dynamics
-from pfd_core.model import Robot, Scene, resolve
+from pfd_core.model import Plant, Robot
 from pfd_core.model.checked_numbers import Array
 from pfd_core.simulation.integrators import INTEGRATORS, TABLE
 
 # h lambda from which on 'auto' stands for the implicit integrator.
 STIFF = 0.5
+# Poses of an arm, and elements of all their joint-space inertias in a long chain.
 POSES = 64
+ELEMENTS = 100_000
 
 
-def chosen(name: str, robot: Robot, scene: Scene, h: float) -> str:
+def chosen(name: str, plant: Plant, h: float) -> str:
     """Return the integrator of a name, for steps of h [s]; ValueError for an unknown name."""
     if name not in TABLE and name != 'auto':
         raise ValueError(f'integrator must be one of {INTEGRATORS}, got {name!r}')
     if name != 'auto':
         return name
-    return 'imex2' if h * fastest_decay(robot, scene) > STIFF else 'rk4'
+    return 'imex2' if h * fastest_decay(plant) > STIFF else 'rk4'
 
 
-def fastest_decay(robot: Robot, scene: Scene) -> float:
+def fastest_decay(plant: Plant) -> float:
     """
     Return the largest eigenvalue of H(q)^-1 D over some poses [1/s]; 0 without damping.
 
     It is infinite where H is not positive definite in the digits of float64.
     """
-    plant = resolve(robot, scene)
     if plant.damping is None:
         return 0.0
-    n = robot.n
-    bodies = Scene(gravity=None, armature=plant.armature, payload=scene.payload)
-    poses = np.repeat(_poses(robot), n, axis=0)
-    units = np.tile(np.eye(n), (POSES, 1))
-    # Torques of unit accelerations at rest: the rows, and columns, of H.
-    H = inverse_dynamics(robot, poses, 0.0 * poses, units, scene=bodies).reshape(POSES, n, n)
     try:
-        roots = np.linalg.cholesky(H)
+        roots = np.linalg.cholesky(inertia_matrices(plant, _poses(plant.robot)))
     except np.linalg.LinAlgError:
         return float('inf')
     # The squares of the singular values of L^-1 D^(1/2), H = L L^T, are the eigenvalues.
@@ -56,9 +50,54 @@ def fastest_decay(robot: Robot, scene: Scene) -> float:
     return float(np.linalg.norm(scaled, 2, axis=(1, 2)).max() ** 2)
 
 
+def inertia_matrices(plant: Plant, q: Array) -> Array:
+    """
+    Return H (K, n, n) of positions (K, n), by NumPy: compiling would take longer.
+
+    H = sum over the links of m Jv^T Jv + Jw^T I Jw, with the Jacobians Jv of the centre of mass
+    and Jw of the turning, all in the axes of the base.
+    """
+    robot, (count, n) = plant.robot, q.shape
+    H = np.zeros((count, n, n)) + (0.0 if plant.armature is None else np.diag(plant.armature))
+    R, p = np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3))
+    axes, points = np.zeros((n, count, 3)), np.zeros((n, count, 3))
+    turning = _turning(robot)
+    for i in range(n):
+        axes[i], points[i] = R[:, :, 2], p
+        if turning[i]:
+            R = R @ _turned(q[:, i])
+        else:
+            p = p + q[:, i, np.newaxis] * R[:, :, 2]
+        p = p + R @ robot.translations[i]
+        R = R @ robot.rotations[i]
+        center = p + R @ robot.centers[i]
+        turns = turning[: i + 1, np.newaxis, np.newaxis]
+        reached = axes[: i + 1]
+        Jv = np.where(turns, np.cross(reached, center - points[: i + 1]), reached)
+        Jw = np.where(turns, reached, 0.0)
+        inertia = R @ robot.inertias[i] @ R.transpose(0, 2, 1)
+        moved = robot.masses[i] * np.einsum('akx,bkx->kab', Jv, Jv)
+        H[:, : i + 1, : i + 1] += moved + np.einsum('akx,kxy,bky->kab', Jw, inertia, Jw)
+    return H
+
+
+def _turning(robot: Robot) -> Array:
+    return np.array([kind != 'prismatic' for kind in robot.joint_types])
+
+
+def _turned(angle: Array) -> Array:
+    """Return rotations about z (K, 3, 3) by angles (K,)."""
+    R = np.zeros((len(angle), 3, 3))
+    R[:, 0, 0] = R[:, 1, 1] = np.cos(angle)
+    R[:, 1, 0] = np.sin(angle)
+    R[:, 0, 1] = -R[:, 1, 0]
+    R[:, 2, 2] = 1.0
+    return R
+
+
 def _poses(robot: Robot) -> Array:
     """
-    Return positions (POSES, n) spread evenly over whole turns, and over the range of sliding ones.
+    Return up to POSES positions, spread evenly over whole turns and over the ways of slides.
 
     An additive recurrence with powers of the root of x^(n+1) = x + 1, whose points are the same
     in any version of NumPy.
@@ -68,8 +107,9 @@ def _poses(robot: Robot) -> Array:
     for _ in range(60):
         root = (1.0 + root) ** (1.0 / (n + 1))
     steps = root ** -np.arange(1.0, n + 1)
-    unit = (0.5 + np.arange(1, POSES + 1)[:, np.newaxis] * steps) % 1.0
-    turning = np.array([kind != 'prismatic' for kind in robot.joint_types])
+    count = max(1, min(POSES, ELEMENTS // n**2))
+    unit = (0.5 + np.arange(1, count + 1)[:, np.newaxis] * steps) % 1.0
+    turning = _turning(robot)
     lower = np.where(turning, -np.pi, robot.position_lower)
     upper = np.where(turning, np.pi, robot.position_upper)
     # A slide without limits: a metre either way.

@@ -39,7 +39,7 @@ EVERYTHING = pfd.Scene(
         EVERYTHING,
         pfd.Scene(),
         pfd.Scene(gravity=None, gravity_compensation=True, damping='model'),
-        pfd.Scene(joint_limits='model', restitution=0.3, friction='model', effort_limits='model'),
+        pfd.Scene(joint_limits='model', restitution=0.3, friction='model', torque_speed='model'),
         pfd.Scene(damping=[np.nextafter(1.0, 2.0), 5e-324, 1e100]),
     ],
     ids=['everything', 'default', 'switches', 'models', 'extreme numbers'],

@@ -279,3 +279,28 @@ def test_a_slow_joint_under_friction_does_not_stand_still_in_float32() -> None:
     sim.reset([1000.0], [0.01])
     run = sim.rollout(np.zeros((10_000, 1)))
     assert abs(float(run.q[-1, 0]) - 1000.1) < np.spacing(np.float32(1000.0))
+
+
+def test_friction_acts_behind_the_limits_of_the_motor() -> None:
+    """A command of 100 N gives a motor of 5 N, of which a friction of 3 N leaves 2 N for 1 kg."""
+    scene = pfd.Scene(gravity=None, friction=[3.0], effort_limits=[5.0])
+    sim = pfd.Simulator(slider(1, 0), scene, step_size=1e-3, substeps=1)
+    run = sim.rollout(np.full((100, 1), 100.0))
+    assert run.qd[-1, 0] == pytest.approx(0.2, rel=1e-12)
+    assert run.qdd[-1, 0] == pytest.approx(2.0, rel=1e-12)
+
+
+def test_a_motor_below_the_static_friction_does_not_move_its_joint_whatever_the_command() -> None:
+    scene = pfd.Scene(gravity=None, friction=[3.0], static_friction=[6.0], effort_limits=[5.0])
+    sim = pfd.Simulator(slider(1, 0), scene)
+    assert (sim.rollout(np.full((100, 1), 1e6)).q == 0.0).all()
+
+
+def test_drives_that_compensate_gravity_hold_an_arm_whose_friction_is_below_it() -> None:
+    robot, q, friction = loaded_arm(20.0)
+    held = pfd.Scene(friction=friction, gravity_compensation=True, payload=None)
+    falls = pfd.Scene(friction=friction)
+    for scene, stays in ((held, True), (falls, False)):
+        sim = pfd.Simulator(robot, scene)
+        sim.reset(q)
+        assert (sim.rollout(np.zeros((200, 6))).q == q).all() == stays

@@ -6,7 +6,6 @@ Whole programs by name: inverse dynamics, and forward dynamics by each method (M
     H(q) qdd + C(q, qd) qd + G(q) = tau        Lee and Chang 1987, eq. (1)
 
     inverse_dynamics   tau from q, qd, qdd, by NE1
-    motor_torques      torques of the motors from commanded ones
     terms              H and bias
     walker_orin_1 .. 4, articulated_body       serial, which the paper compares with
     pcrbm, pcrbm_array, pcgm                   the paper's, on n lanes, corrected
@@ -27,9 +26,9 @@ from pfd_core.algorithms.beyond.base_origin import inertia_matrix_base_origin
 from pfd_core.algorithms.beyond.divide_and_conquer import record_divide_and_conquer
 from pfd_core.algorithms.beyond.omega import omega_torques
 from pfd_core.algorithms.chain.base_axes import chain_on_lanes
-from pfd_core.algorithms.chain.drives import commanded_torques, motor_torques
+from pfd_core.algorithms.chain.drives import commanded_torques
 from pfd_core.algorithms.chain.equations import armature, torques
-from pfd_core.algorithms.chain.interface import input_list, input_row, program_with_outputs
+from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
 from pfd_core.algorithms.grouped.articulated_body import record_grouped_articulated_body
 from pfd_core.algorithms.grouped.composite_body import record_composite_body
 from pfd_core.algorithms.paper.newton_euler import newton_euler
@@ -44,7 +43,6 @@ from pfd_core.algorithms.serial.walker_orin import (
     record_walker_orin_4,
 )
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Recorder
 from pfd_core.model import Plant, check_instant
 
 
@@ -60,13 +58,6 @@ def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
     tau = torques(plant, chain, at, qd, qdd, newton_euler)
     (tau,) = commanded_torques(plant, [tau], (chain, at))
     return program_with_outputs(recorder, tau=tau)
-
-
-def record_motor_torques(plant: Plant) -> Program:
-    """Return the program of the motors' torques, (n,), from tau, and where needed q and qd."""
-    recorder = Recorder(1, 'sequential')
-    tau, qd = (input_list(recorder, name, plant.robot.n) for name in ('tau', 'qd'))
-    return program_with_outputs(recorder, motor=motor_torques(plant, tau, qd))
 
 
 def record_terms(plant: Plant, schedule: str) -> Program:

@@ -18,9 +18,10 @@ import os
 import threading
 from typing import Any
 
+from pfd_core.algorithms.chain.drives import record_motor_torques
 from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.paper.pcgm import TOLERANCE
-from pfd_core.algorithms.programs import record_inverse_dynamics, record_motor_torques
+from pfd_core.algorithms.programs import record_inverse_dynamics
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.codegen.spelling import arguments
 from pfd_core.kernels.passes.pipeline import Stages, lower, operations

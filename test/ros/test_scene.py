@@ -24,6 +24,11 @@ SCENE = pfd.Scene(
     effort_limits=(3.0, 1.0),
     gravity_compensation=True,
     payload=pfd.Payload(0.5, (0.1, 0.0, 0.0)),
+    friction=(0.3, 0.1),
+    static_friction=(0.4, 0.1),
+    joint_limits=((-0.02, 2.0), (-2.0, 2.0)),
+    restitution=(0.5, 0.5),
+    motor_lag=(0.002, 0.0),
 )
 TEXT = pfd.scene_to_yaml(SCENE)
 MOVE = {3: [efforts(1.0, 2.0)], 9: [efforts(-9.0, 0.5)]}

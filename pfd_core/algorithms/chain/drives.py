@@ -65,11 +65,6 @@ def record_motor_torques(plant: Plant) -> Program:
     return program_with_outputs(recorder, tau=motor_torques(plant, tau, qd))
 
 
-def without_drives(plant: Plant) -> Plant:
-    """Return a plant whose motors give the commanded torques."""
-    return replace(plant, effort_limits=None, torque_speed=None, gravity_compensation=None)
-
-
 def motor_torques(
     plant: Plant,
     tau: Sequence[Lanes],

@@ -109,7 +109,8 @@ class Scene:
         robot without its payload, in the gravity of this scene; a scene for its gravity and
         payload.
     motor_lag : None or array_like
-        Time constants with which the torques follow the commanded ones, (n,) [s].
+        Time constants with which the motors follow the commanded torques, (n,) [s]; gravity
+        compensation and limits act on the torque that has followed.
 
     Raises
     ------

@@ -26,6 +26,26 @@ def load_robot(settings: Settings) -> Any:
     )
 
 
+def scene_of(settings: Settings) -> pfd.Scene:
+    """Return the scene that the settings describe."""
+    return pfd.Scene(
+        gravity=settings.gravity if any(settings.gravity) else None,
+        damping='model' if settings.damping else None,
+        armature='model' if settings.armature else None,
+        brakes=True,
+    )
+
+
+def simulator_settings(settings: Settings) -> dict[str, Any]:
+    """Return the arguments of the simulator that the settings describe."""
+    return {
+        'step_size': settings.step_ns / NANOSECONDS,
+        'substeps': settings.substeps,
+        'integrator': settings.integrator,
+        'method': settings.method,
+    }
+
+
 def joint_order(wanted: Sequence[str], robot: Any) -> tuple[int, ...]:
     """Return the index in the model of each joint, in the order in which joints are published.
 
@@ -72,19 +92,7 @@ class Arm:
         self.failure = ''
         self._start_ns, self._step_ns = settings.start_ns, settings.step_ns
         self._columns = list(self.order)
-        self._simulator = pfd.Simulator(
-            robot,
-            pfd.Scene(
-                gravity=settings.gravity if any(settings.gravity) else None,
-                damping='model' if settings.damping else None,
-                armature='model' if settings.armature else None,
-                brakes=True,
-            ),
-            step_size=settings.step_ns / NANOSECONDS,
-            substeps=settings.substeps,
-            integrator=settings.integrator,
-            method=settings.method,
-        )
+        self._simulator = pfd.Simulator(robot, scene_of(settings), **simulator_settings(settings))
         start = self._initial_positions(settings.initial_positions)
         self._simulator.reset(q=start, time=settings.start_ns / NANOSECONDS)
         self._keep_state(np.zeros(robot.n))

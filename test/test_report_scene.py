@@ -19,7 +19,7 @@ import pfd_core as pfd
 from pfd_core.report import scene_errors, scene_motions, scene_needs, scene_pages, scene_search
 from pfd_core.report.scene_effects import EFFECTS, effects_on, full_scene, spelled, without
 from pfd_core.report.scene_errors import SceneRow, cut, measure, run_full
-from pfd_core.report.scene_motions import EXCITATIONS, Motion, excited_motion
+from pfd_core.report.scene_motions import EXCITATIONS, SETTINGS, Motion, excited_motion
 from pfd_core.report.scene_needs import Needs
 from pfd_core.report.timing import Pace
 
@@ -109,16 +109,28 @@ def test_any_effect_can_be_left_out_of_a_scene_with_all_and_is_off_then() -> Non
 
 
 def test_effects_without_numbers_are_off(disc: pfd.Robot) -> None:
-    scene = full_scene(pfd.Scene(payload=None))
-    assert (scene.damping, scene.armature) == ('model', 'model')
+    scene = pfd.Scene(damping='model', armature='model')
     assert effects_on(disc, scene) == ('gravity',)
     assert effects_on(disc, pfd.Scene(gravity=(0, 0, 0), damping=(0.0,))) == ()
     assert effects_on(pfd.load_robot('panda'), scene) == ('gravity', 'damping', 'armature')
 
 
-def test_the_full_scene_keeps_what_is_given() -> None:
-    given = pfd.Scene(gravity=None, damping=(1.0, 2.0))
-    assert full_scene(given) == replace(given, armature='model')
+def test_the_full_scene_has_what_the_model_states_and_keeps_what_is_given(
+    disc: pfd.Robot,
+) -> None:
+    given = pfd.Scene(gravity=None, damping=(1.0,) * 7)
+    full, refused = full_scene(pfd.load_robot('panda'), given, SETTINGS)
+    assert (full.gravity, full.damping, full.armature) == (None, given.damping, 'model')
+    assert not refused.keys() & {'damping', 'armature'}
+    # The model of the disc states limits of velocity and effort, and those alone.
+    assert replace(full_scene(disc, pfd.Scene(), SETTINGS)[0], effort_limits=None) == pfd.Scene()
+
+
+def test_an_effect_of_the_model_that_cannot_be_simulated_is_off_with_the_reason() -> None:
+    settings = {**SETTINGS, 'integrator': 'velocity_verlet'}
+    full, refused = full_scene(pfd.load_robot('puma560'), pfd.Scene(), settings)
+    assert full.friction is None
+    assert 'friction' in refused['friction']
 
 
 def test_a_scene_is_spelled_as_the_call_that_makes_it() -> None:
@@ -296,7 +308,7 @@ def test_the_operations_of_an_effect_are_those_of_the_kernels(disc: pfd.Robot) -
 @pytest.mark.parametrize('arm', ['planar2', 'panda', 'puma560', 'ur5'])
 def test_a_named_motion_moves_every_joint_within_its_limits(arm: str, name: str) -> None:
     robot = pfd.load_robot(arm)
-    scene = full_scene(pfd.Scene())
+    scene, _ = full_scene(robot, pfd.Scene(), SETTINGS)
     motion = excited_motion(robot, scene, name)
     assert (np.abs(motion.taus) <= robot.effort_limit).all()
     assert (motion.q >= robot.position_lower).all()
@@ -377,7 +389,7 @@ def test_a_scene_that_cannot_be_simulated_is_never_the_answer(tmp_path: Path) ->
 
 @pytest.fixture(scope='module')
 def panda_needs() -> Needs:
-    robot, scene = pfd.load_robot('panda'), full_scene(pfd.Scene())
+    robot, scene = pfd.load_robot('panda'), pfd.Scene(damping='model', armature='model')
     told: list[str] = []
     motion = excited_motion(robot, scene, 'steps')
     needs = scene_needs.scene_needs(robot, scene, motion, 1e-3, pace=FAST, tell=told.append)
@@ -422,6 +434,8 @@ def test_the_plot_is_left_out_without_matplotlib(
 
 
 def test_effects_over_a_step_of_time_are_not_in_the_operations(disc: pfd.Robot) -> None:
-    stops = pfd.Scene(joint_limits=((-1.0, 1.0),), motor_lag=(0.1,))
-    plain = scene_errors.operations(disc, pfd.Scene(), 'auto')
-    assert scene_errors.operations(disc, stops, 'auto') == plain
+    stops, lag = pfd.Scene(joint_limits=((-1.0, 1.0),)), pfd.Scene(motor_lag=(0.1,))
+    plain, brakes = (pfd.Scene(brakes=value) for value in (False, True))
+    for scene, instant in ((stops, brakes), (lag, plain)):
+        found, wanted = (scene_errors.operations(disc, x, 'auto') for x in (scene, instant))
+        assert found == wanted

@@ -17,6 +17,7 @@ from typing import Any
 from pfd_core.model import Robot, Scene, resolve
 from pfd_core.model.plant import STEP_EFFECTS
 from pfd_core.model.scene_checks import MODEL
+from pfd_core.simulation.simulator import Simulator
 
 
 @dataclass(frozen=True)
@@ -48,31 +49,67 @@ EFFECTS = (
     Effect('payload', {'payload': None}),
     Effect('external wrench', {'external_wrench': False}),
     Effect('brakes', {'brakes': False}),
-    Effect('friction', dict.fromkeys(('friction', 'static_friction', 'stribeck_velocity'))),
+    Effect(
+        'friction',
+        dict.fromkeys(('friction', 'static_friction', 'stribeck_velocity')),
+        from_model=True,
+    ),
     Effect('static friction', dict.fromkeys(('static_friction', 'stribeck_velocity'))),
     Effect('Stribeck velocity', {'stribeck_velocity': None}),
-    Effect('joint stops', {'joint_limits': None, 'restitution': 0.0}),
+    Effect('joint stops', {'joint_limits': None, 'restitution': 0.0}, from_model=True),
     Effect('restitution', {'restitution': 0.0}),
     Effect('springs', {'stiffness': None, 'rest_position': None}),
-    Effect('effort limits', {'effort_limits': None}),
+    Effect('effort limits', {'effort_limits': None}, from_model=True),
     Effect('torque-speed tables', {'torque_speed': None}),
     Effect('gravity compensation', {'gravity_compensation': False}),
     Effect('motor lag', {'motor_lag': None}),
 )
 
-# Effects that no evaluation of the accelerations holds, but the simulation of a step.
+# Effects that no function of an instant holds, but the simulation of a step.
 OVER_A_STEP = frozenset(
     effect.name for effect in EFFECTS if next(iter(effect.off)) in STEP_EFFECTS
 )
+# Those among them that hold joints within a step.
+HOLDING = frozenset({'friction', 'joint stops'})
 
 
-def full_scene(scene: Scene) -> Scene:
-    """Return a scene with every effect that it lacks and that the robot's model may state."""
-    stated = [next(iter(effect.off.items())) for effect in EFFECTS if effect.from_model]
-    lacking: dict[str, Any] = {
-        field: MODEL for field, off in stated if getattr(scene, field) == off
-    }
-    return replace(scene, **lacking)
+def full_scene(
+    robot: Robot, scene: Scene, settings: Mapping[str, Any]
+) -> tuple[Scene, dict[str, str]]:
+    """
+    Return a scene with all that the robot's model states and the scene lacks.
+
+    Parameters
+    ----------
+    robot : Robot
+        The arm.
+    scene : Scene
+        The effects that are given.
+    settings : mapping
+        step_size, substeps, integrator and method of the simulations, as Simulator takes them.
+
+    Returns
+    -------
+    Scene
+        The full scene.
+    dict
+        Effects that the model states and that cannot be simulated with these settings, with the
+        reason.
+
+    """
+    refused = {}
+    for effect in EFFECTS:
+        field, off = next(iter(effect.off.items()))
+        if effect.from_model and getattr(scene, field) == off:
+            more: dict[str, Any] = {field: MODEL}
+            try:
+                larger = replace(scene, **more)
+                if effect.name in effects_on(robot, larger):
+                    Simulator(robot, larger, **settings)
+                    scene = larger
+            except ValueError as error:
+                refused[effect.name] = str(error)
+    return scene, refused
 
 
 def without(scene: Scene, names: Collection[str]) -> Scene:

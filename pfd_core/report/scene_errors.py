@@ -12,7 +12,7 @@ same integrator and step, whose own error is left out.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 import math
 
@@ -21,7 +21,7 @@ import numpy as np
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.model import Robot, Scene
 from pfd_core.model.checked_numbers import Array
-from pfd_core.report.scene_effects import OVER_A_STEP, effects_on, spelled, without
+from pfd_core.report.scene_effects import HOLDING, OVER_A_STEP, effects_on, spelled, without
 from pfd_core.report.scene_motions import Motion
 from pfd_core.simulation.simulator import Simulator
 
@@ -189,9 +189,13 @@ def operations(robot: Robot, scene: Scene, method: str) -> int:
     """
     Return the operations of one evaluation of the accelerations, as compiled.
 
-    Effects that act over a step of time, such as stops, are not in them.
+    With dry friction or stops these are accelerations with joints that can be held. The rest of a
+    step, the search for reversals and impacts with it, is left out.
     """
-    kernel = compile_kernel(robot, scene=without(scene, OVER_A_STEP), method=method)
+    instant = without(scene, OVER_A_STEP)
+    if not HOLDING.isdisjoint(effects_on(robot, scene)):
+        instant = replace(instant, brakes=True)
+    kernel = compile_kernel(robot, scene=instant, method=method)
     return sum(kernel.operations['compiled'].values())
 
 

@@ -8,14 +8,15 @@ position that the arm follows in its full scene under
 
     tau = ID(q, qd, qdd_ref + W^2 (q_ref - q) + 2 W (qd_ref - qd)),
 
-inverse dynamics in that scene with a critically damped PD law (computed torque: J. J. Craig,
-Introduction to Robotics, 3rd edition, section 10.2), bounded by the effort limits of the robot.
+inverse dynamics in that scene, but for its dry friction, with a critically damped PD law
+(computed torque: J. J. Craig, Introduction to Robotics, 3rd edition, section 10.2), bounded by the
+effort limits of the robot.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,10 +24,16 @@ import numpy as np
 from pfd_core.kernels.compile import compile_inverse_kernel
 from pfd_core.model import Robot, Scene
 from pfd_core.model.checked_numbers import Array
+from pfd_core.report.scene_effects import OVER_A_STEP, without
 from pfd_core.simulation.simulator import Simulator
 
 # Settings of the simulator for an excitation, and its length.
-SETTINGS: Mapping[str, Any] = {'step_size': 1e-3, 'substeps': 2, 'integrator': 'auto'}
+SETTINGS: Mapping[str, Any] = {
+    'step_size': 1e-3,
+    'substeps': 2,
+    'integrator': 'auto',
+    'method': 'auto',
+}
 SECONDS = 4.0
 # Bandwidth W of the PD law [rad/s].
 BANDWIDTH = 10.0
@@ -154,7 +161,7 @@ def excited_motion(robot: Robot, scene: Scene, name: str) -> Motion:
     count = round(SECONDS / h)
     wanted = _scaled_reference(robot, excitation, h * np.arange(count))
     wrench = np.zeros(6) if scene.external_wrench else None
-    inverse = compile_inverse_kernel(robot, scene=replace(scene, brakes=False))
+    inverse = compile_inverse_kernel(robot, scene=without(scene, {*OVER_A_STEP, 'brakes'}))
     strongest = _unless_zero(robot.effort_limit)
     taus, q, qd = np.empty((3, count, robot.n))
     simulator.reset(wanted[0][0], wanted[1][0])
@@ -167,7 +174,7 @@ def excited_motion(robot: Robot, scene: Scene, name: str) -> Motion:
     return Motion(
         name,
         excitation.source,
-        {**SETTINGS, 'method': 'auto'},
+        SETTINGS,
         taus,
         np.zeros((count, robot.n), bool),
         np.arange(count),

@@ -89,6 +89,8 @@ class Needs:
         The effects of the full scene.
     off : list of str
         The effects that are off in it.
+    refused : dict
+        Effects that the model states and that cannot be simulated here, with the reason.
     scenes : list of SceneRow
         Every scene that was simulated.
     exhaustive : bool
@@ -115,6 +117,7 @@ class Needs:
     smallest: SceneRow
     effects: list[EffectRow]
     off: list[str]
+    refused: Mapping[str, str]
     scenes: list[SceneRow]
     exhaustive: bool
     step_times: dict[str, float]
@@ -128,6 +131,7 @@ def scene_needs(
     tolerance: float,
     *,
     window: float = WINDOW,
+    refused: Mapping[str, str] | None = None,
     pace: Pace | None = None,
     tell: Callable[[str], None] = lambda text: None,
 ) -> Needs:
@@ -146,6 +150,8 @@ def scene_needs(
         Largest difference allowed of a joint position from that in the full scene [rad or m].
     window : float
         Seconds after which every scene starts again from the full one.
+    refused : mapping, optional
+        Effects that `full_scene` could not take from the model, for the page.
     pace : Pace
         Durations and repetitions of the timing.
     tell : callable
@@ -194,6 +200,7 @@ def scene_needs(
         smallest=row(left_out),
         effects=effect_rows(row(frozenset()), singles, times, row(left_out)),
         off=[effect.name for effect in EFFECTS if effect.name not in names],
+        refused=dict(refused or {}),
         scenes=sorted(rows.values(), key=size),
         exhaustive=exhaustive,
         step_times=_step_times(times),

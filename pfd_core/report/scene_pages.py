@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 import json
 import math
@@ -38,6 +38,10 @@ def markdown(needs: Needs) -> str:
         *_effects(needs),
         '',
         _paragraph(_off(needs)),
+        *(
+            _paragraph(f'The model states {name}, which is off here: {reason}.')
+            for name, reason in needs.refused.items()
+        ),
         '## Scenes\n',
         _paragraph(_searched(needs)),
         *_scenes(needs),
@@ -47,14 +51,14 @@ def markdown(needs: Needs) -> str:
 
 EFFECTS_TEXT = (
     'Each row is the full scene without one effect. *operations* are those that the effect adds '
-    'to one evaluation of the accelerations, as compiled; the rest of a step is the same for all '
-    'scenes and left out. *step without it* is the least / median time of a step over the first '
-    'windows, {steps} steps or a little more, with what Python does around a window, which is in '
-    'all of them; *full / without* is the median ratio of two such times taken shortly after each '
-    'other. '
-    '*largest* and *rms* are differences of joint positions over all joints, steps and windows, '
-    'of this one effect: errors of effects do not add, so they leave out what two missing effects '
-    'do together. *share* is the part of the rms in the sum of this column.'
+    'to one evaluation of the accelerations, as compiled; what friction and stops do in the rest '
+    'of a step is left out of them and is in the times. *step without it* is the least / median '
+    'time of a step over the first windows, {steps} steps or a little more, with what Python does '
+    'around a window, which is in all of them; *full / without* is the median ratio of two such '
+    'times taken shortly after each other. *largest* and *rms* are differences of joint positions '
+    'over all joints, steps and windows, of this one effect: errors of effects do not add, so '
+    'they leave out what two missing effects do together. *share* is the part of the rms in the '
+    'sum of this column.'
 )
 
 
@@ -202,9 +206,13 @@ def run(
     tolerance: float,
     folder: Path,
     window: float = WINDOW,
+    refused: Mapping[str, str] | None = None,
 ) -> list[Path]:
     """Measure and write the report into a folder; progress goes to a terminal."""
-    return write(scene_needs(robot, scene, motion, tolerance, window=window, tell=_tell), folder)
+    needs = scene_needs(
+        robot, scene, motion, tolerance, window=window, refused=refused, tell=_tell
+    )
+    return write(needs, folder)
 
 
 def write(needs: Needs, folder: Path) -> list[Path]:

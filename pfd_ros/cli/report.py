@@ -76,21 +76,25 @@ def run(given: argparse.Namespace) -> int:
 
 
 def _run_scene(given: argparse.Namespace, folder: Path) -> list[Path]:
-    from pfd_core.report import scene_effects, scene_motions, scene_pages
+    from pfd_core.report import scene_motions, scene_pages
+    from pfd_core.report.scene_effects import full_scene
     from pfd_ros.replay.motion import read_motion
 
-    given_scene = None if given.scene is None else pfd.load_scene(given.scene)
+    scene = pfd.Scene() if given.scene is None else pfd.load_scene(given.scene)
+    refused: dict[str, str] = {}
     path = Path(given.trajectory)
     if path.suffix == '.mcap' or path.is_file():
         robot, recorded, motion = read_motion(path, given.robot, progress_on(sys.stderr))
-        # The brakes of a recording are an input: whatever the scene, they have to be one.
-        scene = recorded if given_scene is None else replace(given_scene, brakes=True)
-        full = scene_effects.full_scene(scene) if given_scene is None else scene
+        # The brakes of a recording are an input, whatever the scene.
+        scene = recorded if given.scene is None else replace(scene, brakes=True)
+        if given.scene is None:
+            scene, refused = full_scene(robot, scene, motion.settings)
     else:
         scene_motions.excitation_named(given.trajectory)
         if given.robot is None:
             raise ValueError(f'the trajectory {given.trajectory!r} needs a --robot')
         robot = pfd.load_robot(given.robot)
-        full = scene_effects.full_scene(pfd.Scene()) if given_scene is None else given_scene
-        motion = scene_motions.excited_motion(robot, full, given.trajectory)
-    return scene_pages.run(robot, full, motion, given.tolerance, folder, given.window)
+        if given.scene is None:
+            scene, refused = full_scene(robot, scene, scene_motions.SETTINGS)
+        motion = scene_motions.excited_motion(robot, scene, given.trajectory)
+    return scene_pages.run(robot, scene, motion, given.tolerance, folder, given.window, refused)

@@ -400,10 +400,12 @@ def panda_needs() -> Needs:
 def test_the_pages_hold_the_answer_and_every_scene(panda_needs: Needs, tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
     paths = scene_pages.write(panda_needs, tmp_path / 'new')
-    assert [path.name for path in paths] == ['scene.md', 'scene.json', 'scene.png', 'scene.svg']
+    names = ['scene.md', 'scene.json', 'smallest.yaml', 'scene.png', 'scene.svg']
+    assert [path.name for path in paths] == names
     assert all(path.stat().st_size for path in paths)
     page = paths[0].read_text()
     small = panda_needs.smallest
+    assert spelled(pfd.load_scene(paths[2])) == small.scene
     assert f'**{", ".join(small.effects)}**; left out: damping' in page
     assert f'    pfd.{small.scene}\n' in page
     for row in panda_needs.effects:
@@ -419,7 +421,7 @@ def test_the_pages_hold_the_answer_and_every_scene(panda_needs: Needs, tmp_path:
 
 def test_the_plot_is_the_same_in_every_run(panda_needs: Needs, tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
-    one, other = (scene_pages.write(panda_needs, tmp_path / name)[3] for name in 'ab')
+    one, other = (scene_pages.write(panda_needs, tmp_path / name)[-1] for name in 'ab')
     assert one.read_bytes() == other.read_bytes()
 
 
@@ -429,7 +431,7 @@ def test_the_plot_is_left_out_without_matplotlib(
     for name in ('matplotlib', 'matplotlib.figure', 'matplotlib.backends.backend_agg'):
         monkeypatch.setitem(sys.modules, name, None)
     paths = scene_pages.write(panda_needs, tmp_path)
-    assert [path.name for path in paths] == ['scene.md', 'scene.json']
+    assert [path.name for path in paths] == ['scene.md', 'scene.json', 'smallest.yaml']
     assert 'scene.png' not in paths[0].read_text()
 
 

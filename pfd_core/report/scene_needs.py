@@ -18,6 +18,7 @@ import numpy as np
 
 from pfd_core.model import Robot, Scene
 from pfd_core.model.checked_numbers import real_number
+from pfd_core.model.scene import scene_to_yaml
 from pfd_core.report.scene_effects import EFFECTS, effects_on, without
 from pfd_core.report.scene_errors import FullRun, SceneRow, measure, roll, run_full, simulator_of
 from pfd_core.report.scene_motions import Motion
@@ -85,6 +86,8 @@ class Needs:
         Largest difference allowed of a joint position in a window [rad or m].
     full, bare, smallest : SceneRow
         The scene with all effects, with none, and the smallest within the tolerance.
+    yaml : str
+        The smallest scene as a scene file has it.
     effects : list of EffectRow
         The effects of the full scene.
     off : list of str
@@ -115,6 +118,7 @@ class Needs:
     full: SceneRow
     bare: SceneRow
     smallest: SceneRow
+    yaml: str
     effects: list[EffectRow]
     off: list[str]
     refused: Mapping[str, str]
@@ -198,6 +202,7 @@ def scene_needs(
         full=row(frozenset()),
         bare=bare,
         smallest=row(left_out),
+        yaml=scene_to_yaml(without(scene, left_out)),
         effects=effect_rows(row(frozenset()), singles, times, row(left_out)),
         off=[effect.name for effect in EFFECTS if effect.name not in names],
         refused=dict(refused or {}),

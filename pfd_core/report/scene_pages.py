@@ -33,13 +33,16 @@ def markdown(needs: Needs) -> str:
         '## Smallest scene\n',
         *map(_paragraph, _answer(needs)),
         f'    pfd.{needs.smallest.scene}\n',
+        'The file smallest.yaml has this scene.\n',
         '## Each effect alone\n',
         _paragraph(EFFECTS_TEXT.format(steps=min(TIMED_STEPS, needs.steps))),
         *_effects(needs),
         '',
         _paragraph(_off(needs)),
         *(
-            _paragraph(f'The model states {name}, which is off here: {reason}.')
+            _paragraph(
+                f'The model states {name}, off here because they cannot be simulated: {reason}.'
+            )
             for name, reason in needs.refused.items()
         ),
         '## Scenes\n',
@@ -217,20 +220,24 @@ def run(
 
 def write(needs: Needs, folder: Path) -> list[Path]:
     """
-    Write scene.md, scene.json, scene.png and scene.svg, and return their paths.
+    Write scene.md, scene.json, smallest.yaml, scene.png and scene.svg, and return their paths.
+
+    smallest.yaml is the smallest scene, as `load_scene` reads it.
 
     The plots are left out where matplotlib (extra `report`) is not installed. A number that is
     not finite is null in the JSON.
     """
     folder.mkdir(parents=True, exist_ok=True)
     page, data, *pictures = (folder / f'scene.{suffix}' for suffix in ('md', 'json', 'png', 'svg'))
+    smallest = folder / 'smallest.yaml'
     drawn = plot(needs, pictures)
     text = markdown(needs)
     if drawn:
         text += '\n![Error of every scene against its operations](scene.png)\n'
     page.write_text(text, encoding='utf-8')
     data.write_text(json.dumps(_finite(asdict(needs)), indent=1) + '\n', encoding='utf-8')
-    return [page, data, *(pictures if drawn else [])]
+    smallest.write_text(needs.yaml, encoding='utf-8')
+    return [page, data, smallest, *(pictures if drawn else [])]
 
 
 def _finite(value: Any) -> Any:

@@ -15,6 +15,7 @@ from simulating import efforts, simulate
 
 import pfd_core as pfd
 from pfd_core.report import scene_needs
+from pfd_core.report.scene_effects import effects_on, full_scene, spelled
 from pfd_core.report.scene_errors import run_full
 from pfd_core.report.timing import Pace
 from pfd_ros.cli import main as command_line
@@ -73,21 +74,34 @@ def test_a_real_recording_is_repeated_too() -> None:
     np.testing.assert_array_equal(full.q[motion.after[1:] - 1], motion.q[1:])
 
 
+def test_the_full_scene_has_what_model_and_settings_state(tmp_path: Path) -> None:
+    move = {3: [efforts(*range(6))]}
+    run = simulate(5, move, robot='puma560', gravity=(0.0, 1.0, -9.0))
+    robot, scene, motion = read_motion(run.save(tmp_path / 'a.mcap'))
+    assert (scene.damping, scene.armature) == (None, None)
+    full, refused = full_scene(robot, scene, motion.settings)
+    on = {*effects_on(robot, full), *refused}
+    assert {'gravity', 'brakes', 'damping', 'armature', 'friction', 'joint stops'} <= on
+    assert full.gravity == (0.0, 1.0, -9.0)
+
+
 def test_the_report_of_a_recording_names_the_effects_it_needs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert report(tmp_path, '--trajectory', GOLDEN, '--robot', 'puma560', '--tolerance', 0.04) == 0
+    pfd.Scene(armature='model').save(tmp_path / 'scene.yaml')
+    scene = ('--scene', tmp_path / 'scene.yaml')
+    given = ('--trajectory', GOLDEN, '--robot', 'puma560', '--tolerance', 0.04)
+    assert report(tmp_path, *given, *scene) == 0
     told = [Path(line) for line in capsys.readouterr().out.splitlines()]
-    assert told[:2] == [tmp_path / 'pages' / name for name in ('scene.md', 'scene.json')]
+    names = ('scene.md', 'scene.json', 'smallest.yaml')
+    assert told[:3] == [tmp_path / 'pages' / name for name in names]
     found = json.loads(told[1].read_text())
-    # All that the model states, beside the settings of the recording, which had gravity alone.
-    on = [row['name'] for row in found['effects']]
-    assert {'gravity', 'damping', 'armature', 'brakes'} <= set(on)
-    assert {*on, *found['refused']} >= {'friction', 'joint stops', 'effort limits'}
-    assert found['smallest']['largest'] <= 0.04
-    errors = {row['name']: row['without']['largest'] for row in found['effects']}
-    for name, error in errors.items():
-        assert (name in found['smallest']['effects']) >= (error > 0.04)
+    assert [row['name'] for row in found['effects']] == ['gravity', 'armature', 'brakes']
+    small = found['smallest']
+    assert small['largest'] <= 0.04
+    for row in found['effects']:
+        assert row['name'] in small['effects'] or row['without']['largest'] <= 0.04
+    assert spelled(pfd.load_scene(told[2])) == small['scene']
     assert GOLDEN.name in told[0].read_text()
 
 

@@ -38,13 +38,7 @@ def markdown(needs: Needs) -> str:
         _paragraph(EFFECTS_TEXT.format(steps=min(TIMED_STEPS, needs.steps))),
         *_effects(needs),
         '',
-        _paragraph(_off(needs)),
-        *(
-            _paragraph(
-                f'The model states {name}, off here because they cannot be simulated: {reason}.'
-            )
-            for name, reason in needs.refused.items()
-        ),
+        *map(_paragraph, _off(needs)),
         '## Scenes\n',
         _paragraph(_searched(needs)),
         *_scenes(needs),
@@ -54,14 +48,14 @@ def markdown(needs: Needs) -> str:
 
 EFFECTS_TEXT = (
     'Each row is the full scene without one effect. *operations* are those that the effect adds '
-    'to one evaluation of the accelerations, as compiled; what friction and stops do in the rest '
-    'of a step is left out of them and is in the times. *step without it* is the least / median '
-    'time of a step over the first windows, {steps} steps or a little more, with what Python does '
-    'around a window, which is in all of them; *full / without* is the median ratio of two such '
-    'times taken shortly after each other. *largest* and *rms* are differences of joint positions '
-    'over all joints, steps and windows, of this one effect: errors of effects do not add, so '
-    'they leave out what two missing effects do together. *share* is the part of the rms in the '
-    'sum of this column.'
+    'to one evaluation of the accelerations, as compiled. Friction and stops share those of joints '
+    'that can be held; what they do in the rest of a step is left out of the operations and is in '
+    'the times. *step without it* is the least / median time of a step over the first windows, '
+    '{steps} steps or a little more, with what Python does around a window, which is in all of '
+    'them; *full / without* is the median ratio of two such times taken shortly after each other. '
+    '*largest* and *rms* are differences of joint positions over all joints, steps and windows, '
+    'of this one effect: errors of effects do not add, so they leave out what two missing effects '
+    'do together. *share* is the part of the rms in the sum of this column.'
 )
 
 
@@ -142,11 +136,16 @@ def _effects(needs: Needs) -> list[str]:
     return table + [f'\nRefused without {row.name}: {row.without.refused}' for row in refused]
 
 
-def _off(needs: Needs) -> str:
-    return (
-        f'Off in the full scene for this robot, so without operations and without error here: '
-        f'{_listed(needs.off)}.'
-    )
+def _off(needs: Needs) -> list[str]:
+    return [
+        'Off in the full scene for this robot, so without operations and without error here: '
+        f'{_listed(needs.off)}.',
+        *(
+            f'The model states {name}, which are off here because the simulation refuses them: '
+            f'{reason}.'
+            for name, reason in needs.refused.items()
+        ),
+    ]
 
 
 def _searched(needs: Needs) -> str:

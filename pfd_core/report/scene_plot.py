@@ -44,10 +44,10 @@ def _draw(axes: Any, needs: Needs) -> None:
 
     axes.plot(*at(drawn), 'o', color='0.7', label='a scene')
     axes.step(*at(pareto_front(drawn)), '-', color='C0', where='post', label='best of its cost')
-    axes.plot(*at([needs.full]), 's', color='black', label='full scene')
     singles = [row.without for row in needs.effects if math.isfinite(row.without.largest)]
     axes.plot(*at(singles), 'o', color='C1', label='full scene without one effect')
-    axes.plot(*at([needs.smallest]), '*', color='C3', ms=16, label='smallest within tolerance')
+    axes.plot(*at([needs.smallest]), '*', color='C3', ms=18, label='smallest within tolerance')
+    axes.plot(*at([needs.full]), 's', color='black', ms=4, label='full scene')
     axes.axhline(needs.tolerance, color='C3', lw=0.8, ls='--', label='tolerance')
     named = [(f'no {row.name}', row.without) for row in needs.effects]
     for text, row in [*named, ('no effect at all', needs.bare)]:
@@ -58,6 +58,7 @@ def _draw(axes: Any, needs: Needs) -> None:
     left_end = ('axes fraction', 'data')
     axes.annotate('error 0', (0, zero), (3, 3), left_end, 'offset points', size=8)
     axes.set_yscale('log')
+    axes.margins(x=0.15)  # for the names beside the points
     axes.set_xlabel('operations of one evaluation of the accelerations, as compiled')
     axes.set_ylabel(
         f'largest difference of a joint position from\nthe full scene within {needs.window:g} s '

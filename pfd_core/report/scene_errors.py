@@ -128,10 +128,11 @@ def run_full(robot: Robot, scene: Scene, motion: Motion, seconds: float) -> Full
     for k, (first, end) in enumerate(windows):
         found = int(np.searchsorted(motion.after, first))
         if found < len(motion.after) and motion.after[found] == first:
-            state = motion.q[found], motion.qd[found]
-            if k:
-                departure = max(departure, float(np.abs(simulator.q - state[0]).max()))
-            simulator.reset(*state)
+            known = motion.q[found], motion.qd[found]
+            departure = max(departure, float(np.abs(simulator.q - known[0]).max()) if k else 0.0)
+            # A simulation that is there already goes on, with all of its state.
+            if not np.array_equal((simulator.q, simulator.qd), known):
+                simulator.reset(*known)
         starts[k] = simulator.q, simulator.qd
         q[first:end] = roll(simulator, motion, first, end)
         if simulator.status != 'ok':

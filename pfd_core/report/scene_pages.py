@@ -48,14 +48,14 @@ def markdown(needs: Needs) -> str:
 
 EFFECTS_TEXT = (
     'Each row is the full scene without one effect. *operations* are those that the effect adds '
-    'to one evaluation of the accelerations, as compiled. Friction and stops share those of joints '
-    'that can be held; what they do in the rest of a step is left out of the operations and is in '
-    'the times. *step without it* is the least / median time of a step over the first windows, '
-    '{steps} steps or a little more, with what Python does around a window, which is in all of '
-    'them; *full / without* is the median ratio of two such times taken shortly after each other. '
-    '*largest* and *rms* are differences of joint positions over all joints, steps and windows, '
-    'of this one effect: errors of effects do not add, so they leave out what two missing effects '
-    'do together. *share* is the part of the rms in the sum of this column.'
+    'to one evaluation of the accelerations, as compiled. Friction and stops share those of '
+    'joints that can be held; what they do in the rest of a step is left out of the operations '
+    'and is in the times. *step without it* is the least / median time of a step over the first '
+    'windows, {steps} steps or a little more, with what Python does around a window, which is in '
+    'all of them; *full / without* is the median ratio of two such times taken shortly after each'
+    ' other. *largest* and *rms* are differences of joint positions over all joints, steps and '
+    'windows, of this one effect: errors of effects do not add, so they leave out what two '
+    'missing effects do together. *share* is the part of the rms in the sum of this column.'
 )
 
 

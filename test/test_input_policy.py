@@ -27,6 +27,8 @@ Rows of the policy that other files state:
     two roots                          model_urdf: what_is_no_chain_is_refused... [two roots]
     trees                              model_urdf: what_is_no_chain_is_refused... [tree, two arms]
     mimic joint on the chain           model_urdf: what_is_no_chain_is_refused... [mimic]
+    lock beyond the joint's limits     model_urdf: what_is_no_chain_is_refused... [lock beyond]
+                                       model_robot: a_joint_may_be_locked_at_its_limits_and_not...
     =================================  ==========================================================
 """
 
@@ -268,6 +270,15 @@ def test_a_joint_without_limits_is_unlimited_and_warned_of() -> None:
     for key in ('position_upper', 'velocity_limit', 'effort_limit'):
         np.testing.assert_array_equal(getattr(robot, key), np.inf)
     np.testing.assert_array_equal(robot.position_lower, -np.inf)
+
+
+def test_a_finger_that_mimics_another_stands_where_that_one_is_locked() -> None:
+    text = example('panda_description/urdf/panda.urdf')
+    with pytest.raises(ValueError, match=r"'panda_finger_joint2' mimics 'panda_finger_joint1'"):
+        load_robot(text, tip='panda_rightfinger', base='panda_hand')
+    robot = load_robot(text, locked={'panda_finger_joint1': 0.01})
+    assert robot.n == 7
+    assert_same_physics(robot, text, {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.01})
 
 
 def test_joint_limits_are_off_also_for_an_arm_that_starts_beyond_them() -> None:

@@ -58,7 +58,7 @@ def assert_same_dynamics(model: pin.Model, other: pin.Model, seed: int) -> None:
 def test_locking_agrees_with_the_reduced_model_of_pinocchio(seed: int, indices: list[int]) -> None:
     rng = np.random.default_rng(seed)
     robot = random_chain(rng, 7)
-    q = rng.uniform(-2, 2, 7)
+    q = np.clip(rng.uniform(-2, 2, 7), robot.position_lower, robot.position_upper)
     less = lock(robot, {robot.joint_names[i]: q[i] for i in indices})
     kept = [i for i in range(7) if i not in indices]
     assert less.joint_names == tuple(robot.joint_names[i] for i in kept)
@@ -66,6 +66,17 @@ def test_locking_agrees_with_the_reduced_model_of_pinocchio(seed: int, indices: 
     whole = to_pinocchio(robot)
     reduced = pin.buildReducedModel(whole, [i + 1 for i in indices], q)
     assert_same_dynamics(to_pinocchio(less), reduced, seed)
+
+
+def test_a_joint_may_be_locked_at_its_limits_and_not_beyond() -> None:
+    robot = random_chain(np.random.default_rng(0), 2, joint_types=['revolute', 'prismatic'])
+    for name, lower, upper in zip(
+        robot.joint_names, robot.position_lower, robot.position_upper, strict=True
+    ):
+        assert lock(robot, {name: lower}).n == lock(robot, {name: upper}).n == 1
+        for beyond in (np.nextafter(lower, -np.inf), np.nextafter(upper, np.inf)):
+            with pytest.raises(ValueError, match=f"lock joint '{name}' at .*: its limits are"):
+                lock(robot, {name: beyond})
 
 
 @pytest.mark.parametrize('seed', SEEDS)

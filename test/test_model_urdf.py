@@ -164,6 +164,20 @@ def test_a_mimic_joint_may_be_locked() -> None:
     assert load_robot(text, locked={'left_finger': 0.0, 'right_finger': 0.0}).n == 2
 
 
+def test_the_joints_that_mimic_a_locked_joint_stand_where_it_puts_them() -> None:
+    left = '<mimic joint="right_finger" multiplier="-2" offset="0.05"/>'
+    right = '<mimic joint="wrist"/>'
+    # The finger that follows a follower stands before it in the file.
+    text = re.sub(r'(name="left_finger".*?<axis [^>]*/>)', rf'\1{left}', FORK, flags=re.S)
+    text = re.sub(r'(name="right_finger".*?<axis [^>]*/>)', rf'\1{right}', text, flags=re.S)
+    robot = load_robot(text, locked={'wrist': 0.01})
+    at = {'wrist': 0.01, 'right_finger': 0.01, 'left_finger': -2 * 0.01 + 0.05}
+    assert robot == load_robot(FORK, locked=at)
+    assert load_robot(text, locked={'wrist': 0.01, 'left_finger': 0.0}) == load_robot(
+        FORK, locked=at | {'left_finger': 0.0}
+    )
+
+
 ARM = (link('base'), link('arm', 1, J=BODY))
 BAD = [
     pytest.param(FORK, {}, "'left_finger', 'right_finger'.*tip='left'.*locked=", id='tree'),
@@ -182,6 +196,12 @@ BAD = [
     pytest.param(ODD_ARM, {'locked': {'mount': 0.0}}, "'mount'.*fixed joint", id='lock a weld'),
     pytest.param(
         ODD_ARM, {'locked': {'j1': np.nan}}, "'j1' is locked must be finite", id='lock at nan'
+    ),
+    pytest.param(
+        ODD_ARM,
+        {'locked': {'j1': 1.6}},
+        "cannot lock joint 'j1' at 1.6: its limits are -1.0 and 1.5",
+        id='lock beyond a limit',
     ),
     pytest.param('<robot name="x"><link', {}, 'not well-formed XML', id='malformed'),
     pytest.param('<model/>', {}, 'starts with <robot>', id='not a robot'),

@@ -353,7 +353,27 @@ def chains(text: str) -> Iterator[tuple[str, dict[str, float]]]:
             way.add(above[link].get('name'))
             link = above[link].find('parent').get('link')
         movable = (j for j in joints if j.get('type') in ('revolute', 'continuous', 'prismatic'))
-        yield tip, {j.get('name'): 0.1 for j in movable if j.get('name') not in way}
+        yield tip, {j.get('name'): near(0.1, j) for j in movable if j.get('name') not in way}
+
+
+def followed(text: str, locked: dict[str, float]) -> dict[str, float]:
+    """Return the positions of locked joints and of those that mimic them, one after another."""
+    found = dict(locked)
+    for follower in ElementTree.fromstring(text.strip()).findall('joint') * len(locked):
+        mimic = None if follower.get('type') == 'fixed' else follower.find('mimic')
+        if mimic is not None and mimic.get('joint') in found:
+            factor, offset = float(mimic.get('multiplier', 1)), float(mimic.get('offset', 0))
+            found.setdefault(follower.get('name'), factor * found[mimic.get('joint')] + offset)
+    return found
+
+
+def near(position: float, joint: ElementTree.Element) -> float:
+    """Return the position within the limits of a joint that is nearest to a position."""
+    limit = joint.find('limit')
+    if limit is None or joint.get('type') == 'continuous':
+        return position
+    lower, upper = (float(limit.get(key, '0')) for key in ('lower', 'upper'))
+    return min(max(position, lower), upper)
 
 
 # Of humanoids with many fingers, not all.
@@ -374,6 +394,6 @@ def test_every_chain_of_the_examples_has_the_physics_of_pinocchio_or_is_refused(
                 refused.append(f'{file.name} {tip}: {error}')
                 continue
             loaded += 1
-            assert_same_physics(robot, other, locked)
+            assert_same_physics(robot, other, followed(other, locked))
     assert loaded > 250
     assert not [line for line in refused if not re.search(REFUSALS, line)]

@@ -18,8 +18,8 @@ Modules that take any of them:
     refinement    a method with steps of iterative refinement, and its error estimate
     convergence   NaN for iterations that have not converged, for kernels
 
-An effect of the joints (Coulomb friction, end stops) belongs in chain.joint_torques, an effect of
-the links or of gravity in each Newton-Euler recursion (paper.newton_euler, beyond.omega,
-serial.luh_walker_paul, grouped.newton_euler), a new method in a file of its own and a row of
-programs.FORWARD.
+An effect of the joints at an instant belongs in chain.joint_torques, one of the motors in
+chain.drives, an effect of the links or of gravity in each Newton-Euler recursion
+(paper.newton_euler, beyond.omega, serial.luh_walker_paul, grouped.newton_euler), a new method in a
+file of its own and a row of programs.FORWARD.
 """

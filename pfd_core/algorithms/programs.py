@@ -26,6 +26,7 @@ from pfd_core.algorithms.beyond.base_origin import inertia_matrix_base_origin
 from pfd_core.algorithms.beyond.divide_and_conquer import record_divide_and_conquer
 from pfd_core.algorithms.beyond.omega import omega_torques
 from pfd_core.algorithms.chain.base_axes import chain_on_lanes
+from pfd_core.algorithms.chain.drives import commanded_torques
 from pfd_core.algorithms.chain.equations import armature, torques
 from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
 from pfd_core.algorithms.grouped.articulated_body import record_grouped_articulated_body
@@ -46,11 +47,16 @@ from pfd_core.model import Plant, check_instant
 
 
 def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
-    """Return the program of tau, (n,), from q, qd and qdd; brakes play no part."""
+    """
+    Return the program of the commanded tau, (n,), from q, qd and qdd.
+
+    Brakes and limits of the drives play no part.
+    """
     check_instant(plant)
     recorder, chain, at = chain_on_lanes(plant, schedule)
     qd, qdd = input_row(recorder, 'qd'), input_row(recorder, 'qdd')
     tau = torques(plant, chain, at, qd, qdd, newton_euler)
+    (tau,) = commanded_torques(plant, [tau], (chain, at))
     return program_with_outputs(recorder, tau=tau)
 
 

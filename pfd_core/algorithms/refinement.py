@@ -4,7 +4,7 @@
 Iterative refinement: solve again for the torques that an answer misses, and add the correction.
 
     qdd    = a method's answer
-    r      = tau - ID(q, qd, qdd)                     link by link, in the same number format
+    r      = tau of the motors - ID(q, qd, qdd)       link by link, in the same number format
     delta  = the same method at q, for r, at rest, without gravity and wrench:  H delta = r
     qdd    = qdd + delta,   error = max |delta| / max |qdd|
 
@@ -34,6 +34,7 @@ from operator import attrgetter
 
 import numpy as np
 
+from pfd_core.algorithms.chain.drives import has_drives, motor_torques
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.algorithms.chain.joint_torques import plus_joint_torques, without_joint_torques
 from pfd_core.algorithms.chain.link_axes import chain_in_link_axes, known
@@ -79,6 +80,8 @@ def record_refined(
     recorder = Recorder(1, 'sequential')
     n = plant.robot.n
     tau = input_list(recorder, 'tau', n)
+    if has_drives(plant):
+        tau = motor_torques(plant, tau, input_list(recorder, 'qd', n))
     zero = recorder.constant(0.0)
     results = inline(recorder, method_program, {})
     qdd = results['qdd']
@@ -96,7 +99,7 @@ def record_refined(
 
 
 def record_link_torques(plant: Plant) -> Program:
-    """Return the program of tau, (n,), from q, qd and qdd, each link in its own axes."""
+    """Return the program of the motors' tau, (n,), from q, qd, qdd, each link in its own axes."""
     chain = chain_in_link_axes(plant, 'sequential')
     n = len(chain.links)
     qd, qdd = (input_list(chain.recorder, name, n) for name in ('qd', 'qdd'))

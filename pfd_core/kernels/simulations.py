@@ -126,10 +126,15 @@ def _sources(
     method = choose(plant, method, refine)
     others: dict[str, KernelSource] = {}
     if implicit and plant.damping is not None:
-        undamped = without_joint_torques(plant)
+        undamped = replace(plant, damping=None)
         heavier = implicit * plant.damping
         armature = heavier if plant.armature is None else plant.armature + heavier
-        solved = replace(undamped, gravity=np.zeros(3), armature=armature, external_wrench=False)
+        solved = replace(
+            without_joint_torques(plant),
+            gravity=np.zeros(3),
+            armature=armature,
+            external_wrench=False,
+        )
         others = {
             'undamped': forward(undamped, method, refine, dtype),
             'solve': forward(solved, method, refine, dtype),

@@ -57,7 +57,8 @@ def load_robot(
         off. Branches on a moving link keep their mass, also beyond the tip, but their joints must
         be locked.
     locked : mapping, optional
-        Name of a joint -> position [rad, m] at which it becomes a fixed joint.
+        Name of a joint -> position [rad, m] at which it becomes a fixed joint, and with it the
+        joints of a URDF that mimic it.
     right_angle : float
         Angles of a URDF within this distance [rad] of a multiple of 90 degrees become exact:
         1.570796325 means pi/2, and exact zeros halve the work of a kernel. The robot's

@@ -28,8 +28,6 @@ from pfd_core.model.robot_changes import with_payload
 from pfd_core.model.scene import PER_JOINT, Scene
 from pfd_core.model.scene_checks import MODEL
 
-# Fields of Plant whose effects no text has yet.
-NOT_BUILT = ('stiffness', 'effort_limits', 'torque_speed', 'gravity_compensation')
 # Fields of Plant whose effects act over a step of time.
 STEP_EFFECTS = (
     'friction',
@@ -141,7 +139,7 @@ def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
     values = {key: _values(robot, scene, key) for key in PER_JOINT}
     gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
     limits = _joint_limits(robot, scene)
-    return Plant(
+    plant = Plant(
         robot=robot if scene.payload is None else with_payload(robot, scene.payload),
         gravity=product(robot.base_rotation.T, gravity),
         damping=_unless_zero(values['damping']),
@@ -157,6 +155,7 @@ def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
         gravity_compensation=_compensation(robot, scene),
         motor_lag=_unless_zero(values['motor_lag']),
     )
+    return _without_compensated_gravity(plant)
 
 
 def without_step_effects(plant: Plant) -> Plant:
@@ -167,9 +166,6 @@ def without_step_effects(plant: Plant) -> Plant:
 
 def check_instant(plant: Plant) -> None:
     """Raise ValueError for effects that act over a step of time, not at an instant."""
-    for key in NOT_BUILT:
-        if getattr(plant, key) is not None:
-            raise ValueError(f'{key} is not modelled yet: leave it out of the scene')
     over = [key for key in STEP_EFFECTS if getattr(plant, key) is not None]
     if over:
         raise ValueError(
@@ -277,6 +273,16 @@ def _torque_speed(robot: Robot, scene: Scene) -> Array | None:
             rows[i, : len(table)] = table
             rows[i, len(table) :, 1] = table[-1][1]
     return rows
+
+
+def _without_compensated_gravity(plant: Plant) -> Plant:
+    """Return a plant without gravity if its drives take exactly that away, without limits."""
+    model = plant.gravity_compensation
+    if model is None or plant.effort_limits is not None or plant.torque_speed is not None:
+        return plant
+    if model.robot != plant.robot or (model.gravity != plant.gravity).any():
+        return plant
+    return replace(plant, gravity=np.zeros(3), gravity_compensation=None)
 
 
 def _compensation(robot: Robot, scene: Scene) -> Plant | None:

@@ -79,16 +79,20 @@ def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
     Raises
     ------
     ValueError
-        If a joint is unknown, a position is not a finite number, or no joint would move.
+        If a joint is unknown, a position is not a finite number or beyond the limits of its
+        joint, or no joint would move.
 
     """
     at = locked_positions(positions)
-    for name in at:
+    for name, position in at.items():
         if name not in robot.joint_names:
             raise ValueError(
                 f'cannot lock {quote(name)}: {quote(robot.name)} has no such joint, only '
                 f'{quote_all(robot.joint_names)}'
             )
+        i = robot.joint_names.index(name)
+        limits = robot.position_lower[i], robot.position_upper[i]
+        check_locked_position(name, position, *map(float, limits))
     if len(at) == robot.n:
         raise ValueError(
             f'cannot lock all {robot.n} joints of {quote(robot.name)}; leave at least one free'
@@ -108,6 +112,14 @@ def locked_positions(positions: Mapping[str, float]) -> dict[str, float]:
         )
         for name, position in positions.items()
     }
+
+
+def check_locked_position(name: str, position: float, lower: float, upper: float) -> None:
+    """Raise ValueError for a position [rad, m] at which a joint cannot be locked."""
+    if not lower <= position <= upper:
+        raise ValueError(
+            f'cannot lock joint {quote(name)} at {position}: its limits are {lower} and {upper}'
+        )
 
 
 def placement_at(robot: Robot, index: int, position: float) -> Frame:

@@ -91,15 +91,17 @@ class Scene:
         Share of its velocity that a joint keeps when it bounces off its stop, one for all or
         (n,), from 0 to 1.
     stiffness : None or array_like
-        Springs that pull the joints to `rest_position`, (n,) [N m/rad].
+        Springs that pull the joints to `rest_position`, (n,) [N m/rad]. With w^2 the largest
+        eigenvalue of H^-1 diag(stiffness), a swing is right for steps below 0.2 / w.
     rest_position : None or array_like
         Positions at which the springs are slack, (n,) [rad]; None is zero everywhere.
     effort_limits : None, "model" or array_like
-        Largest torque of the motors, (n,) [N m]; infinite for none; "model" for the robot's own.
+        Largest torque of the motors, that of gravity compensation included, (n,) [N m]; infinite
+        for none; "model" for the robot's own.
     torque_speed : None or sequence
         Per joint None or a table of rows (speed, torque), (k, 2) [rad/s, N m]: the largest
-        torque that a motor gives in the direction in which its joint moves, linear between the
-        rows and constant beyond them; speeds rise, torques do not.
+        torque with which a motor drives its joint along, linear between the rows and constant
+        beyond them; speeds rise, torques do not. Brake it may with the torque of the first row.
     gravity_compensation : bool or Scene
         Whether the drives add the gravity torques of a model to the commanded ones: True for the
         robot without its payload, in the gravity of this scene; a scene for its gravity and

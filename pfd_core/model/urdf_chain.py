@@ -104,6 +104,24 @@ def find_chain(
     return Chain(base, tip, held, tuple(chain), kept, carried)
 
 
+def with_followers(urdf: Description, locked: Mapping[str, float]) -> dict[str, float]:
+    """
+    Return the positions of locked joints and of the joints that mimic them [rad, m].
+
+    Of a joint that is locked by itself, that position counts.
+    """
+    found = dict(locked)
+    following = True
+    while following:
+        following = False
+        for joint in urdf.joints.values():
+            rule = joint.mimic if joint.kind in MOVING and joint.name not in found else None
+            if rule is not None and rule.leader in found:
+                found[joint.name] = rule.multiplier * found[rule.leader] + rule.offset
+                following = True
+    return found
+
+
 def _root(urdf: Description, above: Mapping[str, Joint]) -> str:
     """Return the one link without a parent; ValueError for a loop or an unknown link."""
     for joint in urdf.joints.values():
@@ -235,10 +253,11 @@ def _check_kind(joint: Joint) -> None:
             f'joint {name} is {joint.kind}, which is not supported: choose a base below '
             f'it, such as base={quote(joint.child)}, or make it fixed'
         )
-    if joint.mimics is not None:
+    if joint.mimic is not None:
         raise ValueError(
-            f'joint {name} mimics {quote(joint.mimics)}, which is not supported: lock it with '
-            f'locked={{{name}: 0.0}} or take the <mimic> away'
+            f'joint {name} mimics {quote(joint.mimic.leader)}, which is not supported: lock it '
+            f'with locked={{{name}: 0.0}}, lock the joint that it follows, or take the <mimic> '
+            'away'
         )
 
 

@@ -66,12 +66,22 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class Mimic:
+    """A joint that stands at multiplier * (position of the joint `leader`) + offset [rad, m]."""
+
+    leader: str
+    multiplier: float
+    offset: float
+
+
+@dataclass(frozen=True)
 class Joint:
     """
     A joint.
 
-    `mimics` names the joint it follows, `snapped` is true if an angle was rounded, and `limited`
-    is false for a revolute or prismatic joint without the <limit> that the format asks for.
+    `mimic` is the rule by which it follows another joint, `snapped` is true if an angle was
+    rounded, and `limited` is false for a revolute or prismatic joint without the <limit> that the
+    format asks for.
     """
 
     name: str
@@ -81,7 +91,7 @@ class Joint:
     origin: Origin
     axis: Triple
     limits: Limits
-    mimics: str | None
+    mimic: Mimic | None
     snapped: bool
     limited: bool
 
@@ -257,11 +267,18 @@ def _joint(element: ElementTree.Element, name: str, slack: float) -> Joint:
     if kind in MOVING and (empty or not any(axis)):
         raise ValueError(f'<axis xyz> of {label} must be three numbers, not all 0')
     origin, snapped = _origin(element, label, slack)
-    mimic = _only(element, 'mimic', label)
-    mimics = None if mimic is None else mimic.get('joint', '')
+    mimic = _mimic(element, label)
     limits = _limits(element, kind, label)
     limited = kind not in ('revolute', 'prismatic') or element.find('limit') is not None
-    return Joint(name, kind, parent, child, origin, axis, limits, mimics, snapped, limited)
+    return Joint(name, kind, parent, child, origin, axis, limits, mimic, snapped, limited)
+
+
+def _mimic(element: ElementTree.Element, label: str) -> Mimic | None:
+    mimic = _only(element, 'mimic', label)
+    if mimic is None:
+        return None
+    factor, offset = _number(mimic, 'multiplier', label, 1.0), _number(mimic, 'offset', label, 0.0)
+    return Mimic(mimic.get('joint', ''), factor, offset)
 
 
 def _limits(element: ElementTree.Element, kind: str, label: str) -> Limits:

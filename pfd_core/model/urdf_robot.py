@@ -30,8 +30,8 @@ from pfd_core.model.geometry import (
 )
 from pfd_core.model.rigid_body_checks import check_inertia
 from pfd_core.model.robot import LIMIT_FIELDS, PhysicsWarning, Robot
-from pfd_core.model.robot_changes import locked_positions
-from pfd_core.model.urdf_chain import Chain, find_chain
+from pfd_core.model.robot_changes import check_locked_position, locked_positions
+from pfd_core.model.urdf_chain import Chain, find_chain, with_followers
 from pfd_core.model.urdf_pinocchio import check_with_pinocchio
 from pfd_core.model.urdf_reader import (
     RIGHT_ANGLE_SLACK,
@@ -84,8 +84,12 @@ def robot_from_urdf(
 
     """
     urdf = read_urdf(text, real_number('right_angle', right_angle, largest=LARGEST))
-    at = locked_positions({} if locked is None else locked)
+    given = locked_positions({} if locked is None else locked)
+    at = with_followers(urdf, given)
     chain = find_chain(urdf, base, tip, at)
+    for name, position in given.items():
+        limits = urdf.joints[name].limits
+        check_locked_position(name, position, limits.lower, limits.upper)
     turns = {joint.name: axis_rotation(joint.axis) for joint in chain.joints}
     frames = _link_frames(chain, turns, at)
     placements = _placements(chain, turns, frames)

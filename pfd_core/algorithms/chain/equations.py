@@ -3,7 +3,7 @@
 """
 The equations of motion on n lanes, for the methods with a lane for each link.
 
-    H(q) qdd = y,   y = tau - bias - torques of the joints at qd
+    H(q) qdd = y,   y = torques of the motors - bias - torques of the joints at q, qd
 
 Link torques and bias are computed by a function that the caller chooses, newton_euler of the
 paper or another with the same arguments. Lane i holds joint and link i + 1.
@@ -19,6 +19,7 @@ from pfd_core.algorithms.chain.base_axes import (
     chain_on_lanes,
     wrench_in_base_axes,
 )
+from pfd_core.algorithms.chain.drives import motor_torques
 from pfd_core.algorithms.chain.interface import input_row, wrench_input
 from pfd_core.algorithms.chain.joint_torques import plus_joint_torques
 from pfd_core.machine.lanes import broadcast, merge, on, where
@@ -35,6 +36,7 @@ def forward_equations(
     """Return a recorder on n lanes, the links, their pose at the input q, and y [N m or N]."""
     recorder, chain, at = chain_on_lanes(plant, schedule)
     qd, tau = input_row(recorder, 'qd'), input_row(recorder, 'tau')
+    (tau,) = motor_torques(plant, [tau], [qd], (chain, at))
     return recorder, chain, at, tau - torques(plant, chain, at, qd, None, link_torques)
 
 

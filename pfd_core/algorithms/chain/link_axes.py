@@ -111,7 +111,11 @@ def chain_in_link_axes(plant: Plant, schedule: str) -> Chain:
     """Return the chain of a plant at the input q; one processor has but one schedule."""
     if schedule not in SCHEDULES:
         raise ValueError(f'schedule must be one of {SCHEDULES}, got {schedule!r}')
-    recorder = Recorder(1, 'sequential')
+    return chain_on(Recorder(1, 'sequential'), plant)
+
+
+def chain_on(recorder: Recorder, plant: Plant) -> Chain:
+    """Return the chain of a plant at the input q in a recording on one lane."""
     robot = plant.robot
     A, a, s, J = link_parameters(robot, keep_tip=plant.external_wrench)
     q = input_list(recorder, 'q', robot.n)

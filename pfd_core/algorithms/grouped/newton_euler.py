@@ -23,6 +23,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from pfd_core.algorithms.chain.drives import motor_torques
 from pfd_core.algorithms.chain.interface import input_list, wrench_input
 from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
 from pfd_core.algorithms.chain.link_axes import planar
@@ -72,6 +73,7 @@ def grouped_equations(plant: Plant) -> tuple[Recorder, list[Link], list[Lanes]]:
     recorder = Recorder(1, 'sequential')
     numbers, tip = grouped_links(plant)
     q, qd, tau = (input_list(recorder, name, plant.robot.n) for name in ('q', 'qd', 'tau'))
+    tau = motor_torques(plant, tau, qd)
     with recorder.section('rotations'):
         links = [_link(recorder, link, q[i]) for i, link in enumerate(numbers)]
     with recorder.section('bias'):

@@ -44,6 +44,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
+from pfd_core.algorithms.chain.drives import motor_torques
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
 from pfd_core.algorithms.chain.link_axes import (
@@ -155,6 +156,7 @@ def record_articulated_body(plant: Plant, schedule: str) -> Program:
     n = len(links)
     qd = input_list(recorder, 'qd', n)
     tau = input_list(recorder, 'tau', n)
+    tau = motor_torques(plant, tau, qd)
     with recorder.section('friction'):
         tau = minus_joint_torques(plant, tau, qd)
     free = input_list(recorder, 'free', n) if plant.brakes else [None] * n

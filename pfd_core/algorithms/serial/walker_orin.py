@@ -49,6 +49,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 import math
 
+from pfd_core.algorithms.chain.drives import motor_torques
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
 from pfd_core.algorithms.chain.link_axes import Chain, chain_in_link_axes, known, released
@@ -169,6 +170,7 @@ def _right_side(plant: Plant, chain: Chain) -> list[Lanes]:
     n = len(chain.links)
     qd = input_list(chain.recorder, 'qd', n)
     tau = input_list(chain.recorder, 'tau', n)
+    tau = motor_torques(plant, tau, qd)
     with chain.recorder.section('friction'):
         tau = minus_joint_torques(plant, tau, qd)
     with chain.recorder.section('bias'):

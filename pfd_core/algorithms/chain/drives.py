@@ -1,0 +1,176 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+The drives: torques of the motors under commanded torques tau.
+
+    t = tau + g(q)                      gravity torques of the model that the drives compensate
+    t in [-L_0, L(|qd|)] along qd       torque-speed table L, falling from L_0 at rest
+    t in [-E, E]                        effort limits E
+
+Both limits are one table: L is cut off at E. A motor that pushes its joint along is bounded by
+the speed, one that brakes it by L_0 only, as back-EMF then helps the current; at rest the two are
+the same, so that nothing jumps.
+
+Every text turns the input tau into torques of motors here, before anything else, on n lanes (one
+row for all joints) and on one processor (a list with one number per joint). Inverse dynamics
+takes g off again and leaves the limits out: `commanded_torques`.
+
+Parallel cost: 1 addition for compensation beside pfd_core.algorithms.chain.gravity; 2 additions
+for effort limits; 3 additions for a table and 1 multiplication and 2 additions for each row after
+the first. Selections are not counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from pfd_core.algorithms.chain.base_axes import Links, Pose
+from pfd_core.algorithms.chain.gravity import gravity_torques, gravity_torques_on_lanes
+from pfd_core.machine.lanes import absolute, merge, on, where
+from pfd_core.machine.recorder import Lanes
+from pfd_core.model import Plant
+from pfd_core.model.geometry import Array
+
+
+def has_drives(plant: Plant) -> bool:
+    """Return whether motors give other torques than the commanded ones."""
+    limited = plant.effort_limits is not None or plant.torque_speed is not None
+    return limited or plant.gravity_compensation is not None
+
+
+def motor_torques(
+    plant: Plant,
+    tau: Sequence[Lanes],
+    qd: Sequence[Lanes],
+    pose: tuple[Links, Pose] | None = None,
+) -> list[Lanes]:
+    """
+    Return the torques of the motors.
+
+    Parameters
+    ----------
+    plant : Plant
+        Robot and scene.
+    tau, qd : sequence of Lanes
+        Commanded torques [N m or N] and velocities [rad/s or m/s]: one row over lanes, or n
+        numbers.
+    pose : tuple of Links and Pose, optional
+        The chain at the input q on n lanes; without it one processor computes its own.
+
+    """
+    if not has_drives(plant):
+        return list(tau)
+    with tau[0].recorder.section('drives'):
+        model = plant.gravity_compensation
+        if model is not None:
+            tau = [t + g for t, g in zip(tau, _gravity(plant, model, tau, pose), strict=True)]
+        tables = _tables(plant)
+        joints = np.arange(plant.robot.n).reshape(len(tau), -1)
+        return [
+            _limited(t, rate, [tables[i] for i in row])
+            for t, rate, row in zip(tau, qd, joints, strict=True)
+        ]
+
+
+def commanded_torques(
+    plant: Plant, tau: Sequence[Lanes], pose: tuple[Links, Pose] | None = None
+) -> list[Lanes]:
+    """Return the commanded torques under which motors without limits give the torques tau."""
+    model = plant.gravity_compensation
+    if model is None:
+        return list(tau)
+    with tau[0].recorder.section('drives'):
+        return [t - g for t, g in zip(tau, _gravity(plant, model, tau, pose), strict=True)]
+
+
+def _gravity(
+    plant: Plant, model: Plant, tau: Sequence[Lanes], pose: tuple[Links, Pose] | None
+) -> list[Lanes]:
+    if pose is None:
+        return gravity_torques(tau[0].recorder, model)
+    return [gravity_torques_on_lanes(*pose, plant, model)]
+
+
+def _tables(plant: Plant) -> list[Array | None]:
+    """Return for each joint its bounds, rows (speed, torque), (k, 2); None without bounds."""
+    n = plant.robot.n
+    efforts = np.full(n, np.inf) if plant.effort_limits is None else plant.effort_limits
+    if plant.torque_speed is None:
+        return [np.array([[0.0, most]]) if most < np.inf else None for most in efforts]
+    found: list[Array | None] = []
+    for rows, most in zip(plant.torque_speed, efforts, strict=True):
+        own = rows[np.isfinite(rows[:, 0])]
+        table = cut_off(own, float(most)) if len(own) else np.array([[0.0, most]])
+        found.append(table if np.isfinite(table).all() else None)
+    return found
+
+
+def cut_off(rows: Array, most: float) -> Array:
+    """Return rows (speed, torque), (k, 2), of a falling table bounded by a largest torque."""
+    speed, torque = rows.T
+    if torque[0] <= most:
+        return rows
+    below = np.flatnonzero(torque < most)
+    if not len(below):
+        return np.array([[speed[0], most]])
+    k = below[0]
+    share = (torque[k - 1] - most) / (torque[k - 1] - torque[k])
+    corner = [speed[k - 1] + share * (speed[k] - speed[k - 1]), most]
+    # By rounding the corner may fall on the row after it.
+    return np.array([corner, *rows[k:]]) if corner[0] < speed[k] else rows[k:]
+
+
+def _limited(tau: Lanes, qd: Lanes, tables: Sequence[Array | None]) -> Lanes:
+    """Return torques within the tables of the joints on each lane; None for no limit."""
+    constant = [i for i, table in enumerate(tables) if table is not None and len(table) == 1]
+    falling = [i for i, table in enumerate(tables) if table is not None and len(table) > 1]
+    limited = tau
+    if constant:
+        most = _on_lanes(tables, constant)[0, 1]
+        limited = merge(_clamped(on(tau, constant), most, most), limited)
+    if falling:
+        at = (on(tau, falling), on(qd, falling))
+        limited = merge(_within(*at, _on_lanes(tables, falling)), limited)
+    return limited
+
+
+def _on_lanes(tables: Sequence[Array | None], lanes: Sequence[int]) -> Array:
+    """Return the tables of some lanes, (k, 2, lanes), with rows appended that change nothing."""
+    longest = max(len(table) for i in lanes if (table := tables[i]) is not None)
+    result = np.zeros((longest, 2, len(tables)))
+    for i in lanes:
+        table = tables[i]
+        if table is not None:
+            more = longest - len(table)
+            speed = np.append(table[:, 0], table[-1, 0] + np.arange(1, more + 1))
+            result[:, :, i] = np.stack([speed, np.append(table[:, 1], [table[-1, 1]] * more)], 1)
+    return result
+
+
+def _clamped(t: Lanes, lower: Array, upper: Lanes | Array) -> Lanes:
+    """Return t within [-lower, upper]."""
+    recorder = t.recorder
+    top = upper if isinstance(upper, Lanes) else recorder.constant(upper)
+    bottom = recorder.constant(-lower)
+    t = where(t - top, top, t)
+    result: Lanes = where(bottom - t, bottom, t)
+    return result
+
+
+def _within(t: Lanes, qd: Lanes, rows: Array) -> Lanes:
+    """Return torques t within falling tables, (k, 2, lanes)."""
+    constant = t.recorder.constant
+    rate = absolute(qd)
+    bound = constant(rows[0, 1])
+    for (x, y), (following, lower) in pairwise(rows):
+        # Lanes without a table have zeros.
+        slope = (lower - y) / np.where(following > x, following - x, 1.0)
+        beyond = rate - constant(x)
+        bound = where(beyond, constant(y) + constant(slope) * beyond, bound)
+    bound = where(rate - constant(rows[-1, 0]), constant(rows[-1, 1]), bound)
+    along = _clamped(where(qd, t, -t), rows[0, 1], bound)
+    result: Lanes = where(qd, along, -along)
+    return result

@@ -1,0 +1,418 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Drives and springs: compensation, limits and stiffness, against Pinocchio and closed forms."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from closed_forms import arithmetic, chain, levels
+import numpy as np
+from oracle import Oracle, chains, jacobi_condition, relative
+import pinocchio as pin
+import pytest
+from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS, SINGLE
+from zoo import Array, random_chain, random_state, to_pinocchio
+
+import pfd_core as pfd
+from pfd_core.algorithms.chain.drives import cut_off
+from pfd_core.algorithms.programs import FORWARD, METHODS, SERIAL, record_inverse_dynamics
+from pfd_core.machine.emulator import run
+from pfd_core.machine.recorder import SCHEDULES
+from pfd_core.model import Payload, Robot, Scene, resolve, with_payload
+
+PAYLOAD = Payload(2.0, (0.1, -0.05, 0.2), np.diag([0.02, 0.03, 0.04]))
+OTHER = Payload(0.7, (0.0, 0.1, 0.1))
+
+
+def table(i: int) -> list[tuple[float, float]] | None:
+    """Return the table of joint i: none, one row, two rows, or three with a bend."""
+    rows = [(0.5, 12.0), (1.0, 6.0), (2.5, 1.0)]
+    return rows[: i % 4] or None
+
+
+def scenes(n: int) -> dict[str, Scene]:
+    """Return scenes of n joints with a drive or a spring each, and one with all effects."""
+    tables = [table(i + 1) for i in range(n)]
+    efforts = [np.inf if i % 3 == 2 else 3.0 + i for i in range(n)]
+    stiffness, rest = np.linspace(5.0, 50.0, n), np.linspace(-1.0, 1.0, n)
+    found = {
+        'exact compensation': Scene(gravity_compensation=True),
+        'compensation without the payload': Scene(gravity_compensation=True, payload=PAYLOAD),
+        'compensation of another model': Scene(
+            payload=PAYLOAD,
+            gravity_compensation=Scene(gravity=(1.0, -2.0, -9.0), payload=OTHER),
+        ),
+        'compensation in space': Scene(gravity=None, gravity_compensation=Scene()),
+        'effort limits': Scene(effort_limits=efforts),
+        'torque and speed': Scene(torque_speed=tables),
+        'limited compensation': Scene(gravity_compensation=True, effort_limits=[4.0] * n),
+        'springs': Scene(stiffness=stiffness),
+        'springs that rest anywhere': Scene(stiffness=stiffness, rest_position=rest),
+    }
+    found['all'] = Scene(
+        damping='model',
+        armature='model',
+        payload=PAYLOAD,
+        external_wrench=True,
+        stiffness=stiffness,
+        rest_position=rest,
+        effort_limits=efforts,
+        torque_speed=tables,
+        gravity_compensation=Scene(payload=OTHER),
+    )
+    return found
+
+
+NAMES = tuple(scenes(1))
+
+
+def gravity_torques(robot: Robot, scene: Scene, q: Array) -> Array:
+    """Return the gravity torques of a robot in a scene by Pinocchio."""
+    carrying = robot if scene.payload is None else with_payload(robot, scene.payload)
+    model = to_pinocchio(carrying)
+    model.gravity.linear = np.zeros(3) if scene.gravity is None else np.array(scene.gravity)
+    found: Array = pin.computeGeneralizedGravity(model, model.createData(), q)
+    return found
+
+
+def motors(robot: Robot, scene: Scene, q: Array, qd: Array, tau: Array) -> Array:
+    """Return the torques of the motors, element by element."""
+    model = scene.gravity_compensation
+    if model is not False:
+        model = Scene(gravity=scene.gravity) if model is True else model
+        tau = tau + gravity_torques(robot, model, q)
+    tau = tau.copy()
+    for i in range(robot.n):
+        most = np.inf if scene.effort_limits is None else scene.effort_limits[i]
+        rows = None if scene.torque_speed is None else scene.torque_speed[i]
+        speeds, torques = ([0.0], [np.inf]) if rows is None else np.transpose(rows)
+        driving = min(most, np.interp(abs(qd[i]), speeds, torques))
+        braking = min(most, torques[0])
+        sign = 1.0 if qd[i] > 0 else -1.0
+        tau[i] = sign * min(max(sign * tau[i], -braking), driving)
+    return tau
+
+
+def passive(robot: Robot, scene: Scene, q: Array, qd: Array) -> Array:
+    """Return the torques that joints with damping and springs take."""
+    tau = np.zeros(robot.n)
+    if scene.damping is not None:
+        tau += robot.damping * qd
+    if scene.stiffness is not None:
+        rest = np.zeros(robot.n) if scene.rest_position is None else scene.rest_position
+        tau += np.array(scene.stiffness) * (q - rest)
+    return tau
+
+
+def oracle_of(robot: Robot, scene: Scene) -> Oracle:
+    carrying = robot if scene.payload is None else with_payload(robot, scene.payload)
+    oracle = Oracle(carrying, robot.armature if scene.armature else None)
+    oracle.model.gravity.linear = np.zeros(3) if scene.gravity is None else np.array(scene.gravity)
+    return oracle
+
+
+def given(rng: np.random.Generator, robot: Robot, scene: Scene) -> dict[str, Array]:
+    q, qd, tau = random_state(rng, robot.n)
+    inputs = {'q': q, 'qd': qd, 'tau': 3.0 * tau}
+    return inputs | ({'wrench': rng.normal(size=6)} if scene.external_wrench else {})
+
+
+def wanted_qdd(robot: Robot, scene: Scene, at: dict[str, Array]) -> Array:
+    """Return Pinocchio's accelerations under the torques of motors, joints and wrench."""
+    tau = motors(robot, scene, at['q'], at['qd'], at['tau'])
+    tau = tau - passive(robot, scene, at['q'], at['qd'])
+    return oracle_of(robot, scene).qdd(at['q'], at['qd'], tau, at.get('wrench'))
+
+
+def tolerance(method: str, robot: Robot, scene: Scene, q: Array) -> float:
+    H = oracle_of(robot, scene).H(q)
+    unscaled = method in ('walker_orin_4', 'pcgm')
+    return ACCELERATION * (float(np.linalg.cond(H)) if unscaled else jacobi_condition(H))
+
+
+# ---- accelerations ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('name', NAMES)
+@pytest.mark.parametrize('method', METHODS)
+def test_every_method_agrees_with_pinocchio(method: str, name: str) -> None:
+    rng = np.random.default_rng(61)
+    for n, share in ((1, 0.0), (1, 1.0), (3, 0.5), (5, 0.3)):
+        robot = random_chain(rng, n, share)
+        scene = scenes(robot.n)[name]
+        at = given(rng, robot, scene)
+        wanted = wanted_qdd(robot, scene, at)
+        most = tolerance(method, robot, scene, at['q'])
+        for schedule in ('sequential',) if method in SERIAL else ('parallel', 'sequential'):
+            found = run(FORWARD[method](resolve(robot, scene), schedule), at)['qdd']
+            assert relative(found, wanted) < most, (robot, schedule)
+
+
+@pytest.mark.parametrize(
+    ('name', 'refine'),
+    [*((name, 0) for name in NAMES), ('all', 1), ('limited compensation', 1), ('springs', 1)],
+)
+def test_kernels_agree_with_pinocchio(name: str, refine: int) -> None:
+    rng = np.random.default_rng(62)
+    for types in (['revolute'] * 6, ['revolute', 'prismatic', 'continuous', 'revolute']):
+        robot = random_chain(rng, len(types), joint_types=types)
+        scene = scenes(robot.n)[name]
+        kernel = pfd.compile_kernel(robot, scene=scene, refine=refine)
+        for _ in range(4):
+            at = given(rng, robot, scene)
+            most = tolerance('auto', robot, scene, at['q'])
+            assert relative(kernel(**at), wanted_qdd(robot, scene, at)) < most
+
+
+@pytest.mark.parametrize('name', ['all', 'exact compensation'])
+def test_kernels_of_single_precision_agree_too(name: str) -> None:
+    rng = np.random.default_rng(63)
+    robot = random_chain(rng, 5, joint_types=['revolute'] * 5)
+    scene = scenes(5)[name]
+    at = given(rng, robot, scene)
+    found = pfd.compile_kernel(robot, scene=scene, dtype='float32')(**at)
+    most = SINGLE * jacobi_condition(oracle_of(robot, scene).H(at['q']))
+    assert relative(found, wanted_qdd(robot, scene, at)) < most
+
+
+def test_methods_on_lanes_agree_in_50_digits() -> None:
+    rng = np.random.default_rng(64)
+    robot = random_chain(rng, 4, joint_types=['revolute', 'prismatic', 'revolute', 'continuous'])
+    # Tables whose slopes are no doubles: those are rounded once, when the program is recorded.
+    scene = replace(scenes(4)['all'], torque_speed=[[(0.1, 7.0), (3.1, 0.1)], *[None] * 3])
+    plant, at = resolve(robot, scene), given(rng, robot, scene)
+    wanted, *others = (
+        run(FORWARD[method](plant, schedule), at, digits=50)['qdd']
+        for method in ('pcrbm', 'pcrbm_array', 'pcrbm_base_origin', 'divide_and_conquer')
+        for schedule in SCHEDULES
+    )
+    for found in others:
+        assert max(abs(found - wanted)) < FIFTY_DIGITS * max(abs(wanted))
+
+
+# ---- limits ----------------------------------------------------------------------------------
+
+
+def weightless(n: int) -> Robot:
+    """Return sliding bodies of 2 kg whose motions do not act on each other."""
+    return Robot(
+        name='sliders',
+        joint_names=tuple(f'joint{i + 1}' for i in range(n)),
+        joint_types=('prismatic',) * n,
+        # Frame i is turned by 90 degrees about x: axes z, -y, -z, ...
+        rotations=np.array([[[1, 0, 0], [0, 0, -1], [0, 1, 0]]] * n, float),
+        translations=np.zeros((n, 3)),
+        masses=np.array([0.0] * (n - 1) + [2.0]),
+        centers=np.zeros((n, 3)),
+        inertias=np.zeros((n, 3, 3)),
+    )
+
+
+SLIDER = weightless(1)
+ROWS = [(1.0, 10.0), (3.0, 4.0)]
+
+
+@pytest.mark.parametrize(
+    ('qd', 'tau', 'force'),
+    [
+        (0.5, 20.0, 10.0),  # drives, slow
+        (2.0, 20.0, 7.0),  # drives, between the rows
+        (2.0, 5.0, 5.0),
+        (3.0, 20.0, 4.0),
+        (9.0, 20.0, 4.0),  # faster than the last row
+        (2.0, -20.0, -10.0),  # brakes
+        (-2.0, -20.0, -7.0),
+        (-2.0, 20.0, 10.0),
+        (0.0, 20.0, 10.0),  # at rest either way
+        (0.0, -20.0, -10.0),
+        (-0.0, 20.0, 10.0),
+    ],
+)
+@pytest.mark.parametrize('most', [np.inf, 11.0])
+def test_a_motor_is_bounded_by_its_table_where_it_drives(
+    qd: float, tau: float, force: float, most: float
+) -> None:
+    scene = Scene(gravity=None, torque_speed=[ROWS], effort_limits=[most])
+    assert pfd.forward_dynamics(SLIDER, [0.0], [qd], [tau], scene=scene) * 2.0 == force
+
+
+def test_a_table_is_cut_off_at_the_effort_limit() -> None:
+    rng = np.random.default_rng(65)
+    speeds = np.linspace(0, 12, 500)
+    for _ in range(200):
+        k = rng.integers(1, 6)
+        rows = np.array([np.cumsum(rng.uniform(0.1, 2, k)), np.cumsum(rng.uniform(0, 2, k))[::-1]])
+        most = rng.uniform(0.1, 8)
+        cut = cut_off(rows.T, most)
+        expected = np.minimum(np.interp(speeds, *rows), most)
+        np.testing.assert_allclose(np.interp(speeds, *cut.T), expected, rtol=1e-13, atol=1e-13)
+        assert (np.diff(cut[:, 0]) > 0).all()
+    rows = np.array([(1.0, 3.0), (2.0, 1.0)])
+    assert cut_off(rows, 3.0) is rows
+    np.testing.assert_array_equal(cut_off(rows, 1.0), [(1.0, 1.0)])
+    # The corner would fall on the second row.
+    steep = np.array([(1.0, 1e20), (np.nextafter(1.0, 2.0), 0.0)])
+    assert (np.diff(cut_off(steep, 1e-5)[:, 0]) > 0).all()
+
+
+@pytest.mark.parametrize('integrator', ['rk4', 'velocity_verlet', 'imex2'])
+def test_a_motor_that_weakens_with_speed_comes_to_the_speed_of_its_table(integrator: str) -> None:
+    # m v' = a - b v - d v between the rows: v = v_end (1 - exp(-(b + d) t / m)).
+    a, b, d, m = 12.0, 3.0, 1.0, 2.0
+    scene = Scene(gravity=None, damping=[d], torque_speed=[[(0.0, a), (4.0, 0.0)]])
+    sim = pfd.Simulator(SLIDER, scene, integrator=integrator, step_size=1e-3)
+    velocity = sim.rollout(np.full((1000, 1), 50.0)).qd[-1, 0]
+    expected = a / (b + d) * (1 - np.exp(-(b + d) / m))
+    error = {'rk4': 1e-12, 'velocity_verlet': 1e-6, 'imex2': 1e-6}[integrator]
+    assert abs(velocity - expected) < error * expected
+
+
+def test_a_limited_arm_is_one_that_is_given_limited_torques() -> None:
+    rng = np.random.default_rng(66)
+    robot = random_chain(rng, 5)
+    limits = [2.0, np.inf, 1.0, 3.0, 2.0]
+    taus = rng.uniform(-5, 5, (50, 5))
+    sims = [pfd.Simulator(robot, Scene(effort_limits=e)) for e in (limits, None)]
+    limited = sims[0].rollout(taus)
+    clipped = sims[1].rollout(np.clip(taus, -np.array(limits), limits))
+    np.testing.assert_array_equal(limited.q, clipped.q)
+    np.testing.assert_array_equal(limited.qdd, clipped.qdd)
+
+
+# ---- gravity compensation --------------------------------------------------------------------
+
+
+def test_an_arm_that_is_compensated_exactly_is_weightless() -> None:
+    robot = pfd.load_robot('panda')
+    plant = resolve(robot, Scene(payload=PAYLOAD, gravity_compensation=Scene(payload=PAYLOAD)))
+    assert plant.digest == resolve(robot, Scene(gravity=None, payload=PAYLOAD)).digest
+    # A limit might cut the torques of the compensation off.
+    scene = Scene(gravity_compensation=True, effort_limits=[1.0] * 7)
+    assert resolve(robot, scene).gravity_compensation is not None
+
+
+@pytest.mark.parametrize('name', ['compensation of another model', 'all'])
+def test_inverse_dynamics_gives_the_commanded_torques(name: str) -> None:
+    for rng, robot in chains(12, seed=67):
+        scene = replace(scenes(robot.n)[name], effort_limits=None, torque_speed=None)
+        at = given(rng, robot, scene)
+        qdd, tau = wanted_qdd(robot, scene, at), at.pop('tau')
+        for schedule in ('parallel', 'sequential'):
+            program = record_inverse_dynamics(resolve(robot, scene), schedule)
+            found = run(program, at | {'qdd': qdd})['tau']
+            size = np.abs(gravity_torques(robot, scene, at['q'])).max() + np.abs(tau).max()
+            H = oracle_of(robot, scene).H(at['q'])
+            assert np.abs(found - tau).max() < DYNAMICS * jacobi_condition(H) * size
+        if robot.n == 4:
+            found = pfd.inverse_dynamics(
+                robot, at['q'], at['qd'], qdd, scene=scene, wrench=at.get('wrench')
+            )
+            assert np.abs(found - tau).max() < DYNAMICS * jacobi_condition(H) * size
+
+
+def test_a_payload_that_the_drives_do_not_know_pulls_the_arm_down() -> None:
+    robot = pfd.load_robot('ur5')
+    scene = Scene(payload=PAYLOAD, gravity_compensation=True)
+    q = np.array([0.3, -1.0, 0.8, 0.2, 0.4, 0.0])
+    alone = gravity_torques(robot, Scene(), q)
+    missing = gravity_torques(robot, Scene(payload=PAYLOAD), q) - alone
+    held = pfd.forward_dynamics(robot, q, 0 * q, missing, scene=scene)
+    assert np.abs(held).max() < 1e-10
+    assert pfd.forward_dynamics(robot, q, 0 * q, 0 * q, scene=scene)[1] > 0.1
+
+
+# ---- springs ---------------------------------------------------------------------------------
+
+
+def test_a_body_on_a_spring_swings_as_it_should() -> None:
+    # w h = 0.2, where the swing shall still be right: RK4 loses (w h)^6 / 144 of it a step.
+    k, m, h = 20000.0, 2.0, 0.002
+    w = np.sqrt(k / m)
+    scene = Scene(gravity=None, stiffness=[k], rest_position=[0.1])
+    sim = pfd.Simulator(SLIDER, scene, step_size=h, substeps=1, integrator='rk4')
+    sim.reset(q=[0.15])
+    run = sim.rollout(np.zeros((500, 1)))
+    expected = 0.1 + 0.05 * np.cos(w * run.time)
+    assert w * h == pytest.approx(0.2)
+    assert np.abs(run.q[:, 0] - expected).max() < 0.05 * (500 * 0.2**5 / 120)
+
+
+def test_springs_hold_an_arm_where_pinocchio_says() -> None:
+    rng = np.random.default_rng(68)
+    robot = random_chain(rng, 6, joint_types=['revolute'] * 6)
+    q = rng.uniform(-1, 1, 6)
+    stiffness = np.full(6, 25.0)
+    rest = q + gravity_torques(robot, Scene(), q) / stiffness
+    scene = Scene(stiffness=stiffness, rest_position=rest)
+    free = pfd.forward_dynamics(robot, q, 0 * q, 0 * q)
+    held = pfd.forward_dynamics(robot, q, 0 * q, 0 * q, scene=scene)
+    assert np.abs(held).max() < 1e-12 * np.abs(free).max() * jacobi_condition(Oracle(robot).H(q))
+
+
+# ---- costs -----------------------------------------------------------------------------------
+
+OFF: dict[str, dict[str, Any]] = {
+    'effort_limits': {'effort_limits': [np.inf] * 6},
+    'torque_speed': {'torque_speed': [None] * 6},
+    'springs': {'stiffness': [0.0] * 6, 'rest_position': [0.3] * 6},
+    'gravity_compensation': {'gravity_compensation': Scene(gravity=None)},
+    'friction': {'friction': [0.0] * 6},
+    'joint_limits': {'joint_limits': [(-np.inf, np.inf)] * 6, 'restitution': 0.5},
+    'motor_lag': {'motor_lag': [0.0] * 6},
+    'damping': {'damping': [0.0] * 6},
+    'armature': {'armature': [0.0] * 6},
+}
+
+
+@pytest.mark.parametrize('effect', OFF)
+def test_an_effect_that_is_off_costs_nothing(effect: str) -> None:
+    robot = pfd.load_robot('ur5')
+    bare = pfd.compile_kernel(robot, refine=1)
+    off = pfd.compile_kernel(robot, scene=Scene(**OFF[effect]), refine=1)
+    assert off.operations == bare.operations
+    assert off.ir == bare.ir
+
+
+ON: dict[str, tuple[dict[str, Any], int]] = {
+    # Each joint: two comparisons of one subtraction and one selection.
+    'effort_limits': ({'effort_limits': [40.0] * 6}, 6 * 4),
+    # One joint of six has a limit.
+    'one effort limit': ({'effort_limits': [np.inf] * 5 + [5.0]}, 4),
+    # The stretch of a spring, its product and its sum; a rest position of zero needs none.
+    'springs': ({'stiffness': [5.0] * 6}, 6 * 2),
+    'springs at rest elsewhere': ({'stiffness': [5.0] * 6, 'rest_position': [0.1] * 6}, 6 * 3),
+    # |qd|, tau along qd and back: 6; two rows: 3 + 1 and 2; two comparisons: 4.
+    'torque_speed': ({'torque_speed': [[(2.0, 50.0), (3.0, 0.0)]] * 6}, 6 * 16),
+}
+
+
+@pytest.mark.parametrize('effect', ON)
+def test_an_effect_that_is_on_costs_its_operations(effect: str) -> None:
+    robot = pfd.load_robot('ur5')
+    arguments, more = ON[effect]
+    bare, on = (
+        sum(pfd.compile_kernel(robot, scene=Scene(**given)).operations['folded'].values())
+        for given in ({}, arguments)
+    )
+    assert on - bare == more
+
+
+@pytest.mark.parametrize('n', [2, 3, 6, 8])
+def test_gravity_compensation_has_its_closed_form_of_steps(n: int) -> None:
+    robot = replace(chain(n), base_rotation=np.eye(3))
+    for scene, products, sums in (
+        (Scene(gravity_compensation=True, effort_limits=[1.0] * n), 9, 3 * levels(n) + 7),
+        (Scene(gravity_compensation=Scene(payload=OTHER)), 18, 3 * levels(n) + 11),
+    ):
+        program = FORWARD['pcrbm'](resolve(robot, scene), 'parallel')
+        assert arithmetic(program.count(section='drives'))[:2] == (products, sums)
+
+
+@pytest.mark.parametrize('rows', [1, 2, 4])
+def test_limits_have_their_closed_form_of_steps(rows: int) -> None:
+    found = np.stack([np.arange(rows), 10.0 - np.arange(rows)], axis=1)
+    program = FORWARD['pcrbm'](resolve(chain(5), Scene(torque_speed=[found] * 5)), 'parallel')
+    steps = arithmetic(program.count(section='drives'))[:2]
+    assert steps == ((0, 2) if rows == 1 else (rows - 1, 2 * (rows - 1) + 3))

@@ -12,6 +12,7 @@ same integrator and step, whose own error is left out.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
 import math
@@ -70,8 +71,8 @@ class FullRun:
         The arm, its full scene and the torques.
     windows : ndarray of int
         (W, 2), first step of each window and of the next.
-    starts : ndarray
-        (W, 2, n), position and velocity at the start of each window.
+    starts : list of Simulator
+        The simulation at the start of each window, with all of its state.
     q : ndarray
         (K, n), positions after each step.
     departure : float
@@ -84,7 +85,7 @@ class FullRun:
     scene: Scene
     motion: Motion
     windows: Array
-    starts: Array
+    starts: list[Simulator]
     q: Array
     departure: float
 
@@ -122,7 +123,7 @@ def run_full(robot: Robot, scene: Scene, motion: Motion, seconds: float) -> Full
     """
     simulator = simulator_of(robot, scene, motion)
     windows = cut(motion, seconds)
-    starts = np.empty((len(windows), 2, robot.n))
+    starts = []
     q = np.empty_like(motion.taus)
     departure = 0.0
     for k, (first, end) in enumerate(windows):
@@ -133,7 +134,7 @@ def run_full(robot: Robot, scene: Scene, motion: Motion, seconds: float) -> Full
             # A simulation that is there already goes on, with all of its state.
             if not np.array_equal((simulator.q, simulator.qd), known):
                 simulator.reset(*known)
-        starts[k] = simulator.q, simulator.qd
+        starts.append(copy(simulator))
         q[first:end] = roll(simulator, motion, first, end)
         if simulator.status != 'ok':
             raise ValueError(
@@ -169,8 +170,8 @@ def measure(full: FullRun, scene: Scene) -> SceneRow:
     except ValueError as error:  # such as a massless link without the armature that moved it
         return SceneRow(effects, text, count, math.inf, math.inf, refused=str(error))
     q = np.empty_like(full.q)
-    for (first, end), (start_q, start_qd) in zip(full.windows, full.starts, strict=True):
-        simulator.reset(start_q, start_qd)
+    for (first, end), start in zip(full.windows, full.starts, strict=True):
+        simulator.take_state(start)
         q[first:end] = roll(simulator, full.motion, first, end)
     off = np.abs(q - full.q)
     off[~np.isfinite(off)] = math.inf

@@ -260,8 +260,8 @@ def time_steps(full: FullRun, scenes: Mapping[str, Scene], pace: Pace) -> dict[s
         simulator = simulator_of(full.robot, scene, full.motion)
 
         def run() -> None:
-            for (first, end), state in zip(windows, starts, strict=True):
-                simulator.reset(*state)
+            for (first, end), start in zip(windows, starts, strict=True):
+                simulator.take_state(start)
                 roll(simulator, full.motion, first, end)
 
         # The results differ on purpose, and are compared elsewhere.
@@ -269,7 +269,7 @@ def time_steps(full: FullRun, scenes: Mapping[str, Scene], pace: Pace) -> dict[s
 
     sides = [side(way, scene) for way, scene in {FULL: full.scene, **scenes}.items()]
     steps = int(windows[-1, 1])
-    work = Work('rollout', starts[0, 0], starts[0, 1], full.motion.taus[0], steps)
+    work = Work('rollout', starts[0].q, starts[0].qd, full.motion.taus[0], steps)
     return {row.way: row for row in take_turns(full.robot.name, work, sides, pace)}
 
 

@@ -400,7 +400,7 @@ def panda_needs() -> Needs:
 def test_the_pages_hold_the_answer_and_every_scene(panda_needs: Needs, tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
     paths = scene_pages.write(panda_needs, tmp_path / 'new')
-    names = ['scene.md', 'scene.json', 'smallest.yaml', 'scene.png', 'scene.svg']
+    names = ['scene.md', 'scene.json', 'scene.yaml', 'scene.png', 'scene.svg']
     assert [path.name for path in paths] == names
     assert all(path.stat().st_size for path in paths)
     page = paths[0].read_text()
@@ -431,7 +431,7 @@ def test_the_plot_is_left_out_without_matplotlib(
     for name in ('matplotlib', 'matplotlib.figure', 'matplotlib.backends.backend_agg'):
         monkeypatch.setitem(sys.modules, name, None)
     paths = scene_pages.write(panda_needs, tmp_path)
-    assert [path.name for path in paths] == ['scene.md', 'scene.json', 'smallest.yaml']
+    assert [path.name for path in paths] == ['scene.md', 'scene.json', 'scene.yaml']
     assert 'scene.png' not in paths[0].read_text()
 
 

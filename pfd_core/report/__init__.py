@@ -31,7 +31,7 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     hard_case_errors     errors of the kernel, every method and peers beside it (Result)
     hard_case_pages      the page: its tables and columns; writes all files
 
-`pfd report scene` (scene.md, .json, .png and .svg; an example in docs/report):
+`pfd report scene` (docs/report/scene.md, .json, .yaml, .png and .svg: one example):
 
     scene_effects    the table of effects, a row for each field of Scene (EFFECTS)
     scene_motions    torques and states of a trajectory (Motion); named ones (EXCITATIONS)

@@ -33,7 +33,7 @@ def markdown(needs: Needs) -> str:
         '## Smallest scene\n',
         *map(_paragraph, _answer(needs)),
         f'    pfd.{needs.smallest.scene}\n',
-        'The file smallest.yaml has this scene.\n',
+        'The file scene.yaml has it for `pfd.load_scene`.\n',
         '## Each effect alone\n',
         _paragraph(EFFECTS_TEXT.format(steps=min(TIMED_STEPS, needs.steps))),
         *_effects(needs),
@@ -62,9 +62,10 @@ EFFECTS_TEXT = (
 def _origin(needs: Needs) -> str:
     settings = needs.settings
     return (
-        f'Written by `pfd report scene`, tolerance {needs.tolerance:g}. Trajectory: {needs.source}'
-        f'; {needs.steps} steps of {settings["step_size"]:g} s with {settings["substeps"]} '
-        f'substeps, integrator {settings["integrator"]}. Operations and errors are the same on '
+        f'Written by `pfd report scene --trajectory {needs.trajectory} --tolerance '
+        f'{needs.tolerance:g}` for {needs.robot}. Trajectory: {needs.source}; {needs.steps} steps '
+        f'of {settings["step_size"]:g} s with {settings["substeps"]} substeps, integrator '
+        f'{settings["integrator"]}. Operations and errors are the same on '
         'every machine, times are those of one machine on one day.'
     )
 
@@ -219,16 +220,16 @@ def run(
 
 def write(needs: Needs, folder: Path) -> list[Path]:
     """
-    Write scene.md, scene.json, smallest.yaml, scene.png and scene.svg, and return their paths.
+    Write scene.md, scene.json, scene.yaml, scene.png and scene.svg, and return their paths.
 
-    smallest.yaml is the smallest scene, as `load_scene` reads it.
+    scene.yaml is the smallest scene, as `load_scene` reads it.
 
     The plots are left out where matplotlib (extra `report`) is not installed. A number that is
     not finite is null in the JSON.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    page, data, *pictures = (folder / f'scene.{suffix}' for suffix in ('md', 'json', 'png', 'svg'))
-    smallest = folder / 'smallest.yaml'
+    kinds = ('md', 'json', 'yaml', 'png', 'svg')
+    page, data, smallest, *pictures = (folder / f'scene.{kind}' for kind in kinds)
     drawn = plot(needs, pictures)
     text = markdown(needs)
     if drawn:

@@ -93,7 +93,7 @@ def test_the_report_of_a_recording_names_the_effects_it_needs(
     given = ('--trajectory', GOLDEN, '--robot', 'puma560', '--tolerance', 0.04)
     assert report(tmp_path, *given, *scene) == 0
     told = [Path(line) for line in capsys.readouterr().out.splitlines()]
-    names = ('scene.md', 'scene.json', 'smallest.yaml')
+    names = ('scene.md', 'scene.json', 'scene.yaml')
     assert told[:3] == [tmp_path / 'pages' / name for name in names]
     found = json.loads(told[1].read_text())
     assert [row['name'] for row in found['effects']] == ['gravity', 'armature', 'brakes']

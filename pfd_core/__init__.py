@@ -33,7 +33,9 @@ from pfd_core.model import (
     load_robot,
     load_scene,
     lock,
+    reflected_inertia,
     robot_to_yaml,
+    scene_to_yaml,
     with_payload,
 )
 from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
@@ -75,6 +77,8 @@ __all__ = [
     'load_robot',
     'load_scene',
     'lock',
+    'reflected_inertia',
     'robot_to_yaml',
+    'scene_to_yaml',
     'with_payload',
 ]

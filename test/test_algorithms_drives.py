@@ -16,7 +16,7 @@ from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS, SINGLE
 from zoo import Array, random_chain, random_state, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.algorithms.chain.drives import cut_off
+from pfd_core.algorithms.chain.drives import cut_off, record_motor_torques, without_drives
 from pfd_core.algorithms.programs import FORWARD, METHODS, SERIAL, record_inverse_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES
@@ -190,6 +190,19 @@ def test_methods_on_lanes_agree_in_50_digits() -> None:
     )
     for found in others:
         assert max(abs(found - wanted)) < FIFTY_DIGITS * max(abs(wanted))
+
+
+@pytest.mark.parametrize('name', ['all', 'limited compensation', 'effort limits'])
+def test_motors_and_an_arm_without_drives_are_the_arm_with_them(name: str) -> None:
+    for rng, robot in chains(12, seed=69):
+        scene = scenes(robot.n)[name]
+        plant, at = resolve(robot, scene), given(rng, robot, scene)
+        tau = run(record_motor_torques(plant), {k: at[k] for k in ('q', 'qd', 'tau')})['tau']
+        wanted = motors(robot, scene, at['q'], at['qd'], at['tau'])
+        assert np.abs(tau - wanted).max() < DYNAMICS * np.abs(wanted).max()
+        program = FORWARD['composite_body'](without_drives(plant), 'sequential')
+        found = run(program, at | {'tau': tau})['qdd']
+        assert relative(found, wanted_qdd(robot, scene, at)) < tolerance('', robot, scene, at['q'])
 
 
 # ---- limits ----------------------------------------------------------------------------------

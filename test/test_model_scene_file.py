@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.model.scene import scene_to_yaml
 
 INF = float('inf')
 EVERYTHING = pfd.Scene(
@@ -51,7 +50,7 @@ def test_a_scene_comes_back_the_same(scene: pfd.Scene, tmp_path: Path) -> None:
     again = pfd.load_scene(path)
     assert again == scene
     assert again.digest == scene.digest
-    assert pfd.load_scene(scene_to_yaml(scene)) == scene
+    assert pfd.load_scene(pfd.scene_to_yaml(scene)) == scene
 
 
 def test_a_file_holds_gravity_and_what_is_not_the_default(tmp_path: Path) -> None:

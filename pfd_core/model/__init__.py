@@ -7,6 +7,7 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     yaml_reader         YAML text -> dict, list and str, bounded; tables with known keys
     yaml_scene          scenes from YAML
     yaml_robot          robots as YAML: tables from papers, and robots stored to the last bit
+    rotors              rotors behind gears: their inertia at the joint, also from a URDF
     urdf_reader         URDF text -> links and joints
     urdf_chain          which joints of a URDF move, and which links each of them carries
     urdf_robot          the chain of a URDF, welded and brought to the frames of a Robot
@@ -37,6 +38,7 @@ from pfd_core.model.plant import (
 )
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.robot_changes import Payload, lock, with_payload
+from pfd_core.model.rotors import reflected_inertia
 from pfd_core.model.scene import Scene, scene_to_yaml
 from pfd_core.model.scene_inputs import scene_inputs
 from pfd_core.model.yaml_robot import robot_to_yaml
@@ -52,6 +54,7 @@ __all__ = [
     'load_robot',
     'load_scene',
     'lock',
+    'reflected_inertia',
     'resolve',
     'robot_to_yaml',
     'scene_inputs',

@@ -18,6 +18,7 @@ import xml.etree.ElementTree as ElementTree
 
 from pfd_core.model.checked_numbers import BLANKS, number_from_text
 from pfd_core.model.error_text import quote, quote_all
+from pfd_core.model.rotors import urdf_rotor_inertias
 
 # Writers of URDF print pi/2 as 1.570796325 or longer: so many digits mean a right angle, and only
 # an exact one gives zeros, which a kernel drops. 1.5708 is taken as written.
@@ -98,11 +99,16 @@ class Joint:
 
 @dataclass(frozen=True)
 class Description:
-    """A URDF: its links, each with its <inertial> if it has one, and its joints, by name."""
+    """
+    A URDF: its links, each with its <inertial> if it has one, and its joints, by name.
+
+    `armature` has the joints with a rotor, and its inertia at the joint [kg m^2, kg].
+    """
 
     name: str
     links: Mapping[str, Inertial | None]
     joints: Mapping[str, Joint]
+    armature: Mapping[str, float]
 
 
 def read_urdf(text: str, slack: float = RIGHT_ANGLE_SLACK) -> Description:
@@ -137,7 +143,8 @@ def read_urdf(text: str, slack: float = RIGHT_ANGLE_SLACK) -> Description:
     for element in root.findall('joint'):
         name = _name(element, joints)
         joints[name] = _joint(element, name, slack)
-    return Description(root.get('name') or 'robot', links, joints)
+    armature = urdf_rotor_inertias(root, joints)
+    return Description(root.get('name') or 'robot', links, joints, armature)
 
 
 class _Builder(ElementTree.TreeBuilder):

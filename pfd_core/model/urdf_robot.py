@@ -106,6 +106,7 @@ def robot_from_urdf(
         snapped_joints=tuple(joint.name for joint in urdf.joints.values() if joint.snapped),
         **welded_frames(placements, bodies),
         **_limits(chain),
+        armature=np.array([urdf.armature.get(joint.name, 0.0) for joint in chain.joints]),
     )
     check_with_pinocchio(urdf, chain, at, placements, bodies)
     return robot

@@ -5,6 +5,7 @@
 From the inputs to the outputs:
 
     settings    everything that is not an event: robot, scene, step size, rates
+    scene       the scene of the settings: from a file or from their switches
     events      the event rule: events and outputs, sources, verdicts
     commands    the rules for a command, NaN and infinity among them, and the drive it leads to
     arm         the simulated arm: robot, brakes, simulator, failure

@@ -11,6 +11,7 @@ import numpy as np
 
 import pfd_core as pfd
 from pfd_ros.arm.commands import Drive
+from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import cut, listed
@@ -23,16 +24,6 @@ def load_robot(settings: Settings) -> Any:
         base=settings.base_link or None,
         tip=settings.tip_link or None,
         locked=settings.locks or None,
-    )
-
-
-def scene_of(settings: Settings) -> pfd.Scene:
-    """Return the scene that the settings describe."""
-    return pfd.Scene(
-        gravity=settings.gravity if any(settings.gravity) else None,
-        damping='model' if settings.damping else None,
-        armature='model' if settings.armature else None,
-        brakes=True,
     )
 
 

@@ -67,6 +67,9 @@ class Settings:
     )
     damping: bool = _field(False, 'Viscous damping of the joints as the model states it')
     armature: bool = _field(False, 'Rotor inertia of the joints as the model states it')
+    scene: str = _field(
+        '', "Scene file (YAML) in the place of gravity, damping and armature; '' takes those"
+    )
     initial_positions: tuple[float, ...] = _field(
         (), 'Where the joints start, rad or m, in the order of `joints`; empty is zero'
     )
@@ -103,6 +106,9 @@ class Settings:
                 f'real_time_factor is {self.real_time_factor!r}, '
                 f'expected 0 or {SLOWEST_FACTOR!r} and more'
             )
+        switched = self.damping or self.armature or self.gravity != Settings.gravity
+        if self.scene and switched:
+            raise ValueError('scene stands for gravity, damping and armature: leave them out')
         if not self.robot:
             raise ValueError('robot is empty; name one that `pfd robots` lists, or a file')
         if abs(self.step_ns / NANOSECONDS - self.step_size) > WHOLE * self.step_size:

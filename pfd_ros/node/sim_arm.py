@@ -14,6 +14,7 @@ from rclpy.node import Node
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source
+from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
 from pfd_ros.node.command_counts import CommandCounts
@@ -47,7 +48,7 @@ class SimArm(Node):
 
     def __init__(self) -> None:
         super().__init__(NAME)
-        settings = parameters.declare(self)
+        settings = with_scene_text(parameters.declare(self))
         robot = load_robot(settings)
         engine = Engine(settings, robot)
         endpoints = create_endpoints(

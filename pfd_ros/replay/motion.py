@@ -17,10 +17,11 @@ import numpy as np
 
 import pfd_core as pfd
 from pfd_core.report.scene_motions import Motion
-from pfd_ros.arm.arm import load_robot, scene_of, simulator_settings
+from pfd_ros.arm.arm import load_robot, simulator_settings
 from pfd_ros.arm.commands import Drive, held, merge
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import STATES, TAKEN, Arrival, Verdict
+from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.recording.format import SOURCE_OF_ROLE

@@ -23,22 +23,46 @@ the first. Selections are not counted.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
 from pfd_core.algorithms.chain.base_axes import Links, Pose
 from pfd_core.algorithms.chain.gravity import gravity_torques, gravity_torques_on_lanes
+from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, merge, on, where
-from pfd_core.machine.recorder import Lanes
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
 from pfd_core.model.geometry import Array
+
+# Fields of Plant whose effects are those of the drives.
+DRIVES = ('effort_limits', 'torque_speed', 'gravity_compensation')
 
 
 def has_drives(plant: Plant) -> bool:
     """Return whether motors give other torques than the commanded ones."""
-    limited = plant.effort_limits is not None or plant.torque_speed is not None
-    return limited or plant.gravity_compensation is not None
+    return any(getattr(plant, key) is not None for key in DRIVES)
+
+
+def without_drives(plant: Plant) -> Plant:
+    """Return a plant whose input tau is the torque of its motors."""
+    off: dict[str, Any] = dict.fromkeys(DRIVES)
+    return replace(plant, **off)
+
+
+def record_motor_torques(plant: Plant) -> Program:
+    """
+    Return the program of the motors' tau, (n,), from q, qd and the commanded tau.
+
+    For a step whose further torques act on the joint side of the motors, as dry friction does: it
+    gives them, with these, to `without_drives(plant)`.
+    """
+    recorder = Recorder(1, 'sequential')
+    qd, tau = (input_list(recorder, name, plant.robot.n) for name in ('qd', 'tau'))
+    return program_with_outputs(recorder, tau=motor_torques(plant, tau, qd))
 
 
 def motor_torques(

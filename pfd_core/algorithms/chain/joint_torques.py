@@ -31,19 +31,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.algorithms.chain.drives import DRIVES
 from pfd_core.algorithms.chain.interface import input_list, input_row
 from pfd_core.machine.recorder import Lanes
 from pfd_core.model import Plant
 
-# Fields of Plant whose torques do not depend on qdd, those of the drives among them.
-AT_REST = (
-    'damping',
-    'stiffness',
-    'rest_position',
-    'effort_limits',
-    'torque_speed',
-    'gravity_compensation',
-)
+# Fields of Plant whose torques do not depend on qdd.
+AT_REST = ('damping', 'stiffness', 'rest_position', *DRIVES)
 
 
 def plus_joint_torques(

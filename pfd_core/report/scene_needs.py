@@ -26,6 +26,8 @@ from pfd_core.report.scene_search import MOST_EXHAUSTED, size, smallest_of_all, 
 from pfd_core.report.surroundings import surroundings
 from pfd_core.report.timing import Pace, Row, Side, Work, take_turns
 
+# Scenes differ by few percent of a step's time.
+PACE = Pace(turns=100, budget=8.0)
 # Length of a window [s].
 WINDOW = 0.1
 # Steps of the windows by which a step is timed, at least where there are as many.
@@ -50,8 +52,9 @@ class EffectRow:
         sum is zero or infinite.
     nanoseconds, median : float
         Least and median time of a step without the effect.
-    times : float
-        Time of a step in the full scene over that without the effect, median over the turns.
+    times_least, times : float
+        Time of a step in the full scene over that without the effect: of the least times, and the
+        median over the turns.
     needed : bool
         Whether the effect is on in the smallest scene.
 
@@ -63,6 +66,7 @@ class EffectRow:
     share: float
     nanoseconds: float
     median: float
+    times_least: float
     times: float
     needed: bool
 
@@ -99,8 +103,8 @@ class Needs:
     exhaustive : bool
         Whether those are all subsets of the effects.
     step_times : dict
-        Least and median time of a step [ns] in the full and in the smallest scene, and the median
-        of their ratio.
+        Least and median time of a step [ns] in the full and in the smallest scene, and the ratio
+        of the least times and the median of their ratios.
     machine : dict
         Processor, load, versions and date.
 
@@ -187,7 +191,7 @@ def scene_needs(
     bare = row(frozenset(names))
     tell('timing')
     timed = {name: without(scene, {name}) for name in names if not singles[name].refused}
-    times = time_steps(full, {**timed, SMALLEST: without(scene, left_out)}, pace or Pace())
+    times = time_steps(full, {**timed, SMALLEST: without(scene, left_out)}, pace or PACE)
     tell('')
     return Needs(
         robot=robot.name,
@@ -235,6 +239,7 @@ def effect_rows(
                 single.rms / total if 0 < total < math.inf else math.nan,
                 time.minimum * 1e9 if time else math.nan,
                 time.median * 1e9 if time else math.nan,
+                times[FULL].minimum / time.minimum if time else math.nan,
                 (time.times if time else None) or math.nan,
                 name in smallest.effects,
             )
@@ -279,4 +284,5 @@ def _step_times(times: Mapping[str, Row]) -> dict[str, float]:
         for way in (FULL, SMALLEST)
         for kind in ('minimum', 'median')
     }
-    return {**found, 'times': times[SMALLEST].times or math.nan}
+    least = times[FULL].minimum / times[SMALLEST].minimum
+    return {**found, 'times least': least, 'times': times[SMALLEST].times or math.nan}

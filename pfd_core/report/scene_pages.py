@@ -52,10 +52,11 @@ EFFECTS_TEXT = (
     'joints that can be held; what they do in the rest of a step is left out of the operations '
     'and is in the times. *step without it* is the least / median time of a step over the first '
     'windows, {steps} steps or a little more, with what Python does around a window, which is in '
-    'all of them; *full / without* is the median ratio of two such times taken shortly after each'
-    ' other. *largest* and *rms* are differences of joint positions over all joints, steps and '
-    'windows, of this one effect: errors of effects do not add, so they leave out what two '
-    'missing effects do together. *share* is the part of the rms in the sum of this column.'
+    'all of them; *full / without* is the ratio of the least times / the median ratio of two '
+    'times taken shortly after each other. *largest* and *rms* are differences of joint positions'
+    ' over all joints, steps and windows, of this one effect: errors of effects do not add, so '
+    'they leave out what two missing effects do together. *share* is the part of the rms in the '
+    'sum of this column.'
 )
 
 
@@ -99,14 +100,17 @@ def _answer(needs: Needs) -> list[str]:
     return [
         f'Within {needs.tolerance:g} of the full scene in every window: '
         f'**{_listed(small.effects)}**; left out: {_listed(gone)}. It differs by at most '
-        f'{_error(small.largest)}{worst if small.largest else ""}, measured in this very scene. '
+        f'{_error(small.largest)}{worst if small.largest else ""}, measured in this very scene, '
+        f'without what open loops longer than {needs.window:g} s would add.',
         f'It has {small.operations} of {needs.full.operations} operations of one evaluation of '
-        f'the accelerations, and a step takes {times["smallest minimum"]:.0f} / '
-        f'{times["smallest median"]:.0f} ns (least / median) instead of '
-        f'{times["full minimum"]:.0f} / {times["full median"]:.0f} ns, a ratio of '
-        f'{times["times"]:.2f}.',
+        'the accelerations, those of the rest of a step left out. A step takes '
+        f'{times["smallest minimum"]:.0f} / {times["smallest median"]:.0f} ns (least / median) '
+        f'instead of {times["full minimum"]:.0f} / {times["full median"]:.0f} ns, with what '
+        'Python does around a window; the full scene takes '
+        f'{times["times least"]:.2f} times as long by the least times, {times["times"]:.2f} '
+        'times in the median over turns.',
         f'Without any effect the difference is {_error(needs.bare.largest)}, at '
-        f'{needs.bare.operations} operations.',
+        f'{needs.bare.operations} operations, with the same left out.',
     ]
 
 
@@ -124,7 +128,7 @@ def _effects(needs: Needs) -> list[str]:
                 '-'
                 if math.isnan(row.nanoseconds)
                 else f'{row.nanoseconds:.0f} / {row.median:.0f}',
-                '-' if math.isnan(row.times) else f'{row.times:.2f}',
+                '-' if math.isnan(row.times) else f'{row.times_least:.2f} / {row.times:.2f}',
                 'refused' if one.refused else _error(one.largest),
                 '-' if one.refused else _error(one.rms),
                 '-' if math.isnan(row.share) else f'{100 * row.share:.3g} %',

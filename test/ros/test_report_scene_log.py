@@ -28,7 +28,7 @@ STEPS = 250
 
 @pytest.fixture(autouse=True)
 def hurry(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scene_needs, 'Pace', lambda: Pace(chunk=1e-5, turns=2, budget=0.1))
+    monkeypatch.setattr(scene_needs, 'PACE', Pace(chunk=1e-5, turns=2, budget=0.1))
 
 
 def report(folder: Path, *args: object) -> int:

@@ -137,6 +137,25 @@ def test_tables_of_torque_and_speed_get_the_rows_of_the_longest(robot: Robot) ->
     )
 
 
+def test_motors_of_the_model_fall_off_before_its_velocity_limits(robot: Robot) -> None:
+    model = replace(
+        robot, velocity_limit=[2.0, 3.0, np.inf, 1.0], effort_limit=[10.0, np.inf, 5.0, 7.0]
+    )
+    inf = np.inf
+    np.testing.assert_array_equal(
+        resolve(model, Scene(torque_speed='model')).torque_speed,
+        [
+            [(1.8, 10), (2, 0)],
+            [(inf, inf), (inf, inf)],
+            [(inf, inf), (inf, inf)],
+            [(0.9, 7), (1, 0)],
+        ],
+    )
+    stuck = replace(model, velocity_limit=[2.0, 3.0, np.inf, 0.0])
+    with pytest.raises(ValueError, match=r"velocity limits above zero, .* 'joint4' has 0\.0"):
+        resolve(stuck, Scene(torque_speed='model'))
+
+
 def test_drives_compensate_the_robot_without_its_payload_or_a_model(robot: Robot) -> None:
     payload, other = Payload(1.0, (0, 0, 0.1)), Payload(2.0)
     scene = Scene(gravity=(1.0, 0.0, -9.0), payload=payload, gravity_compensation=True)
@@ -269,7 +288,7 @@ def test_a_plant_cannot_change(robot: Robot) -> None:
         ({'effort_limits': [1, np.nan]}, 'effort_limits must be .* or infinite'),
         ({'effort_limits': [1e200]}, 'effort_limits must be at most 1e[+]100'),
         ({'effort_limits': [-1]}, 'effort_limits must not be negative'),
-        ({'torque_speed': 5}, 'torque_speed must be None or one table a joint'),
+        ({'torque_speed': 5}, "torque_speed must be None, 'model' or one table a joint"),
         ({'torque_speed': [None, [1, 2]]}, 'torque_speed of joint 2 must have shape'),
         ({'torque_speed': [np.zeros((0, 2))]}, 'torque_speed of joint 1 must have .* one row'),
         ({'torque_speed': [[(0, 1), (0, 0)]]}, 'speeds of torque_speed of joint 1 must rise'),

@@ -19,28 +19,26 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     scene               Scene: which effects are on
     scene_checks        the fields of a scene as users give them, checked
     plant               Plant: a scene and a robot as numbers
+    scene_numbers       resolve: the plant of a robot and a scene
     scene_inputs        the inputs that a scene adds at run time
     joint_space_checks  joints that nothing resists, whose acceleration has no value
     checked_numbers     the one reader of numbers that users give
     error_text          foreign values as error messages quote them
     frozen_arrays       read-only arrays in frozen dataclasses
 
-A new effect is a field of Scene, checked in `scene`, and of Plant, resolved in `plant`; its term
-is recorded by pfd_core.algorithms (chain.joint_torques for an effect of the joints).
+A new effect is a field of Scene, checked in `scene`, and of Plant, resolved in `scene_numbers`;
+its term is recorded by pfd_core.algorithms (chain.joint_torques for an effect of the joints,
+chain.drives for one of the motors).
 """
 
 from pfd_core.model.loading import known_robots, load_robot, load_scene
-from pfd_core.model.plant import (
-    Plant,
-    check_instant,
-    resolve,
-    without_step_effects,
-)
+from pfd_core.model.plant import Plant, check_instant, without_step_effects
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.robot_changes import Payload, lock, with_payload
 from pfd_core.model.rotors import reflected_inertia
 from pfd_core.model.scene import Scene, scene_to_yaml
 from pfd_core.model.scene_inputs import scene_inputs
+from pfd_core.model.scene_numbers import resolve
 from pfd_core.model.yaml_robot import robot_to_yaml
 
 __all__ = [

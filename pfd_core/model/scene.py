@@ -98,16 +98,19 @@ class Scene:
     effort_limits : None, "model" or array_like
         Largest torque of the motors, that of gravity compensation included, (n,) [N m]; infinite
         for none; "model" for the robot's own.
-    torque_speed : None or sequence
+    torque_speed : None, "model" or sequence
         Per joint None or a table of rows (speed, torque), (k, 2) [rad/s, N m]: the largest
         torque with which a motor drives its joint along, linear between the rows and constant
         beyond them; speeds rise, torques do not. Brake it may with the torque of the first row.
+        "model" for the robot's effort limit up to FULL_EFFORT of its velocity limit, and none
+        from that limit on.
     gravity_compensation : bool or Scene
         Whether the drives add the gravity torques of a model to the commanded ones: True for the
         robot without its payload, in the gravity of this scene; a scene for its gravity and
         payload.
     motor_lag : None or array_like
-        Time constants with which the torques follow the commanded ones, (n,) [s].
+        Time constants with which the motors follow the commanded torques, (n,) [s]; gravity
+        compensation and limits act on the torque that has followed.
 
     Raises
     ------

@@ -99,14 +99,14 @@ def restitution(value: Any) -> tuple[float, ...] | float:
     return tuple(array.tolist()) if number is None else number + 0.0
 
 
-def torque_speed(value: Any) -> tuple[tuple[tuple[float, ...], ...] | None, ...] | None:
-    """Return None, or for each joint None or its table as a tuple of pairs."""
-    if value is None:
-        return None
+def torque_speed(value: Any) -> tuple[tuple[tuple[float, ...], ...] | None, ...] | str | None:
+    """Return None, "model", or for each joint None or its table as a tuple of pairs."""
+    if value is None or (isinstance(value, str) and value == MODEL):
+        return value
     if _length(value) is None:
         raise ValueError(
-            'torque_speed must be None or one table a joint with rows (speed, torque), got '
-            f'{quote(value)}'
+            f'torque_speed must be None, {MODEL!r} or one table a joint with rows (speed, torque),'
+            f' got {quote(value)}'
         )
     return tuple(_table(f'torque_speed of joint {i + 1}', rows) for i, rows in enumerate(value))
 

@@ -99,11 +99,7 @@ class Joint:
 
 @dataclass(frozen=True)
 class Description:
-    """
-    A URDF: its links, each with its <inertial> if it has one, and its joints, by name.
-
-    `armature` has the joints with a rotor, and its inertia at the joint [kg m^2, kg].
-    """
+    """A URDF: by name its links, with <inertial> or None, joints, and armature [kg m^2, kg]."""
 
     name: str
     links: Mapping[str, Inertial | None]

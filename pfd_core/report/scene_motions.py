@@ -3,13 +3,13 @@
 """
 Trajectories that scenes are compared on: the torques of every step, and states to start from.
 
-A Motion comes from a recording (pfd_ros.replay.motion), or is one of EXCITATIONS: a reference
-position that the arm follows in its full scene under
+A Motion comes from a recording, or is one of EXCITATIONS: a reference position that the arm
+follows in its full scene under
 
     tau = ID(q, qd, qdd_ref + W^2 (q_ref - q) + 2 W (qd_ref - qd)),
 
 inverse dynamics in that scene, but for its dry friction, with a critically damped PD law
-(computed torque: J. J. Craig, Introduction to Robotics, 3rd edition, section 10.2), bounded by the
+(computed torque: J. J. Craig, Introduction to Robotics, 3rd edition, chapter 10), bounded by the
 effort limits of the robot.
 """
 

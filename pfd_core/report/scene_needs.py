@@ -10,7 +10,7 @@ a whole, and its own error decides.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 import math
 from typing import Any
 
@@ -106,7 +106,7 @@ class Needs:
         Least and median time of a step [ns] in the full and in the smallest scene, and the ratio
         of the least times and the median of their ratios.
     machine : dict
-        Processor, load, versions and date.
+        Processor, load before the start, versions and date.
 
     """
 
@@ -129,7 +129,7 @@ class Needs:
     scenes: list[SceneRow]
     exhaustive: bool
     step_times: dict[str, float]
-    machine: dict[str, Any] = field(default_factory=surroundings)
+    machine: dict[str, Any]
 
 
 def scene_needs(
@@ -172,6 +172,7 @@ def scene_needs(
 
     """
     tolerance, window = _above_zero('tolerance', tolerance), _above_zero('window', window)
+    machine = surroundings()
     tell('simulating the full scene')
     full = run_full(robot, scene, motion, window)
     names = effects_on(robot, scene)
@@ -213,6 +214,7 @@ def scene_needs(
         scenes=sorted(rows.values(), key=size),
         exhaustive=exhaustive,
         step_times=_step_times(times),
+        machine=machine,
     )
 
 

@@ -73,7 +73,8 @@ def _origin(needs: Needs) -> str:
 
 def _machine(machine: dict[str, Any]) -> str:
     versions = ', '.join(f'{name} {number}' for name, number in machine['versions'].items())
-    return f'{machine["processor"]}; {versions}; load {machine["load"]}; {machine["date"]}.'
+    told = [machine['processor'], versions, f'load before the start {machine["load"]}']
+    return '; '.join([*told, machine['date']]) + '.'
 
 
 def _truth(needs: Needs) -> list[str]:

@@ -31,7 +31,17 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     hard_case_errors     errors of the kernel, every method and peers beside it (Result)
     hard_case_pages      the page: its tables and columns; writes all files
 
+`pfd report scene` (docs/report/scene.md, .json, .yaml, .png and .svg: one example):
+
+    scene_effects    the table of effects, a row for each field of Scene (EFFECTS)
+    scene_motions    torques and states of a trajectory (Motion); named ones (EXCITATIONS)
+    scene_errors     trajectories in smaller scenes against the full one (SceneRow)
+    scene_search     the smallest scene within a tolerance; the best scene of every cost
+    scene_needs      cost, time and error of each effect, and the answer (EffectRow, Needs)
+    scene_plot       the plot of error against cost
+    scene_pages      the page: its sections, tables and columns; writes all files
+
 A column is a field of the table's record (counts.Row, counts.Cell, convergence.Convergence,
-timing.Row, hard_case_errors.Result) and, in the module of the pages, a title in the header and a
-cell of that table; the JSON has all fields of the records by itself.
+timing.Row, hard_case_errors.Result, scene_needs.EffectRow) and, in the module of the pages, a
+title in the header and a cell of that table; the JSON has all fields of the records by itself.
 """

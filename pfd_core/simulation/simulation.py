@@ -203,6 +203,19 @@ class Simulation(ABC):
         _check_angles(self.robot, following.arrays['q'], self.dtype)
         self._turn ^= 1
 
+    def take_state(self, other: Simulation) -> None:
+        """
+        Take over state and time of another simulation of the same robot, in any scene.
+
+        Parts of the state that only this simulation has, such as those of an effect, become zero.
+        """
+        following = self._buffers[1 - self._turn]
+        following.clear(start=other.time)
+        for name, target in following.arrays.items():
+            if name in other._now.arrays:
+                target[...] = other._now.arrays[name]
+        self._turn ^= 1
+
     @property
     def _now(self) -> StateBuffer:
         """The valid state."""

@@ -28,6 +28,17 @@ def load_robot(settings: Settings) -> Any:
     )
 
 
+def simulator_settings(settings: Settings) -> dict[str, Any]:
+    """Return the arguments of the simulator that the settings describe."""
+    return {
+        'step_size': settings.step_ns / NANOSECONDS,
+        'substeps': settings.substeps,
+        'integrator': settings.integrator,
+        'method': settings.method,
+        'compensated': settings.compensated,
+    }
+
+
 def joint_order(wanted: Sequence[str], robot: Any) -> tuple[int, ...]:
     """Return the index in the model of each joint, in the order in which joints are published.
 
@@ -76,15 +87,7 @@ class Arm:
         self.failure = ''
         self._start_ns, self._step_ns = settings.start_ns, settings.step_ns
         self._columns = list(self.order)
-        self._simulator = pfd.Simulator(
-            robot,
-            scene_of(settings),
-            step_size=settings.step_ns / NANOSECONDS,
-            substeps=settings.substeps,
-            integrator=settings.integrator,
-            method=settings.method,
-            compensated=settings.compensated,
-        )
+        self._simulator = pfd.Simulator(robot, scene_of(settings), **simulator_settings(settings))
         self.settings = replace(
             settings,
             integrator=self._simulator.integrator,

@@ -6,7 +6,7 @@
     demo      pfd demo
     sim       pfd sim: the node
     replay    pfd replay: a recording verified, with its summary
-    report    pfd report: counts, speed
+    report    pfd report: counts, speed, hard cases, a scene
     robots    pfd robots
 
 A new command is a module with `HELP`, `add_arguments` and `run`, and a place in `main.COMMANDS`.

@@ -5,21 +5,58 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
+import sys
+
+import pfd_core as pfd
+from pfd_ros.cli.replay import progress_on
 
 REPORTS = {
-    'counts': 'counts: steps of every method beside what the paper claims',
-    'speed': 'speed: times beside those of other libraries, some ten minutes',
-    'hard-cases': 'hard-cases: errors where forward dynamics is hard to compute, some ten minutes',
+    'counts': 'steps of every method beside what the paper claims',
+    'speed': 'times beside those of other libraries, some ten minutes',
+    'hard-cases': 'errors where forward dynamics is hard to compute, some ten minutes',
+    'scene': 'cost and error of each effect of a scene, and the smallest scene in a tolerance',
 }
 HELP = 'tables and plots, measured here and now'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the kind of report and the folder."""
-    parser.add_argument('what', choices=REPORTS, help='; '.join(REPORTS.values()))
+    """Declare the kinds of report, and the arguments of each."""
+    kinds = parser.add_subparsers(dest='what', required=True, metavar='WHAT')
+    for name, text in REPORTS.items():
+        kind = kinds.add_parser(name, help=text, description=text)
+        kind.add_argument(
+            '--out', type=Path, help='folder for the pages; default ./pfd_report', metavar='DIR'
+        )
+        if name == 'scene':
+            _add_scene_arguments(kind)
+
+
+def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        '--out', type=Path, help='folder for the pages; default ./pfd_report', metavar='DIR'
+        '--robot', help='a robot that `pfd robots` lists, or a file; default: that of the log'
+    )
+    parser.add_argument(
+        '--trajectory',
+        required=True,
+        metavar='LOG.mcap|NAME',
+        help='a recording, or the name of a motion: swing, sine, steps',
+    )
+    parser.add_argument(
+        '--tolerance',
+        required=True,
+        type=float,
+        help='largest error of a joint position, rad or m',
+    )
+    parser.add_argument(
+        '--scene',
+        type=Path,
+        metavar='FILE',
+        help='the full scene; default: all that the model and the settings of the log say',
+    )
+    parser.add_argument(
+        '--window', type=float, default=0.1, help='length of an open loop, s; default 0.1'
     )
 
 
@@ -30,6 +67,34 @@ def run(given: argparse.Namespace) -> int:
     folder = given.out or Path('pfd_report')
     if given.what == 'speed':
         return speed_pages.run(folder)
-    pages = hard_case_pages if given.what == 'hard-cases' else counts_pages
-    print('\n'.join(str(page) for page in pages.run(folder)))
+    if given.what == 'scene':
+        pages = _run_scene(given, folder)
+    else:
+        pages = (hard_case_pages if given.what == 'hard-cases' else counts_pages).run(folder)
+    print('\n'.join(str(page) for page in pages))
     return 0
+
+
+def _run_scene(given: argparse.Namespace, folder: Path) -> list[Path]:
+    from pfd_core.report import scene_motions, scene_pages
+    from pfd_core.report.scene_effects import full_scene
+    from pfd_ros.replay.motion import read_motion
+
+    scene = pfd.Scene() if given.scene is None else pfd.load_scene(given.scene)
+    refused: dict[str, str] = {}
+    path = Path(given.trajectory)
+    if path.suffix == '.mcap' or path.is_file():
+        robot, recorded, motion = read_motion(path, given.robot, progress_on(sys.stderr))
+        # The brakes of a recording are an input, whatever the scene.
+        scene = recorded if given.scene is None else replace(scene, brakes=True)
+        if given.scene is None:
+            scene, refused = full_scene(robot, scene, motion.settings)
+    else:
+        scene_motions.excitation_named(given.trajectory)
+        if given.robot is None:
+            raise ValueError(f'the trajectory {given.trajectory!r} needs a --robot')
+        robot = pfd.load_robot(given.robot)
+        if given.scene is None:
+            scene, refused = full_scene(robot, scene, scene_motions.SETTINGS)
+        motion = scene_motions.excited_motion(robot, scene, given.trajectory)
+    return scene_pages.run(robot, scene, motion, given.tolerance, folder, given.window, refused)

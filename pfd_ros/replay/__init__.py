@@ -8,4 +8,5 @@ From the file to the verdict:
     inspection    whether everything that was recorded is in the file, without simulating
     summary       the result of an inspection for people
     verify        the engine fed from the recording, its outputs compared byte for byte: `read`
+    motion        the efforts and brakes of every step, and the states, for reports
 """

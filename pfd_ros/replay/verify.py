@@ -90,7 +90,7 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
         raise LogError(f'{log.path} holds no states, so there is nothing to verify')
     if found.summary.obstacle:
         raise LogError(f'{log.path} {found.summary.obstacle}')
-    replay = _Replay(Engine(found.summary.settings, _robot(log, found.state)))
+    replay = _Replay(Engine(found.summary.settings, recorded_robot(log, found.state)))
     for count, message in enumerate(placed_messages(log)):
         replay.follow(message)
         if progress is not None and count % 1000 == 0:
@@ -103,7 +103,7 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
     replay.compare_last_rows()
 
 
-def _robot(log: Log, state: bytes) -> Any:
+def recorded_robot(log: Log, state: bytes) -> Any:
     """Return the robot of a recording; compiling one of other joints could take minutes."""
     text = log.robot_yaml
     # A single line would be taken for the name of a robot or a file, and `<` for URDF.

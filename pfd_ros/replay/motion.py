@@ -1,0 +1,171 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The motion of a recording: the efforts and brakes of every step, and the recorded states.
+
+The commands are judged again by the rules of the arm, each before the step that took it; nothing
+is simulated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+import pfd_core as pfd
+from pfd_core.report.scene_motions import Motion
+from pfd_ros.arm.arm import load_robot, simulator_settings
+from pfd_ros.arm.commands import Drive, held, merge
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import STATES, TAKEN, Arrival, Verdict
+from pfd_ros.arm.scene import scene_of
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.convert import decode_joint_state
+from pfd_ros.recording.format import SOURCE_OF_ROLE
+from pfd_ros.recording.reader import Log, LogError, damage_named
+from pfd_ros.replay.inspection import inspect
+from pfd_ros.replay.ordering import PlacedMessage, placed_messages
+from pfd_ros.replay.verify import recorded_robot
+from pfd_ros.text import cut, listed
+
+# Steps that a motion has at most: a hundred seconds at 1 kHz.
+MOST_STEPS = 100_000
+
+
+class RecordedMotion(NamedTuple):
+    """The robot and the scene of a recording, and its motion."""
+
+    robot: Any
+    scene: pfd.Scene
+    motion: Motion
+
+
+def read_motion(
+    path: Path,
+    robot_source: str | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> RecordedMotion:
+    """Return the motion of a recording, of its first MOST_STEPS steps at most.
+
+    Parameters
+    ----------
+    path
+        The file; a file that was cut off is read up to the cut.
+    robot_source
+        A robot to use in place of the recorded one, with the same joints, as `load_robot` takes
+        it; base, tip and locked joints are those of the recording's settings.
+    progress
+        Called now and then with the finished part, 0 to 1.
+
+    Raises
+    ------
+    LogError
+        If the file is no recording, is damaged, lacks commands that moved the arm or records of
+        them, or is one of a robot with other joints.
+    OSError
+        If it cannot be read.
+    """
+    path = Path(path)
+    log = Log(path)
+    with damage_named(path):
+        found = inspect(log, progress)
+        summary, settings = found.summary, found.summary.settings
+        if found.altered:
+            raise ValueError(found.altered)
+        if not summary.states:
+            raise ValueError('it holds no states')
+        if summary.obstacle:
+            raise LogError(f'{path} {summary.obstacle}')
+        recorded = recorded_robot(log, found.state)
+        steps = min(summary.simulated, MOST_STEPS)
+        reading = _Reading(Engine(settings, recorded), held(recorded.n))
+        for message in placed_messages(log):
+            reading.add(message)
+        motion = _motion(path, settings, reading, steps)
+        shortened = f'the first {steps} steps of ' if steps < summary.simulated else ''
+        motion = replace(motion, source=f'{shortened}the torques of the recording {path.name}')
+    robot = recorded
+    if robot_source is not None:
+        robot = load_robot(replace(settings, robot=robot_source))
+        if list(robot.joint_names) != list(recorded.joint_names):
+            raise LogError(
+                f'{path} is a recording of {cut(recorded.name)!r} with the joints '
+                f'{listed(recorded.joint_names)}, but {cut(robot.name)!r} has '
+                f'{listed(robot.joint_names)}'
+            )
+    return RecordedMotion(robot, scene_of(settings), motion)
+
+
+@dataclass
+class _Reading:
+    """The drives and the states of a recording, up to the message that was added last.
+
+    Attributes
+    ----------
+    engine
+        The judge of the commands; it simulates nothing.
+    drive
+        The efforts and brakes in force.
+    payloads
+        Commands that have come in and not been taken, by source and sequence.
+    drives
+        The step from which each drive acts, counted from 1, and the drive.
+    states
+        The step after which each state was published, its positions and velocities, (n,) in
+        model order.
+    """
+
+    engine: Engine
+    drive: Drive
+    payloads: dict[tuple[int, int], bytes] = field(default_factory=dict)
+    drives: list[tuple[int, Drive]] = field(default_factory=list)
+    states: list[tuple[int, np.ndarray, np.ndarray]] = field(default_factory=list)
+
+    def add(self, message: PlacedMessage) -> None:
+        """Take one message."""
+        if message.role in SOURCE_OF_ROLE:
+            self.payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
+        elif message.role == TAKEN:
+            for row in message.rows:
+                payload = self.payloads.pop((row.source, row.sequence), b'')
+                if row.verdict is not Verdict.OVERFLOWED:
+                    judgement = self.engine.judge(Arrival(row.source, row.sequence, payload))
+                    self.drive = merge(self.drive, judgement)
+            self.drives.append((message.cycle, self.drive))
+        elif message.role == STATES and message.cycle <= MOST_STEPS:
+            state = decode_joint_state(message.data)
+            q, qd = np.empty((2, self.engine.arm.q.size))
+            q[list(self.engine.arm.order)] = state.position
+            qd[list(self.engine.arm.order)] = state.velocity
+            self.states.append((message.cycle, q, qd))
+
+
+def _motion(path: Path, settings: Settings, reading: _Reading, steps: int) -> Motion:
+    """Return the motion of the first steps of a recording that was read whole."""
+    arm, n = reading.engine.arm, reading.engine.arm.q.size
+    taus, braked = np.zeros((steps, n)), np.ones((steps, n), bool)
+    ends = [step - 1 for step, _ in reading.drives[1:]] + [steps]
+    for (step, drive), end in zip(reading.drives, ends, strict=False):
+        taus[step - 1 : end], braked[step - 1 : end] = drive.effort, drive.braked
+    if braked.all():
+        raise LogError(
+            f'{path} holds no torques: no command was accepted in its {steps} steps, and brakes '
+            'hold every joint'
+        )
+    start = np.empty(n)
+    start[list(arm.order)] = arm.q  # the engine has not run: it is where the recording starts
+    known = [(0, start, np.zeros(n)), *(state for state in reading.states if state[0] < steps)]
+    after, q, qd = zip(*known, strict=True)
+    return Motion(
+        path.name,
+        '',
+        simulator_settings(settings),
+        taus,
+        braked,
+        np.array(after),
+        np.array(q),
+        np.array(qd),
+    )

@@ -16,7 +16,7 @@ import pytest
 from zoo import joint, link, urdf
 
 import pfd_core as pfd
-from pfd_core.report import scene_errors, scene_motions, scene_needs, scene_pages, scene_search
+from pfd_core.report import scene_motions, scene_needs, scene_pages, scene_search
 from pfd_core.report.scene_effects import EFFECTS, effects_on, full_scene, spelled, without
 from pfd_core.report.scene_errors import SceneRow, cut, measure, run_full
 from pfd_core.report.scene_motions import EXCITATIONS, SETTINGS, Motion, excited_motion
@@ -290,7 +290,7 @@ def test_the_smallest_scene_is_in_tolerance_and_no_smaller_one_is(
             assert measure(full, without(scene, gone | set(names))).largest > tolerance
 
 
-def test_the_operations_of_an_effect_are_those_of_the_kernels(disc: pfd.Robot) -> None:
+def test_the_operations_of_an_effect_are_those_of_four_evaluations(disc: pfd.Robot) -> None:
     scene = pfd.Scene(damping=(1.0,), gravity=None)
     motion = motion_of(disc, np.ones((50, 1)))
     (damping,) = scene_needs.scene_needs(disc, scene, motion, 1e-3, pace=FAST).effects
@@ -298,7 +298,7 @@ def test_the_operations_of_an_effect_are_those_of_the_kernels(disc: pfd.Robot) -
         sum(pfd.compile_kernel(disc, scene=one).operations['compiled'].values())
         for one in (scene, pfd.Scene(gravity=None))
     ]
-    assert damping.operations == counts[0] - counts[1] > 0
+    assert damping.operations == 4 * (counts[0] - counts[1]) > 0
 
 
 # Named motions
@@ -435,9 +435,10 @@ def test_the_plot_is_left_out_without_matplotlib(
     assert 'scene.png' not in paths[0].read_text()
 
 
-def test_effects_over_a_step_of_time_are_not_in_the_operations(disc: pfd.Robot) -> None:
-    stops, lag = pfd.Scene(joint_limits=((-1.0, 1.0),)), pfd.Scene(motor_lag=(0.1,))
-    plain, brakes = (pfd.Scene(brakes=value) for value in (False, True))
-    for scene, instant in ((stops, brakes), (lag, plain)):
-        found, wanted = (scene_errors.operations(disc, x, 'auto') for x in (scene, instant))
-        assert found == wanted
+@pytest.mark.parametrize(
+    'effect', [{'joint_limits': ((-1.0, 1.0),)}, {'motor_lag': (0.1,)}, {'friction': (0.1,)}]
+)
+def test_effects_over_a_step_of_time_have_operations(disc: pfd.Robot, effect: dict) -> None:
+    bare, with_it = (pfd.Simulator(disc, pfd.Scene(**x)).operations for x in ({}, effect))
+    evaluation = sum(pfd.compile_kernel(disc).operations['compiled'].values())
+    assert 4 * evaluation < bare < with_it

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 import ctypes
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from pfd_core.kernels.codegen.module import ensemble_module, rollout_module
 from pfd_core.kernels.codegen.rollout import written
 from pfd_core.kernels.codegen.step import further_rows, torque_row
 from pfd_core.kernels.codegen.trips import Contact
-from pfd_core.kernels.passes.pipeline import lower
+from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.runtime.jit import Native, simd_width
 from pfd_core.kernels.source import KernelSource, forward, inverse, motors, plant_of, turned_joints
 from pfd_core.machine.program import Program
@@ -38,7 +39,8 @@ class Rollout:
     """The simulation of one arm in native code; pointers are given as addresses."""
 
     method: str  # the method it was recorded from
-    work: int  # operations of one call of @step
+    work: int  # operations of the evaluations in one call of @step
+    operations: Callable[[], int]  # all of one call of @step, see step_operations
     rows: tuple[str, ...]  # of the state, beside q and qd
     written: tuple[str, ...]  # rows that `run` writes after each step
     torque: str  # the row, or input, that is the torque at the end of a step
@@ -54,6 +56,7 @@ class NativeEnsemble:
     method: str  # the method it was recorded from
     width: int  # arms in a vector register
     work: int  # operations of one evaluation of the accelerations
+    operations: Callable[[], int]  # of one call of @step, see step_operations
     rows: tuple[str, ...]  # of the state, beside q and qd
     run: Callable[..., None]  # @ensemble (pfd_core.kernels.codegen.arms)
     native: Native  # owner of the code
@@ -96,6 +99,7 @@ def compile_rollout(
     return Rollout(
         sources.method,
         sources.main.work * calls,
+        partial(sources.step_operations, step_program),
         rows,
         out,
         torque_row(step_program),
@@ -134,7 +138,8 @@ def compile_ensemble(
     kinds = [ctypes.c_void_p if kind.startswith('ptr') else ctypes.c_int64 for kind in PARAMETERS]
     run = ctypes.CFUNCTYPE(None, *kinds)(native.address('ensemble'))
     rows = further_rows(step_program)
-    return NativeEnsemble(sources.method, width, sources.main.work, rows, run, native)
+    count = partial(sources.step_operations, step_program)
+    return NativeEnsemble(sources.method, width, sources.main.work, count, rows, run, native)
 
 
 @dataclass(frozen=True)
@@ -180,6 +185,25 @@ class _Sources:
             for name, program in self.contact.texts.items()
         }
         return {}, replace(self.contact, texts=texts, dynamics=programs)
+
+    def step_operations(self, step: Program) -> int:
+        """
+        Return the operations of a step, as compiled: evaluations, and the step's own for n joints.
+
+        With dry friction and stops those of a step in which no joint rests, reverses or reaches
+        its stop.
+        """
+        if self.contact is None:
+            calls = [i.data for i in step.instructions if i.op == 'call']
+            evaluations = sum(self.others.get(name, self.main).work for name in calls)
+            own = sum(count for op, count in operations(step).items() if op != 'call')
+            return evaluations + own * step.lanes
+        texts, functions = self.contact.quiet_step()
+        own = sum(
+            sum(operations(lower(self.contact.texts[name], self.dtype).compiled).values())
+            for name in texts
+        )
+        return own + sum(self.others[name].work for name in functions if name in self.others)
 
 
 def _sources(

@@ -69,8 +69,6 @@ EFFECTS = (
 OVER_A_STEP = frozenset(
     effect.name for effect in EFFECTS if next(iter(effect.off)) in STEP_EFFECTS
 )
-# Those among them that hold joints within a step.
-HOLDING = frozenset({'friction', 'joint stops'})
 
 
 def full_scene(

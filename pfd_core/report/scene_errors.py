@@ -19,10 +19,9 @@ import math
 
 import numpy as np
 
-from pfd_core.kernels.compile import compile_kernel
 from pfd_core.model import Robot, Scene
 from pfd_core.model.checked_numbers import Array
-from pfd_core.report.scene_effects import HOLDING, OVER_A_STEP, effects_on, spelled, without
+from pfd_core.report.scene_effects import effects_on, spelled
 from pfd_core.report.scene_motions import Motion
 from pfd_core.simulation.simulator import Simulator
 
@@ -39,7 +38,8 @@ class SceneRow:
     scene : str
         The call that makes it.
     operations : int
-        Operations of one evaluation of the accelerations, as compiled.
+        Operations of one step of the integrator, as compiled (Simulator.operations); those of the
+        full scene for one that cannot be simulated.
     largest, rms : float
         Largest and root mean square difference of a joint position from the full scene's, over
         all joints and steps [rad or m]; infinite where the simulation overflows.
@@ -166,10 +166,10 @@ def roll(simulator: Simulator, motion: Motion, first: int, end: int) -> Array:
 def measure(full: FullRun, scene: Scene) -> SceneRow:
     """Return the cost of a scene and its errors over all windows of the full run."""
     effects, text = effects_on(full.robot, scene), spelled(scene)
-    count = operations(full.robot, scene, full.motion.settings['method'])
     try:
         simulator = simulator_of(full.robot, scene, full.motion)
     except ValueError as error:  # such as a massless link without the armature that moved it
+        count = full.starts[0].operations
         return SceneRow(effects, text, count, math.inf, math.inf, refused=str(error))
     q = np.empty_like(full.q)
     for (first, end), start in zip(full.windows, full.starts, strict=True):
@@ -181,26 +181,12 @@ def measure(full: FullRun, scene: Scene) -> SceneRow:
     return SceneRow(
         effects,
         text,
-        count,
+        simulator.operations,
         float(off[step, joint]),
         _root_mean_square(off),
         full.robot.joint_names[joint],
         float((step + 1) * simulator.step_size),
     )
-
-
-def operations(robot: Robot, scene: Scene, method: str) -> int:
-    """
-    Return the operations of one evaluation of the accelerations, as compiled.
-
-    With dry friction or stops these are accelerations with joints that can be held. The rest of a
-    step, the search for reversals and impacts with it, is left out.
-    """
-    instant = without(scene, OVER_A_STEP)
-    if not HOLDING.isdisjoint(effects_on(robot, scene)):
-        instant = replace(instant, brakes=True)
-    kernel = compile_kernel(robot, scene=instant, method=method)
-    return sum(kernel.operations['compiled'].values())
 
 
 def _root_mean_square(values: Array) -> float:

@@ -48,15 +48,15 @@ def markdown(needs: Needs) -> str:
 
 EFFECTS_TEXT = (
     'Each row is the full scene without one effect. *operations* are those that the effect adds '
-    'to one evaluation of the accelerations, as compiled. Friction and stops share those of '
-    'joints that can be held; what they do in the rest of a step is left out of the operations '
-    'and is in the times. *step without it* is the least / median time of a step over the first '
-    'windows, {steps} steps or a little more, with what Python does around a window, which is in '
-    'all of them; *full / without* is the ratio of the least times / the median ratio of two '
-    'times taken shortly after each other. *largest* and *rms* are differences of joint positions'
-    ' over all joints, steps and windows, of this one effect: errors of effects do not add, so '
-    'they leave out what two missing effects do together. *share* is the part of the rms in the '
-    'sum of this column.'
+    'to one step of the integrator, as compiled, if no joint rests, reverses or reaches its stop '
+    'in it; the search for a held joint and the trips after an event are in the times alone. '
+    'Friction and stops share some of theirs. *step without it* is the least / median time of a '
+    'step over the first windows, {steps} steps or a little more, with what Python does around a '
+    'window, which is in all of them; *full / without* is the ratio of the least times / the '
+    'median ratio of two times taken shortly after each other. *largest* and *rms* are '
+    'differences of joint positions over all joints, steps and windows, of this one effect: '
+    'errors of effects do not add, so they leave out what two missing effects do together. '
+    '*share* is the part of the rms in the sum of this column.'
 )
 
 
@@ -103,8 +103,8 @@ def _answer(needs: Needs) -> list[str]:
         f'**{_listed(small.effects)}**; left out: {_listed(gone)}. It differs by at most '
         f'{_error(small.largest)}{worst if small.largest else ""}, measured in this very scene, '
         f'without what open loops longer than {needs.window:g} s would add.',
-        f'It has {small.operations} of {needs.full.operations} operations of one evaluation of '
-        'the accelerations, those of the rest of a step left out. A step takes '
+        f'It has {small.operations} of {needs.full.operations} operations of one step of the '
+        'integrator, those of events and joints at rest left out. A step takes '
         f'{times["smallest minimum"]:.0f} / {times["smallest median"]:.0f} ns (least / median) '
         f'instead of {times["full minimum"]:.0f} / {times["full median"]:.0f} ns, with what '
         'Python does around a window; the full scene takes '
@@ -125,7 +125,7 @@ def _effects(needs: Needs) -> list[str]:
         table.append(
             _line(
                 row.name,
-                row.operations,
+                '-' if one.refused else row.operations,
                 '-'
                 if math.isnan(row.nanoseconds)
                 else f'{row.nanoseconds:.0f} / {row.median:.0f}',

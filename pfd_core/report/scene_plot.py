@@ -59,7 +59,7 @@ def _draw(axes: Any, needs: Needs) -> None:
     axes.annotate('error 0', (0, zero), (3, 3), left_end, 'offset points', size=8)
     axes.set_yscale('log')
     axes.margins(x=0.15)  # for the names beside the points
-    axes.set_xlabel('operations of one evaluation of the accelerations, as compiled')
+    axes.set_xlabel('operations of one step of the integrator, as compiled, without events')
     axes.set_ylabel(
         f'largest difference of a joint position from\nthe full scene within {needs.window:g} s '
         '[rad or m]'

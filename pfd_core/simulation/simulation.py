@@ -139,6 +139,17 @@ class Simulation(ABC):
         return method
 
     @property
+    def operations(self) -> int:
+        """
+        Operations of one step of the integrator, as compiled: evaluations and all around them.
+
+        With dry friction and stops those of a step in which no joint rests, reverses or reaches
+        its stop. A comparison counts with its selection, a changed sign by itself.
+        """
+        count: int = self._native.operations()
+        return count
+
+    @property
     def q(self) -> Array:
         """Joint positions, (n,) or (B, n) [rad or m]; a copy."""
         return np.array(self._now.arrays['q'])

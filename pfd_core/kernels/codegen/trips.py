@@ -189,6 +189,15 @@ class Contact:
         settings = f'{self.h.hex()} {self.implicit.hex()} {self.pivots} {self.stages}'
         return f'contact {settings}\n{texts}'
 
+    def quiet_step(self) -> tuple[list[str], list[str]]:
+        """Return the texts and the dynamics that run in a step without any event, as often."""
+        driven = [stage for stage in self.stages if stage.tau in TORQUES]
+        texts = ['watch', 'lag', 'drive', 'directions', 'end', 'follow', 'commit']
+        texts += ['effort'] * (1 + len(driven)) + [stage.text for stage in self.stages]
+        functions = ['_held', *(stage.function for stage in self.stages)]
+        functions += ['_motor'] * (1 + len(driven))
+        return [text for text in texts if text in self.texts], functions
+
     def functions(
         self,
         further: Sequence[str],

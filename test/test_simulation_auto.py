@@ -11,13 +11,15 @@ import pinocchio as pin
 import pytest
 from test_input_policy import WHEEL
 from test_simulation_stiff import START, scene_of
-from zoo import random_chain, to_pinocchio
+from zoo import random_chain, slider, to_pinocchio
 
 import pfd_core as pfd
 from pfd_core.model import resolve
 from pfd_core.simulation.stiffness import STIFF, fastest_decay, inertia_matrices
 
 # Moment of inertia of the wheel about its joint [kg m^2].
+# Phase that RK4 loses in 500 steps of w h = 0.2, (w h)^5 / 120 each, times 0.01 m.
+SWING = 500 * 0.2**5 / 120 * 0.01 * 1.1
 INERTIA = 0.025
 
 
@@ -108,3 +110,14 @@ def test_a_very_strong_damping_takes_up_the_momentum(rotors: bool) -> None:
     moved = (H @ np.full(6, 2.0) - gravity * duration) / damping
     assert np.abs(moved).max() > 1e-4
     np.testing.assert_allclose(run.q[-1] - START, moved, rtol=0, atol=3e-6)
+
+
+def test_springs_too_stiff_for_the_step_are_refused_with_the_substeps_that_they_need() -> None:
+    robot = slider(1, 0)  # 1 kg
+    scene = pfd.Scene(gravity=None, stiffness=[4e4])  # 200 rad/s
+    with pytest.raises(ValueError, match=r'swings at 200 rad/s.* 5 substeps are needed'):
+        pfd.Simulator(robot, scene, step_size=5e-3, substeps=4)
+    sim = pfd.Simulator(robot, scene, step_size=5e-3, substeps=5)
+    sim.reset([0.01], [0.0])
+    run = sim.rollout(np.zeros((100, 1)))
+    assert np.abs(run.q[:, 0] - 0.01 * np.cos(200 * run.time)).max() < SWING

@@ -22,7 +22,7 @@ from pfd_core.simulation.contact.texts import contact_texts, has_contact
 from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
 from pfd_core.simulation.rows import LaggedTorque, decays
 from pfd_core.simulation.state_buffer import StateBuffer
-from pfd_core.simulation.stiffness import chosen
+from pfd_core.simulation.stiffness import check_springs, chosen
 from pfd_core.simulation.turns import split_turns
 
 # Larger angles [rad] have lost more than 2e-7 rad in float64 and 1e-4 rad in float32 already.
@@ -61,6 +61,7 @@ class Simulation(ABC):
             raise ValueError(f'step_size must be above zero seconds, got {self.step_size}')
         self.substeps = integer('substeps', substeps, 1)
         self.dtype = dtype
+        check_springs(plant, self.step_size, self.substeps)
         self.integrator = chosen(integrator, plant, self.step_size / self.substeps)
         self.compensated = _positions_grow(robot, dtype) if compensated is None else compensated
         self._options = {'method': method, 'refine': refine}

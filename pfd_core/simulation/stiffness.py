@@ -19,6 +19,9 @@ from pfd_core.simulation.integrators import INTEGRATORS, TABLE
 
 # h lambda from which on 'auto' stands for the implicit integrator.
 STIFF = 0.5
+# Part of a swing [rad] that a step may be: above it a spring that is hit in between two steps
+# gives back more energy than it took.
+SPRING = 0.2
 # Poses of an arm, and elements of all their joint-space inertias in a long chain.
 POSES = 64
 ELEMENTS = 100_000
@@ -33,20 +36,39 @@ def chosen(name: str, plant: Plant, h: float) -> str:
     return 'imex2' if h * fastest_decay(plant) > STIFF else 'rk4'
 
 
+def check_springs(plant: Plant, step_size: float, substeps: int) -> None:
+    """Raise ValueError for springs that are too stiff for the step of the integrator."""
+    frequency = _largest_rate(plant, plant.stiffness) ** 0.5
+    h = step_size / substeps
+    if frequency * h <= SPRING:
+        return
+    needed = frequency * step_size / SPRING
+    advice = f'{int(np.ceil(needed))} substeps' if np.isfinite(needed) else 'rotors'
+    raise ValueError(
+        f'stiffness of the scene swings at {frequency:.3g} rad/s, of which a step of {h:.3g} s '
+        f'may be at most {SPRING} rad: softer springs or {advice} are needed'
+    )
+
+
 def fastest_decay(plant: Plant) -> float:
     """
     Return the largest eigenvalue of H(q)^-1 D over some poses [1/s]; 0 without damping.
 
     It is infinite where H is not positive definite in the digits of float64.
     """
-    if plant.damping is None:
+    return _largest_rate(plant, plant.damping)
+
+
+def _largest_rate(plant: Plant, diagonal: Array | None) -> float:
+    """Return the largest eigenvalue of H(q)^-1 times a diagonal over some poses."""
+    if diagonal is None:
         return 0.0
     try:
         roots = np.linalg.cholesky(inertia_matrices(plant, _poses(plant.robot)))
     except np.linalg.LinAlgError:
         return float('inf')
     # The squares of the singular values of L^-1 D^(1/2), H = L L^T, are the eigenvalues.
-    scaled = np.linalg.solve(roots, np.diag(np.sqrt(plant.damping)))
+    scaled = np.linalg.solve(roots, np.diag(np.sqrt(diagonal)))
     return float(np.linalg.norm(scaled, 2, axis=(1, 2)).max() ** 2)
 
 

@@ -15,7 +15,8 @@ In forward dynamics qdd is unknown, so that each method adds the rotors' inertia
 of H or to the pivot of its joint.
 
 With w^2 the largest eigenvalue of H^-1 diag(stiffness), a step h of an explicit integrator needs
-w h <= 0.2 for a swing that is right; RK4 grows without bound from w h = 2.8 on.
+w h <= 0.2 for a swing that is right, which simulations demand (pfd_core.simulation.stiffness);
+RK4 grows without bound from w h = 2.8 on.
 
 Parallel cost: 1 multiplication and 1 addition for each effect that is on; 1 addition more for
 springs whose rest positions are not zero.

@@ -6,8 +6,9 @@ Events: the end of a trip, and the trip cut at the earliest event in it.
 The modes of the joints are fixed over a trip, whose length is the rest of the step. If a sliding
 joint reverses in it, or a joint passes its stop, the trip is cut at the earliest such event, found
 on the polynomials of pfd_core.simulation.contact.schemes. At the event the velocity is 0.0, or the
-position the stop, exactly. A joint with a second event in one step is locked until the step ends,
-so that a step has at most 2 n + 1 trips, also of a joint that bounces without end.
+position the stop, exactly. A joint with a second event in one step is locked until the step ends
+(an impact brings it to rest), so that a step has at most 2 n + 1 trips, also of a joint that
+bounces without end.
 
 A joint that begins at rest or at its stop has a root at t = 0, which is divided out.
 
@@ -109,7 +110,6 @@ def record_cut(plant: Plant, scheme: Scheme, dtype: str) -> Program:
             cut_q[i] = where(flag, e.stop, cut_q[i])
             stopped[i] = either(stopped[i], flag)
     pinned = list(map(both, mine, tripped))
-    cut_qd = [where(pinned[i], 0.0, cut_qd[i]) for i in range(n)]
     return program_with_outputs(
         recorder,
         **{

@@ -9,7 +9,8 @@ Impacts at joint stops: velocities jump, positions stay.
     again         where a joint still moves into its stop: compression of v, E = 0
 
 Compression is the problem of pfd_core.simulation.contact.modes with the joints at stops as
-candidates; dry friction, whose torque is bounded, has no impulse. After it v0' p = 0, so that the
+candidates; a locked joint that moves comes to rest; dry friction, whose torque is bounded, has no
+impulse. After it v0' p = 0, so that the
 kinetic energy falls by p' H^-1 p / 2 and rises again by alpha^2 (E p)' H^-1 E p / 2: bounded by
 alpha, an impact never adds energy, whatever the coefficients (Poisson's law alone does). Locked
 joints take no part: H^-1 is that of the others.
@@ -26,20 +27,28 @@ import math
 import numpy as np
 
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
-from pfd_core.machine.lanes import sqrt, where
+from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model import Plant
-from pfd_core.simulation.contact.modes import any_of, at_stops, both, either, into_stops
+from pfd_core.simulation.contact.modes import (
+    any_of,
+    at_stops,
+    both,
+    either,
+    into_stops,
+    sign_of,
+)
 
 
 def record_hits(plant: Plant) -> Program:
-    """Return the program of `hits`, (1,): whether any joint moves into its stop."""
+    """Return the program of `hits`, (1,): whether any joint moves into its stop, or is locked."""
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
     q, qd, unlocked = (input_list(recorder, name, n) for name in ('q', 'qd', 'unlocked'))
     into = into_stops(plant, q, qd)
-    return program_with_outputs(recorder, hits=[any_of(list(map(both, unlocked, into)))])
+    stops = [where(unlocked[i], into[i], sign_of(absolute(qd[i]))) for i in range(n)]
+    return program_with_outputs(recorder, hits=[any_of(stops)])
 
 
 def record_compression(plant: Plant) -> Program:
@@ -100,7 +109,8 @@ def record_restitution(plant: Plant) -> Program:
     (hits,) = input_list(recorder, 'hits', 1)
     lost = sum((p[i] * (v0[i] - qd[i]) for i in range(1, n)), p[0] * (v0[0] - qd[0]))
     gained = sum((thrown[i] * returned[i] for i in range(1, n)), thrown[0] * returned[0])
-    alpha = where(gained - lost, sqrt(lost / gained), 1.0)
+    # With a joint that comes to rest by a lock `lost` may be negative: that of the stops alone.
+    alpha = where(lost, where(gained - lost, sqrt(lost / gained), 1.0), 0.0)
     after = [where(hits, v0[i] + alpha * returned[i], qd[i]) for i in range(n)]
     still = [both(unlocked[i], flag) for i, flag in enumerate(into_stops(plant, q, after))]
     return program_with_outputs(recorder, qd=after, hits=[any_of(still)])

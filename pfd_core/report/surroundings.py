@@ -40,6 +40,15 @@ def surroundings() -> dict[str, Any]:
     }
 
 
+def told(machine: dict[str, Any]) -> str:
+    """Return surroundings in one line of a page."""
+    versions = ', '.join(f'{name} {number}' for name, number in machine['versions'].items())
+    parts = [f'{machine["processor"]}, {machine["cores"]} cores, vectors of {machine["vector"]}']
+    parts += [machine['system'], versions, machine['compiler'], machine['date']]
+    parts.append(f'load before the start {machine["load"]}')
+    return '; '.join(parts)
+
+
 def _processor() -> str:
     try:
         text = Path('/proc/cpuinfo').read_text(encoding='utf-8')

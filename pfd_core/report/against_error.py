@@ -1,0 +1,264 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Time of an evaluation of forward dynamics beside its error, at ordinary and hard cases.
+
+Each point is a method, number format and number of refinement steps, or a peer, with a batch
+size: seconds for each state, and the largest error over the states of the case. Cases, references
+of 50 digits and condition numbers are those of the hard cases; errors are those of the native
+kernels. At one case and batch size all ways take turns in one process.
+
+A batch repeats the states of the case; a state has the same bits alone and in a batch. Pinocchio
+has a function for batches in WORLD axes alone, so that LOCAL axes and CRBA are a loop in Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from pfd_core.algorithms.programs import METHODS
+from pfd_core.kernels.auto import choose
+from pfd_core.kernels.compile import compile_kernel
+from pfd_core.kernels.kernel import Kernel
+from pfd_core.model import Robot, resolve
+from pfd_core.report.hard_case_errors import methods, peer_answers
+from pfd_core.report.hard_case_problems import Array, Problem
+from pfd_core.report.hard_case_reference import Reference, errors, kappa_j, kappa_s, reference
+from pfd_core.report.hard_cases import CASES, ROUNDING
+from pfd_core.report.peers import Evaluation, Mujoco, Pinocchio
+from pfd_core.report.timing import LeftOutError, Pace, Side, Work, interleave, show_progress
+
+BATCHES = (1, 4096)
+REFINEMENTS = (0, 1)
+# Peers by the names of hard_case_errors.peer_answers, and those of Pinocchio's evaluations.
+PINOCCHIO = {
+    'Pinocchio aba': 'pinocchio.aba',
+    'Pinocchio aba, WORLD': 'pinocchio.aba WORLD',
+    'Pinocchio crba': 'pinocchio crba + Cholesky',
+}
+MUJOCO = 'MuJoCo'
+PEERS = (*PINOCCHIO, MUJOCO)
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Names of hard cases, methods, batch sizes and pace of a measurement."""
+
+    cases: tuple[str, ...] = (
+        'ordinary_puma560',
+        'ordinary_ur5',
+        'ordinary_panda',
+        'payload_1e6',
+        'heavy_tip_1e8_n12',
+        'near_stretched_40',
+        'collinear_axes_1e-12',
+    )
+    methods: tuple[str, ...] = METHODS
+    batches: tuple[int, ...] = BATCHES
+    pace: Pace = field(default_factory=lambda: Pace(budget=10.0, fewest=10))
+
+
+QUICK = Plan(
+    cases=('ordinary_planar2', 'collinear_axes_1e-12'),
+    batches=(1, 64),
+    pace=Pace(chunk=1e-4, turns=3, fewest=2),
+)
+
+
+@dataclass(frozen=True)
+class CaseFacts:
+    """A case with its condition numbers and the certificate of its reference."""
+
+    name: str
+    cause: str
+    n: int
+    states: int
+    auto: str
+    kappa_j: float
+    kappa_s: float
+    difference: float
+    residual: float
+
+
+@dataclass(frozen=True)
+class Point:
+    """
+    Time and error of one way at a case.
+
+    Attributes
+    ----------
+    case, way : str
+        Names of the case, and of a method of ours or a peer.
+    dtype : str
+        Number format.
+    refine, batch : int
+        Steps of refinement, and states in a call.
+    minimum, median : float
+        Seconds for each state.
+    error : float or None
+        Largest error over the states of the case; None for an answer that is not finite.
+    in_units : float or None
+        Largest error over kappa_s u, u that of the number format.
+
+    """
+
+    case: str
+    way: str
+    dtype: str
+    refine: int
+    batch: int
+    minimum: float
+    median: float
+    error: float | None
+    in_units: float | None
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to accelerations: a kernel, or a peer whose evaluations take float64."""
+
+    name: str
+    dtype: str
+    refine: int
+    answer: Array
+    side: partial[Side]
+
+
+def measure(name: str, plan: Plan) -> tuple[CaseFacts, list[Point], list[str]]:
+    """Return a case, its points, and the ways that were left out with the reasons."""
+    (case,) = (case for case in CASES if case.name == name)
+    problem = case.make()
+    plant, left_out = problem.plant, list[str]()
+    known = reference(problem)
+    condition = kappa_s(problem, known)
+    facts = CaseFacts(
+        name=name,
+        cause=case.cause,
+        n=plant.robot.n,
+        states=len(known.qdd),
+        auto=choose(plant, 'auto', 0),
+        kappa_j=kappa_j(problem),
+        kappa_s=float(condition.max()),
+        difference=known.difference,
+        residual=known.residual,
+    )
+    ways = [*_kernels(name, problem, plan.methods, left_out), *_peers(name, problem, left_out)]
+    points = []
+    for batch in plan.batches:
+        show_progress(f'{name}: batch of {batch}')
+        states = [np.resize(x, (batch, plant.robot.n)) for x in problem.states.values()]
+        sides = [way.side(states) for way in ways]
+        for way, times in zip(ways, interleave(sides, batch, plan.pace), strict=True):
+            found = _errors(way, known, condition)
+            points.append(
+                Point(
+                    name,
+                    way.name,
+                    way.dtype,
+                    way.refine,
+                    batch,
+                    times.minimum,
+                    times.median,
+                    *found,
+                )
+            )
+    return facts, points, left_out
+
+
+def _errors(way: Way, known: Reference, condition: Array) -> tuple[float | None, float | None]:
+    """Return the largest error and the largest in units of kappa_s u; None for a lost answer."""
+    found = errors(way.answer, known)
+    if not np.isfinite(found).all():
+        return None, None
+    return float(found.max()), float((found / condition).max() / ROUNDING[way.dtype])
+
+
+def _kernels(
+    name: str, problem: Problem, wanted: tuple[str, ...], left_out: list[str]
+) -> Iterator[Way]:
+    """Yield the kernels of a case, in every number format, without and with refinement."""
+    robot = problem.plant.robot
+    if resolve(robot).digest != problem.plant.digest:
+        raise ValueError(f'{name} has a scene: only robots under gravity are compiled here')
+    able = methods(robot.n)
+    left_out += [
+        f'{method} at {name}: takes minutes to compile for {robot.n} joints'
+        for method in wanted
+        if method not in able
+    ]
+    for method in (method for method in wanted if method in able):
+        for dtype in ROUNDING:
+            for refine in REFINEMENTS:
+                show_progress(f'{name}: compiling {method} {dtype} refine={refine}')
+                kernel = compile_kernel(robot, method=method, dtype=dtype, refine=refine)
+                with np.errstate(all='ignore'):
+                    answer = kernel(*problem.states.values())
+                side = partial(_kernel_side, kernel)
+                yield Way(method, dtype, refine, answer.astype(np.float64), side)
+
+
+def _kernel_side(kernel: Kernel, states: list[Array]) -> Side:
+    """Return a kernel that is bound to one state, or to a batch in Fortran order."""
+    q, qd, tau = (np.asfortranarray(x).astype(kernel.dtype) for x in states)
+    if len(q) == 1:
+        q, qd, tau = q[0], qd[0], tau[0]
+    out = np.empty_like(q)
+    return Side(kernel.method, kernel.bind(q, qd, tau, out), partial(np.asarray, out))
+
+
+def _peers(name: str, problem: Problem, left_out: list[str]) -> Iterator[Way]:
+    """Yield the peers that are installed and take the robot of a case."""
+    answers = dict(peer_answers(problem))
+    robot = problem.plant.robot
+    for peer, side in _peer_sides(robot, name, left_out):
+        if peer in answers:
+            yield Way(peer, 'float64', 0, answers[peer], side)
+        else:
+            left_out.append(f'{peer} at {name}: it refuses the robot')
+
+
+def _peer_sides(
+    robot: Robot, case: str, left_out: list[str]
+) -> Iterator[tuple[str, partial[Side]]]:
+    try:
+        pinocchio = Pinocchio(robot)
+    except LeftOutError as reason:
+        left_out.append(f'Pinocchio at {case}: {reason}')
+    else:
+        for name, evaluation in PINOCCHIO.items():
+            yield name, partial(_pinocchio_side, pinocchio, evaluation)
+    try:
+        mujoco = Mujoco(robot)
+    except LeftOutError as reason:
+        left_out.append(f'{MUJOCO} at {case}: {reason}')
+    except (ValueError, RuntimeError) as reason:
+        left_out.append(f'{MUJOCO} at {case}: it refuses the robot ({reason})')
+    else:
+        yield MUJOCO, partial(_first_side, mujoco)
+
+
+def _pinocchio_side(peer: Pinocchio, evaluation: str, states: list[Array]) -> Side:
+    if len(states[0]) > 1 and evaluation.endswith('WORLD'):
+        return _first_side(peer, states)
+    rows = [tuple(row.copy() for row in state) for state in zip(*states, strict=True)]
+    evaluate = peer.evaluations()[evaluation]
+    result = partial(np.asarray, evaluate(*rows[0]))
+    if len(rows) == 1:
+        return Side(evaluation, partial(evaluate, *rows[0]), result)
+    return Side(evaluation, partial(_one_by_one, evaluate, rows), result)
+
+
+def _one_by_one(evaluate: Evaluation, rows: list[tuple[Array, ...]]) -> None:
+    for q, qd, tau in rows:
+        evaluate(q, qd, tau)
+
+
+def _first_side(peer: Pinocchio | Mujoco, states: list[Array]) -> Side:
+    """Return a peer's first way of one call, or of a batch."""
+    one = len(states[0]) == 1
+    q, qd, tau = (x[0] for x in states) if one else states
+    return next(peer.sides(Work('call' if one else 'batch', q, qd, tau)))

@@ -15,7 +15,7 @@ has a function for batches in WORLD axes alone, so that LOCAL axes and CRBA are 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -42,6 +42,10 @@ PINOCCHIO = {
 }
 MUJOCO = 'MuJoCo'
 PEERS = (*PINOCCHIO, MUJOCO)
+
+
+# The most joints for a method whose kernel of more takes minutes to compile.
+MOST = {'divide_and_conquer': 7}
 
 
 @dataclass(frozen=True)
@@ -184,7 +188,7 @@ def _kernels(
     robot = problem.plant.robot
     if resolve(robot).digest != problem.plant.digest:
         raise ValueError(f'{name} has a scene: only robots under gravity are compiled here')
-    able = methods(robot.n)
+    able = [method for method in methods(robot.n) if robot.n <= MOST.get(method, robot.n)]
     left_out += [
         f'{method} at {name}: takes minutes to compile for {robot.n} joints'
         for method in wanted
@@ -261,4 +265,5 @@ def _first_side(peer: Pinocchio | Mujoco, states: list[Array]) -> Side:
     """Return a peer's first way of one call, or of a batch."""
     one = len(states[0]) == 1
     q, qd, tau = (x[0] for x in states) if one else states
-    return next(peer.sides(Work('call' if one else 'batch', q, qd, tau)))
+    side = next(peer.sides(Work('call' if one else 'batch', q, qd, tau)))
+    return replace(side, reference=False)

@@ -83,6 +83,9 @@ def _save(figure: Any, folder: Path, name: str) -> list[Path]:
     paths = [folder / f'{name}.{suffix}' for suffix in ('png', 'svg')]
     # A salt and no date: the same numbers give the same file.
     with rc_context({'svg.hashsalt': name, 'svg.fonttype': 'none'}):
+        # The layout takes as long as the drawing: once for both.
+        figure.draw_without_rendering()
+        figure.set_layout_engine('none')
         figure.savefig(paths[0], dpi=110)
         figure.savefig(paths[1], metadata={'Date': None})
     return paths
@@ -92,7 +95,7 @@ def _draw_cases(
     figure: Any, cases: Sequence[CaseFacts], points: Sequence[Point], size: int
 ) -> None:
     rows = -(-(len(cases) + 1) // COLUMNS)
-    panels = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True)
+    panels = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True, sharey=True)
     flat = [axes for row in panels for axes in row]
     for axes, case in zip(flat, cases, strict=False):
         _draw_case(axes, case, [point for point in points if point.case == case.name])
@@ -113,9 +116,7 @@ def _draw_cases(
 def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:
     """Draw the points of a case; a line leads from the default method to its refined answer."""
     axes.set_title(f'{case.name} (n = {case.n})', fontsize=10)
-    axes.set_xscale('log')
-    axes.set_yscale('log')
-    axes.grid(alpha=0.25)
+    _logarithmic(axes)
     for dtype, u in ROUNDING.items():
         axes.axvline(u / UNIT, color=GREY, linewidth=0.8, linestyle=':')
         axes.text(
@@ -142,6 +143,13 @@ def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:
         ends = [place for place in map(_place, sorted(own, key=lambda p: p.refine)) if place]
         if len(ends) == len(own) == 2:
             axes.plot(*zip(*ends, strict=True), color=BLACK, linewidth=0.9, zorder=3)
+
+
+def _logarithmic(axes: Any) -> None:
+    axes.set_xscale('log')
+    axes.set_yscale('log')
+    axes.minorticks_off()
+    axes.grid(alpha=0.25)
 
 
 def _place(point: Point) -> tuple[float, float] | None:
@@ -178,9 +186,7 @@ def _draw_motions(figure: Any, motions: Sequence[MotionFacts], runs: Sequence[Ru
         for column, error in ((2 * k, 'trajectory_error'), (2 * k + 1, 'energy_error')):
             for row, work in enumerate(('minimum', 'evaluations')):
                 axes = panels[row][column]
-                axes.set_xscale('log')
-                axes.set_yscale('log')
-                axes.grid(alpha=0.25)
+                _logarithmic(axes)
                 for way in shown:
                     found = [run for run in own if run.way == way]
                     colour, marker, line = RUN_STYLES[way]

@@ -41,10 +41,10 @@ WORK = 'port limit'
 SHARED = 2
 # Numbers lie this close to one, and small ones to zero: nothing overflows in millions of turns.
 NEAR = 2.0**-16
-# Registers left to the compiler, and accumulators beyond which no processor is faster: latency of
-# four cycles times four operations a cycle. With AVX-512 the loop of a UR5 takes 17.3 ns a state
-# with 6 accumulators and 15.9 ns with 16, 20, 24 and 28; with 29 they no longer fit.
-SCRATCH, ENOUGH = 2, 16
+# Registers that the compiler needs besides, and accumulators that are enough for four operations a
+# cycle that take four cycles each. With AVX-512 the loop of a UR5 took 17.3 ns a state with 6
+# accumulators, and 15.9 ns with 16 to 28.
+SCRATCH, ENOUGH = 4, 16
 # Operations by name that the loop can hold; an accumulator is the first operand of each.
 OPERANDS = {
     'add': ('small',),

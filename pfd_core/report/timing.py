@@ -12,7 +12,9 @@ time without disturbance, the median the typical time.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+import gc
 import statistics
 import sys
 import time
@@ -202,18 +204,31 @@ def interleave(sides: Sequence[Side], units: int, pace: Pace) -> list[Times]:
     warm = [seconds < pace.chunk for seconds in once]
     counts = [count + first for count, first in zip(calls, warm, strict=True)]
     turn = sum(seconds * count for seconds, count in zip(once, counts, strict=True))
-    turns = min(pace.turns, max(pace.fewest, round(pace.budget / turn)))
+    turns = min(pace.turns, max(pace.fewest, round(pace.budget / turn))) if sides else 0
     times: list[list[float]] = [[] for _ in sides]
     ratios: list[list[float]] = [[] for _ in sides]
-    for t in range(turns):
-        for k, near in _order(sides, backwards=t % 2 == 1):
-            times[k].append(_chunk(sides[k].run, calls[k], warm[k]) / units)
-            if near is not None:
-                ratios[k].append(times[near][-1] / times[k][-1])
+    with _uncollected():
+        for t in range(turns):
+            for k, near in _order(sides, backwards=t % 2 == 1):
+                times[k].append(_chunk(sides[k].run, calls[k], warm[k]) / units)
+                if near is not None:
+                    ratios[k].append(times[near][-1] / times[k][-1])
     return [
         Times(min(own), statistics.median(own), statistics.median(ratio) if ratio else None)
         for own, ratio in zip(times, ratios, strict=True)
     ]
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Switch off the collection of reference cycles, whose time grows with this process."""
+    running = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if running:
+            gc.enable()
 
 
 def _order(sides: Sequence[Side], backwards: bool) -> Iterator[tuple[int, int | None]]:

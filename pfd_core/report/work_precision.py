@@ -255,9 +255,8 @@ def _mujoco(peer: Mujoco, motion: Motion, way: str, step: float) -> Callable[[],
         for k in range(SAMPLES):
             mj.mj_step(model, data, nstep=substeps)
             q[k], qd[k] = data.qpos, data.qvel
-        # MuJoCo starts anew, at time zero, where a number is too large.
-        begun_anew = data.time < motion.duration - motion.interval / 2
-        status = 'reset by MuJoCo' if begun_anew else 'ok'
+        # After a warning about a number that is too large MuJoCo goes on from its own start.
+        status = 'reset by MuJoCo' if data.warning.number.any() else 'ok'
         if not np.isfinite([q, qd]).all():
             status = 'not_finite'
         return Outcome(status, q, qd, evaluations * substeps * SAMPLES)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import sys
 
 REPORTS = {
     'counts': 'counts: steps of every method beside what the paper claims',
@@ -21,15 +22,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--out', type=Path, help='folder for the pages; default ./pfd_report', metavar='DIR'
     )
+    parser.add_argument(
+        '--against-error',
+        action='store_true',
+        help='speed: time against error of every method, integrator and peer, some ten minutes',
+    )
+    parser.add_argument('--quick', action='store_true', help='speed: a few turns only')
 
 
 def run(given: argparse.Namespace) -> int:
     """Measure, write the pages and print their paths."""
-    from pfd_core.report import counts_pages, hard_case_pages, speed_pages
+    from pfd_core.report import against_error_pages, counts_pages, hard_case_pages, speed_pages
 
     folder = given.out or Path('pfd_report')
     if given.what == 'speed':
-        return speed_pages.run(folder)
+        run_speed = against_error_pages.run if given.against_error else speed_pages.run
+        return run_speed(folder, quick=given.quick)
+    if given.against_error or given.quick:
+        print('pfd report: --against-error and --quick are for speed', file=sys.stderr)
+        return 2
     pages = hard_case_pages if given.what == 'hard-cases' else counts_pages
     print('\n'.join(str(page) for page in pages.run(folder)))
     return 0

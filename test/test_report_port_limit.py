@@ -170,7 +170,7 @@ def test_the_share_is_the_time_of_the_loop_over_that_of_the_kernel(
     times = [Times(5.0, 6.0, 1.0), Times(4.0, 5.0, 1.25)]
     monkeypatch.setattr(port_limit, 'interleave', lambda sides, units, pace: times)
     work = Work('batch', *np.zeros((3, 64, 2)))
-    (row,) = port_limit.rows(kernel, 'composite_body float64', work, Pace())
+    row = port_limit.measure(kernel, 'composite_body float64', work, Pace())
     assert (row.work, row.way) == (port_limit.WORK, 'composite_body float64')
     assert (row.minimum, row.median, row.times) == (4.0, 5.0, 0.8)
 

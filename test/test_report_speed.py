@@ -183,7 +183,9 @@ def test_kernels_without_a_port_limit_are_left_out_with_the_reason(
     found = speed.survey(replace(TINY, robots=('chain2',), sizes=(3,), makers=makers))
     assert not [row for row in found.rows if row.work == port_limit.WORK]
     (text,) = found.left_out
-    assert text.startswith('port limit of composite_body float64 on chain2: more than 10')
+    assert text.startswith(
+        'port limit of composite_body float64 on chain2: a loop of more than 10'
+    )
 
 
 def test_measuring_leaves_the_cache_of_the_user_as_it_is(findings: speed.Findings) -> None:

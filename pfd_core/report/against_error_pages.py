@@ -25,9 +25,8 @@ Written by `{command}`; times are those of one machine on one day.
 
 {machine}.
 
-Everything at one case, and everything on one motion, takes turns in one process; a time is minimum
-/ median over the turns. The machine is a virtual one whose processor others use as well: medians
-above the minimum by a third and more are theirs.
+All ways at one case, and all runs of one motion, take turns in one process; a time is minimum /
+median over the turns. {noise}
 
 ## One evaluation
 
@@ -100,8 +99,8 @@ def survey(evaluations: against_error.Plan, integrators: work_precision.Plan) ->
 def markdown(findings: Findings) -> str:
     """Return the whole page."""
     sizes = sorted({point.batch for point in findings.points})
-    machine = told(findings.machine)
-    parts = [INTRODUCTION.format(command=COMMAND, machine=machine, many=max(sizes, default=0))]
+    facts = {'machine': told(findings.machine), 'noise': _noise(findings)}
+    parts = [INTRODUCTION.format(command=COMMAND, many=max(sizes, default=0), **facts)]
     parts += ['### One step of refinement, and peers\n', SUMMARY, *_summary(findings, sizes), '']
     for case in findings.cases:
         points = [point for point in findings.points if point.case == case.name]
@@ -113,6 +112,20 @@ def markdown(findings: Findings) -> str:
         parts += ['Missing points:\n', *_missing(runs), '']
     parts += ['## Left out\n', *([f'- {text}' for text in findings.left_out] or ['Nothing.'])]
     return '\n'.join(parts).rstrip() + '\n'
+
+
+def _noise(findings: Findings) -> str:
+    """Return how far medians lie above minima, as a sentence."""
+    ratios = [point.median / point.minimum for point in findings.points]
+    ratios += [run.median / run.minimum for run in findings.runs if run.median and run.minimum]
+    ratios.sort()
+    if not ratios:
+        return ''
+    middle, high = (ratios[len(ratios) * part // 10] for part in (5, 9))
+    return (
+        f'The noise of the machine: half of the medians are at least {middle:.2f} times their '
+        f'minimum, one in ten at least {high:.2f} times.'
+    )
 
 
 SUMMARY = """The default method in float64 as it is and with one step of refinement, and the peers:

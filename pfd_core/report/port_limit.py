@@ -21,18 +21,19 @@ ends. No flag lets LLVM reassociate: it can neither drop, merge nor fold an oper
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 import ctypes
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.algorithms.programs import ITERATIVE
 from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.module import module
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.kernel import Kernel
-from pfd_core.kernels.passes.schedule import LONGEST, LOOPED
+from pfd_core.kernels.passes.schedule import LONGEST
 from pfd_core.kernels.runtime.jit import compile_ir, host, simd_width
 from pfd_core.report.timing import LeftOutError, Pace, Row, Side, Work, interleave
 
@@ -118,10 +119,10 @@ class Loop:
     """The native loop of a kernel's mix, run once for each vector register of some states."""
 
     def __init__(self, kernel: Kernel, states: int) -> None:
-        if any(instruction.op in LOOPED for instruction in kernel.program.instructions):
+        if kernel.method in ITERATIVE:
             raise LeftOutError('it iterates: how often its operations run depends on the state')
         if sum(kernel.operations['compiled'].values()) > LONGEST:
-            raise LeftOutError(f'more than {LONGEST} operations wait for instructions, not ports')
+            raise LeftOutError(f'a loop of more than {LONGEST} operations waits for instructions')
         width, chains = simd_width(kernel.dtype), accumulators()
         form = Format(kernel.dtype, width)
         text = loop_text(kernel.operations['compiled'], form, chains)
@@ -142,8 +143,8 @@ def numbers(dtype: str, width: int, chains: int) -> NDArray[np.floating]:
     return values.astype(dtype)
 
 
-def rows(kernel: Kernel, name: str, work: Work, pace: Pace) -> Iterator[Row]:
-    """Yield the time of the loop per state, with the share of the limit as `times`."""
+def measure(kernel: Kernel, name: str, work: Work, pace: Pace) -> Row:
+    """Return the time of the loop per state of a batch, with the share of the limit as `times`."""
     loop = Loop(kernel, work.units)
     q, qd, tau = (np.asfortranarray(x).astype(kernel.dtype) for x in work.arrays)
     out = np.empty_like(q)
@@ -154,4 +155,4 @@ def rows(kernel: Kernel, name: str, work: Work, pace: Pace) -> Iterator[Row]:
     _, limit = interleave(sides, work.units, pace)
     # `times` is kernel over loop.
     share = None if limit.times is None else 1 / limit.times
-    yield Row(kernel.robot.name, kernel.robot.n, WORK, name, limit.minimum, limit.median, share)
+    return Row(kernel.robot.name, kernel.robot.n, WORK, name, limit.minimum, limit.median, share)

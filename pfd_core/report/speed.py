@@ -173,8 +173,9 @@ def survey(plan: Survey) -> Findings:
             rows += take_turns(arm.name, work, sides, plan.pace)
         for own in (own for own in contenders if isinstance(own, speed_ours.Ours)):
             show_progress(f'{name}: port limit of {own.name}')
+            batch = _middle_batch(arm, plan)
             try:
-                rows += port_limit.rows(own.kernel, own.name, _middle_batch(arm, plan), plan.pace)
+                rows.append(port_limit.measure(own.kernel, own.name, batch, plan.pace))
             except LeftOutError as reason:
                 left_out.setdefault((f'port limit of {own.name}', str(reason)), []).append(name)
         if name in known_robots():

@@ -34,14 +34,14 @@ TINY = Plan(
 PAGES = Findings(
     cases=[CaseFacts(NAME, 'coaxial', 3, 1, 'composite_body', 7e11, 2.0, 6e-41, 1e-41)],
     points=[
-        Point(NAME, 'composite_body', 'float64', 0, 1, 5e-8, 6e-8, 6e-6, 2.5e10),
-        Point(NAME, 'composite_body', 'float64', 1, 1, 6e-8, 7e-8, 3e-11, 150.0),
-        Point(NAME, 'composite_body', 'float32', 0, 1, 4e-8, 4e-8, None, None),
-        Point(NAME, 'Pinocchio aba', 'float64', 0, 1, 1e-6, 2e-6, 5e-16, 2.1),
-        Point(NAME, 'composite_body', 'float64', 0, 64, 5e-9, 6e-9, 6e-6, 2.5e10),
-        Point(NAME, 'composite_body', 'float64', 1, 64, 7e-9, 8e-9, 3e-11, 150.0),
-        Point(NAME, 'composite_body', 'float32', 0, 64, 2e-9, 2e-9, None, None),
-        Point(NAME, 'Pinocchio aba', 'float64', 0, 64, 1e-6, 1e-6, 5e-16, 2.1),
+        Point(NAME, 'composite_body', 'float64', 0, 1, 5e-8, 6e-8, None, 6e-6, 2.5e10),
+        Point(NAME, 'composite_body', 'float64', 1, 1, 6e-8, 7e-8, None, 3e-11, 150.0),
+        Point(NAME, 'composite_body', 'float32', 0, 1, 4e-8, 4e-8, None, None, None),
+        Point(NAME, 'Pinocchio aba', 'float64', 0, 1, 1e-6, 2e-6, None, 5e-16, 2.1),
+        Point(NAME, 'composite_body', 'float64', 0, 64, 5e-9, 6e-9, None, 6e-6, 2.5e10),
+        Point(NAME, 'composite_body', 'float64', 1, 64, 7e-9, 8e-9, 0.8, 3e-11, 150.0),
+        Point(NAME, 'composite_body', 'float32', 0, 64, 2e-9, 2e-9, None, None, None),
+        Point(NAME, 'Pinocchio aba', 'float64', 0, 64, 1e-6, 1e-6, None, 5e-16, 2.1),
     ],
     motions=[MotionFacts('swing', 'no damping', 2, 2.0, 3e-14)],
     runs=[
@@ -79,6 +79,10 @@ def test_every_method_format_and_refinement_has_a_point_for_every_batch(
     for point in points:
         assert 0 < point.minimum <= point.median
         assert (point.error is None) == (point.in_units is None)
+        # Compared with the default method, not refined.
+        if (point.way, point.dtype, point.refine) == ('composite_body', 'float64', 0):
+            assert point.times == 1.0
+        assert point.times > 0
 
 
 def test_errors_are_those_of_the_kernels_in_units_of_kappa_s_u(points: list[Point]) -> None:
@@ -148,7 +152,7 @@ def test_the_page_has_every_point_and_says_what_is_missing() -> None:
     row = '| composite_body (auto) | float64 | 1 | 60 / 70 | 7 / 8 | 3e-11 (150) |'
     assert row in page
     assert '| composite_body (auto) | float32 | 0 | 40 / 40 | 2 / 2 | lost |' in page
-    assert f'| {NAME} | 7e+11 | 2.0e+00 | 5, 6e-06 | 7, 3e-11 | 1000, 5e-16 | - | - | - |' in page
+    assert f'| {NAME} | 7e+11 | 2.0e+00 | 5, 6e-06 | 7, 3e-11 | 1.25 | 1000, 5e-16 |' in page
     assert 'MuJoCo: not installed where this was measured.' in page
     assert '| rk4 | 10 ms | 0.2 / 0.3 | 400 | 4e-08 | 5e-09 |' in page
     assert '| rk4 | 50 ms | missing | - | - | - |' in page

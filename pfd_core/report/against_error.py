@@ -14,11 +14,13 @@ has a function for batches in WORLD axes alone, so that LOCAL axes and CRBA are 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_core.algorithms.programs import METHODS
 from pfd_core.kernels.auto import choose
@@ -44,8 +46,8 @@ MUJOCO = 'MuJoCo'
 PEERS = (*PINOCCHIO, MUJOCO)
 
 
-# The most joints for a method whose kernel of more takes minutes to compile.
-MOST = {'divide_and_conquer': 7}
+# The most joints for a method whose kernels of more joints take minutes to compile.
+MOST = {'divide_and_conquer': 7, 'composite_body': 30}
 
 
 @dataclass(frozen=True)
@@ -103,6 +105,9 @@ class Point:
         Steps of refinement, and states in a call.
     minimum, median : float
         Seconds for each state.
+    times : float or None
+        Median over the turns of the time of the default method in float64, not refined, over the
+        time of this way.
     error : float or None
         Largest error over the states of the case; None for an answer that is not finite.
     in_units : float or None
@@ -117,92 +122,111 @@ class Point:
     batch: int
     minimum: float
     median: float
+    times: float | None
     error: float | None
     in_units: float | None
 
 
 @dataclass(frozen=True)
 class Way:
-    """A way to accelerations: a kernel, or a peer whose evaluations take float64."""
+    """A way to accelerations: how to time it on states, and its errors as Point has them."""
 
     name: str
     dtype: str
     refine: int
-    answer: Array
-    side: partial[Side]
+    side: Callable[[list[Array]], Side]
+    error: float | None
+    in_units: float | None
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The problem of a case, its reference, and kappa_s of each state, (S,)."""
+
+    name: str
+    problem: Problem
+    known: Reference
+    condition: Array
+
+    def errors(self, answer: NDArray[Any], dtype: str) -> tuple[float | None, float | None]:
+        """Return the largest error of qdd (S, n), and in kappa_s u; None for a lost answer."""
+        found = errors(answer, self.known)
+        if not np.isfinite(found).all():
+            return None, None
+        return float(found.max()), float((found / self.condition).max() / ROUNDING[dtype])
 
 
 def measure(name: str, plan: Plan) -> tuple[CaseFacts, list[Point], list[str]]:
     """Return a case, its points, and the ways that were left out with the reasons."""
     (case,) = (case for case in CASES if case.name == name)
+    show_progress(f'{name}: reference')
     problem = case.make()
-    plant, left_out = problem.plant, list[str]()
     known = reference(problem)
-    condition = kappa_s(problem, known)
+    solved = Solved(name, problem, known, kappa_s(problem, known))
     facts = CaseFacts(
         name=name,
         cause=case.cause,
-        n=plant.robot.n,
+        n=problem.plant.robot.n,
         states=len(known.qdd),
-        auto=choose(plant, 'auto', 0),
+        auto=choose(problem.plant, 'auto', 0),
         kappa_j=kappa_j(problem),
-        kappa_s=float(condition.max()),
+        kappa_s=float(solved.condition.max()),
         difference=known.difference,
         residual=known.residual,
     )
-    ways = [*_kernels(name, problem, plan.methods, left_out), *_peers(name, problem, left_out)]
-    points = []
-    for batch in plan.batches:
-        show_progress(f'{name}: batch of {batch}')
-        states = [np.resize(x, (batch, plant.robot.n)) for x in problem.states.values()]
-        sides = [way.side(states) for way in ways]
-        for way, times in zip(ways, interleave(sides, batch, plan.pace), strict=True):
-            found = _errors(way, known, condition)
-            points.append(
-                Point(
-                    name,
-                    way.name,
-                    way.dtype,
-                    way.refine,
-                    batch,
-                    times.minimum,
-                    times.median,
-                    *found,
-                )
-            )
+    left_out: list[str] = []
+    ways = [*_kernels(solved, plan.methods, left_out), *_peers(solved, left_out)]
+    points = [
+        point for batch in plan.batches for point in _points(facts, ways, solved, batch, plan)
+    ]
     return facts, points, left_out
 
 
-def _errors(way: Way, known: Reference, condition: Array) -> tuple[float | None, float | None]:
-    """Return the largest error and the largest in units of kappa_s u; None for a lost answer."""
-    found = errors(way.answer, known)
-    if not np.isfinite(found).all():
-        return None, None
-    return float(found.max()), float((found / condition).max() / ROUNDING[way.dtype])
+def _points(
+    case: CaseFacts, ways: Sequence[Way], solved: Solved, batch: int, plan: Plan
+) -> Iterator[Point]:
+    """Yield the points of all ways, which take turns, with so many states in a call."""
+    show_progress(f'{case.name}: batch of {batch}')
+    states = [np.resize(x, (batch, case.n)) for x in solved.problem.states.values()]
+    default = (case.auto, 'float64', 0)
+    sides = [
+        replace(way.side(states), reference=(way.name, way.dtype, way.refine) == default)
+        for way in ways
+    ]
+    for way, times in zip(ways, interleave(sides, batch, plan.pace), strict=True):
+        yield Point(
+            case=case.name,
+            way=way.name,
+            dtype=way.dtype,
+            refine=way.refine,
+            batch=batch,
+            minimum=times.minimum,
+            median=times.median,
+            times=times.times,
+            error=way.error,
+            in_units=way.in_units,
+        )
 
 
-def _kernels(
-    name: str, problem: Problem, wanted: tuple[str, ...], left_out: list[str]
-) -> Iterator[Way]:
+def _kernels(solved: Solved, wanted: tuple[str, ...], left_out: list[str]) -> Iterator[Way]:
     """Yield the kernels of a case, in every number format, without and with refinement."""
-    robot = problem.plant.robot
-    if resolve(robot).digest != problem.plant.digest:
-        raise ValueError(f'{name} has a scene: only robots under gravity are compiled here')
+    plant, states = solved.problem.plant, solved.problem.states
+    robot = plant.robot
+    if resolve(robot).digest != plant.digest:
+        raise ValueError(f'{solved.name} has a scene: only robots under gravity are compiled here')
     able = [method for method in methods(robot.n) if robot.n <= MOST.get(method, robot.n)]
     left_out += [
-        f'{method} at {name}: takes minutes to compile for {robot.n} joints'
+        f'{method} at {solved.name}: takes minutes to compile for {robot.n} joints'
         for method in wanted
         if method not in able
     ]
     for method in (method for method in wanted if method in able):
         for dtype in ROUNDING:
             for refine in REFINEMENTS:
-                show_progress(f'{name}: compiling {method} {dtype} refine={refine}')
+                show_progress(f'{solved.name}: compiling {method} {dtype} refine={refine}')
                 kernel = compile_kernel(robot, method=method, dtype=dtype, refine=refine)
-                with np.errstate(all='ignore'):
-                    answer = kernel(*problem.states.values())
-                side = partial(_kernel_side, kernel)
-                yield Way(method, dtype, refine, answer.astype(np.float64), side)
+                found = solved.errors(kernel(*states.values()), dtype)
+                yield Way(method, dtype, refine, partial(_kernel_side, kernel), *found)
 
 
 def _kernel_side(kernel: Kernel, states: list[Array]) -> Side:
@@ -214,20 +238,20 @@ def _kernel_side(kernel: Kernel, states: list[Array]) -> Side:
     return Side(kernel.method, kernel.bind(q, qd, tau, out), partial(np.asarray, out))
 
 
-def _peers(name: str, problem: Problem, left_out: list[str]) -> Iterator[Way]:
+def _peers(solved: Solved, left_out: list[str]) -> Iterator[Way]:
     """Yield the peers that are installed and take the robot of a case."""
-    answers = dict(peer_answers(problem))
-    robot = problem.plant.robot
-    for peer, side in _peer_sides(robot, name, left_out):
+    answers = dict(peer_answers(solved.problem))
+    for peer, side in _peer_sides(solved.problem.plant.robot, solved.name, left_out):
         if peer in answers:
-            yield Way(peer, 'float64', 0, answers[peer], side)
+            yield Way(peer, 'float64', 0, side, *solved.errors(answers[peer], 'float64'))
         else:
-            left_out.append(f'{peer} at {name}: it refuses the robot')
+            left_out.append(f'{peer} at {solved.name}: it refuses the robot')
 
 
 def _peer_sides(
     robot: Robot, case: str, left_out: list[str]
-) -> Iterator[tuple[str, partial[Side]]]:
+) -> Iterator[tuple[str, Callable[[list[Array]], Side]]]:
+    """Yield each peer's name, and how to time it on states."""
     try:
         pinocchio = Pinocchio(robot)
     except LeftOutError as reason:
@@ -265,5 +289,4 @@ def _first_side(peer: Pinocchio | Mujoco, states: list[Array]) -> Side:
     """Return a peer's first way of one call, or of a batch."""
     one = len(states[0]) == 1
     q, qd, tau = (x[0] for x in states) if one else states
-    side = next(peer.sides(Work('call' if one else 'batch', q, qd, tau)))
-    return replace(side, reference=False)
+    return next(peer.sides(Work('call' if one else 'batch', q, qd, tau)))

@@ -56,8 +56,8 @@ in units of the largest kinetic energy. Times and evaluations are for one simula
 
 - rk4, velocity_verlet and imex2 run in native code. dop853 is `pfd.integrate`, whose steps are in
   Python; its times hold some milliseconds to load its kernel. States at the {samples} times come
-  from its dense output, whose evaluations are counted. imex2 solves for the damping in two of its
-  four evaluations.
+  from its dense output, whose evaluations are counted. imex2 has two evaluations a step, and two
+  solutions for the damping where there is any; these count as evaluations.
 - MuJoCo's integrators are those of `mj_step`; Euler and the implicit ones take the damping of the
   joints implicitly.
 - The reference is `pfd.integrate` at its tightest tolerance, refined. Its self-difference is from
@@ -129,31 +129,36 @@ def _noise(findings: Findings) -> str:
 
 
 SUMMARY = """The default method in float64 as it is and with one step of refinement, and the peers:
-least nanoseconds for each state of the largest batch, and error.
+least nanoseconds for each state of the largest batch, and error. The cost of refinement is the
+median over the turns of the ratio of both times.
 """
 
 
 def _summary(findings: Findings, sizes: Sequence[int]) -> list[str]:
     """Return a table of the default method and the peers over cases."""
     most = max(sizes, default=0)
-    columns = [('auto', 0), ('auto', 1), *((peer, 0) for peer in PEERS)]
-    titles = ['auto', 'auto, refined', *PEERS]
+    titles = ['auto', 'auto, refined', 'cost of refinement', *PEERS]
     lines = _header(['case', 'kappa_J', 'kappa_s', *titles])
     for case in findings.cases:
         known = {
-            (point.way, point.refine): f'{_short(point.minimum * 1e9)}, {_error(point.error)}'
+            (point.way, point.refine): point
             for point in findings.points
             if (point.case, point.batch, point.dtype) == (case.name, most, 'float64')
         }
-        cells = [
-            known.get((case.auto if way == 'auto' else way, refine), '-')
-            for way, refine in columns
-        ]
-        lines.append(_line([case.name, f'{case.kappa_j:.0e}', f'{case.kappa_s:.1e}', *cells]))
+        refined = known.get((case.auto, 1))
+        cost = f'{1 / refined.times:.2f}' if refined is not None and refined.times else '-'
+        ours = [_time_and_error(known.get((case.auto, refine))) for refine in (0, 1)]
+        peers = [_time_and_error(known.get((peer, 0))) for peer in PEERS]
+        conditions = [f'{case.kappa_j:.0e}', f'{case.kappa_s:.1e}']
+        lines.append(_line([case.name, *conditions, *ours, cost, *peers]))
     absent = [text for text in findings.left_out if 'install the extra' in text]
     names = sorted({text.split(' at ')[0] for text in absent})
     note = [f'\n{", ".join(names)}: not installed where this was measured.'] if names else []
     return [*lines, *note]
+
+
+def _time_and_error(point: Point | None) -> str:
+    return '-' if point is None else f'{_short(point.minimum * 1e9)}, {_error(point.error)}'
 
 
 def _described(case: CaseFacts) -> str:

@@ -172,7 +172,9 @@ def _explain(axes: Any, points: Sequence[Point]) -> None:
 
     seen = {point.way for point in points}
     entries = [entry(c, m, f'pfd, {name}', 7, c) for c, m, name in OURS.values()]
-    entries.append(entry('white', 'o', "pfd's default method, and what a step buys", 9, BLACK))
+    entries.append(
+        entry('white', 'o', "pfd's default method:\na line to its refined answer", 9, BLACK)
+    )
     entries += [entry(c, m, peer, 8, c) for peer, (c, m) in PEER_STYLES.items() if peer in seen]
     axes.legend(handles=entries, loc='center', fontsize=10, frameon=False)
 

@@ -9,7 +9,7 @@ accelerations of the order of one, so that differences between the results are n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
@@ -36,10 +36,13 @@ CHAINS = (6, 12, 30, 60, 100)
 SIZES = (1, 64, 4096, 65536)
 ROLLOUT_STEPS = 1000
 FIRST_BATCH = 64
+# Fits into the caches, and takes long beside its call.
 MIDDLE_BATCH = 4096
 MOST_NUMBERS = 2_000_000  # of one argument of a batch: more only measures the memory
 SEED = 1
 
+# Way and reason of what was left out, to the robots.
+Reasons = dict[tuple[str, str], list[str]]
 MAKERS: dict[str, Callable[[Robot], Contender]] = {
     'pinocchio': peers.Pinocchio,
     'mujoco': peers.Mujoco,
@@ -154,7 +157,7 @@ def survey(plan: Survey) -> Findings:
     """Measure everything in a plan; progress goes to a terminal's stderr."""
     before = surroundings()
     rows: list[Row] = []
-    left_out: dict[tuple[str, str], list[str]] = {}
+    left_out: Reasons = {}
     for name in plan.robots:
         arm = robot(name)
         contenders = []
@@ -171,13 +174,7 @@ def survey(plan: Survey) -> Findings:
             show_progress(f'{name}: {work.title}')
             sides = [side for contender in contenders for side in contender.sides(work)]
             rows += take_turns(arm.name, work, sides, plan.pace)
-        for own in (own for own in contenders if isinstance(own, speed_ours.Ours)):
-            show_progress(f'{name}: port limit of {own.name}')
-            batch = _middle_batch(arm, plan)
-            try:
-                rows.append(port_limit.measure(own.kernel, own.name, batch, plan.pace))
-            except LeftOutError as reason:
-                left_out.setdefault((f'port limit of {own.name}', str(reason)), []).append(name)
+        rows += _port_limits(arm, contenders, plan, left_out)
         if name in known_robots():
             show_progress(f'{name}: fresh process')
             rows += fresh_process(arm, plan.pace.repeats)
@@ -196,12 +193,22 @@ def works(arm: Robot, plan: Survey) -> Iterator[Work]:
             yield Work('batch', q[:size], qd[:size], tau[:size])
 
 
-def _middle_batch(arm: Robot, plan: Survey) -> Work:
-    """Return the batch of a size that fits into caches and takes long beside its call."""
+def _port_limits(
+    arm: Robot, contenders: Sequence[Contender], plan: Survey, left_out: Reasons
+) -> Iterator[Row]:
+    """Yield the port limit of each kernel, in the batch whose size is nearest MIDDLE_BATCH."""
     sizes = [size for size in plan.sizes if size * arm.n <= MOST_NUMBERS]
-    size = min(sizes, key=lambda size: abs(size - MIDDLE_BATCH))
-    q, qd, tau = states(arm, size)
-    return Work('batch', q, qd, tau)
+    q, qd, tau = states(arm, min(sizes, key=lambda size: abs(size - MIDDLE_BATCH)))
+    for own in contenders:
+        if isinstance(own, speed_ours.Ours):
+            show_progress(f'{arm.name}: port limit of {own.name}')
+            try:
+                yield port_limit.measure(
+                    own.kernel, own.name, Work('batch', q, qd, tau), plan.pace
+                )
+            except LeftOutError as reason:
+                way = f'port limit of {own.name}'
+                left_out.setdefault((way, str(reason)), []).append(arm.name)
 
 
 def _firsts(arm: Robot) -> tuple[Work, Work]:

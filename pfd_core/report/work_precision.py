@@ -25,7 +25,7 @@ from pfd_core.report.motions import MOTIONS, SAMPLES, Array, Motion, Reference, 
 from pfd_core.report.peers import Mujoco
 from pfd_core.report.timing import LeftOutError, Pace, Side, interleave, show_progress
 from pfd_core.simulation.adaptive import integrate
-from pfd_core.simulation.integrators import TABLE
+from pfd_core.simulation.integrators import TABLE, record_step
 from pfd_core.simulation.simulator import Simulator
 
 # A turn of a joint [rad].
@@ -63,8 +63,8 @@ class Plan:
 
     motions: tuple[Callable[[], Motion], ...] = MOTIONS
     steps: tuple[float, ...] = (1e-2, 5e-3, 2e-3, 1e-3, 5e-4, 2e-4, 1e-4)
-    tolerances: tuple[float, ...] = tuple(10.0**-k for k in range(3, 14))
-    pace: Pace = field(default_factory=lambda: Pace(budget=30.0, turns=20, fewest=5))
+    tolerances: tuple[float, ...] = tuple(10.0**-k for k in range(3, 13))
+    pace: Pace = field(default_factory=lambda: Pace(budget=30.0, turns=20, fewest=3))
 
 
 QUICK = Plan(
@@ -210,7 +210,9 @@ def _fixed(motion: Motion, way: str, step: float) -> Callable[[], Outcome]:
         integrator=way,
     )
     taus = np.zeros((SAMPLES, motion.robot.n))
-    evaluations = TABLE[way].evaluations * substeps * SAMPLES
+    program = record_step(TABLE[way], motion.robot.n, step, motion.plant.damping)
+    calls = sum(instruction.op == 'call' for instruction in program.instructions)
+    evaluations = calls * substeps * SAMPLES
 
     def run() -> Outcome:
         simulator.reset(motion.q, motion.qd)

@@ -153,6 +153,7 @@ def test_the_page_has_every_point_and_says_what_is_missing() -> None:
     assert row in page
     assert '| composite_body (auto) | float32 | 0 | 40 / 40 | 2 / 2 | lost |' in page
     assert f'| {NAME} | 7e+11 | 2.0e+00 | 5, 6e-06 | 7, 3e-11 | 1.25 | 1000, 5e-16 |' in page
+    assert 'since the answer is lost: composite_body float32.' in page
     assert 'MuJoCo: not installed where this was measured.' in page
     assert '| rk4 | 10 ms | 0.2 / 0.3 | 400 | 4e-08 | 5e-09 |' in page
     assert '| rk4 | 50 ms | missing | - | - | - |' in page

@@ -104,7 +104,8 @@ def markdown(findings: Findings) -> str:
     parts += ['### One step of refinement, and peers\n', SUMMARY, *_summary(findings, sizes), '']
     for case in findings.cases:
         points = [point for point in findings.points if point.case == case.name]
-        parts += [f'### {case.name}\n', _described(case), *_case_table(case, points, sizes), '']
+        parts += [f'### {case.name}\n', _described(case), *_lost(points)]
+        parts += [*_case_table(case, points, sizes), '']
     parts.append(MOTIONS.format(samples=SAMPLES))
     for motion in findings.motions:
         runs = [run for run in findings.runs if run.motion == motion.name]
@@ -167,6 +168,16 @@ def _described(case: CaseFacts) -> str:
         f'{case.auto}; kappa_J {case.kappa_j:.0e}, kappa_s {case.kappa_s:.1e}; reference of 50 '
         f'digits, second evaluation {case.difference:.0e}, residual {case.residual:.0e}.\n'
     )
+
+
+def _lost(points: Sequence[Point]) -> list[str]:
+    """Return a line that names the ways without a finite answer, if there are any."""
+    ways = dict.fromkeys(
+        f'{point.way} {point.dtype}{", refined" * (point.refine > 0)}'
+        for point in points
+        if point.error is None
+    )
+    return [f'Missing in the plot, since the answer is lost: {"; ".join(ways)}.\n'] if ways else []
 
 
 def _case_table(case: CaseFacts, points: Sequence[Point], sizes: Sequence[int]) -> list[str]:

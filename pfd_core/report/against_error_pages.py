@@ -26,7 +26,8 @@ Written by `{command}`; times are those of one machine on one day.
 {machine}.
 
 All ways at one case, and all runs of one motion, take turns in one process; a time is minimum /
-median over the turns. {noise}
+median over the turns.
+{noise}
 
 ## One evaluation
 
@@ -124,7 +125,7 @@ def _noise(findings: Findings) -> str:
         return ''
     middle, high = (ratios[len(ratios) * part // 10] for part in (5, 9))
     return (
-        f'The noise of the machine: half of the medians are at least {middle:.2f} times their '
+        f'The noise of the machine: half of the medians are at least {middle:.2f} times their\n'
         f'minimum, one in ten at least {high:.2f} times.'
     )
 

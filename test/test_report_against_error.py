@@ -8,6 +8,7 @@ from dataclasses import replace
 import json
 from pathlib import Path
 import sys
+from typing import Any
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -23,6 +24,7 @@ from pfd_core.report.hard_cases import CASES, ROUNDING
 from pfd_core.report.timing import Pace
 from pfd_core.report.work_precision import MotionFacts, RunPoint
 
+REPORT = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 # The smallest case with a lost answer, which is that of composite bodies in float32.
 NAME = 'collinear_axes_1e-12'
 TINY = Plan(
@@ -51,6 +53,13 @@ PAGES = Findings(
     ],
     left_out=['MuJoCo at swing: mujoco cannot be imported: install the extra `peers`'],
 )
+
+
+def findings_of(data: dict[str, Any]) -> Findings:
+    """Return the findings that a JSON holds."""
+    records = {'cases': CaseFacts, 'points': Point, 'motions': MotionFacts, 'runs': RunPoint}
+    found = {name: [record(**row) for row in data[name]] for name, record in records.items()}
+    return Findings(**found, left_out=data['left_out'], machine=data['machine'])
 
 
 @pytest.fixture(scope='module')
@@ -174,13 +183,26 @@ def test_the_json_has_every_number_and_the_plots_are_written(tmp_path: Path) -> 
         *(f'{name}.{suffix}' for name in names for suffix in ('png', 'svg')),
     ]
     data = json.loads(paths[1].read_text())
-    assert [Point(**point) for point in data['points']] == PAGES.points
-    assert [RunPoint(**run) for run in data['runs']] == PAGES.runs
-    assert [CaseFacts(**case) for case in data['cases']] == PAGES.cases
-    assert [MotionFacts(**motion) for motion in data['motions']] == PAGES.motions
+    assert findings_of(data) == PAGES
+    assert markdown(findings_of(data)) == paths[0].read_text()
     for path in paths[3::2]:
         text = ''.join(ElementTree.parse(path).getroot().itertext())
         assert ('per simulated second' if 'work' in path.name else 'one evaluation [ns]') in text
+
+
+def test_the_report_in_the_documentation_has_every_case_method_and_integrator() -> None:
+    found = findings_of(json.loads((REPORT / 'speed-against-error.json').read_text()))
+    page = (REPORT / 'speed-against-error.md').read_text()
+    assert tuple(case.name for case in found.cases) == Plan().cases
+    left_out = '\n'.join(found.left_out)
+    for case in found.cases:
+        assert f'### {case.name}\n' in page
+        ways = {point.way for point in found.points if point.case == case.name}
+        assert all(way in ways or f'{way} at {case.name}' in left_out for way in pfd.METHODS)
+        assert {'Pinocchio aba', 'Pinocchio aba, WORLD', 'Pinocchio crba'} <= ways
+    for motion in found.motions:
+        ways = {run.way for run in found.runs if run.motion == motion.name}
+        assert set(ways) >= {*work_precision.TABLE, work_precision.ADAPTIVE}
 
 
 def test_the_same_numbers_give_the_same_picture(tmp_path: Path) -> None:

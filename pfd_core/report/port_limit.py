@@ -6,14 +6,13 @@ Port limit: the least time in which this processor can execute the operations of
 It is measured by a loop that holds the kernel's own mix of operations (`kernel.operations`,
 'compiled'), one copy of the mix for each vector register of states, in the kernel's number format
 and vector width. The operations act on accumulators in registers, in turn, so that few of them
-wait for each other, and the kinds of operations are spread evenly. What limits the loop is the
-throughput of the ports of the processor that execute them, and the supply of instructions.
+wait for each other, and the kinds of operations are spread evenly. So the loop is limited by the
+throughput of the processor's ports that execute them, and by the supply of instructions.
 
     share of the port limit = time of the loop / time of the kernel
 
-A kernel has further work that the loop has not: it loads states and stores results, checks
-that inputs are finite and angles in range, waits for operands, and moves values that do not fit
-into the registers.
+A kernel does more than the loop: it loads states and stores results, checks that inputs are finite
+and angles in range, waits for operands, and moves values that do not fit into the registers.
 
 All numbers are read from memory when the loop begins and all accumulators are written when it
 ends. No flag lets LLVM reassociate: it can neither drop, merge nor fold an operation.

@@ -53,8 +53,9 @@ PORT_LIMIT = f"""A loop of a kernel's own mix of operations, independent of each
 registers: minimum / median of its time per state, and in brackets its time over that of the
 kernel in a batch of {MIDDLE_BATCH} states in Fortran order (where that is measured, else the
 nearest), the median over turns of both. That is how close the kernel comes to the limit that this
-processor sets to its operations; what is missing to 1 are loads and stores, checks of the inputs,
-and waiting. A loop that has to wait for instructions itself is left out.
+processor sets to its operations. Loads and stores, checks of the inputs and waiting keep it below
+1, and so do others on the machine: they disturb a kernel, which needs the caches, more than a loop
+in registers. A loop so long that it waits for instructions itself is left out.
 """
 
 
@@ -112,7 +113,8 @@ def _summary(rows: Sequence[Row]) -> str:
         '## The best of ours, in times the speed of Pinocchio\n',
         'Against `pinocchio.aba`, a Python loop over it, and `abaInParallel` on one thread, all '
         'in float64; the last but one is ours in float32 against that. The last column is how '
-        f'close the fastest in float64 of {size} comes to the limit of this processor.\n',
+        'close the fastest kernel in float64 and Fortran order comes to the limit of this '
+        f'processor ({size}).\n',
         '| robot | ' + ' | '.join([*columns, SHARE]) + ' |',
         '|---' * (len(columns) + 2) + '|',
     ]

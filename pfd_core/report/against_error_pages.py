@@ -112,7 +112,7 @@ def markdown(findings: Findings) -> str:
         runs = [run for run in findings.runs if run.motion == motion.name]
         parts += [f'### {motion.name}\n', _moved(motion), *_motion_table(runs), '']
         parts += ['Missing points:\n', *_missing(runs), '']
-    parts += ['## Left out\n', *([f'- {text}' for text in findings.left_out] or ['Nothing.'])]
+    parts += ['## Left out\n', *(_grouped(findings.left_out) or ['Nothing.'])]
     return '\n'.join(parts).rstrip() + '\n'
 
 
@@ -140,6 +140,12 @@ def _summary(findings: Findings, sizes: Sequence[int]) -> list[str]:
     """Return a table of the default method and the peers over cases."""
     most = max(sizes, default=0)
     titles = ['auto', 'auto, refined', 'cost of refinement', *PEERS]
+    absent = {
+        peer: 'not installed'
+        for peer in PEERS
+        for text in findings.left_out
+        if text.startswith(peer.split()[0]) and 'install the extra' in text
+    }
     lines = _header(['case', 'kappa_J', 'kappa_s', *titles])
     for case in findings.cases:
         known = {
@@ -150,17 +156,24 @@ def _summary(findings: Findings, sizes: Sequence[int]) -> list[str]:
         refined = known.get((case.auto, 1))
         cost = f'{1 / refined.times:.2f}' if refined is not None and refined.times else '-'
         ours = [_time_and_error(known.get((case.auto, refine))) for refine in (0, 1)]
-        peers = [_time_and_error(known.get((peer, 0))) for peer in PEERS]
+        peers = [_time_and_error(known.get((peer, 0)), absent.get(peer, '-')) for peer in PEERS]
         conditions = [f'{case.kappa_j:.0e}', f'{case.kappa_s:.1e}']
         lines.append(_line([case.name, *conditions, *ours, cost, *peers]))
-    absent = [text for text in findings.left_out if 'install the extra' in text]
-    names = sorted({text.split(' at ')[0] for text in absent})
-    note = [f'\n{", ".join(names)}: not installed where this was measured.'] if names else []
-    return [*lines, *note]
+    return lines
 
 
-def _time_and_error(point: Point | None) -> str:
-    return '-' if point is None else f'{_short(point.minimum * 1e9)}, {_error(point.error)}'
+def _grouped(left_out: Sequence[str]) -> list[str]:
+    """Return one line for each way and reason, with all places where it was left out."""
+    places: dict[tuple[str, str], list[str]] = {}
+    for text in left_out:
+        what, reason = text.split(': ', 1)
+        way, place = what.split(' at ')
+        places.setdefault((way, reason), []).append(place)
+    return [f'- {way} at {", ".join(at)}: {reason}' for (way, reason), at in places.items()]
+
+
+def _time_and_error(point: Point | None, otherwise: str = '-') -> str:
+    return otherwise if point is None else f'{_short(point.minimum * 1e9)}, {_error(point.error)}'
 
 
 def _described(case: CaseFacts) -> str:

@@ -19,7 +19,15 @@ import tolerances
 import zoo
 
 import pfd_core as pfd
-from pfd_core.report import peers, speed, speed_ours, speed_pages, textbook, timing
+from pfd_core.report import (
+    peers,
+    port_limit,
+    speed,
+    speed_ours,
+    speed_pages,
+    textbook,
+    timing,
+)
 from pfd_core.report.timing import LeftOutError, Pace, Row, Side, Work
 
 BENCHMARK = Path(__file__).resolve().parent.parent / 'benchmarks' / 'speed.py'
@@ -32,6 +40,7 @@ PAGES = speed.Findings(
         Row('chain3', 3, 'call', 'pcrbm float64: bound', 1e-7, 1.5e-7, 20.0, 3e-15),
         Row('chain3', 3, 'batch of 64', 'pinocchio.abaInParallel, 1 thread', 1e-6, 1e-6, 1.0, 0.0),
         Row('chain3', 3, 'batch of 64', 'pcrbm float64, F order', 1e-8, 2e-8, 50.0, 4e-15),
+        Row('chain3', 3, port_limit.WORK, 'pcrbm float64', 7.5e-9, 8e-9, 0.75),
         Row('chain3', 3, 'first result', 'pcrbm float64', 0.1, 0.2),
     ],
     left_out=['mujoco on chain3: it is absent'],
@@ -160,6 +169,25 @@ def test_results_that_lie_on_the_disk_are_measured_too(findings: speed.Findings)
     assert ways == {'pfd.forward_dynamics', 'pfd.forward_dynamics, from disk'}
 
 
+def test_the_port_limit_of_every_kernel_is_measured(findings: speed.Findings) -> None:
+    found = [(row.robot, row.way) for row in findings.rows if row.work == port_limit.WORK]
+    ours = [way for way in TINY.makers if way.startswith(tuple(speed_ours.METHODS))]
+    assert found == [(robot, way) for robot in TINY.robots for way in ours]
+
+
+def test_kernels_without_a_port_limit_are_left_out_with_the_reason(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(port_limit, 'LONGEST', 10)
+    makers = {'composite_body float64': TINY.makers['composite_body float64']}
+    found = speed.survey(replace(TINY, robots=('chain2',), sizes=(3,), makers=makers))
+    assert not [row for row in found.rows if row.work == port_limit.WORK]
+    (text,) = found.left_out
+    assert text.startswith(
+        'port limit of composite_body float64 on chain2: a loop of more than 10'
+    )
+
+
 def test_measuring_leaves_the_cache_of_the_user_as_it_is(findings: speed.Findings) -> None:
     assert 'pfd_speed_' not in os.environ.get('PFD_CACHE', '')
 
@@ -195,7 +223,7 @@ def test_an_absent_peer_is_left_out_and_the_page_says_so(
     assert [text.split(':')[0] for text in found.left_out] == [f'{k} on chain2' for k in kept[:3]]
     assert all('install the extra `peers`' in text for text in found.left_out)
     assert found.rows
-    assert all(row.times is None for row in found.rows)
+    assert all(row.times is None for row in found.rows if row.work != port_limit.WORK)
     assert 'mujoco on chain2: mujoco cannot be imported' in speed_pages.markdown(found)
 
 
@@ -242,7 +270,8 @@ def test_the_pages_hold_every_row(tmp_path: Path) -> None:
     assert '| pcrbm float64, F order | 10 / 20 (50) |' in page
     assert '| pcrbm float64 | 100 / 200 |' in page  # milliseconds
     assert '| pcrbm float64 | 4e-15 |' in page  # the larger of two
-    assert '| chain3 | - | 20.0 | - | 50.0 | - | - |' in page
+    assert '| chain3 | - | 20.0 | - | 50.0 | - | - | 0.75 |' in page
+    assert '| pcrbm float64 | 7.5 / 8 (0.75) |' in page
     assert 'mujoco on chain3: it is absent' in page
     assert PAGES.machine['versions']['NumPy'] in page
     data = json.loads(paths[1].read_text())

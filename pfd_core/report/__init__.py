@@ -18,6 +18,7 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     speed_ours       this library as a contender
     peers            Pinocchio, MuJoCo and others as contenders
     textbook         a straightforward C program of the same work as a contender
+    port_limit       a kernel's own mix of operations in a loop: the limit of the processor
     first_results    time to a robot's first result, compiled or from disk
     surroundings     processor, load, versions and date of a measurement
     speed            the survey: which robots, works and contenders, and the findings
@@ -31,6 +32,15 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     hard_case_errors     errors of the kernel, every method and peers beside it (Result)
     hard_case_pages      the page: its tables and columns; writes all files
 
+`pfd report speed --against-error` (docs/report/speed-against-error.md, .json, .png, .svg and
+work-precision.png, .svg):
+
+    against_error        time and error of every method and peer at hard cases (Point)
+    motions              motions of an arm, their energy and references
+    work_precision       work and errors of every integrator on a motion (RunPoint)
+    against_error_plots  the plots: a panel for each case; work over error of integrators
+    against_error_pages  the page: its tables and columns; writes all files
+
 `pfd report scene` (docs/report/scene.md, .json, .yaml, .png and .svg: one example):
 
     scene_effects    the table of effects, a row for each field of Scene (EFFECTS)
@@ -42,6 +52,7 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     scene_pages      the page: its sections, tables and columns; writes all files
 
 A column is a field of the table's record (counts.Row, counts.Cell, convergence.Convergence,
-timing.Row, hard_case_errors.Result, scene_needs.EffectRow) and, in the module of the pages, a
-title in the header and a cell of that table; the JSON has all fields of the records by itself.
+timing.Row, hard_case_errors.Result, scene_needs.EffectRow, against_error.Point,
+work_precision.RunPoint) and, in the module of the pages, a title in the header and a cell of that
+table; the JSON has all fields of the records by itself.
 """

@@ -9,7 +9,7 @@ installed by the extra `peers`, and left out where it is absent. CasADi is in te
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from copy import copy
 from functools import partial
 import importlib
@@ -17,8 +17,10 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.model import Robot
+from pfd_core.model import Plant, Robot
 from pfd_core.report.timing import STEP_SIZE, Array, LeftOutError, Side, Work
+
+Evaluation = Callable[[Array, Array, Array], Array]
 
 THREADS = (1, 2)
 
@@ -47,6 +49,10 @@ def joint_frames(robot: Robot) -> Iterator[tuple[Array, Array, Array, Array]]:
         R, p = A, a
 
 
+def _copied(run: Callable[[], Array]) -> Array:
+    return np.array(run())
+
+
 class Pinocchio:
     """Pinocchio's forward dynamics of one robot; rotor inertia is off, as it is on our side."""
 
@@ -63,25 +69,36 @@ class Pinocchio:
         self.data = self.model.createData()
 
     def sides(self, work: Work) -> Iterator[Side]:
-        """Return aba and crba with Cholesky, a Python loop over aba, or abaInParallel."""
+        """Return aba and crba with Cholesky; a Python loop over aba; abaInParallel."""
         return {'call': self._calls, 'rollout': self._rollouts, 'batch': self._batches}[work.kind](
             work
         )
 
-    def _calls(self, work: Work) -> Iterator[Side]:
+    def evaluations(self) -> dict[str, Evaluation]:
+        """Return the ways to qdd (n,) from q, qd and tau; a result may lie in Pinocchio's data."""
         pin, model, data = self.pin, self.model, self.data
-        q, qd, tau = work.q, work.qd, work.tau
-        aba = partial(pin.aba, model, data, q, qd, tau)
-        yield Side('pinocchio.aba', aba, lambda: np.array(aba()), reference=True)
 
-        def crba() -> Array:
+        def world(q: Array, qd: Array, tau: Array) -> Array:
+            result: Array = pin.aba(model, data, q, qd, tau, pin.Convention.WORLD)
+            return result
+
+        def crba(q: Array, qd: Array, tau: Array) -> Array:
             pin.crba(model, data, q)
             y = tau - pin.nonLinearEffects(model, data, q, qd)
             pin.cholesky.decompose(model, data)
             result: Array = pin.cholesky.solve(model, data, y)
             return result
 
-        yield Side('pinocchio crba + Cholesky', crba, crba)
+        return {
+            'pinocchio.aba': partial(pin.aba, model, data),
+            'pinocchio.aba WORLD': world,
+            'pinocchio crba + Cholesky': crba,
+        }
+
+    def _calls(self, work: Work) -> Iterator[Side]:
+        for name, evaluate in self.evaluations().items():
+            run = partial(evaluate, *work.arrays)
+            yield Side(name, run, partial(_copied, run), reference=name == 'pinocchio.aba')
 
     def _rollouts(self, work: Work) -> Iterator[Side]:
         aba = partial(self.pin.aba, self.model, self.data)
@@ -153,6 +170,17 @@ class Mujoco:
             mj.mju_mat2Quat(m.body_iquat[i], axes.ravel())
         self.data = mj.MjData(m)
         mj.mj_setConst(m, self.data)
+
+    def model_of(self, plant: Plant) -> Any:
+        """Return a copy of the model with the gravity, damping and rotors of a plant."""
+        model = copy(self.model)
+        model.opt.gravity[:] = plant.robot.base_rotation @ plant.gravity
+        if plant.damping is not None:
+            model.dof_damping[:] = plant.damping
+        if plant.armature is not None:
+            model.dof_armature[:] = plant.armature
+        self.mj.mj_setConst(model, self.mj.MjData(model))
+        return model
 
     def sides(self, work: Work) -> Iterator[Side]:
         """Return mj_forward, mj_step or, for a batch, mujoco.rollout over one step."""

@@ -9,29 +9,40 @@ accelerations of the order of one, so that differences between the results are n
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-import sys
 from typing import Any
 
 import numpy as np
 
 from pfd_core.kernels.functions import inverse_dynamics
 from pfd_core.model import Robot, known_robots, load_robot
-from pfd_core.report import peers, speed_ours, textbook
+from pfd_core.report import peers, port_limit, speed_ours, textbook
 from pfd_core.report.first_results import first_results, fresh_process
 from pfd_core.report.surroundings import surroundings
-from pfd_core.report.timing import Contender, LeftOutError, Pace, Row, Work, take_turns
+from pfd_core.report.timing import (
+    Contender,
+    LeftOutError,
+    Pace,
+    Row,
+    Work,
+    show_progress,
+    take_turns,
+)
 
 ARMS = ('ur5', 'panda', 'puma560', 'dense6')
 CHAINS = (6, 12, 30, 60, 100)
 SIZES = (1, 64, 4096, 65536)
 ROLLOUT_STEPS = 1000
 FIRST_BATCH = 64
+# Fits into the caches, and takes long beside its call.
+MIDDLE_BATCH = 4096
 MOST_NUMBERS = 2_000_000  # of one argument of a batch: more only measures the memory
 SEED = 1
 
+# Way and reason of what was left out, to the robots.
+Reasons = dict[tuple[str, str], list[str]]
 MAKERS: dict[str, Callable[[Robot], Contender]] = {
     'pinocchio': peers.Pinocchio,
     'mujoco': peers.Mujoco,
@@ -146,12 +157,12 @@ def survey(plan: Survey) -> Findings:
     """Measure everything in a plan; progress goes to a terminal's stderr."""
     before = surroundings()
     rows: list[Row] = []
-    left_out: dict[tuple[str, str], list[str]] = {}
+    left_out: Reasons = {}
     for name in plan.robots:
         arm = robot(name)
         contenders = []
         for way, make in plan.makers.items():
-            _tell(f'{name}: making {way}')
+            show_progress(f'{name}: making {way}')
             try:
                 contender, found = first_results(arm, way, make, *_firsts(arm), plan.pace.repeats)
             except LeftOutError as reason:
@@ -160,13 +171,14 @@ def survey(plan: Survey) -> Findings:
                 contenders.append(contender)
                 rows += found
         for work in works(arm, plan):
-            _tell(f'{name}: {work.title}')
+            show_progress(f'{name}: {work.title}')
             sides = [side for contender in contenders for side in contender.sides(work)]
             rows += take_turns(arm.name, work, sides, plan.pace)
+        rows += _port_limits(arm, contenders, plan, left_out)
         if name in known_robots():
-            _tell(f'{name}: fresh process')
+            show_progress(f'{name}: fresh process')
             rows += fresh_process(arm, plan.pace.repeats)
-    _tell('')
+    show_progress('')
     told = [f'{way} on {", ".join(on)}: {why}' for (way, why), on in left_out.items()]
     return Findings(rows, told, before)
 
@@ -181,6 +193,24 @@ def works(arm: Robot, plan: Survey) -> Iterator[Work]:
             yield Work('batch', q[:size], qd[:size], tau[:size])
 
 
+def _port_limits(
+    arm: Robot, contenders: Sequence[Contender], plan: Survey, left_out: Reasons
+) -> Iterator[Row]:
+    """Yield the port limit of each kernel, in the batch whose size is nearest MIDDLE_BATCH."""
+    sizes = [size for size in plan.sizes if size * arm.n <= MOST_NUMBERS]
+    q, qd, tau = states(arm, min(sizes, key=lambda size: abs(size - MIDDLE_BATCH)))
+    for own in contenders:
+        if isinstance(own, speed_ours.Ours):
+            show_progress(f'{arm.name}: port limit of {own.name}')
+            try:
+                yield port_limit.measure(
+                    own.kernel, own.name, Work('batch', q, qd, tau), plan.pace
+                )
+            except LeftOutError as reason:
+                way = f'port limit of {own.name}'
+                left_out.setdefault((way, str(reason)), []).append(arm.name)
+
+
 def _firsts(arm: Robot) -> tuple[Work, Work]:
     q, qd, tau = states(arm, FIRST_BATCH)
     return Work('call', q[0], qd[0], tau[0]), Work('batch', q, qd, tau)
@@ -192,8 +222,3 @@ def states(arm: Robot, count: int) -> list[np.ndarray]:
     q = rng.uniform(-np.pi, np.pi, (count, arm.n))
     qd, qdd = rng.uniform(-1, 1, (2, count, arm.n))
     return [q, qd, inverse_dynamics(arm, q, qd, qdd)]
-
-
-def _tell(text: str) -> None:
-    if sys.stderr.isatty():
-        print(f'\r{text:79.79s}', end='', file=sys.stderr, flush=True)

@@ -11,12 +11,15 @@ from pathlib import Path
 import re
 from typing import Any
 
+from pfd_core.report import port_limit
 from pfd_core.report.first_results import FROM_DISK, PROCESS, WORKS
-from pfd_core.report.speed import QUICK, Findings, Survey, survey
+from pfd_core.report.speed import MIDDLE_BATCH, QUICK, Findings, Survey, survey
 from pfd_core.report.speed_ours import METHODS
+from pfd_core.report.surroundings import told
 from pfd_core.report.timing import Row
 
 COMMAND = 'pfd report speed'
+SHARE = 'share of the port limit'
 INTRODUCTION = f"""# Speed, against peers
 
 Written by `{COMMAND}`; the numbers are those of one machine on one day.
@@ -46,15 +49,28 @@ one thread unless the row says otherwise.
   chains.
 """
 
+PORT_LIMIT = f"""A loop of a kernel's own mix of operations, independent of each other and in
+registers: minimum / median of its time per state, and in brackets its time over that of the
+kernel in a batch of {MIDDLE_BATCH} states in Fortran order (where that is measured, else the
+nearest), the median over turns of both. That is how close the kernel comes to the limit that this
+processor sets to its operations. Loads and stores, checks of the inputs and waiting keep it below
+1, and so do others on the machine: they disturb a kernel, which needs the caches, more than a loop
+in registers. A loop so long that it waits for instructions itself is left out.
+"""
+
 
 def markdown(findings: Findings) -> str:
     """Return the whole page."""
     rows = findings.rows
-    parts = [INTRODUCTION.format(machine=_machine(findings.machine)), _summary(rows)]
+    parts = [INTRODUCTION.format(machine=told(findings.machine)), _summary(rows)]
     prepared = [*WORKS, *(work + FROM_DISK for work in WORKS), PROCESS]
-    for work in dict.fromkeys(row.work for row in rows if row.work not in prepared):
+    shown_below = (*prepared, port_limit.WORK)
+    for work in dict.fromkeys(row.work for row in rows if row.work not in shown_below):
         parts.append(f'## {work.capitalize()} [ns]\n')
         parts.append(_grid([row for row in rows if row.work == work], _cell))
+    limits = [row for row in rows if row.work == port_limit.WORK]
+    if limits:
+        parts += ['## Share of the port limit [ns]\n', PORT_LIMIT, _grid(limits, _limit)]
     parts.append('## Until the first result [ms]\n')
     parts.append(
         'From a robot in memory to one result, then on to the first of a batch; from nothing, and '
@@ -77,18 +93,10 @@ def markdown(findings: Findings) -> str:
     return '\n'.join(parts).rstrip() + '\n'
 
 
-def _machine(machine: dict[str, Any]) -> str:
-    versions = ', '.join(f'{name} {number}' for name, number in machine['versions'].items())
-    told = [f'{machine["processor"]}, {machine["cores"]} cores, vectors of {machine["vector"]}']
-    told += [machine['system'], versions, machine['compiler'], machine['date']]
-    told.append(f'load before the start {machine["load"]}')
-    return '; '.join(told)
-
-
 def _summary(rows: Sequence[Row]) -> str:
     """Return a table of our best speed-up over Pinocchio, robot by robot."""
     size = max(
-        (row.work for row in rows if row.work.startswith('batch')), key=_near_4096, default=''
+        (row.work for row in rows if row.work.startswith('batch')), key=_near_middle, default=''
     )
     ours = tuple(METHODS)
     columns: dict[str, Callable[[Row], bool]] = {
@@ -104,9 +112,11 @@ def _summary(rows: Sequence[Row]) -> str:
     lines = [
         '## The best of ours, in times the speed of Pinocchio\n',
         'Against `pinocchio.aba`, a Python loop over it, and `abaInParallel` on one thread, all '
-        'in float64; the last column is ours in float32 against that.\n',
-        '| robot | ' + ' | '.join(columns) + ' |',
-        '|---' * (len(columns) + 1) + '|',
+        'in float64; the last but one is ours in float32 against that. The last column is how '
+        'close the fastest kernel in float64 and Fortran order comes to the limit of this '
+        f'processor ({size}).\n',
+        '| robot | ' + ' | '.join([*columns, SHARE]) + ' |',
+        '|---' * (len(columns) + 2) + '|',
     ]
     for robot in dict.fromkeys(row.robot for row in rows):
         own = [row for row in rows if row.robot == robot and row.way.startswith(ours)]
@@ -114,12 +124,23 @@ def _summary(rows: Sequence[Row]) -> str:
         for fits in columns.values():
             best = min(filter(fits, own), key=lambda row: row.minimum, default=None)
             cells.append('-' if best is None or best.times is None else f'{best.times:.1f}')
+        cells.append(_share(own, size))
         lines.append(f'| {robot} | ' + ' | '.join(cells) + ' |')
     return '\n'.join([*lines, ''])
 
 
-def _near_4096(work: str) -> int:
-    return -abs(int(work.split()[-1]) - 4096)
+def _share(own: Sequence[Row], size: str) -> str:
+    """Return the share of the port limit of the fastest kernel in float64."""
+    suffix = ', F order'
+    batches = [row for row in own if row.work == size and row.way.endswith(f'float64{suffix}')]
+    best = min(batches, key=lambda row: row.minimum, default=None)
+    name = None if best is None else best.way.removesuffix(suffix)
+    found = [row for row in own if row.work == port_limit.WORK and row.way == name]
+    return f'{found[0].times:.2f}' if found and found[0].times is not None else '-'
+
+
+def _near_middle(work: str) -> int:
+    return -abs(int(work.split()[-1]) - MIDDLE_BATCH)
 
 
 def _grid(rows: Sequence[Row], text: Callable[[Row], str]) -> str:
@@ -136,6 +157,11 @@ def _grid(rows: Sequence[Row], text: Callable[[Row], str]) -> str:
 def _cell(row: Row) -> str:
     times = '' if row.times is None else f' ({_short(row.times)})'
     return f'{_short(row.minimum * 1e9)} / {_short(row.median * 1e9)}{times}'
+
+
+def _limit(row: Row) -> str:
+    share = '-' if row.times is None else f'{row.times:.2f}'
+    return f'{_short(row.minimum * 1e9)} / {_short(row.median * 1e9)} ({share})'
 
 
 def _milliseconds(row: Row) -> str:
@@ -194,7 +220,7 @@ def plot(rows: Sequence[Row], path: Path) -> bool:
     figure = Figure(figsize=(13, 6.5), layout='constrained')
     FigureCanvasAgg(figure)
     batches = {row.work for row in rows if row.work.startswith('batch')}
-    size = max(batches, key=_near_4096, default='')
+    size = max(batches, key=_near_middle, default='')
     for axes, work in zip(figure.subplots(1, 2), ('call', size), strict=True):
         chains = [row for row in rows if row.work == work and row.robot.startswith('chain')]
         axes.set_title(f'chains of n joints: {work}, least time of a state [ns]')

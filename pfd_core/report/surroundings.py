@@ -30,6 +30,7 @@ def surroundings() -> dict[str, Any]:
     return {
         'processor': _processor(),
         'cores': os.cpu_count(),
+        'virtual': 'hypervisor' in _cpuinfo('flags'),
         'vector': f'{64 * simd_width("float64")} bits',
         'system': f'{platform.system()} {platform.machine()}',
         'compiler': _compiler(),
@@ -40,13 +41,28 @@ def surroundings() -> dict[str, Any]:
     }
 
 
+def told(machine: dict[str, Any]) -> str:
+    """Return surroundings in one line of a page."""
+    versions = ', '.join(f'{name} {number}' for name, number in machine['versions'].items())
+    parts = [f'{machine["processor"]}, {machine["cores"]} cores, vectors of {machine["vector"]}']
+    parts += ['a virtual machine'] if machine.get('virtual') else []
+    parts += [machine['system'], versions, machine['compiler'], machine['date']]
+    parts.append(f'load before the start {machine["load"]}')
+    return '; '.join(parts)
+
+
 def _processor() -> str:
+    return _cpuinfo('model name') or platform.processor() or platform.machine()
+
+
+def _cpuinfo(key: str) -> str:
+    """Return what Linux says of the first core under a key; empty on other systems."""
     try:
         text = Path('/proc/cpuinfo').read_text(encoding='utf-8')
     except OSError:
-        text = ''
-    names = [line.split(':', 1)[1].strip() for line in text.splitlines() if 'model name' in line]
-    return names[0] if names else platform.processor() or platform.machine()
+        return ''
+    values = [line.split(':', 1)[1].strip() for line in text.splitlines() if line.startswith(key)]
+    return values[0] if values else ''
 
 
 def _compiler() -> str:

@@ -12,8 +12,11 @@ time without disturbance, the median the typical time.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+import gc
 import statistics
+import sys
 import time
 from typing import Protocol
 
@@ -162,37 +165,70 @@ class Pace:
     repeats: int = 3
 
 
+@dataclass(frozen=True)
+class Times:
+    """
+    Times of one side.
+
+    Attributes
+    ----------
+    minimum, median : float
+        Seconds for each unit of work.
+    times : float or None
+        Median over the turns of the reference's time over the time of this side.
+
+    """
+
+    minimum: float
+    median: float
+    times: float | None
+
+
 def take_turns(robot: str, work: Work, sides: Sequence[Side], pace: Pace) -> list[Row]:
-    """Measure the sides of one work against each other."""
+    """Measure the sides of one work against each other, in time and result."""
     for side in sides:
         side.run()
     differences = _differences(sides)
+    found = interleave(sides, work.units, pace)
+    n = work.q.shape[-1]
+    return [
+        Row(robot, n, work.title, side.way, own.minimum, own.median, own.times, difference)
+        for side, own, difference in zip(sides, found, differences, strict=True)
+    ]
+
+
+def interleave(sides: Sequence[Side], units: int, pace: Pace) -> list[Times]:
+    """Return the times of sides that take turns, for each of `units` units of a run."""
     once = [_chunk(side.run, 1, warm=True) for side in sides]
     calls = [max(1, round(pace.chunk / seconds)) for seconds in once]
     warm = [seconds < pace.chunk for seconds in once]
     counts = [count + first for count, first in zip(calls, warm, strict=True)]
     turn = sum(seconds * count for seconds, count in zip(once, counts, strict=True))
-    turns = min(pace.turns, max(pace.fewest, round(pace.budget / turn)))
+    turns = min(pace.turns, max(pace.fewest, round(pace.budget / turn))) if sides else 0
     times: list[list[float]] = [[] for _ in sides]
     ratios: list[list[float]] = [[] for _ in sides]
-    for t in range(turns):
-        for k, near in _order(sides, backwards=t % 2 == 1):
-            times[k].append(_chunk(sides[k].run, calls[k], warm[k]) / work.units)
-            if near is not None:
-                ratios[k].append(times[near][-1] / times[k][-1])
+    with _uncollected():
+        for t in range(turns):
+            for k, near in _order(sides, backwards=t % 2 == 1):
+                times[k].append(_chunk(sides[k].run, calls[k], warm[k]) / units)
+                if near is not None:
+                    ratios[k].append(times[near][-1] / times[k][-1])
     return [
-        Row(
-            robot,
-            work.q.shape[-1],
-            work.title,
-            side.way,
-            min(times[k]),
-            statistics.median(times[k]),
-            statistics.median(ratios[k]) if ratios[k] else None,
-            differences[k],
-        )
-        for k, side in enumerate(sides)
+        Times(min(own), statistics.median(own), statistics.median(ratio) if ratio else None)
+        for own, ratio in zip(times, ratios, strict=True)
     ]
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Switch off the collection of reference cycles, whose time grows with this process."""
+    running = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if running:
+            gc.enable()
 
 
 def _order(sides: Sequence[Side], backwards: bool) -> Iterator[tuple[int, int | None]]:
@@ -229,3 +265,9 @@ def relative_difference(found: NDArray[np.floating], wanted: NDArray[np.floating
     """Return max|found - wanted| / max|wanted| of a state, (n,), or the largest, (B, n)."""
     off = np.abs(np.asarray(found, float) - wanted).max(axis=-1)
     return float((off / np.abs(wanted).max(axis=-1)).max())
+
+
+def show_progress(text: str) -> None:
+    """Write a line over the one before, if stderr is a terminal."""
+    if sys.stderr.isatty():
+        print(f'\r{text:79.79s}', end='', file=sys.stderr, flush=True)

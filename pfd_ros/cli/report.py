@@ -31,6 +31,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         )
         if name == 'scene':
             _add_scene_arguments(kind)
+        if name == 'speed':
+            kind.add_argument(
+                '--against-error',
+                action='store_true',
+                help='time against error of every method, integrator and peer',
+            )
+            kind.add_argument('--quick', action='store_true', help='a few turns only')
 
 
 def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
@@ -62,11 +69,12 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Measure, write the pages and print their paths."""
-    from pfd_core.report import counts_pages, hard_case_pages, speed_pages
+    from pfd_core.report import against_error_pages, counts_pages, hard_case_pages, speed_pages
 
     folder = given.out or Path('pfd_report')
     if given.what == 'speed':
-        return speed_pages.run(folder)
+        run_speed = against_error_pages.run if given.against_error else speed_pages.run
+        return run_speed(folder, quick=given.quick)
     if given.what == 'scene':
         pages = _run_scene(given, folder)
     else:

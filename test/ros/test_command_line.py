@@ -102,16 +102,36 @@ def test_pfd_sim_is_the_node(processes: Processes) -> None:
     assert arm.end(signal.SIGINT) == 0
 
 
-def test_report_speed_hands_the_folder_to_the_benchmark(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(
+    ('options', 'pages', 'quick'),
+    [
+        ([], 'speed_pages', False),
+        (['--quick'], 'speed_pages', True),
+        (['--against-error'], 'against_error_pages', False),
+        (['--against-error', '--quick'], 'against_error_pages', True),
+    ],
+)
+def test_report_speed_hands_folder_and_quickness_to_its_pages(
+    options: list[str], pages: str, quick: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The benchmark itself has tests of its own, and takes minutes.
-    asked: list[Path] = []
+    # The reports themselves have tests of their own, and take minutes.
+    asked: list[tuple[Path, bool]] = []
     monkeypatch.setattr(
-        'pfd_core.report.speed_pages.run', lambda folder: asked.append(folder) or 0
+        f'pfd_core.report.{pages}.run', lambda folder, quick: asked.append((folder, quick)) or 0
     )
-    assert command_line.main(['report', 'speed', '--out', str(tmp_path)]) == 0
-    assert asked == [tmp_path]
+    assert command_line.main(['report', 'speed', '--out', str(tmp_path), *options]) == 0
+    assert asked == [(tmp_path, quick)]
+
+
+@pytest.mark.parametrize('option', ['--against-error', '--quick'])
+def test_options_of_the_speed_report_are_for_no_other(
+    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        command_line.main(['report', 'counts', '--out', str(tmp_path), option])
+    assert end.value.code == 2
+    assert f'unrecognized arguments: {option}' in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 def test_ctrl_c_is_no_traceback(

@@ -1,0 +1,284 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The report of speed against error: page speed-against-error.md, its JSON and its plots."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass, field
+import json
+from pathlib import Path
+from typing import Any
+
+from pfd_core.report import against_error, against_error_plots, work_precision
+from pfd_core.report.against_error import PEERS, CaseFacts, Point
+from pfd_core.report.motions import SAMPLES
+from pfd_core.report.surroundings import surroundings, told
+from pfd_core.report.timing import show_progress
+from pfd_core.report.work_precision import MotionFacts, RunPoint
+
+COMMAND = 'pfd report speed --against-error'
+NAME = 'speed-against-error'
+INTRODUCTION = """# Speed against error
+
+Written by `{command}`; times are those of one machine on one day.
+
+{machine}.
+
+All ways at one case, and all runs of one motion, take turns in one process; a time is minimum /
+median over the turns.
+{noise}
+
+## One evaluation
+
+![Time of an evaluation over its error, {many} states in a call](speed-against-error.png)
+
+The same for one state in a call: [speed-against-error-single.png](speed-against-error-single.png).
+
+- An error is |x - qdd| / |qdd|, the largest over the states of the case, against a certified
+  reference of 50 digits ([hard-cases.md](hard-cases.md)). In brackets it is in units of kappa_s u:
+  kappa_s is the structured condition number of the state, u the unit of rounding of the number
+  format, 2^-53 or 2^-24. No method can be asked for less than 1. In the plot u is 2^-53 for
+  all, and a second line marks the unit of float32.
+- Ours are the kernels that users get from `compile_kernel`; *auto* is the default method. One
+  state is a call of `kernel.bind`, a batch is in Fortran order on one thread.
+- Pinocchio's batch in WORLD axes is `abaInParallel` on one thread; it has none in LOCAL axes and
+  for CRBA with Cholesky, which are a loop in Python. MuJoCo's are `mj_forward` and one step of
+  `mujoco.rollout`, with contacts and constraints off; its error is that of `mj_forward`.
+- *lost* is an answer that is not finite: a missing point in the plot.
+"""
+MOTIONS = """## Integrators
+
+![Time and evaluations over trajectory and energy error](work-precision.png)
+
+Free motions of an arm, without torques. The trajectory error is the largest difference of a joint
+from the reference at {samples} times [rad], the energy error the largest difference of the energy
+in units of the largest kinetic energy. Times and evaluations are for one simulated second.
+
+- rk4, velocity_verlet and imex2 run in native code. dop853 is `pfd.integrate`, whose steps are in
+  Python; its times hold some milliseconds to load its kernel. States at the {samples} times come
+  from its dense output, whose evaluations are counted. imex2 has two evaluations a step, and two
+  solutions for the damping where there is any; these count as evaluations.
+- MuJoCo's integrators are those of `mj_step`; Euler and the implicit ones take the damping of the
+  joints implicitly.
+- The reference is `pfd.integrate` at its tightest tolerance, refined. Its self-difference is from
+  a second one by another method and in shorter steps. Errors near it are not resolved.
+- A run that blew up is a missing point: its state was not finite, was reset by MuJoCo, or was off
+  by more than a turn (*lost*).
+"""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """Cases and motions with their points, ways left out with the reasons, and the machine."""
+
+    cases: list[CaseFacts] = field(default_factory=list)
+    points: list[Point] = field(default_factory=list)
+    motions: list[MotionFacts] = field(default_factory=list)
+    runs: list[RunPoint] = field(default_factory=list)
+    left_out: list[str] = field(default_factory=list)
+    machine: dict[str, Any] = field(default_factory=surroundings)
+
+
+def survey(evaluations: against_error.Plan, integrators: work_precision.Plan) -> Findings:
+    """Measure both plans; progress goes to a terminal's stderr."""
+    found = Findings()
+    for name in evaluations.cases:
+        facts, points, left_out = against_error.measure(name, evaluations)
+        found.cases.append(facts)
+        found.points.extend(points)
+        found.left_out.extend(left_out)
+    for make in integrators.motions:
+        motion, runs, left_out = work_precision.measure(make(), integrators)
+        found.motions.append(motion)
+        found.runs.extend(runs)
+        found.left_out.extend(left_out)
+    show_progress('')
+    return found
+
+
+def markdown(findings: Findings) -> str:
+    """Return the whole page."""
+    sizes = sorted({point.batch for point in findings.points})
+    facts = {'machine': told(findings.machine), 'noise': _noise(findings)}
+    parts = [INTRODUCTION.format(command=COMMAND, many=max(sizes, default=0), **facts)]
+    parts += ['### One step of refinement, and peers\n', SUMMARY, *_summary(findings, sizes), '']
+    for case in findings.cases:
+        points = [point for point in findings.points if point.case == case.name]
+        parts += [f'### {case.name}\n', _described(case), *_lost(points)]
+        parts += [*_case_table(case, points, sizes), '']
+    parts.append(MOTIONS.format(samples=SAMPLES))
+    for motion in findings.motions:
+        runs = [run for run in findings.runs if run.motion == motion.name]
+        parts += [f'### {motion.name}\n', _moved(motion), *_motion_table(runs), '']
+        parts += ['Missing points:\n', *_missing(runs), '']
+    parts += ['## Left out\n', *(_grouped(findings.left_out) or ['Nothing.'])]
+    return '\n'.join(parts).rstrip() + '\n'
+
+
+def _noise(findings: Findings) -> str:
+    """Return how far medians lie above minima, as a sentence."""
+    ratios = [point.median / point.minimum for point in findings.points]
+    ratios += [run.median / run.minimum for run in findings.runs if run.median and run.minimum]
+    ratios.sort()
+    if not ratios:
+        return ''
+    middle, high = (ratios[len(ratios) * part // 10] for part in (5, 9))
+    return (
+        f'The noise of the machine: half of the medians are at least {middle:.2f} times their\n'
+        f'minimum, one in ten at least {high:.2f} times.'
+    )
+
+
+SUMMARY = """The default method in float64 as it is and with one step of refinement, and the peers:
+least nanoseconds for each state of the largest batch, and error. The cost of refinement is the
+median over the turns of the ratio of both times.
+"""
+
+
+def _summary(findings: Findings, sizes: Sequence[int]) -> list[str]:
+    """Return a table of the default method and the peers over cases."""
+    most = max(sizes, default=0)
+    titles = ['auto', 'auto, refined', 'cost of refinement', *PEERS]
+    absent = {
+        peer: 'not installed'
+        for peer in PEERS
+        for text in findings.left_out
+        if text.startswith(peer.split()[0]) and 'install the extra' in text
+    }
+    lines = _header(['case', 'kappa_J', 'kappa_s', *titles])
+    for case in findings.cases:
+        known = {
+            (point.way, point.refine): point
+            for point in findings.points
+            if (point.case, point.batch, point.dtype) == (case.name, most, 'float64')
+        }
+        refined = known.get((case.auto, 1))
+        cost = f'{1 / refined.times:.2f}' if refined is not None and refined.times else '-'
+        ours = [_time_and_error(known.get((case.auto, refine))) for refine in (0, 1)]
+        peers = [_time_and_error(known.get((peer, 0)), absent.get(peer, '-')) for peer in PEERS]
+        conditions = [f'{case.kappa_j:.0e}', f'{case.kappa_s:.1e}']
+        lines.append(_line([case.name, *conditions, *ours, cost, *peers]))
+    return lines
+
+
+def _grouped(left_out: Sequence[str]) -> list[str]:
+    """Return one line for each way and reason, with all places where it was left out."""
+    places: dict[tuple[str, str], list[str]] = {}
+    for text in left_out:
+        what, reason = text.split(': ', 1)
+        way, place = what.split(' at ')
+        places.setdefault((way, reason), []).append(place)
+    return [f'- {way} at {", ".join(at)}: {reason}' for (way, reason), at in places.items()]
+
+
+def _time_and_error(point: Point | None, otherwise: str = '-') -> str:
+    return otherwise if point is None else f'{_short(point.minimum * 1e9)}, {_error(point.error)}'
+
+
+def _described(case: CaseFacts) -> str:
+    return (
+        f'{case.cause}. n = {case.n}, {case.states} state{"s" * (case.states > 1)}, auto is '
+        f'{case.auto}; kappa_J {case.kappa_j:.0e}, kappa_s {case.kappa_s:.1e}; reference of 50 '
+        f'digits, second evaluation {case.difference:.0e}, residual {case.residual:.0e}.\n'
+    )
+
+
+def _lost(points: Sequence[Point]) -> list[str]:
+    """Return a line that names the ways without a finite answer, if there are any."""
+    ways = dict.fromkeys(
+        f'{point.way} {point.dtype}{", refined" * (point.refine > 0)}'
+        for point in points
+        if point.error is None
+    )
+    return [f'Missing in the plot, since the answer is lost: {"; ".join(ways)}.\n'] if ways else []
+
+
+def _case_table(case: CaseFacts, points: Sequence[Point], sizes: Sequence[int]) -> list[str]:
+    """Return the table of a case: one row for each way."""
+    titles = [f'{size} state{"s" * (size > 1)} in a call [ns]' for size in sizes]
+    lines = _header(['method', 'format', 'refine', *titles, 'error (in kappa_s u)'])
+    ways = dict.fromkeys((point.way, point.dtype, point.refine) for point in points)
+    for way, dtype, refine in ways:
+        own = {p.batch: p for p in points if (p.way, p.dtype, p.refine) == (way, dtype, refine)}
+        times = [_times(own[size].minimum, own[size].median, 1e9) for size in sizes]
+        one = own[sizes[0]]
+        units = '' if one.in_units is None else f' ({_short(one.in_units)})'
+        name = f'{way} (auto)' if way == case.auto else way
+        lines.append(_line([name, dtype, refine, *times, _error(one.error) + units]))
+    return lines
+
+
+def _moved(motion: MotionFacts) -> str:
+    return (
+        f'{motion.note}. n = {motion.n}, {motion.duration:g} s; self-difference of the reference '
+        f'{motion.self_difference:.0e} rad.\n'
+    )
+
+
+def _motion_table(runs: Sequence[RunPoint]) -> list[str]:
+    titles = ['time [ms]', 'evaluations', 'trajectory error [rad]', 'energy error']
+    lines = _header(['integrator', 'step or tolerance', *titles])
+    for run in runs:
+        if run.minimum is None or run.median is None:
+            cells = ['missing', '-', '-', '-']
+        else:
+            evaluations = '-' if run.evaluations is None else f'{run.evaluations:.0f}'
+            errors = [_error(run.trajectory_error), _error(run.energy_error)]
+            cells = [_times(run.minimum, run.median, 1e3), evaluations, *errors]
+        lines.append(_line([run.way, run.setting, *cells]))
+    return lines
+
+
+def _missing(runs: Sequence[RunPoint]) -> list[str]:
+    found = [f'- {run.way}, {run.setting}: {run.status}' for run in runs if run.status != 'ok']
+    return found or ['- none']
+
+
+def _header(titles: Sequence[str]) -> list[str]:
+    return [_line(titles), '|---' * len(titles) + '|']
+
+
+def _line(cells: Iterable[object]) -> str:
+    return '| ' + ' | '.join(map(str, cells)) + ' |'
+
+
+def _times(minimum: float, median: float, unit: float) -> str:
+    return f'{_short(minimum * unit)} / {_short(median * unit)}'
+
+
+def _short(value: float) -> str:
+    """Return a number with three digits, or all digits before the point; large ones as powers."""
+    if value >= 1e6:
+        return f'{value:.0e}'
+    return f'{value:.0f}' if value >= 99.5 else f'{value:.3g}'
+
+
+def _error(value: float | None) -> str:
+    return 'lost' if value is None else f'{value:.0e}'
+
+
+def run(folder: Path, quick: bool = False) -> int:
+    """Measure, write the report into a folder, print its files and return the exit status, 0."""
+    if quick:
+        findings = survey(against_error.QUICK, work_precision.QUICK)
+    else:
+        findings = survey(against_error.Plan(), work_precision.Plan())
+    print('\n'.join(str(path) for path in write(findings, folder)))
+    return 0
+
+
+def write(findings: Findings, folder: Path) -> list[Path]:
+    """
+    Write the page, its JSON and the plots as PNG and SVG, and return their paths.
+
+    The plots are left out where matplotlib (extra `report`) is not installed.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    page, data = folder / f'{NAME}.md', folder / f'{NAME}.json'
+    page.write_text(markdown(findings), encoding='utf-8')
+    data.write_text(json.dumps(asdict(findings), indent=1) + '\n', encoding='utf-8')
+    plots = against_error_plots.write(
+        findings.cases, findings.points, findings.motions, findings.runs, folder
+    )
+    return [page, data, *plots]

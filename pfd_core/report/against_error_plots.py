@@ -1,0 +1,212 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Plots of speed against error: one panel for each case, and work-precision of the integrators.
+
+Colours are those of Okabe and Ito, which the colour-blind tell apart; markers differ as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pfd_core.report.against_error import PEERS, CaseFacts, Point
+from pfd_core.report.hard_cases import ROUNDING
+from pfd_core.report.work_precision import WAYS, MotionFacts, RunPoint
+
+BLACK, ORANGE, SKY, GREEN = '#000000', '#E69F00', '#56B4E9', '#009E73'
+BLUE, VERMILLION, PURPLE, GREY = '#0072B2', '#D55E00', '#CC79A7', '#7F7F7F'
+# Number format and steps of refinement: colour, marker, and name.
+OURS = {
+    ('float64', 0): (SKY, 'o', 'float64'),
+    ('float64', 1): (BLUE, 'o', 'float64, refined once'),
+    ('float32', 0): (ORANGE, '^', 'float32'),
+    ('float32', 1): (VERMILLION, '^', 'float32, refined once'),
+}
+PEER_STYLES = dict(
+    zip(PEERS, ((BLACK, 's'), (GREY, 'D'), (GREEN, 'P'), (PURPLE, '*')), strict=True)
+)
+# One for each of work_precision.WAYS: ours on a full line, MuJoCo's on a broken one.
+RUN_STYLES = dict(
+    zip(
+        WAYS,
+        (
+            (BLUE, 'o', '-'),
+            (SKY, 's', '-'),
+            (VERMILLION, '^', '-'),
+            (BLACK, 'D', '-'),
+            (GREY, 'v', '--'),
+            (GREEN, '<', '--'),
+            (ORANGE, '>', '--'),
+            (PURPLE, '*', '--'),
+        ),
+        strict=True,
+    )
+)
+COLUMNS = 4
+UNIT = ROUNDING['float64']
+# Errors below this many kappa_s u are drawn here.
+LEAST = 1e-2
+
+
+def write(
+    cases: Sequence[CaseFacts],
+    points: Sequence[Point],
+    motions: Sequence[MotionFacts],
+    runs: Sequence[RunPoint],
+    folder: Path,
+) -> list[Path]:
+    """Write all plots as PNG and SVG and return their paths; none without matplotlib."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        return []
+    sizes = sorted({point.batch for point in points})
+    written = []
+    for size in sizes:
+        name = 'speed-against-error' + ('-single' if size == 1 < sizes[-1] else '')
+        figure = Figure(figsize=(14, 7.6), layout='constrained')
+        _draw_cases(figure, cases, [point for point in points if point.batch == size], size)
+        written += _save(figure, folder, name)
+    if runs:
+        figure = Figure(figsize=(14, 7.6), layout='constrained')
+        _draw_motions(figure, motions, runs)
+        written += _save(figure, folder, 'work-precision')
+    return written
+
+
+def _save(figure: Any, folder: Path, name: str) -> list[Path]:
+    from matplotlib import rc_context
+
+    paths = [folder / f'{name}.{suffix}' for suffix in ('png', 'svg')]
+    # A salt and no date: the same numbers give the same file.
+    with rc_context({'svg.hashsalt': name, 'svg.fonttype': 'none'}):
+        # The layout takes as long as the drawing: once for both.
+        figure.draw_without_rendering()
+        figure.set_layout_engine('none')
+        figure.savefig(paths[0], dpi=110)
+        figure.savefig(paths[1], metadata={'Date': None})
+    return paths
+
+
+def _draw_cases(
+    figure: Any, cases: Sequence[CaseFacts], points: Sequence[Point], size: int
+) -> None:
+    rows = -(-(len(cases) + 1) // COLUMNS)
+    panels = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True, sharey=True)
+    flat = [axes for row in panels for axes in row]
+    for axes, case in zip(flat, cases, strict=False):
+        _draw_case(axes, case, [point for point in points if point.case == case.name])
+    for k, axes in enumerate(flat):
+        if k >= len(cases):
+            axes.axis('off')
+        elif k + COLUMNS >= len(cases):
+            axes.tick_params(labelbottom=True)
+    figure.supxlabel('relative error of the acceleration / ($\\kappa_s u$),  u = $2^{-53}$')
+    figure.supylabel('time of one evaluation [ns]')
+    states = 'one state in a call' if size == 1 else f'{size} states in a call'
+    figure.suptitle(
+        f'Forward dynamics: time against error, {states}, one thread. Down and left is better.'
+    )
+    _explain(flat[len(cases)], points)
+
+
+def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:
+    """Draw the points of a case; a line leads from the default method to its refined answer."""
+    axes.set_title(f'{case.name} (n = {case.n})', fontsize=10)
+    _logarithmic(axes)
+    for dtype, u in ROUNDING.items():
+        axes.axvline(u / UNIT, color=GREY, linewidth=0.8, linestyle=':')
+        axes.text(
+            u / UNIT, 0.99, f' {dtype}', transform=axes.get_xaxis_transform(), fontsize=7,
+            color=GREY, va='top',
+        )  # fmt: skip
+    for point in points:
+        place = _place(point)
+        if place is None:
+            continue
+        if point.way in PEER_STYLES:
+            colour, marker = PEER_STYLES[point.way]
+            axes.plot(*place, marker, color=colour, markersize=8, zorder=3)
+        else:
+            colour, marker, _ = OURS[point.dtype, point.refine]
+            default = point.way == case.auto
+            axes.plot(
+                *place, marker, color=colour, markersize=9 if default else 5,
+                markeredgecolor=BLACK if default else colour, alpha=1 if default else 0.6,
+                zorder=4 if default else 2,
+            )  # fmt: skip
+    for dtype in ROUNDING:
+        own = [p for p in points if (p.way, p.dtype) == (case.auto, dtype)]
+        ends = [place for place in map(_place, sorted(own, key=lambda p: p.refine)) if place]
+        if len(ends) == len(own) == 2:
+            axes.plot(*zip(*ends, strict=True), color=BLACK, linewidth=0.9, zorder=3)
+
+
+def _logarithmic(axes: Any) -> None:
+    axes.set_xscale('log')
+    axes.set_yscale('log')
+    axes.minorticks_off()
+    axes.grid(alpha=0.25)
+
+
+def _place(point: Point) -> tuple[float, float] | None:
+    """Return where a point is drawn: error over kappa_s and 2^-53, and nanoseconds."""
+    if point.in_units is None:
+        return None
+    in_units = point.in_units * ROUNDING[point.dtype] / UNIT
+    return max(in_units, LEAST), point.minimum * 1e9
+
+
+def _explain(axes: Any, points: Sequence[Point]) -> None:
+    """Draw the legend into a panel of its own."""
+    from matplotlib.lines import Line2D
+
+    def entry(colour: str, marker: str, label: str, size: int, edge: str) -> Any:
+        return Line2D(
+            [], [], color=colour, marker=marker, linestyle='', label=label, markersize=size,
+            markeredgecolor=edge,
+        )  # fmt: skip
+
+    seen = {point.way for point in points}
+    entries = [entry(c, m, f'pfd, {name}', 7, c) for c, m, name in OURS.values()]
+    entries.append(
+        entry('white', 'o', "pfd's default method:\na line to its refined answer", 9, BLACK)
+    )
+    entries += [entry(c, m, peer, 8, c) for peer, (c, m) in PEER_STYLES.items() if peer in seen]
+    axes.legend(handles=entries, loc='center', fontsize=10, frameon=False)
+
+
+def _draw_motions(figure: Any, motions: Sequence[MotionFacts], runs: Sequence[RunPoint]) -> None:
+    """Draw time (above) and evaluations (below) over both errors of each motion."""
+    panels = figure.subplots(2, 2 * len(motions), squeeze=False, sharey='row')
+    shown = [way for way in WAYS if any(run.way == way for run in runs)]
+    for k, motion in enumerate(motions):
+        own = [run for run in runs if run.motion == motion.name and run.status == 'ok']
+        for column, error in ((2 * k, 'trajectory_error'), (2 * k + 1, 'energy_error')):
+            for row, work in enumerate(('minimum', 'evaluations')):
+                axes = panels[row][column]
+                _logarithmic(axes)
+                for way in shown:
+                    found = [run for run in own if run.way == way]
+                    colour, marker, line = RUN_STYLES[way]
+                    axes.plot(
+                        [getattr(run, error) for run in found],
+                        [getattr(run, work) for run in found],
+                        linestyle=line, marker=marker, color=colour, label=way, markersize=5,
+                    )  # fmt: skip
+            panels[0][column].set_title(motion.name, fontsize=10)
+            unit = 'trajectory error [rad]' if column % 2 == 0 else 'energy error / peak kinetic'
+            panels[1][column].set_xlabel(unit)
+        for row in (0, 1):
+            panels[row][2 * k].axvline(motion.self_difference, color=GREY, linestyle=':')
+    panels[0][0].set_ylabel('seconds per simulated second')
+    panels[1][0].set_ylabel('evaluations per simulated second')
+    handles, labels = panels[0][0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc='outside lower center', ncols=len(labels), frameon=False)
+    figure.suptitle(
+        'Integrators: work against error. Down and left is better; runs that blew up are missing; '
+        'dotted: self-difference of the reference.'
+    )

@@ -28,6 +28,7 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     hard_case_problems   robots and states of the cases: chains of rods, arms (Problem)
     hard_cases           the table of cases: cause, problem and bounds (Case)
     hard_case_reference  qdd in 50 digits with its certificate, and condition numbers
+    error_estimates      estimates of refined kernels beside their errors, over random states (Row)
     hard_case_errors     errors of the kernel, every method and peers beside it (Result)
     hard_case_pages      the page: its tables and columns; writes all files
 

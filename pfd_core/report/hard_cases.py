@@ -193,7 +193,9 @@ CASES: Sequence[Case] = (
         'static_hold',
         'torques and gravity cancel: nothing is left to be relative to',
         static_hold,
-        TIGHT,
+        # In place of 20 u, which is less than the 80 u of the case's own numbers: over 60 states
+        # of it every method is above 20 u in a third of them.
+        Bound(1, 'kappa_s u'),
         Bound(1e-5),
     ),
     Case(

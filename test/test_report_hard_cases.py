@@ -21,7 +21,15 @@ import pfd_core as pfd
 from pfd_core.model import resolve
 from pfd_core.report import hard_case_pages
 from pfd_core.report.error_estimates import FACTOR, errors_before, estimated
-from pfd_core.report.hard_case_errors import Result, errors, kernel_answer, kernel_rows, measure
+from pfd_core.report.hard_case_errors import (
+    PEERS,
+    MethodRow,
+    Result,
+    errors,
+    kernel_answer,
+    kernel_rows,
+    measure,
+)
 from pfd_core.report.hard_case_pages import SHOWN_UNITS, markdown, write
 from pfd_core.report.hard_case_problems import SEED, Array, Problem
 from pfd_core.report.hard_case_reference import Reference, kappa_j, kappa_s, reference
@@ -251,9 +259,22 @@ def test_a_missed_bound_is_on_the_page_and_a_lost_answer_null_in_the_json(tmp_pa
     assert any(row.error == np.inf for row in rows)
 
 
+def test_a_peer_is_absent_if_it_answers_no_case_and_else_has_refused() -> None:
+    def result(*peers: str) -> Result:
+        rows = tuple(MethodRow(name, 'float64', 0, 1e-16) for name in peers)
+        return Result('case', 'cause', 1, 1, 1.0, 1.0, 0.0, 0.0, (), rows)
+
+    assert len(PEERS) == 4
+    page = '\n'.join(hard_case_pages._peers([result(*PEERS[:3]), result(*PEERS[:1])]))
+    assert '| 1e-16 | 1e-16 | 1e-16 | absent |' in page
+    assert '| 1e-16 | refused | refused | absent |' in page
+
+
 def test_the_command_writes_the_page_and_its_data(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    for name in ('rows', 'runs', 'formulation', 'holds'):
+        monkeypatch.setattr(hard_case_pages, name, tuple)
     monkeypatch.setattr(hard_case_pages, 'CASES', ())
     assert command_line.main(['report', 'hard-cases', '--out', str(tmp_path)]) == 0
     pages = [tmp_path / 'hard-cases.md', tmp_path / 'hard-cases.json']

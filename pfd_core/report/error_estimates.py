@@ -161,18 +161,18 @@ def row(robot: str, method: str, states: int = STATES) -> Row:
     )
 
 
-def survey(states: int = STATES) -> Iterator[Row]:
+def rows(states: int = STATES) -> Iterator[Row]:
     """Yield a row for every robot and method."""
     for robot in ROBOTS:
         for method in METHODS:
             yield row(robot, method, states)
 
 
-def misses(rows: Sequence[Row]) -> list[Row]:
+def misses(found: Sequence[Row]) -> list[Row]:
     """Return the rows with an estimate further than FACTOR from its error."""
     return [
         one
-        for one in rows
+        for one in found
         if one.least is not None
         and one.most is not None
         and not (1 / FACTOR <= one.least <= one.most <= FACTOR)

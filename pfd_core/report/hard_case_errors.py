@@ -42,6 +42,8 @@ from pfd_core.report.timing import LeftOutError, Work
 FEW = 12
 MANY = {'composite_body': 40, 'grouped_articulated_body': 200, 'articulated_body': 40}
 SAME_BITS = 'the bits of its twin'
+# What peer_answers yields where all peers are installed.
+PEERS = ('Pinocchio aba', 'Pinocchio aba, WORLD', 'Pinocchio crba', 'MuJoCo')
 
 
 @dataclass(frozen=True)

@@ -220,17 +220,8 @@ CASES: Sequence[Case] = (
 
 # Cases that are not in the table yet, by the reason.
 LATER = {
-    'trajectories': (
-        'formulation_stiffness',
-        'energy_60s',
-        'trajectory_4s',
-        'stiff_damping',
-        'zoh_pd',
-        'stiction_hold',
-        'one_hour_spin',
-        'a six-joint arm without contact or actuation over 0.1 s',
-    ),
+    'of dry friction and of angles with a turn count': ('stiction_hold', 'one_hour_spin'),
     'preconditioned conjugate gradients, which METHODS does not have': ('cg_baseline',),
-    'inputs and repeated runs, tested elsewhere or not yet': ('bad_inputs', 'determinism'),
+    'inputs and repeated runs, tested elsewhere': ('bad_inputs', 'determinism'),
     'arms that config/robots does not have': ('seven of the eleven ordinary arms',),
 }

@@ -40,7 +40,7 @@ FAST = ('planar2_swing', 'so100_fall', 'puma560_damped_1_no_rotors')
 
 
 def marked(check: Check) -> object:
-    name = f'{check.motion}-{check.integrator}-{check.step:g}-{check.quantity}'
+    name = f'{check.motion}-{check.integrator}-{check.step:g}-{check.quantity}-{check.dtype}'
     return pytest.param(check, id=name, marks=[] if check.motion in FAST else pytest.mark.slow)
 
 

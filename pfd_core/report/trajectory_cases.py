@@ -80,6 +80,8 @@ class Check:
         Largest value allowed.
     duration : float, optional
         Time of the run [s]; default: that of the reference.
+    dtype : {'float64', 'float32'}
+        Number format of a run in fixed steps.
 
     """
 
@@ -89,6 +91,7 @@ class Check:
     quantity: str
     bound: float
     duration: float | None = None
+    dtype: str = 'float64'
 
 
 # TheRobotStudio, SO-ARM100, Simulation/SO100/so100.urdf (Apache-2.0): origin and rotation of each
@@ -265,9 +268,10 @@ CHECKS: Sequence[Check] = (
     Check('puma560_fall', 'imex2', 1e-3, 'angle', 3e-5),
     Check('puma560_fall', 'rk4', 1e-3, 'angle', 1e-9),
     *(
-        Check(_damped_name(damping, rotors), 'imex2', step, 'angle', bound)
+        Check(_damped_name(damping, rotors), 'imex2', step, 'angle', bound, dtype=dtype)
         for damping, rotors, *_ in _DAMPED
         for step, bound in ((1e-3, 1e-4), (4e-3, 2e-3))
+        for dtype in ('float64', 'float32')
     ),
     Check('so100_fall', 'rk4', 1e-3, 'angle', 1e-8),
     Check('so100_fall', 'rk4', 1e-3, 'energy', 1e-8),

@@ -96,10 +96,16 @@ def _states(check: Check, duration: float) -> tuple[bool, Array, Array]:
         )
         return made.status == 'ok', made.q, made.qd
     sim = Simulator(
-        robot, motion.scene, step_size=check.step, substeps=1, integrator=check.integrator
+        robot,
+        motion.scene,
+        step_size=check.step,
+        substeps=1,
+        integrator=check.integrator,
+        dtype=check.dtype,
     )
     sim.reset(q=q, qd=qd)
-    rolled = sim.rollout(np.zeros((round(duration / check.step), robot.n)))
+    steps = round(duration / check.step)
+    rolled = sim.rollout(np.zeros((steps, robot.n), dtype=check.dtype))
     return rolled.status == 'ok', rolled.q, rolled.qd
 
 

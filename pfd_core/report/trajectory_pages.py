@@ -121,7 +121,8 @@ def _runs(rows: Sequence[Run]) -> list[str]:
         'refined.'
     )
     table = header(
-        'motion | integrator | step [s] or rtol | time [s] | error of | found | bound | met'
+        'motion | integrator | format | step [s] or rtol | time [s] | error of '
+        '| found | bound | met'
     )
     for row in rows:
         check = row.check
@@ -130,6 +131,7 @@ def _runs(rows: Sequence[Run]) -> list[str]:
             cells(
                 check.motion,
                 check.integrator,
+                check.dtype,
                 f'{check.step:g}',
                 check.duration or duration,
                 check.quantity,

@@ -158,9 +158,11 @@ def test_auto_is_articulated_bodies_where_a_step_cannot_mend_a_cancelled_pivot(
 
 
 def test_auto_refines_ordinary_arms_and_massless_joints_by_composite_bodies() -> None:
+    everything = pfd.Scene(armature='model', external_wrench=True, brakes=True)
     for name in known_robots():
-        plant = resolve(pfd.load_robot(name), pfd.Scene(armature='model'))
-        assert auto.choose(plant, 'auto', 1) == 'composite_body'
+        for scene in (None, everything):
+            plant = resolve(pfd.load_robot(name), scene)
+            assert auto.choose(plant, 'auto', 1) == 'composite_body'
     robot = uniform_chain(3)
     no_inertia = {'masses': np.array([1.0, 1.0, 0.0]), 'inertias': robot.inertias.copy()}
     no_inertia['inertias'][2] = 0.0

@@ -75,8 +75,11 @@ def _loses_much(plant: Plant) -> bool:
     the outcome is the same on every machine.
     """
     n = plant.robot.n
-    q = np.pi * np.sin(np.outer(np.arange(POSES), np.arange(1, n + 1)))
-    H = run(record_terms(plant, 'parallel'), {'q': q, 'qd': 0 * q})['H']
+    program = record_terms(plant, 'parallel')
+    # H depends on q alone; the program's other inputs are for the bias.
+    inputs = {name: np.zeros((POSES, size)) for name, size in program.inputs.items()}
+    inputs['q'] = np.pi * np.sin(np.outer(np.arange(POSES), np.arange(1, n + 1)))
+    H = run(program, inputs)['H']
     rest = H.copy()
     for i in range(n - 1, -1, -1):
         row, pivot = rest[:, i].copy(), rest[:, i, i, np.newaxis].copy()

@@ -19,7 +19,7 @@ from pfd_core.model import Robot, Scene, load_robot
 from pfd_core.report.extrapolation import Extrapolation
 from pfd_core.report.hard_case_problems import Array, heavy_tip
 
-# From (scheme, columns): order 24, and order 20 for any damping.
+# Order 24 in 34 digits, and order 20 in 50 digits for any damping.
 MIDPOINT, IMPLICIT = Extrapolation('midpoint', 12, 34), Extrapolation('implicit', 20, 50)
 
 
@@ -43,8 +43,7 @@ class Motion:
     steps : int
         Macro steps of the reference.
     halvings : int
-        The first macro step is cut into so many halves of halves, for a motion that damping
-        stops at once.
+        Times that the first macro step is halved, for a motion that damping stops at once.
     way : Extrapolation
         Scheme of the reference.
 

@@ -117,8 +117,8 @@ def _runs(rows: Sequence[Run]) -> list[str]:
     text = (
         'Errors of an angle are taken at the time of the reference [rad], errors of the energy '
         'over the whole run, over the peak kinetic energy. Bounds were set before, but for those '
-        f'of the SO-100. {len(rows) - len(missed)} of {len(rows)} are met. The adaptive runs are '
-        'refined.'
+        f'of the SO-100 and of dop853. {len(rows) - len(missed)} of {len(rows)} are met. Runs of '
+        'dop853 are refined.'
     )
     table = header(
         'motion | integrator | format | step [s] or rtol | time [s] | error of '

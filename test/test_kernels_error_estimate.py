@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,11 +12,10 @@ from test_kernels_refine import PAYLOAD, ROUNDING, reference, relative_error, ro
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
-from pfd_core.machine.program import Output, Program
-from pfd_core.model import Plant, resolve
+from pfd_core.model import resolve
+from pfd_core.report.error_estimates import record_with_first_answer
 
 Arm = tuple[pfd.Robot, pfd.Scene | None]
 ARMS: dict[str, Callable[[], Arm]] = {
@@ -39,15 +37,6 @@ FACTOR = 3.0
 SHOWN = {dtype: 1e-13 * unit / ROUNDING['float64'] for dtype, unit in ROUNDING.items()}
 # An answer without a digit, which occurs in float32: its estimate may be infinite.
 LOST = 0.1
-
-
-def record_with_first_answer(plant: Plant, method: str) -> Program:
-    """Return the refined program with one more output: `before`, the answer that it corrects."""
-    program = record_refined(plant, method, 1)
-    corrected = [program.instructions[register] for register, _ in program.outputs['qdd'].places]
-    assert {(c.op, c.section) for c in corrected} == {('add', 'correction')}
-    before = Output((plant.robot.n,), tuple((c.args[0], 0) for c in corrected))
-    return replace(program, outputs={**program.outputs, 'before': before})
 
 
 def assert_estimates(arm: str, method: str, dtype: str, count: int) -> None:

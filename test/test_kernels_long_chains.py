@@ -4,6 +4,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from oracle import Oracle, jacobi_condition, relative
 import pytest
@@ -17,8 +19,9 @@ from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.runtime.jit import simd_width
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import Recorder
-from pfd_core.model import resolve
+from pfd_core.model import known_robots, resolve
 from pfd_core.report.counts import uniform_chain
+from pfd_core.report.hard_case_problems import coaxial
 
 
 @pytest.fixture
@@ -140,6 +143,31 @@ def test_auto_takes_composite_bodies_for_arms_and_articulated_bodies_for_long_ch
         plant = resolve(pfd.load_robot(name))
         assert auto.choose(plant, 'auto', 0) == 'composite_body'
     assert auto.choose(resolve(uniform_chain(16)), 'auto', 0) == 'grouped_articulated_body'
+
+
+@pytest.mark.parametrize('inertia', [1e-4, 1e-12, 1e-18])
+def test_auto_is_articulated_bodies_where_a_step_cannot_mend_a_cancelled_pivot(
+    inertia: float,
+) -> None:
+    # The inertia between two joints on one axis is what is left of a diagonal of about 1.
+    plant = resolve(coaxial(inertia))
+    assert auto.choose(plant, 'auto', 0) == 'composite_body'
+    expected = 'composite_body' if inertia > 1e-6 else 'grouped_articulated_body'
+    assert auto.choose(plant, 'auto', 1) == expected
+    assert auto.choose(plant, 'composite_body', 1) == 'composite_body'
+
+
+def test_auto_refines_ordinary_arms_and_massless_joints_by_composite_bodies() -> None:
+    everything = pfd.Scene(armature='model', external_wrench=True, brakes=True)
+    for name in known_robots():
+        for scene in (None, everything):
+            plant = resolve(pfd.load_robot(name), scene)
+            assert auto.choose(plant, 'auto', 1) == 'composite_body'
+    robot = uniform_chain(3)
+    no_inertia = {'masses': np.array([1.0, 1.0, 0.0]), 'inertias': robot.inertias.copy()}
+    no_inertia['inertias'][2] = 0.0
+    held = resolve(replace(robot, **no_inertia), pfd.Scene(brakes=True))
+    assert auto.choose(held, 'auto', 1) == 'composite_body'
 
 
 SLOW = pytest.mark.slow

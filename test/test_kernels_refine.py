@@ -309,6 +309,16 @@ def test_a_step_costs_one_recursion_and_one_solve() -> None:
             assert 0 < work - (after['neg'] - before['neg']) <= recursion + solve + 2 * n
 
 
+def test_a_refined_kernel_has_at_most_1_6_times_the_operations_of_a_plain_one() -> None:
+    for name in ('ur5', 'panda'):
+        plain, refined = (
+            pfd.compile_kernel(pfd.load_robot(name), refine=k).operations['compiled']
+            for k in (0, 1)
+        )
+        work = [sum(counts.values()) - counts['neg'] for counts in (plain, refined)]
+        assert work[0] < work[1] <= 1.6 * work[0]
+
+
 def test_an_arm_at_rest_without_load_has_no_error() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'), scene=Scene(gravity=None), refine=1)
     zero = np.zeros(6)

@@ -14,9 +14,10 @@ The text of a method is recorded once more for delta. Its part that depends on q
 matrix and its factors or the articulated inertias, consists of the same expressions as before, and
 lowering keeps one of each: of the second recording only a solve with the factors is left.
 
-The residual is that of Luh, Walker and Paul, each link about its own centre of mass in its own
-axes, with the robot's own parameters. Torques summed about the base, or from grouped parameters,
-would have the same rounding that refinement removes (docs/decisions/0005-refinement.md).
+The residual is that of Luh, Walker and Paul, each link about its own centre of mass in the axes of
+its joint, with the robot's own parameters. Torques summed about the base, or from grouped
+parameters, would have the same rounding that refinement removes
+(docs/decisions/0005-refinement.md). Methods in the same axes share its angular velocities.
 
 Wilkinson 1963; Skeel 1980: one step in the same precision is enough if the residual is accurate
 relative to its own terms.
@@ -36,10 +37,9 @@ import numpy as np
 
 from pfd_core.algorithms.chain.drives import has_drives, motor_torques
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
-from pfd_core.algorithms.chain.joint_torques import plus_joint_torques, without_joint_torques
-from pfd_core.algorithms.chain.link_axes import chain_in_link_axes, known
+from pfd_core.algorithms.chain.joint_torques import without_joint_torques
+from pfd_core.algorithms.grouped.link_torques import record_link_torques
 from pfd_core.algorithms.programs import record_forward_dynamics
-from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -96,17 +96,6 @@ def record_refined(
     with recorder.section('error estimate'):
         results['error'] = [_estimate(recorder, qdd, delta, results)]
     return program_with_outputs(recorder, **results | {'qdd': qdd})
-
-
-def record_link_torques(plant: Plant) -> Program:
-    """Return the program of the motors' tau, (n,), from q, qd, qdd, each link in its own axes."""
-    chain = chain_in_link_axes(plant, 'sequential')
-    n = len(chain.links)
-    qd, qdd = (input_list(chain.recorder, name, n) for name in ('qd', 'qdd'))
-    with chain.recorder.section('torques'):
-        tau = known(chain, newton_euler(chain.links, qd, qdd, chain.gravity, chain.wrench))
-        tau = plus_joint_torques(plant, tau, qd, qdd)
-    return program_with_outputs(chain.recorder, tau=tau)
 
 
 def inline(

@@ -1,25 +1,39 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The method that 'auto' stands for: the serial one whose kernel has the fewest operations.
+The method that 'auto' stands for: the cheapest one, or the one that a step of refinement mends.
 
-The matrix of composite bodies grows with n^2 and its factors with n^3, articulated bodies with n,
-from a higher start. Ordinary arms of up to seven joints are cheaper by the former, chains of
-sixteen and more by the latter, by at least a tenth; in between it depends on the zeros of the
-chain, and both are recorded, lowered and counted.
+The cheapest is the serial method whose kernel has the fewest operations. The matrix of
+composite bodies grows with n^2 and its factors with n^3, articulated bodies with n, from a higher
+start. Ordinary arms of up to seven joints are cheaper by the former, chains of sixteen and more by
+the latter, by at least a tenth; in between it depends on the zeros of the chain, and both are
+recorded, lowered and counted.
+
+A pivot d_i of the inertia matrix H is what is left of the diagonal h_ii after the joints nearer
+to the tip are eliminated. The answer of composite bodies loses a factor of up to max h_ii / d_i,
+and a step of refinement squares the loss, in units of u: it is mended up to u^-1/2. Beyond
+LARGEST_LOSS a refined kernel is made of articulated bodies, which subtract no such large numbers
+(docs/decisions/0015-auto-under-refinement.md).
 """
 
 from __future__ import annotations
 
-from pfd_core.algorithms.programs import METHODS, record_forward_dynamics
+import numpy as np
+
+from pfd_core.algorithms.programs import METHODS, record_forward_dynamics, record_terms
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.runtime.json_cache import get_or_compute
+from pfd_core.machine.emulator import run
 from pfd_core.model import Plant
 from pfd_core.model.checked_numbers import integer
 
 FEW_JOINTS, MANY_JOINTS = 'composite_body', 'grouped_articulated_body'
 # The longest chain that always takes FEW_JOINTS, and the shortest that always takes MANY_JOINTS.
 SHORT, LONG = 7, 16
+# Largest h_ii / d_i that composite bodies are refined with: a tenth of u^-1/2 in float64.
+LARGEST_LOSS = 1e7
+# Poses at which the pivots are looked at.
+POSES = 16
 
 
 def choose(plant: Plant, method: str, refine: int) -> str:
@@ -29,10 +43,13 @@ def choose(plant: Plant, method: str, refine: int) -> str:
         raise ValueError(f"method must be 'auto' or one of {METHODS}, got {method!r}")
     if method != 'auto':
         return method
-    if plant.robot.n <= SHORT:
-        return FEW_JOINTS
-    if plant.robot.n >= LONG:
+    n = plant.robot.n
+    if n >= LONG:
         return MANY_JOINTS
+    if refine and get_or_compute(('loss', plant.digest), lambda: _loses_much(plant), _is_bool):
+        return MANY_JOINTS
+    if n <= SHORT:
+        return FEW_JOINTS
     choices = (FEW_JOINTS, MANY_JOINTS)
     return get_or_compute(('auto', plant.digest), lambda: _cheapest(plant), choices.__contains__)
 
@@ -47,3 +64,31 @@ def cost(plant: Plant, method: str) -> int:
     program = record_forward_dynamics(plant, method, 'sequential')
     counts = operations(lower(program, 'float64', ['qdd']).compiled)
     return sum(count for op, count in counts.items() if op != 'neg')
+
+
+def _loses_much(plant: Plant) -> bool:
+    """
+    Return whether a pivot of H is below h_ii / LARGEST_LOSS at one of POSES poses.
+
+    The first pose is straight, the others are spread. A joint without inertia, which only brakes
+    can hold, loses nothing. The order of the operations is that of the text, without BLAS, so that
+    the outcome is the same on every machine.
+    """
+    n = plant.robot.n
+    program = record_terms(plant, 'parallel')
+    # H depends on q alone; the program's other inputs are for the bias.
+    inputs = {name: np.zeros((POSES, size)) for name, size in program.inputs.items()}
+    inputs['q'] = np.pi * np.sin(np.outer(np.arange(POSES), np.arange(1, n + 1)))
+    H = run(program, inputs)['H']
+    rest = H.copy()
+    for i in range(n - 1, -1, -1):
+        row, pivot = rest[:, i].copy(), rest[:, i, i, np.newaxis].copy()
+        if (pivot[:, 0] * LARGEST_LOSS < H[:, i, i]).any():
+            return True
+        factors = np.divide(row, pivot, out=np.zeros_like(row), where=pivot > 0)
+        rest -= factors[:, :, np.newaxis] * row[:, np.newaxis, :]
+    return False
+
+
+def _is_bool(value: object) -> bool:
+    return isinstance(value, bool)

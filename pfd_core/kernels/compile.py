@@ -30,7 +30,8 @@ def compile_kernel(
     robot : Robot
         The chain.
     method : str
-        A name in METHODS, or 'auto'.
+        A name in METHODS, or 'auto': the cheapest, or with `refine`, where its rounding would be
+        too large for a step to mend, articulated bodies.
     scene : Scene, optional
         Which effects are on; default: rigid links and gravity.
     dtype : {'float64', 'float32'}

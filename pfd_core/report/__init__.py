@@ -29,7 +29,15 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     hard_case_problems   robots and states of the cases: chains of rods, arms (Problem)
     hard_cases           the table of cases: cause, problem and bounds (Case)
     hard_case_reference  qdd in 50 digits with its certificate, and condition numbers
+    error_estimates      estimates of refined kernels beside their errors, over random states (Row)
     hard_case_errors     errors of the kernel, every method and peers beside it (Result)
+    decimals             programs on Python's decimal numbers, one state at a time
+    extrapolation        end of a motion, extrapolated in extended precision
+    trajectory_cases     the tables of hard motions and of their runs' bounds (Motion, Check)
+    trajectory_references  stored ends of the motions, and how they are computed (Reference)
+    trajectory_errors    runs of the motions; formulation stiffness; loops through a hold (Run)
+    markdown             paragraphs and tables
+    trajectory_pages     sections of the page: estimates and motions
     hard_case_pages      the page: its tables and columns; writes all files
 
 `pfd report speed --against-error` (docs/report/speed-against-error.md, .json, .png, .svg and

@@ -24,6 +24,7 @@ from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.kernels.source import TOLERANCES
 from pfd_core.machine.emulator import run
 from pfd_core.model import Plant
+from pfd_core.report.error_estimates import errors_before, estimated
 from pfd_core.report.hard_case_problems import Array, Problem
 from pfd_core.report.hard_case_reference import (
     Reference,
@@ -41,6 +42,8 @@ from pfd_core.report.timing import LeftOutError, Work
 FEW = 12
 MANY = {'composite_body': 40, 'grouped_articulated_body': 200, 'articulated_body': 40}
 SAME_BITS = 'the bits of its twin'
+# What peer_answers yields where all peers are installed.
+PEERS = ('Pinocchio aba', 'Pinocchio aba, WORLD', 'Pinocchio crba', 'MuJoCo')
 
 
 @dataclass(frozen=True)
@@ -50,26 +53,30 @@ class KernelRow:
 
     Attributes
     ----------
-    dtype, refine : str, int
-        Number format and steps of refinement.
+    dtype, refine, method : str, int, str
+        Number format, steps of refinement, and the method that 'auto' stands for.
     error, in_units : float
         Largest error, and largest error over kappa_s u.
     bound : str or None
         The bound of the case as text, where it has one.
     met : bool or None
         Whether the bound is met, and the bits of the twin, if the case has one, are the same.
+    before : float or None
+        Largest error of the answer that refinement corrects, in the norm of the estimate.
     estimate : float or None
-        Error estimate over the error without refinement, in the state where that is largest.
+        Error estimate over that error, in the same state.
 
     """
 
     dtype: str
     refine: int
+    method: str
     error: float
     in_units: float
     bound: str | None
     met: bool | None
-    estimate: float | None
+    before: float | None = None
+    estimate: float | None = None
 
 
 @dataclass(frozen=True)
@@ -84,13 +91,12 @@ class MethodRow:
 
 @dataclass(frozen=True)
 class Result:
-    """Everything measured at a case; `auto` is the method that 'auto' stands for."""
+    """Everything measured at a case."""
 
     name: str
     cause: str
     n: int
     states: int
-    auto: str
     kappa_j: float
     kappa_s: float
     difference: float
@@ -99,18 +105,13 @@ class Result:
     methods: tuple[MethodRow, ...]
 
 
-def kernel_answer(
-    problem: Problem, dtype: str, refine: int, method: str = 'auto'
-) -> tuple[NDArray[Any], Array]:
-    """Return qdd (S, n), with the bits of the kernel, and its error estimates (S,), or NaN."""
+def kernel_answer(problem: Problem, dtype: str, refine: int, method: str = 'auto') -> NDArray[Any]:
+    """Return qdd (S, n), with the bits of the kernel."""
     method = choose(problem.plant, method, refine)
     recorded = record_refined(problem.plant, method, refine, TOLERANCES[dtype])
-    outputs = ['qdd', 'error'] if refine else ['qdd']
-    result = _run(lower(recorded, dtype, outputs).compiled, problem.states, dtype)
-    estimates = (
-        result['error'][:, 0].astype(np.float64) if refine else np.nan * result['qdd'][:, 0]
-    )
-    return result['qdd'], estimates
+    program = lower(recorded, dtype, ['qdd']).compiled
+    qdd: NDArray[Any] = _run(program, problem.states, dtype)['qdd']
+    return qdd
 
 
 def methods(n: int) -> tuple[str, ...]:
@@ -186,7 +187,6 @@ def measure(case: Case) -> Result:
         cause=case.cause,
         n=n,
         states=len(known.qdd),
-        auto=choose(problem.plant, 'auto', 1),
         kappa_j=kappa_j(problem),
         kappa_s=float(condition.max()),
         difference=known.difference,
@@ -206,27 +206,33 @@ def kernel_rows(
 ) -> Iterator[KernelRow]:
     """Yield the kernel's errors in both number formats, without and with refinement."""
     for dtype, u in ROUNDING.items():
-        plain: Array | None = None
         for refine in (0, 1):
-            qdd, estimates = kernel_answer(problem, dtype, refine)
+            qdd, estimate = _kernel(problem, known, dtype, refine)
             found = errors(qdd, known)
             bound = case.bound(dtype, refine)
             text = None if bound is None else str(bound)
             met = None if bound is None else bool((found <= bound.at(dtype, condition)).all())
             if problem.twin is not None and refine:
-                twin, _ = kernel_answer(problem.twin(), dtype, refine)
-                met = met is not False and bool((twin == qdd).all())
+                met = met is not False and bool(
+                    (kernel_answer(problem.twin(), dtype, refine) == qdd).all()
+                )
                 text = SAME_BITS if text is None else f'{text}, {SAME_BITS}'
-            ratio = _ratio(estimates, plain) if plain is not None else None
+            method = choose(problem.plant, 'auto', refine)
             in_units = float((found / condition).max() / u)
-            yield KernelRow(dtype, refine, float(found.max()), in_units, text, met, ratio)
-            plain = found
+            yield KernelRow(
+                dtype, refine, method, float(found.max()), in_units, text, met, *estimate
+            )
 
 
-def _ratio(estimates: Array, before: Array) -> float | None:
-    """Return the estimate over the error where that is largest; None if it is no number."""
+def _kernel(
+    problem: Problem, known: Reference, dtype: str, refine: int
+) -> tuple[NDArray[Any], tuple[float, float | None] | tuple[()]]:
+    """Return qdd and, refined, the largest error before with the ratio of estimate and error."""
+    if not refine:
+        return kernel_answer(problem, dtype, refine), ()
+    found = estimated(problem, dtype)
+    before = errors_before(found, known.qdd)
     k = int(before.argmax())
-    if not 0 < before[k] < np.inf:
-        return None
-    ratio = float(estimates[k] / before[k])
-    return ratio if np.isfinite(ratio) else None
+    sound = 0 < before[k] < np.inf and np.isfinite(found.estimates[k])
+    ratio = float(found.estimates[k] / before[k]) if sound else None
+    return found.qdd, (float(before[k]), ratio)

@@ -66,7 +66,7 @@ def reference(problem: Problem) -> Reference:
     """Return the certified answer of a problem; ImportError without mpmath."""
     import mpmath
 
-    # A number given to the emulator is rounded to the digits that are set here.
+    # Differences of the emulator's numbers are rounded to the digits that are set here.
     with mpmath.workdps(DIGITS):
         return _reference(problem)
 

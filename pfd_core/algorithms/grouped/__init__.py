@@ -3,8 +3,9 @@
 """
 Serial methods at their cheapest, with grouped inertial parameters; kernels are made of them.
 
-    links              grouped parameters of a chain in joint axes, as numbers
-    newton_euler       the chain at q, and y = tau - bias
+    links              parameters of a chain in joint axes, as given and grouped, as numbers
+    newton_euler       the chain at q, the motion of its links, and y = tau - bias
+    link_torques       inverse dynamics with parameters as given: the residual of refinement
     composite_body     H by composite bodies and L' D L: the whole program, for short chains
     articulated_body   articulated bodies: the whole program, for long chains
 """

@@ -43,9 +43,9 @@ REACH = 2.0
 
 
 @dataclass(frozen=True)
-class GroupedLink:
+class JointAxes:
     """
-    Numbers of one link in its axes B_i.
+    Axes B_i of one link.
 
     Attributes
     ----------
@@ -57,6 +57,43 @@ class GroupedLink:
         Cosine and sine of alpha_(i-1), from the axis of joint i - 1 to that of joint i.
     p : ndarray
         (3,), origin of B_i at q_i = 0, in axes B_(i-1) [m].
+
+    """
+
+    slides: bool
+    start: tuple[float, float]
+    twist: tuple[float, float]
+    p: Array
+
+
+@dataclass(frozen=True)
+class CenteredLink(JointAxes):
+    """
+    A link by the parameters that the robot is given by, in its axes B_i.
+
+    Attributes
+    ----------
+    m : float
+        Mass [kg].
+    center : ndarray
+        (3,), centre of mass [m].
+    J : ndarray
+        (3, 3), inertia about the centre of mass [kg m^2].
+
+    """
+
+    m: float
+    center: Array
+    J: Array
+
+
+@dataclass(frozen=True)
+class GroupedLink(JointAxes):
+    """
+    A link by grouped parameters, in its axes B_i.
+
+    Attributes
+    ----------
     m : float
         Mass [kg].
     h : ndarray
@@ -66,10 +103,6 @@ class GroupedLink:
 
     """
 
-    slides: bool
-    start: tuple[float, float]
-    twist: tuple[float, float]
-    p: Array
     m: float
     h: Array
     inertia: Array
@@ -85,7 +118,8 @@ class Tip:
 
 def grouped_links(plant: Plant) -> tuple[list[GroupedLink], Tip]:
     """Return the grouped links of a plant, base to tip, and the pose of frame n."""
-    links, tip = _in_joint_axes(plant)
+    centered, tip = centered_links(plant)
+    links = [_about_the_origin(link) for link in centered]
     for i in range(len(links) - 1, 0, -1):
         links[i], moved = _split(links[i])
         links[i - 1] = _added(links[i - 1], _outward(links[i], moved))
@@ -95,10 +129,10 @@ def grouped_links(plant: Plant) -> tuple[list[GroupedLink], Tip]:
 Body = tuple[float, Array, Array]  # mass, first moment, inertia about the origin
 
 
-def _in_joint_axes(plant: Plant) -> tuple[list[GroupedLink], Tip]:
-    """Return the links, not grouped, in axes B_i, and the tip."""
+def centered_links(plant: Plant) -> tuple[list[CenteredLink], Tip]:
+    """Return the links of a plant, not grouped, base to tip, and the pose of frame n."""
     robot = plant.robot
-    links: list[GroupedLink] = []
+    links: list[CenteredLink] = []
     before, twist, p = (1.0, 0.0), (1.0, 0.0), np.zeros(3)
     slid = 0.0  # distance that the origin of B_i was moved along its axis
     for i in range(robot.n):
@@ -112,15 +146,7 @@ def _in_joint_axes(plant: Plant) -> tuple[list[GroupedLink], Tip]:
         offset = product(Z.T, a) - axis
         start = sum_of_angles(before, first)
         links.append(
-            GroupedLink(
-                robot.joint_types[i] == 'prismatic',
-                start,
-                twist,
-                p,
-                m,
-                m * center,
-                J + m * _moments(center, center),
-            )
+            CenteredLink(robot.joint_types[i] == 'prismatic', start, twist, p, m, center, J)
         )
         if i == robot.n - 1:
             tip = Tip(product(rotation_x(*tilt), rotation_z(*following)), offset)
@@ -130,6 +156,12 @@ def _in_joint_axes(plant: Plant) -> tuple[list[GroupedLink], Tip]:
             p[1] = 0.0  # exactly, without the rounding of the line above
         before, twist = following, tilt
     return links, tip
+
+
+def _about_the_origin(link: CenteredLink) -> GroupedLink:
+    inertia = link.J + link.m * _moments(link.center, link.center)
+    h = link.m * link.center
+    return GroupedLink(link.slides, link.start, link.twist, link.p, link.m, h, inertia)
 
 
 def _slide(offset: Array, tilt: tuple[float, float]) -> float:

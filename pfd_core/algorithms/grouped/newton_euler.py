@@ -19,7 +19,7 @@ One register holds one number; everything of link i is in axes B_i.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +27,7 @@ from pfd_core.algorithms.chain.drives import motor_torques
 from pfd_core.algorithms.chain.interface import input_list, wrench_input
 from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
 from pfd_core.algorithms.chain.link_axes import planar
-from pfd_core.algorithms.grouped.links import GroupedLink, Tip, grouped_links
+from pfd_core.algorithms.grouped.links import GroupedLink, JointAxes, Tip, grouped_links
 from pfd_core.machine.lanes import cos, sin
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array, constants, cross
@@ -35,9 +35,9 @@ from pfd_core.model import Plant
 
 
 @dataclass(frozen=True)
-class Link:
+class Axes:
     """
-    A link at the input q.
+    Axes B_i of a link at the input q.
 
     Attributes
     ----------
@@ -49,6 +49,23 @@ class Link:
         Whether alpha_(i-1) is 90 degrees, one way or the other, exactly.
     r : LaneArray
         (3,), origin of B_i from that of B_(i-1), in axes B_(i-1) [m].
+
+    """
+
+    slides: bool
+    turn: tuple[Lanes, Lanes]
+    twist: tuple[Lanes, Lanes]
+    square: bool
+    r: LaneArray
+
+
+@dataclass(frozen=True)
+class Link(Axes):
+    """
+    A link at the input q, with grouped parameters.
+
+    Attributes
+    ----------
     m : Lanes
         Mass [kg].
     h : LaneArray
@@ -58,11 +75,6 @@ class Link:
 
     """
 
-    slides: bool
-    turn: tuple[Lanes, Lanes]
-    twist: tuple[Lanes, Lanes]
-    square: bool
-    r: LaneArray
     m: Lanes
     h: LaneArray
     inertia: LaneArray
@@ -84,6 +96,16 @@ def grouped_equations(plant: Plant) -> tuple[Recorder, list[Link], list[Lanes]]:
 
 
 def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
+    return Link(
+        **vars(axes_at(recorder, link, q)),
+        m=recorder.constant(link.m),
+        h=constants(recorder, link.h),
+        inertia=constants(recorder, [link.inertia[k] for k in UPPER]),
+    )
+
+
+def axes_at(recorder: Recorder, link: JointAxes, q: Lanes) -> Axes:
+    """Return the axes of a link at the input q."""
     c0, s0 = turn = planar(recorder, link.start)
     twist = planar(recorder, link.twist)
     r = constants(recorder, link.p)
@@ -92,33 +114,24 @@ def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
     else:
         c, s = cos(q), sin(q)
         turn = c * c0 - s * s0, s * c0 + c * s0
-    return Link(
-        slides=link.slides,
-        turn=turn,
-        twist=twist,
-        square=link.twist[0] == 0,
-        r=r,
-        m=recorder.constant(link.m),
-        h=constants(recorder, link.h),
-        inertia=constants(recorder, [link.inertia[k] for k in UPPER]),
-    )
+    return Axes(slides=link.slides, turn=turn, twist=twist, square=link.twist[0] == 0, r=r)
 
 
-def inward(link: Link, v: LaneArray) -> LaneArray:
+def inward(link: Axes, v: LaneArray) -> LaneArray:
     """Return a vector of B_i in the axes B_(i-1): R v."""
     (c, s), (ca, sa) = link.turn, link.twist
     x, y = c * v[0] - s * v[1], s * v[0] + c * v[1]
     return array([x, ca * y - sa * v[2], sa * y + ca * v[2]])
 
 
-def outward(link: Link, v: LaneArray) -> LaneArray:
+def outward(link: Axes, v: LaneArray) -> LaneArray:
     """Return a vector of B_(i-1) in the axes B_i: R' v."""
     (c, s), (ca, sa) = link.turn, link.twist
     y, z = ca * v[1] + sa * v[2], ca * v[2] - sa * v[1]
     return array([c * v[0] + s * y, c * y - s * v[0], z])
 
 
-def inward_symmetric(link: Link, X: LaneArray) -> LaneArray:
+def inward_symmetric(link: Axes, X: LaneArray) -> LaneArray:
     """Return a symmetric matrix of B_i, six elements, in the axes B_(i-1): R X R'."""
     (c, s), (ca, sa) = link.turn, link.twist
     xx, xy, xz, yy, yz, zz = _turned(c, s, X)
@@ -141,12 +154,51 @@ def _bias(
     recorder: Recorder, plant: Plant, links: Sequence[Link], tip: Tip, qd: Sequence[Lanes]
 ) -> list[Lanes]:
     """Return the bias, (n,): torques of links, gravity and wrench at qdd = 0."""
+    forces = []
+    for link, motion in zip(links, motions(recorder, plant, links, qd), strict=True):
+        n = moment(motion, link.inertia) + cross(link.h, motion.a)
+        forces.append((link.m * motion.a + motion.spin @ link.h, n))
+    return joint_torques(recorder, plant, links, tip, forces)
+
+
+@dataclass(frozen=True)
+class Motion:
+    """
+    Motion of a link, in its axes B_i.
+
+    Attributes
+    ----------
+    w, wd : LaneArray
+        (3,), angular velocity [rad/s] and acceleration [rad/s^2].
+    a : LaneArray
+        (3,), acceleration of the origin, minus that of gravity [m/s^2].
+    squares : LaneArray
+        (6,), xx, xy, xz, yy, yz, zz of w w'.
+    spin : LaneArray
+        (3, 3), W = [wd] + [w][w].
+
+    """
+
+    w: LaneArray
+    wd: LaneArray
+    a: LaneArray
+    squares: LaneArray
+    spin: LaneArray
+
+
+def motions(
+    recorder: Recorder,
+    plant: Plant,
+    links: Sequence[Axes],
+    qd: Sequence[Lanes],
+    qdd: Sequence[Lanes] | None = None,
+) -> Iterator[Motion]:
+    """Yield the motion of each link, base to tip; without qdd it is zero."""
     zero = recorder.constant(0.0)
     w, wd = (array([zero] * 3) for _ in range(2))
     a = constants(recorder, -plant.gravity)
     spin: Any = None  # W of the link before
-    forces = []
-    for link, rate in zip(links, qd, strict=True):
+    for i, (link, rate) in enumerate(zip(links, qd, strict=True)):
         w, wd = outward(link, w), outward(link, wd)
         a = outward(link, a if spin is None else a + spin @ link.r)
         if link.slides:
@@ -154,13 +206,12 @@ def _bias(
         else:
             wd = array([wd[0] + w[1] * rate, wd[1] - w[0] * rate, wd[2]])
             w = array([w[0], w[1], w[2] + rate])
+        if qdd is not None:
+            along = a if link.slides else wd
+            along[2] = along[2] + qdd[i]
         squares = _products(w)
         spin = _spin(squares, wd)
-        n = _moment(squares, spin, wd, link.inertia) + cross(link.h, a)
-        forces.append((link.m * a + spin @ link.h, n))
-    if plant.external_wrench:
-        forces[-1] = _pushed(recorder, tip, forces[-1])
-    return _torques(links, forces)
+        yield Motion(w, wd, a, squares, spin)
 
 
 def _products(w: LaneArray) -> LaneArray:
@@ -180,10 +231,11 @@ def _spin(squares: LaneArray, wd: LaneArray) -> LaneArray:
     )
 
 
-def _moment(squares: LaneArray, W: LaneArray, wd: LaneArray, inertia: LaneArray) -> LaneArray:
+def moment(motion: Motion, inertia: LaneArray) -> LaneArray:
     """Return I wd + w x I w, from elements of W."""
+    wd, W = motion.wd, motion.spin
     xx, xy, xz, yy, yz, zz = inertia
-    _, sxy, sxz, _, syz, _ = squares
+    _, sxy, sxz, _, syz, _ = motion.squares
     return array(
         [
             xx * wd[0] + (zz - yy) * syz + yz * (W[1, 1] - W[2, 2]) + xz * W[1, 0] - xy * W[2, 0],
@@ -193,7 +245,27 @@ def _moment(squares: LaneArray, W: LaneArray, wd: LaneArray, inertia: LaneArray)
     )
 
 
-def _pushed(
+def joint_torques(
+    recorder: Recorder,
+    plant: Plant,
+    links: Sequence[Axes],
+    tip: Tip,
+    forces: Sequence[tuple[LaneArray, LaneArray]],
+) -> list[Lanes]:
+    """Return the torque of each joint, from force and moment that each link needs."""
+    torques: list[Lanes] = []
+    f = n = None
+    for link, force in zip(reversed(links), reversed(forces), strict=True):
+        if f is not None:
+            f, n = force[0] + f, force[1] + n
+        else:
+            f, n = _less_wrench(recorder, tip, force) if plant.external_wrench else force
+        torques.append(f[2] if link.slides else n[2])
+        f, n = moved(link, f, n)
+    return torques[::-1]
+
+
+def _less_wrench(
     recorder: Recorder, tip: Tip, force: tuple[LaneArray, LaneArray]
 ) -> tuple[LaneArray, LaneArray]:
     """Return force and moment of the last link minus the wrench on it."""
@@ -203,19 +275,7 @@ def _pushed(
     return force[0] - f, force[1] - (R @ k[3:] + cross(p, f))
 
 
-def _torques(links: Sequence[Link], forces: Sequence[tuple[LaneArray, LaneArray]]) -> list[Lanes]:
-    """Return the torque of each joint, from force and moment of the links beyond it."""
-    torques: list[Lanes] = []
-    carried: tuple[LaneArray, LaneArray] | None = None
-    for link, (f, n) in zip(reversed(links), reversed(forces), strict=True):
-        if carried is not None:
-            f, n = f + carried[0], n + carried[1]
-        torques.append(f[2] if link.slides else n[2])
-        carried = moved(link, f, n)
-    return torques[::-1]
-
-
-def moved(link: Link, f: LaneArray, n: LaneArray) -> tuple[LaneArray, LaneArray]:
+def moved(link: Axes, f: LaneArray, n: LaneArray) -> tuple[LaneArray, LaneArray]:
     """Return force and moment of axes and origin B_i in axes and about the origin of B_(i-1)."""
     f, n = inward(link, f), inward(link, n)
     return f, n + cross(link.r, f)

@@ -1,0 +1,117 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Programs run one state at a time on Python's decimal numbers, for long motions in many digits.
+
+Python's decimal numbers are written in C: an evaluation takes a twentieth of the emulator's time
+with mpmath. Products with zero and one and sums with zero, which a recording has many of, are
+left out; all else is done as recorded. Sine and cosine are Taylor series of an angle that is
+halved first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from decimal import Decimal, getcontext
+import operator
+from typing import Any
+
+from pfd_core.machine.program import Program
+
+Inputs = Mapping[str, Sequence[Decimal]]
+ZERO, ONE, TWO = Decimal(0), Decimal(1), Decimal(2)
+# Halvings of an angle before its series, and digits beyond the context's that they cost.
+HALVINGS, GUARD = 6, 5
+
+
+def cos_sin(angle: Decimal) -> tuple[Decimal, Decimal]:
+    """Return cosine and sine of an angle [rad] of moderate size."""
+    context = getcontext()
+    context.prec += GUARD
+    x = angle / 2**HALVINGS
+    square, term, k = x * x, x, 1
+    sine, smallest = x, abs(x) * Decimal(10) ** -context.prec
+    while abs(term) > smallest:
+        k += 2
+        term = -term * square / (k * (k - 1))
+        sine += term
+    # versine = 1 - cos, which keeps its digits for small angles.
+    versine = sine * sine / (ONE + (ONE - sine * sine).sqrt())
+    for _ in range(HALVINGS):
+        sine, versine = 2 * sine * (ONE - versine), 2 * sine * sine
+    context.prec -= GUARD
+    return ONE - versine, +sine
+
+
+MEANING: dict[str, Callable[..., Any]] = {
+    'add': operator.add,
+    'sub': operator.sub,
+    'mul': operator.mul,
+    'div': operator.truediv,
+    'neg': operator.neg,
+    'select': lambda condition, chosen, other: chosen if condition > 0 else other,
+    'sin': lambda x: cos_sin(x)[1],
+    'cos': lambda x: cos_sin(x)[0],
+}
+
+
+def evaluator(program: Program) -> Callable[[Inputs], dict[str, list[Decimal]]]:
+    """
+    Return a function from inputs to outputs, each a list of elements, for a sequential program.
+
+    The context of the decimal module sets the digits when the function is called.
+
+    Raises
+    ------
+    ValueError
+        If the program is not sequential, or an operation is not in MEANING.
+
+    """
+    if program.lanes != 1:
+        raise ValueError('decimal numbers run sequential programs only')
+    steps: list[tuple[Any, int, tuple[int, ...]]] = []
+    known: dict[int, Decimal] = {}  # registers that hold a constant
+    same = list(range(len(program.instructions)))  # register that holds the value of another
+    places: list[tuple[int, str, int]] = []
+    for register, (op, args, data, _, _) in enumerate(program.instructions):
+        operands = tuple(same[a] for a in args)
+        if op == 'constant':
+            known[register] = Decimal(data[0])
+        elif op == 'input':
+            places.append((register, *data[0]))
+        elif op not in MEANING:
+            raise ValueError(f'decimal numbers have no operation {op!r}')
+        elif (alias := _alias(op, operands, known)) is not None:
+            same[register] = alias
+        else:
+            steps.append((MEANING[op], register, operands))
+
+    def evaluate(inputs: Inputs) -> dict[str, list[Decimal]]:
+        values: list[Any] = [None] * len(same)
+        for register, value in known.items():
+            values[register] = value
+        for register, name, k in places:
+            values[register] = inputs[name][k]
+        for function, register, operands in steps:
+            values[register] = function(*[values[a] for a in operands])
+        return {
+            name: [values[same[register]] for register, _ in output.places]
+            for name, output in program.outputs.items()
+        }
+
+    return evaluate
+
+
+def _alias(op: str, operands: Sequence[int], known: Mapping[int, Decimal]) -> int | None:
+    """Return the operand that a result is equal to exactly, if it is known to be one."""
+    if op not in ('add', 'sub', 'mul'):
+        return None
+    a, b = operands
+    x, y = known.get(a), known.get(b)
+    if op == 'mul':
+        if ZERO in (x, y):
+            return a if x == ZERO else b
+        return b if x == ONE else (a if y == ONE else None)
+    if op == 'add' and x == ZERO:
+        return b
+    return a if y == ZERO else None

@@ -1,0 +1,194 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Hard motions: their references, checked by other means, and the bounds of their runs."""
+
+from __future__ import annotations
+
+from decimal import Decimal, localcontext
+from fractions import Fraction
+from itertools import pairwise
+import math
+from typing import Any
+
+import mpmath
+import numpy as np
+import pinocchio as pin
+import pytest
+from zoo import random_chain, to_pinocchio
+
+import pfd_core as pfd
+from pfd_core.algorithms.programs import record_forward_dynamics, record_terms
+from pfd_core.machine.emulator import run
+from pfd_core.machine.program import Program
+from pfd_core.model import resolve
+from pfd_core.report.decimals import cos_sin, evaluator
+from pfd_core.report.extrapolation import Extrapolation, end_of_motion
+from pfd_core.report.trajectory_cases import CHECKS, MOTIONS, Check, so100
+from pfd_core.report.trajectory_errors import (
+    SAME_EFFORT,
+    Hold,
+    Run,
+    energy,
+    error,
+    formulation,
+    holds,
+)
+from pfd_core.report.trajectory_pages import Survey, data, sections
+from pfd_core.report.trajectory_references import REFERENCES, computed
+
+FAST = ('planar2_swing', 'so100_fall', 'puma560_damped_1_no_rotors')
+
+
+def marked(check: Check) -> object:
+    name = f'{check.motion}-{check.integrator}-{check.step:g}-{check.quantity}-{check.dtype}'
+    return pytest.param(check, id=name, marks=[] if check.motion in FAST else pytest.mark.slow)
+
+
+@pytest.mark.parametrize('check', [marked(check) for check in CHECKS])
+def test_a_run_stays_within_its_bound(check: Check) -> None:
+    assert error(check) <= check.bound
+
+
+def test_every_motion_has_a_reference_that_two_computations_agree_on() -> None:
+    assert [motion.name for motion in MOTIONS] == list(REFERENCES)
+    for motion in MOTIONS:
+        assert motion.way.order >= 20
+        assert len(REFERENCES[motion.name].q) == len(motion.q)
+        assert REFERENCES[motion.name].self_difference < 1e-15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ['so100_fall', 'puma560_damped_10000'])
+def test_a_stored_reference_is_what_is_computed(name: str) -> None:
+    (motion,) = (motion for motion in MOTIONS if motion.name == name)
+    found = computed(motion)
+    assert found.q == REFERENCES[name].q
+    assert found.self_difference < 1e-15
+
+
+def flywheel() -> pfd.Robot:
+    return pfd.Robot(
+        name='flywheel',
+        joint_names=('joint',),
+        joint_types=('continuous',),
+        rotations=np.eye(3)[None],
+        translations=np.zeros((1, 3)),
+        masses=np.ones(1),
+        centers=np.zeros((1, 3)),
+        inertias=0.5 * np.eye(3)[None],
+    )
+
+
+@pytest.mark.parametrize('scheme', ['midpoint', 'implicit'])
+def test_a_coasting_flywheel_ends_where_its_closed_form_says(scheme: str) -> None:
+    # J qd' = -d qd from qd = 1: q = J / d (1 - exp(-d t / J)), J / d = 1/4.
+    plant = resolve(flywheel(), pfd.Scene(gravity=None, damping=(2.0,)))
+    steps = [Fraction(1, 32)] * 32
+    way = Extrapolation(scheme, 12 if scheme == 'midpoint' else 20, 40)
+    found = end_of_motion(plant, [0.0], [1.0], steps, way)
+    with mpmath.workdps(40):
+        wanted = (1 - mpmath.exp(-4)) / 4
+        assert abs(mpmath.mpf(str(found[0, 0])) - wanted) < 1e-28
+
+
+@pytest.mark.parametrize(('scheme', 'columns', 'order'), [('midpoint', 2, 4), ('implicit', 3, 3)])
+def test_extrapolation_has_the_order_of_its_columns(scheme: str, columns: int, order: int) -> None:
+    plant = resolve(pfd.load_robot('planar2'), pfd.Scene(damping=(0.5, 0.5)))
+
+    def end(count: int, way: Extrapolation) -> Any:
+        steps = [Fraction(1, 4 * count)] * count
+        return end_of_motion(plant, [-1.0, 0.25], [0.0, 0.0], steps, way)
+
+    exact = end(8, Extrapolation('midpoint', 10, 30))
+    way = Extrapolation(scheme, columns, 30)
+    assert way.order == order
+    errors = [abs(end(count, way) - exact).max() for count in (128, 256, 512)]
+    for coarse, fine in pairwise(errors):
+        assert math.log2(coarse / fine) == pytest.approx(order, abs=0.2)
+
+
+def programs() -> list[Program]:
+    robot = random_chain(np.random.default_rng(8), 4)
+    plant = resolve(robot, pfd.Scene(armature='model', damping='model'))
+    return [
+        record_forward_dynamics(plant, 'articulated_body', 'sequential'),
+        record_terms(plant, 'sequential'),
+    ]
+
+
+@pytest.mark.parametrize('program', programs(), ids=['articulated_body', 'terms'])
+def test_decimal_numbers_give_the_digits_of_the_emulator(program: Program) -> None:
+    rng = np.random.default_rng(9)
+    inputs = {name: rng.normal(size=n) for name, n in program.inputs.items()}
+    wanted = run(program, inputs, digits=40)
+    with localcontext() as context, mpmath.workdps(50):
+        context.prec = 40
+        found = evaluator(program)({k: [Decimal(v) for v in x] for k, x in inputs.items()})
+        for name, values in found.items():
+            for value, right in zip(values, wanted[name].ravel(), strict=True):
+                assert abs(mpmath.mpf(str(value)) - right) < 1e-30 * max(1, abs(right))
+
+
+@pytest.mark.parametrize('angle', ['0', '1e-12', '0.3', '-7.25', '1234.5'])
+def test_decimal_sines_have_the_digits_of_the_context(angle: str) -> None:
+    with localcontext() as context, mpmath.workdps(50):
+        context.prec = 40
+        c, s = cos_sin(Decimal(angle))
+        x = mpmath.mpf(angle)
+        # Halving an angle of a thousand costs the digits of a thousand.
+        assert abs(mpmath.mpf(str(c)) - mpmath.cos(x)) < 1e-36
+        assert abs(mpmath.mpf(str(s)) - mpmath.sin(x)) < 1e-36
+
+
+def test_a_parallel_program_is_refused() -> None:
+    plant = resolve(pfd.load_robot('planar2'))
+    with pytest.raises(ValueError, match='sequential programs only'):
+        evaluator(record_terms(plant, 'parallel'))
+
+
+def test_the_energy_is_pinocchio_s_up_to_a_constant() -> None:
+    kinds = ['revolute', 'prismatic', 'continuous', 'revolute']
+    robot = random_chain(np.random.default_rng(4), 4, joint_types=kinds)
+    model = to_pinocchio(robot)
+    pin_data = model.createData()
+    q, qd = np.random.default_rng(5).normal(size=(2, 6, 4))
+    kinetic, potential = energy(resolve(robot), q, qd)
+    wanted_kinetic = [
+        pin.computeKineticEnergy(model, pin_data, *x) for x in zip(q, qd, strict=True)
+    ]
+    wanted = np.array([pin.computePotentialEnergy(model, pin_data, x) for x in q])
+    np.testing.assert_allclose(kinetic, wanted_kinetic, rtol=1e-12)
+    np.testing.assert_allclose(potential - potential[0], wanted - wanted[0], atol=1e-11)
+
+
+def test_the_so_100_has_six_joints_and_a_jaw_of_three_millionths() -> None:
+    robot = so100()
+    assert robot.n == 6
+    assert robot.masses.sum() == pytest.approx(0.6089655)
+    assert np.linalg.eigvalsh(robot.inertias[-1]).min() == pytest.approx(2.99548e-6)
+
+
+def test_refined_an_adaptive_run_takes_the_steps_of_the_motion_and_else_gives_up() -> None:
+    none, one, two = formulation()
+    assert none.evaluations is None
+    assert one.evaluations is not None
+    assert two.evaluations is not None
+    assert one.evaluations <= SAME_EFFORT * two.evaluations
+
+
+def test_a_loop_through_a_hold_is_stable_up_to_its_theory_s_gains_and_no_further() -> None:
+    for hold in holds():
+        assert hold.decays, hold.name
+        assert hold.grows, hold.name
+
+
+def test_the_sections_show_a_missed_bound_and_a_run_that_is_not_finite() -> None:
+    good = Run(CHECKS[0], 0.5 * CHECKS[0].bound)
+    missed, lost = Run(CHECKS[1], 2 * CHECKS[1].bound), Run(CHECKS[2], math.inf)
+    hold = Hold('arm', 1e-3, 0.0, 2.0, True, False)
+    survey = Survey((), (good, missed, lost), (), (hold,))
+    text = ' '.join(' '.join(sections(survey)).split())
+    assert '1 of 3 are met' in text
+    assert 'not finite' in text
+    assert '| yes | no |' in text
+    assert [one['met'] for one in data(survey)['runs']] == [True, False, False]

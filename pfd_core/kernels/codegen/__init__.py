@@ -15,6 +15,7 @@ Code generation: program -> text of LLVM IR. Each module writes the functions it
     object_layout    fields of a NumPy array
     python_entry     @entry, @bound: functions that Python calls, which check their arrays
     step             @step: an integrator's step around @evaluate
+    calls            functions that run procedures and @evaluate_NAME on arrays
     trips            @step with dry friction and joint stops, from event to event
     rollout          @rollout, @accelerations: the simulation of one arm
     law              feedback laws of an ensemble

@@ -20,19 +20,16 @@ The dynamics are @evaluate_held, in which held joints are an input, @evaluate_in
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from pfd_core.kernels.codegen.body import body, procedure
-from pfd_core.kernels.codegen.builder import Function, Variable
+from pfd_core.kernels.codegen.calls import Calls
 from pfd_core.kernels.codegen.evaluate import evaluate, wrap_row
-from pfd_core.kernels.codegen.spelling import Array, Format, arguments
+from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.codegen.step import MOTION, REPORT
 from pfd_core.machine.program import Program
 
-# Arrays of one number for each arm; all others have one for each joint.
-SINGLE = ('watch', 'busy', 'hits', 'event', 'rest', 'rest.end')
 # Torques of the motors at the beginning, in the middle and at the end of a trip.
 TORQUES = ('tau.begin', 'tau.mid', 'tau.end')
 # Arrays of @hold and @compress that their caller reads.
@@ -50,105 +47,6 @@ class Stage:
     qd: str
     tau: str  # tau.begin, tau.mid, tau.end, or an array that takes no friction
     function: str = '_held'
-
-
-class _Trips:
-    """
-    Writer of one function: its arrays by name, and the texts and dynamics that run on them.
-
-    Parameters
-    ----------
-    head : str
-        Result and name of the function, as `define internal void @step`.
-    given : sequence of str
-        Arrays that are parameters; others are made on the stack when they are first used.
-    contact : Contact
-        The texts and the dynamics.
-    form : Format
-        Number format and width.
-
-    """
-
-    def __init__(
-        self,
-        head: str,
-        given: Sequence[str],
-        contact: Contact,
-        form: Format,
-    ) -> None:
-        self.ir = Function(f'{head}({", ".join(f"ptr %{name}" for name in given)})')
-        self._arrays = {name: f'%{name}' for name in given}
-        self._texts, self._dynamics, self._form = contact.texts, contact.dynamics, form
-        self._n = contact.dynamics['_held'].inputs['q']
-
-    def address(self, name: str) -> str:
-        """Return the address of an array."""
-        if name not in self._arrays:
-            self._arrays[name] = self.ir.array(self._form.type, self.size(name))
-        return self._arrays[name]
-
-    def size(self, name: str) -> int:
-        """Return the numbers of an array for each arm."""
-        return 1 if name in SINGLE else self._n
-
-    def fill(self, name: str, value: float) -> None:
-        """Set all elements of an array."""
-        for k in range(self.size(name)):
-            self._form.write(self.ir, Array(self.address(name)), k, self._form.constant(value))
-
-    def copy(self, source: str, target: str) -> None:
-        """Copy an array."""
-        for k in range(self.size(source)):
-            value = self._form.read(self.ir, Array(self.address(source)), k)
-            self._form.write(self.ir, Array(self.address(target)), k, value)
-
-    def run(self, text: str, **arrays: str) -> None:
-        """Run a text on the arrays of its names, or of other names if given."""
-        program = self._texts[text]
-        self.call(text, [arrays.get(name, name) for name in (*program.inputs, *program.outputs)])
-
-    def motor(self, q: str, qd: str, tau: str) -> str:
-        """Return the array of the motors' torques under commanded ones at some state."""
-        if '_motor' not in self._dynamics:
-            return tau
-        self.evaluate('_motor', 'motor', q=q, qd=qd, tau=tau)
-        return 'motor'
-
-    def effort(self, qd: str, tau: str) -> str:
-        """Return the array of torques less the friction at some velocities."""
-        if 'effort' not in self._texts:
-            return tau
-        self.run('effort', qd=qd, tau=tau)
-        return 'effort'
-
-    def call(self, function: str, names: Sequence[str]) -> None:
-        """Call a function on arrays."""
-        self.ir.call('void', function, *(f'ptr {self.address(name)}' for name in names))
-
-    def evaluate(self, suffix: str, result: str, **arrays: str) -> None:
-        """Evaluate dynamics: inputs are the arrays of their names, or of other names if given."""
-        names = arguments(self._dynamics[suffix])
-        self.call(f'evaluate{suffix}', [*(arrays.get(name, name) for name in names), result])
-
-    def any(self, name: str) -> str:
-        """Return an i1: whether a number is above zero for any of `width` arms."""
-        value = self._form.read(self.ir, Array(self.address(name)), 0)
-        above = self.ir.let(f'fcmp ogt {self._form.type} {value}, {self._form.zero}')
-        return self._form.any(self.ir, above)
-
-    @contextmanager
-    def while_any(self, name: str, at_most: int) -> Iterator[None]:
-        """Repeat the body, at least once, while a number is above zero for any arm."""
-        again = Variable('i1', 'true')
-        with self.ir.loop(at_most, condition=again):
-            yield
-            again.value = self.any(name)
-
-    @property
-    def text(self) -> str:
-        """The whole function."""
-        self.ir.ret()
-        return str(self.ir)
 
 
 @dataclass(frozen=True)
@@ -233,6 +131,10 @@ class Contact:
         return [*functions, _step(self, further, extra, form), _evaluate(self, extra, form)]
 
 
+def _calls(head: str, given: Sequence[str], contact: Contact, form: Format) -> Calls:
+    return Calls(head, given, contact.texts, contact.dynamics, form)
+
+
 def _hold_arguments(extra: Sequence[str]) -> tuple[str, ...]:
     """Return the arrays of @hold."""
     return ('q', 'qd', 'watch', 'unlocked', *(name for name in extra if name != 'free'), *HELD)
@@ -240,7 +142,7 @@ def _hold_arguments(extra: Sequence[str]) -> tuple[str, ...]:
 
 def _hold(contact: Contact, extra: Sequence[str], form: Format) -> str:
     """Return @hold."""
-    trips = _Trips('define internal void @hold', _hold_arguments(extra), contact, form)
+    trips = _calls('define internal void @hold', _hold_arguments(extra), contact, form)
 
     drive = trips.motor('q', 'qd', 'tau')
     if 'drive' in contact.texts:
@@ -267,7 +169,7 @@ def _hold(contact: Contact, extra: Sequence[str], form: Format) -> str:
 def _compress(contact: Contact, form: Format) -> str:
     """Return @compress."""
     given = ('q', 'qd', 'unlocked', 'hits', *COMPRESSED)
-    trips = _Trips('define internal void @compress', given, contact, form)
+    trips = _calls('define internal void @compress', given, contact, form)
     trips.fill('zero', 0.0)
 
     def solve() -> None:
@@ -287,7 +189,7 @@ def _compress(contact: Contact, form: Format) -> str:
 def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: Format) -> str:
     """Return @step."""
     given = (*REPORT, *further, *extra)
-    trips = _Trips('define internal void @step', given, contact, form)
+    trips = _calls('define internal void @step', given, contact, form)
     lags = 'lag' in contact.texts
     torques = {} if lags else dict.fromkeys(TORQUES, 'tau')
     hold = [
@@ -329,14 +231,14 @@ def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: 
 
 def _evaluate(contact: Contact, extra: Sequence[str], form: Format) -> str:
     """Return @evaluate."""
-    trips = _Trips('define void @evaluate', (*MOTION, *extra, 'qdd'), contact, form)
+    trips = _calls('define void @evaluate', (*MOTION, *extra, 'qdd'), contact, form)
     _unlock(trips, extra)
     trips.run('watch')
     trips.call('hold', _hold_arguments(extra))
     return trips.text
 
 
-def _unlock(trips: _Trips, extra: Sequence[str]) -> None:
+def _unlock(trips: Calls, extra: Sequence[str]) -> None:
     """Set `unlocked`: all joints but those that a brake holds."""
     if 'free' in extra:
         trips.copy('free', 'unlocked')
@@ -344,7 +246,7 @@ def _unlock(trips: _Trips, extra: Sequence[str]) -> None:
         trips.fill('unlocked', 1.0)
 
 
-def _impact(trips: _Trips) -> None:
+def _impact(trips: Calls) -> None:
     """Write the velocities after an impact to qd."""
     trips.call('compress', ('q', 'qd', 'unlocked', 'hits', *COMPRESSED))
     trips.run('impulses')

@@ -78,17 +78,26 @@ QUICK = Plan(
 
 @dataclass(frozen=True)
 class CaseFacts:
-    """A case with its condition numbers and the certificate of its reference."""
+    """
+    A case with its condition numbers and the certificate of its reference.
+
+    `auto` and `refined` are the methods that 'auto' stands for, without and with refinement.
+    """
 
     name: str
     cause: str
     n: int
     states: int
     auto: str
+    refined: str
     kappa_j: float
     kappa_s: float
     difference: float
     residual: float
+
+    def default(self, refine: int) -> str:
+        """Return the method that 'auto' stands for with some steps of refinement."""
+        return self.refined if refine else self.auto
 
 
 @dataclass(frozen=True)
@@ -170,6 +179,7 @@ def measure(name: str, plan: Plan) -> tuple[CaseFacts, list[Point], list[str]]:
         n=problem.plant.robot.n,
         states=len(known.qdd),
         auto=choose(problem.plant, 'auto', 0),
+        refined=choose(problem.plant, 'auto', 1),
         kappa_j=kappa_j(problem),
         kappa_s=float(solved.condition.max()),
         difference=known.difference,

@@ -131,8 +131,9 @@ def _noise(findings: Findings) -> str:
 
 
 SUMMARY = """The default method in float64 as it is and with one step of refinement, and the peers:
-least nanoseconds for each state of the largest batch, and error. The cost of refinement is the
-median over the turns of the ratio of both times.
+least nanoseconds for each state of the largest batch, and error. Where the pivots of a robot lose
+digits the default with refinement is another method. The cost of refinement is the median over the
+turns of the ratio of both times.
 """
 
 
@@ -153,9 +154,9 @@ def _summary(findings: Findings, sizes: Sequence[int]) -> list[str]:
             for point in findings.points
             if (point.case, point.batch, point.dtype) == (case.name, most, 'float64')
         }
-        refined = known.get((case.auto, 1))
+        refined = known.get((case.refined, 1))
         cost = f'{1 / refined.times:.2f}' if refined is not None and refined.times else '-'
-        ours = [_time_and_error(known.get((case.auto, refine))) for refine in (0, 1)]
+        ours = [_time_and_error(known.get((case.default(refine), refine))) for refine in (0, 1)]
         peers = [_time_and_error(known.get((peer, 0)), absent.get(peer, '-')) for peer in PEERS]
         conditions = [f'{case.kappa_j:.0e}', f'{case.kappa_s:.1e}']
         lines.append(_line([case.name, *conditions, *ours, cost, *peers]))
@@ -177,10 +178,12 @@ def _time_and_error(point: Point | None, otherwise: str = '-') -> str:
 
 
 def _described(case: CaseFacts) -> str:
+    other = '' if case.refined == case.auto else f', refined {case.refined}'
     return (
         f'{case.cause}. n = {case.n}, {case.states} state{"s" * (case.states > 1)}, auto is '
-        f'{case.auto}; kappa_J {case.kappa_j:.0e}, kappa_s {case.kappa_s:.1e}; reference of 50 '
-        f'digits, second evaluation {case.difference:.0e}, residual {case.residual:.0e}.\n'
+        f'{case.auto}{other}; kappa_J {case.kappa_j:.0e}, kappa_s {case.kappa_s:.1e}; '
+        f'reference of 50 digits, second evaluation {case.difference:.0e}, residual '
+        f'{case.residual:.0e}.\n'
     )
 
 
@@ -204,7 +207,7 @@ def _case_table(case: CaseFacts, points: Sequence[Point], sizes: Sequence[int]) 
         times = [_times(own[size].minimum, own[size].median, 1e9) for size in sizes]
         one = own[sizes[0]]
         units = '' if one.in_units is None else f' ({_short(one.in_units)})'
-        name = f'{way} (auto)' if way == case.auto else way
+        name = f'{way} (auto)' if way == case.default(refine) else way
         lines.append(_line([name, dtype, refine, *times, _error(one.error) + units]))
     return lines
 

@@ -132,14 +132,14 @@ def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:
             axes.plot(*place, marker, color=colour, markersize=8, zorder=3)
         else:
             colour, marker, _ = OURS[point.dtype, point.refine]
-            default = point.way == case.auto
+            default = point.way == case.default(point.refine)
             axes.plot(
                 *place, marker, color=colour, markersize=9 if default else 5,
                 markeredgecolor=BLACK if default else colour, alpha=1 if default else 0.6,
                 zorder=4 if default else 2,
             )  # fmt: skip
     for dtype in ROUNDING:
-        own = [p for p in points if (p.way, p.dtype) == (case.auto, dtype)]
+        own = [p for p in points if (p.way, p.dtype) == (case.default(p.refine), dtype)]
         ends = [place for place in map(_place, sorted(own, key=lambda p: p.refine)) if place]
         if len(ends) == len(own) == 2:
             axes.plot(*zip(*ends, strict=True), color=BLACK, linewidth=0.9, zorder=3)

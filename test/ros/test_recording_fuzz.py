@@ -109,6 +109,9 @@ def grow(data: bytearray, draw: random.Random) -> None:
 
 
 BYTES = (flip, flip, cut, cut_and_flip, remove, repeat, overwrite, grow)
+TEARS = (cut_and_flip, remove, overwrite)
+# The last bytes of a whole file.
+MAGIC = b'\x89MCAP0\r\n'
 
 
 def damage_bytes(path: Path, seed: int, whole: bytes, original: list[Message]) -> None:
@@ -118,8 +121,9 @@ def damage_bytes(path: Path, seed: int, whole: bytes, original: list[Message]) -
         mutate(data, draw)
         path.write_bytes(data)
         found = check(path, original)
-        # Damage that begins near the end may leave a file that was cut off.
-        cut_off = found is not None and not found.complete and mutate in (cut_and_flip, remove)
+        # Damage that reaches the end may leave a file that was cut off.
+        torn = mutate in TEARS and not data.endswith(MAGIC)
+        cut_off = found is not None and not found.complete and torn
         assert found is None or cut_off or whole.startswith(data)
 
 

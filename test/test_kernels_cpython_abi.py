@@ -40,7 +40,6 @@ before_import, build = sys.argv[1:]
 exec(before_import)
 import pfd_core as pfd
 from pfd_core.kernels.runtime import cpython_abi as objects
-from pfd_core.kernels.compile import compile_inverse_kernel
 exec(build)
 warnings = []
 logging.getLogger('pfd_core').addHandler(handler := logging.Handler())
@@ -81,7 +80,7 @@ for dtype in ('float64', 'float32'):
             bound()
         except ValueError:
             found[f'{dtype} {name} refused'] = refused(*given)
-    inverse = compile_inverse_kernel(robot, dtype=dtype)
+    inverse = pfd.compile_kernel(robot, dtype=dtype, quantity='inverse_dynamics')
     note(f'{dtype} inverse', inverse(*rows[:, 1]))
 scene = pfd.Scene(external_wrench=True)
 kernel = pfd.compile_kernel(robot, scene=scene, refine=1)

@@ -22,7 +22,6 @@ from test_kernels_disk_cache import IR, LIFETIME, ROOT, contents
 from zoo import random_chain, random_state
 
 import pfd_core as pfd
-from pfd_core.kernels.compile import compile_inverse_kernel
 from pfd_core.kernels.runtime import disk_cache as cache
 from pfd_core.kernels.runtime import jit as engine
 
@@ -142,14 +141,14 @@ def test_every_robot_scene_method_and_precision_is_kept_apart(
     ]
     monkeypatch.setenv(cache.VARIABLE, '')
     wanted = [seen(pfd.compile_kernel(**choice)) for choice in choices]
-    torques = seen(compile_inverse_kernel(arm))
+    torques = seen(pfd.compile_kernel(arm, quantity='inverse_dynamics'))
     # They differ at all, so that one taken for another would show.
     assert len({*wanted, torques}) == len(choices) + 1
     monkeypatch.setenv(cache.VARIABLE, str(folder))
     for _ in range(2):
         count = len(emitted)
         assert [seen(pfd.compile_kernel(**choice)) for choice in choices] == wanted
-        assert seen(compile_inverse_kernel(arm)) == torques
+        assert seen(pfd.compile_kernel(arm, quantity='inverse_dynamics')) == torques
     assert len(emitted) == count
 
 

@@ -18,7 +18,6 @@ from zoo import random_chain, random_state, to_pinocchio
 
 import pfd_core as pfd
 from pfd_core.algorithms.programs import ITERATIVE
-from pfd_core.kernels.compile import compile_inverse_kernel
 from pfd_core.machine.emulator import run
 
 ARMS = ('puma560', 'ur5', 'planar2', 'panda')
@@ -291,7 +290,7 @@ def test_inverse_dynamics_gives_the_torques_back() -> None:
         # Torques that large accelerations make cancel to tau: relative to them.
         scale = np.abs(qdd).max() * 100
         np.testing.assert_allclose(found, tau, rtol=0, atol=DYNAMICS * scale)
-        kernel = compile_inverse_kernel(robot, scene=scene)
+        kernel = pfd.compile_kernel(robot, scene=scene, quantity='inverse_dynamics')
         emulated = run(kernel.program, {'q': q, 'qd': qd, 'qdd': qdd})['tau']
         np.testing.assert_array_equal(kernel(q, qd, qdd), emulated)
 
@@ -351,10 +350,11 @@ def test_an_iteration_in_single_precision_converges_where_torques_nearly_cancel(
     assert np.abs(at_rest).max() < AT_REST
 
 
-@pytest.mark.parametrize('make', [pfd.compile_kernel, compile_inverse_kernel])
-def test_a_kernel_goes_through_pickle_and_copies(make) -> None:  # type: ignore[no-untyped-def]
+@pytest.mark.parametrize('quantity', ['forward_dynamics', 'inverse_dynamics'])
+def test_a_kernel_goes_through_pickle_and_copies(quantity: str) -> None:
     scene = pfd.Scene(external_wrench=True, damping=[0.1, 0.2])
-    kernel = make(pfd.load_robot('planar2'), scene=scene, dtype='float32')
+    robot = pfd.load_robot('planar2')
+    kernel = pfd.compile_kernel(robot, scene=scene, dtype='float32', quantity=quantity)
     arrays = (*states(2, 40, 'float32'), np.ones(6, 'float32'))
     for other in (
         pickle.loads(pickle.dumps(kernel)),

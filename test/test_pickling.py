@@ -162,7 +162,6 @@ def test_kernels_are_kept_without_a_race(monkeypatch: pytest.MonkeyPatch) -> Non
     robot = pfd.load_robot('planar2')
     scenes = [pfd.Scene(gravity=(0.0, 0.0, float(k))) for k in range(dynamics.CACHED_KERNELS + 8)]
     monkeypatch.setattr(dynamics, 'compile_kernel', lambda *args, **kwargs: _Kernel())
-    monkeypatch.setattr(dynamics, 'compile_inverse_kernel', lambda *args, **kwargs: _Kernel())
     interval = sys.getswitchinterval()
 
     def work(seed: int) -> None:

@@ -1,17 +1,17 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Compiling a kernel: a robot, a scene and a method become a Kernel."""
+"""Compiling a kernel: a robot, a scene and a quantity become a Kernel."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.kernel import Kernel
-from pfd_core.kernels.source import forward, inverse, plant_of
-from pfd_core.model import Robot, Scene
+from pfd_core.kernels.quantities import check_options, quantity_named, reduced
+from pfd_core.kernels.source import KernelSource, derivatives, forward, inverse, of_text, plant_of
+from pfd_core.model import Plant, Robot, Scene
 
 
 def compile_kernel(
@@ -21,9 +21,11 @@ def compile_kernel(
     scene: Scene | None = None,
     dtype: str = 'float64',
     refine: int = 0,
+    quantity: str = 'forward_dynamics',
+    frame: str | None = None,
 ) -> Kernel:
     """
-    Compile forward dynamics of a robot in a scene.
+    Compile forward dynamics of a robot in a scene, or another quantity.
 
     Parameters
     ----------
@@ -31,20 +33,41 @@ def compile_kernel(
         The chain.
     method : str
         A name in METHODS, or 'auto': the cheapest, or with `refine`, where its rounding would be
-        too large for a step to mend, articulated bodies.
+        too large for a step to mend, articulated bodies. Quantities other than forward dynamics
+        and its derivatives have one method.
     scene : Scene, optional
-        Which effects are on; default: rigid links and gravity.
+        Which effects are on; default: rigid links and gravity. A quantity leaves out the effects
+        that it does not depend on.
     dtype : {'float64', 'float32'}
         Number format of the kernel and its arrays.
     refine : int
-        Steps of iterative refinement, at least 0. One takes nearly every scene to the last
+        Steps of iterative refinement, at least 0, of forward dynamics, and of the accelerations
+        at which derivatives are taken. One takes nearly every scene to the last
         digits of the number format, for about half as much work again as the default method,
         and lets `error_estimate` say how far off the answer was without it.
+    quantity : str
+        The result, and its arguments:
+
+        'forward_dynamics'   qdd, (n,), of (q, qd, tau)
+        'inverse_dynamics'   tau, (n,), of (q, qd, qdd), without brakes and limits of the drives
+        'derivatives'        d qdd / d (q, qd, tau), (n, 3n), of (q, qd, tau)
+        'inertia_matrix'     H, (n, n), of q, with the rotors
+        'bias_torques'       (n,), of (q, qd): the torques of qdd = 0, without those of the drives
+        'gravity_torques'    (n,), of q: the same at rest, without the wrench
+        'energy'             (2,) [J], of (q, qd): kinetic, and potential in gravity and springs
+        'wrench_torques'     (n,), of q and wrench=: the joint torques that balance a wrench
+                             turned round; with tau = wrench_torques it acts on the arm
+        'tip_pose'           (4, 4), of q: a frame in the frame of the base link, homogeneous
+        'tip_jacobian'       (6, n), of q: linear and angular velocity of the frame by qd, in axes
+                             of the base link, linear first
+        'tip_velocity'       (6,), of (q, qd): the Jacobian times qd
+    frame : str, optional
+        For the last three: a name in `robot.frames`, default the robot's tip.
 
     Returns
     -------
     Kernel
-        qdd = kernel(q, qd, tau).
+        qdd = kernel(q, qd, tau), for forward dynamics.
 
     Raises
     ------
@@ -52,25 +75,38 @@ def compile_kernel(
         If an argument is not one of these, or does not fit the robot.
 
     """
-    plant, scene = plant_of(robot, scene, dtype)
-    method = choose(plant, method, refine)
-
+    check_options(quantity, method, refine, frame)
+    plant, scene = plant_of(robot, reduced(scene, quantity_named(quantity)), dtype)
+    method = quantity_named(quantity).method or choose(plant, method, refine)
     recreate = partial(
-        compile_kernel, robot, method=method, scene=scene, dtype=dtype, refine=refine
+        compile_kernel,
+        robot,
+        method=method,
+        scene=scene,
+        dtype=dtype,
+        refine=refine,
+        quantity=quantity,
+        frame=frame,
     )
 
-    def make(names: tuple[str, ...], with_error: Callable[[], Kernel] | None = None) -> Kernel:
-        source = forward(plant, method, refine, dtype, names)
-        return Kernel(robot, scene, method, dtype, source, recreate, with_error)
+    def make(source: KernelSource, with_error: Callable[[], Kernel] | None = None) -> Kernel:
+        return Kernel(robot, scene, method, dtype, source, recreate, with_error, quantity)
 
-    return make(('qdd',), partial(make, ('qdd', 'error')) if refine else None)
+    if quantity != 'forward_dynamics':
+        return make(_source(plant, quantity, method, dtype, refine, frame))
+
+    def with_error() -> Kernel:
+        return make(forward(plant, method, refine, dtype, ('qdd', 'error')))
+
+    return make(forward(plant, method, refine, dtype), with_error if refine else None)
 
 
-def compile_inverse_kernel(
-    robot: Robot, *, scene: Scene | None = None, dtype: str = 'float64'
-) -> Kernel:
-    """Compile inverse dynamics, tau = kernel(q, qd, qdd); arguments as in compile_kernel."""
-    # A torque does not depend on which joints could be held.
-    plant, scene = plant_of(robot, replace(scene or Scene(), brakes=False), dtype)
-    recreate = partial(compile_inverse_kernel, robot, scene=scene, dtype=dtype)
-    return Kernel(robot, scene, 'newton_euler', dtype, inverse(plant, dtype), recreate)
+def _source(
+    plant: Plant, quantity: str, method: str, dtype: str, refine: int, frame: str | None
+) -> KernelSource:
+    """Return the source of a quantity other than forward dynamics."""
+    if quantity == 'derivatives':
+        return derivatives(plant, method, refine, dtype)
+    if quantity == 'inverse_dynamics':
+        return inverse(plant, dtype)
+    return of_text(plant, quantity, dtype, frame)

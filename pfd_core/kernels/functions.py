@@ -15,7 +15,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.kernels.compile import compile_inverse_kernel, compile_kernel
+from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.model import Robot, Scene
 
@@ -96,7 +96,7 @@ def _forward_kernel(robot: Robot, scene: Scene, method: str, dtype: str, refine:
 
 @lru_cache(CACHED_KERNELS, typed=True)
 def _inverse_kernel(robot: Robot, scene: Scene, dtype: str) -> Kernel:
-    return compile_inverse_kernel(robot, scene=scene, dtype=dtype)
+    return compile_kernel(robot, scene=scene, dtype=dtype, quantity='inverse_dynamics')
 
 
 def _with_wrench(scene: Scene | None, wrench: ArrayLike | None) -> Scene:

@@ -5,10 +5,12 @@ Kernels: a robot, a scene and a method as a native function of arrays.
 
     kernel = compile_kernel(robot)
     qdd = kernel(q, qd, tau)         (n,) one state, (B, n) a batch
+    inertia_matrix = compile_kernel(robot, quantity='inertia_matrix')
+    H = inertia_matrix(q)            (n, n), (B, n, n)
 
 A kernel is compiled once and may then be called from any thread; a batch runs without Python's
 lock. Arrays that need no conversion are checked in native code (codegen.python_entry); every other
-call is checked and converted here.
+call is checked and converted by pfd_core.kernels.arguments.
 """
 
 from __future__ import annotations
@@ -20,15 +22,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.kernels.batches import as_rows, common_shape
+from pfd_core.kernels.arguments import (
+    as_rows,
+    check_result,
+    checked,
+    common_shape,
+    new_result,
+    rows_in_place,
+    state_arguments,
+)
 from pfd_core.kernels.codegen.module import kernel_module
 from pfd_core.kernels.runtime.cpython_abi import python_function, refuse
 from pfd_core.kernels.runtime.jit import Native, simd_width
 from pfd_core.kernels.runtime.threads import BatchWork, block_size, run, thread_count
 from pfd_core.kernels.source import KernelSource, turned_joints
 from pfd_core.machine.program import Program
-from pfd_core.model import Robot, Scene, scene_inputs
-from pfd_core.model.checked_numbers import check_finite, real_array
+from pfd_core.model import Robot, Scene
+from pfd_core.model.checked_numbers import check_finite
 
 
 class Kernel:
@@ -38,7 +48,11 @@ class Kernel:
     Attributes
     ----------
     robot, scene : Robot, Scene
-        The arm and its scene.
+        The arm, and the part of its scene that the quantity depends on.
+    quantity : str
+        The result, a name in QUANTITIES.
+    shape : tuple of int
+        Shape of the result of one state.
     method : str
         The method it was recorded from.
     dtype : str
@@ -61,15 +75,19 @@ class Kernel:
         source: KernelSource,
         recreate: Callable[[], Kernel],
         with_error: Callable[[], Kernel] | None = None,
+        quantity: str = 'forward_dynamics',
     ) -> None:
         self.robot, self.scene = robot, scene
+        self.quantity, self.shape = quantity, source.shape
         self.method, self.dtype = method, dtype
         self.operations = source.operations
         self._source = source
         self._recreate = recreate
         self._make_with_error = with_error
-        self._size = source.elements
         self._names = tuple(source.inputs)
+        state = state_arguments(self._names)
+        # Arguments that a call leaves out, of qd, the third one and the wrench.
+        self._absent = (len(state) < 2, len(state) < 3, 'wrench' not in self._names)
         self._width = simd_width(dtype)
         self._single = self._compile(1)
         self._single_entry = self._entry(self._single)
@@ -121,8 +139,8 @@ class Kernel:
     def __call__(
         self,
         q: ArrayLike,
-        qd: ArrayLike,
-        tau: ArrayLike,
+        qd: ArrayLike | None = None,
+        tau: ArrayLike | None = None,
         wrench: ArrayLike | None = None,
         out: NDArray[Any] | None = None,
         *,
@@ -130,14 +148,15 @@ class Kernel:
         threads: int = 1,
     ) -> NDArray[Any]:
         """
-        Return qdd of forward dynamics, or tau of inverse dynamics.
+        Return the kernel's quantity at a state or a batch of states.
 
         Parameters
         ----------
         q, qd : array_like
             Joint positions [rad or m] and velocities [rad/s or m/s], (n,) or (B, n).
         tau : array_like
-            Torques [N m or N]; accelerations for a kernel of inverse dynamics.
+            Torques [N m or N]; accelerations for a kernel of inverse dynamics. Exactly the
+            arguments that the quantity depends on are given.
         wrench : array_like
             Force and moment on the last link, (6,) or (B, 6); exactly if the scene has one.
         out : numpy.ndarray, optional
@@ -150,7 +169,8 @@ class Kernel:
         Returns
         -------
         numpy.ndarray
-            `out`, or a new array: (n,), or (B, n) in Fortran order where q is.
+            `out`, or a new array, (*shape) or (B, *shape), with batches side by side in memory
+            (Fortran order) where those of q are.
 
         Raises
         ------
@@ -158,16 +178,20 @@ class Kernel:
             If an argument has the wrong shape or type, is missing, or is not finite.
 
         """
-        if brakes is None and (threads == 1 or self._one_thread_suffices(q, threads)):
-            given = (q, qd, tau) if wrench is None else (q, qd, tau, wrench)
+        if (
+            brakes is None
+            and (qd is None, tau is None, wrench is None) == self._absent
+            and (threads == 1 or self._one_thread_suffices(q, threads))
+        ):
+            given = _given(q, qd, tau, wrench)
             if isinstance(q, np.ndarray) and q.ndim == 2:
                 result = self._call_batch_entry(q, given, out)
             else:
-                target = np.empty(self._size, self.dtype) if out is None else out
+                target = np.empty(self.shape, self.dtype) if out is None else out
                 result = self._single_entry(*given, target)
             if result is not None:
                 return result  # type: ignore[no-any-return]
-        return self._evaluate_checked(q, qd, tau, wrench, out, brakes, threads)
+        return self._evaluate_checked((q, qd, tau), wrench, out, brakes, threads)
 
     def error_estimate(
         self,
@@ -209,21 +233,34 @@ class Kernel:
         self, q: NDArray[Any], given: tuple[ArrayLike, ...], out: NDArray[Any] | None
     ) -> Any:
         """Return the result for arrays that need no conversion, or None for others."""
+        size = self._source.elements
         if out is None:
-            out = np.empty((len(q), self._size), self.dtype, 'F' if q.flags.fnc else 'C')
+            rows = np.empty((len(q), size), self.dtype, 'F' if q.flags.fnc else 'C')
         else:
             # A loop: a generator would take a fifth of the time of a small batch.
             for array in given:
                 if isinstance(array, np.ndarray) and np.may_share_memory(array, out):
                     return None
-        return self._batch_entry(*given, out)
+            rows = out
+        if len(self.shape) == 1:
+            return self._batch_entry(*given, rows)
+        if out is not None:
+            if not isinstance(out, np.ndarray) or out.shape != (len(q), *self.shape):
+                return None
+            in_place = rows_in_place(out, size)
+            if in_place is None:
+                return None
+            rows = in_place
+        if self._batch_entry(*given, rows) is None:
+            return None
+        return rows.reshape(-1, *self.shape) if out is None else out
 
     def bind(
         self,
         q: NDArray[Any],
-        qd: NDArray[Any],
-        tau: NDArray[Any],
-        out: NDArray[Any],
+        qd: NDArray[Any] | None = None,
+        tau: NDArray[Any] | None = None,
+        out: NDArray[Any] | None = None,
         wrench: NDArray[Any] | None = None,
         *,
         brakes: NDArray[np.bool_] | None = None,
@@ -232,28 +269,25 @@ class Kernel:
         """
         Return a function without arguments that evaluates in place on these arrays.
 
-        Each call of the function reads q, qd, tau (and wrench and brakes) and writes out, (n,)
-        or (B, n), and raises ValueError where an input is not finite. The arrays are checked
-        here, once; their number format must be the kernel's.
+        Each call of the function reads the arguments and writes out, (*shape) or (B, *shape), and
+        raises ValueError where an input is not finite. The arrays are checked here, once; their
+        number format must be the kernel's.
         """
-        extra = {} if wrench is None else {'wrench': wrench}
-        given = {'q': q, 'qd': qd, self._names[2]: tau, **extra, 'out': out}
-        for name, value in given.items():
+        given = _given(q, qd, tau, wrench)
+        for name, value in [*zip(self._names, given, strict=False), ('out', out)]:
             found = value.dtype if isinstance(value, np.ndarray) else type(value).__name__
             if found != self.dtype:
                 raise ValueError(
                     f'{name} must be an array of {self.dtype} to be bound, got {found}'
                 )
         self(q, qd, tau, wrench, out, brakes=brakes, threads=threads)
-        if self._single_entry(*given.values()) is not None:
-            return partial(python_function(self._single, 'bound'), *given.values())
+        if self._single_entry(*given, out) is not None:
+            return partial(python_function(self._single, 'bound'), *given, out)
         return partial(self, q, qd, tau, wrench, out, brakes=brakes, threads=threads)
 
     def _evaluate_checked(
         self,
-        q: ArrayLike,
-        qd: ArrayLike,
-        tau: ArrayLike,
+        state: tuple[ArrayLike | None, ...],
         wrench: ArrayLike | None,
         out: NDArray[Any] | None,
         brakes: ArrayLike | None,
@@ -261,39 +295,36 @@ class Kernel:
     ) -> NDArray[Any]:
         """Evaluate after converting and checking every argument."""
         threads = thread_count(threads)
-        given: dict[str, ArrayLike] = dict(zip(self._names, (q, qd, tau), strict=False))
-        given |= scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes)
-        arrays = {
-            name: real_array(
-                name, given[name], self.dtype, (..., self._source.inputs[name]), finite=False
-            )
-            for name in self._names
-        }
-        shape = common_shape(arrays)
-        target = self._target(out, (*shape, self._size), arrays)
-        flat = target if target.ndim == 2 else target.reshape(-1, self._size)
-        rows = [*(as_rows(value, shape) for value in arrays.values()), flat]
-        block = block_size(len(flat), threads, self._width, self._source.work)
-        if run(BatchWork(self._batch, rows), len(flat), block, threads):
+        sizes = self._source.inputs
+        arrays = checked(self.robot, self.scene, self.dtype, sizes, state, wrench, brakes)
+        batch = common_shape(arrays)
+        shape = (*batch, *self.shape)
+        if out is not None:
+            check_result(out, shape, self.dtype)
+        rows = None
+        if out is not None and not any(np.may_share_memory(out, x) for x in arrays.values()):
+            rows = rows_in_place(out, self._source.elements)
+        apart = rows is None
+        if rows is None:
+            target = new_result(batch, self.shape, self.dtype, arrays['q'])
+            rows = target.reshape(-1, self._source.elements)
+        given = [*(as_rows(value, batch) for value in arrays.values()), rows]
+        block = block_size(len(rows), threads, self._width, self._source.work)
+        if run(BatchWork(self._batch, given), len(rows), block, threads):
             for name, value in arrays.items():
                 check_finite(name, value)
-        if out is None or target is out:
+        if out is None:
             return target
-        out[...] = target
+        if apart:
+            out[...] = target
         return out
 
-    def _target(
-        self, out: NDArray[Any] | None, shape: tuple[int, ...], inputs: dict[str, NDArray[Any]]
-    ) -> NDArray[Any]:
-        """Return the array to compute into: `out` unless it lies over an input."""
-        if out is None:
-            q = inputs['q']
-            return np.empty(shape, self.dtype, 'F' if q.ndim == 2 and q.flags.fnc else 'C')
-        array = isinstance(out, np.ndarray)
-        found = f'{out.dtype} {out.shape}' if array else type(out).__name__
-        if found != f'{self.dtype} {shape}':
-            raise ValueError(f'out must be an array of {self.dtype} {shape}, got {found}')
-        if not out.flags.writeable:
-            raise ValueError('out must be writeable, got a read-only array')
-        apart = not any(np.may_share_memory(out, value) for value in inputs.values())
-        return out if apart and out.ndim <= 2 else np.empty(shape, self.dtype)
+
+def _given(
+    q: ArrayLike, qd: ArrayLike | None, tau: ArrayLike | None, wrench: ArrayLike | None
+) -> tuple[ArrayLike, ...]:
+    """Return the arguments that are given, in their order; a loop would take longer."""
+    given: tuple[Any, ...] = (q, qd, tau)
+    if tau is None:
+        given = (q,) if qd is None else (q, qd)
+    return given if wrench is None else (*given, wrench)

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import cache, cached_property
 import gc
+import math
 import os
 import threading
 from typing import Any
@@ -22,6 +23,7 @@ from pfd_core.algorithms.chain.drives import record_motor_torques
 from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.paper.pcgm import TOLERANCE
 from pfd_core.algorithms.programs import record_inverse_dynamics
+from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.codegen.spelling import arguments
 from pfd_core.kernels.passes.pipeline import Stages, lower, operations
@@ -34,6 +36,7 @@ from pfd_core.kernels.runtime.jit import (
     compile_outlined,
     outline,
 )
+from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.runtime.json_cache import T, get_or_compute
 from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant, Robot, Scene, resolve
@@ -66,8 +69,8 @@ class KernelSource:
     ----------
     inputs : dict
         Elements of each input, in the order in which a kernel takes them.
-    elements : int
-        Elements of the output.
+    shape : tuple of int
+        Shape of the output.
     operations : dict
         Operations by name, of each stage.
 
@@ -78,8 +81,13 @@ class KernelSource:
         self._key = key
         facts = self._get_or_compute('facts', self._facts, _are_facts)
         self.inputs: dict[str, int] = facts['inputs']
-        self.elements: int = facts['elements']
+        self.shape: tuple[int, ...] = tuple(facts['shape'])
         self.operations: dict[str, dict[str, int]] = facts['operations']
+
+    @property
+    def elements(self) -> int:
+        """Elements of the output."""
+        return math.prod(self.shape)
 
     @cached_property
     def program(self) -> Program:
@@ -123,7 +131,7 @@ class KernelSource:
         (output,) = self.program.outputs.values()
         return {
             'inputs': {name: self.program.inputs[name] for name in arguments(self.program)},
-            'elements': len(output.places),
+            'shape': list(output.shape),
             'operations': {name: operations(p) for name, p in vars(self._stages).items()},
         }
 
@@ -147,6 +155,19 @@ def inverse(plant: Plant, dtype: str) -> KernelSource:
         return lower(record_inverse_dynamics(plant, 'sequential'), dtype)
 
     return KernelSource(lowered, ('inverse', plant.digest, dtype))
+
+
+def of_text(plant: Plant, quantity: str, dtype: str, frame: str | None = None) -> KernelSource:
+    """Return the source of a quantity in pfd_core.algorithms.quantities, of a frame or of none."""
+    arguments = {name: plant.robot.n for name in QUANTITIES[quantity].arguments}
+
+    def lowered() -> Stages:
+        recorded = RECORDERS[quantity](plant, frame)
+        # A text need not read all arguments: a sliding joint alone has the same H everywhere.
+        return lower(replace(recorded, inputs=arguments | recorded.inputs), dtype)
+
+    place = '' if frame is None else plant.robot.frames[frame].digest
+    return KernelSource(lowered, (quantity, plant.digest, place, dtype))
 
 
 def motors(plant: Plant, dtype: str) -> KernelSource:
@@ -173,9 +194,10 @@ def _are_facts(value: Any) -> bool:
     """Return whether a JSON value can be the facts that KernelSource keeps of its program."""
     return (
         isinstance(value, dict)
-        and value.keys() == {'inputs', 'elements', 'operations'}
+        and value.keys() == {'inputs', 'shape', 'operations'}
         and _are_counts(value['inputs'])
-        and _are_counts({'elements': value['elements']})
+        and isinstance(value['shape'], list)
+        and _are_counts(dict(enumerate(value['shape'])))
         and isinstance(value['operations'], dict)
         and value['operations'].keys() == Stages.__annotations__.keys()
         and all(_are_counts(stage) for stage in value['operations'].values())
@@ -222,6 +244,8 @@ def _uncollected() -> Iterator[None]:
 
 def _joined(program: Program) -> Program:
     """Return a program whose outputs are one, in which they follow each other."""
+    if len(program.outputs) == 1:
+        return program
     name = next(iter(program.outputs))
     places = tuple(place for output in program.outputs.values() for place in output.places)
     return replace(program, outputs={name: Output((len(places),), places)})

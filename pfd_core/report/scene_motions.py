@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.kernels.compile import compile_inverse_kernel
+from pfd_core.kernels.compile import compile_kernel
 from pfd_core.model import Robot, Scene
 from pfd_core.model.checked_numbers import Array
 from pfd_core.report.scene_effects import OVER_A_STEP, without
@@ -161,7 +161,8 @@ def excited_motion(robot: Robot, scene: Scene, name: str) -> Motion:
     count = round(SECONDS / h)
     wanted = _scaled_reference(robot, excitation, h * np.arange(count))
     wrench = np.zeros(6) if scene.external_wrench else None
-    inverse = compile_inverse_kernel(robot, scene=without(scene, {*OVER_A_STEP, 'brakes'}))
+    instant = without(scene, set(OVER_A_STEP))
+    inverse = compile_kernel(robot, scene=instant, quantity='inverse_dynamics')
     strongest = _unless_zero(robot.effort_limit)
     taus, q, qd = np.empty((3, count, robot.n))
     simulator.reset(wanted[0][0], wanted[1][0])

@@ -51,7 +51,7 @@ def kernel_module(program: Program, dtype: str, width: int, angles: Sequence[int
     size = len(output.places)
     parts = [body(program, form), evaluate(program, form, angles)]
     if width == 1:
-        parts.append(entry_ir(program, dtype, size))
+        parts.append(entry_ir(program, dtype, output.shape))
     else:
         parts += [batch_of(program, form, size), batch_entry_ir(program, dtype, size)]
     return module(parts, form, angles)

@@ -16,6 +16,9 @@ costs a good part of an evaluation.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+import math
+
 from pfd_core.kernels.codegen.builder import Function
 from pfd_core.kernels.codegen.object_layout import (
     ALIGNED,
@@ -45,9 +48,9 @@ declare void @pfd.restore(ptr)
 """
 
 
-def entry_ir(program: Program, dtype: str, size: int) -> str:
+def entry_ir(program: Program, dtype: str, shape: Sequence[int]) -> str:
     """
-    Return the Python functions around @evaluate.
+    Return the Python functions around @evaluate, whose result has a shape.
 
     `@entry` returns None where an argument is not fit, `@bound` raises ValueError.
     """
@@ -73,7 +76,7 @@ def entry_ir(program: Program, dtype: str, size: int) -> str:
             f'@message = private constant [{len(message) + 1} x i8] c"{message}\\00"',
             'declare void @pfd.error(ptr, ptr)',
             '@pfd.ValueError = external global i8',
-            _one([*(program.inputs[name] for name in names), size], form),
+            _one([*((program.inputs[name],) for name in names), tuple(shape)], form),
             str(entry),
             str(bound),
         ]
@@ -103,20 +106,16 @@ def _return(ir: Function, result: str) -> None:
     ir.ret('ptr', result)
 
 
-def _one(sizes: list[int], form: Format) -> str:
+def _one(shapes: Sequence[Sequence[int]], form: Format) -> str:
     """Return `ptr @one(args, count)`: it evaluates and returns the last array, or null."""
     ir = Function('define internal ptr @one(ptr %args, i64 %count)')
-    objects = _checked(ir, sizes, form, 1, 'ptr null')
+    objects = _checked(ir, [len(shape) for shape in shapes], form, 'ptr null')
     data, numbers = [], []
-    for k, (array, elements) in enumerate(zip(objects, sizes, strict=True)):
-        length = ir.load('i64', load_field(ir, array, DIMENSIONS))
-        stride = ir.load('i64', load_field(ir, array, STRIDES))
-        fits = ir.let(f'icmp eq i64 {length}, {elements}')
-        beside = ir.let(f'icmp eq i64 {stride}, {form.bytes}')
-        ir.require(ir.let(f'and i1 {fits}, {beside}'), 'ptr null')
+    for k, (array, shape) in enumerate(zip(objects, shapes, strict=True)):
+        _require_contiguous(ir, array, shape, form)
         data.append(load_field(ir, array, DATA))
-        if k < len(sizes) - 1:
-            places = [ir.element(form.type, data[k], i) for i in range(elements)]
+        if k < len(shapes) - 1:
+            places = [ir.element(form.type, data[k], i) for i in range(math.prod(shape))]
             numbers += [ir.load(form.type, place) for place in places]
     nonfinite = form.not_finite(ir, numbers)
     ir.require(ir.let(f'fcmp ord {form.type} {nonfinite}, {nonfinite}'), 'ptr null')
@@ -125,10 +124,24 @@ def _one(sizes: list[int], form: Format) -> str:
     return str(ir)
 
 
+def _require_contiguous(ir: Function, array: str, shape: Sequence[int], form: Format) -> None:
+    """Return null from the function unless an array has a shape and lies in C order."""
+    distance = form.bytes
+    for axis in range(len(shape) - 1, -1, -1):
+        length, stride = (
+            ir.load('i64', ir.element('i64', load_field(ir, array, field), axis))
+            for field in (DIMENSIONS, STRIDES)
+        )
+        fits = ir.let(f'icmp eq i64 {length}, {shape[axis]}')
+        beside = ir.let(f'icmp eq i64 {stride}, {distance}')
+        ir.require(ir.let(f'and i1 {fits}, {beside}'), 'ptr null')
+        distance *= shape[axis]
+
+
 def _table(sizes: list[int], form: Format) -> str:
     """Return `i64 @table(args, count, table)`: the number of states, or 0 for unfit arguments."""
     ir = Function('define internal i64 @table(ptr %args, i64 %count, ptr %table)')
-    objects = _checked(ir, sizes, form, 2, 'i64 0')
+    objects = _checked(ir, [2] * len(sizes), form, 'i64 0')
     first = ''
     for k, (array, elements) in enumerate(zip(objects, sizes, strict=True)):
         shape = load_field(ir, array, DIMENSIONS)
@@ -145,11 +158,11 @@ def _table(sizes: list[int], form: Format) -> str:
     return str(ir)
 
 
-def _checked(ir: Function, sizes: list[int], form: Format, ndim: int, refusal: str) -> list[str]:
-    """Return the arguments, each of which is an aligned array of the number format."""
-    ir.require(ir.let(f'icmp eq i64 %count, {len(sizes)}'), refusal)
+def _checked(ir: Function, axes: Sequence[int], form: Format, refusal: str) -> list[str]:
+    """Return the arguments, aligned arrays of the number format with given numbers of axes."""
+    ir.require(ir.let(f'icmp eq i64 %count, {len(axes)}'), refusal)
     objects = []
-    for k in range(len(sizes)):
+    for k, ndim in enumerate(axes):
         array = ir.load('ptr', ir.element('ptr', '%args', k))
         for offset, kind, wanted in (
             (TYPE, 'ptr', '@pfd.ndarray'),
@@ -158,7 +171,7 @@ def _checked(ir: Function, sizes: list[int], form: Format, ndim: int, refusal: s
         ):
             found = load_field(ir, array, offset, kind)
             ir.require(ir.let(f'icmp eq {kind} {found}, {wanted}'), refusal)
-        flags = ALIGNED | (WRITEABLE if k == len(sizes) - 1 else 0)
+        flags = ALIGNED | (WRITEABLE if k == len(axes) - 1 else 0)
         own = ir.let(f'and i32 {load_field(ir, array, FLAGS, "i32")}, {flags}')
         ir.require(ir.let(f'icmp eq i32 {own}, {flags}'), refusal)
         objects.append(array)

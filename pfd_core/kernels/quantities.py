@@ -1,0 +1,100 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Quantities that a kernel can compute: their arguments, and the effects of a scene that they have.
+
+A quantity is a row of QUANTITIES, and its text one of pfd_core.algorithms. A scene is reduced to
+the effects of a quantity, so that kernels which do not differ are compiled once.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+
+from pfd_core.model import Scene
+from pfd_core.model.checked_numbers import integer
+from pfd_core.model.error_text import quote
+
+BODIES = ('payload', 'armature')
+AT_REST = ('gravity', 'payload', 'stiffness', 'rest_position')
+TORQUES = (*AT_REST, 'damping', 'external_wrench')
+EVERYTHING = tuple(item.name for item in fields(Scene))
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """
+    A quantity of a kernel.
+
+    Attributes
+    ----------
+    arguments : tuple of str
+        Arguments of a call by position; a wrench is one by name.
+    effects : tuple of str
+        Fields of Scene that it depends on.
+    method : str
+        The method of its text; empty where there is a choice, and steps of refinement.
+    of_frame : bool
+        Whether it is that of a frame.
+    wrench : bool
+        Whether a wrench is an argument in every scene.
+
+    """
+
+    arguments: tuple[str, ...]
+    effects: tuple[str, ...]
+    method: str = ''
+    of_frame: bool = False
+    wrench: bool = False
+
+
+QUANTITIES = {
+    'forward_dynamics': Quantity(('q', 'qd', 'tau'), EVERYTHING),
+    'derivatives': Quantity(('q', 'qd', 'tau'), EVERYTHING),
+    'inverse_dynamics': Quantity(
+        ('q', 'qd', 'qdd'),
+        # Torques do not depend on the joints that could be held.
+        tuple(name for name in EVERYTHING if name != 'brakes'),
+        'newton_euler',
+    ),
+    'inertia_matrix': Quantity(('q',), BODIES, 'composite_body'),
+    'bias_torques': Quantity(('q', 'qd'), TORQUES, 'newton_euler'),
+    'gravity_torques': Quantity(('q',), AT_REST, 'first_moments'),
+    'energy': Quantity(('q', 'qd'), (*AT_REST, 'armature'), 'link_velocities'),
+    'wrench_torques': Quantity(('q',), (), 'force_balance', wrench=True),
+    'tip_pose': Quantity(('q',), (), 'kinematics', of_frame=True),
+    'tip_jacobian': Quantity(('q',), (), 'kinematics', of_frame=True),
+    'tip_velocity': Quantity(('q', 'qd'), (), 'kinematics', of_frame=True),
+}
+
+
+def quantity_named(name: str) -> Quantity:
+    """Return a row of QUANTITIES; ValueError for an unknown name."""
+    if not isinstance(name, str) or name not in QUANTITIES:
+        raise ValueError(f'quantity must be one of {tuple(QUANTITIES)}, got {quote(name)}')
+    return QUANTITIES[name]
+
+
+def check_options(name: str, method: str, refine: int, frame: str | None) -> None:
+    """Raise ValueError for options that a quantity does not have."""
+    quantity = quantity_named(name)
+    if frame is not None and not quantity.of_frame:
+        raise ValueError(f'{name} is not that of a frame, got frame={quote(frame)}')
+    if not quantity.method:
+        return
+    if method not in ('auto', quantity.method):
+        raise ValueError(
+            f"method must be 'auto' or {quantity.method!r} for {name}, got {quote(method)}"
+        )
+    if integer('refine', refine, 0):
+        raise ValueError(f'refine must be 0 for {name}, which solves nothing, got {refine}')
+
+
+def reduced(scene: Scene | None, quantity: Quantity) -> Scene:
+    """Return a scene with the effects that a quantity has."""
+    scene = Scene() if scene is None else scene
+    others = {
+        item.name: item.default for item in fields(Scene) if item.name not in quantity.effects
+    }
+    scene = replace(scene, **others)
+    return replace(scene, external_wrench=True) if quantity.wrench else scene

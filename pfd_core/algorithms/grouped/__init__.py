@@ -5,6 +5,9 @@ Serial methods at their cheapest, with grouped inertial parameters; kernels are 
 
     links              parameters of a chain in joint axes, as given and grouped, as numbers
     newton_euler       the chain at q, the motion of its links, and y = tau - bias
+    inverse_dynamics   tau and bias, with grouped parameters
+    gravity            gravity torques and potential energy, from first moments
+    energy             kinetic and potential energy
     link_torques       inverse dynamics with parameters as given: the residual of refinement
     composite_body     H by composite bodies and L' D L: the whole program, for short chains
     articulated_body   articulated bodies: the whole program, for long chains

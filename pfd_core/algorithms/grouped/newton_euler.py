@@ -83,16 +83,21 @@ class Link(Axes):
 def grouped_equations(plant: Plant) -> tuple[Recorder, list[Link], list[Lanes]]:
     """Return a recorder, the links of a plant at the input q, and y, (n,) [N m or N]."""
     recorder = Recorder(1, 'sequential')
-    numbers, tip = grouped_links(plant)
     q, qd, tau = (input_list(recorder, name, plant.robot.n) for name in ('q', 'qd', 'tau'))
     tau = motor_torques(plant, tau, qd)
-    with recorder.section('rotations'):
-        links = [_link(recorder, link, q[i]) for i, link in enumerate(numbers)]
+    links, tip = links_at(recorder, plant, q)
     with recorder.section('bias'):
-        bias = _bias(recorder, plant, links, tip, qd)
+        bias = chain_torques(recorder, plant, links, tip, qd)
         y = [t - b for t, b in zip(tau, bias, strict=True)]
         y = minus_joint_torques(plant, y, qd)
     return recorder, links, y
+
+
+def links_at(recorder: Recorder, plant: Plant, q: Sequence[Lanes]) -> tuple[list[Link], Tip]:
+    """Return the links of a plant at the input q, base to tip, and the pose of frame n."""
+    numbers, tip = grouped_links(plant)
+    with recorder.section('rotations'):
+        return [_link(recorder, *pair) for pair in zip(numbers, q, strict=True)], tip
 
 
 def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
@@ -150,12 +155,17 @@ def _turned(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
     return array([xx - st, c * t - xy, c * xz - s * yz, yy + st, s * xz + c * yz, zz])
 
 
-def _bias(
-    recorder: Recorder, plant: Plant, links: Sequence[Link], tip: Tip, qd: Sequence[Lanes]
+def chain_torques(
+    recorder: Recorder,
+    plant: Plant,
+    links: Sequence[Link],
+    tip: Tip,
+    qd: Sequence[Lanes],
+    qdd: Sequence[Lanes] | None = None,
 ) -> list[Lanes]:
-    """Return the bias, (n,): torques of links, gravity and wrench at qdd = 0."""
+    """Return the torques of links, gravity and wrench, (n,); without qdd the bias."""
     forces = []
-    for link, motion in zip(links, motions(recorder, plant, links, qd), strict=True):
+    for link, motion in zip(links, motions(recorder, plant, links, qd, qdd), strict=True):
         n = moment(motion, link.inertia) + cross(link.h, motion.a)
         forces.append((link.m * motion.a + motion.spin @ link.h, n))
     return joint_torques(recorder, plant, links, tip, forces)

@@ -10,7 +10,7 @@ from functools import partial
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.quantities import check_options, quantity_named, reduced
-from pfd_core.kernels.source import KernelSource, derivatives, forward, inverse, of_text, plant_of
+from pfd_core.kernels.source import KernelSource, derivatives, forward, of_text, plant_of
 from pfd_core.model import Plant, Robot, Scene
 
 
@@ -107,6 +107,4 @@ def _source(
     """Return the source of a quantity other than forward dynamics."""
     if quantity == 'derivatives':
         return derivatives(plant, method, refine, dtype)
-    if quantity == 'inverse_dynamics':
-        return inverse(plant, dtype)
     return of_text(plant, quantity, dtype, frame)

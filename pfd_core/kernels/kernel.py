@@ -31,7 +31,6 @@ from pfd_core.kernels.arguments import (
     rows_in_place,
     state_arguments,
 )
-from pfd_core.kernels.codegen.module import kernel_module
 from pfd_core.kernels.runtime.cpython_abi import python_function, refuse
 from pfd_core.kernels.runtime.jit import Native, simd_width
 from pfd_core.kernels.runtime.threads import BatchWork, block_size, run, thread_count
@@ -130,7 +129,7 @@ class Kernel:
         return self._source.compile(f'kernel {width}', partial(self._module, width))
 
     def _module(self, width: int) -> str:
-        return kernel_module(self.program, self.dtype, width, turned_joints(self.robot))
+        return self._source.module(self.dtype, width, turned_joints(self.robot))
 
     def _entry(self, native: Native) -> Callable[..., Any]:
         # An entry takes arrays in the order of a call, in which brakes have no position.

@@ -10,6 +10,7 @@ the effects of a quantity, so that kernels which do not differ are compiled once
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
+from typing import Any
 
 from pfd_core.model import Scene
 from pfd_core.model.checked_numbers import integer
@@ -93,7 +94,7 @@ def check_options(name: str, method: str, refine: int, frame: str | None) -> Non
 def reduced(scene: Scene | None, quantity: Quantity) -> Scene:
     """Return a scene with the effects that a quantity has."""
     scene = Scene() if scene is None else scene
-    others = {
+    others: dict[str, Any] = {
         item.name: item.default for item in fields(Scene) if item.name not in quantity.effects
     }
     scene = replace(scene, **others)

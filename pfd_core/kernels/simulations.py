@@ -9,7 +9,7 @@ Simulations in native code: an integrator's step around @evaluate, over all step
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 import ctypes
 from dataclasses import dataclass, replace
 from functools import partial
@@ -27,7 +27,7 @@ from pfd_core.kernels.codegen.step import further_rows, torque_row
 from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.runtime.jit import Native, simd_width
-from pfd_core.kernels.source import KernelSource, forward, inverse, motors, plant_of, turned_joints
+from pfd_core.kernels.source import KernelSource, forward, motors, of_text, plant_of, turned_joints
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene
 from pfd_core.model.checked_numbers import Array
@@ -228,16 +228,19 @@ def _sources(
     method = choose(plant, method, refine)
     if contact is not None:
         return _contact_sources(plant, method, dtype, refine, contact)
-    main = forward(plant, method, refine, dtype)
-    if not implicit or plant.damping is None:
-        return _Sources(method, main, '', {}, main.inputs, dtype)
-    undamped = replace(plant, damping=None)
-    solved = replace(_at_rest(plant), armature=_heavier(plant, implicit))
-    others = {
-        'undamped': forward(undamped, method, refine, dtype),
-        'solve': forward(solved, method, refine, dtype),
-    }
-    return _Sources(method, main, f' implicit {implicit.hex()}', others, main.inputs, dtype)
+    main, *others = (
+        (name, forward(own, method, refine, dtype)) for name, own in plants(plant, implicit)
+    )
+    key = f' implicit {implicit.hex()}' if others else ''
+    return _Sources(method, main[1], key, dict(others), main[1].inputs, dtype)
+
+
+def plants(plant: Plant, implicit: float) -> Iterator[tuple[str, Plant]]:
+    """Yield the plants of the functions that a step may call, by name; `implicit` as above."""
+    yield 'qdd', plant
+    if implicit and plant.damping is not None:
+        yield 'undamped', replace(plant, damping=None)
+        yield 'solve', replace(_at_rest(plant), armature=_heavier(plant, implicit))
 
 
 def _contact_sources(
@@ -253,9 +256,9 @@ def _contact_sources(
     plant = without_drives(plant)
     held = replace(plant, brakes=True)
     main = forward(held, method, refine, dtype)
-    others |= {'_held': main, '_inverse': inverse(plant, dtype)}
+    others |= {'_held': main, '_inverse': of_text(plant, 'inverse_dynamics', dtype)}
     if 'hits' in contact.texts:
-        others['_momentum'] = inverse(_at_rest(plant), dtype)
+        others['_momentum'] = of_text(_at_rest(plant), 'inverse_dynamics', dtype)
         others['_solve'] = forward(_at_rest(held), method, refine, dtype)
     if heavier is not None:
         stiff = replace(_at_rest(held), armature=heavier)

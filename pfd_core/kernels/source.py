@@ -9,7 +9,7 @@ needs about its program and about the modules made of it are therefore kept on d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from functools import cache, cached_property
@@ -22,12 +22,13 @@ from typing import Any
 from pfd_core.algorithms.chain.drives import record_motor_torques
 from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.paper.pcgm import TOLERANCE
-from pfd_core.algorithms.programs import record_inverse_dynamics
 from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.algorithms.refinement import record_refined
+from pfd_core.kernels.codegen.module import kernel_module
 from pfd_core.kernels.codegen.spelling import arguments
 from pfd_core.kernels.passes.pipeline import Stages, lower, operations
 from pfd_core.kernels.passes.schedule import LONGEST
+from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.runtime.jit import (
     USUAL,
     Native,
@@ -36,7 +37,6 @@ from pfd_core.kernels.runtime.jit import (
     compile_outlined,
     outline,
 )
-from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.runtime.json_cache import T, get_or_compute
 from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant, Robot, Scene, resolve
@@ -122,6 +122,10 @@ class KernelSource:
         optimisation = Optimisation(passes=0) if self.work > LONGEST else USUAL
         return compile_outlined(Outline(**known), once, optimisation)
 
+    def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
+        """Return the LLVM text of a kernel; arguments as pfd_core.kernels.codegen.module."""
+        return kernel_module(self.program, dtype, width, angles)
+
     def _get_or_compute(
         self, name: str, compute: Callable[[], T], valid: Callable[[Any], bool]
     ) -> T:
@@ -148,18 +152,9 @@ def forward(
     return KernelSource(lowered, ('forward', plant.digest, method, str(refine), dtype, *names))
 
 
-def inverse(plant: Plant, dtype: str) -> KernelSource:
-    """Return the source of inverse dynamics."""
-
-    def lowered() -> Stages:
-        return lower(record_inverse_dynamics(plant, 'sequential'), dtype)
-
-    return KernelSource(lowered, ('inverse', plant.digest, dtype))
-
-
 def of_text(plant: Plant, quantity: str, dtype: str, frame: str | None = None) -> KernelSource:
     """Return the source of a quantity in pfd_core.algorithms.quantities, of a frame or of none."""
-    arguments = {name: plant.robot.n for name in QUANTITIES[quantity].arguments}
+    arguments = dict.fromkeys(QUANTITIES[quantity].arguments, plant.robot.n)
 
     def lowered() -> Stages:
         recorded = RECORDERS[quantity](plant, frame)
@@ -168,6 +163,11 @@ def of_text(plant: Plant, quantity: str, dtype: str, frame: str | None = None) -
 
     place = '' if frame is None else plant.robot.frames[frame].digest
     return KernelSource(lowered, (quantity, plant.digest, place, dtype))
+
+
+def derivatives(plant: Plant, method: str, refine: int, dtype: str) -> KernelSource:
+    """Return the source of the derivatives of forward dynamics."""
+    raise NotImplementedError
 
 
 def motors(plant: Plant, dtype: str) -> KernelSource:

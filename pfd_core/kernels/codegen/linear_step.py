@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 
 from pfd_core.kernels.codegen.builder import Function
 from pfd_core.kernels.codegen.matrices import Matrices, Matrix
-from pfd_core.kernels.codegen.spelling import Array, Format, arguments
+from pfd_core.kernels.codegen.spelling import ARGUMENTS, Array, Format, arguments
 from pfd_core.kernels.codegen.step import HANDED, MOTION, MOTOR_TORQUE
 from pfd_core.machine.program import Program
 
@@ -100,22 +100,18 @@ def linear_step(step: Program, dynamics: Mapping[str, Program], form: Format) ->
 
     S, (rows n, (rows + 1) n), is the derivative of the rows of the state by them and by tau.
     """
-    names = linear_arguments(step, dynamics)
-    parameters = ', '.join(f'ptr %{name}' for name in (*names, 'S'))
+    parameters = ', '.join(f'ptr %{name}' for name in (*_arguments(step, dynamics), 'S'))
     ir = Function(f'define internal void @linear_step({parameters}) noinline')
     _Step(ir, step, dynamics, form).write()
     ir.ret()
     return str(ir)
 
 
-def linear_arguments(step: Program, dynamics: Mapping[str, Program]) -> tuple[str, ...]:
-    """Return the inputs of a linearisation: the state, the torque, and others of the dynamics."""
-    own = {*state_rows(step), COMMAND}
-    extra = {name for program in dynamics.values() for name in arguments(program)} - {*own}
-    return tuple(name for name in ORDER if name in own | extra)
-
-
-ORDER = ('q', 'qd', COMMAND, MOTOR_TORQUE, 'wrench', 'free')
+def _arguments(step: Program, dynamics: Mapping[str, Program]) -> tuple[str, ...]:
+    """Return the arguments of @linear_step: rows of the state, the torque, other inputs."""
+    own = (*state_rows(step), COMMAND)
+    extra = {name for program in dynamics.values() for name in arguments(program)}
+    return (*own, *sorted(extra - {*own}))
 
 
 class _Step:
@@ -177,9 +173,9 @@ class _Step:
             return tangents[0].plus(tangents[1] if op == 'add' else tangents[1].scaled(minus))
         constants = [self._constant(a) for a in args]
         if op == 'mul':
-            for factors, other in zip(constants, reversed(tangents), strict=True):
+            for factors, tangent in zip(constants, reversed(tangents), strict=True):
                 if factors is not None:
-                    return other.scaled(factors)
+                    return tangent.scaled(factors)
         if op == 'select' and constants[0] is not None:
             chosen = tuple(float(c > 0) for c in constants[0])
             other = tuple(1 - c for c in chosen)
@@ -219,8 +215,7 @@ class _Step:
             derived[COMMAND] = Tangent({COMMAND: (1.0,) * self._n})
         operands = [addresses[name] for name in arguments(self._dynamics[function])]
         operands += [self._given['qdd'], self._jacobian.address]
-        suffix = '' if function == 'qdd' else f'_{function}'
-        self._ir.call('void', f'jacobian{suffix}', *(f'ptr {x}' for x in operands))
+        self._ir.call('void', f'jacobian_{function}', *(f'ptr {x}' for x in operands))
         self._dense.append(self._product(derived))
         return self._read(self._given['qdd']), Tangent(
             dense={len(self._dense) - 1: (1.0,) * self._n}
@@ -268,30 +263,32 @@ def linearisation(
     """
     Return `void @evaluate(inputs..., out)`: S of some substeps, from the state at their beginning.
 
-    Inputs are those of `linear_arguments`, in arrays of the format, strided or not. A joint that
-    its brake holds loses its velocity first, so that nothing depends on that.
+    Arrays are of the format, strided or not. A joint that its brake holds loses its velocity
+    first, so that nothing depends on that. Motors with a lag have reached the torque.
     """
     n, rows = step.lanes, state_rows(step)
     inner = Format(form.dtype, form.width)
-    names = linear_arguments(step, dynamics)
-    ir = Function(f'define void @evaluate({form.parameters((*names, "out"))})')
+    names = _arguments(step, dynamics)
+    given = (*(name for name in ARGUMENTS if name in names), 'out')
+    ir = Function(f'define void @evaluate({form.parameters(given)})')
     matrices = Matrices(ir, inner)
     height, m = n * len(rows), n * (len(rows) + 1)
     own = {}
     for name in names:
         size = 6 if name == 'wrench' else n
         own[name] = ir.array(form.type, size)
+        source = form.parameter(COMMAND if name == MOTOR_TORQUE else name)
         for k in range(size):
-            value = form.read(ir, form.parameter(name), k)
+            value = form.read(ir, source, k)
             if name == 'qd' and 'free' in names:
                 value = _while_free(ir, form, k, value)
             inner.write(ir, Array(own[name]), k, value)
     total, once, product = (matrices.new(height, m) for _ in range(3))
-    given = ', '.join(f'ptr {address}' for address in own.values())
-    ir.do(f'call void @linear_step({given}, ptr {total.address})')
+    state = [f'ptr {address}' for address in own.values()]
+    ir.call('void', 'linear_step', *state, f'ptr {total.address}')
     if substeps > 1:
         with ir.loop(substeps, start='1'):
-            ir.do(f'call void @linear_step({given}, ptr {once.address})')
+            ir.call('void', 'linear_step', *state, f'ptr {once.address}')
             matrices.combine(product, (height, height), [])
             matrices.combine(
                 product.block(height), (height, n), [(once.block(height), (1.0,) * height)]

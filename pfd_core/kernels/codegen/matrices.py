@@ -153,8 +153,8 @@ class Matrices:
                 total.value = piece.form.operation(self._ir, 'fma', operands)
 
         if inner <= UNROLLED:
-            for k in range(inner):
-                add(k)
+            for term in range(inner):
+                add(term)
         else:
             with self._ir.loop(inner, *sums) as k:
                 add(k)

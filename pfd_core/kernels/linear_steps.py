@@ -1,0 +1,90 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Linearised steps: A and B of a step of a simulation, as a kernel of q, qd and tau.
+
+The derivatives of the accelerations are those of pfd_core.algorithms.acceleration_derivatives, at
+each stage of the integrator; native code multiplies them up (codegen.linear_step).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+from pfd_core.kernels.auto import choose
+from pfd_core.kernels.codegen.linear_step import called, state_rows
+from pfd_core.kernels.codegen.module import linear_module
+from pfd_core.kernels.kernel import Kernel
+from pfd_core.kernels.simulations import plants
+from pfd_core.kernels.source import KernelSource, derivatives, plant_of
+from pfd_core.machine.program import Program
+from pfd_core.model import Robot, Scene
+from pfd_core.model.plant import without_step_effects
+
+
+class LinearSource(KernelSource):
+    """The source of a linearised step, made of the sources of the functions that it calls."""
+
+    def __init__(self, step: Program, substeps: int, sources: dict[str, KernelSource]) -> None:
+        self._step, self._substeps, self._sources = step, substeps, sources
+        self._key = ('linear step', str(step), str(substeps))
+        for source in sources.values():
+            self._key += source.key
+        n, rows = step.lanes, state_rows(step)
+        self.inputs = {
+            name: size for source in sources.values() for name, size in source.inputs.items()
+        }
+        self.shape = (n * len(rows), n * (len(rows) + 1))
+        (self.operations, *_) = (source.operations for source in sources.values())
+
+    @property
+    def work(self) -> int:
+        """The operations of the derivatives in all substeps."""
+        calls = [i.data for i in self._step.instructions if i.op == 'call']
+        return self._substeps * sum(self._sources[name].work for name in calls)
+
+    def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
+        """Return the LLVM text of the kernel."""
+        programs = {name: source.program for name, source in self._sources.items()}
+        return linear_module(self._step, programs, self._substeps, dtype, width, angles)
+
+
+def compile_linear_step(
+    robot: Robot,
+    step: Program,
+    substeps: int,
+    *,
+    scene: Scene,
+    method: str,
+    dtype: str,
+    refine: int,
+    implicit: float = 0.0,
+) -> Kernel:
+    """
+    Compile the linearisation of some steps of an integrator, a kernel of q, qd and tau.
+
+    Its result, (r n, (r + 1) n), is the derivative of the r rows of the state at the end by those
+    at the beginning and by the torque. `implicit` is as for compile_rollout, errors as for
+    compile_kernel. Positions must be plain sums in `step`: what they lose has no derivative.
+    """
+    plant, _ = plant_of(robot, scene, dtype)
+    plant = without_step_effects(plant)
+    method = choose(plant, method, refine)
+    functions = dict(plants(plant, implicit))
+    sources = {
+        name: derivatives(functions[name], method, refine, dtype) for name in called(step)
+    }
+    recreate = partial(
+        compile_linear_step,
+        robot,
+        step,
+        substeps,
+        scene=scene,
+        method=method,
+        dtype=dtype,
+        refine=refine,
+        implicit=implicit,
+    )
+    source = LinearSource(step, substeps, sources)
+    return Kernel(robot, scene, method, dtype, source, recreate, quantity='linear_step')

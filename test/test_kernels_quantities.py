@@ -1,0 +1,197 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Kernels of all quantities: the emulator's bits, in every shape of a call; options and errors."""
+
+from __future__ import annotations
+
+import pickle
+from typing import Any
+
+import numpy as np
+import pytest
+
+import pfd_core as pfd
+from pfd_core.kernels.kernel import Kernel
+from pfd_core.kernels.quantities import QUANTITIES
+from pfd_core.machine.emulator import run
+
+SCENE = pfd.Scene(
+    damping=[0.1] * 6,
+    armature=[0.2] * 6,
+    external_wrench=True,
+    payload=pfd.Payload(1.0, (0.1, 0.0, 0.2)),
+)
+SHAPES: dict[str, tuple[int, ...]] = {
+    'inertia_matrix': (6, 6),
+    'derivatives': (6, 18),
+    'energy': (2,),
+    'tip_pose': (4, 4),
+    'tip_jacobian': (6, 6),
+    'tip_velocity': (6,),
+}
+# Joint state of many arms.
+COUNT = 37
+
+
+def arguments(kernel: Kernel, count: int = COUNT) -> dict[str, np.ndarray]:
+    """Return random arguments of a kernel by name."""
+    rng = np.random.default_rng(3)
+    return {
+        name: rng.uniform(-2, 2, (count, size)).astype(kernel.dtype)
+        for name, size in kernel.program.inputs.items()
+    }
+
+
+def call(kernel: Kernel, given: dict[str, Any], **options: Any) -> np.ndarray:
+    """Call a kernel with arguments by name; the third of a state is `tau` in a call."""
+    named = {'tau' if name == 'qdd' else name: value for name, value in given.items()}
+    return kernel(**named, **options)
+
+
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('quantity', QUANTITIES)
+def test_a_kernel_has_the_bits_of_the_emulator_alone_and_in_any_batch(
+    quantity: str, dtype: str
+) -> None:
+    kernel = pfd.compile_kernel(
+        pfd.load_robot('ur5'), scene=SCENE, quantity=quantity, dtype=dtype
+    )
+    shape = SHAPES.get(quantity, (6,))
+    assert kernel.quantity == quantity
+    assert kernel.shape == shape
+    given = arguments(kernel)
+    (wanted,) = run(kernel.program, given, dtype=dtype).values()
+    wanted = wanted.reshape(COUNT, *shape)
+    for order in ('C', 'F'):
+        rows = {name: np.array(value, order=order) for name, value in given.items()}
+        np.testing.assert_array_equal(call(kernel, rows), wanted)
+        np.testing.assert_array_equal(call(kernel, rows, threads=2), wanted)
+        out = np.empty_like(wanted)
+        assert call(kernel, rows, out=out) is out
+        np.testing.assert_array_equal(out, wanted)
+    for k in (0, COUNT - 1):
+        one = {name: value[k] for name, value in given.items()}
+        np.testing.assert_array_equal(call(kernel, one), wanted[k])
+        out = np.empty(shape, dtype)
+        assert call(kernel, one, out=out) is out
+        np.testing.assert_array_equal(out, wanted[k])
+    lists = {name: value[0].tolist() for name, value in given.items()}
+    np.testing.assert_array_equal(call(kernel, lists), wanted[0])
+    stacked = {name: value[:36].reshape(4, 9, -1) for name, value in given.items()}
+    np.testing.assert_array_equal(call(kernel, stacked), wanted[:36].reshape(4, 9, *shape))
+
+
+@pytest.mark.parametrize('quantity', ['inertia_matrix', 'bias_torques', 'wrench_torques'])
+def test_a_bound_kernel_evaluates_in_place(quantity: str) -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), quantity=quantity)
+    for count in (None, 9):
+        given = arguments(kernel, count or 1)
+        if count is None:
+            given = {name: value[0] for name, value in given.items()}
+        out = np.empty((*([count] * (count is not None)), *kernel.shape))
+        step = kernel.bind(**given, out=out)
+        given['q'][...] += 0.5
+        assert step() is out
+        np.testing.assert_array_equal(out, call(kernel, given))
+
+
+def test_a_result_at_any_stride_is_written_in_place() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), quantity='inertia_matrix')
+    q = arguments(kernel)['q']
+    wanted = kernel(q)
+    for out in (
+        np.empty((6, COUNT, 6)).transpose(1, 2, 0),
+        np.empty((COUNT, 6, 12))[:, :, ::2],
+        np.empty((36, COUNT)).T.reshape(COUNT, 6, 6),
+    ):
+        assert kernel(q, out=out) is out
+        np.testing.assert_array_equal(out, wanted)
+    assert kernel(np.asfortranarray(q)).strides[0] == 8
+
+
+def test_a_kernel_of_a_quantity_goes_through_pickle() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), quantity='inertia_matrix')
+    other = pickle.loads(pickle.dumps(kernel))
+    q = arguments(kernel)['q']
+    np.testing.assert_array_equal(other(q), kernel(q))
+    assert other.quantity == 'inertia_matrix'
+
+
+def test_effects_that_a_quantity_does_not_have_are_left_out_of_its_scene() -> None:
+    robot = pfd.load_robot('ur5')
+    whole = pfd.Scene(damping=[0.1] * 6, brakes=True, friction=[1.0] * 6, armature=[0.2] * 6)
+    kernel = pfd.compile_kernel(robot, scene=whole, quantity='inertia_matrix')
+    assert kernel.scene == pfd.Scene(armature=[0.2] * 6)
+    bare = pfd.compile_kernel(robot, scene=pfd.Scene(), quantity='bias_torques')
+    braked = pfd.compile_kernel(robot, scene=pfd.Scene(brakes=True), quantity='bias_torques')
+    assert bare.operations == braked.operations
+    with pytest.raises(ValueError, match='friction.* over a step of time'):
+        pfd.compile_kernel(robot, scene=whole)
+
+
+@pytest.mark.parametrize('type', ['prismatic', 'revolute'])
+def test_an_argument_that_no_result_depends_on_is_still_taken(type: str) -> None:  # noqa: A002
+    robot = pfd.Robot(
+        'one', ('a',), (type,), np.eye(3)[np.newaxis], np.zeros((1, 3)), [2.0],
+        np.zeros((1, 3)), np.eye(3)[np.newaxis],
+    )  # fmt: skip
+    H = pfd.compile_kernel(robot, quantity='inertia_matrix')
+    assert H([0.3]).item() == (2.0 if type == 'prismatic' else 1.0)
+    np.testing.assert_array_equal(H(np.zeros((40, 1))), np.full((40, 1, 1), H([0.0]).item()))
+    with pytest.raises(ValueError, match='q must be finite'):
+        H([np.nan])
+
+
+@pytest.mark.parametrize(
+    ('options', 'message'),
+    [
+        ({'quantity': 'mass'}, "quantity must be one of .*'inertia_matrix'.* got 'mass'"),
+        ({'quantity': 'energy', 'refine': 1}, 'refine must be 0 for energy, .* got 1'),
+        (
+            {'quantity': 'energy', 'method': 'pcrbm'},
+            "method must be 'auto' or 'link_velocities' for energy, got 'pcrbm'",
+        ),
+        ({'quantity': 'energy', 'frame': 'tool0'}, "energy is not that of a frame, got .*'tool0'"),
+        ({'frame': 'tool0'}, 'forward_dynamics is not that of a frame'),
+    ],
+)
+def test_bad_options_are_named(options: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        pfd.compile_kernel(pfd.load_robot('planar2'), **options)
+
+
+@pytest.mark.parametrize(
+    ('quantity', 'given', 'message'),
+    [
+        ('inertia_matrix', {'q': 0, 'qd': 0}, 'the kernel takes q, got q, qd'),
+        ('inertia_matrix', {'q': 0, 'tau': 0}, 'the kernel takes q, got q, tau'),
+        ('bias_torques', {'q': 0}, 'the kernel takes q, qd, got q'),
+        ('bias_torques', {'q': 0, 'tau': 0}, 'the kernel takes q, qd, got q, tau'),
+        ('inverse_dynamics', {'q': 0, 'qd': 0}, 'the kernel takes q, qd, qdd, got q, qd'),
+        ('wrench_torques', {'q': 0}, 'needs wrench='),
+        ('inertia_matrix', {'q': 0, 'wrench': 0}, 'wrench was given, but'),
+        ('inertia_matrix', {'q': 0, 'brakes': 0}, 'brakes were given, but'),
+        ('inertia_matrix', {'q': 0, 'out': np.zeros(4)}, r'out must be .* \(2, 2\), got .* \(4,\)'),
+    ],
+)
+def test_arguments_that_do_not_fit_the_quantity_are_named(
+    quantity: str, given: dict[str, Any], message: str
+) -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), quantity=quantity)
+    sizes = {'wrench': np.zeros(6), 'brakes': np.zeros(2, bool)}
+    arrays = {
+        name: sizes.get(name, np.zeros(2)) if isinstance(value, int) else value
+        for name, value in given.items()
+    }
+    with pytest.raises(ValueError, match=message):
+        kernel(**arrays)
+
+
+def test_a_wrench_never_goes_for_a_torque() -> None:
+    # Both have six elements on an arm of six joints.
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
+    six = np.zeros(6)
+    with pytest.raises(ValueError, match='takes q, qd, tau'):
+        kernel(six, six, wrench=six)
+    with pytest.raises(ValueError, match='takes q, qd, tau'):
+        kernel.bind(six, six, wrench=six, out=np.empty(6))

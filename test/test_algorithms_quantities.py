@@ -85,3 +85,23 @@ def test_the_wrench_of_the_scene_is_taken_off_the_bias_and_the_torques() -> None
         assert relative(bias, oracle.tau(q, qd, 0 * q, wrench)) < DYNAMICS
         tau = quantity('inverse_dynamics', robot, WRENCH, q=q, qd=qd, qdd=qdd, wrench=wrench)
         assert relative(tau, oracle.tau(q, qd, qdd, wrench)) < DYNAMICS
+
+
+@pytest.mark.parametrize('count', [FEW, pytest.param(MANY, marks=pytest.mark.slow)])
+def test_quantities_of_the_tip_agree_with_pinocchio(count: int) -> None:
+    for rng, robot in robots(count, seed=63):
+        model = Oracle(robot).model
+        data, tip = model.createData(), model.nframes - 1
+        q, qd, _ = random_state(rng, robot.n)
+        J, local = (  # Pinocchio drops the second axis of a single column.
+            pin.computeFrameJacobian(model, data, q, tip, axes).reshape(6, robot.n)
+            for axes in (pin.LOCAL_WORLD_ALIGNED, pin.LOCAL)
+        )
+        assert relative(quantity('tip_jacobian', robot, q=q), J) < DYNAMICS
+        assert relative(quantity('tip_velocity', robot, q=q, qd=qd), J @ qd) < DYNAMICS
+        pin.framesForwardKinematics(model, data, q)
+        pose = quantity('tip_pose', robot, q=q)
+        assert relative(pose, data.oMf[tip].homogeneous) < DYNAMICS
+        k = 10 * rng.normal(size=6)
+        found = quantity('wrench_torques', robot, q=q, wrench=k)
+        assert relative(found, local.T @ k) < DYNAMICS

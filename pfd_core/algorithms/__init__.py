@@ -14,7 +14,7 @@ Rooms, in the order in which they may import one another:
 Modules that take any of them:
 
     programs      whole programs by name: METHODS, inverse dynamics, H and bias
-    quantities    inverse dynamics, H, bias, gravity torques, energy: RECORDERS, for kernels
+    quantities    H, bias, energy, tip and the like for kernels, each one program: RECORDERS
     emulation     pfd.emulate: a method on the emulated machine, with steps, utilisation, status
     refinement    a method with steps of iterative refinement, and its error estimate
     convergence   NaN for iterations that have not converged, for kernels

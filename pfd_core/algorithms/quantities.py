@@ -8,10 +8,16 @@ Quantities of a robot that a controller asks for, each from its cheapest text: R
     bias_torques       q, qd -> bias, (n,)           inverse dynamics at qdd = 0
     gravity_torques    q -> gravity, (n,)            inverse dynamics at rest, without the wrench
     energy             q, qd -> energy, (2,)         kinetic, potential
+    tip_pose           q -> pose, (4, 4)             of a frame in that of the base link
+    tip_jacobian       q -> jacobian, (6, n)         of its origin, axes of the base link
+    tip_velocity       q, qd -> velocity, (6,)       J qd
+    wrench_torques     q, wrench -> torques, (n,)    J' k for a wrench k on the frame
 
-The scene's wrench is an input of inverse_dynamics and bias_torques. Brakes play no part in any
-quantity, nor do friction, stops and the lag of motors, which have no value at an instant: their
-scenes are refused where torques at qd are asked for, and otherwise these effects are left out.
+The last four are of a frame that the robot carries, by its name; None is the tip. Linear parts
+come first. The scene's wrench is an input of inverse_dynamics and bias_torques. Brakes play no
+part in any quantity, nor do friction, stops and the lag of motors, which have no value at an
+instant: their scenes are refused where torques at qd are asked for, and otherwise these effects
+are left out.
 
 Each text is recorded for one processor, with one output. Every input listed is an input of the
 program, with n elements (wrench: 6), also where no output depends on it.
@@ -28,17 +34,24 @@ from pfd_core.algorithms.grouped.inverse_dynamics import (
     record_bias_torques,
     record_grouped_inverse_dynamics,
 )
+from pfd_core.algorithms.grouped.kinematics import (
+    record_jacobian,
+    record_pose,
+    record_velocity,
+    record_wrench_torques,
+)
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, check_instant
 from pfd_core.model.error_text import quote
+from pfd_core.model.frames import Frame
 
-Recorder = Callable[[Plant, str | None], Program]
+Record = Callable[[Plant, str | None], Program]
 
 
-def _whole(record: Callable[[Plant], Program], instant: bool = False) -> Recorder:
+def _whole(record: Callable[[Plant], Program], instant: bool = False) -> Record:
     """Return the recorder of a quantity of the whole chain, which has no frame."""
 
-    def recorded(plant: Plant, frame: str | None = None) -> Program:
+    def recorded(plant: Plant, frame: str | None) -> Program:
         if frame is not None:
             raise ValueError(f'frame={quote(frame)} has no meaning: the quantity has no frame')
         if instant:
@@ -48,10 +61,19 @@ def _whole(record: Callable[[Plant], Program], instant: bool = False) -> Recorde
     return recorded
 
 
-RECORDERS: dict[str, Recorder] = {
+def _framed(record: Callable[[Plant, Frame], Program]) -> Record:
+    """Return the recorder of a quantity of a frame."""
+    return lambda plant, frame: record(plant, plant.robot.frame(frame))
+
+
+RECORDERS: dict[str, Record] = {
     'inverse_dynamics': _whole(record_grouped_inverse_dynamics, instant=True),
     'inertia_matrix': _whole(record_inertia_matrix),
     'bias_torques': _whole(record_bias_torques, instant=True),
     'gravity_torques': _whole(record_gravity_torques),
     'energy': _whole(record_energy),
+    'tip_pose': _framed(record_pose),
+    'tip_jacobian': _framed(record_jacobian),
+    'tip_velocity': _framed(record_velocity),
+    'wrench_torques': _framed(record_wrench_torques),
 }

@@ -14,6 +14,7 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     urdf_pinocchio      comparison of that robot with Pinocchio's reading of the URDF
     geometry            rotations, frames and rigid bodies as arrays with exact zeros and ones
     rigid_body_checks   conditions on a rotation and an inertia, with their tolerances
+    frames              Frame: a frame fixed to a link; the frames of a robot by name
     robot               Robot: the chain in the frames of Lee and Chang, checked once
     robot_changes       Payload, and robots with a payload or with locked joints
     scene               Scene: which effects are on

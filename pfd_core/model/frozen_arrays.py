@@ -1,10 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Read-only arrays as fields of frozen dataclasses."""
+"""Read-only arrays and mappings as fields of frozen dataclasses."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,15 @@ def frozen(values: ArrayLike) -> NDArray[np.float64]:
 
 
 class FrozenArrays:
-    """Base of a frozen dataclass whose arrays stay read-only when it is pickled or copied."""
+    """Base of a frozen dataclass whose arrays and mappings stay read-only when it is copied."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return the fields; a read-only view of a dict cannot be pickled itself."""
+        views = {k: dict(v) for k, v in vars(self).items() if isinstance(v, MappingProxyType)}
+        return vars(self) | views
 
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         """Take the fields over; NumPy restores pickled arrays as writable ones."""
         for key, value in state.items():
             kept = frozen(value) if isinstance(value, np.ndarray) else value
-            object.__setattr__(self, key, kept)
+            object.__setattr__(self, key, MappingProxyType(kept) if type(kept) is dict else kept)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
-Frame = tuple[Array, Array]  # axes, (3, 3), and origin, (3,) [m], of a frame in another
+Placement = tuple[Array, Array]  # axes, (3, 3), and origin, (3,) [m], of a frame in another
 Body = tuple[float, Array, Array]  # mass [kg], its centre, (3,) [m], inertia about it, (3, 3)
 
 # Sine and cosine of the double nearest a multiple of pi/2 differ from 0 and 1 by at most 1 ulp of
@@ -89,7 +89,7 @@ def rotation_rpy(roll: float, pitch: float, yaw: float) -> Array:
     return product(rotation_z(*cos_sin(yaw)), about_y, rotation_x(*cos_sin(roll)))
 
 
-def chained(*frames: Frame) -> Frame:
+def chained(*frames: Placement) -> Placement:
     """Return the last frame in the base of the first; each frame is given in the one before."""
     R, p = frames[0]
     for turn, way in frames[1:]:
@@ -164,7 +164,7 @@ def merged(first: Body, second: Body) -> Body:
     return mass, center, J1 + J2 + steiner(m1 * m2 / mass, c2 - c1)
 
 
-def welded_frames(placements: list[Frame], bodies: list[Body]) -> dict[str, Any]:
+def welded_frames(placements: list[Placement], bodies: list[Body]) -> dict[str, Any]:
     """
     Bring a chain from the frames of its joints to the frames of Lee and Chang.
 
@@ -174,7 +174,7 @@ def welded_frames(placements: list[Frame], bodies: list[Body]) -> dict[str, Any]
 
     Parameters
     ----------
-    placements : list of Frame
+    placements : list of Placement
         n + 1 of them: joint 1 in the base link, joint 2 in joint 1, ..., the tip in joint n.
     bodies : list of Body
         n links, each in the frame of its joint.

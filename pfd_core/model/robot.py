@@ -14,7 +14,7 @@ the frame of the tip link. At joint position q_i, frame i stands in frame i-1 at
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cached_property, partial
 import hashlib
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 
 from pfd_core.model.checked_numbers import LARGEST, real_array
 from pfd_core.model.error_text import quote
+from pfd_core.model.frames import Frame, known_frame, with_ends
 from pfd_core.model.frozen_arrays import FrozenArrays, frozen
 from pfd_core.model.geometry import Array
 from pfd_core.model.rigid_body_checks import (
@@ -52,8 +53,6 @@ LIMIT_FIELDS = {
 }
 JOINT_FIELDS = (*LIMIT_FIELDS.values(), 'damping', 'friction', 'armature')
 _NOT_NEGATIVE = ('masses', *JOINT_FIELDS[2:])
-
-
 # Defaults for all joints.
 _zero, _infinity, _minus_infinity = (partial(np.full, (), x) for x in (0.0, np.inf, -np.inf))
 
@@ -99,6 +98,8 @@ class Robot(FrozenArrays):
         Joints whose links are known to break the triangle rule: these cause no warning.
     snapped_joints : tuple of str
         Joints of the URDF, also fixed ones, with a nearly right angle that was made exact.
+    frames : mapping
+        Name -> Frame of each link that the chain carries or stands on; base and tip are added.
 
     Raises
     ------
@@ -134,6 +135,7 @@ class Robot(FrozenArrays):
     source: str = ''
     accepted: tuple[str, ...] = ()
     snapped_joints: tuple[str, ...] = ()
+    frames: Mapping[str, Frame] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for key in ('joint_names', 'joint_types', 'accepted', 'snapped_joints'):
@@ -142,6 +144,8 @@ class Robot(FrozenArrays):
         for key, shape in _shapes(self.n).items():
             object.__setattr__(self, key, _array(self, key, shape))
         _check_numbers(self)
+        frames = with_ends(self.name, self.frames, self.base, self.tip, self.n)
+        object.__setattr__(self, 'frames', frames)
         # Symmetric to rounding becomes symmetric to the bit: half of a file's text suffices.
         J = self.inertias
         object.__setattr__(self, 'inertias', frozen((J + J.transpose(0, 2, 1)) / 2))
@@ -152,12 +156,16 @@ class Robot(FrozenArrays):
         """Number of joints, and of links that move."""
         return len(self.joint_names)
 
+    def frame(self, name: str | None = None) -> Frame:
+        """Return a frame that the robot carries; the tip's without a name."""
+        return known_frame(self.name, self.frames, self.tip if name is None else name)
+
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all numbers and names, as 64 hexadecimal digits."""
+        """SHA-256 of all numbers and names but those of frames, as 64 hexadecimal digits."""
         state = hashlib.sha256()
         for item in fields(self):
-            if item.name in ('source', 'accepted', 'snapped_joints'):
+            if item.name in ('source', 'accepted', 'snapped_joints', 'frames'):
                 continue
             value = getattr(self, item.name)
             text = value.astype('<f8').tobytes() if isinstance(value, np.ndarray) else repr(value)

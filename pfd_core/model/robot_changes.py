@@ -14,7 +14,16 @@ from numpy.typing import ArrayLike
 
 from pfd_core.model.checked_numbers import LARGEST, real_array, real_number
 from pfd_core.model.error_text import quote, quote_all
-from pfd_core.model.geometry import Body, Frame, merged, product, rotation_z, snapped
+from pfd_core.model.frames import Frame
+from pfd_core.model.geometry import (
+    Body,
+    Placement,
+    chained,
+    merged,
+    product,
+    rotation_z,
+    snapped,
+)
 from pfd_core.model.rigid_body_checks import check_inertia
 from pfd_core.model.robot import JOINT_FIELDS, LINK_FIELDS, Robot
 
@@ -122,7 +131,7 @@ def check_locked_position(name: str, position: float, lower: float, upper: float
         )
 
 
-def placement_at(robot: Robot, index: int, position: float) -> Frame:
+def placement_at(robot: Robot, index: int, position: float) -> Placement:
     """Return frame i = index + 1 in frame i-1, R_i and p_i, at a joint position [rad, m]."""
     A, a = robot.rotations[index], robot.translations[index]
     if robot.joint_types[index] == 'prismatic':
@@ -139,7 +148,9 @@ def _lock_one(robot: Robot, index: int, position: float) -> Robot:
         # The link is welded to the base, which does not move: its mass plays no part.
         changed['base_rotation'] = product(robot.base_rotation, R)
         changed['base_position'] = robot.base_position + product(robot.base_rotation, p)
+        weld = changed['base_rotation'], changed['base_position']
     else:
+        weld = R.T, -product(R.T, p)
         mass, center, J = _body(robot, index - 1)
         inner = (mass, product(R.T, center - p), product(R.T, J, R))
         _set_body(changed, index, merged(inner, _body(robot, index)))
@@ -155,7 +166,23 @@ def _lock_one(robot: Robot, index: int, position: float) -> Robot:
         changed[key] = entries[:index] + entries[index + 1 :]
     if index > 0 and robot.joint_names[index] in robot.accepted:
         changed['accepted'] = (*robot.accepted, robot.joint_names[index - 1])
-    return replace(robot, **changed)
+    return replace(robot, **changed, frames=_welded_frames(robot.frames, index, weld))
+
+
+def _welded_frames(frames: Mapping[str, Frame], index: int, weld: Placement) -> dict[str, Frame]:
+    """
+    Return the frames of a robot whose joint at an index is fixed, on the links that are left.
+
+    `weld` is the placement by which frames of link 1 come to the base link, or, beyond the first
+    joint, frames of the link before the joint to frame i.
+    """
+    return {
+        name: Frame(
+            frame.link - (frame.link > index),
+            *(chained(weld, frame.placement) if frame.link == max(index, 1) else frame.placement),
+        )
+        for name, frame in frames.items()
+    }
 
 
 def _body(robot: Robot, index: int) -> Body:

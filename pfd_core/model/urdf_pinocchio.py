@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.model.error_text import quote
-from pfd_core.model.geometry import Array, Body, Frame, axis_rotation, product
+from pfd_core.model.geometry import Array, Body, Placement, axis_rotation, product
 from pfd_core.model.urdf_chain import Chain
 from pfd_core.model.urdf_reader import INERTIA_KEYS, Description, Inertial, Joint, Origin
 
@@ -33,7 +33,7 @@ def check_with_pinocchio(
     urdf: Description,
     chain: Chain,
     locked: Mapping[str, float],
-    placements: list[Frame],
+    placements: list[Placement],
     bodies: list[Body],
 ) -> None:
     """
@@ -102,7 +102,7 @@ def _compare_bodies(joint: Joint, body: Body, inertia: Any, turn: Array, length:
         _compare(joint, 'inertia', product(turn, J, turn.T), about, AGREEMENT * size)
 
 
-def _in_turned_frames(frames: list[Frame], turns: list[Array]) -> Iterator[Frame]:
+def _in_turned_frames(frames: list[Placement], turns: list[Array]) -> Iterator[Placement]:
     """Yield Pinocchio's frames with the axes of joints turned to z, as for `welded_frames`."""
     (R0, p0), *rest = frames
     before = [(R0, p0), *((turn, np.zeros(3)) for turn in turns)]
@@ -110,7 +110,7 @@ def _in_turned_frames(frames: list[Frame], turns: list[Array]) -> Iterator[Frame
         yield product(R.T, R1, turn), product(R.T, p1 - p)
 
 
-def _pair(placement: Any) -> Frame:
+def _pair(placement: Any) -> Placement:
     return np.array(placement.rotation), np.array(placement.translation)
 
 

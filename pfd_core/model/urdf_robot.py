@@ -16,7 +16,7 @@ from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import (
     Array,
     Body,
-    Frame,
+    Placement,
     axis_rotation,
     chained,
     merged,
@@ -123,14 +123,14 @@ def _limits(chain: Chain) -> dict[str, Any]:
 
 def _link_frames(
     chain: Chain, turns: Mapping[str, Array], locked: Mapping[str, float]
-) -> dict[str, Frame]:
+) -> dict[str, Placement]:
     """
     Return the frame of each link in the frame of the moving joint that carries it.
 
     The axis of a moving joint is z of its frame. Links that stand still are given in the frame of
     the topmost one.
     """
-    frames: dict[str, Frame] = {chain.held: (np.eye(3), np.zeros(3))}
+    frames: dict[str, Placement] = {chain.held: (np.eye(3), np.zeros(3))}
     for joint in chain.below:
         if joint.name in turns:
             frames[joint.child] = (snapped(turns[joint.name].T), np.zeros(3))
@@ -141,11 +141,11 @@ def _link_frames(
     return frames
 
 
-def _placed(origin: Origin) -> Frame:
+def _placed(origin: Origin) -> Placement:
     return rotation_rpy(*origin.rpy), np.array(origin.xyz)
 
 
-def _motion(joint: Joint, position: float) -> Frame:
+def _motion(joint: Joint, position: float) -> Placement:
     """Return the frame of the child link of a joint at a position [rad, m], from that at zero."""
     if joint.kind == 'fixed':
         return np.eye(3), np.zeros(3)
@@ -157,7 +157,7 @@ def _motion(joint: Joint, position: float) -> Frame:
 
 
 def _bodies(
-    urdf: Description, chain: Chain, frames: Mapping[str, Frame], length: float
+    urdf: Description, chain: Chain, frames: Mapping[str, Placement], length: float
 ) -> list[Body]:
     """Return the links that each moving joint carries, welded to one body, in its frame."""
     bodies = {joint.name: NO_BODY for joint in chain.joints}
@@ -218,8 +218,8 @@ def _warn_of_missing_limits(chain: Chain) -> None:
 
 
 def _placements(
-    chain: Chain, turns: Mapping[str, Array], frames: Mapping[str, Frame]
-) -> list[Frame]:
+    chain: Chain, turns: Mapping[str, Array], frames: Mapping[str, Placement]
+) -> list[Placement]:
     """Return each joint's frame in that of the joint before it, and the tip in the last one."""
     R, p = frames[chain.base]
     base = (R.T, -product(R.T, p))

@@ -35,7 +35,7 @@ from pfd_core.model.checked_numbers import number_from_text, real_number
 from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import (
     Array,
-    Frame,
+    Placement,
     cos_sin_degrees,
     product,
     rotation_x,
@@ -121,7 +121,7 @@ def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
     )
 
 
-def _frames(name: str, joints: list[dict[str, Any]], base: Frame, tip: Any) -> dict[str, Any]:
+def _frames(name: str, joints: list[dict[str, Any]], base: Placement, tip: Any) -> dict[str, Any]:
     """Return the fields of `Robot` for frames, masses, centres and inertias."""
     ways = {j['placed_by'] for j in joints}
     if len(ways) > 1:
@@ -186,7 +186,7 @@ def _joint(index: int, row: Any) -> dict[str, Any]:
     }
 
 
-def _placed(label: str, way: str, value: Any) -> Frame:
+def _placed(label: str, way: str, value: Any) -> Placement:
     """Return a frame in the frame before it, at q = 0."""
     place = f'{way} of {label}'
     if way == 'frame':
@@ -225,7 +225,7 @@ def _end(role: str, value: Any) -> tuple[str, Array, Array]:
     return (end['link'], *_placement(role, end))
 
 
-def _placement(label: str, frame: Mapping[str, Any]) -> Frame:
+def _placement(label: str, frame: Mapping[str, Any]) -> Placement:
     rotation = frame.get('rotation', np.eye(3))
     translation = frame.get('translation', np.zeros(3))
     return (

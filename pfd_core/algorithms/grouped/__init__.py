@@ -8,6 +8,7 @@ Serial methods at their cheapest, with grouped inertial parameters; kernels are 
     inverse_dynamics   tau and bias, with grouped parameters
     gravity            gravity torques and potential energy, from first moments
     energy             kinetic and potential energy
+    kinematics         pose, Jacobian and velocity of a frame, joint torques of a wrench on it
     link_torques       inverse dynamics with parameters as given: the residual of refinement
     composite_body     H by composite bodies and L' D L: the whole program, for short chains
     articulated_body   articulated bodies: the whole program, for long chains

@@ -43,6 +43,14 @@ REACH = 2.0
 
 
 @dataclass(frozen=True)
+class Tip:
+    """Axes of frame i, (3, 3), and its origin, (3,) [m], in axes B_i: of frame n the tip."""
+
+    rotation: Array
+    p: Array
+
+
+@dataclass(frozen=True)
 class JointAxes:
     """
     Axes B_i of one link.
@@ -57,6 +65,8 @@ class JointAxes:
         Cosine and sine of alpha_(i-1), from the axis of joint i - 1 to that of joint i.
     p : ndarray
         (3,), origin of B_i at q_i = 0, in axes B_(i-1) [m].
+    end : Tip
+        Pose of frame i.
 
     """
 
@@ -64,6 +74,7 @@ class JointAxes:
     start: tuple[float, float]
     twist: tuple[float, float]
     p: Array
+    end: Tip
 
 
 @dataclass(frozen=True)
@@ -108,14 +119,6 @@ class GroupedLink(JointAxes):
     inertia: Array
 
 
-@dataclass(frozen=True)
-class Tip:
-    """Axes of frame n, (3, 3), and its origin, (3,) [m], in axes B_n."""
-
-    rotation: Array
-    p: Array
-
-
 def grouped_links(plant: Plant) -> tuple[list[GroupedLink], Tip]:
     """Return the grouped links of a plant, base to tip, and the pose of frame n."""
     centered, tip = centered_links(plant)
@@ -145,23 +148,21 @@ def centered_links(plant: Plant) -> tuple[list[CenteredLink], Tip]:
         m = float(robot.masses[i])
         offset = product(Z.T, a) - axis
         start = sum_of_angles(before, first)
-        links.append(
-            CenteredLink(robot.joint_types[i] == 'prismatic', start, twist, p, m, center, J)
-        )
-        if i == robot.n - 1:
-            tip = Tip(product(rotation_x(*tilt), rotation_z(*following)), offset)
+        slides = robot.joint_types[i] == 'prismatic'
+        end = Tip(product(rotation_x(*tilt), rotation_z(*following)), offset)
+        links.append(CenteredLink(slides, start, twist, p, end, m, center, J))
         slid = _slide(offset, tilt)
         p = offset + slid * product(rotation_x(*tilt), np.array([0.0, 0.0, 1.0]))
         if slid:
             p[1] = 0.0  # exactly, without the rounding of the line above
         before, twist = following, tilt
-    return links, tip
+    return links, links[-1].end
 
 
 def _about_the_origin(link: CenteredLink) -> GroupedLink:
     inertia = link.J + link.m * _moments(link.center, link.center)
     h = link.m * link.center
-    return GroupedLink(link.slides, link.start, link.twist, link.p, link.m, h, inertia)
+    return GroupedLink(link.slides, link.start, link.twist, link.p, link.end, link.m, h, inertia)
 
 
 def _slide(offset: Array, tilt: tuple[float, float]) -> float:

@@ -53,9 +53,7 @@ def call(kernel: Kernel, given: dict[str, Any], **options: Any) -> np.ndarray:
 def test_a_kernel_has_the_bits_of_the_emulator_alone_and_in_any_batch(
     quantity: str, dtype: str
 ) -> None:
-    kernel = pfd.compile_kernel(
-        pfd.load_robot('ur5'), scene=SCENE, quantity=quantity, dtype=dtype
-    )
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), scene=SCENE, quantity=quantity, dtype=dtype)
     shape = SHAPES.get(quantity, (6,))
     assert kernel.quantity == quantity
     assert kernel.shape == shape
@@ -130,7 +128,7 @@ def test_effects_that_a_quantity_does_not_have_are_left_out_of_its_scene() -> No
 
 
 @pytest.mark.parametrize('type', ['prismatic', 'revolute'])
-def test_an_argument_that_no_result_depends_on_is_still_taken(type: str) -> None:  # noqa: A002
+def test_an_argument_that_no_result_depends_on_is_still_taken(type: str) -> None:
     robot = pfd.Robot(
         'one', ('a',), (type,), np.eye(3)[np.newaxis], np.zeros((1, 3)), [2.0],
         np.zeros((1, 3)), np.eye(3)[np.newaxis],
@@ -171,7 +169,11 @@ def test_bad_options_are_named(options: dict[str, Any], message: str) -> None:
         ('wrench_torques', {'q': 0}, 'needs wrench='),
         ('inertia_matrix', {'q': 0, 'wrench': 0}, 'wrench was given, but'),
         ('inertia_matrix', {'q': 0, 'brakes': 0}, 'brakes were given, but'),
-        ('inertia_matrix', {'q': 0, 'out': np.zeros(4)}, r'out must be .* \(2, 2\), got .* \(4,\)'),
+        (
+            'inertia_matrix',
+            {'q': 0, 'out': np.zeros(4)},
+            r'out must be .* \(2, 2\), got .* \(4,\)',
+        ),
     ],
 )
 def test_arguments_that_do_not_fit_the_quantity_are_named(

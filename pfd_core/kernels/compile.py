@@ -55,14 +55,14 @@ def compile_kernel(
         'bias_torques'       (n,), of (q, qd): the torques of qdd = 0, without those of the drives
         'gravity_torques'    (n,), of q: the same at rest, without the wrench
         'energy'             (2,) [J], of (q, qd): kinetic, and potential in gravity and springs
-        'wrench_torques'     (n,), of q and wrench=: the joint torques that balance a wrench
-                             turned round; with tau = wrench_torques it acts on the arm
-        'tip_pose'           (4, 4), of q: a frame in the frame of the base link, homogeneous
+        'wrench_torques'     (n,), of q and wrench=: the joint torques J' k that a wrench on the
+                             frame causes, in its axes, about its origin
+        'tip_pose'           (4, 4), of q: the frame in that of the base link, homogeneous
         'tip_jacobian'       (6, n), of q: linear and angular velocity of the frame by qd, in axes
                              of the base link, linear first
         'tip_velocity'       (6,), of (q, qd): the Jacobian times qd
     frame : str, optional
-        For the last three: a name in `robot.frames`, default the robot's tip.
+        For the last four: a name in `robot.frames`, default the robot's tip.
 
     Returns
     -------

@@ -28,9 +28,9 @@ class LinearSource(KernelSource):
 
     def __init__(self, step: Program, substeps: int, sources: dict[str, KernelSource]) -> None:
         self._step, self._substeps, self._sources = step, substeps, sources
-        self._key = ('linear step', str(step), str(substeps))
+        self.key = ('linear step', str(step), str(substeps))
         for source in sources.values():
-            self._key += source.key
+            self.key += source.key
         n, rows = step.lanes, state_rows(step)
         self.inputs = {
             name: size for source in sources.values() for name, size in source.inputs.items()
@@ -72,9 +72,7 @@ def compile_linear_step(
     plant = without_step_effects(plant)
     method = choose(plant, method, refine)
     functions = dict(plants(plant, implicit))
-    sources = {
-        name: derivatives(functions[name], method, refine, dtype) for name in called(step)
-    }
+    sources = {name: derivatives(functions[name], method, refine, dtype) for name in called(step)}
     recreate = partial(
         compile_linear_step,
         robot,

@@ -62,7 +62,7 @@ QUANTITIES = {
     'bias_torques': Quantity(('q', 'qd'), TORQUES, 'newton_euler'),
     'gravity_torques': Quantity(('q',), AT_REST, 'first_moments'),
     'energy': Quantity(('q', 'qd'), (*AT_REST, 'armature'), 'link_velocities'),
-    'wrench_torques': Quantity(('q',), (), 'force_balance', wrench=True),
+    'wrench_torques': Quantity(('q',), (), 'kinematics', of_frame=True, wrench=True),
     'tip_pose': Quantity(('q',), (), 'kinematics', of_frame=True),
     'tip_jacobian': Quantity(('q',), (), 'kinematics', of_frame=True),
     'tip_velocity': Quantity(('q', 'qd'), (), 'kinematics', of_frame=True),

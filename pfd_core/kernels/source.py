@@ -40,6 +40,7 @@ from pfd_core.kernels.runtime.jit import (
 from pfd_core.kernels.runtime.json_cache import T, get_or_compute
 from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant, Robot, Scene, resolve
+from pfd_core.model.frames import known_frame
 
 # Iterative methods stop when their residual has fallen to the rounding of the number format.
 TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
@@ -69,6 +70,8 @@ class KernelSource:
     ----------
     inputs : dict
         Elements of each input, in the order in which a kernel takes them.
+    key : tuple of str
+        As given.
     shape : tuple of int
         Shape of the output.
     operations : dict
@@ -78,7 +81,7 @@ class KernelSource:
 
     def __init__(self, lowered: Callable[[], Stages], key: tuple[str, ...] = ()) -> None:
         self._lowered = lowered
-        self._key = key
+        self.key = key
         facts = self._get_or_compute('facts', self._facts, _are_facts)
         self.inputs: dict[str, int] = facts['inputs']
         self.shape: tuple[int, ...] = tuple(facts['shape'])
@@ -129,7 +132,7 @@ class KernelSource:
     def _get_or_compute(
         self, name: str, compute: Callable[[], T], valid: Callable[[Any], bool]
     ) -> T:
-        return get_or_compute((*self._key, name), compute, valid) if self._key else compute()
+        return get_or_compute((*self.key, name), compute, valid) if self.key else compute()
 
     def _facts(self) -> dict[str, Any]:
         (output,) = self.program.outputs.values()
@@ -161,7 +164,11 @@ def of_text(plant: Plant, quantity: str, dtype: str, frame: str | None = None) -
         # A text need not read all arguments: a sliding joint alone has the same H everywhere.
         return lower(replace(recorded, inputs=arguments | recorded.inputs), dtype)
 
-    place = '' if frame is None else plant.robot.frames[frame].digest
+    place = ''
+    if QUANTITIES[quantity].of_frame:
+        robot = plant.robot
+        name = robot.tip if frame is None else frame
+        place = known_frame(robot.name, robot.frames, name).digest
     return KernelSource(lowered, (quantity, plant.digest, place, dtype))
 
 

@@ -314,118 +314,128 @@ then138:
 after139:
   %v140 = getelementptr i8, ptr %v6, i64 32
   %v141 = load ptr, ptr %v140
-  %v142 = load i64, ptr %v141
-  %v143 = getelementptr i8, ptr %v6, i64 40
-  %v144 = load ptr, ptr %v143
-  %v145 = load i64, ptr %v144
-  %v146 = icmp eq i64 %v142, 2
-  %v147 = icmp eq i64 %v145, 8
-  %v148 = and i1 %v146, %v147
-  %v149 = xor i1 %v148, true
-  br i1 %v149, label %then150, label %after151
-then150:
+  %v142 = getelementptr i64, ptr %v141, i64 0
+  %v143 = load i64, ptr %v142
+  %v144 = getelementptr i8, ptr %v6, i64 40
+  %v145 = load ptr, ptr %v144
+  %v146 = getelementptr i64, ptr %v145, i64 0
+  %v147 = load i64, ptr %v146
+  %v148 = icmp eq i64 %v143, 2
+  %v149 = icmp eq i64 %v147, 8
+  %v150 = and i1 %v148, %v149
+  %v151 = xor i1 %v150, true
+  br i1 %v151, label %then152, label %after153
+then152:
   ret ptr null
-after151:
-  %v152 = getelementptr i8, ptr %v6, i64 16
-  %v153 = load ptr, ptr %v152
-  %v154 = getelementptr double, ptr %v153, i64 0
-  %v155 = getelementptr double, ptr %v153, i64 1
-  %v156 = load double, ptr %v154
-  %v157 = load double, ptr %v155
-  %v158 = getelementptr i8, ptr %v33, i64 32
-  %v159 = load ptr, ptr %v158
-  %v160 = load i64, ptr %v159
-  %v161 = getelementptr i8, ptr %v33, i64 40
-  %v162 = load ptr, ptr %v161
+after153:
+  %v154 = getelementptr i8, ptr %v6, i64 16
+  %v155 = load ptr, ptr %v154
+  %v156 = getelementptr double, ptr %v155, i64 0
+  %v157 = getelementptr double, ptr %v155, i64 1
+  %v158 = load double, ptr %v156
+  %v159 = load double, ptr %v157
+  %v160 = getelementptr i8, ptr %v33, i64 32
+  %v161 = load ptr, ptr %v160
+  %v162 = getelementptr i64, ptr %v161, i64 0
   %v163 = load i64, ptr %v162
-  %v164 = icmp eq i64 %v160, 2
-  %v165 = icmp eq i64 %v163, 8
-  %v166 = and i1 %v164, %v165
-  %v167 = xor i1 %v166, true
-  br i1 %v167, label %then168, label %after169
-then168:
+  %v164 = getelementptr i8, ptr %v33, i64 40
+  %v165 = load ptr, ptr %v164
+  %v166 = getelementptr i64, ptr %v165, i64 0
+  %v167 = load i64, ptr %v166
+  %v168 = icmp eq i64 %v163, 2
+  %v169 = icmp eq i64 %v167, 8
+  %v170 = and i1 %v168, %v169
+  %v171 = xor i1 %v170, true
+  br i1 %v171, label %then172, label %after173
+then172:
   ret ptr null
-after169:
-  %v170 = getelementptr i8, ptr %v33, i64 16
-  %v171 = load ptr, ptr %v170
-  %v172 = getelementptr double, ptr %v171, i64 0
-  %v173 = getelementptr double, ptr %v171, i64 1
-  %v174 = load double, ptr %v172
-  %v175 = load double, ptr %v173
-  %v176 = getelementptr i8, ptr %v60, i64 32
-  %v177 = load ptr, ptr %v176
-  %v178 = load i64, ptr %v177
-  %v179 = getelementptr i8, ptr %v60, i64 40
-  %v180 = load ptr, ptr %v179
-  %v181 = load i64, ptr %v180
-  %v182 = icmp eq i64 %v178, 2
-  %v183 = icmp eq i64 %v181, 8
-  %v184 = and i1 %v182, %v183
-  %v185 = xor i1 %v184, true
-  br i1 %v185, label %then186, label %after187
-then186:
+after173:
+  %v174 = getelementptr i8, ptr %v33, i64 16
+  %v175 = load ptr, ptr %v174
+  %v176 = getelementptr double, ptr %v175, i64 0
+  %v177 = getelementptr double, ptr %v175, i64 1
+  %v178 = load double, ptr %v176
+  %v179 = load double, ptr %v177
+  %v180 = getelementptr i8, ptr %v60, i64 32
+  %v181 = load ptr, ptr %v180
+  %v182 = getelementptr i64, ptr %v181, i64 0
+  %v183 = load i64, ptr %v182
+  %v184 = getelementptr i8, ptr %v60, i64 40
+  %v185 = load ptr, ptr %v184
+  %v186 = getelementptr i64, ptr %v185, i64 0
+  %v187 = load i64, ptr %v186
+  %v188 = icmp eq i64 %v183, 2
+  %v189 = icmp eq i64 %v187, 8
+  %v190 = and i1 %v188, %v189
+  %v191 = xor i1 %v190, true
+  br i1 %v191, label %then192, label %after193
+then192:
   ret ptr null
-after187:
-  %v188 = getelementptr i8, ptr %v60, i64 16
-  %v189 = load ptr, ptr %v188
-  %v190 = getelementptr double, ptr %v189, i64 0
-  %v191 = getelementptr double, ptr %v189, i64 1
-  %v192 = load double, ptr %v190
-  %v193 = load double, ptr %v191
-  %v194 = getelementptr i8, ptr %v87, i64 32
+after193:
+  %v194 = getelementptr i8, ptr %v60, i64 16
   %v195 = load ptr, ptr %v194
-  %v196 = load i64, ptr %v195
-  %v197 = getelementptr i8, ptr %v87, i64 40
-  %v198 = load ptr, ptr %v197
-  %v199 = load i64, ptr %v198
-  %v200 = icmp eq i64 %v196, 2
-  %v201 = icmp eq i64 %v199, 8
-  %v202 = and i1 %v200, %v201
-  %v203 = xor i1 %v202, true
-  br i1 %v203, label %then204, label %after205
-then204:
+  %v196 = getelementptr double, ptr %v195, i64 0
+  %v197 = getelementptr double, ptr %v195, i64 1
+  %v198 = load double, ptr %v196
+  %v199 = load double, ptr %v197
+  %v200 = getelementptr i8, ptr %v87, i64 32
+  %v201 = load ptr, ptr %v200
+  %v202 = getelementptr i64, ptr %v201, i64 0
+  %v203 = load i64, ptr %v202
+  %v204 = getelementptr i8, ptr %v87, i64 40
+  %v205 = load ptr, ptr %v204
+  %v206 = getelementptr i64, ptr %v205, i64 0
+  %v207 = load i64, ptr %v206
+  %v208 = icmp eq i64 %v203, 2
+  %v209 = icmp eq i64 %v207, 8
+  %v210 = and i1 %v208, %v209
+  %v211 = xor i1 %v210, true
+  br i1 %v211, label %then212, label %after213
+then212:
   ret ptr null
-after205:
-  %v206 = getelementptr i8, ptr %v87, i64 16
-  %v207 = load ptr, ptr %v206
-  %v208 = getelementptr double, ptr %v207, i64 0
-  %v209 = getelementptr double, ptr %v207, i64 1
-  %v210 = load double, ptr %v208
-  %v211 = load double, ptr %v209
-  %v212 = getelementptr i8, ptr %v114, i64 32
-  %v213 = load ptr, ptr %v212
-  %v214 = load i64, ptr %v213
-  %v215 = getelementptr i8, ptr %v114, i64 40
-  %v216 = load ptr, ptr %v215
-  %v217 = load i64, ptr %v216
-  %v218 = icmp eq i64 %v214, 2
-  %v219 = icmp eq i64 %v217, 8
-  %v220 = and i1 %v218, %v219
-  %v221 = xor i1 %v220, true
-  br i1 %v221, label %then222, label %after223
-then222:
-  ret ptr null
-after223:
-  %v224 = getelementptr i8, ptr %v114, i64 16
+after213:
+  %v214 = getelementptr i8, ptr %v87, i64 16
+  %v215 = load ptr, ptr %v214
+  %v216 = getelementptr double, ptr %v215, i64 0
+  %v217 = getelementptr double, ptr %v215, i64 1
+  %v218 = load double, ptr %v216
+  %v219 = load double, ptr %v217
+  %v220 = getelementptr i8, ptr %v114, i64 32
+  %v221 = load ptr, ptr %v220
+  %v222 = getelementptr i64, ptr %v221, i64 0
+  %v223 = load i64, ptr %v222
+  %v224 = getelementptr i8, ptr %v114, i64 40
   %v225 = load ptr, ptr %v224
-  %v226 = call double @llvm.fma.f64(double %v156, double 0x0000000000000000, double 0x0000000000000000)
-  %v227 = call double @llvm.fma.f64(double %v157, double 0x0000000000000000, double 0x0000000000000000)
-  %v228 = call double @llvm.fma.f64(double %v174, double 0x0000000000000000, double 0x0000000000000000)
-  %v229 = call double @llvm.fma.f64(double %v175, double 0x0000000000000000, double 0x0000000000000000)
-  %v230 = call double @llvm.fma.f64(double %v192, double 0x0000000000000000, double %v226)
-  %v231 = call double @llvm.fma.f64(double %v193, double 0x0000000000000000, double %v227)
-  %v232 = call double @llvm.fma.f64(double %v210, double 0x0000000000000000, double %v228)
-  %v233 = call double @llvm.fma.f64(double %v211, double 0x0000000000000000, double %v229)
-  %v234 = fadd double %v230, %v231
-  %v235 = fadd double %v232, %v233
-  %v236 = fadd double %v234, %v235
-  %v237 = fcmp ord double %v236, %v236
-  %v238 = xor i1 %v237, true
-  br i1 %v238, label %then239, label %after240
-then239:
+  %v226 = getelementptr i64, ptr %v225, i64 0
+  %v227 = load i64, ptr %v226
+  %v228 = icmp eq i64 %v223, 2
+  %v229 = icmp eq i64 %v227, 8
+  %v230 = and i1 %v228, %v229
+  %v231 = xor i1 %v230, true
+  br i1 %v231, label %then232, label %after233
+then232:
   ret ptr null
-after240:
-  call void @evaluate(ptr %v153, ptr %v171, ptr %v189, ptr %v207, ptr %v225)
+after233:
+  %v234 = getelementptr i8, ptr %v114, i64 16
+  %v235 = load ptr, ptr %v234
+  %v236 = call double @llvm.fma.f64(double %v158, double 0x0000000000000000, double 0x0000000000000000)
+  %v237 = call double @llvm.fma.f64(double %v159, double 0x0000000000000000, double 0x0000000000000000)
+  %v238 = call double @llvm.fma.f64(double %v178, double 0x0000000000000000, double 0x0000000000000000)
+  %v239 = call double @llvm.fma.f64(double %v179, double 0x0000000000000000, double 0x0000000000000000)
+  %v240 = call double @llvm.fma.f64(double %v198, double 0x0000000000000000, double %v236)
+  %v241 = call double @llvm.fma.f64(double %v199, double 0x0000000000000000, double %v237)
+  %v242 = call double @llvm.fma.f64(double %v218, double 0x0000000000000000, double %v238)
+  %v243 = call double @llvm.fma.f64(double %v219, double 0x0000000000000000, double %v239)
+  %v244 = fadd double %v240, %v241
+  %v245 = fadd double %v242, %v243
+  %v246 = fadd double %v244, %v245
+  %v247 = fcmp ord double %v246, %v246
+  %v248 = xor i1 %v247, true
+  br i1 %v248, label %then249, label %after250
+then249:
+  ret ptr null
+after250:
+  call void @evaluate(ptr %v155, ptr %v175, ptr %v195, ptr %v215, ptr %v235)
   ret ptr %v114
 }
 

@@ -123,7 +123,7 @@ def test_effects_that_a_quantity_does_not_have_are_left_out_of_its_scene() -> No
     bare = pfd.compile_kernel(robot, scene=pfd.Scene(), quantity='bias_torques')
     braked = pfd.compile_kernel(robot, scene=pfd.Scene(brakes=True), quantity='bias_torques')
     assert bare.operations == braked.operations
-    with pytest.raises(ValueError, match='friction.* over a step of time'):
+    with pytest.raises(ValueError, match=r'friction.* over a step of time'):
         pfd.compile_kernel(robot, scene=whole)
 
 

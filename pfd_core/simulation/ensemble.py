@@ -64,7 +64,7 @@ class Ensemble(Simulation):
         self, robot: Robot, size: int, scene: Scene | None = None, **settings: Any
     ) -> None:
         self.size = integer('size', size, 1)
-        self._batch = (self.size,)
+        self.batch = (self.size,)
         super().__init__(robot, scene, **settings)
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
@@ -137,6 +137,14 @@ class Ensemble(Simulation):
         time = now.start + self.step_size * np.arange(begin + every, now.steps + 1, every)
         status = 'ok' if (finite_steps == steps).all() else 'not_finite'
         return Trajectory(time, states['q'], states['qd'], states['qdd'], status, finite_steps)
+
+    def in_scene(self, scene: Scene) -> Ensemble:
+        """Return a simulation with these settings in another scene."""
+        return Ensemble(self.robot, self.size, scene, **self.settings)
+
+    def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
+        """Advance the state by one step."""
+        self.rollout(tau[:, np.newaxis], wrench=wrench, brakes=brakes)
 
     @property
     def _work(self) -> int:

@@ -7,6 +7,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from copy import deepcopy
+from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from pfd_core.simulation.contact.modes import PIVOTS
 from pfd_core.simulation.contact.schemes import RK4, imex2
 from pfd_core.simulation.contact.texts import contact_texts, has_contact
 from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
+from pfd_core.simulation.linearisation import LinearStep
 from pfd_core.simulation.rows import LaggedTorque, decays
 from pfd_core.simulation.state_buffer import StateBuffer
 from pfd_core.simulation.stiffness import check_springs, chosen
@@ -35,7 +37,7 @@ class Simulation(ABC):
     """Base of Simulator, which describes the parameters, and of Ensemble."""
 
     # Leading dimensions of all states: (), or (B,) for an ensemble.
-    _batch: tuple[int, ...] = ()
+    batch: tuple[int, ...] = ()
     # The compiler of the native code, in pfd_core.kernels.codegen.
     _compiler: ClassVar[Callable[..., Any]]
 
@@ -228,6 +230,67 @@ class Simulation(ABC):
                 target[...] = other._now.arrays[name]
         self._turn ^= 1
 
+    def linearize(
+        self,
+        q: ArrayLike,
+        qd: ArrayLike,
+        tau: ArrayLike,
+        wrench: ArrayLike | None = None,
+        *,
+        brakes: ArrayLike | None = None,
+    ) -> tuple[Array, Array]:
+        """
+        Return A and B of one step: d x' / d x and d x' / d tau, x = (q, qd), exact to rounding.
+
+        The state of the simulation plays no part. In a scene with a motor lag the torques of the
+        motors follow qd in x; they are taken to have reached tau.
+
+        Parameters
+        ----------
+        q, qd, tau : array_like
+            Positions and velocities before the step and torques, (n,) or (B, n).
+        wrench, brakes
+            As for a step.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            A, (2n, 2n) or (B, 2n, 2n), and B, (2n, n) or (B, 2n, n); 3n where motors lag.
+
+        Raises
+        ------
+        ValueError
+            If an argument is not one of these, or a joint comes to rest, breaks loose or reaches
+            its stop within the step, which has no derivative then.
+
+        """
+        state = {'q': q, 'qd': qd, 'tau': tau}
+        return self._linear_step.matrices(self, state, wrench, brakes)
+
+    @cached_property
+    def _linear_step(self) -> LinearStep:
+        return LinearStep(self)
+
+    @abstractmethod
+    def in_scene(self: Self, scene: Scene) -> Self:
+        """Return a simulation with these settings in another scene."""
+
+    @abstractmethod
+    def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
+        """Advance the state by one step, under torques (n,) or (B, n)."""
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Arguments with which the simulation was made, robot and scene apart."""
+        return {
+            'step_size': self.step_size,
+            'substeps': self.substeps,
+            'integrator': self.integrator,
+            'dtype': self.dtype,
+            'compensated': self.compensated,
+            **self._options,
+        }
+
     @property
     def _now(self) -> StateBuffer:
         """The valid state."""
@@ -243,7 +306,7 @@ class Simulation(ABC):
         self, wrench: ArrayLike | None, brakes: ArrayLike | None
     ) -> dict[str, Array]:
         """Return the inputs that the scene asks for, checked and the same for all steps."""
-        return scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes, self._batch)
+        return scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes, self.batch)
 
 
 def _positions_grow(robot: Robot, dtype: str) -> bool:

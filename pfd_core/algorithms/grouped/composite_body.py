@@ -33,7 +33,7 @@ from pfd_core.algorithms.grouped.newton_euler import (
 )
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Plant
 
@@ -41,17 +41,23 @@ from pfd_core.model import Plant
 def record_composite_body(plant: Plant, schedule: str) -> Program:
     """Return the program of qdd and pivots, (n,), from q, qd and tau; always sequential."""
     recorder, links, y = grouped_equations(plant)
-    with recorder.section('inertia matrix'):
-        H = _inertia_matrix(links)
-        if plant.armature is not None:
-            for i, rotor in enumerate(plant.armature):
-                H[i][i] = H[i][i] + float(rotor)
+    H = inertia_matrix(recorder, plant, links)
     free = None
     if plant.brakes:
         free = input_list(recorder, 'free', len(y))
     with recorder.section('solve'):
         x, pivots = solve(H, y, free)
     return program_with_outputs(recorder, qdd=x, pivots=pivots)
+
+
+def inertia_matrix(recorder: Recorder, plant: Plant, links: Sequence[Link]) -> list[list[Lanes]]:
+    """Return the lower triangle of H by rows, with the rotors' inertia."""
+    with recorder.section('inertia matrix'):
+        H = _inertia_matrix(links)
+        if plant.armature is not None:
+            for i, rotor in enumerate(plant.armature):
+                H[i][i] = H[i][i] + float(rotor)
+    return H
 
 
 def _inertia_matrix(links: Sequence[Link]) -> list[list[Lanes]]:
@@ -65,17 +71,13 @@ def _inertia_matrix(links: Sequence[Link]) -> list[list[Lanes]]:
             m, h, inertia = m + body[0], h + body[1], inertia + body[2]
         H[i] = _row(links, i, m, h, inertia)
         if i:
-            body = _moved_body(link, m, h, inertia)
+            body = moved_body(link, m, h, inertia)
     return H
 
 
 def _row(links: Sequence[Link], i: int, m: Lanes, h: LaneArray, inertia: LaneArray) -> list[Lanes]:
     """Return h_ij, j <= i, of the composite body of links i..n."""
-    zero = m * 0.0
-    if links[i].slides:
-        f, n = array([zero, zero, m]), array([h[1], -h[0], zero])
-    else:
-        f, n = array([-h[1], h[0], zero]), array([inertia[2], inertia[4], inertia[5]])
+    f, n = unit_force(links[i], m, h, inertia)
     row = [f[2] if links[i].slides else n[2]]
     for j in range(i - 1, -1, -1):
         f, n = moved(links[j + 1], f, n)
@@ -83,7 +85,17 @@ def _row(links: Sequence[Link], i: int, m: Lanes, h: LaneArray, inertia: LaneArr
     return row[::-1]
 
 
-def _moved_body(
+def unit_force(
+    link: Link, m: Lanes, h: LaneArray, inertia: LaneArray
+) -> tuple[LaneArray, LaneArray]:
+    """Return force and moment of a unit acceleration of the joint that a body is beyond."""
+    zero = m * 0.0
+    if link.slides:
+        return array([zero, zero, m]), array([h[1], -h[0], zero])
+    return array([-h[1], h[0], zero]), array([inertia[2], inertia[4], inertia[5]])
+
+
+def moved_body(
     link: Link, m: Lanes, h: LaneArray, inertia: LaneArray
 ) -> tuple[Lanes, LaneArray, LaneArray]:
     """Return a body of B_i in the axes and about the origin of B_(i-1)."""

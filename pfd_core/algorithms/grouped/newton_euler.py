@@ -83,16 +83,21 @@ class Link(Axes):
 def grouped_equations(plant: Plant) -> tuple[Recorder, list[Link], list[Lanes]]:
     """Return a recorder, the links of a plant at the input q, and y, (n,) [N m or N]."""
     recorder = Recorder(1, 'sequential')
-    numbers, tip = grouped_links(plant)
     q, qd, tau = (input_list(recorder, name, plant.robot.n) for name in ('q', 'qd', 'tau'))
     tau = motor_torques(plant, tau, qd)
-    with recorder.section('rotations'):
-        links = [_link(recorder, link, q[i]) for i, link in enumerate(numbers)]
+    links, tip = links_at(recorder, plant, q)
     with recorder.section('bias'):
         bias = _bias(recorder, plant, links, tip, qd)
         y = [t - b for t, b in zip(tau, bias, strict=True)]
         y = minus_joint_torques(plant, y, qd)
     return recorder, links, y
+
+
+def links_at(recorder: Recorder, plant: Plant, q: Sequence[Lanes]) -> tuple[list[Link], Tip]:
+    """Return the links of a plant at the input q, base to tip, and the pose of frame n."""
+    numbers, tip = grouped_links(plant)
+    with recorder.section('rotations'):
+        return [_link(recorder, *pair) for pair in zip(numbers, q, strict=True)], tip
 
 
 def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
@@ -259,13 +264,13 @@ def joint_torques(
         if f is not None:
             f, n = force[0] + f, force[1] + n
         else:
-            f, n = _less_wrench(recorder, tip, force) if plant.external_wrench else force
+            f, n = less_wrench(recorder, tip, force) if plant.external_wrench else force
         torques.append(f[2] if link.slides else n[2])
         f, n = moved(link, f, n)
     return torques[::-1]
 
 
-def _less_wrench(
+def less_wrench(
     recorder: Recorder, tip: Tip, force: tuple[LaneArray, LaneArray]
 ) -> tuple[LaneArray, LaneArray]:
     """Return force and moment of the last link minus the wrench on it."""

@@ -13,9 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from pfd_core.algorithms.chain.interface import input_list
-from pfd_core.algorithms.grouped.composite_body import inertia_matrix
 from pfd_core.algorithms.grouped.newton_euler import links_at
-from pfd_core.algorithms.grouped.torque_derivatives import torque_derivatives
 from pfd_core.algorithms.refinement import inline, record_refined
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
@@ -40,20 +38,41 @@ def record_derivatives(plant: Plant, method: str = 'composite_body', refine: int
         Steps of refinement of qdd.
 
     """
+    import os
+    from pfd_core.algorithms.grouped.shared_axes import in_shared_axes
+    from pfd_core.algorithms.grouped import torque_derivatives as td
+    from pfd_core.algorithms.grouped.newton_euler import outward, motions
+    from pfd_core.machine.vectors import dot, constants
+    own = 'B' in os.environ['OPT']
     recorder = Recorder(1, 'sequential')
     n = plant.robot.n
-    qdd = inline(recorder, record_refined(plant, method, refine), {})['qdd']
-    q, qd = (input_list(recorder, name, n) for name in ('q', 'qd'))
+    q, qd, tau = (input_list(recorder, name, n) for name in ('q', 'qd', 'tau'))
     links, tip = links_at(recorder, plant, q)
-    with recorder.section('torque derivatives'):
-        by_q, by_qd = torque_derivatives(recorder, plant, links, tip, qd, qdd)
-        for matrix, rates in ((by_q, plant.stiffness), (by_qd, plant.damping)):
-            for i, rate in enumerate(() if rates is None else rates):
-                matrix[i][i] = matrix[i][i] + float(rate)
-    free = input_list(recorder, 'free', n) if plant.brakes else None
-    H = inertia_matrix(recorder, plant, links)
-    with recorder.section('inverse'):
-        X = _inverse(H, free)
+    if 'S' in os.environ['OPT']:
+        links = in_shared_axes(links)
+    ch = td.composites(links, qd)
+    H = td.inertia_matrix(ch)
+    if plant.armature is not None:
+        for i, rotor in enumerate(plant.armature):
+            H[i][i] = H[i][i] + float(rotor)
+    by_qd = td.by_velocities(ch)
+    if own:
+        from pfd_core.algorithms.grouped.composite_body import solve
+        y = []
+        a = outward(links[0], constants(recorder, -plant.gravity))
+        half = [0.5 * x for x in qd]
+        for i in range(n):
+            t = tau[i]
+            for j in range(n):
+                t = t - by_qd[i][j] * half[j]
+            y.append(t - dot(ch.units[i][0].f, a))
+        qdd, _ = solve(H, y, None)
+    else:
+        qdd = inline(recorder, record_refined(plant, method, refine), {})['qdd']
+    moving = list(motions(recorder, plant, links, qd, qdd))
+    forces = td.joint_forces(recorder, plant, links, tip, moving)
+    by_q = td.by_positions(ch, moving, forces)
+    X = _inverse(H, None)
     D = [[*row, *row_qd] for row, row_qd in zip(by_q, by_qd, strict=True)]
     for name, rows in (('qdd', [qdd]), ('X', X), ('D', D)):
         shape = (n,) if name == 'qdd' else (n, len(rows[0]))

@@ -9,9 +9,9 @@ needs about its program and about the modules made of it are therefore kept on d
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import cache, cached_property
 import gc
 import os
@@ -23,8 +23,10 @@ from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.paper.pcgm import TOLERANCE
 from pfd_core.algorithms.programs import record_inverse_dynamics
 from pfd_core.algorithms.refinement import record_refined
+from pfd_core.kernels.codegen.module import kernel_module, product_module
 from pfd_core.kernels.codegen.spelling import arguments
-from pfd_core.kernels.passes.pipeline import Stages, lower, operations
+from pfd_core.kernels.passes.pipeline import Stages, joined, lower, operations
+from pfd_core.kernels.passes.product import multiplied
 from pfd_core.kernels.passes.schedule import LONGEST
 from pfd_core.kernels.runtime.jit import (
     USUAL,
@@ -35,7 +37,7 @@ from pfd_core.kernels.runtime.jit import (
     outline,
 )
 from pfd_core.kernels.runtime.json_cache import T, get_or_compute
-from pfd_core.machine.program import Output, Program
+from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, resolve
 
 # Iterative methods stop when their residual has fallen to the rounding of the number format.
@@ -84,10 +86,13 @@ class KernelSource:
     @cached_property
     def program(self) -> Program:
         """The lowered program."""
-        return _joined(self._stages.compiled)
+        return joined(self._stages.compiled)
 
     @cached_property
     def _stages(self) -> Stages:
+        return self._recorded()
+
+    def _recorded(self) -> Stages:
         with _uncollected():
             return self._lowered()
 
@@ -114,6 +119,10 @@ class KernelSource:
         optimisation = Optimisation(passes=0) if self.work > LONGEST else USUAL
         return compile_outlined(Outline(**known), once, optimisation)
 
+    def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
+        """Return the module of a kernel, of one state or a batch (pfd_core.kernels.codegen)."""
+        return kernel_module(self.program, dtype, width, angles)
+
     def _get_or_compute(
         self, name: str, compute: Callable[[], T], valid: Callable[[Any], bool]
     ) -> T:
@@ -126,6 +135,32 @@ class KernelSource:
             'elements': len(output.places),
             'operations': {name: operations(p) for name, p in vars(self._stages).items()},
         }
+
+
+class ProductSource(KernelSource):
+    """
+    A lowered program whose outputs are factors of the result (pfd_core.kernels.passes.product).
+
+    Its `program`, `elements` and `operations` are those of the result, with the operations of the
+    product one by one. Native code is made of `factors`, and multiplies in loops.
+    """
+
+    @cached_property
+    def factors(self) -> Program:
+        """The lowered program of the factors."""
+        return self._factor_stages.compiled
+
+    @cached_property
+    def _factor_stages(self) -> Stages:
+        return self._recorded()
+
+    @cached_property
+    def _stages(self) -> Stages:
+        return Stages(**{k: multiplied(p) for k, p in vars(self._factor_stages).items()})
+
+    def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
+        """Return the module of a kernel, which computes the factors and multiplies them."""
+        return product_module(self.factors, dtype, width, angles)
 
 
 def forward(
@@ -218,10 +253,3 @@ def _uncollected() -> Iterator[None]:
         finally:
             if running:
                 gc.enable()
-
-
-def _joined(program: Program) -> Program:
-    """Return a program whose outputs are one, in which they follow each other."""
-    name = next(iter(program.outputs))
-    places = tuple(place for output in program.outputs.values() for place in output.places)
-    return replace(program, outputs={name: Output((len(places),), places)})

@@ -19,14 +19,16 @@ import os
 import threading
 from typing import Any
 
+from pfd_core.algorithms.acceleration_derivatives import record_derivatives
 from pfd_core.algorithms.chain.drives import record_motor_torques
 from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.paper.pcgm import TOLERANCE
 from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.algorithms.refinement import record_refined
-from pfd_core.kernels.codegen.module import kernel_module
+from pfd_core.kernels.codegen.module import kernel_module, product_module
 from pfd_core.kernels.codegen.spelling import arguments
-from pfd_core.kernels.passes.pipeline import Stages, lower, operations
+from pfd_core.kernels.passes.pipeline import Stages, joined, lower, operations
+from pfd_core.kernels.passes.product import multiplied
 from pfd_core.kernels.passes.schedule import LONGEST
 from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.runtime.jit import (
@@ -38,7 +40,7 @@ from pfd_core.kernels.runtime.jit import (
     outline,
 )
 from pfd_core.kernels.runtime.json_cache import T, get_or_compute
-from pfd_core.machine.program import Output, Program
+from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, resolve
 from pfd_core.model.frames import known_frame
 
@@ -95,10 +97,13 @@ class KernelSource:
     @cached_property
     def program(self) -> Program:
         """The lowered program."""
-        return _joined(self._stages.compiled)
+        return joined(self._stages.compiled)
 
     @cached_property
     def _stages(self) -> Stages:
+        return self._recorded()
+
+    def _recorded(self) -> Stages:
         with _uncollected():
             return self._lowered()
 
@@ -126,7 +131,7 @@ class KernelSource:
         return compile_outlined(Outline(**known), once, optimisation)
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
-        """Return the LLVM text of a kernel; arguments as pfd_core.kernels.codegen.module."""
+        """Return the module of a kernel, of one state or a batch (pfd_core.kernels.codegen)."""
         return kernel_module(self.program, dtype, width, angles)
 
     def _get_or_compute(
@@ -141,6 +146,32 @@ class KernelSource:
             'shape': list(output.shape),
             'operations': {name: operations(p) for name, p in vars(self._stages).items()},
         }
+
+
+class ProductSource(KernelSource):
+    """
+    A lowered program whose outputs are factors of the result (pfd_core.kernels.passes.product).
+
+    Its `program`, `elements` and `operations` are those of the result, with the operations of the
+    product one by one. Native code is made of `factors`, and multiplies in loops.
+    """
+
+    @cached_property
+    def factors(self) -> Program:
+        """The lowered program of the factors."""
+        return self._factor_stages.compiled
+
+    @cached_property
+    def _factor_stages(self) -> Stages:
+        return self._recorded()
+
+    @cached_property
+    def _stages(self) -> Stages:
+        return Stages(**{k: multiplied(p) for k, p in vars(self._factor_stages).items()})
+
+    def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
+        """Return the module of a kernel, which computes the factors and multiplies them."""
+        return product_module(self.factors, dtype, width, angles)
 
 
 def forward(
@@ -172,9 +203,14 @@ def of_text(plant: Plant, quantity: str, dtype: str, frame: str | None = None) -
     return KernelSource(lowered, (quantity, plant.digest, place, dtype))
 
 
-def derivatives(plant: Plant, method: str, refine: int, dtype: str) -> KernelSource:
-    """Return the source of the derivatives of forward dynamics."""
-    raise NotImplementedError
+def derivatives(plant: Plant, method: str, refine: int, dtype: str) -> ProductSource:
+    """Return the source of the derivatives of forward dynamics, as factors of a product."""
+
+    def lowered() -> Stages:
+        recorded = record_derivatives(plant, method, refine)
+        return lower(recorded, dtype, scheduled=False)
+
+    return ProductSource(lowered, ('derivatives', plant.digest, method, str(refine), dtype))
 
 
 def motors(plant: Plant, dtype: str) -> KernelSource:
@@ -247,12 +283,3 @@ def _uncollected() -> Iterator[None]:
         finally:
             if running:
                 gc.enable()
-
-
-def _joined(program: Program) -> Program:
-    """Return a program whose outputs are one, in which they follow each other."""
-    if len(program.outputs) == 1:
-        return program
-    name = next(iter(program.outputs))
-    places = tuple(place for output in program.outputs.values() for place in output.places)
-    return replace(program, outputs={name: Output((len(places),), places)})

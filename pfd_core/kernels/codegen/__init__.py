@@ -9,6 +9,7 @@ Code generation: program -> text of LLVM IR. Each module writes the functions it
     split            @body of a long program, in several functions
     body             @body: the program from its inputs to its output
     evaluate         @evaluate: @body, with angles wrapped first
+    product          @evaluate, @jacobian of a result that is a product of a program's outputs
     copies           @copy_in, @copy_out: rows of arrays to and from a buffer
     batch            @batch: @evaluate over many states at any strides
     chunks           @batch for arms of many joints

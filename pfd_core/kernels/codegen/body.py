@@ -10,27 +10,41 @@ problem that is finished keeps its rows.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 
 from pfd_core.kernels.codegen.builder import Function, Variable
-from pfd_core.kernels.codegen.spelling import Format, arguments
-from pfd_core.kernels.codegen.split import PART, body_in_parts
+from pfd_core.kernels.codegen.spelling import Array, Format
+from pfd_core.kernels.codegen.split import PART, body_in_parts, body_parameters, elements_of
 from pfd_core.kernels.passes.schedule import LONGEST, LOOPED
 from pfd_core.machine.program import Program
 
 
-def body(program: Program, form: Format, suffix: str = '') -> str:
-    """Return `void @body(inputs..., out)`, in several functions where the program is long."""
+def body(program: Program, form: Format, suffix: str = '', scratch: bool = False) -> str:
+    """
+    Return `void @body(inputs..., out)`, in several functions where the program is long.
+
+    With `scratch` the result is scratch memory of the caller: it overlaps no input, its elements
+    follow one another, and each is written as soon as it is computed.
+    """
     looped = any(instruction.op in LOOPED for instruction in program.instructions)
     if len(program.instructions) > LONGEST and not looped:
-        return body_in_parts(program, form, PART, suffix)
-    names = (*arguments(program), 'out')
-    ir = Function(f'define internal void @body{suffix}({form.parameters(names)})')
-    values = _values(ir, program, form)
-    (output,) = program.outputs.values()
-    for k, (register, _) in enumerate(output.places):
-        form.write(ir, form.parameter('out'), k, values[register])
+        return body_in_parts(program, form, PART, suffix, scratch)
+    ir = Function(f'define internal void @body{suffix}({body_parameters(program, form, scratch)})')
+    elements = elements_of(program)
+    out = Array('%out') if scratch else form.parameter('out')
+
+    def write(register: int, value: str) -> None:
+        for k in elements.get(register, ()):
+            form.write(ir, out, k, value)
+
+    if scratch:
+        _values(ir, program, form, write)
+    else:
+        values = _values(ir, program, form)
+        (output,) = program.outputs.values()
+        for k, (register, _) in enumerate(output.places):
+            form.write(ir, out, k, values[register])
     ir.ret()
     return str(ir)
 
@@ -52,8 +66,13 @@ def procedure(name: str, program: Program, form: Format) -> str:
     return str(ir)
 
 
-def _values(ir: Function, program: Program, form: Format) -> list[str]:
-    """Write the operations of a program, and return the value of each register."""
+def _values(
+    ir: Function,
+    program: Program,
+    form: Format,
+    then: Callable[[int, str], None] = lambda register, value: None,
+) -> list[str]:
+    """Write the operations, each followed by `then`; return the value of each register."""
     values: list[str] = []
     repeats: dict[int, _Repeat] = {}
     for register, instruction in enumerate(program.instructions):
@@ -72,6 +91,7 @@ def _values(ir: Function, program: Program, form: Format) -> list[str]:
         else:
             value = form.spell(ir, instruction, operands)
         values.append(value)
+        then(register, value)
     return values
 
 

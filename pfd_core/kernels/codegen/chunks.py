@@ -20,8 +20,10 @@ from pfd_core.machine.program import Program
 
 # Up to so many elements, of a state and its result, no column is copied.
 FEW = 100
-# Registers of each element that are copied at once: 512 bytes of a column with AVX-512.
+# Registers of each element that are copied at once: 512 bytes of a column with AVX-512. Fewer, if
+# all elements would take more than MOST bytes of the stack.
 CHUNK = 8
+MOST = 1 << 19
 PARAMETERS = 'i1 %copied, ptr %near, ptr %base, i64 %column, i64 %elements'
 
 
@@ -30,10 +32,11 @@ def batch_of(program: Program, form: Format, size: int) -> str:
     sizes = [*(program.inputs[name] for name in arguments(program)), size]
     if sum(sizes) <= FEW:
         return batch(program, form, size)
-    states = CHUNK * form.width
+    chunk = max(min(CHUNK, MOST // (sum(sizes) * form.width * form.bytes)), 1)
+    states = chunk * form.width
     ir = Function('define i64 @batch(i64 %count, ptr %table)')
     own = ir.array('i64', 3 * len(sizes))
-    near = [ir.array(form.type, elements * CHUNK) for elements in sizes]
+    near = [ir.array(form.type, elements * chunk) for elements in sizes]
     table = [Rows(*table_row(ir, slot, 3)) for slot in range(len(sizes))]
     beside = [ir.let(f'icmp eq i64 {rows.row}, {form.bytes}') for rows in table]
     for slot, rows in enumerate(table):
@@ -56,25 +59,25 @@ def batch_of(program: Program, form: Format, size: int) -> str:
                 f'i1 {copied}, ptr {near[slot]}, ptr {there}, i64 {rows.column}, i64 {sizes[slot]}'
             )
         *inputs, out = chunks
-        for chunk in inputs:
-            ir.call('void', 'columns_in', chunk)
+        for given in inputs:
+            ir.call('void', 'columns_in', given)
         flag = ir.call('i64', 'rows', f'i64 {count}', f'ptr {own}')
         ir.call('void', 'columns_out', out)
         wrong.value = ir.let(f'or i64 {wrong}, {flag}')
     ir.ret('i64', wrong)
-    copies = [_copy(form, inward) for inward in (True, False)]
+    copies = [_copy(form, chunk, inward) for inward in (True, False)]
     return '\n'.join([batch(program, form, size, 'rows'), *copies, str(ir)])
 
 
-def _copy(form: Format, inward: bool) -> str:
+def _copy(form: Format, chunk: int, inward: bool) -> str:
     """Return the function that copies a chunk to or from the buffer, if the buffer is used."""
     T = form.type
     name = 'columns_in' if inward else 'columns_out'
     ir = Function(f'define internal void @{name}({PARAMETERS})')
     with ir.when('%copied'), ir.loop('%elements') as e:
         there = ir.offset('%base', e, '%column')
-        here = ir.element(T, '%near', ir.let(f'mul i64 {e}, {CHUNK}'))
-        for k in range(CHUNK):
+        here = ir.element(T, '%near', ir.let(f'mul i64 {e}, {chunk}'))
+        for k in range(chunk):
             far, near = ir.element(T, there, k), ir.element(T, here, k)
             source, target = (far, near) if inward else (near, far)
             ir.store(T, ir.load(T, source, form.bytes), target, form.bytes)

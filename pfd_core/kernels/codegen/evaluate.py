@@ -21,13 +21,21 @@ def evaluate(program: Program, form: Format, angles: Sequence[int], suffix: str 
     """Return `void @evaluate(inputs..., out)`; `angles` are the elements of q that are turned."""
     names = (*arguments(program), 'out')
     ir = Function(f'define void @evaluate{suffix}({form.parameters(names)})')
-    arrays = {name: form.parameter(name) for name in names}
-    if angles:
-        arrays['q'] = _wrapped(ir, form, arrays['q'], program.inputs['q'], angles)
-    ir.call('void', f'body{suffix}', *map(str, arrays.values()))
+    arrays = wrapped_inputs(ir, program, form, angles)
+    ir.call('void', f'body{suffix}', *map(str, arrays), str(form.parameter('out')))
     ir.ret()
     # Functions with a suffix stand in a module beside one without.
     return '\n'.join([str(ir), *([wrap_row(form)] if angles and not suffix else [])])
+
+
+def wrapped_inputs(
+    ir: Function, program: Program, form: Format, angles: Sequence[int]
+) -> list[Array]:
+    """Return the inputs of a program, with a copy of q where an angle is beyond the limit."""
+    arrays = {name: form.parameter(name) for name in arguments(program)}
+    if angles:
+        arrays['q'] = _wrapped(ir, form, arrays['q'], program.inputs['q'], angles)
+    return list(arrays.values())
 
 
 def _wrapped(ir: Function, form: Format, q: Array, n: int, angles: Sequence[int]) -> Array:

@@ -4,13 +4,15 @@
 Whole modules of LLVM IR: the functions of a kernel or of a simulation, and their declarations.
 
     kernel_module      one state or a batch, called from Python
+    product_module     the same, of a result that is a product of a program's outputs
     rollout_module     the simulation of one arm
     ensemble_module    the simulations of many arms, one per SIMD lane
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+import math
 from types import MappingProxyType
 
 from pfd_core.kernels.codegen.arms import arms, ensemble
@@ -19,6 +21,7 @@ from pfd_core.kernels.codegen.chunks import batch_of
 from pfd_core.kernels.codegen.copies import copies
 from pfd_core.kernels.codegen.evaluate import evaluate
 from pfd_core.kernels.codegen.law import whole_state
+from pfd_core.kernels.codegen.product import product, vector_widths
 from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir
 from pfd_core.kernels.codegen.rollout import accelerations, rollout
 from pfd_core.kernels.codegen.spelling import Format
@@ -48,13 +51,24 @@ def kernel_module(program: Program, dtype: str, width: int, angles: Sequence[int
     """
     form = Format(dtype, width, strided=width > 1)
     (output,) = program.outputs.values()
-    size = len(output.places)
-    parts = [body(program, form), evaluate(program, form, angles)]
-    if width == 1:
-        parts.append(entry_ir(program, dtype, output.shape))
-    else:
-        parts += [batch_of(program, form, size), batch_entry_ir(program, dtype, size)]
-    return module(parts, form, angles)
+    functions = [body(program, form), evaluate(program, form, angles)]
+    return module([*functions, *_entries(program, form, output.shape)], form, angles)
+
+
+def product_module(program: Program, dtype: str, width: int, angles: Sequence[int]) -> str:
+    """Return the module of a kernel whose result is the product of its program's outputs."""
+    form, n = Format(dtype, width, strided=width > 1), program.inputs['q']
+    functions = product(program, form, angles)
+    entries = _entries(program, form, (n, 3 * n))
+    return module([functions, *entries], form, angles, vector_widths(form))
+
+
+def _entries(program: Program, form: Format, shape: Sequence[int]) -> list[str]:
+    """Return the functions that Python calls, around @evaluate with a result of a shape."""
+    size = math.prod(shape)
+    if form.width == 1:
+        return [entry_ir(program, form.dtype, shape)]
+    return [batch_of(program, form, size), batch_entry_ir(program, form.dtype, size)]
 
 
 def rollout_module(
@@ -121,10 +135,16 @@ def _simulation(
     return module(parts, form, angles)
 
 
-def module(parts: Sequence[str], form: Format, angles: Sequence[int]) -> str:
-    """Return functions of one format with the declarations they need; `angles` as above."""
+def module(
+    parts: Sequence[str], form: Format, angles: Sequence[int], widths: Collection[int] = ()
+) -> str:
+    """
+    Return functions of one format with the declarations they need; `angles` as above.
+
+    `widths` are those of further registers that the functions compute with.
+    """
     declarations = ['declare i64 @llvm.umin.i64(i64, i64)']
-    for own in (Format(form.dtype, width) for width in {1, form.width}):
+    for own in (Format(form.dtype, width) for width in {1, form.width, *widths}):
         declarations += _intrinsics(own)
     # An angle that has to be wrapped is rare: its branch is laid out of the way.
     metadata = '!0 = !{!"branch_weights", i32 1, i32 10000}'

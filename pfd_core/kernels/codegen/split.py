@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from pfd_core.kernels.codegen.builder import Function
-from pfd_core.kernels.codegen.spelling import Format, arguments
+from pfd_core.kernels.codegen.spelling import Array, Format, arguments
 from pfd_core.machine.program import Program
 
 # Operations of a part.
@@ -27,17 +27,23 @@ PART = 500
 FREE = ('constant', 'input')
 
 
-def body_in_parts(program: Program, form: Format, size: int, suffix: str = '') -> str:
-    """Return @body of a program without loops, in functions of `size` operations."""
+def body_in_parts(
+    program: Program, form: Format, size: int, suffix: str = '', scratch: bool = False
+) -> str:
+    """
+    Return @body of a program without loops, in functions of `size` operations.
+
+    With `scratch` (pfd_core.kernels.codegen.body) each part writes its own results.
+    """
     own = [r for r, instruction in enumerate(program.instructions) if instruction.op not in FREE]
     groups = [own[k : k + size] for k in range(0, len(own), size)]
-    place, top = _places(program, groups)
-    names = (*arguments(program), 'out')
-    parameters = form.parameters(names)
+    read_last = _read_last(program, groups, scratch)
+    place, top = _places(groups, read_last)
     parts = [
-        _part(f'part{p}{suffix}', program, form, registers, place, last=p == len(groups) - 1)
+        _part(f'part{p}{suffix}', program, form, registers, place, p == len(groups) - 1, scratch)
         for p, registers in enumerate(groups)
     ]
+    parameters = body_parameters(program, form, scratch)
     ir = Function(f'define internal void @body{suffix}({parameters})')
     frame = ir.array(form.type, max(top, 1))
     for p in range(len(groups)):
@@ -46,9 +52,26 @@ def body_in_parts(program: Program, form: Format, size: int, suffix: str = '') -
     return '\n\n'.join([*parts, str(ir)])
 
 
-def _places(program: Program, groups: Sequence[Sequence[int]]) -> tuple[dict[int, int], int]:
+def body_parameters(program: Program, form: Format, scratch: bool) -> str:
+    """Return the parameters of @body."""
+    if not scratch:
+        return form.parameters((*arguments(program), 'out'))
+    return f'{form.parameters(arguments(program))}, ptr noalias %out'
+
+
+def elements_of(program: Program) -> dict[int, list[int]]:
+    """Return the elements of the only output that are the value of a register, by registers."""
+    (output,) = program.outputs.values()
+    elements: dict[int, list[int]] = {}
+    for k, (register, _) in enumerate(output.places):
+        elements.setdefault(register, []).append(k)
+    return elements
+
+
+def _places(
+    groups: Sequence[Sequence[int]], read_last: dict[int, int]
+) -> tuple[dict[int, int], int]:
     """Return each register's place in the frame, if a later part reads it, and their number."""
-    read_last = _read_last(program, groups)
     leaving: list[list[int]] = [[] for _ in groups]
     place: dict[int, int] = {}
     spare: list[int] = []
@@ -66,16 +89,17 @@ def _places(program: Program, groups: Sequence[Sequence[int]]) -> tuple[dict[int
     return place, top
 
 
-def _read_last(program: Program, groups: Sequence[Sequence[int]]) -> dict[int, int]:
-    """Return the last part that reads each register; the last part of all writes the results."""
+def _read_last(program: Program, groups: Sequence[Sequence[int]], scratch: bool) -> dict[int, int]:
+    """Return the last part that reads each register; the last of all may write the results."""
     read_last = {
         argument: p
         for p, registers in enumerate(groups)
         for register in registers
         for argument in program.instructions[register].args
     }
-    (output,) = program.outputs.values()
-    return read_last | {register: len(groups) - 1 for register, _ in output.places}
+    return (
+        read_last if scratch else read_last | dict.fromkeys(elements_of(program), len(groups) - 1)
+    )
 
 
 def _part(
@@ -85,10 +109,12 @@ def _part(
     registers: Sequence[int],
     place: dict[int, int],
     last: bool,
+    scratch: bool,
 ) -> str:
     """Return the function of one part, which reads and writes the frame for other parts."""
-    names = (*arguments(program), 'out')
-    ir = Function(f'define internal void @{name}({form.parameters(names)}, ptr %frame) noinline')
+    alone = 'noalias ' if scratch else ''
+    parameters = f'{body_parameters(program, form, scratch)}, ptr {alone}%frame'
+    ir = Function(f'define internal void @{name}({parameters}) noinline')
     values: dict[int, str] = {}
 
     def value(register: int) -> str:
@@ -101,18 +127,27 @@ def _part(
                 values[register] = ir.load(form.type, address)
         return values[register]
 
+    elements = elements_of(program)
+    out = Array('%out') if scratch else form.parameter('out')
     for register in registers:
         instruction = program.instructions[register]
         operands = [value(a) for a in instruction.args]
         values[register] = form.spell(ir, instruction, operands)
+        if scratch:
+            for k in elements.get(register, ()):
+                form.write(ir, out, k, values[register])
     for register in registers:
         if register in place:
             address = ir.element(form.type, '%frame', place[register])
             ir.store(form.type, values[register], address)
     if last:
         (output,) = program.outputs.values()
-        results = [value(register) for register, _ in output.places]
-        for k, result in enumerate(results):
-            form.write(ir, form.parameter('out'), k, result)
+        left = {
+            k: value(register)
+            for k, (register, _) in enumerate(output.places)
+            if not scratch or program.instructions[register].op in FREE
+        }
+        for k, result in left.items():
+            form.write(ir, out, k, result)
     ir.ret()
     return str(ir)

@@ -9,4 +9,5 @@ Passes: program -> short equal program. One module for each pass, in the order t
     fuse         additions take in products: fma; latencies of operations
     schedule     order of the operations: registers and waiting
     pipeline     lower(): all passes, with the program at each stage; counts of operations
+    product      the product of a lowered program's outputs, written one operation at a time
 """

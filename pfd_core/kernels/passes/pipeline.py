@@ -18,14 +18,14 @@ program, before all this.
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pfd_core.kernels.passes.dead_code import eliminate_dead_code
 from pfd_core.kernels.passes.fold import UNFOLDED, fold
 from pfd_core.kernels.passes.fuse import fuse
 from pfd_core.kernels.passes.schedule import schedule_instructions
 from pfd_core.kernels.passes.sincos import expand_sines
-from pfd_core.machine.program import Program
+from pfd_core.machine.program import Output, Program
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,11 @@ class Stages:
 
 
 def lower(
-    recorded: Program, dtype: str, outputs: Collection[str] | None = None, fma: bool = True
+    recorded: Program,
+    dtype: str,
+    outputs: Collection[str] | None = None,
+    fma: bool = True,
+    scheduled: bool = True,
 ) -> Stages:
     """
     Run all passes on a program.
@@ -66,6 +70,8 @@ def lower(
         The outputs to keep; default all.
     fma : bool
         Whether additions take in multiplications, with one rounding for both.
+    scheduled : bool
+        Whether operations change places; else they stay in the order of the recording.
 
     Raises
     ------
@@ -78,7 +84,16 @@ def lower(
     folded = eliminate_dead_code(fold(recorded), outputs)
     expanded = eliminate_dead_code(fold(expand_sines(folded, dtype)))
     fused = eliminate_dead_code(fuse(expanded)) if fma else expanded
-    return Stages(recorded, folded, schedule_instructions(fused))
+    return Stages(recorded, folded, schedule_instructions(fused) if scheduled else fused)
+
+
+def joined(program: Program) -> Program:
+    """Return a program whose outputs are one, in which they follow each other."""
+    if len(program.outputs) == 1:
+        return program
+    name = next(iter(program.outputs))
+    places = tuple(place for output in program.outputs.values() for place in output.places)
+    return replace(program, outputs={name: Output((len(places),), places)})
 
 
 def operations(program: Program) -> dict[str, int]:

@@ -88,7 +88,7 @@ def grouped_equations(plant: Plant) -> tuple[Recorder, list[Link], list[Lanes]]:
     tau = motor_torques(plant, tau, qd)
     links, tip = links_at(recorder, plant, q)
     with recorder.section('bias'):
-        bias = _bias(recorder, plant, links, tip, qd)
+        bias = chain_torques(recorder, plant, links, tip, qd)
         y = [t - b for t, b in zip(tau, bias, strict=True)]
         y = minus_joint_torques(plant, y, qd)
     return recorder, links, y
@@ -157,12 +157,17 @@ def turned_about_z(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
     return array([xx - st, c * t - xy, c * xz - s * yz, yy + st, s * xz + c * yz, zz])
 
 
-def _bias(
-    recorder: Recorder, plant: Plant, links: Sequence[Link], tip: Tip, qd: Sequence[Lanes]
+def chain_torques(
+    recorder: Recorder,
+    plant: Plant,
+    links: Sequence[Link],
+    tip: Tip,
+    qd: Sequence[Lanes],
+    qdd: Sequence[Lanes] | None = None,
 ) -> list[Lanes]:
-    """Return the bias, (n,): torques of links, gravity and wrench at qdd = 0."""
+    """Return the torques of links, gravity and wrench, (n,); without qdd the bias."""
     forces = []
-    for link, motion in zip(links, motions(recorder, plant, links, qd), strict=True):
+    for link, motion in zip(links, motions(recorder, plant, links, qd, qdd), strict=True):
         n = moment(motion, link.inertia) + cross(link.h, motion.a)
         forces.append((link.m * motion.a + motion.spin @ link.h, n))
     return joint_torques(recorder, plant, links, tip, forces)

@@ -84,13 +84,17 @@ def _inertia_matrix(links: Sequence[Link]) -> list[list[Lanes]]:
             m, h, inertia = m + body[0], h + body[1], inertia + body[2]
         H[i] = _row(links, i, m, h, inertia)
         if i:
-            body = moved_body(link, m, h, inertia)
+            body = _moved_body(link, m, h, inertia)
     return H
 
 
 def _row(links: Sequence[Link], i: int, m: Lanes, h: LaneArray, inertia: LaneArray) -> list[Lanes]:
     """Return h_ij, j <= i, of the composite body of links i..n."""
-    f, n = unit_force(links[i], m, h, inertia)
+    zero = m * 0.0
+    if links[i].slides:
+        f, n = array([zero, zero, m]), array([h[1], -h[0], zero])
+    else:
+        f, n = array([-h[1], h[0], zero]), array([inertia[2], inertia[4], inertia[5]])
     row = [f[2] if links[i].slides else n[2]]
     for j in range(i - 1, -1, -1):
         f, n = moved(links[j + 1], f, n)
@@ -98,17 +102,7 @@ def _row(links: Sequence[Link], i: int, m: Lanes, h: LaneArray, inertia: LaneArr
     return row[::-1]
 
 
-def unit_force(
-    link: Link, m: Lanes, h: LaneArray, inertia: LaneArray
-) -> tuple[LaneArray, LaneArray]:
-    """Return force and moment of a unit acceleration of the joint that a body is beyond."""
-    zero = m * 0.0
-    if link.slides:
-        return array([zero, zero, m]), array([h[1], -h[0], zero])
-    return array([-h[1], h[0], zero]), array([inertia[2], inertia[4], inertia[5]])
-
-
-def moved_body(
+def _moved_body(
     link: Link, m: Lanes, h: LaneArray, inertia: LaneArray
 ) -> tuple[Lanes, LaneArray, LaneArray]:
     """Return a body of B_i in the axes and about the origin of B_(i-1)."""

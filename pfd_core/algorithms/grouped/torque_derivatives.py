@@ -3,151 +3,56 @@
 """
 Derivatives of inverse dynamics with respect to q and qd, over composite bodies.
 
-In axes B_j, which move with their origin o_j, let links j..n be one composite body: mass m, first
-moment h, inertia J about o_j and, with v the velocity of a point relative to o_j, P = sum v dm
-and N = sum p v' dm. A change of the motion of B_j by dw, beta = dwd + w x dw and da changes the
-force and the moment that the body needs by
+In axes B_j, which move with their origin, the body of links j..n has m, h, J, P and N, and (f, n)
+and c belong to a unit acceleration of a joint (pfd_core.algorithms.grouped.moving_composites). A
+change of the motion of B_j by dw, beta = dwd + w x dw and da changes the force and the moment that
+the body needs by
 
     dF = m da + beta x h + 2 dw x P
     dN = h x da + J beta + 2 (tr N - N') dw
 
-[rotational], {translational}; W = [wd] + [w][w], F and N the force and moment in joint j:
+as dw x (w x p) on both sides of a Jacobi identity makes beta. With [rotational], {translational},
+W = [wd] + [w][w], and F and N the force and moment in joint j:
 
-    q_j     [dw = w x z, da = a x z, beta = W z; besides dF += z x F, dN += z x N]
-            {dw = 0, beta = 0, da = W z; besides dN += z x F after dtau_j is read}
-    qd_j    [dw = z, beta = 2 w x z, da = 0]   {dw = 0, beta = 0, da = 2 w x z}
+    q_j      [dw = w x z, da = a x z, beta = W z]   {dw = 0, da = W z, beta = 0}
+             and, as joint j moves the axes, [dF += z x F, dN += z x N]   {dN += z x F}
+    qd_j     [dw = z, da = 0, beta = 2 w x z]       {dw = 0, da = 2 w x z, beta = 0}
 
-    dtau_i, i <= j     [dN_z], {dF_z} after moving (dF, dN) down to B_i, as any force
-    dtau_i, i > j      f . da + n . beta + c . dw,  (f, n) the force and moment in B_j of a unit
-                       acceleration of joint i and c = 2 sum v x (acceleration) dm there
+    dtau_i, i <= j     [dN_z], {dF_z} after (dF, dN) is moved down to B_i, as any force
+    dtau_i, i > j      f . da + n . beta + c . dw, of a unit acceleration of joint i, moved to B_j
 
-Tip to base, v_o the velocity of o_i relative to o_(i-1), in axes B_(i-1), r its position there:
+The wrench, which is constant in the axes of the last link, enters through F and N only. The
+derivatives by qd do not depend on qdd, and give the bias, so that qdd can follow from them and the
+derivatives by q from qdd.
 
-    P <- R P + m v_o,   N <- R N R' + (m r + R h) v_o' + r (R P)',   c <- R c + 2 v_o x f
+Echeandia and Wensing 2021, Singh, Russell and Wensing 2022 (such closed forms, in base axes).
+Serial cost, rotational joints with axes at right angles: 45 operations for each pair of joints.
 
-2 P, 2 N and 2 w are what the text carries. Forces on the chain that are constant in the axes of a
-link, as the wrench on the last one, enter through F and N only.
-
-One processor: 9 products more a body than the inertia matrix, and 4 moves of a force for each pair
-of joints. One register holds one number; everything of link i is in axes B_i.
+One register holds one number; everything of link i is in axes B_i, which parallel joints share.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-
-import numpy as np
+from typing import Any
 
 from pfd_core.algorithms.grouped.links import Tip
-from pfd_core.algorithms.grouped.newton_euler import Link, Motion, less_wrench, moment, outward
-from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
-from pfd_core.machine.vectors import UPPER, array, cross, symmetric_matrix
+from pfd_core.algorithms.grouped.moving_composites import Composites, Force, Matrix, Unit, along
+from pfd_core.algorithms.grouped.newton_euler import (
+    Motion,
+    less_wrench,
+    moment,
+    motions,
+    outward,
+)
+from pfd_core.algorithms.grouped.shared_axes import inward, moved, plus_cross
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.vectors import array, constants, cross
 from pfd_core.model import Plant
 
-Matrix = list[list[Lanes]]
-Force = tuple[LaneArray, LaneArray]  # force and moment
 
-
-@dataclass(frozen=True)
-class Body:
-    """
-    The composite body of links j..n in axes and about the origin of B_j.
-
-    Attributes
-    ----------
-    m : Lanes
-        Mass [kg].
-    h : LaneArray
-        (3,), first moment [kg m].
-    J : LaneArray
-        (3, 3), inertia [kg m^2].
-    P : LaneArray
-        (3,), twice the sum of v dm [kg m/s].
-    N : LaneArray
-        (3, 3), twice the sum of p v' dm [kg m^2/s].
-
-    """
-
-    m: Lanes
-    h: LaneArray
-    J: LaneArray
-    P: LaneArray
-    N: LaneArray
-
-
-@dataclass(frozen=True)
-class Unit:
-    """
-    Force of a unit acceleration of a joint, in its own axes or those of a joint before it.
-
-    Attributes
-    ----------
-    f, n : LaneArray
-        (3,), force and moment.
-    c : LaneArray
-        (3,), twice the sum of v x (acceleration) dm.
-
-    """
-
-    f: LaneArray
-    n: LaneArray
-    c: LaneArray
-
-
-@dataclass(frozen=True)
-class Composites:
-    """
-    A chain at the inputs q and qd, by composite bodies.
-
-    Attributes
-    ----------
-    links : sequence of Link
-        Base to tip.
-    rates : list of LaneArray
-        (3,), twice the angular velocity of each link.
-    bodies : list of Body
-        Links j..n, in axes B_j.
-    units : list of list of Unit
-        Row j holds the force of a unit acceleration of joint j in the axes B_i, i <= j.
-
-    """
-
-    links: Sequence[Link]
-    rates: list[LaneArray]
-    bodies: list[Body]
-    units: list[list[Unit]]
-
-
-def composites(links: Sequence[Link], qd: Sequence[Lanes]) -> Composites:
-    """Return the composite bodies of a chain."""
-    n = len(links)
-    rates = _rates(links, qd)
-    drifts = [_drift(links[i], rates[i - 1], qd[i]) for i in range(1, n)]
-    bodies: list[Body] = []
-    units = []
-    for j in range(n - 1, -1, -1):
-        beyond = _moved_body(links[j + 1], drifts[j], bodies[-1]) if bodies else None
-        bodies.append(_with_link(links[j], rates[j], beyond))
-        units.append(_units(links, drifts, j, bodies[-1]))
-    return Composites(links, rates, bodies[::-1], units[::-1])
-
-
-def inertia_matrix(chain: Composites) -> Matrix:
-    """Return the lower triangle of H, without rotors, by rows."""
-    return [
-        [along(link, (unit.f, unit.n)) for link, unit in zip(chain.links, row, strict=False)]
-        for row in chain.units
-    ]
-
-
-def by_velocities(chain: Composites) -> Matrix:
-    """
-    Return the derivatives of the torques of the links with respect to qd, (n, n).
-
-    The torques are quadratic in qd: the product with qd / 2 is the torques at qdd = 0 without
-    gravity.
-    """
+def by_velocities(recorder: Recorder, chain: Composites) -> Matrix:
+    """Return the derivatives of the torques of the links with respect to qd, (n, n)."""
 
     def column(j: int) -> Force:
         w, body = chain.rates[j], chain.bodies[j]
@@ -160,18 +65,83 @@ def by_velocities(chain: Composites) -> Matrix:
         n = array([-N[2, 0], -N[2, 1], N[0, 0] + N[1, 1]])
         return f, n + J[0] * drag[0] + J[1] * drag[1]
 
-    def felt(i: int, unit: Unit) -> Lanes:
+    def felt(i: int, unit: Unit) -> Any:
         w = chain.rates[i]
         if chain.links[i].slides:
             return unit.f[0] * w[1] - unit.f[1] * w[0]
         return unit.c[2] + unit.n[0] * w[1] - unit.n[1] * w[0]
 
-    return _matrix(chain, column, felt)
+    with recorder.section('derivatives by velocities'):
+        return _matrix(chain, column, felt)
 
 
-def by_positions(chain: Composites, moving: Sequence[Motion], forces: Sequence[Force]) -> Matrix:
-    """Return the derivatives of the torques of links, gravity and wrench by q, (n, n)."""
+def minus_bias(
+    recorder: Recorder,
+    plant: Plant,
+    chain: Composites,
+    tip: Tip,
+    by_qd: Matrix,
+    tau: Sequence[Lanes],
+    qd: Sequence[Lanes],
+) -> list[Lanes]:
+    """
+    Return tau minus the torques of links, gravity and wrench at qdd = 0, (n,).
 
+    The torques of the links are quadratic in qd, so that they are half the product of their
+    derivatives and qd. A base that is accelerated upwards by g is felt by joint j as f . g, f the
+    force of its unit acceleration in the axes of the base.
+    """
+    links = chain.links
+    with recorder.section('bias'):
+        half = [0.5 * rate for rate in qd]
+        a = outward(links[0], constants(recorder, -plant.gravity))
+        y = []
+        for total, units, row in zip(tau, chain.units, by_qd, strict=True):
+            for x, other in zip(units[0].f, a, strict=True):
+                total = total - x * other
+            for x, rate in zip(row, half, strict=True):
+                total = total - x * rate
+            y.append(total)
+        if plant.external_wrench:
+            zero = array([recorder.constant(0.0)] * 3)
+            f, n = less_wrench(recorder, tip, (zero, zero))
+            for i in range(len(links) - 1, -1, -1):
+                y[i] = y[i] - along(links[i], (f, n))
+                f, n = moved(links[i], f, n)
+    return y
+
+
+def by_positions(
+    recorder: Recorder,
+    plant: Plant,
+    chain: Composites,
+    tip: Tip,
+    qd: Sequence[Lanes],
+    qdd: Sequence[Lanes],
+) -> Matrix:
+    """
+    Return the derivatives of the torques of links, gravity and wrench with respect to q, (n, n).
+
+    Parameters
+    ----------
+    recorder : Recorder
+        Of one lane.
+    plant : Plant
+        Robot and scene.
+    chain, tip : Composites, Tip
+        The chain, and the pose of frame n.
+    qd, qdd : sequence of Lanes
+        Velocities and accelerations, (n,) [rad/s, rad/s^2 or m/s, m/s^2].
+
+    """
+    with recorder.section('motion'):
+        moving = list(motions(recorder, plant, chain.links, qd, qdd))
+        forces = _joint_forces(recorder, plant, chain, tip, moving)
+    with recorder.section('derivatives by positions'):
+        return _by_positions(chain, moving, forces)
+
+
+def _by_positions(chain: Composites, moving: Sequence[Motion], forces: Sequence[Force]) -> Matrix:
     def column(j: int) -> Force:
         body, motion, (f, n) = chain.bodies[j], moving[j], forces[j]
         m, h, J, P, N = body.m, body.h, body.J, body.P, body.N
@@ -187,7 +157,7 @@ def by_positions(chain: Composites, moving: Sequence[Motion], forces: Sequence[F
         dn = dn + array([N[1, 1] + N[2, 2], -N[0, 1], -N[0, 2]]) * dw[0]
         return df, dn + array([-N[1, 0], N[0, 0] + N[2, 2], -N[1, 2]]) * dw[1]
 
-    def felt(i: int, unit: Unit) -> Lanes:
+    def felt(i: int, unit: Unit) -> Any:
         f, n, c = unit.f, unit.n, unit.c
         W, a, w = moving[i].spin, moving[i].a, moving[i].w
         if chain.links[i].slides:
@@ -199,7 +169,7 @@ def by_positions(chain: Composites, moving: Sequence[Motion], forces: Sequence[F
 
 
 def _matrix(
-    chain: Composites, column: Callable[[int], Force], felt: Callable[[int, Unit], Lanes]
+    chain: Composites, column: Callable[[int], Force], felt: Callable[[int, Unit], Any]
 ) -> Matrix:
     """Return a matrix from forces that a joint changes and from changes that a joint feels."""
     links = chain.links
@@ -215,159 +185,21 @@ def _matrix(
     return result
 
 
-def along(link: Link, force: Force) -> Lanes:
-    """Return the torque of a joint that a force and a moment in it mean."""
-    f, n = force
-    component: Lanes = f[2] if link.slides else n[2]
-    return component
-
-
-def joint_forces(
-    recorder: Recorder, plant: Plant, links: Sequence[Link], tip: Tip, moving: Sequence[Motion]
+def _joint_forces(
+    recorder: Recorder, plant: Plant, chain: Composites, tip: Tip, moving: Sequence[Motion]
 ) -> list[Force]:
     """Return force and moment in each joint, base to tip."""
     forces: list[Force] = []
-    for link, motion in zip(reversed(links), reversed(moving), strict=True):
-        a, W, h = motion.a, motion.spin, link.h
-        f, n = link.m * a, plus_cross(moment(motion, link.inertia), h, a)
+    for i in range(len(moving) - 1, -1, -1):
+        link, a, W = chain.links[i], moving[i].a, moving[i].spin
+        f, n = link.m * a, plus_cross(moment(moving[i], link.inertia), link.h, a)
         if forces:
-            beyond = links[-len(forces)]
-            moved_f = inward(beyond, forces[-1][0])
-            f, n = f + moved_f, inward(beyond, forces[-1][1], n)
-            n = plus_cross(n, beyond.r, moved_f)
-        f = f + W[:, 0] * h[0] + W[:, 1] * h[1] + W[:, 2] * h[2]
+            beyond = chain.links[i + 1]
+            moved_f, n = inward(beyond, forces[-1][0]), inward(beyond, forces[-1][1], plus=n)
+            f, n = f + moved_f, plus_cross(n, beyond.r, moved_f)
+        for k in range(3):
+            f = f + W[:, k] * link.h[k]
         if not forces and plant.external_wrench:
             f, n = less_wrench(recorder, tip, (f, n))
         forces.append((f, n))
     return forces[::-1]
-
-
-def _units(links: Sequence[Link], drifts: Sequence[LaneArray], j: int, body: Body) -> list[Unit]:
-    """Return the force of a unit acceleration of joint j in the axes B_i, i <= j."""
-    m, h, P, N = body.m, body.h, body.P, body.N
-    zero = m * 0.0
-    if links[j].slides:
-        f, n, c = [zero, zero, m], [h[1], -h[0], zero], [P[1], -P[0], zero]
-    else:
-        f, n = [-h[1], h[0], zero], body.J[2]
-        c = [-N[0, 2], -N[1, 2], N[0, 0] + N[1, 1]]
-    units = [Unit(array(f), array(n), array(c))]
-    for i in range(j - 1, -1, -1):
-        f, n = moved(links[i + 1], units[-1].f, units[-1].n)
-        c = plus_cross(inward(links[i + 1], units[-1].c), drifts[i], f)
-        units.append(Unit(f, n, c))
-    return units[::-1]
-
-
-def _rates(links: Sequence[Link], qd: Sequence[Lanes]) -> list[LaneArray]:
-    """Return twice the angular velocity of each link."""
-    zero = qd[0].recorder.constant(0.0)
-    w = array([zero] * 3)
-    rates = []
-    for link, rate in zip(links, qd, strict=True):
-        w = outward(link, w)
-        if not link.slides:
-            w = array([w[0], w[1], w[2] + rate])
-        rates.append(w + w)
-    return rates
-
-
-def _drift(link: Link, w: LaneArray, rate: Lanes) -> LaneArray:
-    """Return twice the velocity of o_i relative to o_(i-1), in axes B_(i-1); w is doubled."""
-    if not link.slides:
-        return cross(w, link.r)
-    ca, sa = link.twist
-    twice = rate + rate
-    return plus_cross(array([twice * 0.0, -(sa * twice), ca * twice]), w, link.r)
-
-
-def _with_link(link: Link, w: LaneArray, beyond: Body | None) -> Body:
-    """Return the body of a link and the one beyond it, for twice the angular velocity."""
-    m, h, J = link.m, link.h, symmetric_matrix(link.inertia)
-    half = 0.5 * (J[0, 0] + J[1, 1] + J[2, 2])
-    S = -J  # sum of p p' dm
-    for k in range(3):
-        S[k, k] = half - J[k, k]
-    if beyond is None:
-        return Body(m, h, J, cross(w, h), array([cross(w, row) for row in S]))
-    P = plus_cross(beyond.P, w, h)
-    N = array([plus_cross(old, w, row) for old, row in zip(beyond.N, S, strict=True)])
-    return Body(m + beyond.m, h + beyond.h, J + beyond.J, P, N)
-
-
-def _moved_body(link: Link, drift: LaneArray, body: Body) -> Body:
-    """Return a body of B_i in the axes and about the origin of B_(i-1)."""
-    r, m = link.r, body.m
-    h, P = inward(link, body.h), inward(link, body.P)
-    J, N = inward_matrix(link, body.J), inward_matrix(link, body.N)
-    J = _shifted(J, r, h, m)
-    h = h + m * r
-    N = N + np.multiply.outer(h, drift) + np.multiply.outer(r, P)
-    return Body(m, h, J, P + m * drift, N)
-
-
-def _shifted(J: LaneArray, r: LaneArray, h: LaneArray, m: Lanes) -> LaneArray:
-    """Return the inertia of a body about -r, in place of that about its origin."""
-    twice = h + h + m * r
-    far = h + m * r
-    result = J.copy()
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        result[i, i] = J[i, i] + r[j] * twice[j] + r[k] * twice[k]
-        result[i, j] = J[i, j] - r[i] * h[j] - far[i] * r[j]
-        result[j, i] = J[j, i] - r[i] * h[j] - far[i] * r[j]
-    return result
-
-
-def moved(link: Link, f: LaneArray, n: LaneArray) -> Force:
-    """Return force and moment of axes and origin B_i in axes and about the origin of B_(i-1)."""
-    f, n = inward(link, f), inward(link, n)
-    return f, plus_cross(n, link.r, f)
-
-
-def inward(link: Link, v: LaneArray, start: LaneArray | None = None) -> LaneArray:
-    """Return a vector of B_i in the axes B_(i-1): R v."""
-    (c, s), (ca, sa) = link.turn, link.twist
-    if start is None:
-        x, y = c * v[0] - s * v[1], s * v[0] + c * v[1]
-        return array([x, ca * y - sa * v[2], sa * y + ca * v[2]])
-    if link.square:
-        return array([start[0] + c * v[0] - s * v[1], start[1] - sa * v[2], start[2] + sa*s * v[0] +sa* c * v[1]])
-    y = s * v[0] + c * v[1]
-    return array([start[0] + c * v[0] - s * v[1], start[1] + ca * y - sa * v[2], start[2] + sa * y + ca * v[2]])
-
-
-def inward_matrix(link: Link, X: LaneArray) -> LaneArray:
-    """Return a matrix, (3, 3), of B_i in the axes B_(i-1): R X R'."""
-    ca, sa = link.twist
-    if not link.parallel:
-        X = _turned(link.turn, (0, 1, 2), X)
-    if link.parallel:
-        signs = array([sa+1.0, ca, ca])
-        return X * np.multiply.outer(signs, signs)
-    if link.square:
-        Y = X[:, [0, 2, 1]][[0, 2, 1]]
-        signs = array([ca+1.0, -sa, sa])
-        return Y * np.multiply.outer(signs, signs)
-    return _turned(link.twist, (1, 2, 0), X)
-
-
-def _turned(angle, about, X):
-    (c, s), (i, j, k) = angle, about
-    t = s * (X[i, i] - X[j, j]) + c * (X[i, j] + X[j, i])
-    Y = X.copy()
-    Y[i, i], Y[j, j] = X[i, i] - s * t, X[j, j] + s * t
-    Y[i, j], Y[j, i] = c * t - X[j, i], c * t - X[i, j]
-    Y[i, k], Y[j, k] = c * X[i, k] - s * X[j, k], s * X[i, k] + c * X[j, k]
-    Y[k, i], Y[k, j] = c * X[k, i] - s * X[k, j], s * X[k, i] + c * X[k, j]
-    return Y
-
-
-def plus_cross(v: LaneArray, a: LaneArray, b: LaneArray) -> LaneArray:
-    """Return v + a x b, product by product, so that a kernel fuses each with the sum so far."""
-    return array(
-        [
-            v[0] + a[1] * b[2] - a[2] * b[1],
-            v[1] + a[2] * b[0] - a[0] * b[2],
-            v[2] + a[0] * b[1] - a[1] * b[0],
-        ]
-    )

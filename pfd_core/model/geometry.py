@@ -97,6 +97,12 @@ def chained(*frames: Placement) -> Placement:
     return R, p
 
 
+def inverse(placement: Placement) -> Placement:
+    """Return the outer frame in the inner one."""
+    R, p = placement
+    return R.T, -product(R.T, p)
+
+
 def without_residue(values: Array, scale: float) -> Array:
     """Return values with exact zeros for residues of rounding at a scale."""
     return np.where(np.abs(values) <= RIGHT_ANGLE_TOLERANCE * scale, 0.0, values)

@@ -99,7 +99,7 @@ class Robot(FrozenArrays):
     snapped_joints : tuple of str
         Joints of the URDF, also fixed ones, with a nearly right angle that was made exact.
     frames : mapping
-        Name -> Frame of each link that the chain carries or stands on; base and tip are added.
+        Name -> Frame of each link that the chain carries or stands on, of base and tip at least.
 
     Raises
     ------

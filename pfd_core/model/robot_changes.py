@@ -19,6 +19,7 @@ from pfd_core.model.geometry import (
     Body,
     Placement,
     chained,
+    inverse,
     merged,
     product,
     rotation_z,
@@ -150,7 +151,7 @@ def _lock_one(robot: Robot, index: int, position: float) -> Robot:
         changed['base_position'] = robot.base_position + product(robot.base_rotation, p)
         weld = changed['base_rotation'], changed['base_position']
     else:
-        weld = R.T, -product(R.T, p)
+        weld = inverse((R, p))
         mass, center, J = _body(robot, index - 1)
         inner = (mass, product(R.T, center - p), product(R.T, J, R))
         _set_body(changed, index, merged(inner, _body(robot, index)))

@@ -13,12 +13,14 @@ import numpy as np
 
 from pfd_core.model.checked_numbers import LARGEST, real_number
 from pfd_core.model.error_text import quote
+from pfd_core.model.frames import Frame
 from pfd_core.model.geometry import (
     Array,
     Body,
     Placement,
     axis_rotation,
     chained,
+    inverse,
     merged,
     product,
     rotation_rpy,
@@ -107,6 +109,7 @@ def robot_from_urdf(
         **welded_frames(placements, bodies),
         **_limits(chain),
         armature=np.array([urdf.armature.get(joint.name, 0.0) for joint in chain.joints]),
+        frames=_carried_frames(chain, frames, placements, length),
     )
     check_with_pinocchio(urdf, chain, at, placements, bodies)
     return robot
@@ -139,6 +142,21 @@ def _link_frames(
             at = chained(frames[joint.parent], _placed(joint.origin), motion)
             frames[joint.child] = at
     return frames
+
+
+def _carried_frames(
+    chain: Chain, frames: Mapping[str, Placement], placements: list[Placement], length: float
+) -> dict[str, Frame]:
+    """Return the frames of all links that the chain carries or stands on."""
+    numbers = {joint.name: k for k, joint in enumerate(chain.joints, 1)}
+    # The base link, and frames 1 to n of the Robot, in the frames in which links are given.
+    ends = [frames[chain.base], *placements[1:]]
+    carried = {}
+    for link, carrier in chain.carriers.items():
+        k = 0 if carrier is None else numbers[carrier.name]
+        R, p = chained(inverse(ends[k]), frames[link])
+        carried[link] = Frame(k, R, without_residue(p, length))
+    return carried
 
 
 def _placed(origin: Origin) -> Placement:
@@ -221,8 +239,7 @@ def _placements(
     chain: Chain, turns: Mapping[str, Array], frames: Mapping[str, Placement]
 ) -> list[Placement]:
     """Return each joint's frame in that of the joint before it, and the tip in the last one."""
-    R, p = frames[chain.base]
-    base = (R.T, -product(R.T, p))
+    base = inverse(frames[chain.base])
     placements = []
     for k, joint in enumerate(chain.joints):
         turn = (turns[joint.name], np.zeros(3))

@@ -168,10 +168,10 @@ def _tangents(
         row = OPERATIONS[op]
         assert row.tangent is not None
         z, *operands = (sign * extension.values[r] for sign, r in ((1.0, register), *terms))
-        moving = [(sign, tangents.get(r, {})) for sign, r in terms[row.conditions :]]
+        known = [(sign, tangents.get(r, {})) for sign, r in terms[row.conditions :]]
         found = {}
-        for direction in dict.fromkeys(d for _, of_one in moving for d in of_one):
-            each = (sign * of_one.get(direction, 0.0) for sign, of_one in moving)
+        for direction in dict.fromkeys(d for _, operand in known for d in operand):
+            each = (sign * operand.get(direction, 0.0) for sign, operand in known)
             if (value := row.tangent(z, *operands, *each)) != 0.0:
                 found[direction] = value
         tangents[register] = found
@@ -180,11 +180,11 @@ def _tangents(
 
 def _sums(program: Program) -> Iterator[tuple[int, tuple[int, list[tuple[float, int]]]]]:
     """
-    Yield the sums a b + c whose product nothing else reads.
+    Yield the sums a b + c and differences of which nothing else reads the product.
 
-    Of each its register, the product's, and the signed registers a, b and c. The tangent
-    (dc + da b) + a db is two fused multiply-adds; beside the product's own tangent it would be
-    a multiplication, one of them and an addition.
+    For each: its register, the register of the product, and the signed registers of a, b and c.
+    The tangent (dc + da b) + a db is two fused multiply-adds. By way of the product's tangent it
+    would be a multiplication, one fused multiply-add and an addition.
     """
     instructions = program.instructions
     reads = Counter(a for instruction in instructions for a in instruction.args)
@@ -193,13 +193,15 @@ def _sums(program: Program) -> Iterator[tuple[int, tuple[int, list[tuple[float, 
         if op not in ('add', 'sub'):
             continue
         for product, c in (args, args[::-1]):
-            a, b = (*instructions[product].args, 0, 0)[:2]
-            if instructions[product].op == 'mul' and a != b and reads[product] == 1:
-                first, last = (1.0, 1.0) if op == 'add' else (1.0, -1.0)
-                if op == 'sub' and product == args[1]:
-                    first, last = -1.0, 1.0
-                yield register, (product, [(first, a), (1.0, b), (last, c)])
-                break
+            if instructions[product].op != 'mul' or reads[product] > 1:
+                continue
+            a, b = instructions[product].args
+            if a == b:  # (2 a) da is a single product
+                continue
+            of_product = -1.0 if op == 'sub' and product == args[1] else 1.0
+            of_c = -1.0 if op == 'sub' and product == args[0] else 1.0
+            yield register, (product, [(of_product, a), (1.0, b), (of_c, c)])
+            break
 
 
 def _adjoints(

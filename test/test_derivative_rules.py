@@ -15,6 +15,7 @@ from tolerances import FIFTY_DIGITS
 
 from pfd_core.kernels.passes.fold import fold
 from pfd_core.kernels.passes.fuse import fuse
+from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.machine.derivative import MODES, derivative, directional
 from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import iterate
@@ -126,6 +127,43 @@ def test_composite_functions_agree_with_differences(mode: str, passes: str) -> N
     for x in (['0.3', '1.2', '-0.8'], ['-0.6', '2.1', '0.9']):
         point = [mpmath.mpf(v) for v in x]
         assert close(jacobian(program, point, mode), differences(program, point))
+
+
+SUMS: list[Callable[..., Any]] = [
+    lambda a, b, c: a * b + c,
+    lambda a, b, c: c + a * b,
+    lambda a, b, c: a * b - c,
+    lambda a, b, c: c - a * b,
+    lambda a, b, c: a * b - b * c,
+    lambda a, b, c: a * a - b * b,
+    lambda a, b, c: a * b + a,
+    lambda a, b, c: 1.0 - 3.0 * b,
+    lambda a, b, c: 2.5 * a - (b * -1.0 + c),
+    lambda a, b, c: ((p := a * b) + p, p - c, c - p),
+]
+
+
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('text', SUMS)
+def test_sums_of_products_agree_with_differences_whatever_they_share(
+    text: Callable[..., Any], mode: str
+) -> None:
+    # Every operand depends on both inputs.
+    program = recorded(2, lambda x, y: text(sin(x) + y, x / y, sqrt(x * x + y)))
+    for once in (program, fuse(fold(program))):
+        for x in (['0.3', '1.2'], ['-0.6', '2.1']):
+            point = [mpmath.mpf(v) for v in x]
+            assert close(jacobian(once, point, mode), differences(once, point))
+
+
+@pytest.mark.parametrize('text', SUMS[:4])
+def test_the_tangent_of_a_sum_with_a_product_is_two_fused_multiply_adds(
+    text: Callable[..., Any],
+) -> None:
+    lowered = lower(directional(recorded(3, text), ['y'], ['x']), 'float64').compiled
+    counts = operations(lowered)
+    counts.pop('neg', None)
+    assert counts == {'fma': 3}  # one of them is the sum itself
 
 
 def test_tangent_equals_adjoint_to_50_digits() -> None:

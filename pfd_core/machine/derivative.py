@@ -32,6 +32,7 @@ Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. 2008, chapter 3.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 
@@ -153,23 +154,54 @@ def directional(
 def _tangents(
     extension: Extension, active: Sequence[int], seeds: Mapping[int, Mapping[Element, Any]]
 ) -> dict[int, Mapping[Element, Any]]:
-    """Return the tangents of each active register by direction, zeros left out."""
+    """Return the tangents of active registers by direction, zeros left out."""
     tangents = dict(seeds)
+    sums = dict(_sums(extension.old))
+    products = {product for product, _ in sums.values()}
     for register in active:
-        if register in seeds:
+        if register in seeds or register in products:
             continue
         op, args, _, _, extension.section = extension.old.instructions[register]
+        terms = [(1.0, a) for a in args]
+        if register in sums:
+            op, terms = 'fma', sums[register][1]
         row = OPERATIONS[op]
         assert row.tangent is not None
-        z, *operands = (extension.values[r] for r in (register, *args))
-        moving = [tangents.get(a, {}) for a in args[row.conditions :]]
+        z, *operands = (sign * extension.values[r] for sign, r in ((1.0, register), *terms))
+        known = [(sign, tangents.get(r, {})) for sign, r in terms[row.conditions :]]
         found = {}
-        for direction in dict.fromkeys(d for of_one in moving for d in of_one):
-            each = (of_one.get(direction, 0.0) for of_one in moving)
+        for direction in dict.fromkeys(d for _, operand in known for d in operand):
+            each = (sign * operand.get(direction, 0.0) for sign, operand in known)
             if (value := row.tangent(z, *operands, *each)) != 0.0:
                 found[direction] = value
         tangents[register] = found
     return tangents
+
+
+def _sums(program: Program) -> Iterator[tuple[int, tuple[int, list[tuple[float, int]]]]]:
+    """
+    Yield the sums a b + c and differences of which nothing else reads the product.
+
+    For each: its register, the register of the product, and the signed registers of a, b and c.
+    The tangent (dc + da b) + a db is two fused multiply-adds. By way of the product's tangent it
+    would be a multiplication, one fused multiply-add and an addition.
+    """
+    instructions = program.instructions
+    reads = Counter(a for instruction in instructions for a in instruction.args)
+    reads.update(register for output in program.outputs.values() for register, _ in output.places)
+    for register, (op, args, *_) in enumerate(instructions):
+        if op not in ('add', 'sub'):
+            continue
+        for product, c in (args, args[::-1]):
+            if instructions[product].op != 'mul' or reads[product] > 1:
+                continue
+            a, b = instructions[product].args
+            if a == b:  # (2 a) da is a single product
+                continue
+            of_product = -1.0 if op == 'sub' and product == args[1] else 1.0
+            of_c = -1.0 if op == 'sub' and product == args[0] else 1.0
+            yield register, (product, [(of_product, a), (1.0, b), (of_c, c)])
+            break
 
 
 def _adjoints(

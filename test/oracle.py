@@ -14,9 +14,10 @@ from pfd_core.model import Robot, Scene
 
 ARMS = ('puma560', 'ur5', 'planar2', 'panda')
 WRENCH = Scene(external_wrench=True)
+Chains = Iterator[tuple[np.random.Generator, Robot]]
 
 
-def chains(count: int, seed: int) -> Iterator[tuple[np.random.Generator, Robot]]:
+def chains(count: int, seed: int) -> Chains:
     """Yield random chains of 1 to 12 joints, from all-revolute to all-prismatic."""
     rng = np.random.default_rng(seed)
     for k in range(count):
@@ -25,6 +26,11 @@ def chains(count: int, seed: int) -> Iterator[tuple[np.random.Generator, Robot]]
         # More than three prismatic joints in a row leave directions without inertia.
         types = None if share < 1 or n <= 3 else ['revolute', 'prismatic'] * 6
         yield rng, random_chain(rng, n, share, types[:n] if types else None)
+
+
+def every(step: int, drawn: Chains) -> Chains:
+    """Return every so many of some chains, beginning at another one in each dozen."""
+    return (pair for k, pair in enumerate(drawn) if (k + k // 12) % step == 0)
 
 
 def relative(found: Array, wanted: Array) -> float:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import numpy as np
-from oracle import Oracle, chains, jacobi_condition, relative
+from oracle import Oracle, chains, every, jacobi_condition, relative
 import pytest
 from tolerances import ACCELERATION
 from zoo import random_state
@@ -32,7 +32,7 @@ MOST = {
 
 @pytest.mark.parametrize('method', METHODS)
 def test_random_chains_agree_with_pinocchio_in_a_scene_with_everything(method: str) -> None:
-    for rng, robot in chains(48, seed=51):
+    for rng, robot in every(4, chains(48, seed=51)):
         oracle = Oracle(robot, robot.armature)
         q, qd, qdd = random_state(rng, robot.n)
         wrench = rng.normal(size=6) * 10
@@ -50,7 +50,7 @@ def test_held_joints_do_not_accelerate_and_the_others_do_not_feel_their_torque(
     method: str, armature: str | None
 ) -> None:
     # Rows and columns of held joints struck out of H qdd = tau - bias, by NumPy.
-    for rng, robot in chains(24, seed=52):
+    for rng, robot in every(2, chains(24, seed=52)):
         scene = Scene(brakes=True, armature=armature)
         oracle = Oracle(robot, robot.armature if armature else None)
         q, qd, tau = random_state(rng, robot.n)

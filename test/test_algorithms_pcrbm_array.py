@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 import numpy as np
-from oracle import WRENCH, Oracle, chains, jacobi_condition, relative
+from oracle import WRENCH, Oracle, chains, every, jacobi_condition, relative
 import pytest
 from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import random_chain, random_state
@@ -23,7 +23,7 @@ SIZES = range(1, 33)
 
 @pytest.mark.parametrize('schedule', SCHEDULES)
 def test_forward_dynamics_by_the_array_agrees_with_pinocchio(schedule: str) -> None:
-    for rng, robot in chains(48, seed=21):
+    for rng, robot in every(4, chains(48, seed=21)):
         oracle = Oracle(robot)
         q, qd, qdd = random_state(rng, robot.n)
         wrench = rng.normal(size=6) * 10

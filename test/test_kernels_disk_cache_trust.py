@@ -214,6 +214,7 @@ def test_processes_that_fill_and_clear_the_folder_together_all_work(folder: Path
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_hundreds_of_processes_that_fill_and_clear_the_folder_all_work(folder: Path) -> None:
     for _ in range(5):
         race(3, 19, 20)

@@ -50,7 +50,7 @@ def test_kernel_and_emulator_give_the_same_bits(name: str, dtype: str) -> None:
 def test_random_chains_give_the_same_bits_with_wrench_and_brakes(dtype: str) -> None:
     rng = np.random.default_rng(2)
     scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
-    for n in (1, 2, 3, 5, 8):
+    for n in (1, 2, 3, 6):
         kernel = pfd.compile_kernel(random_chain(rng, n), scene=scene, dtype=dtype)
         q, qd, tau = states(n, 5, dtype)
         wrench = rng.normal(size=(5, 6)).astype(dtype)
@@ -280,7 +280,7 @@ def test_threads_share_a_kernel() -> None:
 
 def test_inverse_dynamics_gives_the_torques_back() -> None:
     rng = np.random.default_rng(5)
-    for n in (1, 4, 9):
+    for n in (1, 4, 6):
         robot = random_chain(rng, n)
         scene = pfd.Scene(damping='model', armature='model')
         q, qd, tau = states(n, 7)

@@ -25,7 +25,7 @@ from pfd_core.kernels.runtime import jit as engine
 
 THREADS = 8
 TURNS = 100
-LIFETIME = 20  # [s] of a child; far above what it takes
+LIFETIME = 120  # [s] of a child; far above what it takes
 
 
 @pytest.fixture

@@ -93,10 +93,20 @@ def test_no_efficiency_is_above_one(n: int) -> None:
     assert_no_efficiency_above_one(n)
 
 
+LONG = [pytest.mark.slow, pytest.mark.long]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize('n', SIZES[9:])
+@pytest.mark.parametrize('n', [SIZES[9], *(pytest.param(n, marks=LONG) for n in SIZES[10:])])
 def test_no_efficiency_of_a_long_chain_is_above_one(n: int) -> None:
     assert_no_efficiency_above_one(n)
+
+
+def test_no_efficiency_on_the_page_is_above_one() -> None:
+    counts = json.loads((PAGES / 'counts.json').read_text())['counts']
+    found = [entry['efficiency'] for entry in counts if entry['efficiency'] is not None]
+    assert len(found) == (len(METHODS) - len(ITERATIVE)) * len(SIZES)
+    assert 0 < min(found) <= max(found) <= 1
 
 
 def assert_no_efficiency_above_one(n: int) -> None:
@@ -228,6 +238,7 @@ def test_the_page_has_the_numbers_of_its_data() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_the_whole_report_is_what_the_command_writes_now(tmp_path: Path) -> None:
     rows, trips = list(measure()), list(measure_convergence(robots()))
     pages = write(rows, trips, tmp_path)

@@ -281,7 +281,7 @@ def test_a_peer_is_absent_if_it_answers_no_case_and_else_has_refused() -> None:
 def test_the_command_writes_the_page_and_its_data(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for name in ('rows', 'runs', 'formulation', 'holds'):
+    for name in ('rows', 'runs', 'steady_runs', 'formulation', 'holds'):
         monkeypatch.setattr(hard_case_pages, name, tuple)
     monkeypatch.setattr(hard_case_pages, 'CASES', ())
     assert command_line.main(['report', 'hard-cases', '--out', str(tmp_path)]) == 0

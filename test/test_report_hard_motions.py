@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from decimal import Decimal, localcontext
 from fractions import Fraction
 from itertools import pairwise
@@ -12,9 +13,8 @@ from typing import Any
 
 import mpmath
 import numpy as np
-import pinocchio as pin
 import pytest
-from zoo import random_chain, to_pinocchio
+from zoo import random_chain
 
 import pfd_core as pfd
 from pfd_core.algorithms.programs import record_forward_dynamics, record_terms
@@ -23,12 +23,14 @@ from pfd_core.machine.program import Program
 from pfd_core.model import resolve
 from pfd_core.report.decimals import cos_sin, evaluator
 from pfd_core.report.extrapolation import Extrapolation, end_of_motion
+from pfd_core.report.hard_case_motions import STEADY, SteadyMotion, SteadyRun
+from pfd_core.report.hard_case_motions import error as steady_error
+from pfd_core.report.hard_cases import ROUNDING
 from pfd_core.report.trajectory_cases import CHECKS, MOTIONS, Check, so100
 from pfd_core.report.trajectory_errors import (
     SAME_EFFORT,
     Hold,
     Run,
-    energy,
     error,
     formulation,
     holds,
@@ -47,6 +49,21 @@ def marked(check: Check) -> object:
 @pytest.mark.parametrize('check', [marked(check) for check in CHECKS])
 def test_a_run_stays_within_its_bound(check: Check) -> None:
     assert error(check) <= check.bound
+
+
+@pytest.mark.parametrize('dtype', ROUNDING)
+@pytest.mark.parametrize('motion', STEADY, ids=[motion.name for motion in STEADY])
+def test_a_joint_that_rests_or_turns_evenly_keeps_its_angle(
+    motion: SteadyMotion, dtype: str
+) -> None:
+    assert steady_error(motion, dtype) <= motion.bounds[dtype]
+
+
+def test_a_joint_that_its_friction_does_not_hold_is_found_to_move() -> None:
+    held = STEADY[0]
+    robot, scene, q, qd = held.make()
+    weak = replace(scene, friction=tuple(0.5 * x for x in scene.friction))
+    assert steady_error(replace(held, make=lambda: (robot, weak, q, qd)), 'float64') > 1e-3
 
 
 def test_every_motion_has_a_reference_that_two_computations_agree_on() -> None:
@@ -146,21 +163,6 @@ def test_a_parallel_program_is_refused() -> None:
         evaluator(record_terms(plant, 'parallel'))
 
 
-def test_the_energy_is_pinocchio_s_up_to_a_constant() -> None:
-    kinds = ['revolute', 'prismatic', 'continuous', 'revolute']
-    robot = random_chain(np.random.default_rng(4), 4, joint_types=kinds)
-    model = to_pinocchio(robot)
-    pin_data = model.createData()
-    q, qd = np.random.default_rng(5).normal(size=(2, 6, 4))
-    kinetic, potential = energy(resolve(robot), q, qd)
-    wanted_kinetic = [
-        pin.computeKineticEnergy(model, pin_data, *x) for x in zip(q, qd, strict=True)
-    ]
-    wanted = np.array([pin.computePotentialEnergy(model, pin_data, x) for x in q])
-    np.testing.assert_allclose(kinetic, wanted_kinetic, rtol=1e-12)
-    np.testing.assert_allclose(potential - potential[0], wanted - wanted[0], atol=1e-11)
-
-
 def test_the_so_100_has_six_joints_and_a_jaw_of_three_millionths() -> None:
     robot = so100()
     assert robot.n == 6
@@ -186,9 +188,12 @@ def test_the_sections_show_a_missed_bound_and_a_run_that_is_not_finite() -> None
     good = Run(CHECKS[0], 0.5 * CHECKS[0].bound)
     missed, lost = Run(CHECKS[1], 2 * CHECKS[1].bound), Run(CHECKS[2], math.inf)
     hold = Hold('arm', 1e-3, 0.0, 2.0, True, False)
-    survey = Survey((), (good, missed, lost), (), (hold,))
+    crept = SteadyRun('held', 'friction', 'float64', 10.0, 1e-3, 1e-12)
+    survey = Survey((), (good, missed, lost), (crept,), (), (hold,))
     text = ' '.join(' '.join(sections(survey)).split())
     assert '1 of 3 are met' in text
     assert 'not finite' in text
     assert '| yes | no |' in text
+    assert '| 1e-03 | 1e-12 | no |' in text
     assert [one['met'] for one in data(survey)['runs']] == [True, False, False]
+    assert [one['met'] for one in data(survey)['steady']] == [False]

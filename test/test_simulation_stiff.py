@@ -15,6 +15,7 @@ from zoo import random_chain, to_pinocchio
 
 import pfd_core as pfd
 from pfd_core.kernels.passes.schedule import LONGEST
+from pfd_core.simulation.integrators import TABLE, record_step
 
 START = np.array([0.1, -0.7, 0.9, 0.3, 0.2, 0.5])
 # Error of an angle at steps of 1 ms, from 2 rad/s on. Seen up to 7e-7.
@@ -127,3 +128,12 @@ def test_functions_of_a_long_chain_are_cut_into_parts_of_their_own() -> None:
     end = sim.rollout(np.zeros((20, n))).q[-1]
     reference = pfd.integrate(robot, np.zeros(n), 0.02, scene=scene).q[-1]
     np.testing.assert_allclose(end, reference, rtol=0, atol=STIFF)
+
+
+@pytest.mark.parametrize('name', TABLE)
+def test_a_step_makes_its_evaluations_and_solves_only_with_damping(name: str) -> None:
+    integrator = TABLE[name]
+    for damping, solutions in ((None, 0), (np.ones(2), integrator.solutions)):
+        instructions = record_step(integrator, 2, 1e-3, damping).instructions
+        calls = sum(instruction.op == 'call' for instruction in instructions)
+        assert calls == integrator.evaluations + solutions

@@ -52,5 +52,12 @@ def test_processes_with_threads_end_well() -> None:
 
 
 @pytest.mark.slow
+def test_processes_with_any_number_of_threads_end_well() -> None:
+    assert failures(len(THREADS) * len(WAYS)) == []
+
+
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.timeout(3600)
 def test_hundreds_of_processes_with_threads_end_well() -> None:
     assert failures(300) == []

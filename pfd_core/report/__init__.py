@@ -31,6 +31,7 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     hard_case_reference  qdd in 50 digits with its certificate, and condition numbers
     error_estimates      estimates of refined kernels beside their errors, over random states (Row)
     hard_case_errors     errors of the kernel, every method and peers beside it (Result)
+    hard_case_motions    motions without acceleration: a held arm, an hour of turning (SteadyRun)
     decimals             programs on Python's decimal numbers, one state at a time
     extrapolation        end of a motion, extrapolated in extended precision
     trajectory_cases     the tables of hard motions and of their runs' bounds (Motion, Check)

@@ -15,6 +15,7 @@ from typing import Any
 from pfd_core.algorithms.programs import METHODS
 from pfd_core.report.error_estimates import FACTOR, SHOWN, rows
 from pfd_core.report.hard_case_errors import FEW, MANY, PEERS, KernelRow, Result, measure
+from pfd_core.report.hard_case_motions import steady_runs
 from pfd_core.report.hard_cases import CASES, LATER, ROUNDING
 from pfd_core.report.markdown import cells, header, order, paragraph
 from pfd_core.report.trajectory_errors import formulation, holds, runs
@@ -207,7 +208,13 @@ def run(folder: Path) -> list[Path]:
         _show_progress(case.name)
         results.append(measure(case))
     _show_progress('estimates and motions')
-    survey = Survey(tuple(rows()), tuple(runs()), tuple(formulation()), tuple(holds()))
+    survey = Survey(
+        tuple(rows()),
+        tuple(runs()),
+        tuple(steady_runs()),
+        tuple(formulation()),
+        tuple(holds()),
+    )
     return write(results, folder, survey)
 
 

@@ -219,9 +219,8 @@ CASES: Sequence[Case] = (
     ),
 )
 
-# Cases that are not in the table yet, by the reason.
+# Cases of other lists that are not in the report, by the reason.
 LATER = {
-    'of dry friction and of angles with a turn count': ('stiction_hold', 'one_hour_spin'),
     'preconditioned conjugate gradients, which METHODS does not have': ('cg_baseline',),
     'inputs and repeated runs, tested elsewhere': ('bad_inputs', 'determinism'),
     'arms that config/robots does not have': ('seven of the eleven ordinary arms',),

@@ -21,9 +21,9 @@ import numpy as np
 
 from pfd_core.algorithms.programs import record_terms
 from pfd_core.machine.emulator import run
-from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
+from pfd_core.model import Robot, Scene, load_robot, resolve
 from pfd_core.report.hard_case_problems import Array
-from pfd_core.report.peers import joint_frames
+from pfd_core.report.motions import energy
 from pfd_core.report.trajectory_cases import CHECKS, MOTIONS, Check, start
 from pfd_core.report.trajectory_references import REFERENCES
 from pfd_core.simulation.adaptive import integrate
@@ -107,31 +107,6 @@ def _states(check: Check, duration: float) -> tuple[bool, Array, Array]:
     steps = round(duration / check.step)
     rolled = sim.rollout(np.zeros((steps, robot.n), dtype=check.dtype))
     return rolled.status == 'ok', rolled.q, rolled.qd
-
-
-def energy(plant: Plant, q: Array, qd: Array) -> tuple[Array, Array]:
-    """Return kinetic and potential energy [J] of states, (K,) each from q and qd (K, n)."""
-    H = run(record_terms(plant, 'parallel'), {'q': q, 'qd': qd})['H']
-    kinetic = np.einsum('ki,kij,kj->k', qd, H, qd) / 2
-    robot = plant.robot
-    fall = robot.base_rotation @ plant.gravity
-    pose: Array = np.eye(3)[np.newaxis]
-    place, potential = np.zeros((1, 3)), np.zeros(len(q))
-    for i, (R, p, center, _) in enumerate(joint_frames(robot)):
-        place, pose = place + pose @ p, pose @ R
-        if robot.joint_types[i] == 'prismatic':
-            place = place + pose[..., 2] * q[:, i, np.newaxis]
-        else:
-            pose = pose @ _about_z(q[:, i])
-        potential -= robot.masses[i] * ((place + pose @ center) @ fall)
-    return kinetic, potential
-
-
-def _about_z(angles: Array) -> Array:
-    """Return rotations about z, (K, 3, 3)."""
-    c, s, zero = np.cos(angles), np.sin(angles), np.zeros_like(angles)
-    rows = [[c, -s, zero], [s, c, zero], [zero, zero, zero + 1]]
-    return np.stack([np.stack(row, -1) for row in rows], -2)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import math
 from typing import Any
 
 from pfd_core.report.error_estimates import FACTOR, SHOWN, Row, misses
+from pfd_core.report.hard_case_motions import SAMPLES, SteadyRun
 from pfd_core.report.markdown import cells, header, order, paragraph
 from pfd_core.report.trajectory_cases import MOTIONS
 from pfd_core.report.trajectory_errors import (
@@ -30,6 +31,7 @@ class Survey:
 
     estimates: Sequence[Row]
     runs: Sequence[Run]
+    steady: Sequence[SteadyRun]
     efforts: Sequence[Effort]
     holds: Sequence[Hold]
 
@@ -43,6 +45,8 @@ def sections(survey: Survey) -> list[str]:
         '',
         *_runs(survey.runs),
         '',
+        *_steady(survey.steady),
+        '',
         *_efforts(survey.efforts),
         '',
         *_holds(survey.holds),
@@ -55,6 +59,7 @@ def data(survey: Survey) -> dict[str, Any]:
         'estimates': [asdict(one) for one in survey.estimates],
         'motions': [{'name': name, **asdict(known)} for name, known in REFERENCES.items()],
         'runs': [asdict(one) | {'met': one.met} for one in survey.runs],
+        'steady': [asdict(one) | {'met': one.met} for one in survey.steady],
         'efforts': [asdict(one) for one in survey.efforts],
         'holds': [asdict(one) for one in survey.holds],
     }
@@ -141,6 +146,29 @@ def _runs(rows: Sequence[Run]) -> list[str]:
             )
         )
     return ['## Runs of the motions\n', paragraph(text), *table]
+
+
+def _steady(rows: Sequence[SteadyRun]) -> list[str]:
+    missed = [row for row in rows if not row.met]
+    text = (
+        'Of joints that rest or turn evenly the angle is known for all times. The error is the '
+        f'largest difference from it, modulo whole turns, at {SAMPLES} times [rad], in steps of '
+        f'1 ms. Bounds were set before. {len(rows) - len(missed)} of {len(rows)} are met.'
+    )
+    table = header('motion | cause | format | time [s] | found | bound | met')
+    for row in rows:
+        table.append(
+            cells(
+                row.name,
+                row.cause,
+                row.dtype,
+                row.duration,
+                order(row.error) if math.isfinite(row.error) else 'not finite',
+                f'{row.bound:g}',
+                'yes' if row.met else 'no',
+            )
+        )
+    return ['## Motions without acceleration\n', paragraph(text), *table]
 
 
 def _efforts(efforts: Sequence[Effort]) -> list[str]:

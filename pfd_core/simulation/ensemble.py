@@ -148,8 +148,9 @@ class Ensemble(Simulation):
 
     @property
     def _work(self) -> int:
-        """Operations of one step of a register of arms."""
-        evaluations = 1 + self.substeps * TABLE[self.integrator].evaluations
+        """Operations of one step of a register of arms, with damping."""
+        integrator = TABLE[self.integrator]
+        evaluations = 1 + self.substeps * (integrator.evaluations + integrator.solutions)
         return self._native.work * evaluations
 
     def _advance(

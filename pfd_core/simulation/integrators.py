@@ -68,7 +68,9 @@ class Integrator:
     order : int
         Power of h with which the error of a motion falls.
     evaluations : int
-        Evaluations of f, and solutions, in a step.
+        Evaluations of f in a step.
+    solutions : int
+        Solutions with the damping in a step, in a scene that has any.
     implicit : float
         Part c of h for which the damping D acts implicitly, see System; 0 if it does not.
 
@@ -78,6 +80,7 @@ class Integrator:
     carried: tuple[str, ...]
     order: int
     evaluations: int
+    solutions: int = 0
     implicit: float = 0.0
 
 
@@ -143,7 +146,9 @@ def imex2(system: System, h: float, q: Any, qd: Any) -> State:
 TABLE = {
     'rk4': Integrator(rk4, ('q', 'qd'), order=4, evaluations=4),
     'velocity_verlet': Integrator(velocity_verlet, ('q', 'qd', 'qdd'), order=2, evaluations=1),
-    'imex2': Integrator(imex2, ('q', 'qd'), order=2, evaluations=4, implicit=IMEX_DIAGONAL),
+    'imex2': Integrator(
+        imex2, ('q', 'qd'), order=2, evaluations=2, solutions=2, implicit=IMEX_DIAGONAL
+    ),
 }
 INTEGRATORS = ('auto', *TABLE)
 

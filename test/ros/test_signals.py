@@ -72,7 +72,8 @@ def test_a_third_signal_ends_a_node_whose_closing_hangs(processes: Processes, fa
     arm = processes.faulty(fault)
     arm.process.send_signal(INT)
     arm.wait_for_text('hangs')
-    assert arm.end(INT, INT) == STATUS_BASE + INT
+    # Two of the same kind that are due at once are one.
+    assert arm.end(TERM, INT) in (STATUS_BASE + TERM, STATUS_BASE + INT)
 
 
 @pytest.mark.ros

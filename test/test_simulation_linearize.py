@@ -5,16 +5,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import pickle
 from typing import Any
 
 from mpmath import mp, mpf
 import numpy as np
+from oracle import Oracle
+import pinocchio as pin
 import pytest
 from zoo import random_chain
 
 import pfd_core as pfd
+from pfd_core.kernels.codegen.linear_step import linear_step
+from pfd_core.kernels.codegen.spelling import Format
+from pfd_core.machine.program import Program
 from pfd_core.model import resolve
-from pfd_core.simulation.integrators import IMEX_DIAGONAL, TABLE, System
+from pfd_core.simulation.integrators import IMEX_DIAGONAL, TABLE, System, record_step
+from pfd_core.simulation.linearisation import ROUGH
 
 # A step's Jacobian has entries up to 1 and sums of some hundred terms of a few u.
 EXACT = 1e-13
@@ -78,7 +85,9 @@ def exact(
 CASES: dict[str, tuple[pfd.Robot, pfd.Scene]] = {
     'planar2': (pfd.load_robot('planar2'), pfd.Scene(damping=[0.3, 20.0])),
     'sliding': (
-        random_chain(np.random.default_rng(5), 3, 'rpr'),
+        random_chain(
+            np.random.default_rng(5), 3, joint_types=('revolute', 'prismatic', 'revolute')
+        ),
         pfd.Scene(damping=[0.5, 9.0, 2.0], armature=[0.1, 0.2, 0.3]),
     ),
 }
@@ -100,3 +109,210 @@ def test_a_and_b_are_the_derivatives_of_the_step_in_fifty_digits(
     wanted = exact(robot, scene, integrator, H, substeps, at)
     assert (A.shape, B.shape) == ((2 * n, 2 * n), (2 * n, n))
     assert np.abs(np.hstack([A, B]) - wanted).max() <= EXACT * np.abs(wanted).max()
+
+
+def differences(sim: pfd.Simulator, at: list[np.ndarray], **inputs: Any) -> np.ndarray:
+    """Return A and B, side by side, by central differences of the simulation itself."""
+    n = sim.robot.n
+    lags = sim.scene.motor_lag is not None
+    x = np.concatenate([at[0], at[1], *([at[2]] * lags), at[2]])
+
+    def end(x: np.ndarray) -> np.ndarray:
+        motor = {'tau_motor': x[2 * n : 3 * n]} if lags else {}
+        sim.reset(x[:n], x[n : 2 * n], **motor)
+        sim.step(x[-n:], **inputs)
+        rows = [sim.q, sim.qd]
+        if lags:
+            rows.append(np.array(sim._now.arrays['tau_motor']))
+        return np.concatenate(rows)
+
+    step = 1e-6
+    columns = [(end(x + e) - end(x - e)) / (2 * step) for e in step * np.eye(len(x))]
+    return np.array(columns).T
+
+
+FULL = pfd.Scene(
+    damping=[1.0, 2.0, 0.5],
+    armature=[0.5, 0.2, 0.1],
+    external_wrench=True,
+    brakes=True,
+    payload=pfd.Payload(2.0, (0.1, 0.0, 0.1)),
+    stiffness=[3.0, 1.0, 2.0],
+    gravity_compensation=True,
+    effort_limits=[0.4, 900.0, 900.0],
+)
+
+
+@pytest.mark.parametrize('integrator', TABLE)
+@pytest.mark.parametrize('lag', [None, [0.01, 0.0, 0.02]])
+def test_a_and_b_of_a_full_scene_are_differences_of_the_simulation(
+    integrator: str, lag: list[float] | None
+) -> None:
+    robot = random_chain(np.random.default_rng(8), 3, 0.0)
+    scene = replace(FULL, motor_lag=lag)
+    sim = pfd.Simulator(robot, scene, step_size=4e-3, substeps=2, integrator=integrator)
+    q, qd, tau = state(3, 1)
+    # The torque of the first motor is beyond its limit.
+    tau[0] = 1000.0
+    inputs = {'wrench': np.arange(6.0), 'brakes': [False, True, False]}
+    A, B = sim.linearize(q, qd, tau, **inputs)
+    wanted = differences(sim, [q, qd, tau], **inputs)
+    rows = 9 if lag else 6
+    assert (A.shape, B.shape) == ((rows, rows), (rows, 3))
+    # A held joint forgets its velocity and feels no torque.
+    assert not A[:, 4].any()
+    assert not A[[1, 4], :][:, [0, 2, 3, 4, 5]].any()
+    assert A[1, 1] == 1.0
+    assert not B[:6, :2].any()
+    found = np.hstack([A, B])
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=DIFFERENCES * np.abs(wanted).max())
+
+
+def test_rk4_is_linearised_as_products_of_pinocchios_derivatives() -> None:
+    robot = pfd.load_robot('ur5')
+    sim = pfd.Simulator(robot, step_size=H, substeps=1, integrator='rk4')
+    oracle = Oracle(robot)
+    model, data = oracle.model, oracle.data
+    q, qd, tau = state(6, 2)
+    unit, zero = np.eye(6), np.zeros((6, 6))
+    dq, dv = np.hstack([unit, zero, zero]), np.hstack([zero, unit, zero])
+    dtau = np.hstack([zero, zero, unit])
+
+    def stage(q: Any, v: Any, dq: Any, dv: Any) -> tuple[np.ndarray, np.ndarray]:
+        pin.computeABADerivatives(model, data, q, v, tau)
+        jacobian = (data.ddq_dq, data.ddq_dv, data.Minv)
+        a = pin.aba(model, data, q, v, tau)
+        return a.copy(), jacobian[0] @ dq + jacobian[1] @ dv + jacobian[2] @ dtau
+
+    v, d = [qd], [dv]
+    a, da = zip(*[stage(q, qd, dq, dv)], strict=True)
+    a, da = [*a], [*da]
+    for part in (0.5, 0.5, 1.0):
+        at = q + part * H * v[-1], qd + part * H * a[-1]
+        by = dq + part * H * d[-1], dv + part * H * da[-1]
+        acceleration, derivative = stage(*at, *by)
+        v.append(at[1])
+        d.append(by[1])
+        a.append(acceleration)
+        da.append(derivative)
+    weights = H / 6 * np.array([1, 2, 2, 1])
+    wanted = np.vstack(
+        [
+            dq + sum(w * x for w, x in zip(weights, d, strict=True)),
+            dv + sum(w * x for w, x in zip(weights, da, strict=True)),
+        ]
+    )
+    found = np.hstack(sim.linearize(q, qd, tau))
+    assert np.abs(found - wanted).max() <= PINOCCHIO * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('integrator', TABLE)
+def test_states_of_an_ensemble_are_linearised_by_the_bits_of_a_simulator(
+    integrator: str, dtype: str
+) -> None:
+    robot = pfd.load_robot('planar2')
+    settings: dict[str, Any] = {'integrator': integrator, 'dtype': dtype, 'substeps': 3}
+    scene = pfd.Scene(damping=[0.2, 30.0])
+    sim, many = (
+        pfd.Simulator(robot, scene, **settings),
+        pfd.Ensemble(robot, 21, scene, **settings),
+    )
+    q, qd, tau = state(robot.n, 4, 21)
+    A, B = many.linearize(q, qd, tau[0])
+    assert (A.shape, B.shape) == ((21, 4, 4), (21, 4, 2))
+    assert A.dtype == dtype
+    for k in range(21):
+        one = sim.linearize(q[k], qd[k], tau[0])
+        np.testing.assert_array_equal(A[k], one[0])
+        np.testing.assert_array_equal(B[k], one[1])
+
+
+def test_the_state_of_a_simulation_plays_no_part_and_stays() -> None:
+    sim = pfd.Simulator(
+        pfd.load_robot('ur5'), pfd.Scene(friction=[1.0, 1.0, 1.0, 1e-2, 1e-2, 1e-3])
+    )
+    at = state(6, 1)
+    before = sim.linearize(*at)
+    sim.reset(at[1])
+    sim.step(at[2])
+    q, time = sim.q, sim.time
+    for one in (sim, pickle.loads(pickle.dumps(sim))):
+        for wanted, found in zip(before, one.linearize(*at), strict=True):
+            np.testing.assert_array_equal(found, wanted)
+    np.testing.assert_array_equal(sim.q, q)
+    assert sim.time == time
+
+
+ROUGHLY = pfd.Scene(
+    damping=[0.5, 0.4],
+    friction=[0.5, 0.3],
+    static_friction=[2.0, 50.0],
+    joint_limits=[[-1.0, 1.0], [-2.0, 2.0]],
+)
+
+
+def test_sliding_joints_have_constant_friction_and_resting_ones_are_held() -> None:
+    robot = pfd.load_robot('planar2')
+    sim = pfd.Simulator(robot, ROUGHLY)
+    q, qd, tau = np.array([0.2, 0.7]), np.array([0.5, 0.0]), np.array([1.0, 0.1])
+    A, B = sim.linearize(q, qd, tau)
+    smooth = pfd.Simulator(robot, replace(ROUGHLY, **ROUGH, brakes=True))
+    held = smooth.linearize(q, qd, tau - [0.5, 0.0], brakes=[False, True])
+    np.testing.assert_array_equal(A, held[0])
+    np.testing.assert_array_equal(B, held[1])
+    assert not B[:, 1].any()
+    moving = differences(sim, [q, qd, tau])[:, [0, 2, 4]]
+    np.testing.assert_allclose(np.hstack([A, B])[:, [0, 2, 4]], moving, rtol=0, atol=DIFFERENCES)
+
+
+@pytest.mark.parametrize(
+    ('q', 'qd', 'tau', 'message'),
+    [
+        ((0.2, 0.7), (1e-3, 0.0), (-30.0, 0.1), "joint 'joint1' of state 0 comes to rest"),
+        ((0.9999, 0.7), (3.0, 0.0), (0.0, 0.1), "joint 'joint1' of state 0 reaches its stop"),
+    ],
+)
+def test_an_event_in_the_step_is_named(q: Any, qd: Any, tau: Any, message: str) -> None:
+    robot = pfd.load_robot('planar2')
+    name = robot.joint_names[0]
+    with pytest.raises(ValueError, match=message.replace('joint1', name)):
+        pfd.Simulator(robot, ROUGHLY).linearize(q, qd, tau)
+    many = pfd.Ensemble(robot, 3, ROUGHLY)
+    rows = np.array([(0.2, 0.7), q, (0.1, 0.3)]), np.array([(0.5, 0.5), qd, (0.6, -0.4)])
+    with pytest.raises(ValueError, match=message.replace('joint1', name).replace('0', '1', 1)):
+        many.linearize(*rows, [(1.0, 0.1), tau, (1.0, 0.1)])
+
+
+@pytest.mark.parametrize(
+    'effects', [{'effort_limits': [9.0, 9.0]}, {'stribeck_velocity': [0.1, 0.1]}]
+)
+def test_friction_that_varies_within_a_step_is_refused(effects: dict[str, Any]) -> None:
+    sim = pfd.Simulator(pfd.load_robot('planar2'), replace(ROUGHLY, **effects))
+    with pytest.raises(ValueError, match=f"friction and '{next(iter(effects))}'"):
+        sim.linearize([0.0, 0.0], [1.0, 1.0], [0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'message'),
+    [
+        ({'q': [0.0]}, r'q must have shape \(2,\), got \(1,\)'),
+        ({'qd': [np.nan, 0.0]}, 'qd must be finite'),
+        ({'wrench': np.zeros(6)}, 'wrench was given, but'),
+    ],
+)
+def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> None:
+    sim = pfd.Simulator(pfd.load_robot('planar2'))
+    given = {name: [0.0, 0.0] for name in ('q', 'qd', 'tau')} | arguments
+    with pytest.raises(ValueError, match=message):
+        sim.linearize(**given)
+
+
+def test_the_length_of_a_linearised_step_does_not_grow_with_the_joints() -> None:
+    lengths = []
+    for n in (12, 24):
+        step = record_step(TABLE['rk4'], n, H)
+        dynamics = Program(1, (), dict.fromkeys(('q', 'qd', 'tau'), n), {})
+        lengths.append(len(linear_step(step, {'qdd': dynamics}, Format('float64', 1))))
+    # Rows of the state and stages grow by n, matrices do not.
+    assert lengths[1] < 2.5 * lengths[0]

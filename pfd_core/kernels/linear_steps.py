@@ -9,7 +9,7 @@ each stage of the integrator; native code multiplies them up (codegen.linear_ste
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 
 from pfd_core.kernels.auto import choose
@@ -17,7 +17,7 @@ from pfd_core.kernels.codegen.linear_step import called, state_rows
 from pfd_core.kernels.codegen.module import linear_module
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.simulations import plants
-from pfd_core.kernels.source import KernelSource, derivatives, plant_of
+from pfd_core.kernels.source import KernelSource, ProductSource, derivatives, plant_of
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
 from pfd_core.model.plant import without_step_effects
@@ -26,7 +26,7 @@ from pfd_core.model.plant import without_step_effects
 class LinearSource(KernelSource):
     """The source of a linearised step, made of the sources of the functions that it calls."""
 
-    def __init__(self, step: Program, substeps: int, sources: dict[str, KernelSource]) -> None:
+    def __init__(self, step: Program, substeps: int, sources: Mapping[str, ProductSource]) -> None:
         self._step, self._substeps, self._sources = step, substeps, sources
         self.key = ('linear step', str(step), str(substeps))
         for source in sources.values():
@@ -46,7 +46,7 @@ class LinearSource(KernelSource):
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the LLVM text of the kernel."""
-        programs = {name: source.program for name, source in self._sources.items()}
+        programs = {name: source.factors for name, source in self._sources.items()}
         return linear_module(self._step, programs, self._substeps, dtype, width, angles)
 
 

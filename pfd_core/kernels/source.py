@@ -167,7 +167,7 @@ class ProductSource(KernelSource):
 
     @cached_property
     def _stages(self) -> Stages:
-        return Stages(**{k: multiplied(p) for k, p in vars(self._factor_stages).items()})
+        return Stages(**{k: _product(p) for k, p in vars(self._factor_stages).items()})
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the module of a kernel, which computes the factors and multiplies them."""
@@ -231,6 +231,12 @@ def plant_of(robot: Robot, scene: Scene | None, dtype: str) -> tuple[Plant, Scen
 def turned_joints(robot: Robot) -> tuple[int, ...]:
     """Return the joints whose position is an angle."""
     return tuple(i for i, kind in enumerate(robot.joint_types) if kind != 'prismatic')
+
+
+def _product(factors: Program) -> Program:
+    """Return the program of a product alone."""
+    program = multiplied(factors)
+    return replace(program, outputs={'derivatives': program.outputs['derivatives']})
 
 
 def _are_facts(value: Any) -> bool:

@@ -177,14 +177,17 @@ def check_no_event(
     reversed_ = np.sign(rough[1]) * np.sign(smooth[1]) < 0
     if not (apart | reversed_).any():
         return
-    excess = np.where(apart | reversed_, np.abs(rough[1] - smooth[1]), -1.0)
-    state, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)
     limits = resolve(robot, scene).joint_limits
-    q = rough[0][state, joint]
-    kind = 'comes to rest, reverses or breaks loose'
-    if limits is not None and not limits[joint, 0] < smooth[0][state, joint] < limits[joint, 1]:
-        kind = f'reaches its stop at {q:g}'
+    beyond = np.zeros_like(apart)
+    if limits is not None:
+        beyond = (smooth[0] <= limits[:, 0]) | (smooth[0] >= limits[:, 1])
+    # A joint at its stop first: the impact changes the velocities of others.
+    wrong, event = beyond & apart, 'reaches its stop'
+    if not wrong.any():
+        wrong, event = apart | reversed_, 'comes to rest, reverses or breaks loose'
+    change = np.where(wrong, np.abs(rough[1] - smooth[1]), -1.0)
+    state, joint = np.unravel_index(int(np.argmax(change)), change.shape)
     raise ValueError(
-        f'joint {quote(robot.joint_names[joint])} of state {state} {kind} within the step: a step '
-        'with an event has no derivative'
+        f'joint {quote(robot.joint_names[joint])} of state {state} {event} within the step: a '
+        'step with an event has no derivative'
     )

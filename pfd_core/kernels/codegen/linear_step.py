@@ -79,6 +79,11 @@ def state_rows(step: Program) -> tuple[str, ...]:
     return tuple(name for name in step.outputs if name in (*MOTION, MOTOR_TORQUE))
 
 
+def _carried_rows(step: Program) -> tuple[str, ...]:
+    """Return the rows that one step hands to the next: also the acceleration, where it does."""
+    return (*state_rows(step), *(('qdd',) if 'qdd' in step.inputs else ()))
+
+
 def called(step: Program) -> tuple[str, ...]:
     """Return the functions that a linearised step calls."""
     names = [instruction.data for instruction in step.instructions if instruction.op == 'call']
@@ -87,7 +92,7 @@ def called(step: Program) -> tuple[str, ...]:
 
 def linear_step(step: Program, dynamics: Mapping[str, Program], form: Format) -> str:
     """
-    Return `void @linear_step(state..., tau, extra..., S)`: it advances the state in place.
+    Return `void @linear_step(rows..., tau, extra..., S)`: it advances the rows in place.
 
     Parameters
     ----------
@@ -98,7 +103,7 @@ def linear_step(step: Program, dynamics: Mapping[str, Program], form: Format) ->
     form : Format
         Number format and width; arrays are not strided.
 
-    S, (rows n, (rows + 1) n), is the derivative of the rows of the state by them and by tau.
+    S, (rows n, (rows + 1) n), is the derivative of the carried rows by themselves and by tau.
     """
     parameters = ', '.join(f'ptr %{name}' for name in (*_arguments(step, dynamics), 'S'))
     ir = Function(f'define internal void @linear_step({parameters}) noinline')
@@ -109,7 +114,7 @@ def linear_step(step: Program, dynamics: Mapping[str, Program], form: Format) ->
 
 def _arguments(step: Program, dynamics: Mapping[str, Program]) -> tuple[str, ...]:
     """Return the arguments of @linear_step: rows of the state, the torque, other inputs."""
-    own = (*state_rows(step), COMMAND)
+    own = (*_carried_rows(step), COMMAND)
     extra = {name for program in dynamics.values() for name in arguments(program)}
     return (*own, *sorted(extra - {*own}))
 
@@ -122,7 +127,7 @@ class _Step:
     ) -> None:
         self._ir, self._step, self._dynamics, self._form = ir, step, dynamics, form
         self._n = n = step.lanes
-        self._inputs = (*state_rows(step), COMMAND)
+        self._inputs = (*_carried_rows(step), COMMAND)
         self._m = n * len(self._inputs)
         self._matrices = Matrices(ir, form)
         self._jacobian = self._matrices.new(n, 3 * n)
@@ -137,7 +142,7 @@ class _Step:
             value, tangent = self._row(*instruction[:3])
             self._values.append(value)
             self._tangents.append(tangent)
-        rows = state_rows(self._step)
+        rows = _carried_rows(self._step)
         for part, name in enumerate(rows):
             register = self._step.outputs[name].places[0][0]
             block = Matrix('%S', self._m)
@@ -156,7 +161,8 @@ class _Step:
             return self._call(data, [self._values[a] for a in args], tangents)
         if op == 'input':
             assert isinstance(data, tuple)
-            return self._input(str(data[0][0]))
+            name = str(data[0][0])
+            return self._read(f'%{name}'), Tangent({name: (1.0,) * n})
         if op == 'constant':
             assert isinstance(data, tuple)
             return [form.constant(x) for x in data], Tangent()
@@ -185,14 +191,6 @@ class _Step:
     def _constant(self, register: int) -> Factors | None:
         op, _, data, *_ = self._step.instructions[register]
         return tuple(data) if op == 'constant' else None
-
-    def _input(self, name: str) -> tuple[list[str], Tangent]:
-        """Return a row of the state; the acceleration at the beginning is computed."""
-        rows = {row: self._read(f'%{row}') for row in MOTION if row == name or name == 'qdd'}
-        if name == 'qdd':
-            own = [Tangent({row: (1.0,) * self._n}) for row in MOTION]
-            return self._call('qdd', [*rows.values()], own)
-        return self._read(f'%{name}'), Tangent({name: (1.0,) * self._n})
 
     def _read(self, address: str) -> list[str]:
         return [self._form.read(self._ir, Array(address), k) for k in range(self._n)]
@@ -261,42 +259,40 @@ def linearisation(
     step: Program, dynamics: Mapping[str, Program], form: Format, substeps: int
 ) -> str:
     """
-    Return `void @evaluate(inputs..., out)`: S of some substeps, from the state at their beginning.
+    Return `void @evaluate(inputs..., out)`: the derivative of the state after some substeps.
 
-    Arrays are of the format, strided or not. A joint that its brake holds loses its velocity
-    first, so that nothing depends on that. Motors with a lag have reached the torque.
+    It is that by the state before them and by the torque, (rows n, (rows + 1) n). Arrays are of
+    the format, strided or not. A joint that its brake holds loses its velocity first, so that
+    nothing depends on that. Motors with a lag have reached the torque.
     """
-    n, rows = step.lanes, state_rows(step)
+    n, rows, carried = step.lanes, state_rows(step), _carried_rows(step)
     inner = Format(form.dtype, form.width)
     names = _arguments(step, dynamics)
-    given = (*(name for name in ARGUMENTS if name in names), 'out')
+    given = (*(name for name in ARGUMENTS if name in names and name not in carried[2:]), 'out')
     ir = Function(f'define void @evaluate({form.parameters(given)})')
+    own = _copied(ir, form, names, n)
     matrices = Matrices(ir, inner)
-    height, m = n * len(rows), n * (len(rows) + 1)
-    own = {}
-    for name in names:
-        size = 6 if name == 'wrench' else n
-        own[name] = ir.array(form.type, size)
-        source = form.parameter(COMMAND if name == MOTOR_TORQUE else name)
-        for k in range(size):
-            value = form.read(ir, source, k)
-            if name == 'qd' and 'free' in names:
-                value = _while_free(ir, form, k, value)
-            inner.write(ir, Array(own[name]), k, value)
-    total, once, product = (matrices.new(height, m) for _ in range(3))
-    state = [f'ptr {address}' for address in own.values()]
-    ir.call('void', 'linear_step', *state, f'ptr {total.address}')
-    if substeps > 1:
-        with ir.loop(substeps, start='1'):
-            ir.call('void', 'linear_step', *state, f'ptr {once.address}')
-            matrices.combine(product, (height, height), [])
-            matrices.combine(
-                product.block(height), (height, n), [(once.block(height), (1.0,) * height)]
-            )
-            pairs = [(once, total)]
-            matrices.add_products(product, (height, m), pairs, height, product)
-            matrices.combine(total, (height, m), [(product, (1.0,) * height)])
-    for i in range(height):
+    height, m = n * len(carried), n * (len(rows) + 1)
+    once = matrices.new(height, height + n)
+    arguments_ = [f'ptr {own[name]}' for name in names]
+    total = once
+    if 'qdd' in carried:
+        total = _beginning(ir, matrices, step, dynamics, own, form)
+    else:
+        ir.call('void', 'linear_step', *arguments_, f'ptr {once.address}')
+    further = substeps - (total is once)
+    if further:
+        total, product = matrices.new(height, m), total
+        ones = (1.0,) * height
+        matrices.combine(total, (height, m), [(product, ones)])
+        product = matrices.new(height, m)
+        with ir.loop(further):
+            ir.call('void', 'linear_step', *arguments_, f'ptr {once.address}')
+            matrices.combine(product, (height, m - n), [])
+            matrices.combine(product.block(m - n), (height, n), [(once.block(height), ones)])
+            matrices.add_products(product, (height, m), [(once, total)], height, product)
+            matrices.combine(total, (height, m), [(product, ones)])
+    for i in range(n * len(rows)):
         for j in range(m):
             value = inner.read(ir, Array(total.address), i * m + j)
             if 'free' in names and n <= j < 2 * n:
@@ -304,6 +300,51 @@ def linearisation(
             form.write(ir, form.parameter('out'), i * m + j, value)
     ir.ret()
     return str(ir)
+
+
+def _copied(ir: Function, form: Format, names: Sequence[str], n: int) -> dict[str, str]:
+    """Return the addresses of copies of the inputs, with velocities of held joints zero."""
+    own, inner = {}, Format(form.dtype, form.width)
+    for name in names:
+        size = 6 if name == 'wrench' else n
+        own[name] = ir.array(form.type, size)
+        if name == 'qdd':
+            continue
+        source = form.parameter(COMMAND if name == MOTOR_TORQUE else name)
+        for k in range(size):
+            value = form.read(ir, source, k)
+            if name == 'qd' and 'free' in names:
+                value = _while_free(ir, form, k, value)
+            inner.write(ir, Array(own[name]), k, value)
+    return own
+
+
+def _beginning(
+    ir: Function,
+    matrices: Matrices,
+    step: Program,
+    dynamics: Mapping[str, Program],
+    own: Mapping[str, str],
+    form: Format,
+) -> Matrix:
+    """Write the acceleration before the first step; return the derivative of what it carries."""
+    n, rows = step.lanes, state_rows(step)
+    size = n * len(rows)
+    result, jacobian = matrices.new(size + n, size + n), matrices.new(n, 3 * n)
+    operands = [own[name] for name in arguments(dynamics['qdd'])]
+    operands += [own['qdd'], jacobian.address]
+    ir.call('void', 'jacobian_qdd', *(f'ptr {address}' for address in operands))
+    matrices.combine(result, (size + n, size + n), [])
+    inner = Format(form.dtype, form.width)
+    for k in range(size):
+        inner.write(ir, Array(result.address), k * (size + n) + k, inner.constant(1.0))
+    last = Matrix(ir.element(form.type, result.address, size * (size + n)), size + n)
+    ones = (1.0,) * n
+    matrices.combine(last, (n, 2 * n), [(jacobian, ones)])
+    # The torque at the beginning is the motors', which may be a row of the state.
+    torque = n * (rows.index(MOTOR_TORQUE) if MOTOR_TORQUE in rows else len(rows))
+    matrices.combine(last.block(torque), (n, n), [(jacobian.block(2 * n), ones)])
+    return result
 
 
 def _while_free(ir: Function, form: Format, k: int, value: str) -> str:

@@ -5,6 +5,7 @@ Whole modules of LLVM IR: the functions of a kernel or of a simulation, and thei
 
     kernel_module      one state or a batch, called from Python
     product_module     the same, of a result that is a product of a program's outputs
+    linear_module      the same, of the linearised steps of an integrator
     rollout_module     the simulation of one arm
     ensemble_module    the simulations of many arms, one per SIMD lane
 """
@@ -19,9 +20,10 @@ from pfd_core.kernels.codegen.arms import arms, ensemble
 from pfd_core.kernels.codegen.body import body
 from pfd_core.kernels.codegen.chunks import batch_of
 from pfd_core.kernels.codegen.copies import copies
-from pfd_core.kernels.codegen.evaluate import evaluate
+from pfd_core.kernels.codegen.evaluate import evaluate, wrap_row
 from pfd_core.kernels.codegen.law import whole_state
-from pfd_core.kernels.codegen.product import product, vector_widths
+from pfd_core.kernels.codegen.linear_step import linear_step, linearisation, state_rows
+from pfd_core.kernels.codegen.product import factors_body, jacobian, product, vector_widths
 from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir
 from pfd_core.kernels.codegen.rollout import accelerations, rollout
 from pfd_core.kernels.codegen.spelling import Format
@@ -61,6 +63,34 @@ def product_module(program: Program, dtype: str, width: int, angles: Sequence[in
     functions = product(program, form, angles)
     entries = _entries(program, form, (n, 3 * n))
     return module([functions, *entries], form, angles, vector_widths(form))
+
+
+def linear_module(
+    step_program: Program,
+    dynamics: Mapping[str, Program],
+    substeps: int,
+    dtype: str,
+    width: int,
+    angles: Sequence[int],
+) -> str:
+    """
+    Return the module of a kernel of the linearised steps of an integrator.
+
+    `dynamics` are programs of factors, of the derivatives of the functions that the step calls.
+    """
+    inner, form = Format(dtype, width), Format(dtype, width, strided=width > 1)
+    functions = [wrap_row(inner)] if angles else []
+    inputs: dict[str, int] = {}
+    for name, program in dynamics.items():
+        functions += [factors_body(program, inner, f'_{name}')]
+        functions += [jacobian(program, inner, angles, f'_{name}')]
+        inputs |= program.inputs
+    functions.append(linear_step(step_program, dynamics, inner))
+    functions.append(linearisation(step_program, dynamics, form, substeps))
+    n, rows = step_program.lanes, len(state_rows(step_program))
+    signature = Program(1, (), inputs, {})
+    entries = _entries(signature, form, (n * rows, n * (rows + 1)))
+    return module([*functions, *entries], form, angles, vector_widths(inner))
 
 
 def _entries(program: Program, form: Format, shape: Sequence[int]) -> list[str]:

@@ -47,6 +47,11 @@ def product(program: Program, form: Format, angles: Sequence[int], suffix: str =
     return '\n\n'.join(functions)
 
 
+def factors_body(program: Program, form: Format, suffix: str = '') -> str:
+    """Return @body of the factors, which follow one another in its result."""
+    return body(joined(program), form, suffix, scratch=True)
+
+
 def jacobian(program: Program, form: Format, angles: Sequence[int], suffix: str = '') -> str:
     """Return `void @jacobian(inputs..., qdd, out)`, which runs the @body of `product`."""
     return _function('jacobian', program, form, angles, ('qdd', 'out'), suffix)

@@ -47,6 +47,8 @@ class Axes:
         Cosine and sine of theta_i and of alpha_(i-1).
     square : bool
         Whether alpha_(i-1) is 90 degrees, one way or the other, exactly.
+    parallel : bool
+        Whether alpha_(i-1) is zero, exactly.
     r : LaneArray
         (3,), origin of B_i from that of B_(i-1), in axes B_(i-1) [m].
 
@@ -56,6 +58,7 @@ class Axes:
     turn: tuple[Lanes, Lanes]
     twist: tuple[Lanes, Lanes]
     square: bool
+    parallel: bool
     r: LaneArray
 
 
@@ -119,7 +122,8 @@ def axes_at(recorder: Recorder, link: JointAxes, q: Lanes) -> Axes:
     else:
         c, s = cos(q), sin(q)
         turn = c * c0 - s * s0, s * c0 + c * s0
-    return Axes(slides=link.slides, turn=turn, twist=twist, square=link.twist[0] == 0, r=r)
+    square, parallel = link.twist[0] == 0, link.twist == (1, 0)
+    return Axes(link.slides, turn, twist, square, parallel, r)
 
 
 def inward(link: Axes, v: LaneArray) -> LaneArray:

@@ -20,8 +20,7 @@ from zoo import Array, random_chain, random_state
 from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.machine.emulator import run
-from pfd_core.model import Payload, Plant, Robot, Scene, load_robot, resolve
-from pfd_core.model.frames import Frame
+from pfd_core.model import Frame, Payload, Plant, Robot, Scene, load_robot, resolve
 from pfd_core.model.geometry import rotation_z
 
 FEW, MANY = 12, 100

@@ -17,8 +17,16 @@ from zoo import FORK, ODD_ARM, Array, random_chain, random_rotation
 
 from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.machine.emulator import run
-from pfd_core.model import Payload, Robot, load_robot, lock, resolve, robot_to_yaml, with_payload
-from pfd_core.model.frames import Frame
+from pfd_core.model import (
+    Frame,
+    Payload,
+    Robot,
+    load_robot,
+    lock,
+    resolve,
+    robot_to_yaml,
+    with_payload,
+)
 
 FINGERS = {'left_finger': 0.02, 'right_finger': 0.03}
 

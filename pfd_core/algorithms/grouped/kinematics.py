@@ -41,8 +41,7 @@ from pfd_core.algorithms.grouped.newton_euler import Axes, axes_at, inward, move
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, constants, cross
-from pfd_core.model import Plant
-from pfd_core.model.frames import Frame
+from pfd_core.model import Frame, Plant
 from pfd_core.model.geometry import product
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 import copy
 from dataclasses import FrozenInstanceError, replace
 import pickle
+import re
 
 import numpy as np
 from oracle import relative
@@ -16,8 +17,16 @@ from zoo import FORK, ODD_ARM, Array, random_chain, random_rotation
 
 from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.machine.emulator import run
-from pfd_core.model import Payload, Robot, load_robot, lock, resolve, with_payload
-from pfd_core.model.frames import Frame
+from pfd_core.model import (
+    Frame,
+    Payload,
+    Robot,
+    load_robot,
+    lock,
+    resolve,
+    robot_to_yaml,
+    with_payload,
+)
 
 FINGERS = {'left_finger': 0.02, 'right_finger': 0.03}
 
@@ -81,6 +90,45 @@ def test_frames_make_no_other_robot() -> None:
     robot = load_robot(ODD_ARM)
     assert replace(robot, frames={}) == robot
     assert replace(robot, frames={}).digest == robot.digest
+
+
+def test_storing_and_loading_frames_loses_no_bit() -> None:
+    for robot in (load_robot(ODD_ARM), carried(7)[1]):
+        again = load_robot(robot_to_yaml(robot, frames=True))
+        assert again == robot
+        assert dict(again.frames) == dict(robot.frames)
+        assert set(load_robot(robot_to_yaml(robot)).frames) == {robot.base, robot.tip}
+
+
+TABLE = """
+robot: arm
+joints:
+- {name: a, type: revolute, mass: 1, dh: {a: 1, d: 0, alpha_deg: 0, theta_deg: 0}}
+frames:
+"""
+
+
+def test_a_file_may_name_frames() -> None:
+    robot = load_robot(TABLE + '  grip: {link: 1, translation: [0, 0.5, 0]}')
+    assert list(robot.frames) == ['base', 'grip', 'tip']
+    np.testing.assert_allclose(pose(robot, 'grip', np.array([np.pi / 2]))[:3, 3], [-0.5, 1, 0])
+
+
+@pytest.mark.parametrize(
+    ('line', 'message'),
+    [
+        ('  - grip', "frames must be a table of frames by name, got ['grip']"),
+        ('  grip: {}', "frame 'grip' has no 'link'"),
+        ('  grip: {link: 1, size: 2}', "frame 'grip' has an unknown key 'size'"),
+        ('  grip: {link: 0.5}', "link of frame 'grip' must be a whole number, got 0.5"),
+        ('  grip: {link: -1}', 'link of a frame must be an index from 0, got -1'),
+        ('  grip: {link: 2}', "'arm': frame 'grip' must be a Frame on a link from 0 to 1"),
+        ('  grip: {link: 1, translation: [0, 0]}', "translation in frame 'grip' must have shape"),
+    ],
+)
+def test_a_wrong_frame_in_a_file_is_refused_and_named(line: str, message: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(message)):
+        load_robot(TABLE + line)
 
 
 def test_frames_are_equal_when_their_numbers_are() -> None:

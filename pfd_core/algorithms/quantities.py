@@ -41,9 +41,8 @@ from pfd_core.algorithms.grouped.kinematics import (
     record_wrench_torques,
 )
 from pfd_core.machine.program import Program
-from pfd_core.model import Plant, check_instant
+from pfd_core.model import Frame, Plant, check_instant
 from pfd_core.model.error_text import quote
-from pfd_core.model.frames import Frame
 
 Record = Callable[[Plant, str | None], Program]
 

@@ -32,6 +32,7 @@ its term is recorded by pfd_core.algorithms (chain.joint_torques for an effect o
 chain.drives for one of the motors).
 """
 
+from pfd_core.model.frames import Frame
 from pfd_core.model.loading import known_robots, load_robot, load_scene
 from pfd_core.model.plant import Plant, check_instant, without_step_effects
 from pfd_core.model.robot import PhysicsWarning, Robot
@@ -43,6 +44,7 @@ from pfd_core.model.scene_numbers import resolve
 from pfd_core.model.yaml_robot import robot_to_yaml
 
 __all__ = [
+    'Frame',
     'Payload',
     'PhysicsWarning',
     'Plant',

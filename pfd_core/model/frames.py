@@ -88,9 +88,9 @@ def with_ends(
                 f'{quote(robot)}: frame {quote(name)} must be a Frame on a link from 0 to {n}, '
                 f'got {quote(frame)}'
             )
-    end = Frame(n, np.eye(3), np.zeros(3))
-    start = Frame(0, np.eye(3), np.zeros(3))
-    return MappingProxyType({**frames, base: start, tip: end})
+    ends = {base: Frame(0, np.eye(3), np.zeros(3)), tip: Frame(n, np.eye(3), np.zeros(3))}
+    # The base comes first, and a tip that is no other link's last.
+    return MappingProxyType({base: ends[base], **frames, **ends})
 
 
 def known_frame(robot: str, frames: Mapping[str, Frame], name: object) -> Frame:

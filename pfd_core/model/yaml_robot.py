@@ -3,9 +3,10 @@
 """
 Robots as YAML: tables copied from papers, and robots stored to the last bit.
 
-A file holds `robot` (its name), `joints` (a list), and optionally `source`, `base`, `tip`.
-Each joint has `name`, `type` and `mass` [kg]; `center` [m] and `inertia` [kg m^2], about the
-centre of mass, with the elements `xx yy zz xy yz xz`, are zero by default. Its placement is one of
+A file holds `robot` (its name), `joints` (a list), and optionally `source`, `base`, `tip` and
+`frames`. Each joint has `name`, `type` and `mass` [kg]; `center` [m] and `inertia` [kg m^2],
+about the centre of mass, with the elements `xx yy zz xy yz xz`, are zero by default. Its placement
+is one of
 
     dh           {a, d, alpha_deg, theta_deg}, the standard row: turn theta + q about z, move d
                  along it, a along x, turn alpha about x. Body in the frame at the end.
@@ -21,6 +22,9 @@ published numbers break the triangle rule.
 
 `base` and `tip` are names of links, or {link, rotation, translation}: the placement of frame 0 in
 the base link; for modified_dh also that of the tip in the last joint's frame.
+
+`frames` has further frames by name, {link, rotation, translation}: fixed to link 1 to n and placed
+in that frame of `Robot`, or fixed to the base link, 0, and placed in its frame.
 """
 
 from __future__ import annotations
@@ -33,6 +37,7 @@ import numpy as np
 
 from pfd_core.model.checked_numbers import number_from_text, real_number
 from pfd_core.model.error_text import quote
+from pfd_core.model.frames import Frame
 from pfd_core.model.geometry import (
     Array,
     Placement,
@@ -51,10 +56,15 @@ UNLIMITED = dict.fromkeys(LIMIT_FIELDS, math.inf) | {'lower': -math.inf}
 PLACED_BY = ('dh', 'modified_dh', 'frame')
 ROW = ('a', 'd', 'alpha_deg', 'theta_deg')
 FRAME = ('rotation', 'translation')
+OPTIONAL = ('source', 'base', 'tip', 'frames')
 
 
-def robot_to_yaml(robot: Robot) -> str:
-    """Return a robot as YAML; `load_robot` makes the same robot of it, to the last bit."""
+def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
+    """
+    Return a robot as YAML; `load_robot` makes the same robot of it, to the last bit.
+
+    Frames other than those of base and tip are written if asked for: they change no motion.
+    """
     joints = []
     for i, name in enumerate(robot.joint_names):
         joint = {
@@ -79,7 +89,11 @@ def robot_to_yaml(robot: Robot) -> str:
         'translation': robot.base_position.tolist(),
     }
     document = {'robot': robot.name, 'source': robot.source, 'base': base, 'tip': robot.tip}
-    return yaml_text({**document, 'joints': joints})
+    further = {
+        name: {'link': frame.link} | {key: getattr(frame, key).tolist() for key in FRAME}
+        for name, frame in robot.frames.items()
+    }
+    return yaml_text(document | {'joints': joints} | ({'frames': further} if frames else {}))
 
 
 def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
@@ -100,7 +114,7 @@ def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
 
     """
     document = read_yaml(text, source)
-    document = table(quote(source), document, ('robot', 'joints'), ('source', 'base', 'tip'))
+    document = table(quote(source), document, ('robot', 'joints'), OPTIONAL)
     name = document['robot']
     rows = document['joints']
     if not isinstance(rows, list):
@@ -118,7 +132,21 @@ def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
         accepted=tuple(j['name'] for j in joints if j['accepted']),
         **_frames(name, joints, (base_rotation, base_position), document.get('tip', 'tip')),
         **fields,
+        frames=_further_frames(document.get('frames', {})),
     )
+
+
+def _further_frames(value: Any) -> dict[str, Frame]:
+    if not isinstance(value, Mapping):
+        raise ValueError(f'frames must be a table of frames by name, got {quote(value)}')
+    found = {}
+    for name, row in value.items():
+        label = f'frame {quote(name)}'
+        link = _number(f'link of {label}', table(label, row, ('link',), FRAME)['link'])
+        if not link.is_integer():
+            raise ValueError(f'link of {label} must be a whole number, got {link}')
+        found[name] = Frame(int(link), *_placement(label, row))
+    return found
 
 
 def _frames(name: str, joints: list[dict[str, Any]], base: Placement, tip: Any) -> dict[str, Any]:

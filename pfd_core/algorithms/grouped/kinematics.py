@@ -23,23 +23,25 @@ is in axes of the frame and about its origin, as the scene's wrench is in those 
 beyond the frame play no part: their columns, rates and torques are zero.
 
 Lynch and Park 2017, chapter 5 (Jacobians), in axes of pfd_core.algorithms.grouped.links. One
-register holds one number; everything of link i is in axes B_i.
+register holds one number; everything of link i is in axes B_i, or, along parallel joints, in axes
+that differ by a turn about z.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs, wrench_input
+from pfd_core.algorithms.chain.link_axes import planar
 from pfd_core.algorithms.grouped.links import centered_links
 from pfd_core.algorithms.grouped.newton_euler import Axes, axes_at, inward, moved, outward
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, constants, cross
-from pfd_core.model import Plant
-from pfd_core.model.frames import Frame
+from pfd_core.model import Frame, Plant
 from pfd_core.model.geometry import product
 
 
@@ -47,6 +49,7 @@ def record_pose(plant: Plant, frame: Frame) -> Program:
     """Return the program of the homogeneous pose, (4, 4), in the base link's frame, from q."""
     recorder, links, R, e = _links_to(plant, frame)
     with recorder.section('pose'):
+        links = _turned_once(links)
         x, y = R[:, 0], R[:, 1]
         for link in reversed(links):
             x, y, e = inward(link, x), inward(link, y), link.r + inward(link, e)
@@ -62,6 +65,7 @@ def record_jacobian(plant: Plant, frame: Frame) -> Program:
     recorder, links, _, e = _links_to(plant, frame)
     J = constants(recorder, np.zeros((6, plant.robot.n)))
     with recorder.section('jacobian'):
+        links = _turned_once(links)
         levers: list[LaneArray] = []
         for link in reversed(links):
             levers.insert(0, e)
@@ -82,8 +86,9 @@ def record_velocity(plant: Plant, frame: Frame) -> Program:
     recorder, links, _, e = _links_to(plant, frame)
     rates = input_list(recorder, 'qd', plant.robot.n)
     with recorder.section('velocity'):
+        links = _turned_once(links)
         v, w = constants(recorder, np.zeros((2, 3)))
-        for link, rate in zip(reversed(links), rates[len(links) - 1 :: -1], strict=True):
+        for link, rate in reversed(list(zip(links, rates, strict=False))):
             if link.slides:
                 v = array([v[0], v[1], v[2] + rate])
             else:
@@ -120,6 +125,25 @@ def _links_to(plant: Plant, frame: Frame) -> tuple[Recorder, list[Axes], LaneArr
         end = numbers[-1].end
         R, p = product(end.rotation, R), end.p + product(end.rotation, p)
     return recorder, links, constants(recorder, R), constants(recorder, p)
+
+
+def _turned_once(links: Sequence[Axes]) -> list[Axes]:
+    """
+    Return links in other axes along parallel joints: only the last of these joints turns its axes.
+
+    z and origins stay. Angles are added by their cosines and sines, one planar rotation a joint;
+    otherwise each vector that is carried along takes one.
+    """
+    result = list(links)
+    for i, link in enumerate(links):
+        if i and link.aligned:
+            c, s = result[i - 1].turn
+            (c0, s0), (x, y, z) = link.turn, link.r
+            straight = planar(c.recorder, (1.0, 0.0))
+            result[i - 1] = replace(result[i - 1], turn=straight)
+            turn = c * c0 - s * s0, s * c0 + c * s0
+            result[i] = replace(link, turn=turn, r=array([c * x - s * y, s * x + c * y, z]))
+    return result
 
 
 def _base(recorder: Recorder, plant: Plant, frame: Frame) -> tuple[LaneArray, LaneArray]:

@@ -5,7 +5,7 @@ The machine that algorithms are recorded for and run on; it knows no robots.
 
 In the order in which a text becomes a program and a result:
 
-    operations   the closed table of operations: meaning, LLVM spelling, cost column
+    operations   the closed table of operations: meaning, LLVM spelling, cost, rules of derivatives
     fused        meaning of `fma` on NumPy arrays, one rounding
     recorder     Lanes (the traced type, one value per lane) and Recorder, which writes the program
     lanes        functions of lane values: shift, broadcast, on, merge, where, sqrt, sin, cos
@@ -14,6 +14,8 @@ In the order in which a text becomes a program and a result:
     packing      partly filled rows of lanes packed onto full rows; packed recurrences
     iteration    a part of a program that is repeated until it has converged
     program      Program, Instruction, Output; step counts (Steps), utilisation, text form
+    extension    further instructions behind those of a program, equal expressions once
+    derivative   program -> program of its Jacobians or directional derivatives
     emulator     runs a program in lock-step on NumPy or mpmath numbers
     systolic     clocked array of cells, for the paper's triangular array
 

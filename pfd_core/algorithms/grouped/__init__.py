@@ -8,4 +8,7 @@ Serial methods at their cheapest, with grouped inertial parameters; kernels are 
     link_torques       inverse dynamics with parameters as given: the residual of refinement
     composite_body     H by composite bodies and L' D L: the whole program, for short chains
     articulated_body   articulated bodies: the whole program, for long chains
+    shared_axes        links in axes that parallel joints share, and moves between them
+    moving_composites  composite bodies with the moments of their velocities
+    torque_derivatives  derivatives of inverse dynamics by q and qd, from moving composites
 """

@@ -23,17 +23,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 import math
 
+import numpy as np
+
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.algorithms.grouped.newton_euler import (
     Link,
     grouped_equations,
     inward,
     inward_symmetric,
+    links_at,
     moved,
 )
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import LaneArray, Lanes
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Plant
 
@@ -41,17 +44,33 @@ from pfd_core.model import Plant
 def record_composite_body(plant: Plant, schedule: str) -> Program:
     """Return the program of qdd and pivots, (n,), from q, qd and tau; always sequential."""
     recorder, links, y = grouped_equations(plant)
-    with recorder.section('inertia matrix'):
-        H = _inertia_matrix(links)
-        if plant.armature is not None:
-            for i, rotor in enumerate(plant.armature):
-                H[i][i] = H[i][i] + float(rotor)
+    H = inertia_matrix(recorder, plant, links)
     free = None
     if plant.brakes:
         free = input_list(recorder, 'free', len(y))
     with recorder.section('solve'):
         x, pivots = solve(H, y, free)
     return program_with_outputs(recorder, qdd=x, pivots=pivots)
+
+
+def record_inertia_matrix(plant: Plant) -> Program:
+    """Return the program of H, (n, n), with the rotors' inertia, from q; brakes play no part."""
+    n = plant.robot.n
+    recorder = Recorder(1, 'sequential')
+    links, _ = links_at(recorder, plant, input_list(recorder, 'q', n))
+    H = inertia_matrix(recorder, plant, links)
+    recorder.output('H', (n, n), [(H[max(k)][min(k)], 0) for k in np.ndindex(n, n)])
+    return recorder.program()
+
+
+def inertia_matrix(recorder: Recorder, plant: Plant, links: Sequence[Link]) -> list[list[Lanes]]:
+    """Return the lower triangle of H by rows, with the rotors' inertia."""
+    with recorder.section('inertia matrix'):
+        H = _inertia_matrix(links)
+        if plant.armature is not None:
+            for i, rotor in enumerate(plant.armature):
+                H[i][i] = H[i][i] + float(rotor)
+    return H
 
 
 def _inertia_matrix(links: Sequence[Link]) -> list[list[Lanes]]:

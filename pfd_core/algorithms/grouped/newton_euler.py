@@ -45,8 +45,8 @@ class Axes:
         Whether its joint is translational.
     turn, twist : tuple of Lanes
         Cosine and sine of theta_i and of alpha_(i-1).
-    square : bool
-        Whether alpha_(i-1) is 90 degrees, one way or the other, exactly.
+    square, parallel : bool
+        Whether alpha_(i-1) is 90 degrees, one way or the other, or 0 or 180 degrees, exactly.
     r : LaneArray
         (3,), origin of B_i from that of B_(i-1), in axes B_(i-1) [m].
 
@@ -56,6 +56,7 @@ class Axes:
     turn: tuple[Lanes, Lanes]
     twist: tuple[Lanes, Lanes]
     square: bool
+    parallel: bool
     r: LaneArray
 
 
@@ -83,16 +84,21 @@ class Link(Axes):
 def grouped_equations(plant: Plant) -> tuple[Recorder, list[Link], list[Lanes]]:
     """Return a recorder, the links of a plant at the input q, and y, (n,) [N m or N]."""
     recorder = Recorder(1, 'sequential')
-    numbers, tip = grouped_links(plant)
     q, qd, tau = (input_list(recorder, name, plant.robot.n) for name in ('q', 'qd', 'tau'))
     tau = motor_torques(plant, tau, qd)
-    with recorder.section('rotations'):
-        links = [_link(recorder, link, q[i]) for i, link in enumerate(numbers)]
+    links, tip = links_at(recorder, plant, q)
     with recorder.section('bias'):
-        bias = _bias(recorder, plant, links, tip, qd)
+        bias = chain_torques(recorder, plant, links, tip, qd)
         y = [t - b for t, b in zip(tau, bias, strict=True)]
         y = minus_joint_torques(plant, y, qd)
     return recorder, links, y
+
+
+def links_at(recorder: Recorder, plant: Plant, q: Sequence[Lanes]) -> tuple[list[Link], Tip]:
+    """Return the links of a plant at the input q, base to tip, and the pose of frame n."""
+    numbers, tip = grouped_links(plant)
+    with recorder.section('rotations'):
+        return [_link(recorder, *pair) for pair in zip(numbers, q, strict=True)], tip
 
 
 def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
@@ -114,7 +120,8 @@ def axes_at(recorder: Recorder, link: JointAxes, q: Lanes) -> Axes:
     else:
         c, s = cos(q), sin(q)
         turn = c * c0 - s * s0, s * c0 + c * s0
-    return Axes(slides=link.slides, turn=turn, twist=twist, square=link.twist[0] == 0, r=r)
+    square, parallel = (x == 0 for x in link.twist)
+    return Axes(link.slides, turn, twist, square, parallel, r)
 
 
 def inward(link: Axes, v: LaneArray) -> LaneArray:
@@ -134,15 +141,15 @@ def outward(link: Axes, v: LaneArray) -> LaneArray:
 def inward_symmetric(link: Axes, X: LaneArray) -> LaneArray:
     """Return a symmetric matrix of B_i, six elements, in the axes B_(i-1): R X R'."""
     (c, s), (ca, sa) = link.turn, link.twist
-    xx, xy, xz, yy, yz, zz = _turned(c, s, X)
+    xx, xy, xz, yy, yz, zz = turned_about_z(c, s, X)
     if link.square:  # y and z change places, which takes no rounding
         return array([xx, -(sa * xz), sa * xy, zz, -yz, yy])
     # About x: the same with y, z, x in place of x, y, z.
-    yy, yz, xy, zz, xz, xx = _turned(ca, sa, array([yy, yz, xy, zz, xz, xx]))
+    yy, yz, xy, zz, xz, xx = turned_about_z(ca, sa, array([yy, yz, xy, zz, xz, xx]))
     return array([xx, xy, xz, yy, yz, zz])
 
 
-def _turned(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
+def turned_about_z(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
     """Return Rz X Rz'; cos^2 + sin^2 = 1 is used (8 multiplications, 8 additions)."""
     xx, xy, xz, yy, yz, zz = X
     t = s * (xx - yy) + c * (xy + xy)
@@ -150,12 +157,17 @@ def _turned(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
     return array([xx - st, c * t - xy, c * xz - s * yz, yy + st, s * xz + c * yz, zz])
 
 
-def _bias(
-    recorder: Recorder, plant: Plant, links: Sequence[Link], tip: Tip, qd: Sequence[Lanes]
+def chain_torques(
+    recorder: Recorder,
+    plant: Plant,
+    links: Sequence[Link],
+    tip: Tip,
+    qd: Sequence[Lanes],
+    qdd: Sequence[Lanes] | None = None,
 ) -> list[Lanes]:
-    """Return the bias, (n,): torques of links, gravity and wrench at qdd = 0."""
+    """Return the torques of links, gravity and wrench, (n,); without qdd the bias."""
     forces = []
-    for link, motion in zip(links, motions(recorder, plant, links, qd), strict=True):
+    for link, motion in zip(links, motions(recorder, plant, links, qd, qdd), strict=True):
         n = moment(motion, link.inertia) + cross(link.h, motion.a)
         forces.append((link.m * motion.a + motion.spin @ link.h, n))
     return joint_torques(recorder, plant, links, tip, forces)
@@ -259,13 +271,13 @@ def joint_torques(
         if f is not None:
             f, n = force[0] + f, force[1] + n
         else:
-            f, n = _less_wrench(recorder, tip, force) if plant.external_wrench else force
+            f, n = less_wrench(recorder, tip, force) if plant.external_wrench else force
         torques.append(f[2] if link.slides else n[2])
         f, n = moved(link, f, n)
     return torques[::-1]
 
 
-def _less_wrench(
+def less_wrench(
     recorder: Recorder, tip: Tip, force: tuple[LaneArray, LaneArray]
 ) -> tuple[LaneArray, LaneArray]:
     """Return force and moment of the last link minus the wrench on it."""

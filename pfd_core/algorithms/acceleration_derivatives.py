@@ -1,0 +1,260 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Derivatives of forward dynamics with respect to q, qd and tau, by the implicit function theorem.
+
+    r(q, qd, qdd) = ID(q, qd, qdd) - motor torques = 0,   X = H^-1 = (dr / d qdd)^-1
+    d qdd / d(q, qd) = -X D     D = dr / d(q, qd) at the answer qdd
+    d qdd / d tau    = X T      T = d motor torques / d tau, a diagonal; one without limits
+
+D of the links is that of pfd_core.algorithms.grouped.torque_derivatives, over composite bodies; H
+and the bias come out of it on the way, and H = L' D L gives qdd and X. D of the drives, which are
+of one joint each but for the gravity that they compensate, is the tangent of their own program
+(pfd_core.machine.derivative).
+
+A held joint has zeros in its row and its column of X. At a limit of a drive, where its torque has
+no derivative, the derivative is that on the side that the drive's own text selects.
+
+Carpentier and Mansard 2018 (derivatives of forward dynamics by those of inverse dynamics and
+H^-1).
+
+Cost: the product X D takes 2 n^3 multiplications, factors and X n^3 / 2 and all else n^2.
+One register holds one number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from pfd_core.algorithms.chain.drives import has_drives, record_motor_torques
+from pfd_core.algorithms.chain.interface import input_list
+from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
+from pfd_core.algorithms.convergence import with_nan_unless_converged
+from pfd_core.algorithms.grouped.link_torques import record_link_torques
+from pfd_core.algorithms.grouped.moving_composites import Matrix, composites, inertia_matrix
+from pfd_core.algorithms.grouped.newton_euler import links_at
+from pfd_core.algorithms.grouped.shared_axes import in_shared_axes
+from pfd_core.algorithms.grouped.torque_derivatives import (
+    by_positions,
+    by_velocities,
+    minus_bias,
+)
+from pfd_core.algorithms.refinement import inline, record_refined
+from pfd_core.machine.derivative import derivative
+from pfd_core.machine.lanes import where
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.vectors import array
+from pfd_core.model import Plant, check_instant
+
+OWN_METHOD = 'composite_body'
+
+
+def record_derivatives(plant: Plant, method: str = OWN_METHOD, refine: int = 0) -> Program:
+    """
+    Return the program of the factors of d qdd / d(q, qd, tau) = [-X D, X T], from q, qd and tau.
+
+    Parameters
+    ----------
+    plant : Plant
+        Robot and scene.
+    method : str
+        A name in METHODS, which gives the qdd at which D is taken.
+    refine : int
+        Steps of iterative refinement of that qdd.
+
+    Returns
+    -------
+    Program
+        Outputs `qdd`, (n,), `X`, (n, n), `D`, (n, 2 n), and where drives have limits `T`, (n,).
+
+    Raises
+    ------
+    ValueError
+        For an unknown method, and for effects that act over a step of time.
+
+    """
+    check_instant(plant)
+    n = plant.robot.n
+    recorder = Recorder(1, 'sequential')
+    q, qd = (input_list(recorder, name, n) for name in ('q', 'qd'))
+    links, tip = links_at(recorder, plant, q)
+    with recorder.section('shared axes'):
+        links = in_shared_axes(links)
+    chain = composites(recorder, links, qd)
+    by_qd = by_velocities(recorder, chain)
+    with recorder.section('solve'):
+        factors = _factors(plant, inertia_matrix(chain), _free(recorder, plant))
+    motors = inline(recorder, _record_motors(plant), {})
+    if method == OWN_METHOD:
+        y = minus_bias(recorder, plant, chain, tip, by_qd, motors['tau'], qd)
+        y = minus_joint_torques(plant, y, qd)
+        qdd = _refined(recorder, plant, factors, y, motors['tau'], refine)
+    else:
+        answer = with_nan_unless_converged(record_refined(plant, method, refine))
+        qdd = inline(recorder, answer, {})['qdd']
+    by_q = by_positions(recorder, plant, chain, tip, qd, qdd)
+    with recorder.section('joints and drives'):
+        D = _with_joints(plant, by_q, by_qd, motors)
+    with recorder.section('inverse'):
+        X = _inverse(factors)
+    recorder.output('qdd', (n,), [(value, 0) for value in qdd])
+    recorder.output('X', (n, n), [(value, 0) for row in X for value in row])
+    recorder.output('D', (n, 2 * n), [(value, 0) for row in D for value in row])
+    if _limited(plant):
+        by_tau = motors['d tau/d tau']
+        recorder.output('T', (n,), [(by_tau[i * n + i], 0) for i in range(n)])
+    return recorder.program()
+
+
+def record_acceleration_derivatives(
+    plant: Plant, method: str = OWN_METHOD, refine: int = 0
+) -> Program:
+    """
+    Return the program of `derivatives`, d qdd / d(q, qd, tau), (n, 3 n), from q, qd and tau.
+
+    Parameters and errors are those of record_derivatives, whose factors are multiplied here: sums
+    in the order of the joints, each product after the first fused with the sum so far.
+    """
+    n = plant.robot.n
+    recorder = Recorder(1, 'sequential')
+    parts = inline(recorder, record_derivatives(plant, method, refine), {})
+    X, D = array(parts['X']).reshape(n, n), array(parts['D']).reshape(n, 2 * n)
+    with recorder.section('product'):
+        by_tau = X * array(parts['T']) if 'T' in parts else X
+        rows = [
+            [*(-_product(row, column) for column in D.T), *scaled]
+            for row, scaled in zip(X, by_tau, strict=True)
+        ]
+    recorder.output('derivatives', (n, 3 * n), [(value, 0) for row in rows for value in row])
+    return recorder.program()
+
+
+def _product(row: Iterable[Lanes], column: Iterable[Lanes]) -> Lanes:
+    total: Lanes | None = None
+    for x, d in zip(row, column, strict=True):
+        total = x * d if total is None else x.recorder.apply('fma', x, d, total)
+    assert total is not None
+    return total
+
+
+def _free(recorder: Recorder, plant: Plant) -> list[Lanes] | None:
+    return input_list(recorder, 'free', plant.robot.n) if plant.brakes else None
+
+
+def _record_motors(plant: Plant) -> Program:
+    """Return the program of the motors' tau, and with drives of its derivatives."""
+    program = record_motor_torques(plant)
+    if not has_drives(plant):
+        return program
+    return derivative(
+        program, ['tau'], [name for name in ('q', 'qd', 'tau') if name in program.inputs]
+    )
+
+
+def _limited(plant: Plant) -> bool:
+    """Return whether a commanded torque may be cut off."""
+    return plant.effort_limits is not None or plant.torque_speed is not None
+
+
+def _with_joints(
+    plant: Plant, by_q: Matrix, by_qd: Matrix, motors: dict[str, list[Lanes]]
+) -> Matrix:
+    """Return D from the derivatives of the torques of the links."""
+    n = plant.robot.n
+    D = []
+    for matrix, rates, name in (
+        (by_q, plant.stiffness, 'd tau/d q'),
+        (by_qd, plant.damping, 'd tau/d qd'),
+    ):
+        total = array(matrix)
+        for i, rate in enumerate(() if rates is None else rates):
+            total[i, i] = total[i, i] + float(rate)
+        if name in motors:
+            total = total - array(motors[name]).reshape(n, n)
+        D.append(total)
+    return [[*row, *row_qd] for row, row_qd in zip(*D, strict=True)]
+
+
+@dataclass(frozen=True)
+class Factors:
+    """
+    H = L' D L.
+
+    Attributes
+    ----------
+    L : list of list of Lanes
+        Rows of the lower triangle without its diagonal of ones; zeros in those of held joints.
+    inverses : list of Lanes
+        1 / D, zero for held joints.
+
+    """
+
+    L: Matrix
+    inverses: list[Lanes]
+
+
+def _factors(plant: Plant, H: Matrix, free: Sequence[Lanes] | None) -> Factors:
+    """Return the factors of H, given by its lower triangle without rotors, from the last row."""
+    n = len(H)
+    H = [list(row) for row in H]
+    L: Matrix = [[] for _ in H]
+    inverses = [row[-1] for row in H]
+    if plant.armature is not None:
+        for i, rotor in enumerate(plant.armature):
+            H[i][i] = H[i][i] + float(rotor)
+    for k in range(n - 1, -1, -1):
+        inverses[k] = 1.0 / H[k][k]
+        if free is not None:
+            inverses[k] = where(free[k], inverses[k], 0.0)
+        L[k] = [h * inverses[k] for h in H[k][:k]]
+        for i, factor in enumerate(L[k]):
+            H[i] = [h - factor * last for h, last in zip(H[i], H[k], strict=False)]
+    return Factors(L, inverses)
+
+
+def _solution(factors: Factors, y: Sequence[Lanes]) -> list[Lanes]:
+    """Return x of H x = y, zero for held joints."""
+    x = list(y)
+    for k in range(len(x) - 1, -1, -1):
+        for i, factor in enumerate(factors.L[k]):
+            x[i] = x[i] - factor * x[k]
+    for k, row in enumerate(factors.L):
+        x[k] = x[k] * factors.inverses[k]
+        for i, factor in enumerate(row):
+            x[k] = x[k] - factor * x[i]
+    return x
+
+
+def _inverse(factors: Factors) -> Matrix:
+    """Return H^-1, row after row of L X = D^-1 L'^-1, whose right side is triangular."""
+    X: Matrix = []
+    n = len(factors.L)
+    for L, diagonal in zip(factors.L, factors.inverses, strict=True):
+        row: list[Lanes] = []
+        for j in range(len(L)):
+            column = (X[max(j, k)][min(j, k)] for k in range(len(L)))
+            row.append(-_product(L, column))
+        for factor, x in zip(L, row, strict=True):
+            diagonal = diagonal - factor * x
+        X.append([*row, diagonal])
+    return [[X[max(i, j)][min(i, j)] for j in range(n)] for i in range(n)]
+
+
+def _refined(
+    recorder: Recorder,
+    plant: Plant,
+    factors: Factors,
+    y: Sequence[Lanes],
+    tau: Sequence[Lanes],
+    steps: int,
+) -> list[Lanes]:
+    """Return qdd with steps of refinement, as in pfd_core.algorithms.refinement."""
+    qdd = _solution(factors, y)
+    torques = record_link_torques(plant)
+    for _ in range(steps):
+        needed = inline(recorder, torques, {'qdd': qdd})['tau']
+        rest = [given - t for given, t in zip(tau, needed, strict=True)]
+        qdd = [a + d for a, d in zip(qdd, _solution(factors, rest), strict=True)]
+    return qdd

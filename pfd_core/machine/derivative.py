@@ -1,0 +1,242 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Derivatives of a program, exact up to rounding: program -> program (algorithmic differentiation).
+
+    derivative       Jacobians   d y/d x, of some outputs y with respect to some inputs x
+    directional      tangent:    d y = (d y/d x) d x        for given directions d x
+                     adjoint:    d x = (d y/d x)' d y       for given weights d y
+
+The tangent mode carries derivatives from the inputs on, one for each element of the inputs; the
+adjoint mode carries them from the outputs back, one sweep for each element of the outputs. The
+rules of each operation are columns of the table (pfd_core.machine.operations).
+
+The new program is the old one with the derivatives' instructions after it, register by register
+the same, so that its outputs keep their bits. A derivative that is zero whatever the inputs costs
+nothing, nor does a factor 1 or -1; an expression that exists already is not recorded again. No
+number is rounded here: the program on 50 digits has 50 correct digits. The result is a program
+like any other: it can be differentiated again, which gives second derivatives.
+
+Differentiate a program before its sines are written out in other operations: these round to the
+nearest integer by adding and subtracting a large number, which looks like the identity to the
+rules (pfd_core.kernels.passes.sincos). Adjoints of a program whose equal expressions are shared
+already (pfd_core.kernels.passes.fold) are shorter: the adjoint of an expression that is recorded
+twice goes back twice.
+
+A quotient and a square root have no derivative at zero, which gives infinity or NaN. An entry that
+is zero whatever the inputs stays zero also where the output itself is infinite or NaN. At the
+switch of a `select` the derivative is that of the operand that is selected there.
+
+Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. 2008, chapter 3.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any
+
+from pfd_core.machine.extension import Extension
+from pfd_core.machine.operations import OPERATIONS
+from pfd_core.machine.program import Program
+
+MODES = ('tangent', 'adjoint')
+Element = tuple[str, int]  # name of an input and flat index of one of its elements
+# The only direction of directional tangents, in the place of an element.
+GIVEN: Element = ('', 0)
+
+
+def derivative(
+    program: Program, outputs: Sequence[str], inputs: Sequence[str], mode: str = 'tangent'
+) -> Program:
+    """
+    Return a program with the Jacobians of outputs with respect to inputs.
+
+    Parameters
+    ----------
+    program : Program
+        A sequential program.
+    outputs, inputs : sequence of str
+        Names of outputs and of inputs of the program.
+    mode : {'tangent', 'adjoint'}
+        Direction of the sweeps. The results are equal but for rounding; tangents are cheaper
+        for few inputs, adjoints for few outputs.
+
+    Returns
+    -------
+    Program
+        The outputs named, and for each output y and each input x an output `d {y}/d {x}`, of
+        shape (*y.shape, elements of x). Elements that are zero whatever the inputs are outputs,
+        too.
+
+    Raises
+    ------
+    ValueError
+        If the program has several lanes or lacks a name, if the mode is unknown, or if an output
+        depends on an input by an operation without rules: a call, a loop, a route.
+
+    """
+    _check(program, outputs, inputs, mode)
+    active = _active(program, outputs, inputs)
+    extension = Extension(program)
+    places = dict.fromkeys(r for y in outputs for r, _ in program.outputs[y].places)
+    rows: dict[int, Mapping[Element, Any]]  # register of an element of y -> derivatives
+    if mode == 'tangent':
+        seeds = {r: {x: 1.0} for r, x in _read(program) if x[0] in inputs}
+        tangents = _tangents(extension, active, seeds)
+        rows = {r: tangents.get(r, {}) for r in places}
+    else:
+        rows = {r: _adjoints(extension, active, {r: 1.0}) for r in places}
+    for y in outputs:
+        shape, elements = program.outputs[y]
+        for x in inputs:
+            size = program.inputs[x]
+            values = [rows[r].get((x, k), 0.0) for r, _ in elements for k in range(size)]
+            extension.output(f'd {y}/d {x}', (*shape, size), values)
+    return extension.program(outputs)
+
+
+def directional(
+    program: Program, outputs: Sequence[str], inputs: Sequence[str], mode: str = 'tangent'
+) -> Program:
+    """
+    Return a program with one derivative of outputs, or of a weighted sum of them.
+
+    Parameters
+    ----------
+    program, outputs, inputs, mode
+        As in `derivative`.
+
+    Returns
+    -------
+    Program
+        The outputs named. In tangent mode each input x has a further input `d {x}`, and each
+        output y a further output `d {y}` = sum over x of (d y/d x) d x. In adjoint mode each y
+        has a further input `d {y}` and each x an output `d {x}`, (elements of x,), = sum over y
+        of (d y/d x)' d y.
+
+    Raises
+    ------
+    ValueError
+        As in `derivative`, and if the program has one of the further names already.
+
+    """
+    _check(program, outputs, inputs, mode)
+    taken = {f'd {name}' for name in (*inputs, *outputs)} & {*program.inputs, *outputs}
+    if taken:
+        raise ValueError(f'the program has {sorted(taken)} already: rename inputs and outputs')
+    active = _active(program, outputs, inputs)
+    extension = Extension(program)
+    if mode == 'tangent':
+        seeds = {
+            r: {GIVEN: extension.input(f'd {x}', k, program.inputs[x])}
+            for r, (x, k) in _read(program)
+            if x in inputs
+        }
+        tangents = _tangents(extension, active, seeds)
+        for y in outputs:
+            shape, elements = program.outputs[y]
+            values = [tangents.get(r, {}).get(GIVEN, 0.0) for r, _ in elements]
+            extension.output(f'd {y}', shape, values)
+        return extension.program(outputs)
+    weights: dict[int, Any] = {}
+    for y in outputs:
+        elements = program.outputs[y].places
+        for k, (r, _) in enumerate(elements):
+            weights[r] = weights.get(r, 0.0) + extension.input(f'd {y}', k, len(elements))
+    adjoints = _adjoints(extension, active, weights)
+    for x in inputs:
+        size = program.inputs[x]
+        extension.output(f'd {x}', (size,), [adjoints.get((x, k), 0.0) for k in range(size)])
+    return extension.program(outputs)
+
+
+def _tangents(
+    extension: Extension, active: Sequence[int], seeds: Mapping[int, Mapping[Element, Any]]
+) -> dict[int, Mapping[Element, Any]]:
+    """Return the tangents of each active register by direction, zeros left out."""
+    tangents = dict(seeds)
+    for register in active:
+        if register in seeds:
+            continue
+        op, args, _, _, extension.section = extension.old.instructions[register]
+        row = OPERATIONS[op]
+        assert row.tangent is not None
+        z, *operands = (extension.values[r] for r in (register, *args))
+        moving = [tangents.get(a, {}) for a in args[row.conditions :]]
+        found = {}
+        for direction in dict.fromkeys(d for of_one in moving for d in of_one):
+            each = (of_one.get(direction, 0.0) for of_one in moving)
+            if (value := row.tangent(z, *operands, *each)) != 0.0:
+                found[direction] = value
+        tangents[register] = found
+    return tangents
+
+
+def _adjoints(
+    extension: Extension, active: Sequence[int], weights: Mapping[int, Any]
+) -> dict[Element, Any]:
+    """Return the adjoints of the elements of the inputs for given ones of some registers."""
+    adjoints = dict.fromkeys(active, 0.0)
+    adjoints |= {register: g for register, g in weights.items() if register in adjoints}
+    elements: dict[Element, Any] = {}
+    for register in reversed(active):
+        op, args, data, _, extension.section = extension.old.instructions[register]
+        g = adjoints[register]
+        if g == 0.0:
+            continue
+        if op == 'input':
+            elements[data[0]] = elements.get(data[0], 0.0) + g
+            continue
+        row = OPERATIONS[op]
+        z, *operands = (extension.values[r] for r in (register, *args))
+        for a, share in zip(args[row.conditions :], row.adjoint, strict=True):
+            if a in adjoints:
+                adjoints[a] = adjoints[a] + share(z, *operands, g)
+    return elements
+
+
+def _read(program: Program) -> Iterator[tuple[int, Element]]:
+    """Yield each register that reads an input, and the element that it reads."""
+    for register, instruction in enumerate(program.instructions):
+        if instruction.op == 'input':
+            yield register, instruction.data[0]
+
+
+def _active(program: Program, outputs: Sequence[str], inputs: Collection[str]) -> list[int]:
+    """
+    Return the registers that depend on an input and that an output depends on, in order.
+
+    ValueError if one of them has no rules.
+    """
+    arguments = [args[OPERATIONS[op].conditions :] for op, args, *_ in program.instructions]
+    varies = {register for register, (x, _) in _read(program) if x in inputs}
+    for register, args in enumerate(arguments):
+        if any(a in varies for a in args):
+            varies.add(register)
+    reaches = {register for y in outputs for register, _ in program.outputs[y].places}
+    for register in range(len(arguments) - 1, -1, -1):
+        if register in reaches:
+            reaches.update(arguments[register])
+    active = sorted(varies & reaches)
+    for register in active:
+        op, _, _, _, section = program.instructions[register]
+        if op != 'input' and OPERATIONS[op].tangent is None:
+            raise ValueError(
+                f'no derivative of {list(outputs)} with respect to {list(inputs)}: the operation '
+                f'{op!r} between them has no rule (register {register}, section {section!r})'
+            )
+    return active
+
+
+def _check(program: Program, outputs: Sequence[str], inputs: Sequence[str], mode: str) -> None:
+    if program.lanes != 1:
+        raise ValueError(f'only a sequential program is differentiated, got {program.lanes} lanes')
+    if mode not in MODES:
+        raise ValueError(f'mode must be one of {MODES}, got {mode!r}')
+    for kind, names, known in (
+        ('output', outputs, program.outputs),
+        ('input', inputs, program.inputs),
+    ):
+        for name in names:
+            if name not in known:
+                raise ValueError(f'the program has no {kind} {name!r}: it has {sorted(known)}')

@@ -1,0 +1,283 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Derivatives of forward and inverse dynamics: both modes, differences, Pinocchio, identities."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mpmath
+import numpy as np
+from oracle import ARMS, Oracle, chains, jacobi_condition, relative
+import pinocchio as pin
+import pytest
+from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
+from zoo import Array, random_chain, random_state
+
+from pfd_core.algorithms.grouped.link_torques import record_link_torques
+from pfd_core.algorithms.programs import (
+    ITERATIVE,
+    METHODS,
+    record_forward_dynamics,
+    record_inverse_dynamics,
+    record_terms,
+)
+from pfd_core.kernels.passes.dead_code import eliminate_dead_code
+from pfd_core.kernels.passes.fold import fold
+from pfd_core.kernels.passes.fuse import fuse
+from pfd_core.kernels.passes.pipeline import lower, operations
+from pfd_core.machine.derivative import MODES, derivative, directional
+from pfd_core.machine.emulator import run
+from pfd_core.machine.program import Program
+from pfd_core.model import Robot, Scene, load_robot, resolve
+
+EVERYTHING = Scene(external_wrench=True, damping='model', armature='model', brakes=True)
+# Central differences over 1e-16 on 50 digits: third derivatives times 1e-32 are cut off.
+STEP = '1e-16'
+DIFFERENCES = 1e-26
+STATE = ['q', 'qd', 'tau']
+GROUPED = ('composite_body', 'grouped_articulated_body')
+
+
+def arm(kind: str) -> tuple[Robot, Scene, dict[str, Array]]:
+    """Return the UR5 at gravity, or a skew chain in a scene with everything; and inputs."""
+    rng = np.random.default_rng(3)
+    if kind == 'ur5':
+        robot, scene = load_robot('ur5'), Scene()
+    else:
+        types = ['revolute', 'prismatic', 'continuous', 'prismatic']
+        robot, scene = random_chain(rng, 4, joint_types=types), EVERYTHING
+    q, qd, tau = random_state(rng, robot.n)
+    inputs = {'q': q, 'qd': qd, 'tau': tau, 'qdd': rng.normal(size=robot.n)}
+    if kind != 'ur5':
+        inputs |= {'wrench': 10 * rng.normal(size=6), 'free': np.array([1, 1, 0, 1.0])}
+    return robot, scene, inputs
+
+
+def short(program: Program, output: str) -> Program:
+    """Return the program of one output with equal expressions shared."""
+    return eliminate_dead_code(fold(program), [output])
+
+
+def forward(robot: Robot, scene: Scene, method: str = 'composite_body') -> Program:
+    return short(record_forward_dynamics(resolve(robot, scene), method, 'sequential'), 'qdd')
+
+
+def differences(program: Program, inputs: dict[str, Array], output: str, name: str) -> Any:
+    """Return central differences of an output on 50 digits with respect to an input."""
+    given = {key: inputs[key] for key in program.inputs}
+    with mpmath.workdps(50):
+        step = mpmath.mpf(STEP)
+        n = len(given[name])
+        moved = np.array([[step * (i == j) for j in range(n)] for i in range(n)])
+        at = {
+            key: np.broadcast_to(value, (2 * n, len(value))).astype(object)
+            for key, value in given.items()
+        }
+        at[name] = np.concatenate([given[name] + moved, given[name] - moved])
+        values = run(program, at, digits=50)[output]
+        return np.moveaxis((values[:n] - values[n:]) / (2 * step), 0, -1)
+
+
+def jacobians(
+    program: Program, inputs: dict[str, Array], output: str, names: list[str], mode: str
+) -> dict[str, Any]:
+    """Return the Jacobians of an output on 50 digits, by the input's name."""
+    made = derivative(program, [output], names, mode)
+    found = run(made, {key: inputs[key] for key in program.inputs}, digits=50)
+    return {name: found[f'd {output}/d {name}'] for name in names}
+
+
+def assert_close(found: Any, wanted: Any, tolerance: float) -> None:
+    with mpmath.workdps(50):
+        assert np.abs(found - wanted).max() <= tolerance * max(1, np.abs(wanted).max())
+
+
+@pytest.mark.parametrize(
+    ('method', 'kind'),
+    [
+        *((name, 'chain') for name in METHODS if name not in ITERATIVE),
+        *((name, 'ur5') for name in ('articulated_body', *GROUPED)),
+    ],
+)
+def test_forward_dynamics_of_every_method_agrees_with_differences_in_both_modes(
+    method: str, kind: str
+) -> None:
+    robot, scene, inputs = arm(kind)
+    program = forward(robot, scene, method)
+    names = STATE + (['wrench'] if kind == 'chain' else [])
+    tangent, adjoint = (jacobians(program, inputs, 'qdd', names, mode) for mode in MODES)
+    for name in names:
+        assert_close(tangent[name], adjoint[name], FIFTY_DIGITS)
+        assert_close(tangent[name], differences(program, inputs, 'qdd', name), DIFFERENCES)
+
+
+@pytest.mark.parametrize('kind', ['ur5', 'chain'])
+@pytest.mark.parametrize('text', ['on lanes', 'grouped'])
+def test_inverse_dynamics_agrees_with_differences_in_both_modes(text: str, kind: str) -> None:
+    robot, scene, inputs = arm(kind)
+    plant = resolve(robot, scene)
+    grouped = text == 'grouped'
+    recorded = (
+        record_link_torques(plant) if grouped else record_inverse_dynamics(plant, 'sequential')
+    )
+    program = short(recorded, 'tau')
+    names = ['q', 'qd', 'qdd'] + (['wrench'] if kind == 'chain' else [])
+    tangent, adjoint = (jacobians(program, inputs, 'tau', names, mode) for mode in MODES)
+    for name in names:
+        assert_close(tangent[name], adjoint[name], FIFTY_DIGITS)
+        assert_close(tangent[name], differences(program, inputs, 'tau', name), DIFFERENCES)
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_a_recording_that_is_not_folded_and_a_fused_program_have_the_same_derivatives(
+    mode: str,
+) -> None:
+    robot, scene, inputs = arm('chain')
+    recorded = record_forward_dynamics(resolve(robot, scene), 'composite_body', 'sequential')
+    wanted = jacobians(forward(robot, scene), inputs, 'qdd', STATE, mode)
+    for program in (recorded, fuse(forward(robot, scene))):
+        found = jacobians(program, inputs, 'qdd', STATE, mode)
+        for name in STATE:
+            # Folding rounds products of constants.
+            assert relative(found[name], wanted[name]) < DYNAMICS
+
+
+@pytest.mark.parametrize('method', ITERATIVE)
+def test_a_method_that_iterates_is_refused(method: str) -> None:
+    program = forward(load_robot('planar2'), Scene(), method)
+    with pytest.raises(ValueError, match="operation 'loop'"):
+        derivative(program, ['qdd'], ['q'])
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_random_chains_agree_with_pinocchio(mode: str) -> None:
+    for rng, robot in chains(30, seed=61):
+        if robot.n > 6:
+            continue
+        oracle = Oracle(robot, robot.armature)
+        q, qd, qdd = random_state(rng, robot.n)
+        tau = oracle.tau(q, qd, qdd)
+        pin.computeABADerivatives(oracle.model, oracle.data, q, qd, tau)
+        upper = np.triu(oracle.data.Minv)
+        X = upper + np.triu(upper, 1).T
+        wanted = {'q': oracle.data.ddq_dq, 'qd': oracle.data.ddq_dv, 'tau': X}
+        program = derivative(forward(robot, Scene(armature='model')), ['qdd'], STATE, mode)
+        found = run(program, {'q': q, 'qd': qd, 'tau': tau})
+        largest = max(np.abs(J).max() for J in wanted.values())
+        for name in STATE:
+            error = np.abs(found[f'd qdd/d {name}'] - wanted[name]).max() / largest
+            assert error < ACCELERATION * jacobi_condition(oracle.H(q)), robot
+
+
+def test_torques_differentiated_by_accelerations_are_the_inertia_matrix() -> None:
+    for kind in ('ur5', 'chain'):
+        robot, scene, inputs = arm(kind)
+        plant = resolve(robot, scene)
+        program = short(record_inverse_dynamics(plant, 'sequential'), 'tau')
+        terms = record_terms(plant, 'sequential')
+        H = run(terms, {key: inputs[key] for key in terms.inputs}, digits=50)['H']
+        for mode in MODES:
+            found = jacobians(program, inputs, 'tau', ['qdd'], mode)['qdd']
+            assert_close(found.astype(float), H.astype(float), 1e-14)
+
+
+def test_accelerations_differentiated_by_torques_are_the_inverse_of_the_inertia_matrix() -> None:
+    robot = random_chain(np.random.default_rng(4), 5)
+    scene = Scene(damping='model', armature='model')
+    q, qd, tau = random_state(np.random.default_rng(5), 5)
+    inputs = {'q': q, 'qd': qd, 'tau': tau}
+    terms = record_terms(resolve(robot, scene), 'sequential')
+    H = run(terms, {'q': q, 'qd': qd}, digits=50)['H']
+    recorded = record_forward_dynamics(resolve(robot, scene), 'articulated_body', 'sequential')
+    X = jacobians(recorded, inputs, 'qdd', ['tau'], 'adjoint')['tau']
+    assert_close(X, X.T, 1e-14)
+    assert_close((X @ H).astype(float), np.eye(5), 1e-13)
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_held_joints_have_zero_rows_and_their_torques_zero_columns(mode: str) -> None:
+    robot, scene, inputs = arm('chain')
+    found = jacobians(forward(robot, scene), inputs, 'qdd', STATE, mode)
+    held = inputs['free'] == 0
+    for name in STATE:
+        np.testing.assert_array_equal(found[name][held].astype(float), 0.0)
+        assert (np.abs(found[name][~held]).max(axis=1) > 0).all()
+    np.testing.assert_array_equal(found['tau'][:, held].astype(float), 0.0)
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_a_motor_at_its_limit_passes_nothing_on_and_the_others_all(mode: str) -> None:
+    robot, _, inputs = arm('ur5')
+    limits = np.array([1e3, 1e3, 1e3, 0.01, 1e3, 0.01])
+    scene = Scene(effort_limits=limits, gravity_compensation=True, damping=np.ones(6))
+    program = forward(robot, scene)
+    found = jacobians(program, inputs, 'qdd', STATE, mode)
+    for name in STATE:
+        assert_close(found[name], differences(program, inputs, 'qdd', name), DIFFERENCES)
+    wanted = jacobians(forward(robot, Scene()), inputs, 'qdd', ['tau'], mode)['tau']
+    assert_close(found['tau'], wanted * (limits > 1), 1e-13)
+
+
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('name', ['ur5', 'panda', 'puma560'])
+def test_an_arm_on_a_vertical_joint_has_an_exact_zero_column(name: str, mode: str) -> None:
+    program = derivative(forward(load_robot(name), Scene()), ['qdd'], ['q'], mode)
+    n = load_robot(name).n
+    columns = program.outputs['d qdd/d q'].places
+    first = [program.instructions[register] for register, _ in columns[::n]]
+    assert all(i.op == 'constant' and i.data == (0.0,) for i in first)
+
+
+@pytest.mark.parametrize('kind', ['ur5', 'chain'])
+def test_the_hessian_of_a_weighted_acceleration_is_symmetric_and_agrees_with_differences(
+    kind: str,
+) -> None:
+    robot, scene, inputs = arm(kind)
+    gradient = directional(forward(robot, scene), ['qdd'], ['q', 'qd'], 'adjoint')
+    inputs['d qdd'] = np.random.default_rng(6).normal(size=robot.n)
+    hessian = derivative(gradient, ['d q', 'd qd'], ['q', 'qd'])
+    found = run(hessian, {key: inputs[key] for key in hessian.inputs}, digits=50)
+    whole = np.block([[found[f'd d {y}/d {x}'] for x in ('q', 'qd')] for y in ('q', 'qd')])
+    assert_close(whole, whole.T, FIFTY_DIGITS)
+    assert np.abs(whole).max() > 0.1
+    for x in ('q', 'qd'):
+        wanted = differences(gradient, inputs, 'd q', x)
+        assert_close(found[f'd d q/d {x}'], wanted, DIFFERENCES)
+
+
+# Operations that lowering may leave, changes of sign apart: d qdd/d(q, qd, tau) and
+# d tau/d(q, qd), tangent and adjoint.
+MOST = {
+    ('ur5', 'qdd'): (2250, 3850),
+    ('ur5', 'tau'): (1770, 1820),
+    ('panda', 'qdd'): (6550, 8250),
+    ('panda', 'tau'): (4550, 3530),
+}
+
+
+@pytest.mark.parametrize(('name', 'output'), list(MOST))
+def test_the_arms_take_no_more_operations_than_promised(name: str, output: str) -> None:
+    robot = load_robot(name)
+    inverse = output == 'tau'
+    program = (
+        short(record_link_torques(resolve(robot)), 'tau') if inverse else forward(robot, Scene())
+    )
+    for mode, most in zip(MODES, MOST[name, output], strict=True):
+        made = derivative(program, [output], STATE[: 2 if inverse else 3], mode)
+        counts = operations(lower(made, 'float64').compiled)
+        assert sum(counts.values()) - counts['neg'] <= most, mode
+
+
+@pytest.mark.parametrize('name', ARMS)
+def test_doubles_have_the_digits_of_the_exact_derivative(name: str) -> None:
+    robot = load_robot(name)
+    q, qd, tau = random_state(np.random.default_rng(7), robot.n)
+    inputs = {'q': q, 'qd': qd, 'tau': tau}
+    program = forward(robot, Scene())
+    tolerance = 1e-13 * jacobi_condition(Oracle(robot).H(q))
+    for mode in MODES:
+        exact = jacobians(program, inputs, 'qdd', STATE, mode)
+        found = run(derivative(program, ['qdd'], STATE, mode), inputs)
+        for x in STATE:
+            assert relative(found[f'd qdd/d {x}'], exact[x].astype(float)) < tolerance

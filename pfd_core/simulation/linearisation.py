@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,8 +31,7 @@ from pfd_core.model.error_text import quote
 from pfd_core.simulation.contact.texts import has_contact
 from pfd_core.simulation.integrators import TABLE, record_step
 
-if TYPE_CHECKING:
-    from pfd_core.simulation.simulation import Simulation
+Self = TypeVar('Self')
 
 # Fields of Scene that a smooth arm does not have.
 ROUGH: dict[str, Any] = {
@@ -46,6 +45,43 @@ ROUGH: dict[str, Any] = {
 VARYING = ('stribeck_velocity', 'effort_limits', 'torque_speed')
 # Two ways to the same state, of a step: roundings of a few hundred operations, relative to it.
 SAME = {'float64': 1e-9, 'float32': 1e-3}
+
+
+class Simulation(Protocol):
+    """The part of a Simulator or an Ensemble that its linearised step needs."""
+
+    robot: Robot
+    scene: Scene
+    dtype: str
+    batch: tuple[int, ...]
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Arguments with which the simulation was made, robot and scene apart."""
+
+    @property
+    def q(self) -> Array:
+        """Positions."""
+
+    @property
+    def qd(self) -> Array:
+        """Velocities."""
+
+    def in_scene(self: Self, scene: Scene) -> Self:
+        """Return a simulation with these settings in another scene."""
+
+    def reset(
+        self,
+        q: ArrayLike | None = None,
+        qd: ArrayLike | None = None,
+        time: float = 0.0,
+        *,
+        tau_motor: ArrayLike | None = None,
+    ) -> None:
+        """Set the state."""
+
+    def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
+        """Advance the state by one step."""
 
 
 class LinearStep:

@@ -85,11 +85,12 @@ def robots(count: int, seed: int) -> Iterator[tuple[np.random.Generator, Robot]]
 
 
 def parallel_axes(rng: np.random.Generator) -> Robot:
-    """Return a chain of four and two parallel axes, one of which slides."""
+    """Return a chain of four and two parallel axes, one of which slides and one points back."""
     types = ['revolute', 'revolute', 'prismatic', 'revolute', 'revolute', 'continuous']
     robot = random_chain(rng, 6, joint_types=types)
     angles = rng.uniform(-np.pi, np.pi, 6)
     rotations = np.array([rotation_z(np.cos(x), np.sin(x)) for x in angles])
+    rotations[1] = rotations[1] @ np.diag([1.0, -1.0, -1.0])
     rotations[3] = robot.rotations[3]
     return replace(robot, name='parallel', rotations=rotations)
 

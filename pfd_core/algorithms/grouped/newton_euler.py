@@ -45,10 +45,8 @@ class Axes:
         Whether its joint is translational.
     turn, twist : tuple of Lanes
         Cosine and sine of theta_i and of alpha_(i-1).
-    square : bool
-        Whether alpha_(i-1) is 90 degrees, one way or the other, exactly.
-    parallel : bool
-        Whether alpha_(i-1) is zero, exactly.
+    square, parallel : bool
+        Whether alpha_(i-1) is 90 degrees, one way or the other, or 0 or 180 degrees, exactly.
     r : LaneArray
         (3,), origin of B_i from that of B_(i-1), in axes B_(i-1) [m].
 
@@ -122,7 +120,7 @@ def axes_at(recorder: Recorder, link: JointAxes, q: Lanes) -> Axes:
     else:
         c, s = cos(q), sin(q)
         turn = c * c0 - s * s0, s * c0 + c * s0
-    square, parallel = link.twist[0] == 0, link.twist == (1, 0)
+    square, parallel = (x == 0 for x in link.twist)
     return Axes(link.slides, turn, twist, square, parallel, r)
 
 
@@ -143,15 +141,15 @@ def outward(link: Axes, v: LaneArray) -> LaneArray:
 def inward_symmetric(link: Axes, X: LaneArray) -> LaneArray:
     """Return a symmetric matrix of B_i, six elements, in the axes B_(i-1): R X R'."""
     (c, s), (ca, sa) = link.turn, link.twist
-    xx, xy, xz, yy, yz, zz = _turned(c, s, X)
+    xx, xy, xz, yy, yz, zz = turned_about_z(c, s, X)
     if link.square:  # y and z change places, which takes no rounding
         return array([xx, -(sa * xz), sa * xy, zz, -yz, yy])
     # About x: the same with y, z, x in place of x, y, z.
-    yy, yz, xy, zz, xz, xx = _turned(ca, sa, array([yy, yz, xy, zz, xz, xx]))
+    yy, yz, xy, zz, xz, xx = turned_about_z(ca, sa, array([yy, yz, xy, zz, xz, xx]))
     return array([xx, xy, xz, yy, yz, zz])
 
 
-def _turned(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
+def turned_about_z(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
     """Return Rz X Rz'; cos^2 + sin^2 = 1 is used (8 multiplications, 8 additions)."""
     xx, xy, xz, yy, yz, zz = X
     t = s * (xx - yy) + c * (xy + xy)
@@ -273,13 +271,13 @@ def joint_torques(
         if f is not None:
             f, n = force[0] + f, force[1] + n
         else:
-            f, n = _less_wrench(recorder, tip, force) if plant.external_wrench else force
+            f, n = less_wrench(recorder, tip, force) if plant.external_wrench else force
         torques.append(f[2] if link.slides else n[2])
         f, n = moved(link, f, n)
     return torques[::-1]
 
 
-def _less_wrench(
+def less_wrench(
     recorder: Recorder, tip: Tip, force: tuple[LaneArray, LaneArray]
 ) -> tuple[LaneArray, LaneArray]:
     """Return force and moment of the last link minus the wrench on it."""

@@ -8,14 +8,17 @@ Rooms and modules in the order of the way of the data; each imports only from th
     passes/        program -> short equal program, with sine and cosine written out
     codegen/       program -> text of LLVM IR
     runtime/       text -> native code in this process; cache on disk, threads, Python's C API
+    quantities     results of kernels: their arguments, and the effects of a scene that they have
     source         robot, scene and method -> lowered program, recorded only if needed
     auto           the method that 'auto' stands for
-    batches        the batch shape of arrays, and arrays as rows of states
+    arguments      arguments of a call, checked, as rows of states; arrays for results
     kernel         Kernel: a call checks and converts its arguments and runs native code
-    compile        compile_kernel, compile_inverse_kernel
+    compile        compile_kernel
     functions      forward_dynamics, inverse_dynamics: plain functions that keep their kernels
     simulations    compile_rollout, compile_ensemble: whole simulations in native code
+    linear_steps   compile_linear_step: the derivatives of a step of a simulation
 
 A new pass is a module of passes and a line of pipeline.lower; a new function in native code a
-module of codegen and a line of codegen.module; a new quantity a recipe in source.
+module of codegen and a line of codegen.module; a new quantity a text in
+pfd_core.algorithms.quantities and a row of quantities.QUANTITIES.
 """

@@ -49,12 +49,14 @@ def compile_kernel(
         The result, and its arguments:
 
         'forward_dynamics'   qdd, (n,), of (q, qd, tau)
-        'inverse_dynamics'   tau, (n,), of (q, qd, qdd), without brakes and limits of the drives
+        'inverse_dynamics'   tau, (n,), of (q, qd, qdd): the commanded torques, so without gravity
+                             that the drives compensate; their limits and brakes are left out
         'derivatives'        d qdd / d (q, qd, tau), (n, 3n), of (q, qd, tau)
         'inertia_matrix'     H, (n, n), of q, with the rotors
-        'bias_torques'       (n,), of (q, qd): the torques of qdd = 0, without those of the drives
+        'bias_torques'       (n,), of (q, qd): inverse dynamics at qdd = 0
         'gravity_torques'    (n,), of q: the same at rest, without the wrench
-        'energy'             (2,) [J], of (q, qd): kinetic, and potential in gravity and springs
+        'energy'             (2,) [J], of (q, qd): kinetic, and potential, whose slopes are the
+                             gravity torques
         'wrench_torques'     (n,), of q and wrench=: the joint torques J' k that a wrench on the
                              frame causes, in its axes, about its origin
         'tip_pose'           (4, 4), of q: the frame in that of the base link, homogeneous

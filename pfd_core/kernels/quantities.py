@@ -17,7 +17,7 @@ from pfd_core.model.checked_numbers import integer
 from pfd_core.model.error_text import quote
 
 BODIES = ('payload', 'armature')
-AT_REST = ('gravity', 'payload', 'stiffness', 'rest_position')
+AT_REST = ('gravity', 'payload', 'stiffness', 'rest_position', 'gravity_compensation')
 TORQUES = (*AT_REST, 'damping', 'external_wrench')
 EVERYTHING = tuple(item.name for item in fields(Scene))
 

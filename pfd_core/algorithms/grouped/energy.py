@@ -23,8 +23,8 @@ from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.algorithms.grouped.gravity import potential_energy
 from pfd_core.algorithms.grouped.newton_euler import Link, links_at, outward
 from pfd_core.machine.program import Program
-from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.machine.vectors import array, cross, dot, symmetric_times
+from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
+from pfd_core.machine.vectors import array, cross, dot
 from pfd_core.model import Plant
 
 
@@ -54,9 +54,21 @@ def _kinetic_energy(
         w, v = outward(link, w), outward(link, v + cross(w, link.r))
         along = v if link.slides else w
         along[2] = along[2] + rate
-        energy = energy + dot(w, symmetric_times(0.5 * link.inertia, w) + cross(link.h, v))
+        energy = energy + dot(w, _half_momentum(link.inertia, w) + cross(link.h, v))
         energy = energy + (0.5 * link.m) * dot(v, v)
     if plant.armature is not None:
         for rotor, rate in zip(plant.armature, qd, strict=True):
             energy = energy + (0.5 * float(rotor) * rate) * rate
     return energy
+
+
+def _half_momentum(inertia: LaneArray, w: LaneArray) -> LaneArray:
+    """Return a vector whose product with w is w . I w / 2, by the upper triangle of I alone."""
+    xx, xy, xz, yy, yz, zz = inertia
+    return array(
+        [
+            (0.5 * xx) * w[0] + xy * w[1] + xz * w[2],
+            (0.5 * yy) * w[1] + yz * w[2],
+            (0.5 * zz) * w[2],
+        ]
+    )

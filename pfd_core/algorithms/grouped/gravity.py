@@ -74,10 +74,10 @@ def _gravity_torques(recorder: Recorder, plant: Plant, links: Sequence[Link]) ->
     for link in links:
         a = outward(link, a)
         felt.append(a)
-    carried = zip(reversed(links), reversed(felt), _composites(links), strict=True)
-    return [m * a[2] if link.slides else h[0] * a[1] - h[1] * a[0] for link, a, (m, h) in carried][
-        ::-1
-    ]
+    tau: list[Lanes] = []
+    for link, a, (m, h) in zip(links[::-1], felt[::-1], _composites(links), strict=True):
+        tau.insert(0, m * a[2] if link.slides else h[0] * a[1] - h[1] * a[0])
+    return tau
 
 
 def _gravity_energy(recorder: Recorder, plant: Plant, links: Sequence[Link]) -> Lanes:

@@ -136,13 +136,13 @@ def _turned_once(links: Sequence[Axes]) -> list[Axes]:
     """
     result = list(links)
     for i, link in enumerate(links):
-        if i and link.aligned:
+        if i and link.parallel:
             c, s = result[i - 1].turn
             (c0, s0), (x, y, z) = link.turn, link.r
-            straight = planar(c.recorder, (1.0, 0.0))
-            result[i - 1] = replace(result[i - 1], turn=straight)
-            turn = c * c0 - s * s0, s * c0 + c * s0
-            result[i] = replace(link, turn=turn, r=array([c * x - s * y, s * x + c * y, z]))
+            result[i - 1] = replace(result[i - 1], turn=planar(c.recorder, (1.0, 0.0)))
+            r = array([c * x - s * y, s * x + c * y, z])
+            s = link.twist[0] * s  # seen from an axis that points the other way
+            result[i] = replace(link, turn=(c * c0 - s * s0, s * c0 + c * s0), r=r)
     return result
 
 

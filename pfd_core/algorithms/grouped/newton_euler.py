@@ -45,9 +45,8 @@ class Axes:
         Whether its joint is translational.
     turn, twist : tuple of Lanes
         Cosine and sine of theta_i and of alpha_(i-1).
-    square, parallel, aligned : bool
-        Whether alpha_(i-1) is 90 degrees, one way or the other, whether it is 0 or 180 degrees,
-        and whether it is 0, exactly.
+    square, parallel : bool
+        Whether alpha_(i-1) is 90 degrees, one way or the other, or 0 or 180 degrees, exactly.
     r : LaneArray
         (3,), origin of B_i from that of B_(i-1), in axes B_(i-1) [m].
 
@@ -58,7 +57,6 @@ class Axes:
     twist: tuple[Lanes, Lanes]
     square: bool
     parallel: bool
-    aligned: bool
     r: LaneArray
 
 
@@ -123,8 +121,7 @@ def axes_at(recorder: Recorder, link: JointAxes, q: Lanes) -> Axes:
         c, s = cos(q), sin(q)
         turn = c * c0 - s * s0, s * c0 + c * s0
     square, parallel = (x == 0 for x in link.twist)
-    aligned = link.twist == (1, 0)
-    return Axes(link.slides, turn, twist, square, parallel, aligned, r)
+    return Axes(link.slides, turn, twist, square, parallel, r)
 
 
 def inward(link: Axes, v: LaneArray) -> LaneArray:

@@ -9,6 +9,7 @@ Code generation: program -> text of LLVM IR. Each module writes the functions it
     split            @body of a long program, in several functions
     body             @body: the program from its inputs to its output
     evaluate         @evaluate: @body, with angles wrapped first
+    matrices         loops over matrices in memory
     product          @evaluate, @jacobian of a result that is a product of a program's outputs
     copies           @copy_in, @copy_out: rows of arrays to and from a buffer
     batch            @batch: @evaluate over many states at any strides
@@ -16,6 +17,7 @@ Code generation: program -> text of LLVM IR. Each module writes the functions it
     object_layout    fields of a NumPy array
     python_entry     @entry, @bound: functions that Python calls, which check their arrays
     step             @step: an integrator's step around @evaluate
+    linear_step      @linear_step, @evaluate: derivatives of a step
     calls            functions that run procedures and @evaluate_NAME on arrays
     trips            @step with dry friction and joint stops, from event to event
     rollout          @rollout, @accelerations: the simulation of one arm

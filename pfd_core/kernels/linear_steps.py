@@ -11,11 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from operator import attrgetter
 
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.codegen.linear_step import called, state_rows
 from pfd_core.kernels.codegen.module import linear_module
 from pfd_core.kernels.kernel import Kernel
+from pfd_core.kernels.runtime.jit import Optimisation
 from pfd_core.kernels.simulations import plants
 from pfd_core.kernels.source import KernelSource, ProductSource, derivatives, plant_of
 from pfd_core.machine.program import Program
@@ -43,6 +45,11 @@ class LinearSource(KernelSource):
         """The operations of the derivatives in all substeps."""
         calls = [i.data for i in self._step.instructions if i.op == 'call']
         return self._substeps * sum(self._sources[name].work for name in calls)
+
+    @property
+    def optimisation(self) -> Optimisation:
+        """That of the longest function."""
+        return max(self._sources.values(), key=attrgetter('work')).optimisation
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the LLVM text of the kernel."""

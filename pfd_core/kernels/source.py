@@ -29,7 +29,7 @@ from pfd_core.kernels.codegen.module import kernel_module, product_module
 from pfd_core.kernels.codegen.spelling import arguments
 from pfd_core.kernels.passes.pipeline import Stages, joined, lower, operations
 from pfd_core.kernels.passes.product import multiplied
-from pfd_core.kernels.passes.schedule import LONGEST
+from pfd_core.kernels.passes.schedule import LONGEST, ORDERED
 from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.runtime.jit import (
     USUAL,
@@ -126,9 +126,12 @@ class KernelSource:
         """
         once = cache(text)
         known = self._get_or_compute(module, lambda: asdict(outline(once())), _is_outline)
+        return compile_outlined(Outline(**known), once, self.optimisation)
+
+    @property
+    def optimisation(self) -> Optimisation:
         # The passes find nothing to do in a long program, and take their time.
-        optimisation = Optimisation(passes=0) if self.work > LONGEST else USUAL
-        return compile_outlined(Outline(**known), once, optimisation)
+        return Optimisation(passes=0) if self.work > LONGEST else USUAL
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the module of a kernel, of one state or a batch (pfd_core.kernels.codegen)."""
@@ -169,6 +172,12 @@ class ProductSource(KernelSource):
     def _stages(self) -> Stages:
         return Stages(**{k: _product(p) for k, p in vars(self._factor_stages).items()})
 
+    @property
+    def optimisation(self) -> Optimisation:
+        # Level 2 of the code generator doubles the time to compile the parts of a long program,
+        # which are no faster then.
+        return Optimisation(passes=0, code=1) if self.work > LONGEST else USUAL
+
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
         """Return the module of a kernel, which computes the factors and multiplies them."""
         return product_module(self.factors, dtype, width, angles)
@@ -204,11 +213,11 @@ def of_text(plant: Plant, quantity: str, dtype: str, frame: str | None = None) -
 
 
 def derivatives(plant: Plant, method: str, refine: int, dtype: str) -> ProductSource:
-    """Return the source of the derivatives of forward dynamics, as factors of a product."""
+    """Return the source of d qdd / d(q, qd, tau), (n, 3n), about the qdd of a method."""
 
     def lowered() -> Stages:
         recorded = record_derivatives(plant, method, refine)
-        return lower(recorded, dtype, scheduled=False)
+        return lower(recorded, dtype, longest=ORDERED)
 
     return ProductSource(lowered, ('derivatives', plant.digest, method, str(refine), dtype))
 

@@ -15,7 +15,14 @@ from contextlib import ExitStack
 
 from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.spelling import Array, Format
-from pfd_core.kernels.codegen.split import PART, body_in_parts, body_parameters, elements_of
+from pfd_core.kernels.codegen.split import (
+    LONGEST_TO_SCRATCH,
+    PART,
+    PART_TO_SCRATCH,
+    body_in_parts,
+    body_parameters,
+    elements_of,
+)
 from pfd_core.kernels.passes.schedule import LONGEST, LOOPED
 from pfd_core.machine.program import Program
 
@@ -28,8 +35,9 @@ def body(program: Program, form: Format, suffix: str = '', scratch: bool = False
     follow one another, and each is written as soon as it is computed.
     """
     looped = any(instruction.op in LOOPED for instruction in program.instructions)
-    if len(program.instructions) > LONGEST and not looped:
-        return body_in_parts(program, form, PART, suffix, scratch)
+    longest, size = (LONGEST_TO_SCRATCH, PART_TO_SCRATCH) if scratch else (LONGEST, PART)
+    if len(program.instructions) > longest and not looped:
+        return body_in_parts(program, form, size, suffix, scratch)
     ir = Function(f'define internal void @body{suffix}({body_parameters(program, form, scratch)})')
     elements = elements_of(program)
     out = Array('%out') if scratch else form.parameter('out')

@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from pfd_core.kernels.passes.dead_code import eliminate_dead_code
 from pfd_core.kernels.passes.fold import UNFOLDED, fold
 from pfd_core.kernels.passes.fuse import fuse
-from pfd_core.kernels.passes.schedule import schedule_instructions
+from pfd_core.kernels.passes.schedule import LONGEST, schedule_instructions
 from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.program import Output, Program
 
@@ -55,7 +55,7 @@ def lower(
     dtype: str,
     outputs: Collection[str] | None = None,
     fma: bool = True,
-    scheduled: bool = True,
+    longest: int = LONGEST,
 ) -> Stages:
     """
     Run all passes on a program.
@@ -70,8 +70,8 @@ def lower(
         The outputs to keep; default all.
     fma : bool
         Whether additions take in multiplications, with one rounding for both.
-    scheduled : bool
-        Whether operations change places; else they stay in the order of the recording.
+    longest : int
+        Instructions beyond which a program stays in the order of its text.
 
     Raises
     ------
@@ -84,7 +84,7 @@ def lower(
     folded = eliminate_dead_code(fold(recorded), outputs)
     expanded = eliminate_dead_code(fold(expand_sines(folded, dtype)))
     fused = eliminate_dead_code(fuse(expanded)) if fma else expanded
-    return Stages(recorded, folded, schedule_instructions(fused) if scheduled else fused)
+    return Stages(recorded, folded, schedule_instructions(fused, longest))
 
 
 def joined(program: Program) -> Program:

@@ -39,15 +39,19 @@ WAIT, WAIT_CROWDED, FOLLOWING = 2, 16, 32
 CHOICE = 128
 # Beyond this many operations, programs are cut into parts (pfd_core.kernels.codegen.split) anyway.
 LONGEST = 6000
+# The same for programs of many results (derivatives), which are written as they are computed.
+# Measured with AVX-512: up to UR5's 1450 operations one state takes 8 % less, a batch as long; on
+# Panda's 2770 and on a dense arm's 3400 all within 3 %, and without scheduling rather faster.
+ORDERED = 2000
 LOOPED = ('loop', 'state', 'end', 'result')
 # Instructions without work of their own: part of the operation that reads them.
 FREE = ('constant', 'input', 'neg')
 
 
-def schedule_instructions(program: Program) -> Program:
+def schedule_instructions(program: Program, longest: int = LONGEST) -> Program:
     """Return a program in a better order; one with a loop, or too long, as it is."""
     instructions = program.instructions
-    if len(instructions) > LONGEST or any(i.op in LOOPED for i in instructions):
+    if len(instructions) > longest or any(i.op in LOOPED for i in instructions):
         return program
     written: list[Instruction] = []
     names = [-1] * len(instructions)

@@ -1,0 +1,276 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The looped product: bits of the program written out, for one state, in batches and in parts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import ctypes
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+import pytest
+from zoo import random_chain
+
+import pfd_core as pfd
+from pfd_core.algorithms.acceleration_derivatives import record_acceleration_derivatives
+from pfd_core.kernels.codegen import body, chunks, product
+from pfd_core.kernels.codegen.module import module, product_module
+from pfd_core.kernels.codegen.spelling import Format
+from pfd_core.kernels.passes.pipeline import Stages, joined, lower, operations
+from pfd_core.kernels.passes.product import multiplied
+from pfd_core.kernels.runtime.cpython_abi import python_function
+from pfd_core.kernels.runtime.jit import compile_ir, simd_width
+from pfd_core.kernels.source import ProductSource, derivatives, turned_joints
+from pfd_core.machine.emulator import run
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Recorder
+from pfd_core.model import Robot, resolve
+
+Arrays = dict[str, NDArray[Any]]
+STATES = 21  # two whole registers of float64 with AVX-512, and a part of one
+EVERYTHING = pfd.Scene(
+    damping='model', armature='model', external_wrench=True, brakes=True, effort_limits='model'
+)
+# Joints by their types: rows and columns that fill tiles, and that leave a part of one.
+ARMS = {
+    'one revolute': ['revolute'],
+    'one prismatic': ['prismatic'],
+    'four mixed': ['revolute', 'prismatic', 'continuous', 'prismatic'],
+    'seven': ['revolute'] * 7,
+}
+
+
+@pytest.fixture(autouse=True)
+def uncached(monkeypatch: pytest.MonkeyPatch) -> None:
+    # What is on disk tells neither tiles nor where a program was cut.
+    monkeypatch.setenv('PFD_CACHE', '')
+
+
+def arm(name: str) -> Robot:
+    types = ARMS[name]
+    return random_chain(np.random.default_rng(71), len(types), joint_types=types)
+
+
+def states(source: ProductSource, n: int, dtype: str) -> Arrays:
+    rng = np.random.default_rng(72)
+    given = {name: rng.normal(size=(STATES, k)).astype(dtype) for name, k in source.inputs.items()}
+    given['tau'] *= 60  # drives are limited to 10 to 200
+    if 'free' in given:
+        given['free'] = (rng.random((STATES, n)) < 0.6).astype(dtype)
+    return given
+
+
+def native(source: ProductSource, robot: Robot, dtype: str, width: int) -> Callable[..., Any]:
+    code = source.compile(
+        f'kernel {width}', lambda: source.module(dtype, width, turned_joints(robot))
+    )
+    return python_function(code)
+
+
+def assert_same_bits(found: NDArray[Any], wanted: NDArray[Any]) -> None:
+    kind = f'i{wanted.dtype.itemsize}'
+    np.testing.assert_array_equal(found.view(kind), np.ascontiguousarray(wanted).view(kind))
+
+
+def assert_native_is_emulated(source: ProductSource, robot: Robot, dtype: str) -> None:
+    given = states(source, robot.n, dtype)
+    wanted = run(source.program, given, dtype)['derivatives']
+    assert wanted.shape == (STATES, 3 * robot.n**2)
+    single, batch = (native(source, robot, dtype, width) for width in (1, simd_width(dtype)))
+    for k in range(STATES):
+        out = np.full(source.elements, np.nan, dtype)
+        assert single(*(x[k] for x in given.values()), out) is out
+        assert_same_bits(out, wanted[k])
+    for order in ('C', 'F'):
+        arrays = [np.array(x, order=order) for x in given.values()]
+        rows = np.full((STATES, source.elements), np.nan, dtype, order)
+        assert batch(*arrays, rows) is rows
+        assert_same_bits(np.ascontiguousarray(rows), wanted)
+
+
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize('scene', [pfd.Scene(), EVERYTHING], ids=['plain', 'everything'])
+@pytest.mark.parametrize('name', ARMS)
+def test_one_state_and_a_batch_give_the_emulators_bits(
+    name: str, scene: pfd.Scene, dtype: str
+) -> None:
+    robot = arm(name)
+    source = derivatives(resolve(robot, scene), 'composite_body', 0, dtype)
+    assert ('T' in source.factors.outputs) == (scene is EVERYTHING)
+    assert_native_is_emulated(source, robot, dtype)
+
+
+@pytest.mark.parametrize('tile', [(1, 1), (3, 5)])
+def test_any_tile_gives_the_same_bits(tile: tuple[int, int], monkeypatch: Any) -> None:
+    monkeypatch.setattr(product, 'TILES', {True: tile, False: tile})
+    robot = arm('four mixed')
+    assert_native_is_emulated(
+        derivatives(resolve(robot), 'composite_body', 0, 'float64'), robot, 'float64'
+    )
+
+
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+def test_a_program_in_parts_gives_the_same_bits(dtype: str, monkeypatch: Any) -> None:
+    monkeypatch.setattr(body, 'LONGEST_TO_SCRATCH', 0)
+    monkeypatch.setattr(body, 'PART_TO_SCRATCH', 37)
+    robot = arm('four mixed')
+    source = derivatives(resolve(robot, EVERYTHING), 'composite_body', 0, dtype)
+    assert '@part9(' in source.module(dtype, 1, turned_joints(robot))
+    assert_native_is_emulated(source, robot, dtype)
+
+
+def test_chunks_that_would_take_too_much_of_the_stack_are_smaller(monkeypatch: Any) -> None:
+    monkeypatch.setattr(chunks, 'FEW', 0)
+    monkeypatch.setattr(chunks, 'MOST', 1)
+    robot = arm('four mixed')
+    source = derivatives(resolve(robot), 'composite_body', 0, 'float64')
+    width = simd_width('float64')
+    text = source.module('float64', width, ())
+    assert f'alloca [{source.elements} x <{width} x double>]' in text
+    assert f'alloca [{source.elements * chunks.CHUNK} x' not in text
+    assert_native_is_emulated(source, robot, 'float64')
+
+
+@pytest.mark.parametrize('name', ['four mixed', 'seven'])
+def test_the_loop_equals_the_definition_that_is_written_out_and_folded(name: str) -> None:
+    # Folding leaves out products with zero; a sum may then be zero with another sign.
+    robot = arm(name)
+    for scene in (pfd.Scene(), EVERYTHING):
+        plant = resolve(robot, scene)
+        source = derivatives(plant, 'composite_body', 0, 'float64')
+        given = states(source, robot.n, 'float64')
+        written_out = lower(record_acceleration_derivatives(plant), 'float64').compiled
+        wanted = run(written_out, given)['derivatives'].reshape(STATES, -1)
+        np.testing.assert_array_equal(run(source.program, given)['derivatives'], wanted)
+
+
+def test_factors_may_be_inputs_constants_and_early_values(monkeypatch: Any) -> None:
+    recorder = Recorder(1, 'sequential')
+    q, qd, tau = ([recorder.input(name, [k]) for k in range(2)] for name in ('q', 'qd', 'tau'))
+    early = q[0] * qd[1]
+    late = early
+    for _ in range(30):
+        late = late * 0.5
+    X = [q[0], recorder.constant(0.0), recorder.constant(-3.0), late]
+    D = [early, tau[1], early, recorder.constant(2.0), qd[0], late, late + early, tau[0]]
+    for name, shape, values in (
+        ('qdd', (2,), qd),
+        ('X', (2, 2), X),
+        ('D', (2, 4), D),
+        ('T', (2,), tau),
+    ):
+        recorder.output(name, shape, [(value, 0) for value in values])
+    program = recorder.program()
+    monkeypatch.setattr(body, 'PART_TO_SCRATCH', 7)
+    for longest in (0, 1000):
+        monkeypatch.setattr(body, 'LONGEST_TO_SCRATCH', longest)
+        source = ProductSource(lambda: Stages(program, program, program))
+        robot = random_chain(np.random.default_rng(1), 2)
+        assert_native_is_emulated(source, robot, 'float64')
+
+
+def test_the_product_is_the_one_of_matrices() -> None:
+    rng = np.random.default_rng(73)
+    n = 5
+    recorder = Recorder(1, 'sequential')
+    X, D = rng.normal(size=(n, n)), rng.normal(size=(n, 2 * n))
+    T = rng.normal(size=n)
+    recorder.input('q', list(range(1)))
+    for name, values in (('X', X), ('D', D), ('T', T)):
+        places = [(recorder.constant(float(x)), 0) for x in values.ravel()]
+        recorder.output(name, values.shape, places)
+    program = recorder.program()
+    program.inputs['q'] = n
+    found = run(multiplied(program), {'q': np.zeros(n)})['derivatives']
+    np.testing.assert_allclose(found, np.hstack([-X @ D, X * T]), rtol=0, atol=1e-14)
+
+
+def jacobian_of(program: Program, robot: Robot, width: int) -> Callable[..., None]:
+    """Return native code of @jacobian on arrays, at strides where `width` is above one."""
+    form = Format('float64', width, strided=width > 1)
+    angles = turned_joints(robot)
+    functions = [part(program, form, angles) for part in (product.product, product.jacobian)]
+    code = compile_ir(module(functions, form, angles, product.vector_widths(form)))
+    address = code.address('jacobian')
+
+    def call(*arrays: NDArray[np.float64]) -> None:
+        given = []
+        for array in arrays:
+            given.append(ctypes.c_void_p(array.ctypes.data))
+            if width > 1:
+                given.append(ctypes.c_int64(array.strides[0]))
+        ctypes.CFUNCTYPE(None, *map(type, given))(address)(*given)
+
+    call.code = code  # type: ignore[attr-defined]
+    return call
+
+
+def test_jacobian_also_writes_the_acceleration() -> None:
+    robot = arm('four mixed')
+    n, width = robot.n, simd_width('float64')
+    source = derivatives(resolve(robot), 'composite_body', 0, 'float64')
+    given = states(source, n, 'float64')
+    wanted = [run(source.program, given)['derivatives'], run(source.factors, given)['qdd']]
+    out, qdd = np.zeros(3 * n * n), np.zeros(n)
+    jacobian_of(source.factors, robot, 1)(*(x[3] for x in given.values()), qdd, out)
+    assert_same_bits(out, wanted[0][3])
+    assert_same_bits(qdd, wanted[1][3])
+    # Elements of `width` states lie side by side, and apart from the next element.
+    inputs = [np.hstack([x[:width].T, np.zeros((x.shape[1], 3))]) for x in given.values()]
+    out, qdd = np.zeros((3 * n * n, width + 3)), np.zeros((n, width + 3))
+    jacobian_of(source.factors, robot, width)(*inputs, qdd, out)
+    assert_same_bits(np.ascontiguousarray(out[:, :width].T), wanted[0][:width])
+    assert_same_bits(np.ascontiguousarray(qdd[:, :width].T), wanted[1][:width])
+    assert not out[:, width:].any()
+    assert not qdd[:, width:].any()
+
+
+def test_an_angle_beyond_the_range_of_the_sine_is_wrapped() -> None:
+    robot = arm('seven')
+    source = derivatives(resolve(robot), 'composite_body', 0, 'float64')
+    q, qd, tau = (x[0] for x in states(source, robot.n, 'float64').values())
+    out = np.zeros(source.elements)
+    q[2] = 1e6
+    assert native(source, robot, 'float64', 1)(q, qd, tau, out) is out
+    reference = record_acceleration_derivatives(resolve(robot))
+    exact = run(reference, {'q': q, 'qd': qd, 'tau': tau}, digits=50)['derivatives']
+    error = np.abs(out - exact.ravel().astype(float)).max() / np.abs(exact).max()
+    assert error < 1e-12
+
+
+def test_operations_are_those_of_the_program_written_out() -> None:
+    robot = arm('seven')
+    source = derivatives(resolve(robot), 'composite_body', 0, 'float64')
+    own, whole = operations(source.factors), source.operations['compiled']
+    n = robot.n
+    assert whole['mul'] - own['mul'] == 2 * n * n
+    assert whole['fma'] - own['fma'] == 2 * n * n * (n - 1)
+    assert source.elements == 3 * n * n
+
+
+@pytest.mark.parametrize('width', [1, 8])
+def test_the_text_of_the_loops_does_not_grow_with_the_joints(width: int) -> None:
+    def lines(n: int) -> int:
+        recorder = Recorder(1, 'sequential')
+        q = [recorder.input('q', [k]) for k in range(n)]
+        recorder.output('X', (n, n), [(q[0], 0)] * n * n)
+        recorder.output('D', (n, 2 * n), [(q[0], 0)] * 2 * n * n)
+        form = Format('float64', width, strided=width > 1)
+        text = product.product(recorder.program(), form, ())
+        return text[text.index('@evaluate') :].count('\n')
+
+    assert lines(12) == lines(28) < 300
+
+
+def test_the_text_of_a_long_chain_is_short_and_in_short_functions() -> None:
+    # The time of the compiler follows the lines of the text and the length of functions.
+    robot = random_chain(np.random.default_rng(74), 16)
+    source = derivatives(resolve(robot), 'composite_body', 0, 'float64')
+    text = product_module(source.factors, 'float64', 8, ())
+    functions = text.split('define ')[1:]
+    parts = [part for part in functions if '@part' in part.split('(')[0]]
+    assert len(parts) == -(-sum(operations(source.factors).values()) // body.PART_TO_SCRATCH)
+    assert max(part.count('\n') for part in parts) < 8 * body.PART_TO_SCRATCH
+    assert text.count('\n') < 4 * len(joined(source.factors).instructions)

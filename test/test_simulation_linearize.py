@@ -294,7 +294,7 @@ def test_friction_that_varies_within_a_step_is_refused(effects: dict[str, Any]) 
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [
-        ({'q': [0.0]}, r'q must have shape \(2,\), got \(1,\)'),
+        ({'q': [0.0]}, r'q must have shape \(2,\) or \(B, 2\), got \(1,\)'),
         ({'qd': [np.nan, 0.0]}, 'qd must be finite'),
         ({'wrench': np.zeros(6)}, 'wrench was given, but'),
     ],

@@ -130,6 +130,7 @@ class KernelSource:
 
     @property
     def optimisation(self) -> Optimisation:
+        """The effort of the compiler."""
         # The passes find nothing to do in a long program, and take their time.
         return Optimisation(passes=0) if self.work > LONGEST else USUAL
 
@@ -174,6 +175,7 @@ class ProductSource(KernelSource):
 
     @property
     def optimisation(self) -> Optimisation:
+        """The effort of the compiler."""
         # Level 2 of the code generator doubles the time to compile the parts of a long program,
         # which are no faster then.
         return Optimisation(passes=0, code=1) if self.work > LONGEST else USUAL

@@ -113,18 +113,31 @@ class LinearStep:
         brakes: ArrayLike | None,
     ) -> tuple[Array, Array]:
         """Return A and B; `state` are q, qd and tau; all as for Simulation.linearize."""
-        q, qd, tau = (_checked(simulation, *item) for item in state.items())
         if self.smooth is not None:
-            held = False if brakes is None else np.asarray(brakes)
-            begin = q, np.where(held, 0.0, qd)
-            end = _end_of_step(simulation, *begin, tau, wrench, brakes)
-            resting, friction = modes(simulation.robot, simulation.scene, begin, end)
-            tau, brakes = (tau - friction).astype(tau.dtype), resting | held
-            smooth_end = _end_of_step(self.smooth, *begin, tau, wrench, brakes)
-            check_no_event(simulation.robot, simulation.scene, simulation.dtype, end, smooth_end)
+            state, brakes = self._smooth_inputs(simulation, self.smooth, state, wrench, brakes)
+        q, qd, tau = state.values()
         S = self.kernel(q, qd, tau, wrench, brakes=brakes)
         rows = S.shape[-2]
         return S[..., :rows], S[..., rows:]
+
+    def _smooth_inputs(
+        self,
+        rough: Simulation,
+        smooth: Simulation,
+        state: dict[str, ArrayLike],
+        wrench: ArrayLike | None,
+        brakes: ArrayLike | None,
+    ) -> tuple[dict[str, ArrayLike], Array]:
+        """Return the state and the held joints of the step of the smooth arm."""
+        q, qd, tau = (_checked(rough, *item) for item in state.items())
+        held = False if brakes is None else np.asarray(brakes)
+        begin = q, np.where(held, 0.0, qd)
+        end = _end_of_step(rough, *begin, tau, wrench, brakes)
+        resting, friction = modes(rough.robot, rough.scene, begin, end)
+        tau, joints = (tau - friction).astype(tau.dtype), resting | held
+        smooth_end = _end_of_step(smooth, *begin, tau, wrench, joints)
+        check_no_event(rough.robot, rough.scene, rough.dtype, end, smooth_end)
+        return {'q': q, 'qd': qd, 'tau': tau}, joints
 
 
 def _checked(simulation: Simulation, name: str, value: ArrayLike) -> Array:

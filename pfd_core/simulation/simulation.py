@@ -248,7 +248,8 @@ class Simulation(ABC):
         Parameters
         ----------
         q, qd, tau : array_like
-            Positions and velocities before the step and torques, (n,) or (B, n).
+            Positions and velocities before the step and torques, (n,) or (B, n); with dry friction
+            or stops of as many states as the simulation has.
         wrench, brakes
             As for a step.
 

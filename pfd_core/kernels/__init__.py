@@ -12,6 +12,7 @@ Rooms and modules in the order of the way of the data; each imports only from th
     source         robot, scene and method -> lowered program, recorded only if needed
     auto           the method that 'auto' stands for
     arguments      arguments of a call, checked, as rows of states; arrays for results
+    entries        native code of a source, and the functions that Python calls
     kernel         Kernel: a call checks and converts its arguments and runs native code
     compile        compile_kernel
     functions      forward_dynamics, inverse_dynamics: plain functions that keep their kernels

@@ -31,8 +31,7 @@ from pfd_core.kernels.arguments import (
     rows_in_place,
     state_arguments,
 )
-from pfd_core.kernels.runtime.cpython_abi import python_function, refuse
-from pfd_core.kernels.runtime.jit import Native, simd_width
+from pfd_core.kernels.entries import Entries
 from pfd_core.kernels.runtime.threads import BatchWork, block_size, run, thread_count
 from pfd_core.kernels.source import KernelSource, turned_joints
 from pfd_core.machine.program import Program
@@ -87,9 +86,8 @@ class Kernel:
         state = state_arguments(self._names)
         # Arguments that a call leaves out, of qd, the third one and the wrench.
         self._absent = (len(state) < 2, len(state) < 3, 'wrench' not in self._names)
-        self._width = simd_width(dtype)
-        self._single = self._compile(1)
-        self._single_entry = self._entry(self._single)
+        self._code = Entries(source, dtype, turned_joints(robot))
+        self._single_entry = self._code.single_entry
 
     def __reduce__(self) -> tuple[Callable[[], Kernel], tuple[()]]:
         """Be pickled as the arguments it was compiled from."""
@@ -109,31 +107,12 @@ class Kernel:
     @property
     def ir(self) -> str:
         """LLVM text of the kernel of one state."""
-        return self._module(1)
+        return self._code.text(1)
 
     @property
     def compile_seconds(self) -> float:
         """Time spent in the compiler so far [s]."""
-        batch = self.__dict__.get('_batch')
-        return self._single.seconds + (batch.seconds if batch else 0.0)
-
-    @cached_property
-    def _batch(self) -> Native:
-        return self._compile(self._width)
-
-    @cached_property
-    def _batch_entry(self) -> Callable[..., Any]:
-        return self._entry(self._batch)
-
-    def _compile(self, width: int) -> Native:
-        return self._source.compile(f'kernel {width}', partial(self._module, width))
-
-    def _module(self, width: int) -> str:
-        return self._source.module(self.dtype, width, turned_joints(self.robot))
-
-    def _entry(self, native: Native) -> Callable[..., Any]:
-        # An entry takes arrays in the order of a call, in which brakes have no position.
-        return refuse if 'free' in self._names else python_function(native)
+        return self._code.compile_seconds
 
     def __call__(
         self,
@@ -226,7 +205,7 @@ class Kernel:
         if not isinstance(q, np.ndarray):
             return False
         states = len(q) if q.ndim == 2 else 1
-        return block_size(states, threads, self._width, self._source.work) >= states
+        return block_size(states, threads, self._code.width, self._source.work) >= states
 
     def _call_batch_entry(
         self, q: NDArray[Any], given: tuple[ArrayLike, ...], out: NDArray[Any] | None
@@ -242,7 +221,7 @@ class Kernel:
                     return None
             rows = out
         if len(self.shape) == 1:
-            return self._batch_entry(*given, rows)
+            return self._code.batch_entry(*given, rows)
         if out is not None:
             if not isinstance(out, np.ndarray) or out.shape != (len(q), *self.shape):
                 return None
@@ -250,7 +229,7 @@ class Kernel:
             if in_place is None:
                 return None
             rows = in_place
-        if self._batch_entry(*given, rows) is None:
+        if self._code.batch_entry(*given, rows) is None:
             return None
         return rows.reshape(-1, *self.shape) if out is None else out
 
@@ -281,7 +260,7 @@ class Kernel:
                 )
         self(q, qd, tau, wrench, out, brakes=brakes, threads=threads)
         if self._single_entry(*given, out) is not None:
-            return partial(python_function(self._single, 'bound'), *given, out)
+            return partial(self._code.bound, *given, out)
         return partial(self, q, qd, tau, wrench, out, brakes=brakes, threads=threads)
 
     def _evaluate_checked(
@@ -308,8 +287,8 @@ class Kernel:
             target = new_result(batch, self.shape, self.dtype, arrays['q'])
             rows = target.reshape(-1, self._source.elements)
         given = [*(as_rows(value, batch) for value in arrays.values()), rows]
-        block = block_size(len(rows), threads, self._width, self._source.work)
-        if run(BatchWork(self._batch, given), len(rows), block, threads):
+        block = block_size(len(rows), threads, self._code.width, self._source.work)
+        if run(BatchWork(self._code.batch, given), len(rows), block, threads):
             for name, value in arrays.items():
                 check_finite(name, value)
         if out is None:

@@ -12,6 +12,9 @@ from zoo import random_chain
 from pfd_core.machine.program import Steps
 from pfd_core.model import Robot
 
+# Lengths around powers of two, where a level is added, and between.
+SIZES = (*range(1, 10), 12, 15, 16, 17, 24, 31, 32)
+
 
 def chain(n: int, prismatic: bool = False) -> Robot:
     """Return a skew chain; with `prismatic`, the last joint slides."""

@@ -6,15 +6,13 @@ from __future__ import annotations
 
 import math
 
-from closed_forms import arithmetic, chain, elimination, levels, rounds
+from closed_forms import SIZES, arithmetic, chain, elimination, levels, rounds
 import numpy as np
 import pytest
 
 from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics, record_terms
 from pfd_core.machine.program import Steps
 from pfd_core.model import Scene, resolve
-
-SIZES = range(1, 33)
 
 
 @pytest.mark.parametrize('n', SIZES)

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from closed_forms import arithmetic, chain, levels
+from closed_forms import SIZES, arithmetic, chain, levels
 import numpy as np
 from oracle import ARMS, WRENCH, Oracle, chains, every, jacobi_condition, relative
 import pytest
@@ -23,7 +23,6 @@ from pfd_core.machine.recorder import SCHEDULES, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import Robot, Scene, load_robot, resolve
 
-SIZES = range(1, 33)
 MASSLESS = ((4, (1,)), (5, (1, 2)), (6, (0, 2, 4)), (8, (1, 2, 5, 6)))
 
 # A power of two times the inertia, added and taken back, leaves its own rounding in the pivots.

@@ -5,132 +5,30 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
-from closed_forms import arithmetic, chain, levels
+from drive_scenes import (
+    NAMES,
+    PAYLOAD,
+    given,
+    gravity_torques,
+    motors,
+    oracle_of,
+    scenes,
+    tolerance,
+    wanted_qdd,
+)
 import numpy as np
 from oracle import Oracle, chains, jacobi_condition, relative
-import pinocchio as pin
 import pytest
-from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS, SINGLE
-from zoo import Array, random_chain, random_state, to_pinocchio
+from tolerances import DYNAMICS, FIFTY_DIGITS, SINGLE
+from zoo import random_chain
 
 import pfd_core as pfd
 from pfd_core.algorithms.chain.drives import cut_off, record_motor_torques, without_drives
 from pfd_core.algorithms.programs import FORWARD, METHODS, SERIAL, record_inverse_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES
-from pfd_core.model import Payload, Robot, Scene, resolve, with_payload
-
-PAYLOAD = Payload(2.0, (0.1, -0.05, 0.2), np.diag([0.02, 0.03, 0.04]))
-OTHER = Payload(0.7, (0.0, 0.1, 0.1))
-
-
-def table(i: int) -> list[tuple[float, float]] | None:
-    """Return the table of joint i: none, one row, two rows, or three with a bend."""
-    rows = [(0.5, 12.0), (1.0, 6.0), (2.5, 1.0)]
-    return rows[: i % 4] or None
-
-
-def scenes(n: int) -> dict[str, Scene]:
-    """Return scenes of n joints with a drive or a spring each, and one with all effects."""
-    tables = [table(i + 1) for i in range(n)]
-    efforts = [np.inf if i % 3 == 2 else 3.0 + i for i in range(n)]
-    stiffness, rest = np.linspace(5.0, 50.0, n), np.linspace(-1.0, 1.0, n)
-    found = {
-        'exact compensation': Scene(gravity_compensation=True),
-        'compensation without the payload': Scene(gravity_compensation=True, payload=PAYLOAD),
-        'compensation of another model': Scene(
-            payload=PAYLOAD,
-            gravity_compensation=Scene(gravity=(1.0, -2.0, -9.0), payload=OTHER),
-        ),
-        'compensation in space': Scene(gravity=None, gravity_compensation=Scene()),
-        'effort limits': Scene(effort_limits=efforts),
-        'torque and speed': Scene(torque_speed=tables),
-        'limited compensation': Scene(gravity_compensation=True, effort_limits=[4.0] * n),
-        'springs': Scene(stiffness=stiffness),
-        'springs that rest anywhere': Scene(stiffness=stiffness, rest_position=rest),
-    }
-    found['all'] = Scene(
-        damping='model',
-        armature='model',
-        payload=PAYLOAD,
-        external_wrench=True,
-        stiffness=stiffness,
-        rest_position=rest,
-        effort_limits=efforts,
-        torque_speed=tables,
-        gravity_compensation=Scene(payload=OTHER),
-    )
-    return found
-
-
-NAMES = tuple(scenes(1))
-
-
-def gravity_torques(robot: Robot, scene: Scene, q: Array) -> Array:
-    """Return the gravity torques of a robot in a scene by Pinocchio."""
-    carrying = robot if scene.payload is None else with_payload(robot, scene.payload)
-    model = to_pinocchio(carrying)
-    model.gravity.linear = np.zeros(3) if scene.gravity is None else np.array(scene.gravity)
-    found: Array = pin.computeGeneralizedGravity(model, model.createData(), q)
-    return found
-
-
-def motors(robot: Robot, scene: Scene, q: Array, qd: Array, tau: Array) -> Array:
-    """Return the torques of the motors, element by element."""
-    model = scene.gravity_compensation
-    if model is not False:
-        model = Scene(gravity=scene.gravity) if model is True else model
-        tau = tau + gravity_torques(robot, model, q)
-    tau = tau.copy()
-    for i in range(robot.n):
-        most = np.inf if scene.effort_limits is None else scene.effort_limits[i]
-        rows = None if scene.torque_speed is None else scene.torque_speed[i]
-        speeds, torques = ([0.0], [np.inf]) if rows is None else np.transpose(rows)
-        driving = min(most, np.interp(abs(qd[i]), speeds, torques))
-        braking = min(most, torques[0])
-        sign = 1.0 if qd[i] > 0 else -1.0
-        tau[i] = sign * min(max(sign * tau[i], -braking), driving)
-    return tau
-
-
-def passive(robot: Robot, scene: Scene, q: Array, qd: Array) -> Array:
-    """Return the torques that joints with damping and springs take."""
-    tau = np.zeros(robot.n)
-    if scene.damping is not None:
-        tau += robot.damping * qd
-    if scene.stiffness is not None:
-        rest = np.zeros(robot.n) if scene.rest_position is None else scene.rest_position
-        tau += np.array(scene.stiffness) * (q - rest)
-    return tau
-
-
-def oracle_of(robot: Robot, scene: Scene) -> Oracle:
-    carrying = robot if scene.payload is None else with_payload(robot, scene.payload)
-    oracle = Oracle(carrying, robot.armature if scene.armature else None)
-    oracle.model.gravity.linear = np.zeros(3) if scene.gravity is None else np.array(scene.gravity)
-    return oracle
-
-
-def given(rng: np.random.Generator, robot: Robot, scene: Scene) -> dict[str, Array]:
-    q, qd, tau = random_state(rng, robot.n)
-    inputs = {'q': q, 'qd': qd, 'tau': 3.0 * tau}
-    return inputs | ({'wrench': rng.normal(size=6)} if scene.external_wrench else {})
-
-
-def wanted_qdd(robot: Robot, scene: Scene, at: dict[str, Array]) -> Array:
-    """Return Pinocchio's accelerations under the torques of motors, joints and wrench."""
-    tau = motors(robot, scene, at['q'], at['qd'], at['tau'])
-    tau = tau - passive(robot, scene, at['q'], at['qd'])
-    return oracle_of(robot, scene).qdd(at['q'], at['qd'], tau, at.get('wrench'))
-
-
-def tolerance(method: str, robot: Robot, scene: Scene, q: Array) -> float:
-    H = oracle_of(robot, scene).H(q)
-    unscaled = method in ('walker_orin_4', 'pcgm')
-    return ACCELERATION * (float(np.linalg.cond(H)) if unscaled else jacobi_condition(H))
-
+from pfd_core.model import Robot, Scene, resolve
 
 # ---- accelerations ---------------------------------------------------------------------------
 
@@ -139,7 +37,7 @@ def tolerance(method: str, robot: Robot, scene: Scene, q: Array) -> float:
 @pytest.mark.parametrize('method', METHODS)
 def test_every_method_agrees_with_pinocchio(method: str, name: str) -> None:
     rng = np.random.default_rng(61)
-    for n, share in ((1, 0.0), (1, 1.0), (3, 0.5), (5, 0.3)):
+    for n, share in ((1, 0.0), (1, 1.0), (2, 0.5), (4, 0.3)):
         robot = random_chain(rng, n, share)
         scene = scenes(robot.n)[name]
         at = given(rng, robot, scene)
@@ -156,7 +54,8 @@ def test_every_method_agrees_with_pinocchio(method: str, name: str) -> None:
 )
 def test_kernels_agree_with_pinocchio(name: str, refine: int) -> None:
     rng = np.random.default_rng(62)
-    for types in (['revolute'] * 6, ['revolute', 'prismatic', 'continuous', 'revolute']):
+    every_type = ['revolute', 'prismatic', 'continuous', 'revolute']
+    for types in (['revolute'] * 6, every_type) if name == 'all' else (every_type,):
         robot = random_chain(rng, len(types), joint_types=types)
         scene = scenes(robot.n)[name]
         kernel = pfd.compile_kernel(robot, scene=scene, refine=refine)
@@ -379,70 +278,3 @@ def test_springs_hold_an_arm_where_pinocchio_says() -> None:
     free = pfd.forward_dynamics(robot, q, 0 * q, 0 * q)
     held = pfd.forward_dynamics(robot, q, 0 * q, 0 * q, scene=scene)
     assert np.abs(held).max() < 1e-12 * np.abs(free).max() * jacobi_condition(Oracle(robot).H(q))
-
-
-# ---- costs -----------------------------------------------------------------------------------
-
-OFF: dict[str, dict[str, Any]] = {
-    'effort_limits': {'effort_limits': [np.inf] * 6},
-    'torque_speed': {'torque_speed': [None] * 6},
-    'springs': {'stiffness': [0.0] * 6, 'rest_position': [0.3] * 6},
-    'gravity_compensation': {'gravity_compensation': Scene(gravity=None)},
-    'friction': {'friction': [0.0] * 6},
-    'joint_limits': {'joint_limits': [(-np.inf, np.inf)] * 6, 'restitution': 0.5},
-    'motor_lag': {'motor_lag': [0.0] * 6},
-    'damping': {'damping': [0.0] * 6},
-    'armature': {'armature': [0.0] * 6},
-}
-
-
-@pytest.mark.parametrize('effect', OFF)
-def test_an_effect_that_is_off_costs_nothing(effect: str) -> None:
-    robot = pfd.load_robot('ur5')
-    bare = pfd.compile_kernel(robot, refine=1)
-    off = pfd.compile_kernel(robot, scene=Scene(**OFF[effect]), refine=1)
-    assert off.operations == bare.operations
-    assert off.ir == bare.ir
-
-
-ON: dict[str, tuple[dict[str, Any], int]] = {
-    # Each joint: two comparisons of one subtraction and one selection.
-    'effort_limits': ({'effort_limits': [40.0] * 6}, 6 * 4),
-    # One joint of six has a limit.
-    'one effort limit': ({'effort_limits': [np.inf] * 5 + [5.0]}, 4),
-    # The stretch of a spring, its product and its sum; a rest position of zero needs none.
-    'springs': ({'stiffness': [5.0] * 6}, 6 * 2),
-    'springs at rest elsewhere': ({'stiffness': [5.0] * 6, 'rest_position': [0.1] * 6}, 6 * 3),
-    # |qd|, tau along qd and back: 6; two rows: 3 + 1 and 2; two comparisons: 4.
-    'torque_speed': ({'torque_speed': [[(2.0, 50.0), (3.0, 0.0)]] * 6}, 6 * 16),
-}
-
-
-@pytest.mark.parametrize('effect', ON)
-def test_an_effect_that_is_on_costs_its_operations(effect: str) -> None:
-    robot = pfd.load_robot('ur5')
-    arguments, more = ON[effect]
-    bare, on = (
-        sum(pfd.compile_kernel(robot, scene=Scene(**given)).operations['folded'].values())
-        for given in ({}, arguments)
-    )
-    assert on - bare == more
-
-
-@pytest.mark.parametrize('n', [2, 3, 6, 8])
-def test_gravity_compensation_has_its_closed_form_of_steps(n: int) -> None:
-    robot = replace(chain(n), base_rotation=np.eye(3))
-    for scene, products, sums in (
-        (Scene(gravity_compensation=True, effort_limits=[1.0] * n), 9, 3 * levels(n) + 7),
-        (Scene(gravity_compensation=Scene(payload=OTHER)), 18, 3 * levels(n) + 11),
-    ):
-        program = FORWARD['pcrbm'](resolve(robot, scene), 'parallel')
-        assert arithmetic(program.count(section='drives'))[:2] == (products, sums)
-
-
-@pytest.mark.parametrize('rows', [1, 2, 4])
-def test_limits_have_their_closed_form_of_steps(rows: int) -> None:
-    found = np.stack([np.arange(rows), 10.0 - np.arange(rows)], axis=1)
-    program = FORWARD['pcrbm'](resolve(chain(5), Scene(torque_speed=[found] * 5)), 'parallel')
-    steps = arithmetic(program.count(section='drives'))[:2]
-    assert steps == ((0, 2) if rows == 1 else (rows - 1, 2 * (rows - 1) + 3))

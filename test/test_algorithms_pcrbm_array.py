@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from closed_forms import SIZES
 import numpy as np
 from oracle import WRENCH, Oracle, chains, every, jacobi_condition, relative
 import pytest
@@ -17,8 +18,6 @@ from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Steps
 from pfd_core.machine.recorder import SCHEDULES
 from pfd_core.model import Robot, Scene, resolve
-
-SIZES = range(1, 33)
 
 
 @pytest.mark.parametrize('schedule', SCHEDULES)

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from closed_forms import SIZES
 import mpmath
 import numpy as np
 import pytest
@@ -34,8 +35,6 @@ from pfd_core.algorithms.paper.triangular_array import (
 )
 from pfd_core.machine.program import Steps
 from pfd_core.machine.systolic import LinkError, Ports, Step
-
-SIZES = range(1, 33)
 
 
 def integers(rng: np.random.Generator, n: int) -> tuple[Array, Array, Array]:

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from closed_forms import arithmetic, chain, elimination, levels, rounds
+from closed_forms import SIZES, arithmetic, chain, elimination, levels, rounds
 import numpy as np
 from oracle import ARMS, WRENCH, Oracle, chains, every, jacobi_condition, relative
 import pytest
@@ -25,8 +25,6 @@ from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import SCHEDULES, Lanes
 from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
-
-SIZES = range(1, 33)
 
 # Diagonal elements of H about each joint's own point: a few roundings (seen 9e-16).
 OWN_POINT = 1e-14

@@ -118,7 +118,7 @@ def test_a_long_chain_agrees_with_pinocchio(n: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('n', [100, 200])
+@pytest.mark.parametrize('n', [100, pytest.param(200, marks=pytest.mark.long)])
 def test_a_very_long_chain_agrees_with_pinocchio(n: int) -> None:
     rng = np.random.default_rng(n)
     check(rng, pfd.compile_kernel(random_chain(rng, n)))
@@ -171,9 +171,10 @@ def test_auto_refines_ordinary_arms_and_massless_joints_by_composite_bodies() ->
 
 
 SLOW = pytest.mark.slow
+LONG = (SLOW, pytest.mark.long)
 
 
-@pytest.mark.parametrize('n', [8, pytest.param(11, marks=SLOW), pytest.param(15, marks=SLOW)])
+@pytest.mark.parametrize('n', [8, pytest.param(11, marks=SLOW), pytest.param(15, marks=LONG)])
 def test_auto_counts_in_between_and_takes_the_cheaper(n: int) -> None:
     rng = np.random.default_rng(62)
     for scene in (None, pfd.Scene(armature='model')):

@@ -166,6 +166,7 @@ def test_a_sweep_of_float32_stays_below_the_promised_ulps() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_every_float32_stays_below_the_promised_ulps() -> None:
     sweep_float32(stride=1)
 
@@ -266,7 +267,7 @@ def test_another_number_format_is_refused_and_named() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('dtype', ['float32', 'float64'])
+@pytest.mark.parametrize('dtype', ['float32', pytest.param('float64', marks=pytest.mark.long)])
 def test_the_constants_are_those_that_the_fit_prints(dtype: str) -> None:
     spec = importlib.util.spec_from_file_location('fit_sine', FIT)
     assert spec is not None

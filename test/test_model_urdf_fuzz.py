@@ -25,7 +25,7 @@ from zoo import FORK, ODD_ARM, STRAIGHT_ARM
 
 from pfd_core.model import Robot, load_robot
 
-FILES = 1200
+FILES = 600
 SEED = 20260
 LOCKED = {
     'odd': {},

@@ -75,7 +75,9 @@ def test_every_motion_has_a_reference_that_two_computations_agree_on() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['so100_fall', 'puma560_damped_10000'])
+@pytest.mark.parametrize(
+    'name', ['so100_fall', pytest.param('puma560_damped_10000', marks=pytest.mark.long)]
+)
 def test_a_stored_reference_is_what_is_computed(name: str) -> None:
     (motion,) = (motion for motion in MOTIONS if motion.name == name)
     found = computed(motion)

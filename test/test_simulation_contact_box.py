@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 from oracle import Oracle
 import pytest
@@ -159,7 +157,7 @@ def test_an_arm_under_a_shaking_torque_below_its_friction_does_not_creep() -> No
 
 @pytest.mark.parametrize(
     ('integrator', 'dtype', 'brakes'),
-    [*product(['rk4'], ['float64', 'float32'], [False, True]), ('imex2', 'float64', True)],
+    [('rk4', 'float64', False), ('rk4', 'float32', True), ('imex2', 'float64', True)],
 )
 def test_an_arm_moves_by_the_same_bits_alone_step_by_step_and_beside_others(
     integrator: str, dtype: str, brakes: bool
@@ -214,12 +212,12 @@ def test_the_order_is_four_while_sliding_and_above_two_through_reversals_and_sto
     )
     for scene, least, steps in ((smooth, 3.8, 6), (eventful, 2.0, 50)):
         ends = []
-        for refined in (1, 2, 4, 8, 32):
+        for refined in (1, 8, 32):
             sim = pfd.Simulator(robot, scene, step_size=8e-3, substeps=refined)
             sim.reset([0.1] * n, [3.0, -3.0, 3.0])
             ends.append(sim.rollout(np.zeros((steps, n))).q[-1])
         errors = np.abs(np.array(ends[:-1]) - ends[-1]).max(axis=1)
-        order = np.log2(errors[0] / errors[-1]) / 3
+        order = np.log2(errors[0] / errors[1]) / 3
         assert order > least
 
 

@@ -171,6 +171,9 @@ def test_a_simulation_goes_on_where_it_was_interrupted(seed: int) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('seed', range(100, 120))
+@pytest.mark.parametrize(
+    'seed',
+    [*range(100, 103), *(pytest.param(k, marks=pytest.mark.long) for k in range(103, 120))],
+)
 def test_many_simulations_go_on_where_they_were_interrupted(seed: int) -> None:
     interrupt(seed, 10)

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 import math
 import pickle
 from typing import Any
@@ -73,13 +72,13 @@ def test_the_error_falls_with_the_order_of_the_integrator(
     scene = {'damping': np.full(6, 100.0)} if TABLE[integrator].implicit else {}
     right = reference(lag, **scene)
     errors = []
-    for substeps in (30, 60, 120):
+    for substeps in (30, 120):
         sim = puma(lag, integrator, substeps, **scene)
         sim.step(COMMAND)
         errors.append(np.abs(sim.q - right).max())
     assert errors[-1] < (1e-9 if integrator == 'rk4' else 3e-6)
-    for coarse, fine in pairwise(errors):
-        assert math.log2(coarse / fine) == pytest.approx(TABLE[integrator].order, abs=0.2)
+    order = math.log2(errors[0] / errors[1]) / 2
+    assert order == pytest.approx(TABLE[integrator].order, abs=0.2)
 
 
 @pytest.mark.parametrize(

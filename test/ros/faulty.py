@@ -114,9 +114,9 @@ def put_in(fault: str) -> None:
     if fault.startswith('stub_'):
         runs = {'hangs': wait_and_hang, 'hangs_in_c': wait_and_hang_in_c, 'ends': wait_and_end}
         without_ros(runs[fault.removeprefix('stub_')])
-        if fault == 'stub_ends':
-            # On a busy machine the interpreter may need longer than that to go down.
-            node.GRACE_SECONDS = 30.0
+        # On a busy machine the interpreter may need longer than that to go down; a process that
+        # hangs uses all of it.
+        node.GRACE_SECONDS = 30.0 if fault == 'stub_ends' else 0.1
         return
     if fault == 'traced':
         trace()

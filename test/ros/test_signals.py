@@ -82,9 +82,9 @@ def test_a_node_ends_under_repeated_signals_at_any_moment_of_its_life(
     processes: Processes,
 ) -> None:
     # From before the imports until after the last line. Signals that are due at once are one.
-    for k in range(20):
+    for k in range(10):
         arm = processes.arm(ready=False)
-        time.sleep(0.1 * k)
+        time.sleep(0.2 * k)
         deadline = time.monotonic() + PATIENCE
         while arm.process.poll() is None and time.monotonic() < deadline:
             arm.process.send_signal(INT)

@@ -264,9 +264,8 @@ def _refined(
 ) -> list[Lanes]:
     """Return qdd with steps of refinement, as in pfd_core.algorithms.refinement."""
     qdd = _solution(factors, y)
-    torques = record_link_torques(plant)
     for _ in range(steps):
-        needed = inline(recorder, torques, {'qdd': qdd})['tau']
+        needed = inline(recorder, record_link_torques(plant), {'qdd': qdd})['tau']
         rest = [given - t for given, t in zip(tau, needed, strict=True)]
         qdd = [a + d for a, d in zip(qdd, _solution(factors, rest), strict=True)]
     return qdd

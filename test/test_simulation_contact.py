@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from math import log, sqrt
 
 import numpy as np
@@ -185,3 +186,16 @@ def test_a_damped_bounce_falls_by_the_square_of_the_restitution() -> None:
     fall = sqrt(2 * height / 9.81)
     at_top = np.searchsorted(run.time, fall + e * fall)
     assert abs(run.q[at_top, 0] - height * e**2) < 9.81 * STEP**2
+
+
+def test_kept_code_of_one_scene_with_friction_is_not_taken_for_that_of_another() -> None:
+    # All have the same dynamics of held joints, from which their code takes its name.
+    robot, ends = rotor(1.0), []
+    for effects in ({}, {'effort_limits': [2.0]}, {'effort_limits': [4.0]}):
+        for kind in (pfd.Simulator, partial(pfd.Ensemble, size=1)):
+            sim = kind(robot, scene=pfd.Scene(gravity=None, friction=[1.0], **effects))
+            sim.rollout(np.full((1000, 1), 11.0))
+            ends.append(sim.qd.item())
+    # The wheel turns by the motor's torque less its friction for a second.
+    wanted = [10.0, 10.0, 1.0, 1.0, 3.0, 3.0]
+    np.testing.assert_allclose(ends, wanted, rtol=0, atol=ROUNDING_OF_1500_STEPS)

@@ -10,6 +10,7 @@ each stage of the integrator; native code multiplies them up (codegen.linear_ste
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from operator import attrgetter
 
@@ -21,8 +22,7 @@ from pfd_core.kernels.runtime.jit import Optimisation
 from pfd_core.kernels.simulations import plants
 from pfd_core.kernels.source import KernelSource, ProductSource, derivatives, plant_of
 from pfd_core.machine.program import Program
-from pfd_core.model import Robot, Scene
-from pfd_core.model.plant import without_step_effects
+from pfd_core.model import Robot, Scene, in_motion, without_step_effects
 
 
 class LinearSource(KernelSource):
@@ -37,7 +37,7 @@ class LinearSource(KernelSource):
         self.inputs = {
             name: size for source in sources.values() for name, size in source.inputs.items()
         }
-        self.shape = (n * len(rows), n * (len(rows) + 1))
+        self.shape = (n * len(rows), n * (len(rows) + 1) + 1)
         (self.operations, *_) = (source.operations for source in sources.values())
 
     @property
@@ -67,16 +67,19 @@ def compile_linear_step(
     dtype: str,
     refine: int,
     implicit: float = 0.0,
+    dry: bool = False,
 ) -> Kernel:
     """
     Compile the linearisation of some steps of an integrator, a kernel of q, qd and tau.
 
-    Its result, (r n, (r + 1) n), is the derivative of the r rows of the state at the end by those
-    at the beginning and by the torque. `implicit` is as for compile_rollout, errors as for
-    compile_kernel. Positions must be plain sums in `step`: what they lose has no derivative.
+    Its result, (r n, (r + 1) n + 1), is the derivative of the r rows of the state at the end by
+    those at the beginning and by the torque, and last the state at the end. `implicit` is as for
+    compile_rollout, errors as for compile_kernel. With `dry`, for scenes with dry friction or
+    stops, joints stay in motion or are held by brakes. Positions must be plain sums in `step`: the
+    digits that these lose have no derivative.
     """
     plant, _ = plant_of(robot, scene, dtype)
-    plant = without_step_effects(plant)
+    plant = in_motion(plant) if dry else without_step_effects(plant)
     method = choose(plant, method, refine)
     functions = dict(plants(plant, implicit))
     sources = {name: derivatives(functions[name], method, refine, dtype) for name in called(step)}
@@ -90,6 +93,9 @@ def compile_linear_step(
         dtype=dtype,
         refine=refine,
         implicit=implicit,
+        dry=dry,
     )
+    if dry:
+        scene = replace(scene, brakes=True)
     source = LinearSource(step, substeps, sources)
     return Kernel(robot, scene, method, dtype, source, recreate, quantity='linear_step')

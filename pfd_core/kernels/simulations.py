@@ -153,8 +153,8 @@ class _Sources:
         The method that 'auto' stood for.
     main : KernelSource
         The dynamics that a step evaluates most.
-    key : str
-        All that decides the module besides the main source and the step's program.
+    settings : str
+        All that decides the module besides the sources and the step's program.
     others : dict
         Sources of other functions, by the names that the step calls them.
     contact : Contact or None
@@ -164,11 +164,17 @@ class _Sources:
 
     method: str
     main: KernelSource
-    key: str
+    settings: str
     others: Mapping[str, KernelSource]
     inputs: Mapping[str, int]
     dtype: str
     contact: Contact | None = None
+
+    @property
+    def key(self) -> str:
+        """All that decides the module besides the main source and the step's program."""
+        others = {name: source.key for name, source in self.others.items()}
+        return f'{self.settings} {others}'
 
     @property
     def signature(self) -> Program:
@@ -231,8 +237,8 @@ def _sources(
     main, *others = (
         (name, forward(own, method, refine, dtype)) for name, own in plants(plant, implicit)
     )
-    key = f' implicit {implicit.hex()}' if others else ''
-    return _Sources(method, main[1], key, dict(others), main[1].inputs, dtype)
+    settings = f' implicit {implicit.hex()}' if others else ''
+    return _Sources(method, main[1], settings, dict(others), main[1].inputs, dtype)
 
 
 def plants(plant: Plant, implicit: float) -> Iterator[tuple[str, Plant]]:
@@ -264,8 +270,8 @@ def _contact_sources(
         stiff = replace(_at_rest(held), armature=heavier)
         others['_stiff'] = forward(stiff, method, refine, dtype)
     inputs = {k: size for k, size in main.inputs.items() if k != 'free' or brakes}
-    key = f' {" ".join(inputs)} {contact.key}'
-    return _Sources(method, main, key, others, inputs, dtype, contact)
+    settings = f' {" ".join(inputs)} {contact.key}'
+    return _Sources(method, main, settings, others, inputs, dtype, contact)
 
 
 def _heavier(plant: Plant, time: float) -> Array:

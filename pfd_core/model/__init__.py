@@ -34,7 +34,7 @@ chain.drives for one of the motors).
 
 from pfd_core.model.frames import Frame
 from pfd_core.model.loading import known_robots, load_robot, load_scene
-from pfd_core.model.plant import Plant, check_instant, without_step_effects
+from pfd_core.model.plant import Plant, check_instant, in_motion, without_step_effects
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.robot_changes import Payload, lock, with_payload
 from pfd_core.model.rotors import reflected_inertia
@@ -51,6 +51,7 @@ __all__ = [
     'Robot',
     'Scene',
     'check_instant',
+    'in_motion',
     'known_robots',
     'load_robot',
     'load_scene',

@@ -5,6 +5,7 @@ Plant: a scene and a robot as numbers, which an algorithm records as a program.
 
     check_instant          refuses effects that a program of one instant cannot have
     without_step_effects   a plant without those
+    in_motion              the same, with the friction of joints that stay in motion
 
 Most effects are torques at an instant, in pfd_core.algorithms.chain (drives, joint_torques). Dry
 friction, stops and the lag of motors act over a step of time, in pfd_core.simulation.
@@ -68,6 +69,10 @@ class Plant(FrozenArrays):
         The robot and gravity whose gravity torques the drives add.
     motor_lag : ndarray or None
         (n,) [s].
+    sliding_friction : ndarray or None
+        (n, 3) [N m, N m, rad/s; N, N, m/s]: Coulomb friction, the friction at rest towards which
+        it rises, and the velocity at which it has risen half-way, of joints that stay in motion.
+        It belongs to no scene: an instant knows no joint that its friction holds.
 
     """
 
@@ -88,6 +93,7 @@ class Plant(FrozenArrays):
     torque_speed: Array | None = None
     gravity_compensation: Plant | None = None
     motor_lag: Array | None = None
+    sliding_friction: Array | None = None
 
     def __post_init__(self) -> None:
         for key, value in vars(self).items():
@@ -112,6 +118,23 @@ def without_step_effects(plant: Plant) -> Plant:
     """Return a plant without dry friction, stops and lag: the accelerations at an instant."""
     off: dict[str, Any] = dict.fromkeys(STEP_EFFECTS)
     return replace(plant, **off)
+
+
+def in_motion(plant: Plant) -> Plant:
+    """
+    Return the plant of joints that stay in motion, or are held by brakes.
+
+    Dry friction is a torque that depends on the velocity then, and stops are out of reach.
+    """
+    smooth = without_step_effects(plant)
+    if plant.friction is None or plant.static_friction is None:
+        return replace(smooth, brakes=True)
+    # Without a velocity for it, friction falls to that of the sliding joint at once.
+    static, velocity = plant.friction, np.ones_like(plant.friction)
+    if plant.stribeck_velocity is not None:
+        static, velocity = plant.static_friction, plant.stribeck_velocity
+    friction = np.stack([plant.friction, static, velocity], axis=1)
+    return replace(smooth, brakes=True, sliding_friction=friction)
 
 
 def check_instant(plant: Plant) -> None:

@@ -138,10 +138,6 @@ class Ensemble(Simulation):
         status = 'ok' if (finite_steps == steps).all() else 'not_finite'
         return Trajectory(time, states['q'], states['qd'], states['qdd'], status, finite_steps)
 
-    def in_scene(self, scene: Scene) -> Ensemble:
-        """Return a simulation with these settings in another scene."""
-        return Ensemble(self.robot, self.size, scene, **self.settings)
-
     def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
         """Advance the state by one step."""
         self.rollout(tau[:, np.newaxis], wrench=wrench, brakes=brakes)

@@ -9,15 +9,14 @@ Every integrator is differentiated as it stands: A and B are the derivatives of 
 step computes, not of the motion that it approximates (pfd_core.kernels.linear_steps).
 
 Dry friction and stops. As long as no joint comes to rest, breaks loose or reaches its stop, a step
-is that of a smooth arm: joints at rest are held by brakes, and the friction of the others is a
-constant torque. Both arms take the step; if their ends differ, an event has fallen into it, and
-there is no derivative.
+is that of a smooth arm: joints at rest are held by brakes, and the friction of the others depends
+on their velocities alone. Both arms take the step; if their ends differ, an event has fallen into
+it, and there is no derivative.
 """
 
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -31,20 +30,10 @@ from pfd_core.model.error_text import quote
 from pfd_core.simulation.contact.texts import has_contact
 from pfd_core.simulation.integrators import TABLE, record_step
 
-Self = TypeVar('Self')
-
-# Fields of Scene that a smooth arm does not have.
-ROUGH: dict[str, Any] = {
-    'friction': None,
-    'static_friction': None,
-    'stribeck_velocity': None,
-    'joint_limits': None,
-    'restitution': 0.0,
-}
-# Effects with which the friction of a sliding joint is no constant torque at its motor.
-VARYING = ('stribeck_velocity', 'effort_limits', 'torque_speed')
 # Two ways to the same state, of a step: roundings of a few hundred operations, relative to it.
 SAME = {'float64': 1e-9, 'float32': 1e-3}
+
+Self = TypeVar('Self')
 
 
 class Simulation(Protocol):
@@ -67,9 +56,6 @@ class Simulation(Protocol):
     def qd(self) -> Array:
         """Velocities."""
 
-    def in_scene(self: Self, scene: Scene) -> Self:
-        """Return a simulation with these settings in another scene."""
-
     def reset(
         self,
         q: ArrayLike | None = None,
@@ -85,25 +71,12 @@ class Simulation(Protocol):
 
 
 class LinearStep:
-    """
-    The linearised step of a simulation, with its settings; it keeps none of its state.
-
-    Attributes
-    ----------
-    kernel : Kernel
-        A and B, side by side, of the smooth arm.
-    smooth : Simulation or None
-        The simulation without dry friction and stops; None if its scene has neither.
-
-    """
+    """The linearised step of a simulation, with its settings; it keeps none of its state."""
 
     def __init__(self, simulation: Simulation) -> None:
-        scene = simulation.scene
-        self.smooth = None
-        if has_contact(resolve(simulation.robot, scene)):
-            scene = smooth_scene(scene)
-            self.smooth = simulation.in_scene(scene)
-        self.kernel = _kernel(simulation.robot, scene, **simulation.settings)
+        robot, scene = simulation.robot, simulation.scene
+        self._dry = has_contact(resolve(robot, scene))
+        self.kernel = _kernel(robot, scene, self._dry, **simulation.settings)
 
     def matrices(
         self,
@@ -113,43 +86,37 @@ class LinearStep:
         brakes: ArrayLike | None,
     ) -> tuple[Array, Array]:
         """Return A and B; `state` are q, qd and tau; all as for Simulation.linearize."""
-        if self.smooth is not None:
-            state, brakes = self._smooth_inputs(simulation, self.smooth, state, wrench, brakes)
+        if self._dry:
+            return self._without_events(simulation, state, wrench, brakes)
         q, qd, tau = state.values()
         S = self.kernel(q, qd, tau, wrench, brakes=brakes)
         rows = S.shape[-2]
-        return S[..., :rows], S[..., rows:]
+        return S[..., :rows], S[..., rows:-1]
 
-    def _smooth_inputs(
+    def _without_events(
         self,
-        rough: Simulation,
-        smooth: Simulation,
+        simulation: Simulation,
         state: dict[str, ArrayLike],
         wrench: ArrayLike | None,
         brakes: ArrayLike | None,
-    ) -> tuple[dict[str, ArrayLike], Array]:
-        """Return the state and the held joints of the step of the smooth arm."""
-        q, qd, tau = (_checked(rough, *item) for item in state.items())
-        held = False if brakes is None else np.asarray(brakes)
-        begin = q, np.where(held, 0.0, qd)
-        end = _end_of_step(rough, *begin, tau, wrench, brakes)
-        resting, friction = modes(rough.robot, rough.scene, begin, end)
-        tau, joints = (tau - friction).astype(tau.dtype), resting | held
-        smooth_end = _end_of_step(smooth, *begin, tau, wrench, joints)
-        check_no_event(rough.robot, rough.scene, rough.dtype, end, smooth_end)
-        return {'q': q, 'qd': qd, 'tau': tau}, joints
-
-
-def _checked(simulation: Simulation, name: str, value: ArrayLike) -> Array:
-    """Return an argument as an array, (n,) or (B, n), of the simulation's number format."""
-    names, batch = simulation.robot.joint_names, simulation.batch
-    shape = (*batch, len(names))
-    return real_array(name, value, simulation.dtype, shape, broadcast=bool(batch), joints=names)
+    ) -> tuple[Array, Array]:
+        """Return A and B in a scene with dry friction or stops; ValueError for events."""
+        q, qd, tau = (_checked(simulation, *item) for item in state.items())
+        braked = np.broadcast_to(False if brakes is None else np.asarray(brakes), q.shape)
+        begin = q, np.where(braked, 0.0, qd)
+        end = _end_of_step(simulation, *begin, tau, wrench, brakes)
+        held = braked | _resting(simulation, begin, end)
+        S = self.kernel(q, qd, tau, wrench, brakes=held)
+        rows, n = S.shape[-2], q.shape[-1]
+        smooth = S[..., :n, -1], S[..., n : 2 * n, -1]
+        _check_no_event(simulation, held, begin[1], end, smooth)
+        return S[..., :rows], S[..., rows:-1]
 
 
 def _kernel(
     robot: Robot,
     scene: Scene,
+    dry: bool,
     *,
     step_size: float,
     substeps: int,
@@ -162,7 +129,16 @@ def _kernel(
     # The digits that sums keep, with `compensated`, have no derivative.
     step = record_step(row, robot.n, h, plant.damping, motor_lag=plant.motor_lag)
     implicit = row.implicit * h
-    return compile_linear_step(robot, step, substeps, scene=scene, implicit=implicit, **options)
+    return compile_linear_step(
+        robot, step, substeps, scene=scene, implicit=implicit, dry=dry, **options
+    )
+
+
+def _checked(simulation: Simulation, name: str, value: ArrayLike) -> Array:
+    """Return an argument as an array, (n,) or (B, n), of the simulation's number format."""
+    names, batch = simulation.robot.joint_names, simulation.batch
+    shape = (*batch, len(names))
+    return real_array(name, value, simulation.dtype, shape, broadcast=bool(batch), joints=names)
 
 
 def _end_of_step(
@@ -181,62 +157,57 @@ def _end_of_step(
     return twin.q, twin.qd
 
 
-def smooth_scene(scene: Scene) -> Scene:
-    """Return a scene without dry friction and stops, with brakes; ValueError if that is wrong."""
-    varying = [key for key in VARYING if getattr(scene, key) is not None]
-    if scene.friction is not None and varying:
-        raise ValueError(
-            f'the scene has friction and {quote(varying[0])}: friction is then no constant torque '
-            'at the motor, and a step with it is not linearised'
-        )
-    return replace(scene, **ROUGH, brakes=True)
-
-
-def modes(
-    robot: Robot, scene: Scene, begin: tuple[Array, Array], end: tuple[Array, Array]
-) -> tuple[Array, Array]:
-    """
-    Return the held joints, (..., n) bool, and the friction of the others, (..., n) [N m or N].
-
-    `begin` and `end` are positions and velocities, (..., n), before and after a step: a joint at
-    rest before and after it is held, if there is anything to hold it.
-    """
-    plant = resolve(robot, scene)
-    friction = np.zeros(robot.n) if plant.friction is None else plant.friction
-    bound = friction > 0 if plant.static_friction is None else plant.static_friction > 0
-    at_stop = np.zeros_like(begin[0], bool)
+def _resting(
+    simulation: Simulation, begin: tuple[Array, Array], end: tuple[Array, Array]
+) -> Array:
+    """Return the joints, (..., n), that friction or a stop holds, from both ends of a step."""
+    plant = resolve(simulation.robot, simulation.scene)
+    holds = np.zeros_like(begin[0], bool)
+    if plant.static_friction is not None:
+        holds |= plant.static_friction > 0
     if plant.joint_limits is not None:
         lower, upper = plant.joint_limits.T
-        at_stop = (begin[0] <= lower) | (begin[0] >= upper)
-    held = (begin[1] == 0) & (end[1] == 0) & (bound | at_stop)
-    direction = np.sign(np.where(begin[1] == 0, end[1], begin[1]))
-    return held, np.where(held, 0.0, friction * direction)
+        holds |= (begin[0] <= lower) | (begin[0] >= upper)
+    resting: Array = holds & (begin[1] == 0) & (end[1] == 0)
+    return resting
 
 
-def check_no_event(
-    robot: Robot, scene: Scene, dtype: str, rough: tuple[Array, Array], smooth: tuple[Array, Array]
+def _check_no_event(
+    simulation: Simulation,
+    held: Array,
+    qd: Array,
+    rough: tuple[Array, Array],
+    smooth: tuple[Array, Array],
 ) -> None:
-    """Raise ValueError where two ends of a step, positions and velocities (..., n), differ."""
-    rough = (np.atleast_2d(rough[0]), np.atleast_2d(rough[1]))
-    smooth = (np.atleast_2d(smooth[0]), np.atleast_2d(smooth[1]))
-    apart = np.zeros(rough[0].shape, bool)
+    """
+    Raise ValueError where a joint changes between rest and motion, or reaches its stop.
+
+    `qd` are the velocities at the beginning, `rough` and `smooth` positions and velocities at the
+    end of a step with dry friction and stops and of the one without; all (..., n).
+    """
+    robot = simulation.robot
+    plant = resolve(robot, simulation.scene)
+    apart = np.zeros(held.shape, bool)
     for one, other in zip(rough, smooth, strict=True):
-        scale = SAME[dtype] * (1 + np.abs(other).max(axis=-1, keepdims=True))
+        scale = SAME[simulation.dtype] * (1 + np.abs(other).max(axis=-1, keepdims=True))
         apart |= ~(np.abs(one - other) <= scale)
-    reversed_ = np.sign(rough[1]) * np.sign(smooth[1]) < 0
-    if not (apart | reversed_).any():
-        return
-    limits = resolve(robot, scene).joint_limits
     beyond = np.zeros_like(apart)
-    if limits is not None:
-        beyond = (smooth[0] <= limits[:, 0]) | (smooth[0] >= limits[:, 1])
-    # A joint at its stop first: the impact changes the velocities of others.
-    wrong, event = beyond & apart, 'reaches its stop'
-    if not wrong.any():
-        wrong, event = apart | reversed_, 'comes to rest, reverses or breaks loose'
-    change = np.where(wrong, np.abs(rough[1] - smooth[1]), -1.0)
-    state, joint = np.unravel_index(int(np.argmax(change)), change.shape)
-    raise ValueError(
-        f'joint {quote(robot.joint_names[joint])} of state {state} {event} within the step: a '
-        'step with an event has no derivative'
-    )
+    if plant.joint_limits is not None:
+        lower, upper = plant.joint_limits.T
+        beyond = ~held & ((smooth[0] <= lower) | (smooth[0] >= upper))
+    turned = np.zeros_like(apart)
+    if plant.friction is not None:
+        turned = ~held & (plant.friction > 0) & (np.sign(qd) != np.sign(smooth[1]))
+    # The impact of a joint at its stop changes the velocities of others.
+    for wrong, event in (
+        (beyond, 'reaches its stop'),
+        (turned, 'comes to rest, reverses or breaks loose'),
+        (apart, 'comes to rest, reverses or breaks loose'),
+    ):
+        if wrong.any():
+            *state, joint = np.argwhere(wrong)[0].tolist()
+            place = f' of state {state[0]}' if state else ''
+            raise ValueError(
+                f'joint {quote(robot.joint_names[joint])}{place} {event} within the step: a step '
+                'with an event has no derivative'
+            )

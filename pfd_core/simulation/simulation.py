@@ -273,10 +273,6 @@ class Simulation(ABC):
         return LinearStep(self)
 
     @abstractmethod
-    def in_scene(self: Self, scene: Scene) -> Self:
-        """Return a simulation with these settings in another scene."""
-
-    @abstractmethod
     def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
         """Advance the state by one step, under torques (n,) or (B, n)."""
 

@@ -21,7 +21,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.kernels.simulations import Rollout, compile_rollout
-from pfd_core.model import Scene
 from pfd_core.model.checked_numbers import Array, real_array
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.state_buffer import StateBuffer
@@ -154,10 +153,6 @@ class Simulator(Simulation):
             status='ok' if finite_steps == len(rows) else 'not_finite',
             finite_steps=finite_steps,
         )
-
-    def in_scene(self, scene: Scene) -> Simulator:
-        """Return a simulation with these settings in another scene."""
-        return Simulator(self.robot, scene, **self.settings)
 
     def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
         """Advance the state by one step."""

@@ -6,6 +6,8 @@ The drives: torques of the motors under commanded torques tau.
     t = tau + g(q)                      gravity torques of the model that the drives compensate
     t in [-L_0, L(|qd|)] along qd       torque-speed table L, falling from L_0 at rest
     t in [-E, E]                        effort limits E
+    t - sign(qd) F(qd)                  dry friction of joints in motion, behind the motor:
+                                        F(v) = Fc + (Fs - Fc) / (1 + (v / vs)^2)
 
 Both limits are one table: L is cut off at E. A motor that pushes its joint along is bounded by
 the speed, one that brakes it by L_0 only, as back-EMF then helps the current; at rest the two are
@@ -17,7 +19,8 @@ takes g off again and leaves the limits out: `commanded_torques`.
 
 Parallel cost: 1 addition for compensation beside pfd_core.algorithms.chain.gravity; 2 additions
 for effort limits; 3 additions for a table and 1 multiplication and 2 additions for each row after
-the first. Selections are not counted.
+the first; 1 addition for friction, and 2 multiplications, 2 additions and 1 division where it
+depends on the velocity. Selections are not counted.
 """
 
 from __future__ import annotations
@@ -39,7 +42,7 @@ from pfd_core.model import Plant
 from pfd_core.model.geometry import Array
 
 # Fields of Plant whose effects are those of the drives.
-DRIVES = ('effort_limits', 'torque_speed', 'gravity_compensation')
+DRIVES = ('effort_limits', 'torque_speed', 'gravity_compensation', 'sliding_friction')
 
 
 def has_drives(plant: Plant) -> bool:
@@ -93,10 +96,14 @@ def motor_torques(
             tau = [t + g for t, g in zip(tau, _gravity(plant, model, tau, pose), strict=True)]
         tables = _tables(plant)
         joints = np.arange(plant.robot.n).reshape(len(tau), -1)
-        return [
+        motors = [
             _limited(t, rate, [tables[i] for i in row])
             for t, rate, row in zip(tau, qd, joints, strict=True)
         ]
+        if plant.sliding_friction is None:
+            return motors
+        rows = (plant.sliding_friction[row] for row in joints)
+        return [t - _friction(v, row) for t, v, row in zip(motors, qd, rows, strict=True)]
 
 
 def commanded_torques(
@@ -116,6 +123,18 @@ def _gravity(
     if pose is None:
         return gravity_torques(tau[0].recorder, model)
     return [gravity_torques_on_lanes(*pose, plant, model)]
+
+
+def _friction(qd: Lanes, rows: Array) -> Lanes:
+    """Return the friction of joints in motion, from rows (Fc, Fs, vs), (lanes, 3); 0 at rest."""
+    constant = qd.recorder.constant
+    sliding, static, velocity = rows.T
+    size: Lanes = constant(sliding)
+    if (static != sliding).any():
+        u = qd * constant(1.0 / velocity)
+        size = size + constant(static - sliding) / (1.0 + u * u)
+    result: Lanes = where(qd, size, where(-qd, -size, constant(np.zeros(len(rows)))))
+    return result
 
 
 def _tables(plant: Plant) -> list[Array | None]:

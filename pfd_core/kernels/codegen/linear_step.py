@@ -261,9 +261,10 @@ def linearisation(
     """
     Return `void @evaluate(inputs..., out)`: the derivative of the state after some substeps.
 
-    It is that by the state before them and by the torque, (rows n, (rows + 1) n). Arrays are of
-    the format, strided or not. A joint that its brake holds loses its velocity first, so that
-    nothing depends on that. Motors with a lag have reached the torque.
+    It is that by the state before them and by the torque, with the state itself as the last
+    column, (rows n, (rows + 1) n + 1). Arrays are of the format, strided or not. A joint that its
+    brake holds loses its velocity first, so that nothing depends on that. Motors with a lag have
+    reached the torque.
     """
     n, rows, carried = step.lanes, state_rows(step), _carried_rows(step)
     inner = Format(form.dtype, form.width)
@@ -297,7 +298,10 @@ def linearisation(
             value = inner.read(ir, Array(total.address), i * m + j)
             if 'free' in names and n <= j < 2 * n:
                 value = _while_free(ir, form, j - n, value)
-            form.write(ir, form.parameter('out'), i * m + j, value)
+            form.write(ir, form.parameter('out'), i * (m + 1) + j, value)
+        part, k = divmod(i, n)
+        value = inner.read(ir, Array(own[rows[part]]), k)
+        form.write(ir, form.parameter('out'), i * (m + 1) + m, value)
     ir.ret()
     return str(ir)
 

@@ -89,7 +89,7 @@ def linear_module(
     functions.append(linearisation(step_program, dynamics, form, substeps))
     n, rows = step_program.lanes, len(state_rows(step_program))
     signature = Program(1, (), inputs, {})
-    entries = _entries(signature, form, (n * rows, n * (rows + 1)))
+    entries = _entries(signature, form, (n * rows, n * (rows + 1) + 1))
     return module([*functions, *entries], form, angles, vector_widths(inner))
 
 

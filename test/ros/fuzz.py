@@ -289,6 +289,7 @@ def fuzz(processes: Processes, seconds: float, seed: int, largest: int) -> Outco
     crowd = Crowd(processes.domain, random.Random(seed))
     try:
         peer.connect()
+        arm.wait_for_text('traced ')
         sent, warm = _flood(arm, peer, crowd, seconds, Messages(seed, largest))
         # It still does what it is told.
         zeros = np.zeros(len(JOINTS))

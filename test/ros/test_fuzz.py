@@ -10,7 +10,7 @@ import fuzz
 import pytest
 from ros_processes import Processes
 
-SECONDS = 10.0
+SECONDS = 6.0
 
 
 def test_the_same_seed_gives_the_same_messages() -> None:

@@ -163,7 +163,7 @@ OPERATIONS = {
             tangent=lambda z, a, da: -da,
             adjoint=(lambda z, a, g: -g,),
         ),
-        # One rounding of a b + c. No text has it and no step counts it: kernels put it in the
+        # One rounding of a b + c. No step counts it: kernels put it in the
         # place of an addition and a multiplication (pfd_core.kernels.passes.fuse).
         Operation(
             'fma',

@@ -1,0 +1,245 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Code of guides and README runs, prints what they say, and is right by other measures."""
+
+from __future__ import annotations
+
+from contextlib import nullcontext, redirect_stdout
+from functools import cache
+from io import StringIO
+from pathlib import Path
+import re
+from typing import Any
+
+import numpy as np
+from oracle import Oracle, relative
+import pinocchio as pin
+import pytest
+from tolerances import DYNAMICS
+
+import pfd_core as pfd
+from pfd_core.algorithms.programs import record_inverse_dynamics
+from pfd_core.algorithms.quantities import RECORDERS
+from pfd_core.kernels.passes.pipeline import lower, operations
+from pfd_core.kernels.quantities import EVERYTHING, QUANTITIES
+from pfd_core.model import resolve
+
+FOLDER = Path(__file__).resolve().parent.parent / 'docs' / 'guides'
+GUIDES = sorted(path.stem for path in FOLDER.glob('*.md'))
+# A block of code, and the output printed below it, if there is one.
+BLOCK = re.compile(r'^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```$)?', re.MULTILINE | re.DOTALL)
+WITH_SCIPY = re.compile(r'^```python scipy\n(.*?)^```$', re.MULTILINE | re.DOTALL)
+# Relative difference of a start's cost from the linear model's, over the size of the start
+# [rad, rad/s]: terms of third order beside those of second; seen up to 0.1.
+CUBIC = 0.3
+
+
+def text(guide: str) -> str:
+    return (FOLDER / f'{guide}.md').read_text(encoding='utf-8')
+
+
+@cache
+def ran(guide: str) -> tuple[dict[str, Any], list[tuple[str, str]]]:
+    """Return the names that a guide defines, and each block's promised and true output."""
+    names: dict[str, Any] = {}
+    printed = []
+    for code, promised in BLOCK.findall(text(guide)):
+        with redirect_stdout(StringIO()) as output:
+            exec(code, names)
+        printed.append((promised, output.getvalue()))
+    return names, printed
+
+
+@pytest.mark.parametrize('guide', GUIDES)
+def test_a_guide_prints_what_it_says(guide: str) -> None:
+    _, printed = ran(guide)
+    assert len(printed) > 3
+    for promised, output in printed:
+        assert output == promised
+
+
+def test_the_gains_take_thirty_lines_of_code() -> None:
+    code = BLOCK.findall(text('linear-feedback'))[0][0].splitlines()
+    assert len([line for line in code if line.strip() and not line.startswith('#')]) <= 30
+
+
+def test_gains_of_the_guide_put_all_eigenvalues_inside_the_unit_circle() -> None:
+    names, _ = ran('linear-feedback')
+    A, B, K = names['A'], names['B'], names['K']
+    assert np.abs(np.linalg.eigvals(A)).max() > 1
+    moduli = np.abs(np.linalg.eigvals(A - B @ K))
+    assert moduli.max() < 1
+    # The slowest mode is that of the weights: 1 rad/s over 0.1 rad.
+    assert -np.log(moduli.max()) / names['period'] == pytest.approx(10, rel=0.02)
+
+
+def test_the_recursion_of_the_guide_ends_at_a_solution_of_the_riccati_equation() -> None:
+    names, _ = ran('linear-feedback')
+    A, B, Q, R, P = (names[key] for key in 'ABQRP')
+    gain = np.linalg.solve(R + B.T @ P @ B, B.T @ P @ A)
+    assert relative(Q + A.T @ P @ A - A.T @ P @ B @ gain, P) < DYNAMICS
+    assert np.linalg.eigvalsh((P + P.T) / 2).min() > 0
+
+
+def test_scipy_finds_the_solution_of_the_guide() -> None:
+    pytest.importorskip('scipy')
+    names, _ = ran('linear-feedback')
+    (code,) = WITH_SCIPY.findall(text('linear-feedback'))
+    own = dict(names)
+    exec(code, own)
+    assert own['P'] is not names['P']
+    for key in 'KP':
+        assert relative(own[key], names[key]) < 1e-8
+
+
+def test_arms_of_the_guide_settle_also_at_the_limits_of_their_motors() -> None:
+    names, _ = ran('linear-feedback')
+    for start, effects in ((1.0, {}), (5.0, {'effort_limits': 'model'})):
+        _, runs = names['cost'](start * names['x0'], names['steps'], **effects)
+        assert runs.status == 'ok'
+        # Slowest by exp(-10 /s) over 3 s, and behind it the rounding of hold.
+        assert np.abs(runs.q[:, -1] - names['goal']).max() < 1e-11
+        assert np.abs(runs.qd[:, -1]).max() < 1e-10
+
+
+@pytest.mark.parametrize('size', [1e-6, 1e-5, 1e-4, 1e-3])
+def test_the_cost_that_a_simulation_accumulates_is_that_of_the_linear_model(size: float) -> None:
+    names, _ = ran('linear-feedback')
+    x = np.random.default_rng(7).uniform(-size, size, (64, 12))
+    measured, _ = names['cost'](x, names['steps'])
+    np.testing.assert_allclose(measured, ((x @ names['P']) * x).sum(1), rtol=CUBIC * size)
+
+
+@pytest.mark.parametrize('matrix', ['A', 'B'])
+def test_the_cost_would_show_a_model_that_is_wrong_by_one_percent(matrix: str) -> None:
+    names, _ = ran('linear-feedback')
+    wrong = {key: names[key].copy() for key in 'AB'}
+    wrong[matrix][6:] += 0.01 * (wrong[matrix] - np.eye(*wrong[matrix].shape))[6:]
+    P = names['Q']
+    for _ in range(2000):
+        K, P = names['riccati'](**wrong, P=P)
+    own = {**names, 'K': K, 'P': P}
+    with redirect_stdout(StringIO()) as output:
+        exec(BLOCK.findall(text('linear-feedback'))[1][0], own)
+    # The table's smallest start, where the model of the guide is off by less than 1e-6.
+    assert float(output.getvalue().splitlines()[1].split()[-1]) > 1e-5
+
+
+def test_the_cost_along_a_motion_is_that_of_its_linear_models() -> None:
+    names, _ = ran('linear-feedback')
+    size = 1e-5
+    x0 = size / 0.1 * names['x0']
+    q, qd, gains, arms = (names[key] for key in ('q', 'qd', 'gains', 'arms'))
+    arms.reset(q[0] + x0[:, :6], qd[0] + x0[:, 6:])
+    runs = arms.rollout(names['pushes'], feedback=pfd.StateFeedback(gains, q, qd))
+    motion = names['motion']
+    x = np.concatenate([runs.q - motion.q, runs.qd - motion.qd], axis=2)
+    x = np.concatenate([x0[:, np.newaxis], x], axis=1)
+    u = np.einsum('kij,bkj->bki', gains, x[:, :-1])
+    measured = ((x @ names['Q']) * x).sum((1, 2)) + ((u @ names['R']) * u).sum((1, 2))
+    predicted = ((x0 @ names['to_go']) * x0).sum(1)
+    np.testing.assert_allclose(measured, predicted, rtol=CUBIC * size)
+
+
+def test_arms_of_the_guide_rest_where_friction_holds_gravity_and_the_gains() -> None:
+    names, _ = ran('linear-feedback')
+    robot, goal, K = names['robot'], names['goal'], names['K']
+    _, runs = names['cost'](names['x0'], names['steps'], friction='model')
+    # Some creep towards their balance from one side.
+    assert np.abs(runs.qd[:, -1]).max() < 1e-11
+    oracle = Oracle(robot)
+    for q in runs.q[:, -1]:
+        gravity = pin.computeGeneralizedGravity(oracle.model, oracle.data, q)
+        torque = names['hold'] - K[:, :6] @ (q - goal)
+        assert (np.abs(torque - gravity) <= robot.friction + 1e-9).all()
+
+
+def loaded(names: dict[str, Any]) -> tuple[Oracle, Oracle]:
+    """Return Pinocchio's answers for the arm of a guide with its payload, and without."""
+    plant = resolve(names['robot'], names['scene'])
+    return Oracle(plant.robot, plant.armature), Oracle(names['robot'], plant.armature)
+
+
+def test_quantities_of_the_guide_are_pinocchios() -> None:
+    names, _ = ran('model-quantities')
+    oracle, _ = loaded(names)
+    model, data, q, qd = oracle.model, oracle.data, names['q'], names['qd']
+    assert relative(names['inertia'](q), oracle.H(q)) < DYNAMICS
+    assert relative(names['bias'](q, qd), pin.nonLinearEffects(model, data, q, qd)) < DYNAMICS
+    gravity = pin.computeGeneralizedGravity(model, data, q)
+    assert relative(names['gravity'](q), gravity) < DYNAMICS
+    tip = model.nframes - 1
+    J = pin.computeFrameJacobian(model, data, q, tip, pin.LOCAL_WORLD_ALIGNED)
+    felt = np.linalg.inv(J @ np.linalg.inv(oracle.H(q)) @ J.T)
+    # Twice the condition of an inverse.
+    assert relative(names['felt'], felt) < DYNAMICS * np.linalg.cond(felt)
+
+
+def test_an_arm_with_an_unknown_load_sags_by_the_torque_of_the_load() -> None:
+    names, _ = ran('model-quantities')
+    heavy, light = loaded(names)
+    arm, goal, kp, kd = (names[key] for key in ('arm', 'goal', 'kp', 'kd'))
+    arm.reset(goal)
+    for _ in range(6000):
+        arm.step(names['unloaded'](arm.q) + kp * (goal - arm.q) - kd * arm.qd)
+    missing = [
+        pin.computeGeneralizedGravity(oracle.model, oracle.data, arm.q)
+        for oracle in (heavy, light)
+    ]
+    np.testing.assert_allclose(kp * (goal - arm.q), missing[0] - missing[1], atol=1e-8)
+    assert np.abs(arm.q - goal).max() > 0.01
+
+
+def test_the_table_of_quantities_has_all_of_them_with_their_effects() -> None:
+    rows = re.findall(r'^\| `(\w+)` \| (.*?) \| .* \| (.*?) \|$', text('model-quantities'), re.M)
+    table = {name: (arguments, effects) for name, arguments, effects in rows}
+    assert {*table, 'forward_dynamics'} == set(QUANTITIES)
+    for name, (arguments, effects) in table.items():
+        row = QUANTITIES[name]
+        wrench = ('wrench=',) * row.wrench
+        assert arguments == ', '.join((*row.arguments, *wrench))
+        if not effects.startswith('all'):
+            assert {*effects.replace('none', '').split(', ')} - {''} == set(row.effects)
+    assert set(EVERYTHING) - set(QUANTITIES['inverse_dynamics'].effects) == {'brakes'}
+
+
+@pytest.mark.parametrize(
+    'effect', [{'friction': [1, 1]}, {'joint_limits': [[-9, 9]] * 2}, {'motor_lag': [1, 1]}]
+)
+def test_effects_over_a_step_are_refused_by_quantities_with_accelerations_alone(
+    effect: dict[str, Any],
+) -> None:
+    robot = pfd.load_robot('planar2')
+    for name in QUANTITIES:
+        with_accelerations = name in ('forward_dynamics', 'inverse_dynamics', 'derivatives')
+        expected = pytest.raises(ValueError, match='over a step') if with_accelerations else None
+        with expected or nullcontext():
+            kernel = pfd.compile_kernel(robot, scene=pfd.Scene(**effect), quantity=name)
+            bare = pfd.compile_kernel(robot, quantity=name)
+            assert kernel.operations == bare.operations
+
+
+def test_the_readmes_quantities_are_those_of_one_equation_of_motion() -> None:
+    blocks = BLOCK.findall((FOLDER.parent.parent / 'README.md').read_text(encoding='utf-8'))
+    (code,) = (code for code, _ in blocks if 'linearize' in code)
+    robot = pfd.load_robot('puma560')
+    sim = pfd.Simulator(robot, pfd.Scene(damping='model', armature='model'))
+    q, qd, tau = np.random.default_rng(0).uniform(-1, 1, (3, 6))
+    names = {'pfd': pfd, 'robot': robot, 'sim': sim, 'q': q, 'qd': qd, 'tau': tau}
+    exec(code, names)
+    qdd = pfd.forward_dynamics(robot, q, qd, tau, scene=sim.scene)
+    np.testing.assert_allclose(names['H'] @ qdd + names['bias'], tau, rtol=1e-10)
+    assert (names['A'].shape, names['B'].shape) == ((12, 12), (12, 6))
+
+
+def test_the_changelog_tells_the_operations_of_inverse_dynamics() -> None:
+    page = ' '.join((FOLDER.parent.parent / 'CHANGELOG.md').read_text(encoding='utf-8').split())
+    plant = resolve(pfd.load_robot('ur5'))
+    programs = (
+        RECORDERS['inverse_dynamics'](plant, None),
+        record_inverse_dynamics(plant, 'sequential'),
+    )
+    counts = [operations(lower(program, 'float64').compiled) for program in programs]
+    # Changes of sign apart.
+    now, before = (sum(count.values()) - count.get('neg', 0) for count in counts)
+    assert f'of a UR5 takes {now} arithmetic operations, where it took {before}' in page

@@ -87,14 +87,14 @@ def record_derivatives(plant: Plant, method: str = OWN_METHOD, refine: int = 0) 
     with recorder.section('solve'):
         factors = _factors(plant, inertia_matrix(chain), _free(recorder, plant))
     motors = inline(recorder, _record_motors(plant), {})
+    torques = minus_joint_torques(plant, motors['tau'], qd)
     if method == OWN_METHOD:
-        y = minus_bias(recorder, plant, chain, tip, by_qd, motors['tau'], qd)
-        y = minus_joint_torques(plant, y, qd)
+        y = minus_bias(recorder, plant, chain, tip, by_qd, torques, qd)
         qdd = _refined(recorder, plant, factors, y, motors['tau'], refine)
     else:
         answer = with_nan_unless_converged(record_refined(plant, method, refine))
         qdd = inline(recorder, answer, {})['qdd']
-    by_q = by_positions(recorder, plant, chain, tip, qd, qdd)
+    by_q = by_positions(recorder, plant, chain, tip, qd, qdd, _minus_rotors(plant, torques, qdd))
     with recorder.section('joints and drives'):
         D = _with_joints(plant, by_q, by_qd, motors)
     with recorder.section('inverse'):
@@ -137,6 +137,18 @@ def _product(row: Iterable[Lanes], column: Iterable[Lanes]) -> Lanes:
         total = x * d if total is None else x.recorder.apply('fma', x, d, total)
     assert total is not None
     return total
+
+
+def _minus_rotors(
+    plant: Plant, torques: Sequence[Lanes], qdd: Sequence[Lanes]
+) -> list[Lanes] | None:
+    """Return the torques that are left for the links; None if brakes give some of them."""
+    if plant.brakes:
+        return None
+    if plant.armature is None:
+        return list(torques)
+    rotors = plant.armature.tolist()
+    return [t - rotor * a for t, rotor, a in zip(torques, rotors, qdd, strict=True)]
 
 
 def _free(recorder: Recorder, plant: Plant) -> list[Lanes] | None:
@@ -252,9 +264,8 @@ def _refined(
 ) -> list[Lanes]:
     """Return qdd with steps of refinement, as in pfd_core.algorithms.refinement."""
     qdd = _solution(factors, y)
-    torques = record_link_torques(plant)
     for _ in range(steps):
-        needed = inline(recorder, torques, {'qdd': qdd})['tau']
+        needed = inline(recorder, record_link_torques(plant), {'qdd': qdd})['tau']
         rest = [given - t for given, t in zip(tau, needed, strict=True)]
         qdd = [a + d for a, d in zip(qdd, _solution(factors, rest), strict=True)]
     return qdd

@@ -118,6 +118,7 @@ def by_positions(
     tip: Tip,
     qd: Sequence[Lanes],
     qdd: Sequence[Lanes],
+    torques: Sequence[Lanes] | None = None,
 ) -> Matrix:
     """
     Return the derivatives of the torques of links, gravity and wrench with respect to q, (n, n).
@@ -132,11 +133,13 @@ def by_positions(
         The chain, and the pose of frame n.
     qd, qdd : sequence of Lanes
         Velocities and accelerations, (n,) [rad/s, rad/s^2 or m/s, m/s^2].
+    torques : sequence of Lanes, optional
+        The torques themselves, (n,) [N m or N], where they are known: qdd solves for them.
 
     """
     with recorder.section('motion'):
         moving = list(motions(recorder, plant, chain.links, qd, qdd))
-        forces = _joint_forces(recorder, plant, chain, tip, moving)
+        forces = _joint_forces(recorder, plant, chain, tip, moving, torques)
     with recorder.section('derivatives by positions'):
         return _by_positions(chain, moving, forces)
 
@@ -186,9 +189,14 @@ def _matrix(
 
 
 def _joint_forces(
-    recorder: Recorder, plant: Plant, chain: Composites, tip: Tip, moving: Sequence[Motion]
+    recorder: Recorder,
+    plant: Plant,
+    chain: Composites,
+    tip: Tip,
+    moving: Sequence[Motion],
+    torques: Sequence[Lanes] | None,
 ) -> list[Force]:
-    """Return force and moment in each joint, base to tip."""
+    """Return force and moment in each joint, base to tip; along it the torque if it is known."""
     forces: list[Force] = []
     for i in range(len(moving) - 1, -1, -1):
         link, a, W = chain.links[i], moving[i].a, moving[i].spin
@@ -201,5 +209,7 @@ def _joint_forces(
             f = f + W[:, k] * link.h[k]
         if not forces and plant.external_wrench:
             f, n = less_wrench(recorder, tip, (f, n))
+        if torques is not None:
+            (f if link.slides else n)[2] = torques[i]
         forces.append((f, n))
     return forces[::-1]

@@ -1,0 +1,348 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Derivatives of forward dynamics: 50-digit differences, tangents, Pinocchio, identities."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import mpmath
+import numpy as np
+from oracle import Oracle, chains, relative
+import pinocchio as pin
+import pytest
+from tolerances import FIFTY_DIGITS
+from zoo import Array, random_chain, random_state
+
+from pfd_core.algorithms.acceleration_derivatives import (
+    record_acceleration_derivatives,
+    record_derivatives,
+)
+from pfd_core.algorithms.programs import record_forward_dynamics
+from pfd_core.kernels.passes.pipeline import lower, operations
+from pfd_core.machine.derivative import MODES, derivative
+from pfd_core.machine.emulator import run
+from pfd_core.model import Payload, Robot, Scene, load_robot, resolve
+from pfd_core.report.speed import robot as robot_called
+
+EXACT = ('ur5', 'panda', 'puma560', 'planar2', 'chain4')  # twists whose sine and cosine are exact
+STATE = ('q', 'qd', 'tau')
+
+# Central differences over STEP at DIGITS: the third derivative times STEP^2 is cut off, and the
+# rounding is divided by STEP.
+STEP, DIGITS = '1e-20', 60
+DIFFERENCES = 1e-35
+# Relative to the largest entry. In float64 the rounding of some thousand operations is multiplied
+# by the condition number of H, at most 2e3 here; in 50 digits a twist whose sine and cosine are
+# rounded to float64 is no rotation, which is the same to first order. Seen up to 5e-14.
+ROUNDING = 1e-13
+# The same for Pinocchio's derivatives, whose own error is up to 1e-12.
+PINOCCHIO = 1e-9
+
+# What a throw-away prototype took, and what is left without the product X D. The product takes n
+# operations for each element of D that varies.
+MOST = {'ur5': 1760, 'panda': 3200, 'dense6': 3500}
+MOST_FACTORS = {'ur5': 1125, 'panda': 2078, 'dense6': 2507, 'chain12': 5635}
+
+
+def everything(rng: np.random.Generator, robot: Robot) -> Scene:
+    """Return a scene with all effects of an instant, whose limits cut off some torques."""
+    n = robot.n
+    falling = [(0.0, 30.0), (1.0, 20.0), (2.5, 5.0)]
+    return Scene(
+        gravity=(1.0, 2.0, -9.0),
+        external_wrench=True,
+        damping='model',
+        armature='model',
+        brakes=True,
+        stiffness=rng.uniform(1.0, 5.0, n),
+        rest_position=rng.uniform(-1.0, 1.0, n),
+        effort_limits=np.full(n, 25.0),
+        torque_speed=[falling if rng.random() < 0.5 else None for _ in range(n)],
+        gravity_compensation=bool(rng.random() < 0.5),
+    )
+
+
+def inputs(rng: np.random.Generator, robot: Robot, scene: Scene) -> dict[str, Array]:
+    """Return a state of the order of one, with a wrench and about a fifth of the joints held."""
+    n = robot.n
+    q, qd, qdd = random_state(rng, n)
+    given = {'q': q, 'qd': qd, 'tau': Oracle(robot).tau(q, qd, qdd)}
+    if scene.external_wrench:
+        given['wrench'] = rng.normal(size=6) * 10
+    if scene.brakes:
+        given['free'] = 1.0 - (rng.random(n) < 0.2)
+        given['free'][rng.integers(n)] = 1.0
+    return given
+
+
+def differences(robot: Robot, scene: Scene, given: dict[str, Array]) -> Any:
+    """Return central differences of qdd by q, qd and tau, (n, 3 n), on mpmath numbers."""
+    program = record_forward_dynamics(resolve(robot, scene), 'composite_body', 'sequential')
+    n = robot.n
+    with mpmath.workdps(DIGITS):
+        step = mpmath.mpf(STEP)
+        moves = np.array([[step * (i == j) for j in range(3 * n)] for i in range(3 * n)])
+        at = {
+            name: np.concatenate([np.tile(values, (6 * n, 1)).astype(object)])
+            for name, values in given.items()
+        }
+        for k, name in enumerate(STATE):
+            change = moves[:, k * n : (k + 1) * n]
+            at[name] = at[name] + np.concatenate([change, -change])
+        qdd = run(program, at, digits=DIGITS)['qdd']
+        return ((qdd[: 3 * n] - qdd[3 * n :]) / (2 * step)).T
+
+
+def derivatives(robot: Robot, scene: Scene, given: dict[str, Array], **options: Any) -> Any:
+    program = record_acceleration_derivatives(resolve(robot, scene))
+    return run(program, given, **options)['derivatives']
+
+
+@cache
+def arm(name: str) -> tuple[Robot, dict[str, Array], Any]:
+    """Return a robot, inputs, and 50-digit differences there, in gravity alone."""
+    robot = robot_called(name)
+    given = inputs(np.random.default_rng(41), robot, Scene())
+    return robot, given, differences(robot, Scene(), given)
+
+
+@pytest.mark.parametrize('name', EXACT)
+def test_fifty_digits_equal_central_differences_entry_by_entry(name: str) -> None:
+    robot, given, wanted = arm(name)
+    found = derivatives(robot, Scene(), given, digits=50)
+    assert relative(found, wanted) < DIFFERENCES
+    largest = np.abs(wanted).max()
+    assert (np.abs(found - wanted) <= DIFFERENCES * (np.abs(wanted) + 1e-3 * largest)).all()
+
+
+@pytest.mark.parametrize('name', [*EXACT, 'dense6', 'chain12'])
+def test_a_kernel_has_thirteen_digits_of_the_largest_derivative(name: str) -> None:
+    robot, given, wanted = arm(name)
+    program = lower(record_acceleration_derivatives(resolve(robot)), 'float64').compiled
+    found = run(program, given)['derivatives']
+    assert relative(found, wanted) < ROUNDING
+    # Row by row, relative to the largest terms of the sums: an entry that cancels has no digits.
+    parts = run(record_derivatives(resolve(robot)), given)
+    terms = np.abs(parts['X']) @ np.hstack([np.abs(parts['D']), np.eye(robot.n)])
+    assert (np.abs(found - wanted).max(axis=1) <= ROUNDING * terms.max(axis=1)).all()
+
+
+@pytest.mark.parametrize('seed', range(8))
+def test_chains_in_a_scene_with_everything_equal_central_differences(seed: int) -> None:
+    rng = np.random.default_rng([42, seed])
+    robot = random_chain(rng, 1 + seed % 6, 0.4)
+    scene = everything(rng, robot)
+    given = inputs(rng, robot, scene)
+    wanted = differences(robot, scene, given)
+    for options in ({}, {'digits': 50}):
+        assert relative(derivatives(robot, scene, given, **options), wanted) < ROUNDING
+
+
+def of_the_text(robot: Robot, scene: Scene, given: dict[str, Array], mode: str) -> Any:
+    """Return the derivatives of the text of forward dynamics by the generic pass, (n, 3 n)."""
+    text = record_forward_dynamics(resolve(robot, scene), 'composite_body', 'sequential')
+    parts = run(derivative(text, ['qdd'], STATE, mode), given, digits=50)
+    return np.concatenate([parts[f'd qdd/d {name}'] for name in STATE], axis=-1)
+
+
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('name', EXACT)
+def test_fifty_digits_equal_those_of_the_generic_pass_in_a_scene_with_everything(
+    name: str, mode: str
+) -> None:
+    rng = np.random.default_rng(43)
+    robot = robot_called(name)
+    scene = everything(rng, robot)
+    given = inputs(rng, robot, scene)
+    found = derivatives(robot, scene, given, digits=50)
+    assert relative(found, of_the_text(robot, scene, given, mode)) < FIFTY_DIGITS
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_random_chains_equal_the_generic_pass_but_for_rounded_twists(seed: int) -> None:
+    rng = np.random.default_rng([50, seed])
+    robot = random_chain(rng, 3 + seed, 0.4)
+    scene = everything(rng, robot)
+    given = inputs(rng, robot, scene)
+    found = derivatives(robot, scene, given)
+    for mode in MODES:
+        assert relative(found, of_the_text(robot, scene, given, mode)) < ROUNDING
+
+
+def test_second_derivatives_by_positions_are_symmetric() -> None:
+    robot, given, _ = arm('ur5')
+    program = record_acceleration_derivatives(resolve(robot))
+    n = robot.n
+    parts = run(derivative(program, ['derivatives'], ['q']), given, digits=50)
+    by_q = parts['d derivatives/d q'][:, :n]
+    assert np.abs(by_q).max() > 1
+    assert relative(by_q, by_q.swapaxes(1, 2)) < FIFTY_DIGITS
+
+
+def against_pinocchio(rng: np.random.Generator, robot: Robot, scene: Scene) -> float:
+    """Return the largest difference from Pinocchio's derivatives, relative to the largest."""
+    n = robot.n
+    plant = resolve(robot, scene)
+    given = inputs(rng, robot, scene)
+    oracle = Oracle(robot, plant.armature)
+    forces = oracle.forces(given.get('wrench'))
+    damping, stiffness = (
+        np.zeros(n) if rates is None else rates for rates in (plant.damping, plant.stiffness)
+    )
+    stretch = given['q'] - (0.0 if plant.rest_position is None else plant.rest_position)
+    tau = given['tau'] - damping * given['qd'] - stiffness * stretch
+    pin.computeABADerivatives(oracle.model, oracle.data, given['q'], given['qd'], tau, forces)
+    X = np.triu(oracle.data.Minv) + np.triu(oracle.data.Minv, 1).T
+    by_q = oracle.data.ddq_dq - X * stiffness
+    by_qd = oracle.data.ddq_dv - X * damping
+    return relative(derivatives(robot, scene, given), np.hstack([by_q, by_qd, X]))
+
+
+JOINTS = Scene(external_wrench=True, damping='model', armature='model')
+
+
+@pytest.mark.parametrize('name', ['puma560', 'ur5', 'panda', 'planar2', 'dense6', 'chain12'])
+def test_the_arms_agree_with_pinocchio(name: str) -> None:
+    robot = robot_called(name)
+    rng = np.random.default_rng(44)
+    for wrench in (False, True):
+        assert against_pinocchio(rng, robot, Scene(external_wrench=wrench)) < PINOCCHIO
+
+
+def test_random_chains_agree_with_pinocchio() -> None:
+    for rng, robot in chains(12, seed=45):
+        n = robot.n
+        springs = Scene(
+            external_wrench=True, damping='model', armature='model', stiffness=[3.0] * n
+        )
+        assert against_pinocchio(rng, robot, springs) < PINOCCHIO
+
+
+@pytest.mark.slow
+def test_a_hundred_chains_agree_with_pinocchio_and_every_tenth_with_differences() -> None:
+    for k, (rng, robot) in enumerate(chains(100, seed=46)):
+        assert against_pinocchio(rng, robot, JOINTS) < PINOCCHIO
+        if k % 10 == 0:
+            scene = everything(rng, robot)
+            given = inputs(rng, robot, scene)
+            found = derivatives(robot, scene, given)
+            assert relative(found, differences(robot, scene, given)) < ROUNDING
+
+
+@pytest.mark.parametrize('name', ['ur5', 'panda', 'dense6'])
+def test_the_derivative_by_tau_is_the_inverse_of_the_inertia_matrix(name: str) -> None:
+    robot, given, _ = arm(name)
+    parts = run(record_derivatives(resolve(robot)), given)
+    np.testing.assert_array_equal(parts['X'], parts['X'].T)
+    H = Oracle(robot).H(given['q'])
+    np.testing.assert_allclose(H @ parts['X'], np.eye(robot.n), atol=1e-12)
+    assert 'T' not in parts
+    found = derivatives(robot, Scene(), given)
+    np.testing.assert_array_equal(found[:, 2 * robot.n :], parts['X'])
+    np.testing.assert_allclose(found[:, : 2 * robot.n], -parts['X'] @ parts['D'], rtol=1e-12)
+
+
+@pytest.mark.parametrize('name', ['ur5', 'panda', 'puma560', 'dense6'])
+def test_a_first_joint_along_gravity_gives_an_exact_zero_column(name: str) -> None:
+    robot, given, _ = arm(name)
+    down = -9.81 * robot.base_rotation[:, 2]
+    assert not derivatives(robot, Scene(gravity=down), given)[:, 0].any()
+    assert derivatives(robot, Scene(gravity=(3.0, 0.0, -9.0)), given)[:, 0].any()
+
+
+def test_held_joints_have_rows_of_zeros_and_torques_on_them_change_nothing() -> None:
+    for rng, robot in chains(8, seed=47):
+        scene = everything(rng, robot)
+        given = inputs(rng, robot, scene)
+        held = given['free'] == 0
+        found = derivatives(robot, scene, given)
+        assert not found[held].any()
+        assert not found[:, 2 * robot.n :][:, held].any()
+
+
+def test_a_massless_joint_can_be_held() -> None:
+    robot = random_chain(np.random.default_rng(48), 3, 0.0)
+    masses, inertias = robot.masses.copy(), robot.inertias.copy()
+    masses[2], inertias[2] = 0.0, 0.0
+    weightless = Robot(**vars(robot) | {'masses': masses, 'inertias': inertias})
+    given = inputs(np.random.default_rng(49), robot, Scene()) | {'free': np.array([1.0, 1, 0])}
+    found = derivatives(weightless, Scene(brakes=True), given)
+    assert np.isfinite(found).all()
+    assert not found[2].any()
+
+
+def test_a_torque_beyond_its_limit_changes_nothing_and_one_within_it_does() -> None:
+    robot = load_robot('ur5')
+    _, given, _ = arm('ur5')
+    limits = np.abs(given['tau']) + np.array([1.0, -0.5, 1.0, 1.0, 1.0, 1.0])
+    scene = Scene(effort_limits=limits)
+    parts = run(record_derivatives(resolve(robot, scene)), given)
+    np.testing.assert_array_equal(parts['T'], [1.0, 0.0, 1.0, 1.0, 1.0, 1.0])
+    by_tau = derivatives(robot, scene, given)[:, 12:]
+    np.testing.assert_array_equal(by_tau, parts['X'] * parts['T'])
+
+
+def test_full_gravity_compensation_leaves_the_derivatives_of_an_arm_without_gravity() -> None:
+    # At any state: the drives' model is the robot itself.
+    robot, given, _ = arm('panda')
+    found = derivatives(robot, Scene(gravity_compensation=True), given)
+    assert relative(found, derivatives(robot, Scene(gravity=None), given)) < ROUNDING
+
+
+METHODS = ('composite_body', 'grouped_articulated_body', 'pcgm')
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_the_answer_of_any_method_has_the_same_derivatives(method: str) -> None:
+    robot, given, wanted = arm('panda')
+    found = run(record_acceleration_derivatives(resolve(robot), method), given)['derivatives']
+    assert relative(found, wanted) < ROUNDING
+
+
+@pytest.mark.parametrize('method', METHODS[:2])
+def test_refined_answers_and_the_derivatives_of_torques_there_have_all_digits(method: str) -> None:
+    # A tip of 1e6 kg costs half of the digits of grouped parameters (docs/decisions/0015).
+    robot, given, _ = arm('panda')
+    plant = resolve(robot, Scene(payload=Payload(1e6, (0.1, 0.2, 0.3), 1e4 * np.eye(3))))
+    own = record_forward_dynamics(plant, 'articulated_body', 'sequential')
+    exact = run(own, given, digits=50)['qdd']
+    rough, refined = (run(record_derivatives(plant, method, k), given) for k in (0, 1))
+    assert relative(rough['qdd'], exact) > 1e-12
+    assert relative(refined['qdd'], exact) < 1e-15
+    D = run(record_derivatives(plant, method, 1), given, digits=50)['D']
+    assert relative(refined['D'], D) < 1e-14
+
+
+def test_unknown_methods_and_effects_over_a_step_are_refused() -> None:
+    robot = load_robot('planar2')
+    with pytest.raises(ValueError, match='method must be one of'):
+        record_derivatives(resolve(robot), 'euler')
+    with pytest.raises(ValueError, match='act over a step of time'):
+        record_derivatives(resolve(robot, Scene(friction=[1.0, 1.0])))
+
+
+def arithmetic(name: str) -> tuple[int, int]:
+    """Return the operations of the factors of a kernel, and those of the product."""
+    robot = robot_called(name)
+    program = lower(record_derivatives(resolve(robot)), 'float64').compiled
+    elements = [register for register, _ in program.outputs['D'].places]
+    varying = [r for r in elements if program.instructions[r].op != 'constant']
+    counts = operations(program)
+    return sum(counts.values()) - counts.get('neg', 0), len(varying) * robot.n
+
+
+@pytest.mark.parametrize('name', MOST)
+def test_kernels_take_no_more_operations_than_promised(name: str) -> None:
+    assert sum(arithmetic(name)) <= MOST[name]
+
+
+@pytest.mark.parametrize('name', MOST_FACTORS)
+def test_the_factors_take_no_more_operations_than_they_did(name: str) -> None:
+    assert arithmetic(name)[0] <= MOST_FACTORS[name]
+
+
+@pytest.mark.slow
+def test_the_factors_of_thirty_joints_take_no_more_operations_than_promised() -> None:
+    assert arithmetic('chain30')[0] <= 43_000

@@ -57,6 +57,7 @@ setup(
             'pytest-xdist',
             'rosbags',
             'ruff',
+            'scipy',
         ],
     },
     entry_points={

@@ -82,7 +82,6 @@ def test_the_recursion_of_the_guide_ends_at_a_solution_of_the_riccati_equation()
 
 
 def test_scipy_finds_the_solution_of_the_guide() -> None:
-    pytest.importorskip('scipy')
     names, _ = ran('linear-feedback')
     (code,) = WITH_SCIPY.findall(text('linear-feedback'))
     own = dict(names)

@@ -209,7 +209,7 @@ def race(processes: int, forks: int, turns: int) -> None:
 
 
 def test_processes_that_fill_and_clear_the_folder_together_all_work(folder: Path) -> None:
-    race(2, 11, 20)
+    race(2, 5, 20)
     assert not list(folder.glob(f'{cache.UNFINISHED}*'))
 
 

@@ -64,7 +64,13 @@ def reference(lag: np.ndarray, **scene: Any) -> np.ndarray:
 
 @pytest.mark.parametrize('integrator', INTEGRATORS)
 @pytest.mark.parametrize(
-    'lag', [np.full(6, 2e-3), np.full(6, 8e-3), MIXED * [1, 1, 1, 0, 1, 1]], ids=str
+    'lag',
+    [
+        np.full(6, 2e-3),
+        pytest.param(np.full(6, 8e-3), marks=pytest.mark.slow),
+        MIXED * [1, 1, 1, 0, 1, 1],
+    ],
+    ids=str,
 )
 def test_the_error_falls_with_the_order_of_the_integrator(
     integrator: str, lag: np.ndarray

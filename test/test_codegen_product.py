@@ -8,20 +8,24 @@ from collections.abc import Callable
 import ctypes
 from typing import Any
 
+import llvmlite.binding as llvm
 import numpy as np
 from numpy.typing import NDArray
 import pytest
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.algorithms.acceleration_derivatives import record_acceleration_derivatives
+from pfd_core.algorithms.acceleration_derivatives import (
+    record_acceleration_derivatives,
+    record_derivatives,
+)
 from pfd_core.kernels.codegen import body, chunks, product
 from pfd_core.kernels.codegen.module import module, product_module
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.passes.pipeline import Stages, joined, lower, operations
 from pfd_core.kernels.passes.product import multiplied
 from pfd_core.kernels.runtime.cpython_abi import python_function
-from pfd_core.kernels.runtime.jit import compile_ir, simd_width
+from pfd_core.kernels.runtime.jit import Target, compile_ir, emit, simd_width
 from pfd_core.kernels.source import ProductSource, derivatives, turned_joints
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
@@ -29,6 +33,7 @@ from pfd_core.machine.recorder import Recorder
 from pfd_core.model import Robot, resolve
 
 Arrays = dict[str, NDArray[Any]]
+ARM64 = Target('aarch64-unknown-linux-gnu')
 STATES = 21  # two whole registers of float64 with AVX-512, and a part of one
 EVERYTHING = pfd.Scene(
     damping='model', armature='model', external_wrench=True, brakes=True, effort_limits='model'
@@ -109,6 +114,39 @@ def test_any_tile_gives_the_same_bits(tile: tuple[int, int], monkeypatch: Any) -
     assert_native_is_emulated(
         derivatives(resolve(robot), 'composite_body', 0, 'float64'), robot, 'float64'
     )
+
+
+@pytest.mark.parametrize('width', [2, 4])
+def test_narrower_registers_give_the_same_bits(width: int) -> None:
+    robot = arm('four mixed')
+    source = derivatives(resolve(robot), 'composite_body', 0, 'float64')
+    given = states(source, robot.n, 'float64')
+    rows = np.zeros((STATES, source.elements))
+    assert native(source, robot, 'float64', width)(*given.values(), rows) is rows
+    assert_same_bits(rows, run(source.program, given)['derivatives'])
+
+
+@pytest.mark.parametrize('width', [1, 2])
+def test_it_compiles_for_a_processor_of_another_kind(width: int) -> None:
+    program = derivatives(resolve(arm('one revolute')), 'composite_body', 0, 'float64').factors
+    form = Format('float64', width, strided=width > 1)
+    functions = [part(program, form, (0,)) for part in (product.product, product.jacobian)]
+    text = module(functions, form, (0,), product.vector_widths(form))
+    llvm.initialize_all_targets()
+    try:
+        llvm.Target.from_triple(ARM64.triple)
+    except RuntimeError:
+        pytest.skip('this LLVM was built without 64-bit ARM')
+    assert emit(text, ARM64).startswith(b'\x7fELF')
+
+
+def test_only_short_programs_change_their_order() -> None:
+    ur5, panda = (resolve(pfd.load_robot(name)) for name in ('ur5', 'panda'))
+    for plant, scheduled in ((ur5, True), (panda, False)):
+        found = derivatives(plant, 'composite_body', 0, 'float64').factors
+        in_order = lower(record_derivatives(plant), 'float64', longest=0).compiled
+        assert (found.instructions != in_order.instructions) == scheduled
+        assert sorted(operations(found).items()) == sorted(operations(in_order).items())
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])

@@ -40,8 +40,9 @@ CHOICE = 128
 # Beyond this many operations, programs are cut into parts (pfd_core.kernels.codegen.split) anyway.
 LONGEST = 6000
 # The same for programs of many results (derivatives), which are written as they are computed.
-# Measured with AVX-512: up to UR5's 1450 operations one state takes 8 % less, a batch as long; on
-# Panda's 2770 and on a dense arm's 3400 all within 3 %, and without scheduling rather faster.
+# Measured with AVX-512: with UR5's 1450 one state takes 4 to 8 % less time, a batch the same; with
+# Panda's 2770 all within 2 %; with a dense arm's 3400 one state takes 3 to 10 % more. To count a
+# result that is written as no longer alive changes that by 1 %.
 ORDERED = 2000
 LOOPED = ('loop', 'state', 'end', 'result')
 # Instructions without work of their own: part of the operation that reads them.

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.model import Plant, Robot, Scene, resolve, scene_inputs
-from pfd_core.model.checked_numbers import Array, check_finite, integer, real_array, real_number
+from pfd_core.model.checked_numbers import Array, integer, real_array, real_number
 from pfd_core.model.joint_space_checks import check_joint_inertia
 from pfd_core.simulation.contact.modes import PIVOTS
 from pfd_core.simulation.contact.schemes import RK4, imex2
@@ -25,10 +25,7 @@ from pfd_core.simulation.linearisation import LinearStep
 from pfd_core.simulation.rows import LaggedTorque, decays
 from pfd_core.simulation.state_buffer import StateBuffer
 from pfd_core.simulation.stiffness import check_springs, chosen
-from pfd_core.simulation.turns import split_turns
-
-# Larger angles [rad] have lost more than 2e-7 rad in float64 and 1e-4 rad in float32 already.
-LARGEST_ANGLE = {'float64': 2.0**30, 'float32': 2.0**10}
+from pfd_core.simulation.turns import check_angles, positions_grow, split_turns
 
 Self = TypeVar('Self', bound='Simulation')
 
@@ -65,7 +62,7 @@ class Simulation(ABC):
         self.dtype = dtype
         check_springs(plant, self.step_size, self.substeps)
         self.integrator = chosen(integrator, plant, self.step_size / self.substeps)
-        self.compensated = _positions_grow(robot, dtype) if compensated is None else compensated
+        self.compensated = positions_grow(robot, dtype) if compensated is None else compensated
         self._options = {'method': method, 'refine': refine}
         self._native = self._compile()
         # Inputs beside the torque, in the order of the native code.
@@ -197,7 +194,7 @@ class Simulation(ABC):
         Set positions and velocities, (n,) or (B, n), default zero, and the time [s].
 
         `tau_motor` are the torques of motors with a lag; only if the scene has one. Positions may
-        lie beyond the joint limits. ValueError for an angle above LARGEST_ANGLE.
+        lie beyond the joint limits. ValueError for an angle above turns.LARGEST_ANGLE.
         """
         following = self._buffers[1 - self._turn]
         following.clear(start=real_number('time', time))
@@ -214,7 +211,7 @@ class Simulation(ABC):
                     broadcast=target.ndim > 1,
                     joints=self.robot.joint_names,
                 )
-        _check_angles(self.robot, following.arrays['q'], self.dtype)
+        check_angles(self.robot, following.arrays['q'], self.dtype)
         self._turn ^= 1
 
     def take_state(self, other: Simulation) -> None:
@@ -304,14 +301,3 @@ class Simulation(ABC):
     ) -> dict[str, Array]:
         """Return the inputs that the scene asks for, checked and the same for all steps."""
         return scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes, self.batch)
-
-
-def _positions_grow(robot: Robot, dtype: str) -> bool:
-    """Return whether positions lose digits that show: angles without limit, or few digits."""
-    return dtype == 'float32' or 'continuous' in robot.joint_types
-
-
-def _check_angles(robot: Robot, q: Array, dtype: str) -> None:
-    """Raise ValueError for an angle above LARGEST_ANGLE; names the joint."""
-    turning = [kind != 'prismatic' for kind in robot.joint_types]
-    check_finite('q', np.where(turning, q, 0.0), LARGEST_ANGLE[dtype], robot.joint_names)

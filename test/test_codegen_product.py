@@ -107,6 +107,13 @@ def test_one_state_and_a_batch_give_the_emulators_bits(
     assert_native_is_emulated(source, robot, dtype)
 
 
+@pytest.mark.parametrize(('method', 'refine'), [('composite_body', 1), ('pcgm', 0)])
+def test_a_refined_and_an_iterated_answer_give_the_same_bits(method: str, refine: int) -> None:
+    robot = random_chain(np.random.default_rng(75), 3)
+    source = derivatives(resolve(robot), method, refine, 'float64')
+    assert_native_is_emulated(source, robot, 'float64')
+
+
 @pytest.mark.parametrize('tile', [(1, 1), (3, 5)])
 def test_any_tile_gives_the_same_bits(tile: tuple[int, int], monkeypatch: Any) -> None:
     monkeypatch.setattr(product, 'TILES', {True: tile, False: tile})

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 import pickle
 from typing import Any
@@ -314,3 +315,27 @@ def test_the_length_of_a_linearised_step_does_not_grow_with_the_joints() -> None
         lengths.append(len(linear_step(step, {'qdd': dynamics}, Format('float64', 1))))
     # Rows of the state and stages grow by n, matrices do not.
     assert lengths[1] < 2.5 * lengths[0]
+
+
+@pytest.mark.parametrize(
+    ('n', 'make'),
+    [
+        (60, lambda robot: pfd.Simulator(robot).linearize(*np.zeros((3, 60)))),
+        (120, lambda robot: pfd.compile_kernel(robot, quantity='derivatives')),
+    ],
+)
+def test_matrices_that_do_not_fit_the_stack_are_refused(n: int, make: Any) -> None:
+    with pytest.raises(ValueError, match=rf'{n} joints needs .* MB of the stack'):
+        make(random_chain(np.random.default_rng(1), n, 0.0))
+
+
+@pytest.mark.long
+def test_thirty_joints_are_linearised_in_threads_of_python() -> None:
+    robot = random_chain(np.random.default_rng(1), 30, 0.2)
+    many = pfd.Ensemble(robot, 16, integrator='rk4')
+    states = state(30, 1, 16)
+    with ThreadPoolExecutor(2) as pool:
+        first, second = pool.map(lambda _: many.linearize(*states), range(2))
+    for one, two in zip(first, second, strict=True):
+        assert np.isfinite(one).all()
+        np.testing.assert_array_equal(one, two)

@@ -9,6 +9,7 @@ Rooms and modules in the order of the way of the data; each imports only from th
     codegen/       program -> text of LLVM IR
     runtime/       text -> native code in this process; cache on disk, threads, Python's C API
     quantities     results of kernels: their arguments, and the effects of a scene that they have
+    stack          the stack of a thread, and whether matrices fit
     source         robot, scene and method -> lowered program, recorded only if needed
     auto           the method that 'auto' stands for
     arguments      arguments of a call, checked, as rows of states; arrays for results

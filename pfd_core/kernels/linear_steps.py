@@ -21,6 +21,7 @@ from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.runtime.jit import Optimisation
 from pfd_core.kernels.simulations import plants
 from pfd_core.kernels.source import KernelSource, ProductSource, derivatives, plant_of
+from pfd_core.kernels.stack import check_stack
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene, in_motion, without_step_effects
 
@@ -78,6 +79,7 @@ def compile_linear_step(
     stops, joints stay in motion or are held by brakes. Positions must be plain sums in `step`: the
     digits that these lose have no derivative.
     """
+    check_stack(f'a linearised step of {robot.n} joints', _matrices(step))
     plant, _ = plant_of(robot, scene, dtype)
     plant = in_motion(plant) if dry else without_step_effects(plant)
     method = choose(plant, method, refine)
@@ -99,3 +101,12 @@ def compile_linear_step(
         scene = replace(scene, brakes=True)
     source = LinearSource(step, substeps, sources)
     return Kernel(robot, scene, method, dtype, source, recreate, quantity='linear_step')
+
+
+def _matrices(step: Program) -> int:
+    """Return how many numbers of a state native code keeps on the stack."""
+    calls = sum(instruction.op == 'call' for instruction in step.instructions)
+    n, rows = step.lanes, len(state_rows(step)) + 1
+    columns = n * (rows + 1)
+    # Products of all calls, derivatives of their arguments; four of the state; J and its factors.
+    return (calls + 3) * n * columns + 4 * n * rows * columns + 6 * n * n

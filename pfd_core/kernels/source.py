@@ -40,6 +40,7 @@ from pfd_core.kernels.runtime.jit import (
     outline,
 )
 from pfd_core.kernels.runtime.json_cache import T, get_or_compute
+from pfd_core.kernels.stack import check_stack
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, resolve
 from pfd_core.model.frames import known_frame
@@ -221,6 +222,9 @@ def derivatives(plant: Plant, method: str, refine: int, dtype: str) -> ProductSo
         recorded = record_derivatives(plant, method, refine)
         return lower(recorded, dtype, longest=ORDERED)
 
+    n = plant.robot.n
+    # The factors, and a copy of the result.
+    check_stack(f'a kernel of derivatives for {n} joints', 6 * n * n)
     return ProductSource(lowered, ('derivatives', plant.digest, method, str(refine), dtype))
 
 

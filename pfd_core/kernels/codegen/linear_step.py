@@ -133,6 +133,7 @@ class _Step:
         self._jacobian = self._matrices.new(n, 3 * n)
         self._given = {name: ir.array(form.type, n) for name in (*MOTION, COMMAND, 'qdd')}
         self._dense: list[Matrix] = []
+        self._factors: dict[str, Matrix] = {}
         self._values: list[list[str]] = []
         self._tangents: list[Tangent] = []
 
@@ -234,7 +235,9 @@ class _Step:
         pairs = []
         for row, tangent in derived.items():
             if tangent.dense:
-                factor = matrices.new(n, m)
+                if row not in self._factors:
+                    self._factors[row] = matrices.new(n, m)
+                factor = self._factors[row]
                 terms = [(self._dense[call], f) for call, f in tangent.dense.items()]
                 matrices.combine(factor, (n, m), terms)
                 pairs.append((self._jacobian.block(places[row]), factor))

@@ -15,7 +15,7 @@ from functools import partial
 from operator import attrgetter
 
 from pfd_core.kernels.auto import choose
-from pfd_core.kernels.codegen.linear_step import called, state_rows
+from pfd_core.kernels.codegen.linear_step import called, carried_rows, state_rows
 from pfd_core.kernels.codegen.module import linear_module
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.runtime.jit import Optimisation
@@ -106,7 +106,7 @@ def compile_linear_step(
 def _matrices(step: Program) -> int:
     """Return how many numbers of a state native code keeps on the stack."""
     calls = sum(instruction.op == 'call' for instruction in step.instructions)
-    n, rows = step.lanes, len(state_rows(step)) + 1
+    n, rows = step.lanes, len(carried_rows(step))
     columns = n * (rows + 1)
     # Products of all calls, derivatives of their arguments; four of the state; J and its factors.
     return (calls + 3) * n * columns + 4 * n * rows * columns + 6 * n * n

@@ -79,7 +79,7 @@ def state_rows(step: Program) -> tuple[str, ...]:
     return tuple(name for name in step.outputs if name in (*MOTION, MOTOR_TORQUE))
 
 
-def _carried_rows(step: Program) -> tuple[str, ...]:
+def carried_rows(step: Program) -> tuple[str, ...]:
     """Return the rows that one step hands to the next: also the acceleration, where it does."""
     return (*state_rows(step), *(('qdd',) if 'qdd' in step.inputs else ()))
 
@@ -114,7 +114,7 @@ def linear_step(step: Program, dynamics: Mapping[str, Program], form: Format) ->
 
 def _arguments(step: Program, dynamics: Mapping[str, Program]) -> tuple[str, ...]:
     """Return the arguments of @linear_step: rows of the state, the torque, other inputs."""
-    own = (*_carried_rows(step), COMMAND)
+    own = (*carried_rows(step), COMMAND)
     extra = {name for program in dynamics.values() for name in arguments(program)}
     return (*own, *sorted(extra - {*own}))
 
@@ -127,7 +127,7 @@ class _Step:
     ) -> None:
         self._ir, self._step, self._dynamics, self._form = ir, step, dynamics, form
         self._n = n = step.lanes
-        self._inputs = (*_carried_rows(step), COMMAND)
+        self._inputs = (*carried_rows(step), COMMAND)
         self._m = n * len(self._inputs)
         self._matrices = Matrices(ir, form)
         self._jacobian = self._matrices.new(n, 3 * n)
@@ -143,7 +143,7 @@ class _Step:
             value, tangent = self._row(*instruction[:3])
             self._values.append(value)
             self._tangents.append(tangent)
-        rows = _carried_rows(self._step)
+        rows = carried_rows(self._step)
         for part, name in enumerate(rows):
             register = self._step.outputs[name].places[0][0]
             block = Matrix('%S', self._m)
@@ -269,7 +269,7 @@ def linearisation(
     brake holds loses its velocity first, so that nothing depends on that. Motors with a lag have
     reached the torque.
     """
-    n, rows, carried = step.lanes, state_rows(step), _carried_rows(step)
+    n, rows, carried = step.lanes, state_rows(step), carried_rows(step)
     inner = Format(form.dtype, form.width)
     names = _arguments(step, dynamics)
     given = (*(name for name in ARGUMENTS if name in names and name not in carried[2:]), 'out')

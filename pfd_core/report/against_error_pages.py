@@ -10,15 +10,28 @@ import json
 from pathlib import Path
 from typing import Any
 
-from pfd_core.report import against_error, against_error_plots, work_precision
+from pfd_core.report import (
+    against_error,
+    against_error_plots,
+    quantity_plot,
+    quantity_rows,
+    work_precision,
+)
+from pfd_core.report import quantity_tables as tables
 from pfd_core.report.against_error import PEERS, CaseFacts, Point
 from pfd_core.report.motions import SAMPLES
+from pfd_core.report.quantity_tables import ERRORS, NOTES
+from pfd_core.report.speed import robot
 from pfd_core.report.surroundings import surroundings, told
-from pfd_core.report.timing import show_progress
+from pfd_core.report.timing import Row, show_progress
 from pfd_core.report.work_precision import MotionFacts, RunPoint
 
 COMMAND = 'pfd report speed --against-error'
 NAME = 'speed-against-error'
+QUANTITIES = quantity_rows.Plan(robots=('ur5', 'panda'), references=8)
+QUICK_QUANTITIES = quantity_rows.Plan(
+    robots=('planar2',), batches=(64,), references=1, pace=against_error.QUICK.pace
+)
 INTRODUCTION = """# Speed against error
 
 Written by `{command}`; times are those of one machine on one day.
@@ -66,11 +79,22 @@ in units of the largest kinetic energy. Times and evaluations are for one simula
 - A run that blew up is a missing point: its state was not finite, was reset by MuJoCo, or was off
   by more than a turn (*lost*).
 """
+OTHERS = """## Quantities
+
+![Time over error of every quantity](speed-against-error-quantities.png)
+
+The two arms alone, and each way's fastest call; all robots and ways of a quantity are those of
+`pfd report speed --against-error --quantity NAME`. Times are minimum / median for each state.
+"""
 
 
 @dataclass(frozen=True)
 class Findings:
-    """Cases and motions with their points, ways left out with the reasons, and the machine."""
+    """
+    Cases and motions with their points, ways left out with the reasons, and the machine.
+
+    `quantities` are rows of quantities beside forward dynamics.
+    """
 
     cases: list[CaseFacts] = field(default_factory=list)
     points: list[Point] = field(default_factory=list)
@@ -78,9 +102,14 @@ class Findings:
     runs: list[RunPoint] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     machine: dict[str, Any] = field(default_factory=surroundings)
+    quantities: list[Row] = field(default_factory=list)
 
 
-def survey(evaluations: against_error.Plan, integrators: work_precision.Plan) -> Findings:
+def survey(
+    evaluations: against_error.Plan,
+    integrators: work_precision.Plan,
+    quantities: quantity_rows.Plan | None = None,
+) -> Findings:
     """Measure both plans; progress goes to a terminal's stderr."""
     found = Findings()
     for name in evaluations.cases:
@@ -92,6 +121,11 @@ def survey(evaluations: against_error.Plan, integrators: work_precision.Plan) ->
         motion, runs, left_out = work_precision.measure(make(), integrators)
         found.motions.append(motion)
         found.runs.extend(runs)
+        found.left_out.extend(left_out)
+    if quantities is not None:
+        arms = [robot(name) for name in quantities.robots]
+        rows, left_out = quantity_rows.measure(arms, quantities)
+        found.quantities.extend(rows)
         found.left_out.extend(left_out)
     show_progress('')
     return found
@@ -112,6 +146,9 @@ def markdown(findings: Findings) -> str:
         runs = [run for run in findings.runs if run.motion == motion.name]
         parts += [f'### {motion.name}\n', _moved(motion), *_motion_table(runs), '']
         parts += ['Missing points:\n', *_missing(runs), '']
+    if findings.quantities:
+        errors = ERRORS.format(states=QUANTITIES.references)
+        parts += [OTHERS, errors, NOTES, tables.against_error(findings.quantities)]
     parts += ['## Left out\n', *(_grouped(findings.left_out) or ['Nothing.'])]
     return '\n'.join(parts).rstrip() + '\n'
 
@@ -168,7 +205,7 @@ def _grouped(left_out: Sequence[str]) -> list[str]:
     places: dict[tuple[str, str], list[str]] = {}
     for text in left_out:
         what, reason = text.split(': ', 1)
-        way, place = what.split(' at ')
+        way, place = what.rsplit(' at ', 1)
         places.setdefault((way, reason), []).append(place)
     return [f'- {way} at {", ".join(at)}: {reason}' for (way, reason), at in places.items()]
 
@@ -264,9 +301,9 @@ def _error(value: float | None) -> str:
 def run(folder: Path, quick: bool = False) -> int:
     """Measure, write the report into a folder, print its files and return the exit status, 0."""
     if quick:
-        findings = survey(against_error.QUICK, work_precision.QUICK)
+        findings = survey(against_error.QUICK, work_precision.QUICK, QUICK_QUANTITIES)
     else:
-        findings = survey(against_error.Plan(), work_precision.Plan())
+        findings = survey(against_error.Plan(), work_precision.Plan(), QUANTITIES)
     print('\n'.join(str(path) for path in write(findings, folder)))
     return 0
 
@@ -284,4 +321,5 @@ def write(findings: Findings, folder: Path) -> list[Path]:
     plots = against_error_plots.write(
         findings.cases, findings.points, findings.motions, findings.runs, folder
     )
+    plots += quantity_plot.write(findings.quantities, folder, f'{NAME}-quantities')
     return [page, data, *plots]

@@ -59,6 +59,7 @@ work-precision.png, .svg):
     against_error        time and error of every method and peer at hard cases (Point)
     motions              motions of an arm, their energy and references
     work_precision       work and errors of every integrator on a motion (RunPoint)
+    work_precision_tables  the section of the integrators
     against_error_plots  the plots: a panel for each case; work over error of integrators
     against_error_pages  the page: its tables and columns; writes all files
 

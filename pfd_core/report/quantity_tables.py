@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pfd_core.report import port_limit
 from pfd_core.report.markdown import cells, header
 from pfd_core.report.quantity_kernels import LINEAR_STEP, QUANTITIES
-from pfd_core.report.speed_tables import short
+from pfd_core.report.speed_tables import error_cell, least_and_median, short
 from pfd_core.report.timing import MIDDLE_BATCH, Row
 
 # How the figures are to be read, each with the parts of the work that it leaves out.
@@ -75,7 +75,7 @@ def _ratios(rows: Sequence[Row], work: str, way: str) -> list[str]:
         ratios.append(short(peer.median / own.median))
     else:
         ratios.append(short(own.times / peer.times))
-    return [_time(own), *ratios]
+    return [least_and_median(own.minimum, own.median, 1e9), *ratios]
 
 
 def _share(rows: Sequence[Row]) -> str:
@@ -117,9 +117,8 @@ def _time_and_error(rows: Sequence[Row], way: str, batch: str) -> list[str]:
     """Return the least times of a contender and its largest error."""
     found = [least(rows, way, work) for work in ('call', batch)]
     errors = [row.error for row in rows if contender(row) == way and row.error is not None]
-    error = f'{max(errors):.0e}' if errors else '-'
-    return [*('-' if row is None else _time(row) for row in found), error]
-
-
-def _time(row: Row) -> str:
-    return f'{short(row.minimum * 1e9)} / {short(row.median * 1e9)}'
+    error = error_cell(max(errors)) if errors else '-'
+    times = [
+        '-' if row is None else least_and_median(row.minimum, row.median, 1e9) for row in found
+    ]
+    return [*times, error]

@@ -22,26 +22,38 @@ def grid(rows: Sequence[Row], text: Callable[[Row], str]) -> str:
 
 def time_cell(row: Row) -> str:
     """Return minimum / median [ns], and in brackets the speed in times the reference."""
-    times = '' if row.times is None else f' ({short(row.times)})'
-    return f'{short(row.minimum * 1e9)} / {short(row.median * 1e9)}{times}'
+    ratio = '' if row.times is None else f' ({short(row.times)})'
+    return least_and_median(row.minimum, row.median, 1e9) + ratio
 
 
 def limit_cell(row: Row) -> str:
     """Return minimum / median [ns] of a loop at the port limit, and the share of the limit."""
     share = '-' if row.times is None else f'{row.times:.2f}'
-    return f'{short(row.minimum * 1e9)} / {short(row.median * 1e9)} ({share})'
+    return f'{least_and_median(row.minimum, row.median, 1e9)} ({share})'
 
 
 def milliseconds_cell(row: Row) -> str:
     """Return minimum / median [ms]."""
-    return f'{short(row.minimum * 1e3)} / {short(row.median * 1e3)}'
+    return least_and_median(row.minimum, row.median, 1e3)
+
+
+def least_and_median(minimum: float, median: float, unit: float) -> str:
+    """Return minimum / median, seconds times a unit."""
+    return f'{short(minimum * unit)} / {short(median * unit)}'
 
 
 def short(value: float) -> str:
-    """Return a number with three digits, or all digits before the point."""
+    """Return a number with three digits, or all digits before the point; large ones as powers."""
+    if value >= 1e6:
+        return f'{value:.0e}'
     return f'{value:.0f}' if value >= 99.5 else f'{value:.3g}'
 
 
 def difference_cell(row: Row) -> str:
     """Return the largest difference to one digit."""
     return f'{row.difference:.0e}'
+
+
+def error_cell(value: float | None) -> str:
+    """Return an error to one digit, 'lost' for None."""
+    return 'lost' if value is None else f'{value:.0e}'

@@ -23,7 +23,7 @@ from pfd_core.report.speed_tables import difference_cell, grid, limit_cell, time
 from pfd_core.report.surroundings import surroundings, told
 from pfd_core.report.timing import Row
 
-SPEED = Plan(robots=(*ARMS, 'chain6', 'chain12', 'chain30'), batches=SIZES)
+SPEED = Plan(robots=(*ARMS, 'chain6', 'chain12', 'chain30'), batches=SIZES[1:])
 AGAINST_ERROR = Plan(robots=(*ARMS, 'chain6', 'chain12'), references=8)
 QUICK = Plan(robots=('ur5', 'chain3'), batches=(64,), pace=HASTY)
 

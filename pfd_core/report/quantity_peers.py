@@ -77,9 +77,14 @@ def _derivatives(peer: Pinocchio, returned: Any) -> Array:
 
 def _linear_step(peer: Pinocchio) -> Callable[..., Any]:
     function, model, data = peer.pin.computeABADerivatives, peer.model, peer.data
+    n = model.nv
+    J = np.empty((n, 3 * n))
+    by_q, by_qd, by_tau = J[:, :n], J[:, n : 2 * n], J[:, 2 * n :]
+    lower = np.tril_indices(n, -1)
 
     def evaluate(q: Array, qd: Array, tau: Array) -> tuple[Array, Array]:
-        J = _derivatives(peer, function(model, data, q, qd, tau))
+        by_q[...], by_qd[...], by_tau[...] = function(model, data, q, qd, tau)
+        by_tau[lower] = by_tau.T[lower]
         return data.ddq, J
 
     return lambda q, qd, tau: linear_rk4(evaluate, q, qd, tau, LINEAR_STEP)
@@ -124,8 +129,8 @@ class PinocchioQuantity:
         )
 
     def _batches(self, work: Work) -> Iterator[Side]:
-        given = arguments(self.quantity, work)
-        rows = [tuple(row.copy() for row in state) for state in zip(*given, strict=True)]
+        given = [np.ascontiguousarray(x) for x in arguments(self.quantity, work)]
+        rows = list(zip(*given, strict=True))
         yield Side(
             f'Python loop over {self.function.name}',
             partial(_one_by_one, self.run, rows),

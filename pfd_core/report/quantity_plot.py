@@ -21,6 +21,8 @@ STYLES = {
     'CasADi': (PURPLE, '*'),
 }
 COLUMNS = 4
+# Smaller errors are drawn here.
+LEAST = 1e-17
 
 
 def write(rows: Sequence[Row], folder: Path, name: str) -> list[Path]:
@@ -46,12 +48,15 @@ def write(rows: Sequence[Row], folder: Path, name: str) -> list[Path]:
         axes.grid(alpha=0.25)
         for way in dict.fromkeys(contender(row) for row in own):
             row = least(own, way, batch)
-            if row is not None and row.error:
+            if row is not None and row.error is not None:
                 colour, marker = STYLES[_style(way)]
-                axes.plot(row.error, row.minimum * 1e9, marker, color=colour, markersize=8)
+                axes.plot(
+                    max(row.error, LEAST), row.minimum * 1e9, marker, color=colour, markersize=8
+                )
     for axes in flat[len(panels) :]:
         axes.axis('off')
-    figure.supxlabel('largest error / largest entry')
+    for axes in grid[-1]:
+        axes.set_xlabel('largest error / largest entry')
     figure.supylabel(f'time of a state, {batch} [ns]')
     figure.suptitle('Time against error, one thread. Down and left is better.')
     seen = {_style(contender(row)) for row in rows if row.error is not None}

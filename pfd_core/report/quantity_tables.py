@@ -21,7 +21,7 @@ NOTES = f"""- *bound* is `kernel.bind(q, ..., out=out)`, which leaves out making
   Python, but for `rneaInParallel`, which leaves Python's share out.
 - Its functions are `rnea`, `crba`, `nonLinearEffects`, `computeGeneralizedGravity`,
   `framesForwardKinematics`, `computeFrameJacobian` and `computeABADerivatives`. A linearised step
-  is four calls of the last, multiplied up with NumPy, which takes most of that time.
+  is four calls of the last, filled in and multiplied up with NumPy, which takes most of its time.
 - *CasADi C* is a textbook's text (recursive Newton-Euler, articulated bodies, products of
   transforms), differentiated by CasADi, its C compiled with `cc -O3 -march=native`; one state is a
   call of `buffer()`, which leaves out copying the arguments in, and there is no linearised step.

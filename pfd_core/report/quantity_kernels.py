@@ -138,10 +138,10 @@ class QuantityKernel:
         yield Side(
             f'{self.name}: kernel(..., out=)',
             partial(self.kernel, **given, out=out),
-            partial(np.ravel, out),
+            partial(self._entries, out),
         )
         bound = self.kernel.bind(**given, out=target)
-        yield Side(f'{self.name}: bound', bound, partial(np.ravel, target))
+        yield Side(f'{self.name}: bound', bound, partial(self._entries, target))
 
     def _batches(self, work: Work) -> Iterator[Side]:
         for order, laid in (('F', np.asfortranarray), ('C', np.ascontiguousarray)):
@@ -150,8 +150,16 @@ class QuantityKernel:
             yield Side(
                 f'{self.name}, {order} order',
                 partial(self.kernel, **given, out=out),
-                partial(np.reshape, out, (work.units, -1)),
+                partial(self._entries, out),
             )
+
+    def _entries(self, out: NDArray[Any]) -> NDArray[Any]:
+        """Return the entries of a quantity from a result of its kernel, (size,) or (B, size)."""
+        if self.quantity == 'linear_step':
+            # The kernel may give further columns than those of A and B.
+            out = out[..., : 3 * self.kernel.robot.n]
+        single = out.ndim == len(self.kernel.shape)
+        return out.reshape(-1) if single else out.reshape(len(out), -1)
 
 
 def _named(

@@ -3,7 +3,8 @@
 """
 Speed against the peers: `python benchmarks/speed.py [ROBOT ...] [--quick] [--out DIR]`.
 
-The same as `pfd report speed`, for some robots only: names of arms, chainN or denseN.
+The same as `pfd report speed`; with names of arms, chainN or denseN for these only, and forward
+dynamics alone.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ def main() -> int:
     asked = parser.parse_args()
     plan = speed.QUICK if asked.quick else speed.Survey()
     if asked.robots:
-        plan = replace(plan, robots=tuple(asked.robots))
+        plan = replace(plan, robots=tuple(asked.robots), others=None)
     return speed_pages.run(asked.out, plan=plan)
 
 

@@ -21,7 +21,7 @@ from pfd_core.report.against_error_pages import Findings, markdown, write
 from pfd_core.report.hard_case_errors import kernel_answer, peer_answers
 from pfd_core.report.hard_case_reference import errors, kappa_s, reference
 from pfd_core.report.hard_cases import CASES, ROUNDING
-from pfd_core.report.timing import Pace
+from pfd_core.report.timing import Pace, Row
 from pfd_core.report.work_precision import MotionFacts, RunPoint
 
 REPORT = Path(__file__).resolve().parent.parent / 'docs' / 'report'
@@ -66,7 +66,8 @@ def findings_of(data: dict[str, Any]) -> Findings:
     """Return the findings that a JSON holds."""
     records = {'cases': CaseFacts, 'points': Point, 'motions': MotionFacts, 'runs': RunPoint}
     found = {name: [record(**row) for row in data[name]] for name, record in records.items()}
-    return Findings(**found, left_out=data['left_out'], machine=data['machine'])
+    rows = [Row(**row) for row in data.get('quantities', [])]
+    return Findings(**found, left_out=data['left_out'], machine=data['machine'], quantities=rows)
 
 
 @pytest.fixture(scope='module')
@@ -242,7 +243,9 @@ def test_quick_takes_the_quick_plans(
     )
     assert against_error_pages.run(tmp_path, quick=quick) == 0
     assert asked == [
-        (against_error.QUICK, work_precision.QUICK) if quick else (Plan(), work_precision.Plan())
+        (against_error.QUICK, work_precision.QUICK, against_error_pages.QUICK_QUANTITIES)
+        if quick
+        else (Plan(), work_precision.Plan(), against_error_pages.QUANTITIES)
     ]
     assert capsys.readouterr().out == f'{tmp_path / "page.md"}\n'
 

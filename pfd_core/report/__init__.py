@@ -22,7 +22,19 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     first_results    time to a robot's first result, compiled or from disk
     surroundings     processor, load, versions and date of a measurement
     speed            the survey: which robots, works and contenders, and the findings
+    speed_tables     tables of ways over robots, and their cells
     speed_pages      the page: its tables and columns, JSON and plot
+
+Quantities beside forward dynamics, short tables of both reports of the speed, and pages of one
+with `--quantity NAME` (speed-NAME.md, speed-against-error-NAME.md, .json, .png and .svg):
+
+    quantity_kernels  the table of quantities, kernels, states and references (QUANTITIES)
+    quantity_peers    Pinocchio's function of each quantity, called from Python (PINOCCHIO)
+    quantity_casadi   texts of a textbook for CasADi's C (TEXTS)
+    quantity_rows     times, port limits and errors beside 50 digits (Plan)
+    quantity_tables   ratios to the peers, time and error, and notes on what figures leave out
+    quantity_plot     the plot of time against error
+    quantity_pages    the pages of one quantity
 
 `pfd report hard-cases` (docs/report/hard-cases.md, .json):
 
@@ -47,6 +59,7 @@ work-precision.png, .svg):
     against_error        time and error of every method and peer at hard cases (Point)
     motions              motions of an arm, their energy and references
     work_precision       work and errors of every integrator on a motion (RunPoint)
+    work_precision_tables  the section of the integrators
     against_error_plots  the plots: a panel for each case; work over error of integrators
     against_error_pages  the page: its tables and columns; writes all files
 

@@ -4,21 +4,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 import json
 from pathlib import Path
 from typing import Any
 
-from pfd_core.report import against_error, against_error_plots, work_precision
+from pfd_core.report import (
+    against_error,
+    against_error_plots,
+    quantity_plot,
+    quantity_rows,
+    work_precision,
+    work_precision_tables,
+)
+from pfd_core.report import quantity_tables as tables
 from pfd_core.report.against_error import PEERS, CaseFacts, Point
-from pfd_core.report.motions import SAMPLES
+from pfd_core.report.markdown import cells, header
+from pfd_core.report.quantity_tables import ERRORS, NOTES
+from pfd_core.report.speed import robot
+from pfd_core.report.speed_tables import error_cell, least_and_median, short
 from pfd_core.report.surroundings import surroundings, told
-from pfd_core.report.timing import show_progress
+from pfd_core.report.timing import Row, show_progress
 from pfd_core.report.work_precision import MotionFacts, RunPoint
 
 COMMAND = 'pfd report speed --against-error'
 NAME = 'speed-against-error'
+QUANTITIES = quantity_rows.Plan(robots=('ur5', 'panda'), references=8)
+QUICK_QUANTITIES = quantity_rows.Plan(
+    robots=('planar2',), batches=(64,), references=1, pace=against_error.QUICK.pace
+)
 INTRODUCTION = """# Speed against error
 
 Written by `{command}`; times are those of one machine on one day.
@@ -47,30 +62,22 @@ The same for one state in a call: [speed-against-error-single.png](speed-against
   `mujoco.rollout`, with contacts and constraints off; its error is that of `mj_forward`.
 - *lost* is an answer that is not finite: a missing point in the plot.
 """
-MOTIONS = """## Integrators
+OTHERS = """## Quantities
 
-![Time and evaluations over trajectory and energy error](work-precision.png)
+![Time over error of every quantity](speed-against-error-quantities.png)
 
-Free motions of an arm, without torques. The trajectory error is the largest difference of a joint
-from the reference at {samples} times [rad], the energy error the largest difference of the energy
-in units of the largest kinetic energy. Times and evaluations are for one simulated second.
-
-- rk4, velocity_verlet and imex2 run in native code. dop853 is `pfd.integrate`, whose steps are in
-  Python; its times hold some milliseconds to load its kernel. States at the {samples} times come
-  from its dense output, whose evaluations are counted. imex2 has two evaluations a step, and two
-  solutions for the damping where there is any; these count as evaluations.
-- MuJoCo's integrators are those of `mj_step`; Euler and the implicit ones take the damping of the
-  joints implicitly.
-- The reference is `pfd.integrate` at its tightest tolerance, refined. Its self-difference is from
-  a second one by another method and in shorter steps. Errors near it are not resolved.
-- A run that blew up is a missing point: its state was not finite, was reset by MuJoCo, or was off
-  by more than a turn (*lost*).
+The two arms alone, and each way's fastest call; all robots and ways of a quantity are those of
+`pfd report speed --against-error --quantity NAME`. Times are minimum / median for each state.
 """
 
 
 @dataclass(frozen=True)
 class Findings:
-    """Cases and motions with their points, ways left out with the reasons, and the machine."""
+    """
+    Cases and motions with their points, ways left out with the reasons, and the machine.
+
+    `quantities` are rows of quantities beside forward dynamics.
+    """
 
     cases: list[CaseFacts] = field(default_factory=list)
     points: list[Point] = field(default_factory=list)
@@ -78,9 +85,14 @@ class Findings:
     runs: list[RunPoint] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
     machine: dict[str, Any] = field(default_factory=surroundings)
+    quantities: list[Row] = field(default_factory=list)
 
 
-def survey(evaluations: against_error.Plan, integrators: work_precision.Plan) -> Findings:
+def survey(
+    evaluations: against_error.Plan,
+    integrators: work_precision.Plan,
+    quantities: quantity_rows.Plan | None = None,
+) -> Findings:
     """Measure both plans; progress goes to a terminal's stderr."""
     found = Findings()
     for name in evaluations.cases:
@@ -92,6 +104,11 @@ def survey(evaluations: against_error.Plan, integrators: work_precision.Plan) ->
         motion, runs, left_out = work_precision.measure(make(), integrators)
         found.motions.append(motion)
         found.runs.extend(runs)
+        found.left_out.extend(left_out)
+    if quantities is not None:
+        arms = [robot(name) for name in quantities.robots]
+        rows, left_out = quantity_rows.measure(arms, quantities)
+        found.quantities.extend(rows)
         found.left_out.extend(left_out)
     show_progress('')
     return found
@@ -107,11 +124,10 @@ def markdown(findings: Findings) -> str:
         points = [point for point in findings.points if point.case == case.name]
         parts += [f'### {case.name}\n', _described(case), *_lost(points)]
         parts += [*_case_table(case, points, sizes), '']
-    parts.append(MOTIONS.format(samples=SAMPLES))
-    for motion in findings.motions:
-        runs = [run for run in findings.runs if run.motion == motion.name]
-        parts += [f'### {motion.name}\n', _moved(motion), *_motion_table(runs), '']
-        parts += ['Missing points:\n', *_missing(runs), '']
+    parts += work_precision_tables.section(findings.motions, findings.runs)
+    if findings.quantities:
+        errors = ERRORS.format(states=QUANTITIES.references)
+        parts += [OTHERS, errors, NOTES, tables.against_error(findings.quantities)]
     parts += ['## Left out\n', *(_grouped(findings.left_out) or ['Nothing.'])]
     return '\n'.join(parts).rstrip() + '\n'
 
@@ -147,7 +163,7 @@ def _summary(findings: Findings, sizes: Sequence[int]) -> list[str]:
         for text in findings.left_out
         if text.startswith(peer.split()[0]) and 'install the extra' in text
     }
-    lines = _header(['case', 'kappa_J', 'kappa_s', *titles])
+    lines = header(' | '.join(['case', 'kappa_J', 'kappa_s', *titles]))
     for case in findings.cases:
         known = {
             (point.way, point.refine): point
@@ -159,7 +175,7 @@ def _summary(findings: Findings, sizes: Sequence[int]) -> list[str]:
         ours = [_time_and_error(known.get((case.default(refine), refine))) for refine in (0, 1)]
         peers = [_time_and_error(known.get((peer, 0)), absent.get(peer, '-')) for peer in PEERS]
         conditions = [f'{case.kappa_j:.0e}', f'{case.kappa_s:.1e}']
-        lines.append(_line([case.name, *conditions, *ours, cost, *peers]))
+        lines.append(cells(case.name, *conditions, *ours, cost, *peers))
     return lines
 
 
@@ -168,13 +184,15 @@ def _grouped(left_out: Sequence[str]) -> list[str]:
     places: dict[tuple[str, str], list[str]] = {}
     for text in left_out:
         what, reason = text.split(': ', 1)
-        way, place = what.split(' at ')
+        way, place = what.rsplit(' at ', 1)
         places.setdefault((way, reason), []).append(place)
     return [f'- {way} at {", ".join(at)}: {reason}' for (way, reason), at in places.items()]
 
 
 def _time_and_error(point: Point | None, otherwise: str = '-') -> str:
-    return otherwise if point is None else f'{_short(point.minimum * 1e9)}, {_error(point.error)}'
+    if point is None:
+        return otherwise
+    return f'{short(point.minimum * 1e9)}, {error_cell(point.error)}'
 
 
 def _described(case: CaseFacts) -> str:
@@ -200,73 +218,24 @@ def _lost(points: Sequence[Point]) -> list[str]:
 def _case_table(case: CaseFacts, points: Sequence[Point], sizes: Sequence[int]) -> list[str]:
     """Return the table of a case: one row for each way."""
     titles = [f'{size} state{"s" * (size > 1)} in a call [ns]' for size in sizes]
-    lines = _header(['method', 'format', 'refine', *titles, 'error (in kappa_s u)'])
+    lines = header(' | '.join(['method', 'format', 'refine', *titles, 'error (in kappa_s u)']))
     ways = dict.fromkeys((point.way, point.dtype, point.refine) for point in points)
     for way, dtype, refine in ways:
         own = {p.batch: p for p in points if (p.way, p.dtype, p.refine) == (way, dtype, refine)}
-        times = [_times(own[size].minimum, own[size].median, 1e9) for size in sizes]
+        times = [least_and_median(own[size].minimum, own[size].median, 1e9) for size in sizes]
         one = own[sizes[0]]
-        units = '' if one.in_units is None else f' ({_short(one.in_units)})'
+        units = '' if one.in_units is None else f' ({short(one.in_units)})'
         name = f'{way} (auto)' if way == case.default(refine) else way
-        lines.append(_line([name, dtype, refine, *times, _error(one.error) + units]))
+        lines.append(cells(name, dtype, refine, *times, error_cell(one.error) + units))
     return lines
-
-
-def _moved(motion: MotionFacts) -> str:
-    return (
-        f'{motion.note}. n = {motion.n}, {motion.duration:g} s; self-difference of the reference '
-        f'{motion.self_difference:.0e} rad.\n'
-    )
-
-
-def _motion_table(runs: Sequence[RunPoint]) -> list[str]:
-    titles = ['time [ms]', 'evaluations', 'trajectory error [rad]', 'energy error']
-    lines = _header(['integrator', 'step or tolerance', *titles])
-    for run in runs:
-        if run.minimum is None or run.median is None:
-            cells = ['missing', '-', '-', '-']
-        else:
-            evaluations = '-' if run.evaluations is None else f'{run.evaluations:.0f}'
-            errors = [_error(run.trajectory_error), _error(run.energy_error)]
-            cells = [_times(run.minimum, run.median, 1e3), evaluations, *errors]
-        lines.append(_line([run.way, run.setting, *cells]))
-    return lines
-
-
-def _missing(runs: Sequence[RunPoint]) -> list[str]:
-    found = [f'- {run.way}, {run.setting}: {run.status}' for run in runs if run.status != 'ok']
-    return found or ['- none']
-
-
-def _header(titles: Sequence[str]) -> list[str]:
-    return [_line(titles), '|---' * len(titles) + '|']
-
-
-def _line(cells: Iterable[object]) -> str:
-    return '| ' + ' | '.join(map(str, cells)) + ' |'
-
-
-def _times(minimum: float, median: float, unit: float) -> str:
-    return f'{_short(minimum * unit)} / {_short(median * unit)}'
-
-
-def _short(value: float) -> str:
-    """Return a number with three digits, or all digits before the point; large ones as powers."""
-    if value >= 1e6:
-        return f'{value:.0e}'
-    return f'{value:.0f}' if value >= 99.5 else f'{value:.3g}'
-
-
-def _error(value: float | None) -> str:
-    return 'lost' if value is None else f'{value:.0e}'
 
 
 def run(folder: Path, quick: bool = False) -> int:
     """Measure, write the report into a folder, print its files and return the exit status, 0."""
     if quick:
-        findings = survey(against_error.QUICK, work_precision.QUICK)
+        findings = survey(against_error.QUICK, work_precision.QUICK, QUICK_QUANTITIES)
     else:
-        findings = survey(against_error.Plan(), work_precision.Plan())
+        findings = survey(against_error.Plan(), work_precision.Plan(), QUANTITIES)
     print('\n'.join(str(path) for path in write(findings, folder)))
     return 0
 
@@ -284,4 +253,5 @@ def write(findings: Findings, folder: Path) -> list[Path]:
     plots = against_error_plots.write(
         findings.cases, findings.points, findings.motions, findings.runs, folder
     )
+    plots += quantity_plot.write(findings.quantities, folder, f'{NAME}-quantities')
     return [page, data, *plots]

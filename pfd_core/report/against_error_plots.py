@@ -69,15 +69,16 @@ def write(
         name = 'speed-against-error' + ('-single' if size == 1 < sizes[-1] else '')
         figure = Figure(figsize=(14, 7.6), layout='constrained')
         _draw_cases(figure, cases, [point for point in points if point.batch == size], size)
-        written += _save(figure, folder, name)
+        written += save(figure, folder, name)
     if runs:
         figure = Figure(figsize=(14, 7.6), layout='constrained')
         _draw_motions(figure, motions, runs)
-        written += _save(figure, folder, 'work-precision')
+        written += save(figure, folder, 'work-precision')
     return written
 
 
-def _save(figure: Any, folder: Path, name: str) -> list[Path]:
+def save(figure: Any, folder: Path, name: str) -> list[Path]:
+    """Write a figure as PNG and SVG, whose bytes depend on it alone, and return their paths."""
     from matplotlib import rc_context
 
     paths = [folder / f'{name}.{suffix}' for suffix in ('png', 'svg')]

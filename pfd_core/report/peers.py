@@ -66,6 +66,12 @@ class Pinocchio:
             joint = self.model.addJoint(i, axis, pin.SE3(R, p), robot.joint_names[i])
             body = pin.Inertia(float(robot.masses[i]), center, J)
             self.model.appendBodyToJoint(joint, body, pin.SE3.Identity())
+        tip = robot.frame()
+        placement = pin.SE3(robot.rotations[-1], robot.translations[-1])
+        placement *= pin.SE3(tip.rotation, tip.translation)
+        frame = pin.Frame(robot.tip, robot.n, 0, placement, pin.FrameType.OP_FRAME)
+        # The index of the tip's frame, the only one besides that of the world.
+        self.tip = self.model.addFrame(frame)
         self.data = self.model.createData()
 
     def sides(self, work: Work) -> Iterator[Side]:

@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 import ctypes
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,10 +34,13 @@ from pfd_core.kernels.codegen.module import module
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.passes.schedule import LONGEST
+from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.runtime.jit import compile_ir, host, simd_width
 from pfd_core.report.timing import LeftOutError, Pace, Row, Side, Work, interleave
 
 WORK = 'port limit'
+# Names of the arguments of a state in a call of a kernel.
+NAMES = ('q', 'qd', 'tau')
 # Operands that all operations share: one number near one, and one near zero.
 SHARED = 2
 # Numbers lie this close to one, and small ones to zero: nothing overflows in millions of turns.
@@ -118,6 +122,8 @@ class Loop:
     """The native loop of a kernel's mix, run once for each vector register of some states."""
 
     def __init__(self, kernel: Kernel, states: int) -> None:
+        if kernel.quantity not in QUANTITIES:
+            raise LeftOutError('it calls functions, whose operations are not its own')
         if kernel.method in ITERATIVE:
             raise LeftOutError('it iterates: how often its operations run depends on the state')
         if sum(kernel.operations['compiled'].values()) > LONGEST:
@@ -145,10 +151,14 @@ def numbers(dtype: str, width: int, chains: int) -> NDArray[np.floating]:
 def measure(kernel: Kernel, name: str, work: Work, pace: Pace) -> Row:
     """Return the time of the loop per state of a batch, with the share of the limit as `times`."""
     loop = Loop(kernel, work.units)
-    q, qd, tau = (np.asfortranarray(x).astype(kernel.dtype) for x in work.arrays)
-    out = np.empty_like(q)
+    taken = QUANTITIES[kernel.quantity].arguments
+    given: dict[str, Any] = {
+        key: np.asfortranarray(x).astype(kernel.dtype)
+        for key, x, _ in zip(NAMES, work.arrays, taken, strict=False)
+    }
+    out = kernel(**given)
     sides = [
-        Side('kernel', partial(kernel, q, qd, tau, out=out), lambda: out, reference=True),
+        Side('kernel', partial(kernel, **given, out=out), lambda: out, reference=True),
         Side('loop', loop.run, partial(np.asarray, loop.results)),
     ]
     _, limit = interleave(sides, work.units, pace)

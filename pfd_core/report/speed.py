@@ -18,10 +18,11 @@ import numpy as np
 
 from pfd_core.kernels.functions import inverse_dynamics
 from pfd_core.model import Robot, known_robots, load_robot
-from pfd_core.report import peers, port_limit, speed_ours, textbook
+from pfd_core.report import peers, port_limit, quantity_rows, speed_ours, textbook
 from pfd_core.report.first_results import first_results, fresh_process
 from pfd_core.report.surroundings import surroundings
 from pfd_core.report.timing import (
+    MIDDLE_BATCH,
     Contender,
     LeftOutError,
     Pace,
@@ -36,8 +37,6 @@ CHAINS = (6, 12, 30, 60, 100)
 SIZES = (1, 64, 4096, 65536)
 ROLLOUT_STEPS = 1000
 FIRST_BATCH = 64
-# Fits into the caches, and takes long beside its call.
-MIDDLE_BATCH = 4096
 MOST_NUMBERS = 2_000_000  # of one argument of a batch: more only measures the memory
 SEED = 1
 
@@ -72,6 +71,8 @@ class Survey:
         Contenders by name.
     pace : Pace
         Durations and repetitions.
+    others : quantity_rows.Plan, optional
+        Plan of the quantities beside forward dynamics.
 
     """
 
@@ -80,25 +81,35 @@ class Survey:
     steps: int = ROLLOUT_STEPS
     makers: dict[str, Callable[[Robot], Contender]] = field(default_factory=lambda: dict(MAKERS))
     pace: Pace = field(default_factory=Pace)
+    others: quantity_rows.Plan | None = field(
+        default_factory=lambda: quantity_rows.Plan(robots=ARMS[:2], dtypes=('float64',))
+    )
 
 
+HASTY = Pace(chunk=1e-4, turns=3, repeats=1)
 # A few seconds, to see that every part works.
 QUICK = Survey(
     robots=('ur5', 'chain3'),
     sizes=(1, 64),
     steps=10,
     makers={k: v for k, v in MAKERS.items() if 'articulated' not in k and 'pcrbm' not in k},
-    pace=Pace(chunk=1e-4, turns=3, repeats=1),
+    pace=HASTY,
+    others=quantity_rows.Plan(robots=('planar2',), batches=(64,), dtypes=('float64',), pace=HASTY),
 )
 
 
 @dataclass(frozen=True)
 class Findings:
-    """Rows of a survey, contenders left out with the reason, and the machine."""
+    """
+    Rows of a survey, contenders left out with the reason, and the machine.
+
+    `others` are rows of quantities beside forward dynamics.
+    """
 
     rows: list[Row]
     left_out: list[str]
     machine: dict[str, Any]
+    others: list[Row] = field(default_factory=list)
 
 
 def chain(n: int) -> Robot:
@@ -180,7 +191,12 @@ def survey(plan: Survey) -> Findings:
             rows += fresh_process(arm, plan.pace.repeats)
     show_progress('')
     told = [f'{way} on {", ".join(on)}: {why}' for (way, why), on in left_out.items()]
-    return Findings(rows, told, before)
+    others: list[Row] = []
+    if plan.others is not None:
+        arms = [robot(name) for name in plan.others.robots]
+        others, missing = quantity_rows.measure(arms, plan.others)
+        told += missing
+    return Findings(rows, told, before, others)
 
 
 def works(arm: Robot, plan: Survey) -> Iterator[Work]:

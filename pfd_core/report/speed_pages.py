@@ -13,16 +13,24 @@ from typing import Any
 
 from pfd_core.report import port_limit
 from pfd_core.report.first_results import FROM_DISK, PROCESS, WORKS
-from pfd_core.report.speed import MIDDLE_BATCH, QUICK, Findings, Survey, survey
+from pfd_core.report.quantity_tables import NOTES, summary
+from pfd_core.report.speed import QUICK, Findings, Survey, survey
 from pfd_core.report.speed_ours import METHODS
+from pfd_core.report.speed_tables import (
+    difference_cell,
+    grid,
+    limit_cell,
+    milliseconds_cell,
+    time_cell,
+)
 from pfd_core.report.surroundings import told
-from pfd_core.report.timing import Row
+from pfd_core.report.timing import MIDDLE_BATCH, Row
 
 COMMAND = 'pfd report speed'
 SHARE = 'share of the port limit'
 INTRODUCTION = f"""# Speed, against peers
 
-Written by `{COMMAND}`; the numbers are those of one machine on one day.
+Written by `{COMMAND}`, forward dynamics first; the numbers are those of one machine on one day.
 
 {{machine}}.
 
@@ -58,6 +66,12 @@ processor sets to its operations. Loads and stores, checks of the inputs and wai
 in registers. A loop so long that it waits for instructions itself is left out.
 """
 
+OTHERS = f"""A short table: one number format, and a call and one batch alone; all ways, robots and
+sizes of a quantity are those of `{COMMAND} --quantity NAME`. Minimum / median of the time per
+state, and how many times faster that is than Pinocchio in Python and than CasADi's C.
+
+{NOTES}"""
+
 
 def markdown(findings: Findings) -> str:
     """Return the whole page."""
@@ -67,10 +81,10 @@ def markdown(findings: Findings) -> str:
     shown_below = (*prepared, port_limit.WORK)
     for work in dict.fromkeys(row.work for row in rows if row.work not in shown_below):
         parts.append(f'## {work.capitalize()} [ns]\n')
-        parts.append(_grid([row for row in rows if row.work == work], _cell))
+        parts.append(grid([row for row in rows if row.work == work], time_cell))
     limits = [row for row in rows if row.work == port_limit.WORK]
     if limits:
-        parts += ['## Share of the port limit [ns]\n', PORT_LIMIT, _grid(limits, _limit)]
+        parts += ['## Share of the port limit [ns]\n', PORT_LIMIT, grid(limits, limit_cell)]
     parts.append('## Until the first result [ms]\n')
     parts.append(
         'From a robot in memory to one result, then on to the first of a batch; from nothing, and '
@@ -79,7 +93,9 @@ def markdown(findings: Findings) -> str:
     for work in prepared:
         found = [row for row in rows if row.work == work]
         if found:
-            parts += [f'### {work.capitalize()}\n', _grid(found, _milliseconds)]
+            parts += [f'### {work.capitalize()}\n', grid(found, milliseconds_cell)]
+    if findings.others:
+        parts += ['## Other quantities\n', OTHERS, summary(findings.others)]
     far = _largest_differences(rows)
     parts.append('## Difference from `pinocchio.aba`\n')
     for work, what in (
@@ -87,7 +103,7 @@ def markdown(findings: Findings) -> str:
         ('rollout', 'the positions after a rollout'),
     ):
         parts.append(f'max|difference| / max|reference| of {what}; the largest seen.\n')
-        parts.append(_grid([row for row in far if row.work == work], _difference))
+        parts.append(grid([row for row in far if row.work == work], difference_cell))
     parts.append('## Left out\n')
     parts.append('\n'.join(f'- {text}' for text in findings.left_out) or 'Nothing.')
     return '\n'.join(parts).rstrip() + '\n'
@@ -143,36 +159,6 @@ def _near_middle(work: str) -> int:
     return -abs(int(work.split()[-1]) - MIDDLE_BATCH)
 
 
-def _grid(rows: Sequence[Row], text: Callable[[Row], str]) -> str:
-    """Return a table of ways over robots."""
-    robots = list(dict.fromkeys(row.robot for row in rows))
-    known = {(row.way, row.robot): text(row) for row in rows}
-    lines = ['| | ' + ' | '.join(robots) + ' |', '|---' * (len(robots) + 1) + '|']
-    for way in dict.fromkeys(row.way for row in rows):
-        cells = [known.get((way, robot), '-') for robot in robots]
-        lines.append(f'| {way} | ' + ' | '.join(cells) + ' |')
-    return '\n'.join([*lines, ''])
-
-
-def _cell(row: Row) -> str:
-    times = '' if row.times is None else f' ({_short(row.times)})'
-    return f'{_short(row.minimum * 1e9)} / {_short(row.median * 1e9)}{times}'
-
-
-def _limit(row: Row) -> str:
-    share = '-' if row.times is None else f'{row.times:.2f}'
-    return f'{_short(row.minimum * 1e9)} / {_short(row.median * 1e9)} ({share})'
-
-
-def _milliseconds(row: Row) -> str:
-    return f'{_short(row.minimum * 1e3)} / {_short(row.median * 1e3)}'
-
-
-def _short(value: float) -> str:
-    """Return a number with three digits, or all digits before the point."""
-    return f'{value:.0f}' if value >= 99.5 else f'{value:.3g}'
-
-
 def _largest_differences(rows: Sequence[Row]) -> list[Row]:
     """Return the row of largest difference of each contender and robot, rollouts apart."""
     found: dict[tuple[str, str, str], Row] = {}
@@ -184,10 +170,6 @@ def _largest_differences(rows: Sequence[Row]) -> list[Row]:
             largest = max(row, before, key=lambda row: row.difference or 0.0)
             found[work, contender, row.robot] = replace(largest, way=contender, work=work)
     return list(found.values())
-
-
-def _difference(row: Row) -> str:
-    return f'{row.difference:.0e}'
 
 
 def run(folder: Path, quick: bool = False, plan: Survey | None = None) -> int:

@@ -69,22 +69,13 @@ def articulated_body(casadi: Any, robot: Robot) -> Any:
     """Return the function (q, qd, tau) -> qdd of casadi.SX, each (n,); gravity along -z."""
     SX, n = casadi.SX, robot.n
     q, qd, tau = (SX.sym(name, n) for name in ('q', 'qd', 'tau'))
-    X: list[Any] = []  # each a list over the joints, of casadi.SX
-    S, v, c, inertia, bias = (list[Any]() for _ in range(5))
-    for i, (R, p, center, J) in enumerate(joint_frames(robot)):
-        slides = robot.joint_types[i] == 'prismatic'
-        E, r = _exact(casadi, R.T), _exact(casadi, p)
-        if slides:
-            r = r + _exact(casadi, R[:, 2]) * q[i]
-        else:
-            E = _turn(casadi, q[i]) @ E
-        X.append(_transform(casadi, E, r))
-        S.append(_exact(casadi, np.eye(6)[5 if slides else 2]))
+    X, S, inertia = links(casadi, robot, q)
+    v, c, bias = (list[Any]() for _ in range(3))
+    for i in range(n):
         own = S[i] * qd[i]
         v.append(own if i == 0 else X[i] @ v[i - 1] + own)
-        c.append(_cross(casadi, v[i]) @ own)
-        inertia.append(_exact(casadi, _spatial_inertia(float(robot.masses[i]), center, J)))
-        bias.append(-_cross(casadi, v[i]).T @ inertia[i] @ v[i])
+        c.append(motion_cross(casadi, v[i]) @ own)
+        bias.append(-motion_cross(casadi, v[i]).T @ inertia[i] @ v[i])
     U, D, u = [SX()] * n, [SX()] * n, [SX()] * n
     for i in reversed(range(n)):
         U[i] = inertia[i] @ S[i]
@@ -95,14 +86,47 @@ def articulated_body(casadi: Any, robot: Robot) -> Any:
             pa = bias[i] + Ia @ c[i] + U[i] * (u[i] / D[i])
             inertia[i - 1] = inertia[i - 1] + X[i].T @ Ia @ X[i]
             bias[i - 1] = bias[i - 1] + X[i].T @ pa
-    a = _exact(casadi, np.array([0, 0, 0, 0, 0, GRAVITY]))
+    a = at_rest(casadi)
     qdd = []
     for i in range(n):
         a = X[i] @ a + c[i]
         qdd.append((u[i] - U[i].T @ a) / D[i])
         a = a + S[i] * qdd[i]
-    result = casadi.cse(casadi.densify(casadi.vertcat(*qdd)))
-    return casadi.Function('arm', [q, qd, tau], [result])
+    return function(casadi, [q, qd, tau], casadi.vertcat(*qdd))
+
+
+def links(casadi: Any, robot: Robot, q: Any) -> tuple[list[Any], list[Any], list[Any]]:
+    """
+    Return, each a list over the joints, transforms, axes and inertias as casadi.SX.
+
+    A transform, (6, 6), is that of motion vectors from the joint before; an axis is (6,), and an
+    inertia (6, 6), in the frame that turns with the joint.
+    """
+    X, S, inertia = (list[Any]() for _ in range(3))
+    for i, (R, p, center, J) in enumerate(joint_frames(robot)):
+        E, r = coordinates(casadi, robot, i, R, p, q[i])
+        X.append(_transform(casadi, E, r))
+        S.append(_exact(casadi, np.eye(6)[5 if robot.joint_types[i] == 'prismatic' else 2]))
+        inertia.append(_exact(casadi, _spatial_inertia(float(robot.masses[i]), center, J)))
+    return X, S, inertia
+
+
+def coordinates(casadi: Any, robot: Robot, i: int, R: Array, p: Array, q: Any) -> tuple[Any, Any]:
+    """Return rotation into the frame of joint i, and its origin, from and in the frame before."""
+    E, r = _exact(casadi, R.T), _exact(casadi, p)
+    if robot.joint_types[i] == 'prismatic':
+        return E, r + _exact(casadi, R[:, 2]) * q
+    return _turn(casadi, q) @ E, r
+
+
+def at_rest(casadi: Any) -> Any:
+    """Return the acceleration of the base that stands for gravity along -z, (6,)."""
+    return _exact(casadi, np.array([0, 0, 0, 0, 0, GRAVITY]))
+
+
+def function(casadi: Any, arguments: list[Any], result: Any) -> Any:
+    """Return the function `arm` of a dense result, common sub-expressions shared."""
+    return casadi.Function('arm', arguments, [casadi.cse(casadi.densify(result))])
 
 
 def _exact(casadi: Any, values: Array) -> Any:
@@ -126,7 +150,7 @@ def _transform(casadi: Any, E: Any, r: Any) -> Any:
     return casadi.vertcat(casadi.horzcat(E, zero), casadi.horzcat(-E @ casadi.skew(r), E))
 
 
-def _cross(casadi: Any, v: Any) -> Any:
+def motion_cross(casadi: Any, v: Any) -> Any:
     """Return the matrix of the product of motion vectors, (6, 6); -transposed, of forces."""
     w = casadi.skew(v[:3])
     return casadi.vertcat(
@@ -144,28 +168,17 @@ class Casadi:
     """CasADi's C of the textbook algorithm for one robot, compiled and loaded."""
 
     def __init__(self, robot: Robot) -> None:
-        self.casadi = installed('casadi')
-        compiler = shutil.which(COMPILER[0])
-        if compiler is None:
-            raise LeftOutError(f'there is no C compiler ({COMPILER[0]}) on this machine')
+        casadi = installed('casadi')
+        compiler()
         if robot.n > LARGEST:
             raise LeftOutError(
                 f'not measured beyond {LARGEST} joints: its C takes long to compile'
             )
-        function = articulated_body(self.casadi, robot)
-        generator = self.casadi.CodeGenerator('arm.c')
-        generator.add(function)
-        sizes = {'N': robot.n, 'SZ_ARG': function.sz_arg(), 'SZ_RES': function.sz_res()}
-        sizes |= {'SZ_IW': function.sz_iw() + 1, 'SZ_W': function.sz_w() + 1}
-        defines = [f'#define {name} {size}' for name, size in sizes.items()]
-        text = '\n'.join([generator.dump(), *defines, LOOPS])
         # Arrays whose addresses native code holds.
         self.kept: list[object] = []
-        # Once loaded, a library needs no file any more.
-        with TemporaryDirectory(prefix='pfd_speed_') as folder:
-            path = _compiled(compiler, text, Path(folder))
-            self.library = ctypes.CDLL(str(path))
-            self.external = self.casadi.external('arm', str(path))
+        self.library, self.external = compiled(
+            casadi, articulated_body(casadi, robot), LOOPS, N=robot.n
+        )
 
     def sides(self, work: Work) -> Iterator[Side]:
         """Return CasADi's own buffer() for one state, and the loops in C."""
@@ -205,12 +218,33 @@ class Casadi:
         yield Side('CasADi C, loop in C', run, lambda: arrays[-1])
 
 
-def _compiled(compiler: str, text: str, folder: Path) -> Path:
-    """Return the shared library of a text in C; LeftOutError with the compiler's message."""
-    source, library = folder / 'arm.c', folder / 'arm.so'
-    source.write_text(text, encoding='utf-8')
-    command = [compiler, *COMPILER[1:], str(source), '-o', str(library), '-lm']
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise LeftOutError(f'{COMPILER[0]} failed: {done.stderr.strip()[:200]}')
-    return library
+def compiler() -> str:
+    """Return the path of the machine's C compiler; LeftOutError if there is none."""
+    path = shutil.which(COMPILER[0])
+    if path is None:
+        raise LeftOutError(f'there is no C compiler ({COMPILER[0]}) on this machine')
+    return path
+
+
+def compiled(casadi: Any, arm: Any, loops: str, **sizes: int) -> tuple[ctypes.CDLL, Any]:
+    """
+    Return CasADi's function `arm` as C with loops around it, compiled and loaded, twice.
+
+    The first is the library, the second CasADi's own view of the function. `sizes` are known to
+    the text of the loops, and so are the sizes of the function's work, SZ_ARG, SZ_RES, SZ_IW and
+    SZ_W. LeftOutError has the message of the compiler.
+    """
+    generator = casadi.CodeGenerator('arm.c')
+    generator.add(arm)
+    sizes |= {'SZ_ARG': arm.sz_arg(), 'SZ_RES': arm.sz_res()}
+    sizes |= {'SZ_IW': arm.sz_iw() + 1, 'SZ_W': arm.sz_w() + 1}
+    defines = [f'#define {name} {size}' for name, size in sizes.items()]
+    # Once loaded, a library needs no file any more.
+    with TemporaryDirectory(prefix='pfd_speed_') as folder:
+        source, path = (Path(folder) / name for name in ('arm.c', 'arm.so'))
+        source.write_text('\n'.join([generator.dump(), *defines, loops]), encoding='utf-8')
+        command = [compiler(), *COMPILER[1:], str(source), '-o', str(path), '-lm']
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        if done.returncode:
+            raise LeftOutError(f'{COMPILER[0]} failed: {done.stderr.strip()[:200]}')
+        return ctypes.CDLL(str(path)), casadi.external('arm', str(path))

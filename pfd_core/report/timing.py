@@ -25,6 +25,8 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+# States of a batch that fits into the caches, and takes long beside its call.
+MIDDLE_BATCH = 4096
 # Number of other sides between two turns of the reference.
 BETWEEN_REFERENCES = 3
 # Seconds of a rollout's step. The cost of a step does not depend on it, and after long times a
@@ -46,7 +48,8 @@ class Work:
     kind : {'call', 'rollout', 'batch'}
         One state, the steps of a simulation with the torques held, or many states at once.
     q, qd, tau : ndarray
-        Positions [rad or m], velocities and torques, (n,), or (B, n) for a batch.
+        Positions [rad or m], velocities and torques, or accelerations for inverse dynamics, (n,),
+        or (B, n) for a batch.
     steps : int
         Steps of a rollout of STEP_SIZE seconds, classical Runge-Kutta.
 
@@ -86,8 +89,8 @@ class Side:
     run : callable
         Does the work once, without arguments.
     result : callable
-        Returns the last result of `run`: accelerations, (n,) or (B, n), or the positions after
-        a rollout, (n,).
+        Returns the last result of `run`: accelerations, (n,) or (B, n), the positions after a
+        rollout, (n,), or the entries of another quantity, (size,) or (B, size).
     reference : bool
         Whether the times of the other sides are compared with the times of this side.
     wanted : callable, optional
@@ -126,6 +129,11 @@ class Row:
         Median over the turns of the reference's time over the time of this way.
     difference : float or None
         Largest max|difference| / max|wanted| of a state.
+    quantity : str
+        Name of the result; the rows of `pfd report speed` are forward dynamics but for those of
+        pfd_core.report.quantity_rows.
+    error : float or None
+        Largest error beside the result in 50 digits, relative to its largest entry, of a state.
 
     """
 
@@ -137,6 +145,8 @@ class Row:
     median: float
     times: float | None = None
     difference: float | None = None
+    quantity: str = 'forward_dynamics'
+    error: float | None = None
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 import sys
 
 import pfd_core as pfd
+from pfd_core.report.quantity_kernels import QUANTITIES
 from pfd_ros.cli.replay import progress_on
 
 REPORTS = {
@@ -36,6 +37,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 '--against-error',
                 action='store_true',
                 help='time against error of every method, integrator and peer',
+            )
+            kind.add_argument(
+                '--quantity',
+                choices=sorted(QUANTITIES),
+                metavar='NAME',
+                help='one quantity beside forward dynamics, on more robots: %(choices)s',
             )
             kind.add_argument('--quick', action='store_true', help='a few turns only')
 
@@ -69,9 +76,17 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(given: argparse.Namespace) -> int:
     """Measure, write the pages and print their paths."""
-    from pfd_core.report import against_error_pages, counts_pages, hard_case_pages, speed_pages
+    from pfd_core.report import (
+        against_error_pages,
+        counts_pages,
+        hard_case_pages,
+        quantity_pages,
+        speed_pages,
+    )
 
     folder = given.out or Path('pfd_report')
+    if given.what == 'speed' and given.quantity:
+        return quantity_pages.run(folder, given.quantity, given.against_error, given.quick)
     if given.what == 'speed':
         run_speed = against_error_pages.run if given.against_error else speed_pages.run
         return run_speed(folder, quick=given.quick)

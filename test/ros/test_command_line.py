@@ -123,7 +123,20 @@ def test_report_speed_hands_folder_and_quickness_to_its_pages(
     assert asked == [(tmp_path, quick)]
 
 
-@pytest.mark.parametrize('option', ['--against-error', '--quick'])
+@pytest.mark.parametrize('options', [[], ['--quick'], ['--against-error', '--quick']])
+def test_report_speed_of_a_quantity_is_that_of_its_pages(
+    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[tuple[object, ...]] = []
+    monkeypatch.setattr(
+        'pfd_core.report.quantity_pages.run', lambda *given: asked.append(given) or 0
+    )
+    command = ['report', 'speed', '--out', str(tmp_path), '--quantity', 'derivatives', *options]
+    assert command_line.main(command) == 0
+    assert asked == [(tmp_path, 'derivatives', '--against-error' in options, '--quick' in options)]
+
+
+@pytest.mark.parametrize('option', ['--against-error', '--quick', '--quantity'])
 def test_options_of_the_speed_report_are_for_no_other(
     option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -1,0 +1,163 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Speed and error of the quantities beside forward dynamics, against the peers.
+
+At one robot, quantity and number of states all ways take turns in one process. Times are compared
+with those of Pinocchio, and results, where asked, with 50 digits as well.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+import math
+
+import numpy as np
+
+from pfd_core.model import Robot
+from pfd_core.report import port_limit, quantity_casadi, quantity_kernels, quantity_peers
+from pfd_core.report.hard_cases import ROUNDING
+from pfd_core.report.quantity_kernels import QUANTITIES, QuantityKernel
+from pfd_core.report.timing import (
+    MIDDLE_BATCH,
+    Array,
+    Contender,
+    LeftOutError,
+    Pace,
+    Row,
+    Work,
+    show_progress,
+    take_turns,
+)
+
+# Peer to the class of its contenders, made of a quantity and a robot.
+PEERS: dict[str, Callable[[str, Robot], Contender]] = {
+    'Pinocchio': quantity_peers.PinocchioQuantity,
+    'CasADi C': quantity_casadi.CasadiQuantity,
+}
+# The most numbers of a result of a batch, 128 MiB: more only measures the memory.
+MOST_NUMBERS = 2**24
+
+
+@dataclass(frozen=True)
+class Plan:
+    """
+    Plan of a measurement.
+
+    Attributes
+    ----------
+    robots : tuple of str
+        Names that speed.robot knows.
+    quantities : tuple of str
+        Names in QUANTITIES.
+    batches : tuple of int
+        States in a call of a batch; besides them one state is measured.
+    dtypes : tuple of str
+        Number formats.
+    peers : tuple of str
+        Names in PEERS.
+    references : int
+        States with a reference in 50 digits; 0 for rows without errors, and without refinement.
+    pace : Pace
+        Durations and repetitions.
+
+    """
+
+    robots: tuple[str, ...]
+    quantities: tuple[str, ...] = tuple(QUANTITIES)
+    batches: tuple[int, ...] = (4096,)
+    dtypes: tuple[str, ...] = tuple(ROUNDING)
+    peers: tuple[str, ...] = tuple(PEERS)
+    references: int = 0
+    pace: Pace = field(default_factory=Pace)
+
+
+def measure(arms: list[Robot], plan: Plan) -> tuple[list[Row], list[str]]:
+    """Return the rows of the robots of a plan, and the ways that were left out with reasons."""
+    rows: list[Row] = []
+    left_out: dict[tuple[str, str], list[str]] = {}
+    for arm in arms:
+        states = quantity_kernels.random_states(arm, max(plan.batches))
+        for quantity in plan.quantities:
+            reasons: dict[str, str] = {}
+            rows += _rows(arm, quantity, states, plan, reasons)
+            for way, reason in reasons.items():
+                left_out.setdefault((f'{way}, {quantity}', reason), []).append(arm.name)
+    show_progress('')
+    return rows, [f'{way} at {", ".join(on)}: {why}' for (way, why), on in left_out.items()]
+
+
+def _rows(
+    arm: Robot, quantity: str, states: dict[str, Array], plan: Plan, reasons: dict[str, str]
+) -> Iterator[Row]:
+    """Yield the rows of one quantity of a robot; what is left out is added to `reasons`."""
+    contenders = list(_contenders(arm, quantity, plan, reasons))
+    known = None
+    if plan.references:
+        show_progress(f'{arm.name}: reference of {quantity}')
+        first = {name: x[: plan.references] for name, x in states.items()}
+        known = quantity_kernels.exact(quantity, arm, first)
+    works = list(_works(quantity, states, contenders, plan))
+    for work in works:
+        show_progress(f'{arm.name}: {quantity}, {work.title}')
+        sides = [side for contender in contenders for side in contender.sides(work)]
+        for row, side in zip(take_turns(arm.name, work, sides, plan.pace), sides, strict=True):
+            error = None
+            if known is not None:
+                found = np.atleast_2d(side.result())[: len(known)]
+                error = quantity_kernels.largest_error(found, known[: len(found)])
+            yield replace(row, quantity=quantity, error=error)
+    for row in _limits(works, contenders, plan, reasons):
+        yield replace(row, quantity=quantity)
+
+
+def _contenders(
+    arm: Robot, quantity: str, plan: Plan, reasons: dict[str, str]
+) -> Iterator[Contender]:
+    """Yield the peers and the kernels of a quantity."""
+    for peer in plan.peers:
+        show_progress(f'{arm.name}: making {quantity} of {peer}')
+        try:
+            yield PEERS[peer](quantity, arm)
+        except LeftOutError as reason:
+            reasons[peer] = str(reason)
+    refined = (0, 1) if plan.references and quantity_kernels.solves(quantity) else (0,)
+    for dtype in plan.dtypes:
+        for refine in refined:
+            show_progress(f'{arm.name}: compiling {quantity} {dtype} refine={refine}')
+            try:
+                yield quantity_kernels.make(quantity, dtype, refine, arm)
+            except LeftOutError as reason:
+                reasons[f'pfd {dtype}'] = str(reason)
+
+
+def _works(
+    quantity: str, states: dict[str, Array], contenders: list[Contender], plan: Plan
+) -> Iterator[Work]:
+    """Yield a call, and batches whose results are not too large."""
+    own = [c.kernel for c in contenders if isinstance(c, QuantityKernel)]
+    if not own:
+        return
+    yield quantity_kernels.work_of('call', quantity, states)
+    for size in plan.batches:
+        if size * math.prod(own[0].shape) <= MOST_NUMBERS:
+            some = {name: x[:size] for name, x in states.items()}
+            yield quantity_kernels.work_of('batch', quantity, some)
+
+
+def _limits(
+    works: list[Work], contenders: list[Contender], plan: Plan, reasons: dict[str, str]
+) -> Iterator[Row]:
+    """Yield the port limit of each kernel, in the batch whose size is nearest MIDDLE_BATCH."""
+    batches = [work for work in works if work.kind == 'batch']
+    if not batches:
+        return
+    work = min(batches, key=lambda work: abs(work.units - MIDDLE_BATCH))
+    for own in contenders:
+        if isinstance(own, QuantityKernel):
+            show_progress(f'port limit of {own.quantity}, {own.name}')
+            try:
+                yield port_limit.measure(own.kernel, own.name, work, plan.pace)
+            except LeftOutError as reason:
+                reasons[f'port limit of {own.name}'] = str(reason)

@@ -292,6 +292,42 @@ def test_an_event_in_the_step_is_named(q: Any, qd: Any, tau: Any, message: str) 
         many.linearize(*rows, [(1.0, 0.1), tau, (1.0, 0.1)])
 
 
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.parametrize(('stops', 'torque'), [((0.3, 2.0), -40.0), ((-2.0, -0.1), 40.0)])
+def test_a_joint_that_rests_on_its_stop_is_held_in_either_number_format(
+    stops: tuple[float, float], torque: float, dtype: str
+) -> None:
+    robot = pfd.load_robot('planar2')
+    scene = pfd.Scene(joint_limits=[[-np.inf, np.inf], stops])
+    sim = pfd.Simulator(robot, scene, dtype=dtype)
+    sim.reset([0.1, 0.3 if torque < 0 else -0.1])
+    sim.step([0.0, torque])
+    assert sim.qd[1] == 0
+    A, B = sim.linearize(sim.q, sim.qd, [0.0, torque])
+    assert not A[[1, 3]][:, [0, 2, 3]].any()
+    assert not B[:, 1].any()
+
+
+def test_a_joint_comes_back_freely_from_beyond_its_stop_and_goes_no_further() -> None:
+    robot = pfd.load_robot('planar2')
+    sim = pfd.Simulator(robot, pfd.Scene(joint_limits=[[-1.0, 1.0], [-2.0, 0.5]]))
+    at = state(2, 3)
+    at[0][1], at[1][1] = 0.6, -0.4
+    wanted = differences(sim, at)
+    found = np.hstack(sim.linearize(*at))
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=DIFFERENCES * np.abs(wanted).max())
+    at[1][1] = 0.4
+    with pytest.raises(ValueError, match="joint 'elbow' reaches its stop"):
+        sim.linearize(*at)
+
+
+@pytest.mark.parametrize('friction', [None, [0.1, 0.1]])
+def test_brakes_of_a_wrong_shape_are_named(friction: list[float] | None) -> None:
+    sim = pfd.Simulator(pfd.load_robot('planar2'), pfd.Scene(brakes=True, friction=friction))
+    with pytest.raises(ValueError, match=r'brakes must have shape \(2,\)'):
+        sim.linearize(*state(2), brakes=[True, False, True])
+
+
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.linear_steps import compile_linear_step
-from pfd_core.model import Robot, Scene, resolve
+from pfd_core.model import Plant, Robot, Scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, real_array
 from pfd_core.model.error_text import quote
 from pfd_core.simulation.contact.texts import has_contact
@@ -102,14 +102,16 @@ class LinearStep:
     ) -> tuple[Array, Array]:
         """Return A and B in a scene with dry friction or stops; ValueError for events."""
         q, qd, tau = (_checked(simulation, *item) for item in state.items())
-        braked = np.broadcast_to(False if brakes is None else np.asarray(brakes), q.shape)
+        own = (simulation.scene, q.shape[-1], simulation.dtype)
+        inputs = scene_inputs(*own, wrench, brakes, simulation.batch)
+        braked = inputs.get('free', np.ones_like(q)) == 0
         begin = q, np.where(braked, 0.0, qd)
         end = _end_of_step(simulation, *begin, tau, wrench, brakes)
         held = braked | _resting(simulation, begin, end)
         S = self.kernel(q, qd, tau, wrench, brakes=held)
         rows, n = S.shape[-2], q.shape[-1]
         smooth = S[..., :n, -1], S[..., n : 2 * n, -1]
-        _check_no_event(simulation, held, begin[1], end, smooth)
+        _check_no_event(simulation, held, begin, end, smooth)
         return S[..., :rows], S[..., rows:-1]
 
 
@@ -166,24 +168,31 @@ def _resting(
     if plant.static_friction is not None:
         holds |= plant.static_friction > 0
     if plant.joint_limits is not None:
-        lower, upper = plant.joint_limits.T
+        lower, upper = _stops(plant, simulation.dtype)
         holds |= (begin[0] <= lower) | (begin[0] >= upper)
     resting: Array = holds & (begin[1] == 0) & (end[1] == 0)
     return resting
 
 
+def _stops(plant: Plant, dtype: str) -> Array:
+    """Return the lowest and highest positions, (2, n), rounded as in a simulation's state."""
+    assert plant.joint_limits is not None
+    stops: Array = plant.joint_limits.T.astype(dtype)
+    return stops
+
+
 def _check_no_event(
     simulation: Simulation,
     held: Array,
-    qd: Array,
+    begin: tuple[Array, Array],
     rough: tuple[Array, Array],
     smooth: tuple[Array, Array],
 ) -> None:
     """
     Raise ValueError where a joint changes between rest and motion, or reaches its stop.
 
-    `qd` are the velocities at the beginning, `rough` and `smooth` positions and velocities at the
-    end of a step with dry friction and stops and of the one without; all (..., n).
+    All are positions and velocities, (..., n): at the beginning, and at the end of a step with dry
+    friction and stops (`rough`) and of one without (`smooth`).
     """
     robot = simulation.robot
     plant = resolve(robot, simulation.scene)
@@ -193,11 +202,13 @@ def _check_no_event(
         apart |= ~(np.abs(one - other) <= scale)
     beyond = np.zeros_like(apart)
     if plant.joint_limits is not None:
-        lower, upper = plant.joint_limits.T
-        beyond = ~held & ((smooth[0] <= lower) | (smooth[0] >= upper))
+        lower, upper = _stops(plant, simulation.dtype)
+        q, end = begin[0], smooth[0]
+        # A joint that begins beyond its stop may come back freely.
+        beyond = ~held & (((end <= lower) & (end <= q)) | ((end >= upper) & (end >= q)))
     turned = np.zeros_like(apart)
     if plant.friction is not None:
-        turned = ~held & (plant.friction > 0) & (np.sign(qd) != np.sign(smooth[1]))
+        turned = ~held & (plant.friction > 0) & (np.sign(begin[1]) != np.sign(smooth[1]))
     # The impact of a joint at its stop changes the velocities of others.
     for wrong, event in (
         (beyond, 'reaches its stop'),

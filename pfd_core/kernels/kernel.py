@@ -193,6 +193,10 @@ class Kernel:
 
     @cached_property
     def _with_error(self) -> Kernel:
+        if self.quantity != 'forward_dynamics':
+            raise ValueError(
+                f'a kernel of {self.quantity} has no error estimate, only one of forward_dynamics'
+            )
         if self._make_with_error is None:
             raise ValueError(
                 'the kernel has no error estimate: compile it with refine=1 or more, got refine=0'

@@ -136,7 +136,8 @@ class Kernel:
             Torques [N m or N]; accelerations for a kernel of inverse dynamics. Exactly the
             arguments that the quantity depends on are given.
         wrench : array_like
-            Force and moment on the last link, (6,) or (B, 6); exactly if the scene has one.
+            Force and moment on the last link, (6,) or (B, 6); exactly if the scene has one. For
+            'wrench_torques' always, on the kernel's frame.
         out : numpy.ndarray, optional
             Receives the result.
         brakes : array_like of bool

@@ -151,6 +151,8 @@ def test_an_argument_that_no_result_depends_on_is_still_taken(type: str) -> None
         ),
         ({'quantity': 'energy', 'frame': 'tool0'}, "energy is not that of a frame, got .*'tool0'"),
         ({'frame': 'tool0'}, 'forward_dynamics is not that of a frame'),
+        ({'scene': 3}, 'scene must be a Scene or None, got 3'),
+        ({'quantity': 'energy', 'scene': {}}, 'scene must be a Scene or None'),
     ],
 )
 def test_bad_options_are_named(options: dict[str, Any], message: str) -> None:
@@ -187,6 +189,19 @@ def test_arguments_that_do_not_fit_the_quantity_are_named(
     }
     with pytest.raises(ValueError, match=message):
         kernel(**arrays)
+
+
+@pytest.mark.parametrize('function', [pfd.forward_dynamics, pfd.inverse_dynamics])
+def test_a_scene_of_another_type_is_named(function: Any) -> None:
+    with pytest.raises(ValueError, match='scene must be a Scene or None'):
+        function(pfd.load_robot('planar2'), [0, 0], [0, 0], [0, 0], scene={})
+
+
+def test_only_forward_dynamics_has_an_error_estimate() -> None:
+    robot = pfd.load_robot('planar2')
+    kernel = pfd.compile_kernel(robot, quantity='derivatives', refine=1)
+    with pytest.raises(ValueError, match='derivatives has no error estimate, only'):
+        kernel.error_estimate(*np.zeros((3, 2)))
 
 
 def test_a_wrench_never_goes_for_a_torque() -> None:

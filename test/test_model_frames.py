@@ -121,7 +121,7 @@ def test_a_file_may_name_frames() -> None:
         ('  grip: {}', "frame 'grip' has no 'link'"),
         ('  grip: {link: 1, size: 2}', "frame 'grip' has an unknown key 'size'"),
         ('  grip: {link: 0.5}', "link of frame 'grip' must be a whole number, got 0.5"),
-        ('  grip: {link: -1}', 'link of a frame must be an index from 0, got -1'),
+        ('  grip: {link: -1}', 'link of a frame must be an integer of at least 0, got -1'),
         ('  grip: {link: 2}', "'arm': frame 'grip' must be a Frame on a link from 0 to 1"),
         ('  grip: {link: 1, translation: [0, 0]}', "translation in frame 'grip' must have shape"),
     ],
@@ -178,8 +178,8 @@ def test_the_list_of_known_frames_is_bounded() -> None:
 @pytest.mark.parametrize(
     ('numbers', 'message'),
     [
-        ((-1, np.eye(3), np.zeros(3)), 'index from 0, got -1'),
-        ((1.0, np.eye(3), np.zeros(3)), 'index from 0, got 1.0'),
+        ((-1, np.eye(3), np.zeros(3)), 'an integer of at least 0, got -1'),
+        ((1.0, np.eye(3), np.zeros(3)), 'an integer of at least 0, got 1.0'),
         ((1, np.eye(3), np.zeros(2)), 'translation of a frame on link 1 must have shape'),
         ((1, 2 * np.eye(3), np.zeros(3)), 'rotation of a frame on link 1 must be orthonormal'),
         ((1, np.eye(3), [0, 0, np.nan]), 'translation of a frame on link 1'),
@@ -188,6 +188,12 @@ def test_the_list_of_known_frames_is_bounded() -> None:
 def test_an_impossible_frame_is_refused(numbers: tuple[object, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Frame(*numbers)  # type: ignore[arg-type]
+
+
+def test_a_link_may_be_an_integer_of_numpy() -> None:
+    found = Frame(np.int64(1), np.eye(3), np.zeros(3))
+    assert found == Frame(1, np.eye(3), np.zeros(3))
+    assert type(found.link) is int
 
 
 @pytest.mark.parametrize('frames', [{'x': Frame(6, np.eye(3), np.zeros(3))}, {'x': 3}, ['x']])

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.kernel import Kernel
-from pfd_core.model import Robot, Scene
+from pfd_core.model import Robot, Scene, given_scene
 
 # A kernel holds about a megabyte of code: a sweep over many robots must not hold all of theirs.
 CACHED_KERNELS = 64
@@ -100,5 +100,5 @@ def _inverse_kernel(robot: Robot, scene: Scene, dtype: str) -> Kernel:
 
 
 def _with_wrench(scene: Scene | None, wrench: ArrayLike | None) -> Scene:
-    scene = Scene() if scene is None else scene
+    scene = given_scene(scene)
     return scene if wrench is None else replace(scene, external_wrench=True)

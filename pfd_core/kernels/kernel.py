@@ -136,7 +136,8 @@ class Kernel:
             Torques [N m or N]; accelerations for a kernel of inverse dynamics. Exactly the
             arguments that the quantity depends on are given.
         wrench : array_like
-            Force and moment on the last link, (6,) or (B, 6); exactly if the scene has one.
+            Force and moment on the last link, (6,) or (B, 6); exactly if the scene has one. For
+            'wrench_torques' always, on the kernel's frame.
         out : numpy.ndarray, optional
             Receives the result.
         brakes : array_like of bool
@@ -193,6 +194,10 @@ class Kernel:
 
     @cached_property
     def _with_error(self) -> Kernel:
+        if self.quantity != 'forward_dynamics':
+            raise ValueError(
+                f'a kernel of {self.quantity} has no error estimate, only one of forward_dynamics'
+            )
         if self._make_with_error is None:
             raise ValueError(
                 'the kernel has no error estimate: compile it with refine=1 or more, got refine=0'

@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from pfd_core.model import Scene
+from pfd_core.model import Scene, given_scene
 from pfd_core.model.checked_numbers import integer
 from pfd_core.model.error_text import quote
 
@@ -93,7 +93,7 @@ def check_options(name: str, method: str, refine: int, frame: str | None) -> Non
 
 def reduced(scene: Scene | None, quantity: Quantity) -> Scene:
     """Return a scene with the effects that a quantity has."""
-    scene = Scene() if scene is None else scene
+    scene = given_scene(scene)
     others: dict[str, Any] = {
         item.name: item.default for item in fields(Scene) if item.name not in quantity.effects
     }

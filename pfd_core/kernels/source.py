@@ -42,7 +42,7 @@ from pfd_core.kernels.runtime.jit import (
 from pfd_core.kernels.runtime.json_cache import T, get_or_compute
 from pfd_core.kernels.stack import check_stack
 from pfd_core.machine.program import Program
-from pfd_core.model import Plant, Robot, Scene, resolve
+from pfd_core.model import Plant, Robot, Scene, given_scene, resolve
 from pfd_core.model.frames import known_frame
 
 # Iterative methods stop when their residual has fallen to the rounding of the number format.
@@ -239,7 +239,7 @@ def plant_of(robot: Robot, scene: Scene | None, dtype: str) -> tuple[Plant, Scen
     """Return the robot in its scene, and the scene; ValueError if they do not fit."""
     if dtype not in DTYPES:
         raise ValueError(f'dtype must be one of {DTYPES}, got {dtype!r}')
-    scene = Scene() if scene is None else scene
+    scene = given_scene(scene)
     return resolve(robot, scene), scene
 
 

@@ -40,7 +40,7 @@ from pfd_core.model.robot_changes import Payload, lock, with_payload
 from pfd_core.model.rotors import reflected_inertia
 from pfd_core.model.scene import Scene, scene_to_yaml
 from pfd_core.model.scene_inputs import scene_inputs
-from pfd_core.model.scene_numbers import resolve
+from pfd_core.model.scene_numbers import given_scene, resolve
 from pfd_core.model.yaml_robot import robot_to_yaml
 
 __all__ = [
@@ -51,6 +51,7 @@ __all__ = [
     'Robot',
     'Scene',
     'check_instant',
+    'given_scene',
     'in_motion',
     'known_robots',
     'load_robot',

@@ -12,7 +12,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from pfd_core.model.checked_numbers import LARGEST, real_array
+from pfd_core.model.checked_numbers import LARGEST, integer, real_array
 from pfd_core.model.error_text import quote, quote_all
 from pfd_core.model.frozen_arrays import FrozenArrays, frozen
 from pfd_core.model.geometry import Array, Placement
@@ -46,8 +46,7 @@ class Frame(FrozenArrays):
     translation: Array
 
     def __post_init__(self) -> None:
-        if isinstance(self.link, bool) or not isinstance(self.link, int) or self.link < 0:
-            raise ValueError(f'link of a frame must be an index from 0, got {quote(self.link)}')
+        object.__setattr__(self, 'link', integer('link of a frame', self.link, 0))
         for key, shape in (('rotation', (3, 3)), ('translation', (3,))):
             label = f'{key} of a frame on link {self.link}'
             numbers = real_array(label, getattr(self, key), shape=shape, largest=LARGEST)

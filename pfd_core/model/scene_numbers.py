@@ -26,6 +26,15 @@ from pfd_core.model.scene_checks import MODEL
 FULL_EFFORT = 0.9
 
 
+def given_scene(scene: Scene | None) -> Scene:
+    """Return a scene, for None that of gravity alone; ValueError for anything else."""
+    if scene is None:
+        return Scene()
+    if not isinstance(scene, Scene):
+        raise ValueError(f'scene must be a Scene or None, got {quote(scene)}')
+    return scene
+
+
 def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
     """
     Return a scene as numbers for a robot.
@@ -46,9 +55,7 @@ def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
     """
     if not isinstance(robot, Robot):
         raise ValueError(f'robot must be a Robot, got {quote(robot)}; load_robot() makes one')
-    scene = Scene() if scene is None else scene
-    if not isinstance(scene, Scene):
-        raise ValueError(f'scene must be a Scene or None, got {quote(scene)}')
+    scene = given_scene(scene)
     values = {key: _values(robot, scene, key) for key in PER_JOINT}
     gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
     limits = _joint_limits(robot, scene)

@@ -197,9 +197,10 @@ def _check_no_event(
     robot = simulation.robot
     plant = resolve(robot, simulation.scene)
     apart = np.zeros(held.shape, bool)
-    for one, other in zip(rough, smooth, strict=True):
-        scale = SAME[simulation.dtype] * (1 + np.abs(other).max(axis=-1, keepdims=True))
-        apart |= ~(np.abs(one - other) <= scale)
+    # Positions round each for itself, velocities with those of other joints.
+    sizes = np.abs(smooth[0]), np.abs(smooth[1]).max(axis=-1, keepdims=True)
+    for one, other, size in zip(rough, smooth, sizes, strict=True):
+        apart |= ~(np.abs(one - other) <= SAME[simulation.dtype] * (1 + size))
     beyond = np.zeros_like(apart)
     if plant.joint_limits is not None:
         lower, upper = _stops(plant, simulation.dtype)

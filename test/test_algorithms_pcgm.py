@@ -8,11 +8,12 @@ import math
 
 from closed_forms import SIZES
 import numpy as np
-from oracle import Oracle, chains, every, jacobi_condition, relative
+from oracle import ARMS, Oracle, chains, every, jacobi_condition, relative
 import pytest
 from tolerances import ACCELERATION
 from zoo import random_chain, random_state
 
+import pfd_core as pfd
 from pfd_core.algorithms.paper.pcgm import default_limit
 from pfd_core.algorithms.programs import FORWARD
 from pfd_core.machine.emulator import run
@@ -167,3 +168,23 @@ def test_six_trips_which_do_not_converge_stay_below_the_papers_count() -> None:
     assert (multiplications, steps.additions - given.additions) == (476, 561)
     assert multiplications < 499
     assert steps.additions < 621
+
+
+# The hard case cg_baseline: real arms, to ten times the rounding of a number.
+CG_BASELINE = {'float64': 1e-14, 'float32': 5e-6}
+
+
+@pytest.mark.parametrize('name', ARMS)
+def test_real_arms_converge_in_twice_as_many_trips_as_joints(name: str) -> None:
+    robot = pfd.load_robot(name)
+    rng = np.random.default_rng(11)
+    q, qd, tau = rng.uniform(-1, 1, (3, 8, robot.n))
+    exact = pfd.emulate(robot, q, qd, 10 * tau, digits=50).qdd.astype(float)
+    for state, wanted in zip(zip(q, qd, 10 * tau, strict=True), exact, strict=True):
+        found = pfd.emulate(robot, *state, method='pcgm')
+        assert found.iterations is not None
+        assert found.iterations <= 2 * robot.n
+        assert relative(found.qdd, wanted) <= CG_BASELINE['float64']
+    single = pfd.compile_kernel(robot, method='pcgm', dtype='float32')
+    errors = np.abs(single(q, qd, 10 * tau) - exact).max(1) / np.abs(exact).max(1)
+    assert errors.max() <= CG_BASELINE['float32']

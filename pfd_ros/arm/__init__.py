@@ -4,12 +4,17 @@
 
 From the inputs to the outputs:
 
-    settings    everything that is not an event: robot, scene, step size, rates
-    scene       the scene of the settings: from a file or from their switches
-    events      the event rule: events and outputs, sources, verdicts
-    commands    the rules for a command, NaN and infinity among them, and the drive it leads to
-    arm         the simulated arm: robot, brakes, simulator, failure
-    engine      one cycle: events -> verdicts -> drive -> step -> verdict rows, state, clock tick
+    setting_fields    the fields of settings: description, range, reading
+    command_settings  the settings of commands, a part of
+    settings          everything that is not an event: robot, scene, step size, rates
+    scene             the scene of the settings: from a file or from their switches
+    events            the event rule: events and outputs, sources, verdicts
+    effects           the effects of events that are no commands: requests, states to jump to
+    commands          the rules for a command, NaN and infinity among them, and the drive it leads to
+    requests          the rules for requests (pause, step, reset) and for states to jump to
+    pace              whether there may be a step: pauses, lockstep
+    arm               the simulated arm: robot, brakes, simulator, failure
+    engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 
 A new input is a Source in `events` and a rule in `engine`. A new output is a role in `events`, its
 numbers in arm.Arm, its bytes in messages.convert, an Output of `engine`, and a row in

@@ -12,6 +12,7 @@ import numpy as np
 
 import pfd_core as pfd
 from pfd_ros.arm.commands import Drive
+from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import NANOSECONDS
@@ -66,6 +67,8 @@ class Arm:
         Those given, with the names that 'auto' stood for.
     order, names
         Index in the model and name of each joint, in published order.
+    start
+        Positions (n,) in model order, rad or m, before the first step and after a reset.
     q, qd, tau
         The last finite state (n,) in published order, rad or m, rad/s or m/s, and the efforts
         that led to it, N m or N; a joint on its brake has none.
@@ -94,8 +97,8 @@ class Arm:
             method=self._simulator.method,
             position_sums='compensated' if self._simulator.compensated else 'plain',
         )
-        start = self._initial_positions(settings.initial_positions)
-        self._simulator.reset(q=start, time=settings.start_ns / NANOSECONDS)
+        self.start = self._initial_positions(settings.initial_positions)
+        self._simulator.reset(q=self.start, time=settings.start_ns / NANOSECONDS)
         self._keep_state(np.zeros(robot.n))
 
     def _initial_positions(self, given: Sequence[float]) -> np.ndarray:
@@ -130,6 +133,21 @@ class Arm:
             return
         self.step += 1
         self._keep_state(drive.effort)
+
+    def jump(self, changes: Sequence[StateChange | None]) -> None:
+        """Do a step that ends in another state: that of these changes, None the initial one."""
+        if self.failure:
+            return
+        q, qd = self._simulator.q, self._simulator.qd
+        for change in changes:
+            if change is None:
+                q, qd = self.start.copy(), np.zeros_like(qd)
+            else:
+                joints = list(change.joints)
+                q[joints], qd[joints] = change.positions, change.velocities
+        self._simulator.reset(q=q, qd=qd)
+        self.step += 1
+        self._keep_state(np.zeros(len(self.order)))
 
     def _keep_state(self, effort: np.ndarray) -> None:
         # Copies: the simulator's own arrays do not stay finite in a step that fails.

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pfd_ros.arm.effects import Request, StateChange
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.text import NAME_COUNT, cut, listed
@@ -37,6 +38,8 @@ class Judgement:
         Indices in the model of the joints it drives, and their efforts, N m or N.
     unknown, unknown_count
         The first few names of joints that the arm does not have, cut short; the count of all.
+    effect
+        Of an event that is no command.
     """
 
     verdict: Verdict
@@ -45,6 +48,7 @@ class Judgement:
     efforts: tuple[float, ...] = ()
     unknown: tuple[str, ...] = ()
     unknown_count: int = 0
+    effect: Request | StateChange | None = None
 
 
 @dataclass(frozen=True)
@@ -60,6 +64,11 @@ def held(count: int) -> Drive:
     return Drive(np.zeros(count), np.ones(count, bool))
 
 
+def let_go(drive: Drive) -> Drive:
+    """Return a drive without the efforts of the last commands; brakes stay as they are."""
+    return Drive(np.zeros_like(drive.effort), drive.braked)
+
+
 def merge(drive: Drive, judgement: Judgement) -> Drive:
     """Return the drive after a command; only an accepted one changes it."""
     if judgement.verdict is not Verdict.ACCEPTED:
@@ -69,6 +78,43 @@ def merge(drive: Drive, judgement: Judgement) -> Drive:
     effort[joints] = judgement.efforts
     braked[joints] = False
     return Drive(effort, braked)
+
+
+def named_values_rule(message: JointMessage, since_ns: int) -> Judgement | None:
+    """Return the judgement on a message by joint name that breaks a rule for its arrays.
+
+    Parameters
+    ----------
+    message
+        The message.
+    since_ns
+        Simulated time of the last start, reset or jump; messages stamped before it are
+        left-overs. Stamp 0 means now.
+    """
+    names = message.names
+    for kind, values in kinds_of(message).items():
+        if len(values) not in (0, len(names)):
+            return Judgement(
+                Verdict.RAGGED, f'{len(names)} names and {len(values)} numbers in {kind}'
+            )
+        if np.isinf(values).any():
+            return Judgement(Verdict.INFINITE, f'{kind} holds an infinity')
+    if message.stamp_ns != 0 and message.stamp_ns < since_ns:
+        return Judgement(
+            Verdict.STALE, f'stamp {message.stamp_ns} ns, expected {since_ns} ns or later'
+        )
+    if len(set(names)) < len(names):
+        return Judgement(Verdict.DUPLICATE_NAMES, 'a joint is named twice')
+    return None
+
+
+def kinds_of(message: JointMessage) -> dict[str, np.ndarray]:
+    """Return the arrays of a message by name."""
+    return {
+        'position': message.position,
+        'velocity': message.velocity,
+        'effort': message.effort,
+    }
 
 
 def judge_named(message: JointMessage, index: Mapping[str, int], since_ns: int) -> Judgement:
@@ -81,36 +127,21 @@ def judge_named(message: JointMessage, index: Mapping[str, int], since_ns: int) 
     index
         Joint name to place in the model.
     since_ns
-        Simulated time of the last start; commands stamped before it are left-overs. Stamp 0
-        means now.
+        Simulated time of the last start, reset or jump, or of the state that a command in
+        lockstep must answer; commands stamped before it are left-overs. Stamp 0 means now.
     """
-    names = message.names
-    kinds = {
-        'position': message.position,
-        'velocity': message.velocity,
-        'effort': message.effort,
-    }
-    if not names:
+    if not message.names:
         return Judgement(
             Verdict.NO_NAMES, 'no joint names; ~/commands takes efforts without names'
         )
-    for kind, values in kinds.items():
-        if len(values) not in (0, len(names)):
-            return Judgement(
-                Verdict.RAGGED, f'{len(names)} names and {len(values)} numbers in {kind}'
-            )
-        if np.isinf(values).any():
-            return Judgement(Verdict.INFINITE, f'{kind} holds an infinity')
-    if message.stamp_ns != 0 and message.stamp_ns < since_ns:
-        return Judgement(
-            Verdict.STALE, f'stamp {message.stamp_ns} ns, arm started at {since_ns} ns'
-        )
-    if len(set(names)) < len(names):
-        return Judgement(Verdict.DUPLICATE_NAMES, 'a joint is named twice')
+    broken = named_values_rule(message, since_ns)
+    if broken is not None:
+        return broken
     if not len(message.effort):
+        kinds = kinds_of(message)
         given = [kind for kind, values in kinds.items() if len(values)] or ['nothing']
         return Judgement(Verdict.NO_EFFORT, f'holds {" and ".join(given)} but no effort')
-    return _named_efforts(names, message.effort.tolist(), index)
+    return _named_efforts(message.names, message.effort.tolist(), index)
 
 
 def _named_efforts(

@@ -7,8 +7,11 @@ and the same events in the same cycles give the same bytes. One cycle is
 
     events that came since the cycle before   ->   a verdict on each, in the order of the events
     accepted commands                         ->   the drive of the joints
-    drive                                     ->   one step of the arm
+    drive                                     ->   one step of the arm, or a jump to another state
     outputs                                   ->   verdict rows, then the state, then the clock
+
+`take` does the first half and `step` the second: while the arm stands (a pause, or lockstep
+without an answer to the last state), events are taken and no cycle runs.
 
 Cycles are counted from 1 and never restart. States and clock ticks are numbered by the cycle
 alone: a failed arm stands still in simulated time and goes on publishing.
@@ -20,9 +23,11 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.commands import Judgement, held, judge_array, judge_named, merge
+from pfd_ros.arm.commands import Judgement, held, judge_array, judge_named, let_go, merge
+from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.events import (
     CLOCK,
+    COMMANDS,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -34,6 +39,8 @@ from pfd_ros.arm.events import (
     Verdict,
     VerdictRow,
 )
+from pfd_ros.arm.pace import Pace
+from pfd_ros.arm.requests import judge_request, judge_state
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import convert
 from pfd_ros.text import one_line
@@ -43,8 +50,8 @@ MOST_ROWS = 4096
 OVERFLOWED = Judgement(Verdict.OVERFLOWED, 'newer ones came before the next step')
 
 
-class CycleResult(NamedTuple):
-    """The outputs of one cycle in their order, and its judgements for counts and log lines.
+class Taken(NamedTuple):
+    """The verdict rows of some events, and the judgements for counts and log lines.
 
     A judgement comes with its source and the number of messages that were judged like that.
     """
@@ -56,8 +63,18 @@ class CycleResult(NamedTuple):
 class Engine:
     """The arm and the rules for its events, at the start of a run.
 
-    `robot` comes from `load_robot` or out of a recording; `cycles` is the number of the last
-    cycle, 0 before the first.
+    `robot` comes from `load_robot` or out of a recording.
+
+    Attributes
+    ----------
+    cycles
+        Number of the last cycle, 0 before the first.
+    pace
+        Whether there may be a next one.
+    drive
+        The efforts and brakes of the next step.
+    jumps
+        The states that the next step jumps to, one after the other.
 
     Raises
     ------
@@ -69,43 +86,104 @@ class Engine:
         self.arm = Arm(settings, robot)
         self.settings = self.arm.settings
         self.cycles = 0
+        self.pace = Pace(settings.lockstep)
         self._row_messages = 0
         self._publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
         self._index = {name: i for i, name in enumerate(robot.joint_names)}
-        self._drive = held(robot.n)
+        self.drive = held(robot.n)
+        # Stamped commands from before are left-overs.
+        self._since_ns = settings.start_ns
+        self.jumps: list[StateChange | None] = []
         self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id)
 
-    def run_cycle(self, events: Iterable[Event] = ()) -> CycleResult:
-        """Run the next cycle on the events since the last one, and return its outputs."""
-        self.cycles += 1
+    @property
+    def stands(self) -> bool:
+        """Whether the next cycle has to wait for an event."""
+        return self.pace.stands and not self.jumps and not self.arm.failure
+
+    def run_cycle(self, events: Iterable[Event] = ()) -> Taken:
+        """Run the next cycle on the events since the last one; return all outputs of it."""
+        taken = self.take(events)
+        return Taken(taken.outputs + self.step(), taken.judgements)
+
+    def take(self, events: Iterable[Event]) -> Taken:
+        """Judge events and apply them to the next cycle; return their verdict rows."""
         outputs: list[Output] = []
         judgements: list[tuple[Source, Judgement, int]] = []
         rows: list[VerdictRow] = []
+        cycle = self.cycles + 1
         for event in events:
             if isinstance(event, Overflow):
                 judgements.append((event.source, OVERFLOWED, len(event.sequences)))
                 outputs.extend(self._overflow_rows(event))
                 continue
             judgement = self.judge(event)
-            self._drive = merge(self._drive, judgement)
+            self._apply(event.source, judgement)
             judgements.append((event.source, judgement, 1))
-            rows.append(VerdictRow(self.cycles, event.source, event.sequence, judgement.verdict))
+            rows.append(VerdictRow(cycle, event.source, event.sequence, judgement.verdict))
         if rows:
             outputs.append(self._row_message(rows))
-        self.arm.advance(self._drive)
-        self._add_state_and_tick(outputs)
-        return CycleResult(outputs, judgements)
+        return Taken(outputs, judgements)
 
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
+        source, payload = event.source, event.payload
         try:
-            if event.source is Source.NAMED:
-                message = convert.decode_joint_state(event.payload)
-                return judge_named(message, self._index, self.settings.start_ns)
-            return judge_array(convert.decode_floats(event.payload), self.arm.order)
+            if source is Source.ARRAY:
+                return judge_array(convert.decode_floats(payload), self.arm.order)
+            if source is Source.NAMED:
+                message = convert.decode_joint_state(payload)
+                return judge_named(message, self._index, self._since_ns)
+            if source is Source.SET_STATE:
+                message = convert.decode_joint_state(payload)
+                return judge_state(message, self._index, self._since_ns)
+            return judge_request(convert.decode_string(payload), self.pace.paused)
         except ValueError as error:
             return Judgement(Verdict.MALFORMED, one_line(error))
+
+    def _apply(self, source: Source, judgement: Judgement) -> None:
+        effect = judgement.effect
+        if source in COMMANDS:
+            self.drive = merge(self.drive, judgement)
+            self.pace.answer(judgement.verdict)
+        elif isinstance(effect, StateChange):
+            self.jumps.append(effect)
+            self.drive = let_go(self.drive)
+            self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+        elif effect is not None and effect.name == 'reset':
+            self.jumps = [None]
+            self.drive = held(len(self.arm.order))
+            self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+        elif effect is not None:
+            self.pace.request(effect)
+
+    def step(self) -> list[Output]:
+        """Run the next cycle on the events that were taken; return its state and its tick."""
+        self.cycles += 1
+        if self.jumps:
+            self.arm.jump(self.jumps)
+            self.jumps = []
+        else:
+            self.arm.advance(self.drive)
+        outputs: list[Output] = []
+        self._add_state_and_tick(outputs)
+        self.pace.stepped(published=bool(outputs) and outputs[0].role == STATES)
+        if self.pace.waits:
+            self._since_ns = self.arm.stamp_ns
+        return outputs
+
+    def present(self) -> list[Output]:
+        """Return the state and the clock tick as they are now, for readers that missed them.
+
+        They are not part of the run: no cycle, and nothing to record.
+        """
+        arm = self.arm
+        state = self._encoder.encode(arm.stamp_ns, arm.q, arm.qd, arm.tau)
+        found = [Output(STATES, 0, state)]
+        if self._clock_every:
+            found.append(Output(CLOCK, 0, convert.encode_clock(arm.stamp_ns)))
+        return found
 
     def stand_still(self, cycle: int) -> None:
         """Pass over the cycles up to `cycle`, for an arm that failed and gets no events.
@@ -120,7 +198,7 @@ class Engine:
         for start in range(0, len(event.sequences), MOST_ROWS):
             yield self._row_message(
                 [
-                    VerdictRow(self.cycles, event.source, sequence, Verdict.OVERFLOWED)
+                    VerdictRow(self.cycles + 1, event.source, sequence, Verdict.OVERFLOWED)
                     for sequence in event.sequences[start : start + MOST_ROWS]
                 ]
             )

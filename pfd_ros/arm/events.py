@@ -17,10 +17,16 @@ from typing import NamedTuple, TypeAlias
 
 
 class Source(IntEnum):
-    """The topic an event came from; the numbers are written into recordings and stay."""
+    """The topic or service an event came from; the numbers are in recordings and stay."""
 
     NAMED = 0
     ARRAY = 1
+    SET_STATE = 2
+    REQUEST = 3
+
+
+# The sources whose messages are commands for the joints.
+COMMANDS = frozenset({Source.NAMED, Source.ARRAY})
 
 
 class Verdict(IntEnum):
@@ -40,6 +46,8 @@ class Verdict(IntEnum):
     NOT_FINITE = 11
     # Never judged: newer events needed its place before the next cycle.
     OVERFLOWED = 12
+    # Understood, but not possible now.
+    REFUSED = 13
 
 
 class Arrival(NamedTuple):

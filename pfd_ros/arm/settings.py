@@ -12,18 +12,16 @@ from collections.abc import Mapping
 import dataclasses
 from dataclasses import dataclass
 import json
-import math
 from typing import Any
 
+from pfd_ros.arm.command_settings import CommandSettings
+from pfd_ros.arm.setting_fields import check_values, setting, typed
 from pfd_ros.messages.convert import NANOSECONDS
-from pfd_ros.text import cut, listed
+from pfd_ros.text import listed
 
 # How far a product of step size and rate may lie from a whole number before it is refused:
 # decimal fractions such as 1/3 kHz carry that much rounding.
 WHOLE = 1e-6
-# Far more than any arm needs; a mistaken file must not fill a log or the memory.
-MOST_VALUES = 1000
-LONGEST_TEXT = 1 << 20
 # A slower arm has a period in nanoseconds that a float does not hold exactly.
 SLOWEST_FACTOR = 1e-6
 # Least share of the steps that are published; less is a mistake.
@@ -33,16 +31,8 @@ SLOWEST_SHARE = 1e-12
 POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
 
-def _field(
-    default: Any, description: str, least: float | None = None, most: float | None = None
-) -> Any:
-    """Return a field with the description and the range its parameter is declared with."""
-    span = None if least is None else (least, most)
-    return dataclasses.field(default=default, metadata={'text': description, 'range': span})
-
-
 @dataclass(frozen=True)
-class Settings:
+class Settings(CommandSettings):
     """The parameters of the node `sim_arm`; units SI, angles in rad.
 
     Raises
@@ -51,53 +41,53 @@ class Settings:
         If a value is not finite, outside its range, or does not go with the others.
     """
 
-    robot: str = _field('puma560', 'Robot: a name that `pfd robots` lists, or a .urdf or .yaml')
-    base_link: str = _field('', "First link of the chain; '' takes the root of the model")
-    tip_link: str = _field('', "Last link of the chain; '' takes the only leaf of the model")
-    joints: tuple[str, ...] = _field(
+    robot: str = setting('puma560', 'Robot: a name that `pfd robots` lists, or a .urdf or .yaml')
+    base_link: str = setting('', "First link of the chain; '' takes the root of the model")
+    tip_link: str = setting('', "Last link of the chain; '' takes the only leaf of the model")
+    joints: tuple[str, ...] = setting(
         (), 'Order of the joints in states and in ~/commands; empty takes the order of the model'
     )
-    locked: tuple[str, ...] = _field((), 'Joints to weld, such as those of a gripper')
-    locked_positions: tuple[float, ...] = _field(
+    locked: tuple[str, ...] = setting((), 'Joints to weld, such as those of a gripper')
+    locked_positions: tuple[float, ...] = setting(
         (), 'Where they are welded, rad or m, in the order of `locked`; empty is zero'
     )
-    step_size: float = _field(0.001, 'Simulated time per step, s', 1e-5, 0.1)
-    substeps: int = _field(2, 'Steps of the integrator per step', 1, 100)
-    integrator: str = _field('auto', 'Integrator: auto, rk4, velocity_verlet or imex2')
-    position_sums: str = _field(
-        'auto', 'Sums of positions: plain, compensated (right after any number of turns) or auto'
+    step_size: float = setting(0.001, 'Simulated time per step, s', 1e-5, 0.1)
+    substeps: int = setting(2, 'Steps of the integrator per step', 1, 100)
+    integrator: str = setting('auto', 'Integrator: auto, rk4, velocity_verlet or imex2')
+    position_sums: str = setting(
+        'auto',
+        'Sums of positions: plain, compensated (right after any number of turns) or auto',
+        values=tuple(POSITION_SUMS),
     )
-    method: str = _field('auto', 'Forward dynamics: auto or a name from pfd_core.METHODS')
-    gravity: tuple[float, ...] = _field(
+    method: str = setting('auto', 'Forward dynamics: auto or a name from pfd_core.METHODS')
+    gravity: tuple[float, ...] = setting(
         (0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2; zeros switch it off'
     )
-    damping: bool = _field(False, 'Viscous damping of the joints as the model states it')
-    armature: bool = _field(False, 'Rotor inertia of the joints as the model states it')
-    scene: str = _field(
+    damping: bool = setting(False, 'Viscous damping of the joints as the model states it')
+    armature: bool = setting(False, 'Rotor inertia of the joints as the model states it')
+    scene: str = setting(
         '', "Scene file (YAML) in the place of gravity, damping and armature; '' takes those"
     )
-    initial_positions: tuple[float, ...] = _field(
+    initial_positions: tuple[float, ...] = setting(
         (), 'Where the joints start, rad or m, in the order of `joints`; empty is zero'
     )
-    start_time: float = _field(0.0, 'Simulated time before the first step, s', 0.0, 1e9)
-    real_time_factor: float = _field(
+    start_time: float = setting(0.0, 'Simulated time before the first step, s', 0.0, 1e9)
+    real_time_factor: float = setting(
         1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0
     )
-    publish_rate: float = _field(
+    publish_rate: float = setting(
         0.0, 'joint_states per simulated second, Hz; 0 is every step', 0.0, 1e5
     )
-    publish_clock: bool = _field(True, 'Publish /clock; only one node of a system may')
-    clock_rate: float = _field(
+    publish_clock: bool = setting(True, 'Publish /clock; only one node of a system may')
+    clock_rate: float = setting(
         0.0, '/clock ticks per simulated second, Hz; 0 is every step', 0.0, 1e5
     )
-    frame_id: str = _field('', 'header.frame_id of joint_states')
-    recording: str = _field('', "MCAP file to write, never over another; '' records nothing")
+    frame_id: str = setting('', 'header.frame_id of joint_states')
+    recording: str = setting('', "MCAP file to write, never over another; '' records nothing")
 
     def __post_init__(self) -> None:
         """Check every value, so that the users of settings need not."""
-        for field in dataclasses.fields(self):
-            _check_finite(field.name, getattr(self, field.name))
-            _check_range(field.name, getattr(self, field.name), field.metadata['range'])
+        check_values(self)
         if len(self.gravity) != 3:
             raise ValueError(f'gravity needs 3 numbers (x, y, z), got {len(self.gravity)}')
         if len(set(self.locked)) < len(self.locked):
@@ -120,11 +110,6 @@ class Settings:
         if abs(self.step_ns / NANOSECONDS - self.step_size) > WHOLE * self.step_size:
             raise ValueError(
                 f'step_size is {self.step_size!r} s, expected a whole number of nanoseconds'
-            )
-        if self.position_sums not in POSITION_SUMS:
-            raise ValueError(
-                f'position_sums is {cut(repr(self.position_sums))}, '
-                f'expected one of {list(POSITION_SUMS)}'
             )
         _ = self.publish_every, self.clock_every
 
@@ -174,18 +159,6 @@ class Settings:
         return whole
 
 
-def _check_finite(name: str, value: Any) -> None:
-    numbers = value if isinstance(value, tuple) else (value,)
-    for number in numbers:
-        if isinstance(number, float) and not math.isfinite(number):
-            raise ValueError(f'{name} holds {number!r}, expected finite numbers')
-
-
-def _check_range(name: str, value: Any, span: tuple[float, float] | None) -> None:
-    if span is not None and not span[0] <= value <= span[1]:
-        raise ValueError(f'{name} is {value!r}, expected {span[0]!r} to {span[1]!r}')
-
-
 def to_json(settings: Settings) -> str:
     """Return the settings as JSON text; every number comes back with the same bits."""
     return json.dumps(dataclasses.asdict(settings), sort_keys=True)
@@ -212,37 +185,4 @@ def from_values(values: Mapping[str, Any]) -> Settings:
         raise ValueError(
             f'unknown settings {listed(sorted(unknown))}; the file is from another version of pfd'
         )
-    return Settings(**{name: _typed(name, value, kinds[name]) for name, value in values.items()})
-
-
-# By the annotation of a field.
-_ACCEPTED: dict[str, tuple[Any, str]] = {
-    'str': ((str,), 'text'),
-    'bool': ((bool,), 'true or false'),
-    'int': ((int,), 'a whole number'),
-    'float': ((int, float), 'a number'),
-    'tuple': ((list, tuple), 'a list'),
-}
-
-
-def _typed(name: str, value: Any, annotation: str) -> Any:
-    """Return a value as its field has it."""
-    kind, _, rest = annotation.partition('[')
-    types, expected = _ACCEPTED[kind]
-    if not isinstance(value, types) or (isinstance(value, bool) and kind != 'bool'):
-        shown = cut(repr(value) if isinstance(value, str | int | float) else type(value).__name__)
-        raise ValueError(f'{name} is {shown}, expected {expected}')
-    if kind == 'tuple':
-        if len(value) > MOST_VALUES:
-            raise ValueError(f'{name} holds {len(value)} values, expected {MOST_VALUES} at most')
-        return tuple(_typed(name, entry, rest.partition(',')[0]) for entry in value)
-    if kind == 'str' and (len(value) > LONGEST_TEXT or '\0' in value):
-        raise ValueError(
-            f'{name} is {cut(value)!r}, expected {LONGEST_TEXT} characters at most and no NUL'
-        )
-    if kind != 'float':
-        return value
-    try:
-        return float(value)
-    except OverflowError:
-        raise ValueError(f'{name} is a number too large for a float') from None
+    return Settings(**{name: typed(name, value, kinds[name]) for name, value in values.items()})

@@ -20,6 +20,7 @@ JOINT_STATE = 'sensor_msgs/msg/JointState'
 FLOAT_ARRAY = 'std_msgs/msg/Float64MultiArray'
 INTEGER_ARRAY = 'std_msgs/msg/UInt64MultiArray'
 CLOCK = 'rosgraph_msgs/msg/Clock'
+STRING = 'std_msgs/msg/String'
 
 NANOSECONDS = 1_000_000_000
 _TIME = struct.Struct('<iI')
@@ -107,6 +108,18 @@ def decode_rows(data: bytes, width: int) -> list[list[int]]:
         raise ValueError(f'{len(numbers)} numbers, expected whole rows of {width}')
     rows: list[list[int]] = numbers.reshape(-1, width).tolist()
     return rows
+
+
+def encode_string(text: str) -> bytes:
+    """Return a String message."""
+    writer = CdrWriter()
+    writer.string(text)
+    return bytes(writer.data)
+
+
+def decode_string(data: bytes) -> str:
+    """Return the text of a String message."""
+    return CdrReader(data).string()
 
 
 def encode_clock(stamp_ns: int) -> bytes:

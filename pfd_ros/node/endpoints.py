@@ -29,6 +29,7 @@ from pfd_ros.arm.events import CLOCK, STATES, Source
 SUBSCRIBED = {
     Source.NAMED: (JointState, 'joint_commands', 1),
     Source.ARRAY: (Float64MultiArray, '~/commands', 1),
+    Source.SET_STATE: (JointState, '~/set_state', 1),
 }
 PUBLISHED = {STATES: (JointState, 'joint_states', 10), CLOCK: (Clock, '/clock', 1)}
 AT_ONCE = Duration()

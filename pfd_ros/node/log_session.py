@@ -18,12 +18,12 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE, EndKey
+from pfd_ros.recording.format import CHANNELS, REQUESTS, ROLE_OF_SOURCE, EndKey
 from pfd_ros.recording.mcap_file import TimeBase, Topic
 from pfd_ros.recording.recorder import LogRecorder
 
-# The channel of the verdict rows, which only the file has.
-TAKEN_TOPIC = '~/applied_commands'
+# Channels that only the file has: the verdict rows, and the requests of services.
+OWN_TOPICS = {TAKEN: '~/applied_commands', REQUESTS: '~/requests'}
 
 
 @dataclass(frozen=True)
@@ -92,14 +92,16 @@ def open_session(node: Node, settings: Settings, robot: Any, endpoints: Endpoint
     """
     if not settings.recording:
         return LogSession()
-    ends = {role: endpoints.subscriptions[source] for source, role in ROLE_OF_SOURCE.items()}
+    subscribed = endpoints.subscriptions
+    ends = {ROLE_OF_SOURCE[source]: end for source, end in subscribed.items()}
     ends |= endpoints.publishers
     channels = {
         role: Topic(end.topic_name, CHANNELS[role].type, qos_of(end.qos_profile))
         for role, end in ends.items()
     }
-    own = node.resolve_topic_name(TAKEN_TOPIC)
-    channels[TAKEN] = Topic(own, CHANNELS[TAKEN].type, qos_text(1))
+    for role, topic in OWN_TOPICS.items():
+        name = node.resolve_topic_name(topic)
+        channels[role] = Topic(name, CHANNELS[role].type, qos_text(1))
     roles = [role for role in CHANNELS if role in channels]
     topics = [replace(channels[role], vital=CHANNELS[role].vital) for role in roles]
     names = {role: channels[role].name for role in roles}

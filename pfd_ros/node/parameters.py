@@ -11,6 +11,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from pfd_ros.arm.setting_fields import parameter_name
 from pfd_ros.arm.settings import Settings, from_values
 from pfd_ros.text import listed
 
@@ -26,7 +27,12 @@ _KINDS = {
 
 
 def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
-    descriptor = ParameterDescriptor(description=field.metadata['text'], read_only=True)
+    values = field.metadata['values']
+    descriptor = ParameterDescriptor(
+        description=field.metadata['text'],
+        additional_constraints=f'one of {list(values)}' if values else '',
+        read_only=True,
+    )
     if field.metadata['range'] is not None:
         least, most = field.metadata['range']
         if field.type == 'int':
@@ -54,7 +60,9 @@ def declare(node: Node) -> Settings:
         # Without a default value an empty array has no type; the type alone has no default.
         given = kind if isinstance(field.default, tuple) and not field.default else field.default
         parameter = node.declare_parameter(
-            field.name, list(given) if isinstance(given, tuple) else given, _descriptor(field)
+            parameter_name(field),
+            list(given) if isinstance(given, tuple) else given,
+            _descriptor(field),
         )
         if parameter.type_ is not Parameter.Type.NOT_SET:
             value = parameter.value

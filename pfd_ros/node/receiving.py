@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, InvalidStateError
+from contextlib import suppress
 from dataclasses import dataclass, field
 import itertools
 import threading
@@ -27,7 +29,7 @@ LARGEST_MESSAGE = 1 << 22
 class EventQueue:
     """A queue that drops its oldest message when it is full: the newest command counts.
 
-    One thread puts, another takes. The messages of a source are numbered without gaps, so
+    Any thread puts, one takes. The messages of a source are numbered without gaps, so
     the dropped ones are a range, however many there are.
 
     Parameters
@@ -40,7 +42,7 @@ class EventQueue:
 
     most: int = MOST_MESSAGES
     most_bytes: int = MOST_BYTES
-    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _lock: threading.Condition = field(default_factory=threading.Condition)
     _waiting: deque[Arrival] = field(default_factory=deque)
     _bytes: int = 0
     _dropped: dict[Source, range] = field(default_factory=dict)
@@ -54,6 +56,12 @@ class EventQueue:
                 self._bytes > self.most_bytes and len(self._waiting) > 1
             ):
                 self._drop_oldest()
+            self._lock.notify()
+
+    def wait(self, seconds: float) -> None:
+        """Return when there is an event, or after so many seconds without one."""
+        with self._lock:
+            self._lock.wait_for(lambda: bool(self._waiting), seconds)
 
     def _drop_oldest(self) -> None:
         source, sequence, payload = self._waiting.popleft()
@@ -74,7 +82,10 @@ class EventQueue:
 
 @dataclass
 class Receiver:
-    """Takes the messages of all sources on the executor's thread, and judges none of them."""
+    """Takes the messages of all sources, and judges none of them.
+
+    Topics and services call it on the executor's thread.
+    """
 
     queue: EventQueue
     record: Callable[[str, int, bytes], None]
@@ -82,6 +93,7 @@ class Receiver:
     _sequences: dict[Source, Iterator[int]] = field(
         default_factory=lambda: {source: itertools.count(1) for source in Source}
     )
+    _asked: dict[tuple[Source, int], Future[Judgement]] = field(default_factory=dict)
 
     def receive(self, source: Source, data: bytes) -> None:
         """Take one serialized message."""
@@ -89,6 +101,28 @@ class Receiver:
             detail = f'{len(data)} bytes, expected {LARGEST_MESSAGE} at most'
             self.counts.add(source, Judgement(Verdict.MALFORMED, detail))
             return
-        sequence = next(self._sequences[source])
+        self._pass_on(source, next(self._sequences[source]), data)
+
+    def ask(self, source: Source, data: bytes) -> Future[Judgement]:
+        """Take one serialized request; the judgement comes with the next cycle, if any does."""
+        sequence, answer = next(self._sequences[source]), Future[Judgement]()
+        self._asked[source, sequence] = answer
+        self._pass_on(source, sequence, data)
+        return answer
+
+    def _pass_on(self, source: Source, sequence: int, data: bytes) -> None:
         self.record(ROLE_OF_SOURCE[source], sequence, data)
         self.queue.put(Arrival(source, sequence, data))
+
+    def answer(self, events: Sequence[Event], judgements: Sequence[Judgement]) -> None:
+        """Give the judgements on events, in their order, to those who asked."""
+        if not self._asked:
+            return
+        for event, judgement in zip(events, judgements, strict=True):
+            numbers = event.sequences if isinstance(event, Overflow) else [event.sequence]
+            for number in numbers:
+                answer = self._asked.pop((event.source, number), None)
+                if answer is not None:
+                    # A service that gave up waiting may have cancelled it.
+                    with suppress(InvalidStateError):
+                        answer.set_result(judgement)

@@ -32,7 +32,7 @@ class Reporter:
     def introduce(self) -> None:
         """Log the topics of the node by their resolved names, and the robot."""
         engine = self.stepper.engine
-        named, plain = (self.endpoints.subscriptions[source] for source in Source)
+        named, plain = (self.endpoints.subscriptions[s] for s in (Source.NAMED, Source.ARRAY))
         order = ', '.join(cut(name) for name in engine.arm.names)
         published = ' and '.join(
             f'{publisher.topic_name} ({type_name(publisher)})'

@@ -23,6 +23,7 @@ from pfd_ros.node.graph_check import GraphCheck
 from pfd_ros.node.log_session import open_session
 from pfd_ros.node.receiving import EventQueue, Receiver
 from pfd_ros.node.reporting import Reporter
+from pfd_ros.node.services import create_services
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.text import cut
@@ -56,13 +57,14 @@ class SimArm(Node):
         )
         # After everything that a parameter can make fail: a refused parameter leaves no file.
         session = open_session(self, engine.settings, robot, endpoints)
-        queue, counts = EventQueue(), CommandCounts()
+        counts = CommandCounts()
         publishers = {
             role: NonblockingPublisher(publisher)
             for role, publisher in endpoints.publishers.items()
         }
-        self._receiver = Receiver(queue, session.record, counts)
-        self.stepper = Stepper(engine, queue, session, publishers, counts)
+        self._receiver = Receiver(EventQueue(), session.record, counts)
+        self.stepper = Stepper(engine, self._receiver, session, publishers, counts)
+        create_services(self, self._receiver, engine)
         log = ThrottledLog(self.get_logger())
         graph = GraphCheck(self, endpoints, log)
         self.reporter = Reporter(log, endpoints, self.stepper, graph)

@@ -38,6 +38,11 @@ class StepTimer:
         self.origin_ns = self.clock()
         self.count = 0
 
+    def forgive(self) -> None:
+        """Let the next step be due now if its time has passed: it had to wait for an event."""
+        due = self.origin_ns + round((self.count + 1) * self.period_ns)
+        self.origin_ns += max(0, self.clock() - due)
+
     def wait(self, stopped: Callable[[], bool]) -> None:
         """Return when the next step is due, or as soon as `stopped` says so."""
         if self.period_ns == 0:

@@ -7,21 +7,25 @@ See docs/decisions/0003-executor-and-stepping-thread.md.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 import time
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import STATES
+from pfd_ros.arm.events import STATES, Output
 from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.endpoints import NonblockingPublisher
 from pfd_ros.node.log_session import LogSession
-from pfd_ros.node.receiving import EventQueue
+from pfd_ros.node.receiving import Receiver
 from pfd_ros.node.step_timer import StepTimer
 
 # At unlimited speed the arm waits for the disk from this backlog on.
 BACKLOG_LIMIT = 0.25
 DISK_POLL_SECONDS = 0.001
+# While the arm stands: between two looks at the signal to stop, and, in lockstep, until the state
+# is sent again, since the reader of a clock may miss ticks.
+LOOK_SECONDS = 0.05
+RESEND_SECONDS = 0.2
 
 
 @dataclass
@@ -29,15 +33,23 @@ class Stepper:
     """Runs an engine in real time, or as fast as possible.
 
     An output whose role has no publisher is only recorded.
+
+    Attributes
+    ----------
+    states
+        Number of the last state.
+    resent
+        How often a state was sent again, because no command answered it.
     """
 
     engine: Engine
-    queue: EventQueue
+    receiver: Receiver
     session: LogSession
     publishers: Mapping[str, NonblockingPublisher]
     counts: CommandCounts
     timer: StepTimer = field(init=False)
     states: int = 0
+    resent: int = 0
 
     def __post_init__(self) -> None:
         """Set the period: at a real-time factor of 0 there is none."""
@@ -48,7 +60,10 @@ class Stepper:
     def run(self, stopped: Callable[[], bool]) -> None:
         """Run cycles until `stopped` says so."""
         self.timer.start()
-        while True:
+        while not stopped():
+            if self.engine.stands:
+                self._stand(stopped)
+                continue
             self.timer.wait(stopped)
             while self._waits_for_disk() and not stopped():
                 time.sleep(DISK_POLL_SECONDS)
@@ -59,14 +74,42 @@ class Stepper:
     def _waits_for_disk(self) -> bool:
         return self.timer.period_ns == 0 and self.session.backlog > BACKLOG_LIMIT
 
+    def _stand(self, stopped: Callable[[], bool]) -> None:
+        """Take events until one lets the arm go on."""
+        queue, sent = self.receiver.queue, time.monotonic()
+        while self.engine.stands and not stopped():
+            queue.wait(LOOK_SECONDS)
+            self._take_events()
+            if self.engine.pace.waits and time.monotonic() - sent > RESEND_SECONDS:
+                sent = time.monotonic()
+                self.resent += 1
+                for role, _, data in self.engine.present():
+                    self._publish(role, data)
+        self.timer.forgive()
+
     def run_cycle(self) -> None:
         """Run one cycle; every output is recorded first, so that no answer precedes it."""
-        result = self.engine.run_cycle(self.queue.take())
-        for source, judgement, count in result.judgements:
+        self._take_events()
+        if not self.engine.stands:
+            self._put_out(self.engine.step())
+
+    def _take_events(self) -> None:
+        events = self.receiver.queue.take()
+        if not events:
+            return
+        taken = self.engine.take(events)
+        self._put_out(taken.outputs)
+        for source, judgement, count in taken.judgements:
             self.counts.add(source, judgement, count)
-        for role, number, data in result.outputs:
+        self.receiver.answer(events, [judgement for _, judgement, _ in taken.judgements])
+
+    def _put_out(self, outputs: Sequence[Output]) -> None:
+        for role, number, data in outputs:
             if role == STATES:
                 self.states = number
             self.session.record(role, number, data)
-            if role in self.publishers:
-                self.publishers[role].publish(data)
+            self._publish(role, data)
+
+    def _publish(self, role: str, data: bytes) -> None:
+        if role in self.publishers:
+            self.publishers[role].publish(data)

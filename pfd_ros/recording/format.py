@@ -62,15 +62,23 @@ class Channel(NamedTuple):
 
 
 NAMED_COMMANDS, ARRAY_COMMANDS = 'joint_commands', 'commands'
-# In the order of the recorder's topics: the commands come first, by Source.
+SET_STATE, REQUESTS = 'set_state', 'requests'
+# In the order of the recorder's topics: the inputs come first, by Source.
 CHANNELS = {
     NAMED_COMMANDS: Channel(convert.JOINT_STATE, vital=True),
     ARRAY_COMMANDS: Channel(convert.FLOAT_ARRAY, vital=True),
+    SET_STATE: Channel(convert.JOINT_STATE, vital=True, always=False),
+    REQUESTS: Channel(convert.STRING, vital=True, always=False),
     TAKEN: Channel(convert.INTEGER_ARRAY, vital=True),
     STATES: Channel(convert.JOINT_STATE),
     CLOCK: Channel(convert.CLOCK, always=False),
 }
-ROLE_OF_SOURCE = {Source.NAMED: NAMED_COMMANDS, Source.ARRAY: ARRAY_COMMANDS}
+ROLE_OF_SOURCE = {
+    Source.NAMED: NAMED_COMMANDS,
+    Source.ARRAY: ARRAY_COMMANDS,
+    Source.SET_STATE: SET_STATE,
+    Source.REQUEST: REQUESTS,
+}
 SOURCE_OF_ROLE = {role: source for source, role in ROLE_OF_SOURCE.items()}
 
 # MCAP counts messages in 32 bits: 49 days at 1 kHz.

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The motion of a recording: the efforts and brakes of every step, and the recorded states.
 
-The commands are judged again by the rules of the arm, each before the step that took it; nothing
-is simulated.
+The recording is replayed for the efforts and brakes: they may depend on the state. Only the
+recorded states are taken as they are.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ import numpy as np
 import pfd_core as pfd
 from pfd_core.report.scene_motions import Motion
 from pfd_ros.arm.arm import load_robot, simulator_settings
-from pfd_ros.arm.commands import Drive, held, merge
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import STATES, TAKEN, Arrival, Verdict
 from pfd_ros.arm.scene import scene_of
@@ -81,9 +80,10 @@ def read_motion(
             raise LogError(f'{path} {summary.obstacle}')
         recorded = recorded_robot(log, found.state)
         steps = min(summary.simulated, MOST_STEPS)
-        reading = _Reading(Engine(settings, recorded), held(recorded.n))
+        reading = _Reading(Engine(settings, recorded))
         for message in placed_messages(log):
-            reading.add(message)
+            reading.add(message, steps)
+        reading.run_to(steps)
         motion = _motion(path, settings, reading, steps)
         shortened = f'the first {steps} steps of ' if steps < summary.simulated else ''
         motion = replace(motion, source=f'{shortened}the torques of the recording {path.name}')
@@ -106,58 +106,70 @@ class _Reading:
     Attributes
     ----------
     engine
-        The judge of the commands; it simulates nothing.
-    drive
-        The efforts and brakes in force.
+        The replayed arm.
     payloads
-        Commands that have come in and not been taken, by source and sequence.
-    drives
-        The step from which each drive acts, counted from 1, and the drive.
+        Events that have come in and not been taken, by source and sequence.
+    efforts, braked
+        Of each step, in model order.
     states
         The step after which each state was published, its positions and velocities, (n,) in
         model order.
     """
 
     engine: Engine
-    drive: Drive
     payloads: dict[tuple[int, int], bytes] = field(default_factory=dict)
-    drives: list[tuple[int, Drive]] = field(default_factory=list)
+    efforts: list[np.ndarray] = field(default_factory=list)
+    braked: list[np.ndarray] = field(default_factory=list)
     states: list[tuple[int, np.ndarray, np.ndarray]] = field(default_factory=list)
 
-    def add(self, message: PlacedMessage) -> None:
-        """Take one message."""
+    def add(self, message: PlacedMessage, steps: int) -> None:
+        """Take one message, up to that of a step."""
+        if message.cycle > steps:
+            return
         if message.role in SOURCE_OF_ROLE:
             self.payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
         elif message.role == TAKEN:
+            self.run_to(message.cycle - 1)
             for row in message.rows:
                 payload = self.payloads.pop((row.source, row.sequence), b'')
                 if row.verdict is not Verdict.OVERFLOWED:
-                    judgement = self.engine.judge(Arrival(row.source, row.sequence, payload))
-                    self.drive = merge(self.drive, judgement)
-            self.drives.append((message.cycle, self.drive))
-        elif message.role == STATES and message.cycle <= MOST_STEPS:
+                    self.engine.take([Arrival(row.source, row.sequence, payload)])
+        elif message.role == STATES:
+            self.run_to(message.cycle)
             state = decode_joint_state(message.data)
             q, qd = np.empty((2, self.engine.arm.q.size))
             q[list(self.engine.arm.order)] = state.position
             qd[list(self.engine.arm.order)] = state.velocity
             self.states.append((message.cycle, q, qd))
 
+    def run_to(self, cycle: int) -> None:
+        """Do the steps up to this one."""
+        while self.engine.cycles < cycle and not self.engine.arm.failure:
+            if self.engine.jumps:
+                raise ValueError(
+                    f'its arm is set to another state before step {self.engine.cycles + 1}: '
+                    'that is no motion'
+                )
+            drive = self.engine.drive
+            self.efforts.append(drive.effort)
+            self.braked.append(drive.braked)
+            self.engine.step()
+
 
 def _motion(path: Path, settings: Settings, reading: _Reading, steps: int) -> Motion:
     """Return the motion of the first steps of a recording that was read whole."""
-    arm, n = reading.engine.arm, reading.engine.arm.q.size
-    taus, braked = np.zeros((steps, n)), np.ones((steps, n), bool)
-    ends = [step - 1 for step, _ in reading.drives[1:]] + [steps]
-    for (step, drive), end in zip(reading.drives, ends, strict=False):
-        taus[step - 1 : end], braked[step - 1 : end] = drive.effort, drive.braked
+    n = reading.engine.arm.q.size
+    taus = np.array(reading.efforts[:steps]).reshape(-1, n)
+    braked = np.array(reading.braked[:steps]).reshape(-1, n)
     if braked.all():
         raise LogError(
             f'{path} holds no torques: no command was accepted in its {steps} steps, and brakes '
             'hold every joint'
         )
-    start = np.empty(n)
-    start[list(arm.order)] = arm.q  # the engine has not run: it is where the recording starts
-    known = [(0, start, np.zeros(n)), *(state for state in reading.states if state[0] < steps)]
+    known = [
+        (0, reading.engine.arm.start, np.zeros(n)),
+        *(state for state in reading.states if state[0] < steps),
+    ]
     after, q, qd = zip(*known, strict=True)
     return Motion(
         path.name,

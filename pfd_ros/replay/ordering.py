@@ -3,8 +3,8 @@
 """The messages of a recording in their places: which cycle each belongs to, and that it can.
 
 The messages of a channel are numbered from 1; numbers may be left out, where the disk was too
-slow, but never repeat or decrease. Within a cycle come the rows of commands that overflowed, the
-rows of commands that were judged, the state, the clock tick. No cycle lies further ahead than the
+slow, but never repeat or decrease. Within a cycle come the verdict rows, of events that overflowed
+or were judged, the state, the clock tick. No cycle lies further ahead than the
 arm can have reached at the recorded time: a damaged number would otherwise be simulated through.
 """
 
@@ -23,7 +23,7 @@ FASTEST = 1e6
 # By how much the arm may be ahead of its schedule, s: it makes up for delays of 0.05 s.
 AHEAD = 1.0
 # Order within a cycle; only messages of the first place may be several.
-_OVERFLOWED, _JUDGED, _STATE, _TICK = range(4)
+_ROWS, _STATE, _TICK = range(3)
 
 
 class PlacedMessage(NamedTuple):
@@ -104,8 +104,7 @@ class _Order:
         elif role == TAKEN:
             rows = _rows(entry)
             cycle = rows[0].cycle
-            overflowed = rows[0].verdict is Verdict.OVERFLOWED
-            self._follow(entry, cycle, _OVERFLOWED if overflowed else _JUDGED)
+            self._follow(entry, cycle, _ROWS)
         elif role == STATES:
             cycle = number * self._publish_every
             self._follow(entry, cycle, _STATE)
@@ -130,7 +129,7 @@ class _Order:
     def _follow(self, entry: Entry, cycle: int, rank: int) -> None:
         """Check that an output of this rank and cycle can follow the output before it."""
         place = cycle, rank
-        if place < self._place or (place == self._place and rank != _OVERFLOWED):
+        if place < self._place or (place == self._place and rank != _ROWS):
             raise ValueError(
                 f'{entry.role} {entry.sequence} belongs to step {cycle}, '
                 f'but step {self._place[0]} was recorded before it'

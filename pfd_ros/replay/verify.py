@@ -100,7 +100,6 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
     arm = replay.engine.arm
     if arm.failure:
         found.summary.stopped_at, found.summary.failure = arm.step, arm.failure
-    replay.compare_last_rows()
 
 
 def recorded_robot(log: Log, state: bytes) -> Any:
@@ -124,15 +123,12 @@ class _Replay:
     ----------
     payloads
         Commands that have come in and not been taken, by source and sequence.
-    rows
-        Messages with the verdict rows of the next cycle.
     outputs
         Data of the last cycle's state and tick, by role.
     """
 
     engine: Engine
     payloads: dict[tuple[Source, int], bytes] = field(default_factory=dict)
-    rows: list[PlacedMessage] = field(default_factory=list)
     outputs: dict[str, bytes] = field(default_factory=dict)
 
     def follow(self, message: PlacedMessage) -> None:
@@ -141,7 +137,9 @@ class _Replay:
             self.payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
         elif message.role == TAKEN:
             self._run_to(message.cycle - 1)
-            self.rows.append(message)
+            taken = self.engine.take(list(self._events(message)))
+            for output in taken.outputs:
+                self._compare(message, output.data)
         else:
             if message.lost:
                 self._run_to_stamp(message)
@@ -159,26 +157,14 @@ class _Replay:
                 f'replayed {arm.step} steps and {arm.failure or "no failure"!r}'
             )
 
-    def compare_last_rows(self) -> None:
-        """Compare the verdicts of a cycle whose state is not in the file."""
-        if self.rows:
-            self._run_cycle()
-
     def _run_to(self, cycle: int) -> None:
         while self.engine.cycles < cycle:
-            if self.engine.arm.failure and not self.rows:
+            if self.engine.arm.failure:
                 self.engine.stand_still(cycle - 1)
             self._run_cycle()
 
     def _run_cycle(self) -> None:
-        recorded, self.rows = self.rows, []
-        events = [event for message in recorded for event in self._events(message)]
-        outputs = self.engine.run_cycle(events).outputs
-        self.outputs = {output.role: output.data for output in outputs}
-        if recorded:
-            written = [output.data for output in outputs if output.role == TAKEN]
-            for message, computed in zip(recorded, written, strict=True):
-                self._compare(message, computed)
+        self.outputs = {output.role: output.data for output in self.engine.step()}
 
     def _events(self, message: PlacedMessage) -> Iterator[Event]:
         """Yield the events that the rows of a message are about."""
@@ -220,7 +206,7 @@ def _row_difference(recorded: bytes, computed: bytes) -> str:
     for (_, source, number, theirs), (*_, ours) in zip(*rows, strict=False):
         if theirs != ours:
             return (
-                f'command {number} of {ROLE_OF_SOURCE[Source(source)]}: '
+                f'message {number} of {ROLE_OF_SOURCE[Source(source)]}: '
                 f'recorded as {Verdict(theirs).name}, replayed as {Verdict(ours).name}'
             )
     return 'the same verdicts, in other rows'

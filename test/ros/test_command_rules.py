@@ -171,4 +171,5 @@ def test_recorded_verdicts_keep_their_numbers() -> None:
         'WRONG_SIZE',
         'NOT_FINITE',
         'OVERFLOWED',
+        'REFUSED',
     ]

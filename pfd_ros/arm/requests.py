@@ -1,0 +1,104 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The rules for requests, and for the states that the arm is asked to jump to.
+
+A request travels as a text in JSON: {"request": "step", "count": 5}.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import json
+from typing import Any
+
+import numpy as np
+
+from pfd_ros.arm.commands import Judgement, named_values_rule
+from pfd_ros.arm.effects import MOST_STEPS, Request, StateChange
+from pfd_ros.arm.events import Verdict
+from pfd_ros.messages.convert import JointMessage, encode_string
+from pfd_ros.text import NAME_COUNT, cut, listed
+
+# pause, resume: whether simulated time stands still. step: so many steps in a pause. reset: the
+# initial state, held by the brakes.
+REQUESTS = ('pause', 'resume', 'step', 'reset')
+# A request is far shorter.
+LONGEST_REQUEST = 1000
+# Farther and faster than any joint goes; a simulation from there would not stay finite.
+LARGEST_POSITION, LARGEST_VELOCITY = 1e6, 1e4
+
+
+def encode_request(request: Request) -> bytes:
+    """Return the message that a request travels as."""
+    told: dict[str, Any] = {'request': request.name}
+    if request.name == 'step':
+        told['count'] = request.count
+    return encode_string(json.dumps(told))
+
+
+def judge_request(text: str, paused: bool) -> Judgement:
+    """Judge a request; `paused` says whether the arm is in a pause.
+
+    Raises
+    ------
+    ValueError
+        If the text is no request.
+    """
+    if len(text) > LONGEST_REQUEST:
+        raise ValueError(f'{len(text)} characters, expected {LONGEST_REQUEST} at most')
+    told = json.loads(text)
+    if not isinstance(told, dict) or told.get('request') not in REQUESTS:
+        raise ValueError(f'request is {cut(text)!r}, expected one of {list(REQUESTS)}')
+    name = told.pop('request')
+    count = told.pop('count', 1) if name == 'step' else 1
+    if told:
+        raise ValueError(f'request {name!r} does not take {listed([str(key) for key in told])}')
+    if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_STEPS:
+        raise ValueError(f'count is {cut(repr(count))}, expected 1 to {MOST_STEPS}')
+    if name == 'step' and not paused:
+        return Judgement(Verdict.REFUSED, 'step: the arm is not in a pause')
+    return Judgement(Verdict.ACCEPTED, name, effect=Request(name, count))
+
+
+def judge_state(message: JointMessage, index: Mapping[str, int], since_ns: int) -> Judgement:
+    """Judge a state to jump to; see `commands.judge_named` for the parameters.
+
+    NaN, and an array that is empty, leave a position as it is; a velocity is zero then.
+    """
+    if not message.names:
+        return Judgement(Verdict.NO_NAMES, 'no joint names')
+    broken = named_values_rule(message, since_ns)
+    if broken is not None:
+        return broken
+    if not len(message.position) or len(message.effort):
+        return Judgement(
+            Verdict.MALFORMED, 'expected a position, and perhaps a velocity, for each joint'
+        )
+    velocity = message.velocity if len(message.velocity) else np.zeros(len(message.names))
+    strange = [name for name in message.names if name not in index]
+    if strange:
+        # A state of half an arm is a mistake, unlike a command for half an arm.
+        return Judgement(
+            Verdict.UNKNOWN_NAMES,
+            f'{listed(strange)} are no joints of the arm',
+            unknown=tuple(cut(name) for name in strange[:NAME_COUNT]),
+            unknown_count=len(strange),
+        )
+    if (np.abs(message.position) > LARGEST_POSITION).any() or (
+        np.abs(velocity) > LARGEST_VELOCITY
+    ).any():
+        return Judgement(
+            Verdict.REFUSED,
+            f'expected positions up to {LARGEST_POSITION:g} and velocities up to '
+            f'{LARGEST_VELOCITY:g}',
+        )
+    given = [
+        (index[name], q, qd if qd == qd else 0.0)
+        for name, q, qd in zip(
+            message.names, message.position.tolist(), velocity.tolist(), strict=True
+        )
+        if q == q
+    ]
+    if not given:
+        return Judgement(Verdict.ALL_NAN, 'every position is NaN')
+    return Judgement(Verdict.ACCEPTED, '', effect=StateChange(*zip(*given, strict=True)))

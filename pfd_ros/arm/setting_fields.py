@@ -1,0 +1,121 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The fields of settings: made with their description and range, checked, and read strictly."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+from pfd_ros.text import cut
+
+# Far more than any arm needs; a mistaken file must not fill a log or the memory.
+MOST_VALUES = 1000
+LONGEST_TEXT = 1 << 20
+
+
+def setting(
+    default: Any,
+    text: str,
+    least: float | None = None,
+    most: float | None = None,
+    *,
+    name: str = '',
+    values: tuple[str, ...] = (),
+    dynamic: bool = False,
+    per_joint: bool = False,
+) -> Any:
+    """Return a field of a table of settings.
+
+    Parameters
+    ----------
+    default
+        The value where nothing is given.
+    text
+        The description of the parameter, with its unit.
+    least, most
+        Its range.
+    name
+        The name of the parameter, where it is not that of the field, such as 'noise.position'.
+    values
+        The texts it may be, if it may not be any.
+    dynamic
+        Whether it may change while the arm runs, by an event.
+    per_joint
+        Whether it holds a number for each joint, in published order, and is a group of
+        parameters `name.<joint>`.
+    """
+    told = {
+        'text': text,
+        'range': None if least is None else (least, most),
+        'name': name,
+        'values': values,
+        'dynamic': dynamic,
+        'per_joint': per_joint,
+    }
+    return dataclasses.field(default=default, metadata=told)
+
+
+def parameter_name(field: dataclasses.Field[Any]) -> str:
+    """Return the name of the parameter that a field is."""
+    return field.metadata['name'] or field.name
+
+
+def check_values(settings: Any) -> None:
+    """Check each field of a table of settings by itself.
+
+    Raises
+    ------
+    ValueError
+        If a value is not finite, out of its range, or none of those it may be.
+    """
+    for field in dataclasses.fields(settings):
+        name, value = parameter_name(field), getattr(settings, field.name)
+        span, values = field.metadata['range'], field.metadata['values']
+        for number in value if isinstance(value, tuple) else (value,):
+            if isinstance(number, float) and not math.isfinite(number):
+                raise ValueError(f'{name} holds {number!r}, expected finite numbers')
+            if span is not None and not span[0] <= number <= span[1]:
+                raise ValueError(f'{name} is {number!r}, expected {span[0]!r} to {span[1]!r}')
+        if values and value not in values:
+            raise ValueError(f'{name} is {cut(repr(value))}, expected one of {list(values)}')
+
+
+# By the annotation of a field.
+_ACCEPTED: dict[str, tuple[Any, str]] = {
+    'str': ((str,), 'text'),
+    'bool': ((bool,), 'true or false'),
+    'int': ((int,), 'a whole number'),
+    'float': ((int, float), 'a number'),
+    'tuple': ((list, tuple), 'a list'),
+}
+
+
+def typed(name: str, value: Any, annotation: str) -> Any:
+    """Return a value as a field of this name and annotation has it.
+
+    Raises
+    ------
+    ValueError
+        If it has another type, or is too long.
+    """
+    kind, _, rest = annotation.partition('[')
+    types, expected = _ACCEPTED[kind]
+    if not isinstance(value, types) or (isinstance(value, bool) and kind != 'bool'):
+        shown = cut(repr(value) if isinstance(value, str | int | float) else type(value).__name__)
+        raise ValueError(f'{name} is {shown}, expected {expected}')
+    if kind == 'tuple':
+        if len(value) > MOST_VALUES:
+            raise ValueError(f'{name} holds {len(value)} values, expected {MOST_VALUES} at most')
+        return tuple(typed(name, entry, rest.partition(',')[0]) for entry in value)
+    if kind == 'str' and (len(value) > LONGEST_TEXT or '\0' in value):
+        raise ValueError(
+            f'{name} is {cut(value)!r}, expected {LONGEST_TEXT} characters at most and no NUL'
+        )
+    if kind != 'float':
+        return value
+    try:
+        return float(value)
+    except OverflowError:
+        raise ValueError(f'{name} is a number too large for a float') from None

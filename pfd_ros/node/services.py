@@ -1,0 +1,71 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The services of the node: each is a request to the arm, answered by its verdict.
+
+~/pause    std_srvs/SetBool    simulated time stands still, or goes on
+~/step     std_srvs/Trigger    in a pause: the steps of the parameter `step_count`
+~/reset    std_srvs/Trigger    the initial state, held by the brakes; simulated time goes on
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import TimeoutError as LateError
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.node import Node
+from std_srvs.srv import SetBool, Trigger
+
+from pfd_ros.arm.effects import Request
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.requests import encode_request
+from pfd_ros.messages.convert import NANOSECONDS
+from pfd_ros.node.receiving import Receiver
+from pfd_ros.text import one_line
+
+# The arm answers within a cycle. The executor's thread waits for it, so not for long: a very slow
+# arm carries the request out later.
+ANSWER_SECONDS = 0.5
+
+
+@dataclass(frozen=True)
+class Services:
+    """The callbacks of the services, on the executor's thread."""
+
+    receiver: Receiver
+    engine: Engine
+
+    def request(self, request: Request, response: Any) -> Any:
+        """Pass a request to the arm and wait for its verdict."""
+        answer = self.receiver.ask(Source.REQUEST, encode_request(request))
+        try:
+            judgement = answer.result(ANSWER_SECONDS)
+        except LateError:
+            response.success, response.message = True, f'{request.name}: at the next step'
+            return response
+        response.success = judgement.verdict is Verdict.ACCEPTED
+        seconds = self.engine.arm.stamp_ns / NANOSECONDS
+        verdict = judgement.verdict.name.lower()
+        response.message = one_line(f'{verdict}: {judgement.detail}; simulated time {seconds} s')
+        return response
+
+    def pause(self, asked: Any, response: Any) -> Any:
+        """Answer `~/pause`."""
+        return self.request(Request('pause' if asked.data else 'resume'), response)
+
+    def step(self, asked: Any, response: Any) -> Any:
+        """Answer `~/step`."""
+        return self.request(Request('step', self.engine.settings.step_count), response)
+
+    def reset(self, asked: Any, response: Any) -> Any:
+        """Answer `~/reset`."""
+        return self.request(Request('reset'), response)
+
+
+def create_services(node: Node, receiver: Receiver, engine: Engine) -> None:
+    """Create the services of a node."""
+    services = Services(receiver, engine)
+    node.create_service(SetBool, '~/pause', services.pause)
+    node.create_service(Trigger, '~/step', services.step)
+    node.create_service(Trigger, '~/reset', services.reset)

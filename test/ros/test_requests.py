@@ -1,0 +1,264 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Pause, step, reset, jumps to a state, and lockstep: the engine alone, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import json
+
+import numpy as np
+import pytest
+from simulating import efforts
+
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.effects import Request
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.requests import encode_request
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.cdr import CdrWriter
+from pfd_ros.messages.convert import JointMessage, decode_joint_state, encode_string
+
+STEP_NS = 1_000_000
+NAN = float('nan')
+PUSH = Arrival(Source.ARRAY, 1, efforts(1.0, -0.5))
+
+
+def made(**chosen) -> Engine:
+    settings = Settings(**{'robot': 'planar2', 'initial_positions': (0.3, -0.2), **chosen})
+    return Engine(settings, load_robot(settings))
+
+
+def asked(name: str, count: int = 1) -> Arrival:
+    return Arrival(Source.REQUEST, 1, encode_request(Request(name, count)))
+
+
+def joint_message(
+    source: Source,
+    names: Sequence[str],
+    position: Sequence[float] = (),
+    velocity: Sequence[float] = (),
+    effort: Sequence[float] = (),
+    stamp_ns: int = 0,
+) -> Arrival:
+    writer = CdrWriter()
+    writer.int32(stamp_ns // 1_000_000_000)
+    writer.uint32(stamp_ns % 1_000_000_000)
+    writer.string('')
+    writer.strings(tuple(names))
+    for values in (position, velocity, effort):
+        writer.numbers(np.array(values, float))
+    return Arrival(source, 1, bytes(writer.data))
+
+
+def placed(names: Sequence[str], position: Sequence[float], **other) -> Arrival:
+    return joint_message(Source.SET_STATE, names, position, **other)
+
+
+def pushed(stamp_ns: int, effort: float = 1.0) -> Arrival:
+    return joint_message(Source.NAMED, ['shoulder'], effort=[effort], stamp_ns=stamp_ns)
+
+
+def verdict(engine: Engine, event: Arrival) -> Verdict:
+    ((_, judgement, _),) = engine.take([event]).judgements
+    return judgement.verdict
+
+
+def state(engine: Engine) -> JointMessage:
+    (found,) = (output.data for output in engine.step() if output.role == 'joint_states')
+    return decode_joint_state(found)
+
+
+def test_a_pause_stands_and_lets_through_the_steps_that_are_asked_for() -> None:
+    engine = made()
+    assert not engine.stands
+    assert verdict(engine, asked('pause')) is Verdict.ACCEPTED
+    assert engine.stands
+    assert verdict(engine, asked('step', 3)) is Verdict.ACCEPTED
+    for _ in range(3):
+        assert not engine.stands
+        engine.step()
+    assert engine.stands
+    assert verdict(engine, asked('resume')) is Verdict.ACCEPTED
+    assert not engine.stands
+    assert engine.cycles == engine.arm.step == 3
+
+
+def test_steps_are_refused_outside_of_a_pause_and_forgotten_by_its_end() -> None:
+    engine = made()
+    assert verdict(engine, asked('step')) is Verdict.REFUSED
+    engine.take([asked('pause'), asked('step', 9), asked('resume'), asked('pause')])
+    assert engine.stands
+
+
+def test_a_reset_is_the_initial_state_at_the_next_stamp_with_every_joint_held() -> None:
+    engine = made()
+    engine.run_cycle([PUSH])
+    for _ in range(20):
+        moving = state(engine)
+    assert moving.velocity.all()
+    engine.take([asked('reset')])
+    there = state(engine)
+    assert there.position.tolist() == [0.3, -0.2]
+    assert not there.velocity.any()
+    assert there.stamp_ns == moving.stamp_ns + STEP_NS
+    later = [state(engine) for _ in range(50)][-1]
+    assert later.position.tolist() == [0.3, -0.2]
+    assert later.stamp_ns == there.stamp_ns + 50 * STEP_NS
+
+
+@pytest.mark.parametrize('event', [asked('reset'), placed(['elbow'], [1.0])], ids=['reset', 'set'])
+def test_commands_from_before_a_jump_are_stale_and_no_snap_back(event: Arrival) -> None:
+    engine = made()
+    engine.run_cycle([PUSH])
+    before = state(engine).stamp_ns
+    engine.take([event])
+    assert verdict(engine, pushed(before)) is Verdict.STALE
+    there = state(engine)
+    assert verdict(engine, pushed(before)) is Verdict.STALE
+    assert verdict(engine, pushed(there.stamp_ns)) is Verdict.ACCEPTED
+
+
+def test_a_jump_is_exactly_the_given_state_and_lets_go_of_the_last_efforts() -> None:
+    engine = made()
+    engine.run_cycle([PUSH])
+    engine.take([placed(['elbow', 'shoulder'], [0.7, -1.1], velocity=[2.0, NAN])])
+    there = state(engine)
+    assert there.position.tolist() == [-1.1, 0.7]
+    assert there.velocity.tolist() == [0.0, 2.0]
+    assert not there.effort.any()
+    # Not braked: it swings on.
+    after = state(engine)
+    assert after.velocity.all()
+    assert not after.effort.any()
+
+
+def test_a_jump_of_one_joint_keeps_the_others_and_their_brakes() -> None:
+    engine = made()
+    engine.take([placed(['elbow'], [0.7])])
+    there = [state(engine) for _ in range(5)][-1]
+    assert there.position.tolist() == [0.3, 0.7]
+    assert not there.velocity.any()
+
+
+def test_jumps_of_one_cycle_follow_each_other() -> None:
+    engine = made()
+    engine.take([placed(['elbow'], [0.7]), asked('reset'), placed(['shoulder'], [NAN])])
+    engine.take([placed(['shoulder'], [1.0])])
+    assert state(engine).position.tolist() == [1.0, -0.2]
+
+
+def test_a_pause_lets_a_jump_through() -> None:
+    engine = made()
+    engine.take([asked('pause'), placed(['elbow'], [0.7])])
+    assert not engine.stands
+    assert state(engine).position[1] == 0.7
+    assert engine.stands
+
+
+@pytest.mark.parametrize(
+    ('event', 'wanted'),
+    [
+        (placed([], []), Verdict.NO_NAMES),
+        (placed(['elbow'], [1.0, 2.0]), Verdict.RAGGED),
+        (placed(['elbow'], [float('inf')]), Verdict.INFINITE),
+        (placed(['elbow'], [1e7]), Verdict.REFUSED),
+        (placed(['elbow'], [1.0], velocity=[-1e5]), Verdict.REFUSED),
+        (placed(['elbow', 'nobody'], [1.0, 2.0]), Verdict.UNKNOWN_NAMES),
+        (placed(['elbow', 'elbow'], [1.0, 2.0]), Verdict.DUPLICATE_NAMES),
+        (placed(['elbow'], [NAN]), Verdict.ALL_NAN),
+        (placed(['elbow'], []), Verdict.MALFORMED),
+        (placed(['elbow'], [1.0], effort=[1.0]), Verdict.MALFORMED),
+    ],
+)
+def test_a_state_that_is_refused_changes_nothing(event: Arrival, wanted: Verdict) -> None:
+    engine, untouched = made(), made()
+    for one in (engine, untouched):
+        one.run_cycle([PUSH])
+    assert verdict(engine, event) is wanted
+    assert engine.step() == untouched.step() or wanted is Verdict.ALL_NAN
+    assert engine.arm.q.tobytes() == untouched.arm.q.tobytes()
+
+
+@pytest.mark.parametrize(
+    'told',
+    [
+        '',
+        'pause',
+        '[]',
+        '{}',
+        '{"request": "dance"}',
+        '{"request": ["pause"]}',
+        '{"request": "pause", "count": 1}',
+        '{"request": "step", "count": 0}',
+        '{"request": "step", "count": true}',
+        '{"request": "step", "count": 1e3}',
+        '{"request": "step", "count": 10000000}',
+        json.dumps({'request': 'pause', '%s{0}' * 300: 1}),
+        '[' * 900,
+    ],
+)
+def test_a_request_is_read_strictly(told: str) -> None:
+    engine = made()
+    event = Arrival(Source.REQUEST, 1, encode_string(told))
+    assert verdict(engine, event) is Verdict.MALFORMED
+    assert not engine.stands
+
+
+def test_lockstep_runs_free_until_the_first_command_and_then_waits_for_each() -> None:
+    engine = made(lockstep=True)
+    for _ in range(3):
+        assert not engine.stands
+        engine.step()
+    first = pushed(engine.arm.stamp_ns)
+    assert verdict(engine, first) is Verdict.ACCEPTED
+    for _ in range(5):
+        assert not engine.stands
+        stamp = state(engine).stamp_ns
+        assert engine.stands
+        assert verdict(engine, pushed(stamp - STEP_NS)) is Verdict.STALE
+        assert engine.stands
+        assert verdict(engine, pushed(stamp)) is Verdict.ACCEPTED
+
+
+def test_in_lockstep_only_published_states_wait_and_commands_without_a_stamp_answer() -> None:
+    engine = made(lockstep=True, publish_rate=250.0)
+    engine.take([PUSH])
+    for cycle in range(1, 13):
+        assert not engine.stands
+        engine.step()
+        assert engine.stands == (cycle % 4 == 0)
+        engine.take([PUSH] if engine.stands else [])
+
+
+def test_in_lockstep_nan_for_every_joint_is_an_answer_and_a_wrong_message_is_none() -> None:
+    engine = made(lockstep=True)
+    engine.run_cycle([PUSH])
+    wrong = Arrival(Source.ARRAY, 1, efforts(1.0))
+    quiet = joint_message(Source.NAMED, ['elbow'], effort=[NAN])
+    assert verdict(engine, wrong) is Verdict.WRONG_SIZE
+    assert engine.stands
+    assert verdict(engine, quiet) is Verdict.ALL_NAN
+    assert not engine.stands
+
+
+def test_a_reset_in_lockstep_shows_its_state_and_waits_for_an_answer_to_it() -> None:
+    engine = made(lockstep=True)
+    engine.run_cycle([PUSH])
+    engine.take([asked('reset')])
+    assert not engine.stands
+    there = state(engine)
+    assert engine.stands
+    assert verdict(engine, pushed(there.stamp_ns - STEP_NS)) is Verdict.STALE
+    assert verdict(engine, pushed(there.stamp_ns)) is Verdict.ACCEPTED
+    assert not engine.stands
+
+
+def test_the_present_state_can_be_sent_again_without_a_cycle() -> None:
+    engine = made()
+    engine.run_cycle([PUSH])
+    again = {output.role: output.data for output in engine.present()}
+    last = engine.present()
+    assert {output.role: output.data for output in last} == again
+    assert engine.cycles == 1

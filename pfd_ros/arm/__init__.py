@@ -10,7 +10,7 @@ From the inputs to the outputs:
     scene             the scene of the settings: from a file or from their switches
     events            the event rule: events and outputs, sources, verdicts
     effects           the effects of events that are no commands: requests, states to jump to
-    commands          the rules for a command, NaN and infinity among them, and the drive it leads to
+    commands          the rules for a command, NaN and infinity among them, and its drive
     requests          the rules for requests (pause, step, reset) and for states to jump to
     pace              whether there may be a step: pauses, lockstep
     arm               the simulated arm: robot, brakes, simulator, failure

@@ -100,7 +100,7 @@ class Engine:
     @property
     def stands(self) -> bool:
         """Whether the next cycle has to wait for an event."""
-        return self.pace.stands and not self.jumps and not self.arm.failure
+        return self.pace.stands and not self.jumps
 
     def run_cycle(self, events: Iterable[Event] = ()) -> Taken:
         """Run the next cycle on the events since the last one; return all outputs of it."""

@@ -13,6 +13,7 @@ From the inputs to the outputs:
     commands          the rules for a command, NaN and infinity among them, and its drive
     requests          the rules for requests (pause, step, reset) and for states to jump to
     pace              whether there may be a step: pauses, lockstep
+    actuators         from commanded efforts to those that act: the limits of the motors
     arm               the simulated arm: robot, brakes, simulator, failure
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 

@@ -22,8 +22,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.commands import Judgement, held, judge_array, judge_named, let_go, merge
+from pfd_ros.arm.commands import Command, Judgement, held, judge_array, judge_named, let_go, merge
 from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.events import (
     CLOCK,
@@ -72,7 +75,11 @@ class Engine:
     pace
         Whether there may be a next one.
     drive
-        The efforts and brakes of the next step.
+        The efforts and brakes that are commanded for the next step.
+    applied
+        The efforts and brakes of the last step, as the actuators made them.
+    actuators
+        From the one to the other.
     jumps
         The states that the next step jumps to, one after the other.
 
@@ -91,7 +98,9 @@ class Engine:
         self._publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
         self._index = {name: i for i, name in enumerate(robot.joint_names)}
-        self.drive = held(robot.n)
+        self.drive = self.applied = held(robot.n)
+        self.actuators = Actuators(self.settings, robot, self.arm.order)
+        self._order = np.array(self.arm.order)
         # Stamped commands from before are left-overs.
         self._since_ns = settings.start_ns
         self.jumps: list[StateChange | None] = []
@@ -131,7 +140,7 @@ class Engine:
         source, payload = event.source, event.payload
         try:
             if source is Source.ARRAY:
-                return judge_array(convert.decode_floats(payload), self.arm.order)
+                return judge_array(convert.decode_floats(payload), self._order)
             if source is Source.NAMED:
                 message = convert.decode_joint_state(payload)
                 return judge_named(message, self._index, self._since_ns)
@@ -145,8 +154,9 @@ class Engine:
     def _apply(self, source: Source, judgement: Judgement) -> None:
         effect = judgement.effect
         if source in COMMANDS:
-            self.drive = merge(self.drive, judgement)
             self.pace.answer(judgement.verdict)
+        if isinstance(effect, Command):
+            self.drive = merge(self.drive, effect)
         elif isinstance(effect, StateChange):
             self.jumps.append(effect)
             self.drive = let_go(self.drive)
@@ -162,10 +172,12 @@ class Engine:
         """Run the next cycle on the events that were taken; return its state and its tick."""
         self.cycles += 1
         if self.jumps:
+            self.applied = let_go(self.drive)
             self.arm.jump(self.jumps)
             self.jumps = []
         else:
-            self.arm.advance(self.drive)
+            self.applied = self.actuators.applied(self.drive, self.arm.qd)
+            self.arm.advance(self.applied)
         outputs: list[Output] = []
         self._add_state_and_tick(outputs)
         self.pace.stepped(published=bool(outputs) and outputs[0].role == STATES)

@@ -7,6 +7,7 @@ From the inputs to the outputs:
     setting_fields    the fields of settings: description, range, reading
     command_settings  the settings of commands, a part of
     settings          everything that is not an event: robot, scene, step size, rates
+    noise             random numbers as a function of seed, channel and cycle
     scene             the scene of the settings: from a file or from their switches
     events            the event rule: events and outputs, sources, verdicts
     effects           the effects of events that are no commands: requests, states to jump to

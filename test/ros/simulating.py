@@ -14,7 +14,7 @@ from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, Recording, Sent, Type
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict, VerdictRow
+from pfd_ros.arm.events import NUMBERED_AS_STATES, Arrival, Source, Verdict, VerdictRow
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import cdr
 from pfd_ros.recording import provenance
@@ -65,6 +65,8 @@ def simulate(
     robot = load_robot(chosen)
     engine = Engine(chosen, robot)
     roles = {k: v for k, v in ROLES.items() if k != 'clock' or chosen.publish_clock}
+    if chosen.drop_state:
+        roles['dropped_states'] = '/sim_arm/dropped_states'
     head = provenance.file_head(engine.settings, robot, roles, TimeBase(START_NS, 0))
     made = Recording(
         metadata=[(name, dict(values)) for name, values in head.metadata.items()],
@@ -73,14 +75,17 @@ def simulate(
             Type(topic, 'cdr', CHANNELS[role].type, 'ros2msg') for role, topic in roles.items()
         ],
     )
-    counts = dict.fromkeys(ROLES, 0)
+    counts = dict.fromkeys(roles, 0)
     accepted = 0
 
     def record(role: str, step: int, data: bytes) -> int:
         counts[role] += 1
+        number = counts[role]
+        if role in NUMBERED_AS_STATES:
+            number = sum(counts.get(each, 0) for each in NUMBERED_AS_STATES)
         log_ns = START_NS + step * chosen.step_ns
-        made.messages.append(Sent(ROLES[role], counts[role], log_ns, data))
-        return counts[role]
+        made.messages.append(Sent(roles[role], number, log_ns, data))
+        return number
 
     for step in range(1, steps + 1):
         events = [
@@ -93,7 +98,7 @@ def simulate(
             assert number == record(role, step, data)
     totals = {
         'steps': engine.arm.step,
-        'states': counts['joint_states'],
+        'states': sum(counts.get(role, 0) for role in NUMBERED_AS_STATES),
         'commands_accepted': accepted,
         'failure': engine.arm.failure,
     }

@@ -26,8 +26,9 @@ import numpy as np
 
 from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
+from pfd_ros.arm.changes import judge_changes
 from pfd_ros.arm.commands import Command, Judgement, held, judge_array, judge_named, let_go, merge
-from pfd_ros.arm.effects import StateChange
+from pfd_ros.arm.effects import SettingsChange, StateChange
 from pfd_ros.arm.events import (
     CLOCK,
     COMMANDS,
@@ -70,6 +71,8 @@ class Engine:
 
     Attributes
     ----------
+    settings
+        As they are now: events change the dynamic ones.
     cycles
         Number of the last cycle, 0 before the first.
     pace
@@ -109,7 +112,7 @@ class Engine:
     @property
     def stands(self) -> bool:
         """Whether the next cycle has to wait for an event."""
-        return self.pace.stands and not self.jumps and not self.arm.failure
+        return self.pace.stands and not self.jumps
 
     def run_cycle(self, events: Iterable[Event] = ()) -> Taken:
         """Run the next cycle on the events since the last one; return all outputs of it."""
@@ -147,6 +150,9 @@ class Engine:
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
                 return judge_state(message, self._index, self._since_ns)
+            if source is Source.PARAMETERS:
+                text = convert.decode_string(payload)
+                return judge_changes(text, self.settings, len(self.arm.order))
             return judge_request(convert.decode_string(payload), self.pace.paused)
         except ValueError as error:
             return Judgement(Verdict.MALFORMED, one_line(error))
@@ -161,12 +167,18 @@ class Engine:
             self.jumps.append(effect)
             self.drive = let_go(self.drive)
             self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+        elif isinstance(effect, SettingsChange):
+            self._set(effect.settings)
         elif effect is not None and effect.name == 'reset':
             self.jumps = [None]
             self.drive = held(len(self.arm.order))
             self._since_ns = self.arm.stamp_ns + self.settings.step_ns
         elif effect is not None:
             self.pace.request(effect)
+
+    def _set(self, settings: Settings) -> None:
+        """Take over other values of dynamic settings; all others are as before."""
+        self.settings = self.arm.settings = settings
 
     def step(self) -> list[Output]:
         """Run the next cycle on the events that were taken; return its state and its tick."""

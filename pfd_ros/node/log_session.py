@@ -18,12 +18,16 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, REQUESTS, ROLE_OF_SOURCE, EndKey
+from pfd_ros.recording.format import CHANNELS, PARAMETERS, REQUESTS, ROLE_OF_SOURCE, EndKey
 from pfd_ros.recording.mcap_file import TimeBase, Topic
 from pfd_ros.recording.recorder import LogRecorder
 
-# Channels that only the file has: the verdict rows, and the requests of services.
-OWN_TOPICS = {TAKEN: '~/applied_commands', REQUESTS: '~/requests'}
+# Channels that only the file has: the verdict rows, the requests of services, parameters set.
+OWN_TOPICS = {
+    TAKEN: '~/applied_commands',
+    REQUESTS: '~/requests',
+    PARAMETERS: '~/parameter_changes',
+}
 
 
 @dataclass(frozen=True)

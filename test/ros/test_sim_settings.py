@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 import dataclasses
 import json
 from pathlib import Path
@@ -12,16 +13,33 @@ import pytest
 import yaml
 
 from pfd_ros.arm import settings as settings_file
+from pfd_ros.arm.setting_fields import parameter_name
 from pfd_ros.arm.settings import Settings
 
 CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'sim_arm.yaml'
 
 
+def flattened(table: dict, before: str = '') -> Iterator[tuple[str, object]]:
+    """Yield the names of ROS parameters and their values, from the groups of a YAML file."""
+    for name, value in table.items():
+        if isinstance(value, dict):
+            yield from flattened(value, f'{before}{name}.')
+        else:
+            yield f'{before}{name}', value
+
+
 def test_the_shipped_file_holds_every_setting_at_its_default() -> None:
     text = CONFIG.read_text(encoding='utf-8')
     given = yaml.safe_load(text)['/**']['ros__parameters']
-    assert set(given) == {field.name for field in dataclasses.fields(Settings)}
-    assert settings_file.from_values(given) == Settings()
+    flat = dict(flattened(given))
+    fields = {
+        parameter_name(field): field.name
+        for field in dataclasses.fields(Settings)
+        if not field.metadata['per_joint']
+    }
+    assert set(flat) == set(fields)
+    found = settings_file.from_values({fields[name]: value for name, value in flat.items()})
+    assert found == Settings()
 
 
 def test_settings_come_back_from_json_with_the_same_bits() -> None:

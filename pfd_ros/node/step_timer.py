@@ -11,7 +11,7 @@ import time
 # Short delays are made up for, so that the mean rate holds. After a longer stall the arm does
 # not rush through the missed periods: they are counted, and the timer starts anew.
 CATCH_UP_NS = 50_000_000
-# Sleeps are cut into pieces of this length, so that a slow arm still stops promptly.
+# Sleeps are cut into pieces of this length, so that a slow arm still stops and hears promptly.
 LONGEST_SLEEP_NS = 50_000_000
 
 
@@ -43,21 +43,33 @@ class StepTimer:
         due = self.origin_ns + round((self.count + 1) * self.period_ns)
         self.origin_ns += max(0, self.clock() - due)
 
-    def wait(self, stopped: Callable[[], bool]) -> None:
-        """Return when the next step is due, or as soon as `stopped` says so."""
+    def wait(self) -> bool:
+        """Return whether the next step is due: after a sleep until then, if it is not a long one.
+
+        A longer sleep is cut: then the step is not due yet, and the caller calls again.
+        """
         if self.period_ns == 0:
             # Lets the other threads at the interpreter.
             self.sleep(0)
-            return
-        self.count += 1
-        due = self.origin_ns + round(self.count * self.period_ns)
+            return True
+        due = self.origin_ns + round((self.count + 1) * self.period_ns)
         behind = self.clock() - due
+        if behind < -LONGEST_SLEEP_NS:
+            self.sleep(LONGEST_SLEEP_NS / 1e9)
+            return False
+        self.count += 1
         if behind > self.period_ns:
             self.late += 1
         if behind > max(CATCH_UP_NS, self.period_ns):
             self.missed += int(behind // self.period_ns)
             self.start()
-            return
-        while behind < 0 and not stopped():
-            self.sleep(min(-behind, LONGEST_SLEEP_NS) / 1e9)
+        while behind < 0:
+            self.sleep(-behind / 1e9)
             behind = self.clock() - due
+        return True
+
+    def set_period(self, period_ns: float) -> None:
+        """Change the period from now on."""
+        if period_ns != self.period_ns:
+            self.period_ns = period_ns
+            self.start()

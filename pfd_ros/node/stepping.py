@@ -63,13 +63,13 @@ class Stepper:
         while not stopped():
             if self.engine.stands:
                 self._stand(stopped)
-                continue
-            self.timer.wait(stopped)
-            while self._waits_for_disk() and not stopped():
+            elif self._waits_for_disk():
                 time.sleep(DISK_POLL_SECONDS)
-            if stopped():
-                return
-            self.run_cycle()
+            elif self.timer.wait():
+                self.run_cycle()
+            else:
+                # A slow arm answers requests long before its next step.
+                self._take_events()
 
     def _waits_for_disk(self) -> bool:
         return self.timer.period_ns == 0 and self.session.backlog > BACKLOG_LIMIT

@@ -12,7 +12,8 @@ From the inputs to the outputs:
     effects           the effects of events that are no commands: requests, states to jump to
     commands          the rules for a command, NaN and infinity among them, and its drive
     requests          the rules for requests (pause, step, reset) and for states to jump to
-    pace              whether there may be a step: pauses, lockstep
+    followed_clock    the rules for ticks of another node's clock
+    pace              whether there may be a step: activity, pauses, lockstep, followed clock
     arm               the simulated arm: robot, brakes, simulator, failure
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 

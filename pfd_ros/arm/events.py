@@ -23,10 +23,13 @@ class Source(IntEnum):
     ARRAY = 1
     SET_STATE = 2
     REQUEST = 3
+    TICK = 7
 
 
 # The sources whose messages are commands for the joints.
 COMMANDS = frozenset({Source.NAMED, Source.ARRAY})
+# The sources that an inactive arm refuses.
+MOVING = COMMANDS | {Source.SET_STATE}
 
 
 class Verdict(IntEnum):

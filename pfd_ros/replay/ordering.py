@@ -80,7 +80,8 @@ class _Order:
         settings = log.settings
         self._publish_every, self._clock_every = settings.publish_every, settings.clock_every
         factor = settings.real_time_factor
-        nominal = factor / settings.step_size if factor else FASTEST
+        own_time = factor and not settings.follows_clock
+        nominal = factor / settings.step_size if own_time else FASTEST
         self._rate = min(nominal, FASTEST)
         self._started_ns = self._last_ns = log.started_ns
         self._last = dict.fromkeys(log.roles.values(), 0)

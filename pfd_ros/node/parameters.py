@@ -4,10 +4,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 import dataclasses
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import ParameterUninitializedException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -44,28 +46,45 @@ def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
     return descriptor
 
 
-def declare(node: Node) -> Settings:
-    """Declare every setting as a read-only parameter and return the chosen values.
+def declare(node: Node) -> bool:
+    """Declare every setting as a parameter and return that of `autostart`.
+
+    They are read-only, but for those of a node without autostart: such a node may be configured
+    again and again, with other values.
 
     Raises
     ------
     rclpy.exceptions.ParameterException
         If a value has the wrong type or lies outside its range.
+    """
+    fields = {field.name: field for field in dataclasses.fields(Settings)}
+    first = fields.pop('autostart')
+    node.declare_parameter(first.name, first.default, _descriptor(first))
+    autostart = bool(node.get_parameter(first.name).value)
+    for field in fields.values():
+        kind = _KINDS[str(field.type)]
+        # Without a default value an empty array has no type; the type alone has no default.
+        given = kind if isinstance(field.default, tuple) and not field.default else field.default
+        descriptor = _descriptor(field)
+        descriptor.read_only = autostart
+        node.declare_parameter(
+            parameter_name(field), list(given) if isinstance(given, tuple) else given, descriptor
+        )
+    return autostart
+
+
+def read(node: Node) -> Settings:
+    """Return the settings that the parameters of a node say.
+
+    Raises
+    ------
     ValueError
         If the values do not go together.
     """
     values: dict[str, Any] = {}
     for field in dataclasses.fields(Settings):
-        kind = _KINDS[str(field.type)]
-        # Without a default value an empty array has no type; the type alone has no default.
-        given = kind if isinstance(field.default, tuple) and not field.default else field.default
-        parameter = node.declare_parameter(
-            parameter_name(field),
-            list(given) if isinstance(given, tuple) else given,
-            _descriptor(field),
-        )
-        if parameter.type_ is not Parameter.Type.NOT_SET:
-            value = parameter.value
+        with suppress(ParameterUninitializedException):
+            value = node.get_parameter(parameter_name(field)).value
             values[field.name] = (
                 value if isinstance(value, str | bool | int | float) else tuple(value)
             )

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ros_processes import MILLISECOND, Peer, Processes, stamp_ns
+from ros_processes import MILLISECOND, Peer, Processes, call, stamp_ns
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read
@@ -24,16 +24,6 @@ NAMES = ('shoulder', 'elbow')
 # Looks of 0.1 s at most in which no state came.
 QUIET_LOOKS = 5
 START = ('-p', 'initial_positions:=[0.3, -0.2]')
-
-
-def call(peer: Peer, kind: Any, name: str, **values: Any) -> Any:
-    """Call a service of the node and return its response."""
-    client = peer.node.create_client(kind, f'/sim_arm/{name}')
-    peer.wait(client.service_is_ready)
-    future = client.call_async(kind.Request(**values))
-    peer.wait(future.done)
-    peer.node.destroy_client(client)
-    return future.result()
 
 
 def pause(peer: Peer, wanted: bool) -> Any:

@@ -15,6 +15,7 @@ From the inputs to the outputs:
     followed_clock    the rules for ticks of another node's clock
     pace              whether there may be a step: activity, pauses, lockstep, followed clock
     arm               the simulated arm: robot, brakes, simulator, failure
+    stable_gains      the largest gains of a PD loop through a zero-order hold
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 
 A new input is a Source in `events` and a rule in `engine`. A new output is a role in `events`, its

@@ -86,6 +86,7 @@ class Engine:
     """
 
     def __init__(self, settings: Settings, robot: Any) -> None:
+        self.robot = robot
         self.arm = Arm(settings, robot)
         self.settings = self.arm.settings
         self.cycles = 0

@@ -17,6 +17,7 @@ Around it:
     command_counts   verdicts counted by topic
     graph_check      other nodes on the topics: foreign types, QoS, a second clock
     throttled_log    log lines that become rarer while a trouble lasts
+    diagnostics      main thread: /diagnostics once a second
     reporting        main thread: log lines once a second, totals, problems at the end
     sim_arm          one configured arm: puts these parts together
     lifecycle        the rclpy node: parameters, transitions, the arm from configure to cleanup

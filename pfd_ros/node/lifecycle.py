@@ -40,6 +40,7 @@ from rclpy.parameter import Parameter
 from pfd_ros.arm.setting_fields import parameter_name
 from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
+from pfd_ros.node.diagnostics import ERROR, OK, DiagnosticsPublisher, Task
 from pfd_ros.node.sim_arm import SimArm
 from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.node.workers import Workers, described
@@ -89,6 +90,7 @@ class SimArmNode(LifecycleNode):
         self._error: Exception | None = None
         self._problems: list[str] = []
         self._log = ThrottledLog(self.get_logger())
+        self._diagnostics = DiagnosticsPublisher(self)
         self._autostart = self._starting = parameters.declare(self)
         if not self._autostart:
             self.add_on_set_parameters_callback(self._allow_new_values)
@@ -226,9 +228,15 @@ class SimArmNode(LifecycleNode):
         if not self._lock.acquire(blocking=False):
             return
         try:
+            # The public way asks a service of this node.
+            _, label = self._state_machine.current_state
+            level = ERROR if self._problems else OK
+            tasks = [Task('lifecycle', level, label, [('problems', len(self._problems))])]
             if self.arm is not None:
                 self.arm.reporter.report()
+                tasks += self.arm.diagnostics.tasks()
             self._report_callbacks()
+            self._diagnostics.publish(tasks)
         finally:
             self._lock.release()
 

@@ -23,6 +23,7 @@ from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
 from pfd_ros.node.command_counts import CommandCounts
+from pfd_ros.node.diagnostics import ArmDiagnostics
 from pfd_ros.node.endpoints import NonblockingPublisher, create_endpoints
 from pfd_ros.node.graph_check import GraphCheck
 from pfd_ros.node.log_session import open_session
@@ -47,7 +48,7 @@ class SimArm:
         For the stepping thread.
     thread
         The thread that steps it, once it is started.
-    reporter
+    reporter, diagnostics
         For the main thread.
 
     Raises
@@ -90,6 +91,7 @@ class SimArm:
         create_services(node, self._receiver, engine)
         stepper = Stepper(engine, self._receiver, session, publishers, counts)
         self.reporter = Reporter(log, endpoints, stepper, graph)
+        self.diagnostics = ArmDiagnostics(stepper, counts, log)
         _warn_about(settings, robot, log)
         self.stepper = stepper
 

@@ -1,12 +1,18 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""When the next step is due, in multiples of a period on the steady clock, never on ROS time."""
+"""When the next step is due, in multiples of a period on the steady clock, never on ROS time.
+
+And how long the steps took.
+"""
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
 import time
+
+import numpy as np
 
 # Short delays are made up for, so that the mean rate holds. After a longer stall the arm does
 # not rush through the missed periods: they are counted, and the timer starts anew.
@@ -73,3 +79,25 @@ class StepTimer:
         if period_ns != self.period_ns:
             self.period_ns = period_ns
             self.start()
+
+
+class StepLengths:
+    """How long the newest steps took, ns: written by one thread, read by another.
+
+    No lock, and no memory is made for a step: the reader may see a few lengths of newer steps.
+    """
+
+    COUNT = 1 << 13
+
+    def __init__(self) -> None:
+        # Writes to it cost half of those to an array of NumPy.
+        self._lengths = array('q', bytes(8 * self.COUNT))
+
+    def add(self, cycle: int, length_ns: int) -> None:
+        """Keep the length of a cycle."""
+        self._lengths[cycle % self.COUNT] = length_ns
+
+    def newest(self, after: int, last: int) -> np.ndarray:
+        """Return the lengths of the cycles after one, up to another; of the newest at most."""
+        first = max(after + 1, last + 1 - self.COUNT)
+        return np.frombuffer(self._lengths, np.int64)[np.arange(first, last + 1) % self.COUNT]

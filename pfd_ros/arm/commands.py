@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pfd_ros.arm.effects import Request, SettingsChange, StateChange
+from pfd_ros.arm.effects import ClockTick, Request, SettingsChange, StateChange
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.text import NAME_COUNT, cut, listed
@@ -59,7 +59,7 @@ class Judgement(NamedTuple):
     detail: str = ''
     unknown: tuple[str, ...] = ()
     unknown_count: int = 0
-    effect: Command | Request | StateChange | SettingsChange | None = None
+    effect: Command | Request | StateChange | SettingsChange | ClockTick | None = None
 
 
 class Drive(NamedTuple):

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The effects of events that are no commands: requests, states to jump to, new settings."""
+"""The effects of events that are no commands: requests, jumps, new settings, ticks of a clock."""
 
 from __future__ import annotations
 
@@ -41,3 +41,10 @@ class StateChange:
     joints: tuple[int, ...]
     positions: tuple[float, ...]
     velocities: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ClockTick:
+    """The time of a followed clock, ns."""
+
+    stamp_ns: int

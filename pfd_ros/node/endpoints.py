@@ -17,7 +17,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -30,8 +30,12 @@ SUBSCRIBED = {
     Source.NAMED: (JointState, 'joint_commands', 1),
     Source.ARRAY: (Float64MultiArray, '~/commands', 1),
     Source.SET_STATE: (JointState, '~/set_state', 1),
+    Source.TICK: (Clock, '/clock', 1),
 }
 PUBLISHED = {STATES: (JointState, 'joint_states', 10), CLOCK: (Clock, '/clock', 1)}
+# A clock may come best effort; a tick that is lost is made up for by the next one.
+RELIABLE = ReliabilityPolicy.RELIABLE
+RELIABILITY = {Source.TICK: ReliabilityPolicy.BEST_EFFORT}
 AT_ONCE = Duration()
 # Longest call of a publisher, s; the step timer makes up for delays this long.
 LONGEST_SECONDS = 0.05
@@ -46,9 +50,13 @@ class Endpoints:
 
 
 def create_endpoints(
-    node: Node, *, publish_clock: bool, on_message: Callable[[Source, bytes], None]
+    node: Node,
+    *,
+    publish_clock: bool,
+    follow_clock: bool,
+    on_message: Callable[[Source, bytes], None],
 ) -> Endpoints:
-    """Create the endpoints of a node, the clock's only if wanted.
+    """Create the endpoints of a node, those of the clock only if wanted.
 
     `on_message` is called with each serialized message, on the executor's thread.
     """
@@ -72,12 +80,13 @@ def create_endpoints(
             kind,
             topic,
             partial(on_message, source),
-            QoSProfile(depth=depth),
+            QoSProfile(depth=depth, reliability=RELIABILITY.get(source, RELIABLE)),
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             **overridable,
         )
         for source, (kind, topic, depth) in SUBSCRIBED.items()
+        if source is not Source.TICK or follow_clock
     }
     return Endpoints(publishers, subscriptions)
 

@@ -14,7 +14,7 @@ From the inputs to the outputs:
     changes           the rules for settings that change while the arm runs
     requests          the rules for requests (pause, step, reset) and for states to jump to
     pace              whether there may be a step: pauses, lockstep
-    actuators         from commanded efforts to those that act: the limits of the motors
+    actuators         from commands to the efforts that act: servos, limits of the motors
     arm               the simulated arm: robot, brakes, simulator, failure
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 

@@ -146,7 +146,7 @@ class Engine:
                 return judge_array(convert.decode_floats(payload), self._order)
             if source is Source.NAMED:
                 message = convert.decode_joint_state(payload)
-                return judge_named(message, self._index, self._since_ns)
+                return judge_named(message, self._index, self._since_ns, self.actuators.gains)
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
                 return judge_state(message, self._index, self._since_ns)
@@ -179,6 +179,7 @@ class Engine:
     def _set(self, settings: Settings) -> None:
         """Take over other values of dynamic settings; all others are as before."""
         self.settings = self.arm.settings = settings
+        self.actuators.set(settings)
 
     def step(self) -> list[Output]:
         """Run the next cycle on the events that were taken; return its state and its tick."""
@@ -188,7 +189,7 @@ class Engine:
             self.arm.jump(self.jumps)
             self.jumps = []
         else:
-            self.applied = self.actuators.applied(self.drive, self.arm.qd)
+            self.applied = self.actuators.applied(self.drive, self.arm.q, self.arm.qd)
             self.arm.advance(self.applied)
         outputs: list[Output] = []
         self._add_state_and_tick(outputs)

@@ -32,6 +32,7 @@ from pfd_ros.arm.effects import SettingsChange, StateChange
 from pfd_ros.arm.events import (
     CLOCK,
     COMMANDS,
+    DROPPED_STATES,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -45,6 +46,7 @@ from pfd_ros.arm.events import (
 )
 from pfd_ros.arm.pace import Pace
 from pfd_ros.arm.requests import judge_request, judge_state
+from pfd_ros.arm.sensors import JointArrays, sensors_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import convert
 from pfd_ros.text import one_line
@@ -85,6 +87,8 @@ class Engine:
         From the one to the other.
     jumps
         The states that the next step jumps to, one after the other.
+    sensors
+        From the true state to the measured one, None where these are the same.
 
     Raises
     ------
@@ -107,6 +111,7 @@ class Engine:
         # Stamped commands from before are left-overs.
         self._since_ns = settings.start_ns
         self.jumps: list[StateChange | None] = []
+        self.sensors = sensors_of(self.settings, self.arm)
         self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id)
 
     @property
@@ -188,9 +193,13 @@ class Engine:
             self.applied = let_go(self.drive)
             self.arm.jump(self.jumps)
             self.jumps = []
+            if self.sensors is not None:
+                self.sensors.restart()
         else:
             self.applied = self.actuators.applied(self.drive, self.arm.q, self.arm.qd)
             self.arm.advance(self.applied)
+            if self.sensors is not None:
+                self.sensors.sample()
         outputs: list[Output] = []
         self._add_state_and_tick(outputs)
         self.pace.stepped(published=bool(outputs) and outputs[0].role == STATES)
@@ -198,13 +207,19 @@ class Engine:
             self._since_ns = self.arm.stamp_ns
         return outputs
 
+    def measured(self) -> JointArrays:
+        """Return the positions, velocities and efforts that the state of this cycle tells."""
+        if self.sensors is None:
+            return JointArrays(self.arm.q, self.arm.qd, self.arm.tau)
+        return self.sensors.measured(self.cycles)
+
     def present(self) -> list[Output]:
         """Return the state and the clock tick as they are now, for readers that missed them.
 
         They are not part of the run: no cycle, and nothing to record.
         """
         arm = self.arm
-        state = self._encoder.encode(arm.stamp_ns, arm.q, arm.qd, arm.tau)
+        state = self._encoder.encode(arm.stamp_ns, *self.measured())
         found = [Output(STATES, 0, state)]
         if self._clock_every:
             found.append(Output(CLOCK, 0, convert.encode_clock(arm.stamp_ns)))
@@ -236,8 +251,10 @@ class Engine:
         """Add the state and the clock tick of this cycle; the state precedes its tick."""
         arm, cycle = self.arm, self.cycles
         if cycle % self._publish_every == 0:
-            state = self._encoder.encode(arm.stamp_ns, arm.q, arm.qd, arm.tau)
-            outputs.append(Output(STATES, cycle // self._publish_every, state))
+            dropped = self.sensors is not None and self.sensors.drops(cycle)
+            role = DROPPED_STATES if dropped else STATES
+            state = self._encoder.encode(arm.stamp_ns, *self.measured())
+            outputs.append(Output(role, cycle // self._publish_every, state))
         if self._clock_every and cycle % self._clock_every == 0:
             tick = convert.encode_clock(arm.stamp_ns)
             outputs.append(Output(CLOCK, cycle // self._clock_every, tick))

@@ -12,7 +12,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Source
+from pfd_ros.arm.events import CLOCK, DROPPED_STATES, STATES, TAKEN, Source
 from pfd_ros.messages import convert
 
 FORMAT = '1'
@@ -72,6 +72,7 @@ CHANNELS = {
     PARAMETERS: Channel(convert.STRING, vital=True, always=False),
     TAKEN: Channel(convert.INTEGER_ARRAY, vital=True),
     STATES: Channel(convert.JOINT_STATE),
+    DROPPED_STATES: Channel(convert.JOINT_STATE, always=False),
     CLOCK: Channel(convert.CLOCK, always=False),
 }
 ROLE_OF_SOURCE = {

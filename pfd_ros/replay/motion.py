@@ -3,7 +3,7 @@
 """The motion of a recording: the efforts and brakes of every step, and the recorded states.
 
 The recording is replayed for the efforts and brakes: they may depend on the state. Only the
-recorded states are taken as they are.
+recorded states are taken as they are, unless sensors measured them: then the replay tells them.
 """
 
 from __future__ import annotations
@@ -137,6 +137,9 @@ class _Reading:
         elif message.role == STATES:
             self.run_to(message.cycle)
             state = decode_joint_state(message.data)
+            if self.engine.sensors is not None:
+                arm = self.engine.arm
+                state = replace(state, position=arm.q, velocity=arm.qd)
             q, qd = np.empty((2, self.engine.arm.q.size))
             q[list(self.engine.arm.order)] = state.position
             qd[list(self.engine.arm.order)] = state.velocity

@@ -17,7 +17,7 @@ From the inputs to the outputs:
     requests          the rules for requests (pause, step, reset) and for states to jump to
     followed_clock    the rules for ticks of another node's clock
     pace              whether there may be a step: activity, pauses, lockstep, followed clock
-    actuators         from commanded efforts to those that act: the limits of the motors
+    actuators         from commands to the efforts that act: servos, limits of the motors
     arm               the simulated arm: robot, brakes, simulator, failure
     sensors           the true state -> the measured one, which joint_states tell
     stable_gains      the largest gains of a PD loop through a zero-order hold

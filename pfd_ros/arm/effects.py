@@ -9,6 +9,9 @@ from typing import Any
 
 # Most steps of one request; a request that lasts for ever is `resume`.
 MOST_STEPS = 1_000_000
+# Farther and faster than any joint goes, rad or m, rad/s or m/s; a simulation from there, or a
+# servo to it, would not stay finite.
+LARGEST_POSITION, LARGEST_VELOCITY = 1e6, 1e4
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ class Engine:
                 return judge_array(convert.decode_floats(payload), self._order)
             if source is Source.NAMED:
                 message = convert.decode_joint_state(payload)
-                return judge_named(message, self._index, self._since_ns)
+                return judge_named(message, self._index, self._since_ns, self.actuators.gains)
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
                 return judge_state(message, self._index, self._since_ns)
@@ -198,6 +198,7 @@ class Engine:
     def _set(self, settings: Settings) -> None:
         """Take over other values of dynamic settings; all others are as before."""
         self.settings = self.arm.settings = settings
+        self.actuators.set(settings)
 
     def _follow(self, tick: ClockTick) -> None:
         clock = self.pace.clock
@@ -217,7 +218,7 @@ class Engine:
             if self.sensors is not None:
                 self.sensors.restart()
         else:
-            self.applied = self.actuators.applied(self.drive, self.arm.qd)
+            self.applied = self.actuators.applied(self.drive, self.arm.q, self.arm.qd)
             self.arm.advance(self.applied)
             if self.sensors is not None:
                 self.sensors.sample()

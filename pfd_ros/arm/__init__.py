@@ -6,15 +6,18 @@ From the inputs to the outputs:
 
     setting_fields    the fields of settings: description, range, reading
     command_settings  the settings of commands, a part of
+    plant_settings    the settings of the simulated plant, another part
     settings          everything that is not an event: robot, scene, step size, rates
     scene             the scene of the settings: from a file or from their switches
     events            the event rule: events and outputs, sources, verdicts
     effects           the effects of events that are no commands: requests, states to jump to
     commands          the rules for a command, NaN and infinity among them, and its drive
-    changes           the rules for settings that change while the arm runs
+    tip_frames        frames that the last link carries: wrenches and inertias brought to its own
+    wrench            the rules for external wrenches, and how long one acts
     requests          the rules for requests (pause, step, reset) and for states to jump to
     pace              whether there may be a step: pauses, lockstep
     arm               the simulated arm: robot, brakes, simulator, failure
+    changes           the rules for settings that change while the arm runs: new payloads, gains
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 
 A new input is a Source in `events` and a rule in `engine`. A new output is a role in `events`, its

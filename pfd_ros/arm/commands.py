@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pfd_ros.arm.effects import Request, SettingsChange, StateChange
+from pfd_ros.arm.effects import Request, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.text import NAME_COUNT, cut, listed
@@ -48,7 +48,7 @@ class Judgement:
     efforts: tuple[float, ...] = ()
     unknown: tuple[str, ...] = ()
     unknown_count: int = 0
-    effect: Request | StateChange | SettingsChange | None = None
+    effect: Request | StateChange | SettingsChange | WrenchChange | None = None
 
 
 @dataclass(frozen=True)

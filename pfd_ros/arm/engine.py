@@ -23,12 +23,13 @@ from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.changes import judge_changes
+from pfd_ros.arm.changes import judge_changes, judge_payload, payload_message
 from pfd_ros.arm.commands import Judgement, held, judge_array, judge_named, let_go, merge
-from pfd_ros.arm.effects import SettingsChange, StateChange
+from pfd_ros.arm.effects import SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
     CLOCK,
     COMMANDS,
+    PAYLOAD_IN_USE,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -43,6 +44,7 @@ from pfd_ros.arm.events import (
 from pfd_ros.arm.pace import Pace
 from pfd_ros.arm.requests import judge_request, judge_state
 from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.wrench import ExternalWrench, judge_wrench
 from pfd_ros.messages import convert
 from pfd_ros.text import one_line
 
@@ -76,6 +78,8 @@ class Engine:
         Whether there may be a next one.
     drive
         The efforts and brakes of the next step.
+    wrench
+        The wrench on the last link, None in a scene without one.
     jumps
         The states that the next step jumps to, one after the other.
 
@@ -96,7 +100,10 @@ class Engine:
         self._index = {name: i for i, name in enumerate(robot.joint_names)}
         self.drive = held(robot.n)
         # Stamped commands from before are left-overs.
-        self._since_ns = settings.start_ns
+        self._since_ns = self._reset_ns = settings.start_ns
+        self.wrench = ExternalWrench(settings) if self.arm.scene.external_wrench else None
+        self._payload_is_new = self.arm.scene.payload is not None
+        self._payloads = 0
         self.jumps: list[StateChange | None] = []
         self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id)
 
@@ -142,8 +149,12 @@ class Engine:
                 message = convert.decode_joint_state(payload)
                 return judge_state(message, self._index, self._since_ns)
             if source is Source.PARAMETERS:
-                text = convert.decode_string(payload)
-                return judge_changes(text, self.settings, len(self.arm.order))
+                return judge_changes(convert.decode_string(payload), self.arm)
+            if source is Source.WRENCH:
+                wrench, on = convert.decode_wrench(payload), self.wrench is not None
+                return judge_wrench(wrench, self.arm.robot, self._reset_ns, taken=on)
+            if source is Source.PAYLOAD:
+                return judge_payload(convert.decode_inertia(payload), self.arm)
             return judge_request(convert.decode_string(payload), self.pace.paused)
         except ValueError as error:
             return Judgement(Verdict.MALFORMED, one_line(error))
@@ -158,21 +169,37 @@ class Engine:
             self.drive = let_go(self.drive)
             self._since_ns = self.arm.stamp_ns + self.settings.step_ns
         elif isinstance(effect, SettingsChange):
-            self._set(effect.settings)
+            self._set(effect)
+        elif isinstance(effect, WrenchChange):
+            if self.wrench is not None:
+                self.wrench.put(effect, self.settings.external_wrench_timeout)
         elif effect is not None and effect.name == 'reset':
             self.jumps = [None]
             self.drive = held(len(self.arm.order))
-            self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+            self._since_ns = self._reset_ns = self.arm.stamp_ns + self.settings.step_ns
+            self._clear_wrench()
+        elif effect is not None and effect.name == 'clear_wrench':
+            self._clear_wrench()
         elif effect is not None:
             self.pace.request(effect)
 
-    def _set(self, settings: Settings) -> None:
+    def _clear_wrench(self) -> None:
+        if self.wrench is not None:
+            self.wrench.clear()
+
+    def _set(self, change: SettingsChange) -> None:
         """Take over other values of dynamic settings; all others are as before."""
-        self.settings = self.arm.settings = settings
+        before = self.arm.scene.payload
+        self.settings = change.settings
+        self.arm.change(change.settings, change.plant)
+        if self.arm.scene.payload != before:
+            self._payload_is_new = True
 
     def step(self) -> list[Output]:
         """Run the next cycle on the events that were taken; return its state and its tick."""
         self.cycles += 1
+        if self.wrench is not None:
+            self.arm.wrench = self.wrench.next()
         if self.jumps:
             self.arm.jump(self.jumps)
             self.jumps = []
@@ -183,7 +210,16 @@ class Engine:
         self.pace.stepped(published=bool(outputs) and outputs[0].role == STATES)
         if self.pace.waits:
             self._since_ns = self.arm.stamp_ns
+        if self._payload_is_new and not self.arm.failure:
+            outputs.insert(0, self._payload_in_use())
         return outputs
+
+    def _payload_in_use(self) -> Output:
+        """Return the payload from this cycle on, at the origin and in the axes of the tip link."""
+        self._payload_is_new = False
+        self._payloads += 1
+        message = payload_message(self.arm.scene.payload, self.arm.stamp_ns, self.arm.robot.tip)
+        return Output(PAYLOAD_IN_USE, self._payloads, convert.encode_inertia(message))
 
     def present(self) -> list[Output]:
         """Return the state and the clock tick as they are now, for readers that missed them.

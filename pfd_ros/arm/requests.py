@@ -20,8 +20,8 @@ from pfd_ros.messages.convert import JointMessage, encode_string
 from pfd_ros.text import NAME_COUNT, cut, listed
 
 # pause, resume: whether simulated time stands still. step: so many steps in a pause. reset: the
-# initial state, held by the brakes.
-REQUESTS = ('pause', 'resume', 'step', 'reset')
+# initial state, held by the brakes. clear_wrench: no external wrench from now on.
+REQUESTS = ('pause', 'resume', 'step', 'reset', 'clear_wrench')
 # A request is far shorter.
 LONGEST_REQUEST = 1000
 # Farther and faster than any joint goes; a simulation from there would not stay finite.

@@ -17,6 +17,7 @@ from pfd_ros.arm.events import Source
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
+from pfd_ros.node.changing import Changes
 from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.endpoints import NonblockingPublisher, create_endpoints
 from pfd_ros.node.graph_check import GraphCheck
@@ -67,8 +68,8 @@ class SimArm(Node):
         self._receiver = Receiver(EventQueue(), session.record, counts)
         self.stepper = Stepper(engine, self._receiver, session, publishers, counts)
         create_services(self, self._receiver, engine)
-        changes = parameters.ParameterChanges(self._receiver, engine.settings, robot)
-        self.add_on_set_parameters_callback(changes.set)
+        self._changes = Changes(self._receiver, engine)
+        self.add_on_set_parameters_callback(parameters.ParameterChanges(self._changes).set)
         log = ThrottledLog(self.get_logger())
         graph = GraphCheck(self, endpoints, log)
         self.reporter = Reporter(log, endpoints, self.stepper, graph)
@@ -76,7 +77,10 @@ class SimArm(Node):
 
     def _receive(self, source: Source, data: bytes) -> None:
         # The endpoints are there before the receiver; messages come once an executor spins.
-        self._receiver.receive(source, data)
+        if source is Source.PAYLOAD:
+            self._changes.take_payload(data)
+        else:
+            self._receiver.receive(source, data)
 
     def _warn_about(self, settings: Settings, robot: Any, log: ThrottledLog) -> None:
         misspelt = parameters.misspelt(self)

@@ -86,6 +86,9 @@ TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict')
 # Roles of the outputs: verdict rows, the arm's state, the clock tick, a new payload.
 TAKEN, STATES, CLOCK = 'taken', 'joint_states', 'clock'
 PAYLOAD_IN_USE = 'payload_in_use'
+# A state that the sensors drop: recorded, not published; it is numbered with the others.
+DROPPED_STATES = 'dropped_states'
+NUMBERED_AS_STATES = frozenset({STATES, DROPPED_STATES})
 
 
 class Output(NamedTuple):

@@ -17,6 +17,7 @@ from typing import Any
 import pfd_core as pfd
 from pfd_ros.arm.command_settings import CommandSettings
 from pfd_ros.arm.plant_settings import PlantSettings
+from pfd_ros.arm.sensor_settings import SensorSettings
 from pfd_ros.arm.setting_fields import check_values, setting, typed
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import listed
@@ -34,7 +35,7 @@ POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
 
 @dataclass(frozen=True)
-class Settings(CommandSettings, PlantSettings):
+class Settings(CommandSettings, PlantSettings, SensorSettings):
     """The parameters of the node `sim_arm`; units SI, angles in rad.
 
     Raises
@@ -101,7 +102,7 @@ class Settings(CommandSettings, PlantSettings):
             raise ValueError(
                 f'step_size is {self.step_size!r} s, expected a whole number of nanoseconds'
             )
-        _ = self.publish_every, self.clock_every
+        _ = self.publish_every, self.clock_every, self.state_delay_steps
 
     @property
     def compensated(self) -> bool | None:
@@ -133,6 +134,21 @@ class Settings(CommandSettings, PlantSettings):
     def clock_every(self) -> int:
         """Steps from one `/clock` tick to the next."""
         return self._steps_per('clock_rate', self.clock_rate)
+
+    @property
+    def state_delay_steps(self) -> int:
+        """Steps by which measured states are late."""
+        return self._whole_steps('delay.state', self.delay_state)
+
+    def _whole_steps(self, name: str, seconds: float) -> int:
+        steps = seconds / self.step_size
+        whole = round(steps)
+        if abs(steps - whole) > WHOLE * max(1.0, steps):
+            raise ValueError(
+                f'{name} is {seconds!r} s, which is {steps:.6g} steps of {self.step_size!r} s; '
+                'expected a whole number of steps'
+            )
+        return whole
 
     def _steps_per(self, name: str, rate: float) -> int:
         if rate == 0.0:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from pfd_ros.arm.events import CLOCK, PAYLOAD_IN_USE, STATES, TAKEN, Source
+from pfd_ros.arm.events import CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES, TAKEN, Source
 from pfd_ros.messages import convert
 
 FORMAT = '1'
@@ -76,6 +76,7 @@ CHANNELS = {
     TAKEN: Channel(convert.INTEGER_ARRAY, vital=True),
     PAYLOAD_IN_USE: Channel(convert.INERTIA, always=False),
     STATES: Channel(convert.JOINT_STATE),
+    DROPPED_STATES: Channel(convert.JOINT_STATE, always=False),
     CLOCK: Channel(convert.CLOCK, always=False),
 }
 ROLE_OF_SOURCE = {

@@ -3,7 +3,7 @@
 """The motion of a recording: the efforts and brakes of every step, and the recorded states.
 
 The recording is replayed for the efforts and brakes: they may depend on the state. Only the
-recorded states are taken as they are.
+recorded states are taken as they are, unless sensors measured them: then the replay tells them.
 """
 
 from __future__ import annotations
@@ -142,6 +142,9 @@ class _Reading:
         elif message.role == STATES:
             self.run_to(message.cycle)
             state = decode_joint_state(message.data)
+            if self.engine.sensors is not None:
+                arm = self.engine.arm
+                state = replace(state, position=arm.q, velocity=arm.qd)
             q, qd = np.empty((2, self.engine.arm.q.size))
             q[list(self.engine.arm.order)] = state.position
             qd[list(self.engine.arm.order)] = state.velocity
@@ -160,10 +163,10 @@ class _Reading:
                     f'its payload or gravity compensation changes before step '
                     f'{self.engine.cycles + 1}: that is no motion of one scene'
                 )
-            drive = self.engine.drive
+            self.engine.step()
+            drive = self.engine.applied
             self.efforts.append(drive.effort)
             self.braked.append(drive.braked)
-            self.engine.step()
 
 
 def _motion(path: Path, settings: Settings, reading: _Reading, steps: int) -> Motion:

@@ -3,7 +3,8 @@
 """The messages of a recording in their places: which cycle each belongs to, and that it can.
 
 The messages of a channel are numbered from 1; numbers may be left out, where the disk was too
-slow, but never repeat or decrease. Within a cycle come the verdict rows, of events that overflowed
+slow, but never repeat or decrease; states that the sensors dropped are numbered with those they
+published. Within a cycle come the verdict rows, of events that overflowed
 or were judged, the state, the clock tick. No cycle lies further ahead than the
 arm can have reached at the recorded time: a damaged number would otherwise be simulated through.
 """
@@ -17,6 +18,7 @@ from typing import NamedTuple
 
 from pfd_ros.arm.changes import read_changes
 from pfd_ros.arm.events import (
+    NUMBERED_AS_STATES,
     PAYLOAD_IN_USE,
     STATES,
     TAKEN,
@@ -141,7 +143,7 @@ class _Order:
         elif role == PAYLOAD_IN_USE:
             cycle = self._cycle_of_stamp(entry)
             self._follow(entry, cycle, _ROWS)
-        elif role == STATES:
+        elif role in NUMBERED_AS_STATES:
             cycle = number * self._publish_every
             self._follow(entry, cycle, _STATE)
         else:
@@ -158,7 +160,8 @@ class _Order:
 
     def _number(self, entry: Entry) -> tuple[int, int]:
         """Return the number of a message and how many are missing before it."""
-        last = self._last[entry.role]
+        numbered = STATES if entry.role in NUMBERED_AS_STATES else entry.role
+        last = self._last[numbered]
         # MCAP counts in 32 bits: 49 days at 1 kHz.
         ahead = (entry.sequence - last) & SEQUENCE_MASK
         if not 0 < ahead <= SEQUENCE_MASK // 2:
@@ -166,7 +169,7 @@ class _Order:
                 f'{entry.role} {entry.sequence} follows {last & SEQUENCE_MASK}: '
                 'repeated or out of order'
             )
-        self._last[entry.role] = last + ahead
+        self._last[numbered] = last + ahead
         return last + ahead, ahead - 1
 
     def _follow(self, entry: Entry, cycle: int, rank: int) -> None:

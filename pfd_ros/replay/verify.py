@@ -20,6 +20,7 @@ import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
     CLOCK,
+    DROPPED_STATES,
     PAYLOAD_IN_USE,
     STATES,
     TAKEN,
@@ -152,7 +153,10 @@ class _Replay:
                 self._run_to_stamp(message)
             self._run_to(message.cycle)
             if message.role not in self.outputs:
-                raise DifferenceError(f'step {message.cycle}: the replay has no {message.role}')
+                raise DifferenceError(
+                    f'step {message.cycle}: recorded {message.role} {message.number}, '
+                    f'replayed {" and ".join(self.outputs) or "nothing"}'
+                )
             self._compare(message, self.outputs[message.role])
 
     def finish(self, ending: Ending) -> None:
@@ -270,5 +274,6 @@ _DIFFERENCES = {
     TAKEN: _row_difference,
     PAYLOAD_IN_USE: _payload_difference,
     STATES: _state_difference,
+    DROPPED_STATES: _state_difference,
     CLOCK: _tick_difference,
 }

@@ -15,7 +15,7 @@ from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, Recording, Sent, Type
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict, VerdictRow
+from pfd_ros.arm.events import NUMBERED_AS_STATES, Arrival, Source, Verdict, VerdictRow
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import cdr
 from pfd_ros.recording import provenance
@@ -69,6 +69,8 @@ def simulate(
     engine = Engine(chosen, robot)
     first = engine.settings
     roles = {k: v for k, v in ROLES.items() if k != 'clock' or chosen.publish_clock}
+    if chosen.drop_state:
+        roles['dropped_states'] = '/sim_arm/dropped_states'
     made = Recording()
     counts: Counter[str] = Counter()
     accepted = 0
@@ -76,9 +78,12 @@ def simulate(
     def record(role: str, step: int, data: bytes) -> int:
         topic = roles.setdefault(role, f'/sim_arm/{role}')
         counts[role] += 1
+        number = counts[role]
+        if role in NUMBERED_AS_STATES:
+            number = sum(counts.get(each, 0) for each in NUMBERED_AS_STATES)
         log_ns = START_NS + step * chosen.step_ns
-        made.messages.append(Sent(topic, counts[role], log_ns, data))
-        return counts[role]
+        made.messages.append(Sent(topic, number, log_ns, data))
+        return number
 
     for step in range(1, steps + 1):
         events = []
@@ -98,7 +103,7 @@ def simulate(
     ]
     totals = {
         'steps': engine.arm.step,
-        'states': counts['joint_states'],
+        'states': sum(counts.get(role, 0) for role in NUMBERED_AS_STATES),
         'commands_accepted': accepted,
         'failure': engine.arm.failure,
     }

@@ -6,6 +6,7 @@ From the inputs to the outputs:
 
     setting_fields    the fields of settings: description, range, reading
     command_settings  the settings of commands, a part of
+    output_settings   the settings of what is published beside joint_states, and its types
     sensor_settings   the settings of the sensors, another part of
     settings          everything that is not an event: robot, scene, step size, rates
     noise             random numbers as a function of seed, channel and cycle
@@ -17,6 +18,7 @@ From the inputs to the outputs:
     pace              whether there may be a step: pauses, lockstep
     arm               the simulated arm: robot, brakes, simulator, failure
     sensors           the true state -> the measured one, which joint_states tell
+    outputs           what is published beside joint_states: model, tip, energy, true state
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 
 A new input is a Source in `events` and a rule in `engine`. A new output is a role in `events`, its

@@ -72,6 +72,8 @@ class Arm:
     q, qd, tau
         The last finite state (n,) in published order, rad or m, rad/s or m/s, and the efforts
         that led to it, N m or N; a joint on its brake has none.
+    wrench
+        Force and moment on the tip in its axes, (6,), N and N m.
     step
         Steps that ended in a finite state.
     failure
@@ -88,6 +90,7 @@ class Arm:
         self.names = tuple(robot.joint_names[i] for i in self.order)
         self.step = 0
         self.failure = ''
+        self.wrench = np.zeros(6)
         self._start_ns, self._step_ns = settings.start_ns, settings.step_ns
         self._columns = list(self.order)
         self._simulator = pfd.Simulator(robot, scene_of(settings), **simulator_settings(settings))
@@ -118,6 +121,17 @@ class Arm:
     def stamp_ns(self) -> int:
         """Simulated time, ns: whole steps, so that it never drifts."""
         return self._start_ns + self.step * self._step_ns
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """Accelerations (n,) under the last efforts, published order, rad/s^2 or m/s^2.
+
+        Zero before the first step, after a jump, and once the arm has failed.
+        """
+        if self.failure:
+            return np.zeros(len(self._columns))
+        qdd: np.ndarray = self._simulator.qdd[self._columns]
+        return qdd
 
     def advance(self, drive: Drive) -> None:
         """Do one step; after a failure the arm stands still and keeps its last finite state."""

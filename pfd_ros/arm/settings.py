@@ -15,6 +15,7 @@ import json
 from typing import Any
 
 from pfd_ros.arm.command_settings import CommandSettings
+from pfd_ros.arm.output_settings import OutputSettings
 from pfd_ros.arm.sensor_settings import SensorSettings
 from pfd_ros.arm.setting_fields import check_values, setting, typed
 from pfd_ros.messages.convert import NANOSECONDS
@@ -33,7 +34,7 @@ POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
 
 @dataclass(frozen=True)
-class Settings(CommandSettings, SensorSettings):
+class Settings(CommandSettings, SensorSettings, OutputSettings):
     """The parameters of the node `sim_arm`; units SI, angles in rad.
 
     Raises
@@ -98,6 +99,8 @@ class Settings(CommandSettings, SensorSettings):
                 f'locked_positions holds {len(self.locked_positions)} numbers, expected '
                 f'{len(self.locked)}, one for each of {listed(self.locked)}, or none'
             )
+        if len(set(self.outputs)) < len(self.outputs):
+            raise ValueError(f'outputs names one twice: {listed(self.outputs)}')
         if 0.0 < self.real_time_factor < SLOWEST_FACTOR:
             raise ValueError(
                 f'real_time_factor is {self.real_time_factor!r}, '

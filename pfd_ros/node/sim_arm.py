@@ -14,6 +14,7 @@ from rclpy.node import Node
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source
+from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
@@ -52,9 +53,7 @@ class SimArm(Node):
         settings = with_scene_text(parameters.declare(self))
         robot = load_robot(settings)
         engine = Engine(settings, robot)
-        endpoints = create_endpoints(
-            self, publish_clock=settings.publish_clock, on_message=self._receive
-        )
+        endpoints = create_endpoints(self, roles=roles_of(settings), on_message=self._receive)
         # After everything that a parameter can make fail: a refused parameter leaves no file.
         session = open_session(self, engine.settings, robot, endpoints)
         counts = CommandCounts()

@@ -15,6 +15,7 @@ from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, Recording, Sent, Type
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import NUMBERED_AS_STATES, Arrival, Source, Verdict, VerdictRow
+from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import cdr
 from pfd_ros.recording import provenance
@@ -64,9 +65,11 @@ def simulate(
     chosen = Settings(**{'robot': 'planar2', **settings})
     robot = load_robot(chosen)
     engine = Engine(chosen, robot)
-    roles = {k: v for k, v in ROLES.items() if k != 'clock' or chosen.publish_clock}
-    if chosen.drop_state:
-        roles['dropped_states'] = '/sim_arm/dropped_states'
+    roles = {
+        role: ROLES.get(role, f'/sim_arm/{role}')
+        for role in CHANNELS
+        if role in ('joint_commands', 'commands', 'taken') or role in roles_of(chosen)
+    }
     head = provenance.file_head(engine.settings, robot, roles, TimeBase(START_NS, 0))
     made = Recording(
         metadata=[(name, dict(values)) for name, values in head.metadata.items()],

@@ -14,8 +14,10 @@ From the inputs to the outputs:
     events            the event rule: events and outputs, sources, verdicts
     effects           the effects of events that are no commands: requests, states to jump to
     commands          the rules for a command, NaN and infinity among them, and its drive
+    changes           the rules for settings that change while the arm runs
     requests          the rules for requests (pause, step, reset) and for states to jump to
     pace              whether there may be a step: pauses, lockstep
+    actuators         from commanded efforts to those that act: the limits of the motors
     arm               the simulated arm: robot, brakes, simulator, failure
     sensors           the true state -> the measured one, which joint_states tell
     outputs           what is published beside joint_states: model, tip, energy, true state

@@ -22,9 +22,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.commands import Judgement, held, judge_array, judge_named, let_go, merge
-from pfd_ros.arm.effects import StateChange
+from pfd_ros.arm.changes import judge_changes
+from pfd_ros.arm.commands import Command, Judgement, held, judge_array, judge_named, let_go, merge
+from pfd_ros.arm.effects import SettingsChange, StateChange
 from pfd_ros.arm.events import (
     CLOCK,
     COMMANDS,
@@ -70,12 +74,18 @@ class Engine:
 
     Attributes
     ----------
+    settings
+        As they are now: events change the dynamic ones.
     cycles
         Number of the last cycle, 0 before the first.
     pace
         Whether there may be a next one.
     drive
-        The efforts and brakes of the next step.
+        The efforts and brakes that are commanded for the next step.
+    applied
+        The efforts and brakes of the last step, as the actuators made them.
+    actuators
+        From the one to the other.
     jumps
         The states that the next step jumps to, one after the other.
     sensors
@@ -96,7 +106,9 @@ class Engine:
         self._publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
         self._index = {name: i for i, name in enumerate(robot.joint_names)}
-        self.drive = held(robot.n)
+        self.drive = self.applied = held(robot.n)
+        self.actuators = Actuators(self.settings, robot, self.arm.order)
+        self._order = np.array(self.arm.order)
         # Stamped commands from before are left-overs.
         self._since_ns = settings.start_ns
         self.jumps: list[StateChange | None] = []
@@ -107,7 +119,7 @@ class Engine:
     @property
     def stands(self) -> bool:
         """Whether the next cycle has to wait for an event."""
-        return self.pace.stands and not self.jumps and not self.arm.failure
+        return self.pace.stands and not self.jumps
 
     def run_cycle(self, events: Iterable[Event] = ()) -> Taken:
         """Run the next cycle on the events since the last one; return all outputs of it."""
@@ -138,13 +150,16 @@ class Engine:
         source, payload = event.source, event.payload
         try:
             if source is Source.ARRAY:
-                return judge_array(convert.decode_floats(payload), self.arm.order)
+                return judge_array(convert.decode_floats(payload), self._order)
             if source is Source.NAMED:
                 message = convert.decode_joint_state(payload)
                 return judge_named(message, self._index, self._since_ns)
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
                 return judge_state(message, self._index, self._since_ns)
+            if source is Source.PARAMETERS:
+                text = convert.decode_string(payload)
+                return judge_changes(text, self.settings, len(self.arm.order))
             return judge_request(convert.decode_string(payload), self.pace.paused)
         except ValueError as error:
             return Judgement(Verdict.MALFORMED, one_line(error))
@@ -152,12 +167,15 @@ class Engine:
     def _apply(self, source: Source, judgement: Judgement) -> None:
         effect = judgement.effect
         if source in COMMANDS:
-            self.drive = merge(self.drive, judgement)
             self.pace.answer(judgement.verdict)
+        if isinstance(effect, Command):
+            self.drive = merge(self.drive, effect)
         elif isinstance(effect, StateChange):
             self.jumps.append(effect)
             self.drive = let_go(self.drive)
             self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+        elif isinstance(effect, SettingsChange):
+            self._set(effect.settings)
         elif effect is not None and effect.name == 'reset':
             self.jumps = [None]
             self.drive = held(len(self.arm.order))
@@ -165,16 +183,23 @@ class Engine:
         elif effect is not None:
             self.pace.request(effect)
 
+    def _set(self, settings: Settings) -> None:
+        """Take over other values of dynamic settings; all others are as before."""
+        self.settings = self.arm.settings = settings
+        self.sensors = sensors_of(settings, self.arm, self.sensors)
+
     def step(self) -> list[Output]:
         """Run the next cycle on the events that were taken; return its state and its tick."""
         self.cycles += 1
         if self.jumps:
+            self.applied = let_go(self.drive)
             self.arm.jump(self.jumps)
             self.jumps = []
             if self.sensors is not None:
                 self.sensors.restart()
         else:
-            self.arm.advance(self.drive)
+            self.applied = self.actuators.applied(self.drive, self.arm.qd)
+            self.arm.advance(self.applied)
             if self.sensors is not None:
                 self.sensors.sample()
         outputs: list[Output] = []

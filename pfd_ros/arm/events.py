@@ -23,6 +23,7 @@ class Source(IntEnum):
     ARRAY = 1
     SET_STATE = 2
     REQUEST = 3
+    PARAMETERS = 4
 
 
 # The sources whose messages are commands for the joints.

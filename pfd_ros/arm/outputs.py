@@ -16,9 +16,9 @@ one. With the joints in published order, H qdd + b = tau + tau_ext, where
     tip_wrench        k on the tip, in its axes
     energy            kinetic and potential, J, and the power of tau, W
 
-These are of the arm with its payload and without compensated gravity, which is a part of tau. Dry
-friction, stops and brakes have no place in that equation. Every number is finite: one that
-overflows is 0. The kernels are compiled when the arm is made.
+These are of the arm with its payload, as if no drive compensated its gravity; drives that do add
+a torque of their own to tau. Dry friction, stops and brakes have no place in that equation. Every
+number is finite: one that overflows is 0. The kernels are compiled when the arm is made.
 """
 
 from __future__ import annotations

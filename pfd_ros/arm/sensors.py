@@ -56,16 +56,11 @@ class Sensors:
     ----------
     line
         The true states of the last cycles, the oldest of which is measured.
-
-    Raises
-    ------
-    ValueError
-        If the settings do not go with the arm.
     """
 
     def __init__(self, settings: Settings, arm: Arm) -> None:
         self._seed, self._drop = settings.seed, settings.drop_state
-        self._errors = [_errors(settings, kind, arm.names) for kind in KINDS]
+        self._errors = [_errors(settings, kind, len(arm.names)) for kind in KINDS]
         self._arm = arm
         self.line: deque[JointArrays] = deque(maxlen=settings.state_delay_steps + 1)
         self.restart()
@@ -102,13 +97,8 @@ def sensors_of(settings: Settings, arm: Arm, before: Sensors | None = None) -> S
     """Return the sensors of an arm, None where states are measured as they are.
 
     Where dynamic settings have changed, `before` are the sensors so far, whose states are kept.
-
-    Raises
-    ------
-    ValueError
-        If the settings do not go with the arm.
     """
-    errors = [_errors(settings, kind, arm.names) for kind in KINDS]
+    errors = [_errors(settings, kind, len(arm.names)) for kind in KINDS]
     exact = not any(error.bias.any() or error.noise or error.step for error in errors)
     if exact and not settings.delay_state and not settings.drop_state:
         return None
@@ -118,15 +108,10 @@ def sensors_of(settings: Settings, arm: Arm, before: Sensors | None = None) -> S
     return made
 
 
-def _errors(settings: Settings, kind: str, names: tuple[str, ...]) -> Errors:
+def _errors(settings: Settings, kind: str, count: int) -> Errors:
     bias = getattr(settings, f'bias_{kind}')
-    if len(bias) not in (0, len(names)):
-        raise ValueError(
-            f'bias.{kind} holds {len(bias)} numbers, expected {len(names)}, '
-            f'one for each of {list(names)}, or none'
-        )
     return Errors(
-        np.array(bias) if bias else np.zeros(len(names)),
+        np.array(bias) if bias else np.zeros(count),
         getattr(settings, f'noise_{kind}'),
         getattr(settings, f'quantization_{kind}'),
     )

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import json
 from typing import Any
 
+import pfd_core as pfd
 from pfd_ros.arm.command_settings import CommandSettings
 from pfd_ros.arm.output_settings import OutputSettings
 from pfd_ros.arm.sensor_settings import SensorSettings
@@ -55,13 +56,13 @@ class Settings(CommandSettings, SensorSettings, OutputSettings):
     )
     step_size: float = setting(0.001, 'Simulated time per step, s', 1e-5, 0.1)
     substeps: int = setting(2, 'Steps of the integrator per step', 1, 100)
-    integrator: str = setting('auto', 'Integrator: auto, rk4, velocity_verlet or imex2')
+    integrator: str = setting('auto', 'Integrator', values=pfd.INTEGRATORS)
     position_sums: str = setting(
         'auto',
         'Sums of positions: plain, compensated (right after any number of turns) or auto',
         values=tuple(POSITION_SUMS),
     )
-    method: str = setting('auto', 'Forward dynamics: auto or a name from pfd_core.METHODS')
+    method: str = setting('auto', 'Forward dynamics', values=('auto', *pfd.METHODS))
     gravity: tuple[float, ...] = setting(
         (0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2; zeros switch it off'
     )
@@ -75,7 +76,7 @@ class Settings(CommandSettings, SensorSettings, OutputSettings):
     )
     start_time: float = setting(0.0, 'Simulated time before the first step, s', 0.0, 1e9)
     real_time_factor: float = setting(
-        1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0
+        1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0, dynamic=True
     )
     publish_rate: float = setting(
         0.0, 'joint_states per simulated second, Hz; 0 is every step', 0.0, 1e5

@@ -19,15 +19,16 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, REQUESTS, ROLE_OF_SOURCE, EndKey
+from pfd_ros.recording.format import CHANNELS, PARAMETERS, REQUESTS, ROLE_OF_SOURCE, EndKey
 from pfd_ros.recording.mcap_file import TimeBase, Topic
 from pfd_ros.recording.recorder import LogRecorder
 
-# Channels that only the file has: the verdict rows, the requests of services, and the states that
-# the sensors drop, if they do.
+# Channels that only the file has: the verdict rows, the requests of services, parameters set, and
+# the states that the sensors drop, if they do.
 OWN_TOPICS = {
     TAKEN: '~/applied_commands',
     REQUESTS: '~/requests',
+    PARAMETERS: '~/parameter_changes',
     DROPPED_STATES: '~/dropped_states',
 }
 

@@ -49,9 +49,11 @@ class SimArm(Node):
     """
 
     def __init__(self) -> None:
-        super().__init__(NAME)
+        super().__init__(NAME, start_parameter_services=False)
+        parameters.StrictParameterService(self)
         settings = with_scene_text(parameters.declare(self))
         robot = load_robot(settings)
+        settings = parameters.declare_joints(self, settings, robot)
         engine = Engine(settings, robot)
         endpoints = create_endpoints(self, roles=roles_of(settings), on_message=self._receive)
         # After everything that a parameter can make fail: a refused parameter leaves no file.
@@ -64,6 +66,8 @@ class SimArm(Node):
         self._receiver = Receiver(EventQueue(), session.record, counts)
         self.stepper = Stepper(engine, self._receiver, session, publishers, counts)
         create_services(self, self._receiver, engine)
+        changes = parameters.ParameterChanges(self._receiver, engine.settings, robot)
+        self.add_on_set_parameters_callback(changes.set)
         log = ThrottledLog(self.get_logger())
         graph = GraphCheck(self, endpoints, log)
         self.reporter = Reporter(log, endpoints, self.stepper, graph)

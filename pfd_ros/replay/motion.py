@@ -153,10 +153,10 @@ class _Reading:
                     f'its arm is set to another state before step {self.engine.cycles + 1}: '
                     'that is no motion'
                 )
-            drive = self.engine.drive
+            self.engine.step()
+            drive = self.engine.applied
             self.efforts.append(drive.effort)
             self.braked.append(drive.braked)
-            self.engine.step()
 
 
 def _motion(path: Path, settings: Settings, reading: _Reading, steps: int) -> Motion:

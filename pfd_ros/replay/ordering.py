@@ -12,8 +12,11 @@ reached at the recorded time: a damaged number would otherwise be simulated thro
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
 from typing import NamedTuple
 
+from pfd_ros.arm.changes import read_changes
 from pfd_ros.arm.events import (
     CLOCK,
     NUMBERED_AS_STATES,
@@ -24,8 +27,15 @@ from pfd_ros.arm.events import (
     Verdict,
     VerdictRow,
 )
-from pfd_ros.messages.convert import NANOSECONDS, decode_rows, encode_rows
-from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, encode_rows
+from pfd_ros.recording.format import (
+    CHANNELS,
+    PARAMETERS,
+    ROLE_OF_SOURCE,
+    SEQUENCE_MASK,
+    SOURCE_OF_ROLE,
+)
 from pfd_ros.recording.reader import Entry, Log
 
 # Steps per second that no node reaches; the bound where the settings name none.
@@ -90,12 +100,25 @@ class _Order:
         settings = log.settings
         self._every = dict.fromkeys(CHANNELS, settings.publish_every)
         self._every[CLOCK] = settings.clock_every
-        factor = settings.real_time_factor
-        nominal = factor / settings.step_size if factor else FASTEST
-        self._rate = min(nominal, FASTEST)
+        self._settings, self._rate = settings, 0.0
+        self._allow(settings)
         self._started_ns = self._last_ns = log.started_ns
         self._last = dict.fromkeys(log.roles.values(), 0)
         self._place = (0, _RANKS[CLOCK])
+
+    def _allow(self, settings: Settings) -> None:
+        """Raise the bound on the rate of cycles to that of some settings."""
+        factor = settings.real_time_factor
+        nominal = factor / settings.step_size if factor else FASTEST
+        self._rate = min(max(nominal, self._rate), FASTEST)
+
+    def _allow_change(self, data: bytes) -> None:
+        # Changes that the arm refuses have no effect, and need no bound of their own.
+        with suppress(ValueError):
+            values = read_changes(decode_string(data))
+            if 'real_time_factor' in values:
+                factor = values['real_time_factor']
+                self._allow(replace(self._settings, real_time_factor=factor))
 
     def place(self, entry: Entry) -> PlacedMessage:
         """Return a message with its number and its cycle."""
@@ -112,6 +135,8 @@ class _Order:
         rows: tuple[VerdictRow, ...] = ()
         if role in SOURCE_OF_ROLE:
             cycle = 0
+            if role == PARAMETERS:
+                self._allow_change(entry.data)
         elif role == TAKEN:
             rows = _rows(entry)
             cycle = rows[0].cycle

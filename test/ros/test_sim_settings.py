@@ -4,11 +4,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 import dataclasses
 import json
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -20,27 +19,27 @@ from pfd_ros.arm.settings import Settings
 CONFIG = Path(__file__).resolve().parents[2] / 'config' / 'sim_arm.yaml'
 
 
-def flat(tree: Mapping[str, Any], prefix: str = '') -> Iterator[tuple[str, Any]]:
-    """Yield each parameter of a file by its full name."""
-    for name, value in tree.items():
+def flattened(table: dict, before: str = '') -> Iterator[tuple[str, object]]:
+    """Yield the names of ROS parameters and their values, from the groups of a YAML file."""
+    for name, value in table.items():
         if isinstance(value, dict):
-            yield from flat(value, f'{prefix}{name}.')
+            yield from flattened(value, f'{before}{name}.')
         else:
-            yield f'{prefix}{name}', value
+            yield f'{before}{name}', value
 
 
 def test_the_shipped_file_holds_every_setting_at_its_default() -> None:
     text = CONFIG.read_text(encoding='utf-8')
-    given = dict(flat(yaml.safe_load(text)['/**']['ros__parameters']))
-    # Groups with a number for each joint have the names of its joints.
-    names = {
+    given = yaml.safe_load(text)['/**']['ros__parameters']
+    flat = dict(flattened(given))
+    fields = {
         parameter_name(field): field.name
         for field in dataclasses.fields(Settings)
         if not field.metadata['per_joint']
     }
-    assert set(given) == set(names)
-    values = {names[name]: value for name, value in given.items()}
-    assert settings_file.from_values(values) == Settings()
+    assert set(flat) == set(fields)
+    found = settings_file.from_values({fields[name]: value for name, value in flat.items()})
+    assert found == Settings()
 
 
 def test_settings_come_back_from_json_with_the_same_bits() -> None:

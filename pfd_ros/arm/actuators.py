@@ -60,14 +60,13 @@ class Actuators:
 
     def __init__(self, settings: Settings, robot: Any, order: Sequence[int]) -> None:
         self.saturated = 0
-        self._place = np.argsort(order)
-        unlimited = np.full(robot.n, np.inf)
-        self._full = effort_limits(robot)
-        self._most = self._full if settings.effort_limits else unlimited
+        full = effort_limits(robot)
+        self._most = full if settings.effort_limits else np.full(robot.n, np.inf)
         self._least = -self._most
-        self._speeds = speed_limits(robot) if settings.torque_speed else unlimited
-        # As long as the sum of squares is less, no joint is fast, however the sum is rounded.
-        self._slow = 0.999 * float(np.min(FULL_SPEED * self._speeds)) ** 2
+        # For each joint as published: index in the model, speed limit, full effort.
+        self._motors = [(i, float(speed_limits(robot)[i]), float(full[i])) for i in order]
+        slowest = min(speed for _, speed, _ in self._motors)
+        self._slow = FULL_SPEED * slowest if settings.torque_speed else np.inf
 
     def applied(self, drive: Drive, qd: np.ndarray) -> Drive:
         """Return the efforts and brakes of the next step.
@@ -80,19 +79,21 @@ class Actuators:
             Velocities of the joints, (n,) in published order, rad/s or m/s.
         """
         effort = np.minimum(np.maximum(drive.effort, self._least), self._most)
-        if qd.dot(qd) > self._slow:
-            effort = self._at_speed(effort, qd[self._place])
+        velocities = qd.tolist()
+        if max(velocities) > self._slow or min(velocities) < -self._slow:
+            self._limit_at_speed(effort, velocities)
         if effort.tobytes() == drive.effort.tobytes():
             return drive
         self.saturated += 1
         return Drive(effort, drive.braked)
 
-    def _at_speed(self, effort: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """Return the efforts that motors can give at these speeds, (n,) in model order.
+    def _limit_at_speed(self, effort: np.ndarray, velocities: Sequence[float]) -> None:
+        """Cut efforts, (n,) in model order, to those that the motors have at these speeds.
 
         Near its speed limit a motor drives its joint along with less; it brakes it with all.
         """
-        share = np.maximum((1.0 - np.abs(qd) / self._speeds) / (1.0 - FULL_SPEED), 0.0)
-        most = self._full * share
-        bound = ((effort > 0.0) == (qd > 0.0)) & (share < 1.0)
-        return np.where(bound, np.minimum(np.maximum(effort, -most), most), effort)
+        for (i, limit, full), velocity in zip(self._motors, velocities, strict=True):
+            share = (1.0 - abs(velocity) / limit) / (1.0 - FULL_SPEED)
+            if share < 1.0:
+                most = full * max(share, 0.0)
+                effort[i] = min(effort[i], most) if velocity > 0.0 else max(effort[i], -most)

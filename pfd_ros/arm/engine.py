@@ -230,7 +230,7 @@ class Engine:
     def stand_still(self, cycle: int) -> None:
         """Pass over the cycles up to `cycle`, for an arm that failed and gets no events.
 
-        State and tick are the same in each of them: a gap of any length costs nothing.
+        The arm is the same in each of them: a gap of any length costs nothing.
         """
         if not self.arm.failure:
             raise RuntimeError('only an arm that failed stands still')

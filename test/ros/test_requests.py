@@ -265,7 +265,7 @@ def test_the_present_state_can_be_sent_again_without_a_cycle() -> None:
 
 
 def test_a_failed_arm_stands_in_a_pause_too() -> None:
-    engine = made()
+    engine = made(effort_limits=False, torque_speed=False)
     engine.take([Arrival(Source.ARRAY, 1, efforts(1e308, 1e308))])
     while not engine.arm.failure:
         engine.step()

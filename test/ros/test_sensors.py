@@ -14,6 +14,7 @@ from scipy import stats
 from simulating import efforts, simulate
 
 from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import DROPPED_STATES, STATES, Arrival, Output, Source
@@ -212,6 +213,18 @@ def test_a_recording_with_every_error_of_the_sensors_verifies(
     assert not summary.lost
 
 
+def test_a_recording_in_which_the_noise_changes_verifies(tmp_path: Path) -> None:
+    louder = Source.PARAMETERS, encode_changes({'noise_position': 0.5, 'bias_effort': [1.0, 2.0]})
+    silent = Source.PARAMETERS, encode_changes({'noise_position': 0.0, 'bias_effort': []})
+    made = simulate(60, {5: [efforts(1.0, -0.5)], 20: [louder], 40: [silent]})
+    read(made.save(tmp_path / 'log.mcap'), verify=True)
+    exact = simulate(60, {5: [efforts(1.0, -0.5)]})
+    for number, (one, other) in enumerate(
+        zip(made.on(STATES_TOPIC), exact.on(STATES_TOPIC), strict=True), start=1
+    ):
+        assert (one.data != other.data) == (20 <= number < 40)
+
+
 def test_a_recording_whose_last_states_are_dropped_verifies(tmp_path: Path) -> None:
     for steps in range(100, 400):
         made = recorded(steps, drop_state=0.5)
@@ -251,8 +264,8 @@ def test_a_state_twice_published_and_dropped_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_failed_arm_with_sensors_verifies_through_its_gap(tmp_path: Path) -> None:
-    chosen = {**ALL, 'drop_state': 0.0, 'effort_limits': False}
-    made = simulate(60, {5: [efforts(1e300, 0.0)]}, **chosen)
+    unlimited = {'effort_limits': False, 'torque_speed': False}
+    made = simulate(60, {5: [efforts(1e300, 0.0)]}, **{**ALL, 'drop_state': 0.0, **unlimited})
     assert read(made.save(tmp_path / 'log.mcap'), verify=True).stopped_at is not None
     gone = {message.sequence for message in made.on(STATES_TOPIC)[20:40]}
     made.keep(lambda m: m.topic not in (STATES_TOPIC, '/clock') or m.sequence not in gone)

@@ -212,7 +212,7 @@ class Engine:
     def measured(self) -> JointArrays:
         """Return the positions, velocities and efforts that the state of this cycle tells."""
         if self.sensors is None:
-            return JointArrays(self.arm.q, self.arm.qd, self.arm.tau)
+            return self.arm.q, self.arm.qd, self.arm.tau
         return self.sensors.measured(self.cycles)
 
     def present(self) -> list[Output]:

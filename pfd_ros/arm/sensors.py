@@ -19,7 +19,7 @@ state that its sensors are behind at; their noise goes on.
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -33,12 +33,8 @@ KINDS = 'position', 'velocity', 'effort'
 _MOST_COUNTS = 2.0**52
 
 
-class JointArrays(NamedTuple):
-    """Positions, velocities and efforts (n,) of the joints in published order."""
-
-    position: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
+# Positions, velocities and efforts (n,) of the joints in published order.
+JointArrays: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 class Errors(NamedTuple):
@@ -74,17 +70,15 @@ class Sensors:
     def sample(self) -> None:
         """Take note of the true state of a cycle."""
         if not self._arm.failure:
-            self.line.append(JointArrays(self._arm.q, self._arm.qd, self._arm.tau))
+            self.line.append((self._arm.q, self._arm.qd, self._arm.tau))
 
     def measured(self, cycle: int) -> JointArrays:
         """Return the measured state of a cycle; its arrays are finite."""
-        delayed = self.line[0]
-        return JointArrays(
-            *(
-                _measured(value, errors, self._seed, channel, cycle)
-                for value, errors, channel in zip(delayed, self._errors, CHANNELS, strict=True)
-            )
+        position, velocity, effort = (
+            _measured(value, errors, self._seed, channel, cycle)
+            for value, errors, channel in zip(self.line[0], self._errors, CHANNELS, strict=True)
         )
+        return position, velocity, effort
 
     def drops(self, cycle: int) -> bool:
         """Return whether the state of a cycle is not published."""

@@ -63,9 +63,9 @@ def test_without_settings_for_them_there_are_no_sensors() -> None:
     engine = made()
     assert engine.sensors is None
     measured = engine.measured()
-    assert measured.position is engine.arm.q
-    assert measured.velocity is engine.arm.qd
-    assert measured.effort is engine.arm.tau
+    assert measured[0] is engine.arm.q
+    assert measured[1] is engine.arm.qd
+    assert measured[2] is engine.arm.tau
 
 
 @pytest.mark.parametrize('kind', ['position', 'velocity', 'effort'])

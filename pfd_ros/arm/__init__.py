@@ -16,6 +16,7 @@ From the inputs to the outputs:
     changes           the rules for settings that change while the arm runs
     requests          the rules for requests (pause, step, reset) and for states to jump to
     pace              whether there may be a step: pauses, lockstep
+    command_link      the way of commands to the drives: delay, drop-out, watchdog
     actuators         from commands to the efforts that act: servos, limits of the motors
     arm               the simulated arm: robot, brakes, simulator, failure
     sensors           the true state -> the measured one, which joint_states tell

@@ -13,6 +13,7 @@ import dataclasses
 import json
 from typing import Any
 
+from pfd_ros.arm.command_settings import check_servo
 from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import SettingsChange
 from pfd_ros.arm.events import Verdict
@@ -67,6 +68,7 @@ def changed(settings: Settings, values: Mapping[str, Any], count: int) -> Settin
     """
     found = dataclasses.replace(settings, **values)
     check_joint_counts(found, count)
+    check_servo(found)
     return found
 
 

@@ -13,8 +13,9 @@ from dataclasses import dataclass
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.events import Verdict
 
-# A driver that sends NaN until a controller has claimed its joints answers all the same.
-ANSWERS = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN})
+# A driver that sends NaN until a controller has claimed its joints answers all the same, and so
+# does a controller whose commands are of no use to an arm that a reflex has braked.
+ANSWERS = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN, Verdict.REFUSED})
 
 
 @dataclass

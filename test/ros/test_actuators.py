@@ -213,7 +213,7 @@ def test_a_jump_ends_the_servo(event: str) -> None:
         engine.run_cycle([Arrival(Source.SET_STATE, 1, targeted(NAMES, [0.2, 0.2])[1])])
     engine.step()
     assert not engine.arm.tau.any()
-    assert engine.drive.position is None
+    assert engine.link.drive.position is None
 
 
 def test_an_arm_without_gains_takes_efforts_beside_positions_and_refuses_positions_alone() -> None:

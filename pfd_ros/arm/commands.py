@@ -21,9 +21,11 @@ import numpy as np
 from pfd_ros.arm.effects import (
     LARGEST_POSITION,
     LARGEST_VELOCITY,
+    ClockTick,
     Request,
     SettingsChange,
     StateChange,
+    WrenchChange,
 )
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
@@ -78,7 +80,9 @@ class Judgement(NamedTuple):
     detail: str = ''
     unknown: tuple[str, ...] = ()
     unknown_count: int = 0
-    effect: Command | Request | StateChange | SettingsChange | None = None
+    effect: Command | Request | StateChange | SettingsChange | WrenchChange | ClockTick | None = (
+        None
+    )
 
 
 class Drive(NamedTuple):

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The effects of events that are no commands: requests, states to jump to, new settings."""
+"""The effects of events that are no commands: requests, jumps, new settings, ticks of a clock."""
 
 from __future__ import annotations
 
@@ -32,9 +32,17 @@ class Request:
 
 @dataclass(frozen=True)
 class SettingsChange:
-    """The `Settings` from the next cycle on."""
+    """The `Settings` from the next cycle on, and the `Plant` if they need another one."""
 
     settings: Any
+    plant: Any = None
+
+
+@dataclass(frozen=True)
+class WrenchChange:
+    """Force and moment on the last link, (6,) in N and N m, in its frame, about its origin."""
+
+    wrench: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -44,3 +52,10 @@ class StateChange:
     joints: tuple[int, ...]
     positions: tuple[float, ...]
     velocities: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ClockTick:
+    """The time of a followed clock, ns."""
+
+    stamp_ns: int

@@ -23,6 +23,11 @@ class CommandSettings:
         False, 'After each published state wait for a command with its stamp, or without a stamp'
     )
     step_count: int = setting(1, 'Steps of one call of ~/step', 1, MOST_STEPS)
+    convention: str = setting(
+        'plain',
+        'Efforts with gravity (plain), or without it, which the drives add (franka)',
+        values=('plain', 'franka'),
+    )
     effort_limits: bool = setting(
         True, "Cut efforts to the model's limits; joints without one get a wide one"
     )

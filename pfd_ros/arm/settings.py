@@ -126,7 +126,8 @@ class Settings(CommandSettings, PlantSettings, SensorSettings, OutputSettings):
             raise ValueError(
                 f'step_size is {self.step_size!r} s, expected a whole number of nanoseconds'
             )
-        _ = self.publish_every, self.clock_every, self.state_delay_steps
+        _ = self.publish_every, self.clock_every
+        _ = self.state_delay_steps, self.command_delay_steps
 
     @property
     def compensated(self) -> bool | None:
@@ -176,6 +177,11 @@ class Settings(CommandSettings, PlantSettings, SensorSettings, OutputSettings):
     def state_delay_steps(self) -> int:
         """Steps by which measured states are late."""
         return self._whole_steps('delay.state', self.delay_state)
+
+    @property
+    def command_delay_steps(self) -> int:
+        """Steps from the arrival of a command until it acts."""
+        return self._whole_steps('delay.commands', self.delay_commands)
 
     def _whole_steps(self, name: str, seconds: float) -> int:
         steps = seconds / self.step_size

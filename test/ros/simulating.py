@@ -52,7 +52,7 @@ def efforts(*values: float) -> bytes:
     writer = cdr.CdrWriter()
     writer.uint32(0)
     writer.uint32(0)
-    writer.numbers(np.array(values))
+    writer.numbers(np.array(values, float))
     return bytes(writer.data)
 
 

@@ -42,12 +42,12 @@ _KINDS = {
 _PER_JOINT = tuple(f for f in dataclasses.fields(Settings) if f.metadata['per_joint'])
 
 
-def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
+def _descriptor(field: dataclasses.Field[Any], fixed: bool) -> ParameterDescriptor:
     values = field.metadata['values']
     descriptor = ParameterDescriptor(
         description=field.metadata['text'],
         additional_constraints=f'one of {list(values)}' if values else '',
-        read_only=not field.metadata['dynamic'],
+        read_only=fixed and not field.metadata['dynamic'],
     )
     if field.metadata['range'] is not None:
         least, most = field.metadata['range']
@@ -60,58 +60,73 @@ def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
     return descriptor
 
 
-def _declared(node: Node, name: str, given: Any, field: dataclasses.Field[Any]) -> Parameter:
-    """Return a parameter, declared now unless it was before: a node may be configured again."""
-    if node.has_parameter(name):
-        return node.get_parameter_or(name)
-    return node.declare_parameter(name, given, _descriptor(field))
+def declare(node: Node, *, fixed: bool = True) -> None:
+    """Declare every setting but those for each joint.
 
-
-def declare(node: Node) -> Settings:
-    """Declare every setting but those for each joint, and return the chosen values.
+    `fixed` says whether those that are not dynamic are read-only.
 
     Raises
     ------
     rclpy.exceptions.ParameterException
         If a value has the wrong type or lies outside its range.
+    """
+    for field in dataclasses.fields(Settings):
+        if field not in _PER_JOINT:
+            kind, default = _KINDS[str(field.type)], field.default
+            # Without a default value an empty array has no type; the type alone has no default.
+            given = list(default) if isinstance(default, tuple) else default
+            given = kind if given == [] else given
+            node.declare_parameter(parameter_name(field), given, _descriptor(field, fixed))
+
+
+def read(node: Node) -> Settings:
+    """Return the settings that the declared parameters say.
+
+    Raises
+    ------
     ValueError
         If the values do not go together.
     """
     values: dict[str, Any] = {}
     for field in dataclasses.fields(Settings):
-        if field in _PER_JOINT:
-            continue
-        kind = _KINDS[str(field.type)]
-        # Without a default value an empty array has no type; the type alone has no default.
-        given = kind if isinstance(field.default, tuple) and not field.default else field.default
-        given = list(given) if isinstance(given, tuple) else given
-        parameter = _declared(node, parameter_name(field), given, field)
-        if parameter.type_ is not Parameter.Type.NOT_SET:
+        parameter = node.get_parameter_or(parameter_name(field))
+        if field not in _PER_JOINT and parameter.type_ is not Parameter.Type.NOT_SET:
             values[field.name] = _plain(parameter.value)
     return from_values(values)
 
 
-def declare_joints(node: Node, settings: Settings, robot: Any) -> Settings:
+def declare_joints(node: Node, settings: Settings, robot: Any, *, fixed: bool = True) -> Settings:
     """Declare the settings with a number for each joint, and return settings with those chosen.
 
-    A group in which no number differs from its default stays empty in the settings.
+    A group in which no number differs from its default stays empty in the settings. The numbers
+    that the user starts the node with count again whenever an arm is made.
 
     Raises
     ------
     rclpy.exceptions.ParameterException, ValueError
-        As `declare`.
+        As `declare` and `read`.
     """
     order = joint_order(settings.joints, robot)
     chosen: dict[str, Any] = {}
     for field in _PER_JOINT:
+        _undeclare_group(node, parameter_name(field))
         defaults = joint_values(field, settings, robot, order)
-        values = tuple(
-            _declared(node, joint_parameter(field, robot.joint_names[i]), default, field).value
-            for i, default in zip(order, defaults, strict=True)
-        )
+        names = [joint_parameter(field, robot.joint_names[i]) for i in order]
+        for name, default in zip(names, defaults, strict=True):
+            if not node.has_parameter(name):
+                node.declare_parameter(name, default, _descriptor(field, fixed))
+        values = tuple(node.get_parameter(name).value for name in names)
         if values != defaults:
             chosen[field.name] = values
     return dataclasses.replace(settings, **chosen)
+
+
+def _undeclare_group(node: Node, group: str) -> None:
+    """Forget the parameters of the joints of an arm before, which may have been another robot."""
+    for joint in node.get_parameters_by_prefix(group):
+        name = f'{group}.{joint}'
+        if not node.describe_parameter(name).read_only:
+            node.undeclare_parameter(name)
 
 
 def joint_parameter(field: dataclasses.Field[Any], joint: str) -> str:
@@ -168,6 +183,8 @@ class ParameterChanges:
         values: dict[str, Any] = {}
         for parameter in parameters:
             field, place = self._places[parameter.name]
+            if not field.metadata['dynamic']:
+                raise ValueError(f'{parameter.name} cannot change while there is an arm')
             if place < 0:
                 value = typed(parameter.name, _plain(parameter.value), str(field.type))
             else:

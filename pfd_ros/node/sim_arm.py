@@ -51,7 +51,8 @@ class SimArm(Node):
     def __init__(self) -> None:
         super().__init__(NAME, start_parameter_services=False)
         parameters.StrictParameterService(self)
-        settings = with_scene_text(parameters.declare(self))
+        parameters.declare(self)
+        settings = with_scene_text(parameters.read(self))
         robot = load_robot(settings)
         settings = parameters.declare_joints(self, settings, robot)
         engine = Engine(settings, robot)

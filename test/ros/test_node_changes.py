@@ -14,7 +14,7 @@ from typing import Any
 
 from plant_messages import payload
 import pytest
-from ros_processes import PATIENCE, Peer, Processes
+from ros_processes import PATIENCE, Peer, Processes, next_domain
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.changes import read_changes
@@ -362,3 +362,43 @@ class Plant:
         answer = self._client.call_async(self._trigger.Request())
         self._peer.wait(answer.done)
         return answer.result()
+
+
+def test_a_node_that_is_configured_again_shows_the_defaults_of_the_new_arm() -> None:
+    import rclpy
+
+    from pfd_ros.node import parameters
+
+    context = rclpy.Context()
+    rclpy.init(
+        context=context,
+        args=['--ros-args', '-p', 'bias.effort.elbow:=0.5', '-p', 'friction.joint2:=0.25'],
+        domain_id=next_domain(),
+    )
+    node = rclpy.create_node('again', context=context, start_parameter_services=False)
+    try:
+        parameters.declare(node, fixed=False)
+        two = parameters.declare_joints(node, *arm_of(node, robot='planar2'), fixed=False)
+        assert two.bias_effort == (0.0, 0.5)
+        assert two.joint_friction == ()
+        node.set_parameters([chosen('robot', 'puma560'), chosen('friction', True)])
+        settings, robot = arm_of(node)
+        six = parameters.declare_joints(node, settings, robot, fixed=False)
+        assert six.bias_effort == ()
+        expected = robot.friction.copy()
+        expected[1] = 0.25
+        assert six.joint_friction == tuple(expected.tolist())
+        assert not node.has_parameter('bias.effort.elbow')
+        assert node.get_parameter('friction.joint1').value == robot.friction[0]
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def arm_of(node: Any, **values: str) -> tuple[Settings, Any]:
+    """Return the settings and the robot that the parameters of a node say, after new values."""
+    from pfd_ros.node import parameters
+
+    node.set_parameters([chosen(name, value) for name, value in values.items()])
+    settings = parameters.read(node)
+    return settings, load_robot(settings)

@@ -140,6 +140,10 @@ class Arm:
         """Simulated time, ns: whole steps, so that it never drifts."""
         return self._start_ns + self.step * self._step_ns
 
+    def leap(self, stamp_ns: int) -> None:
+        """Let simulated time go on from there, without a step."""
+        self._start_ns = stamp_ns - self.step * self._step_ns
+
     def _compiled(self, settings: Settings) -> Plant:
         scene = scene_of(settings, self.robot, self.order)
         return Plant(scene, pfd.Simulator(self.robot, scene, **simulator_settings(settings)))

@@ -26,10 +26,13 @@ class Source(IntEnum):
     PARAMETERS = 4
     WRENCH = 5
     PAYLOAD = 6
+    TICK = 7
 
 
 # The sources whose messages are commands for the joints.
 COMMANDS = frozenset({Source.NAMED, Source.ARRAY})
+# The sources that an inactive arm refuses.
+MOVING = COMMANDS | {Source.SET_STATE}
 
 
 class Verdict(IntEnum):

@@ -10,6 +10,7 @@ answers with its verdict; all others are read-only.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 import dataclasses
 from dataclasses import dataclass
 from typing import Any
@@ -20,6 +21,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.exceptions import ParameterUninitializedException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
@@ -42,7 +44,7 @@ _KINDS = {
 _PER_JOINT = tuple(f for f in dataclasses.fields(Settings) if f.metadata['per_joint'])
 
 
-def _descriptor(field: dataclasses.Field[Any], fixed: bool) -> ParameterDescriptor:
+def _descriptor(field: dataclasses.Field[Any], *, fixed: bool = True) -> ParameterDescriptor:
     values = field.metadata['values']
     descriptor = ParameterDescriptor(
         description=field.metadata['text'],
@@ -60,27 +62,35 @@ def _descriptor(field: dataclasses.Field[Any], fixed: bool) -> ParameterDescript
     return descriptor
 
 
-def declare(node: Node, *, fixed: bool = True) -> None:
-    """Declare every setting but those for each joint.
+def declare(node: Node) -> bool:
+    """Declare every setting but those for each joint, and return that of `autostart`.
 
-    `fixed` says whether those that are not dynamic are read-only.
+    They are read-only, but for dynamic ones and those of a node without autostart: such a node
+    may be configured again and again, with other values.
 
     Raises
     ------
     rclpy.exceptions.ParameterException
         If a value has the wrong type or lies outside its range.
     """
-    for field in dataclasses.fields(Settings):
-        if field not in _PER_JOINT:
-            kind, default = _KINDS[str(field.type)], field.default
-            # Without a default value an empty array has no type; the type alone has no default.
-            given = list(default) if isinstance(default, tuple) else default
-            given = kind if given == [] else given
-            node.declare_parameter(parameter_name(field), given, _descriptor(field, fixed))
+    fields = {f.name: f for f in dataclasses.fields(Settings) if f not in _PER_JOINT}
+    first = fields.pop('autostart')
+    node.declare_parameter(first.name, first.default, _descriptor(first))
+    autostart = bool(node.get_parameter(first.name).value)
+    for field in fields.values():
+        kind = _KINDS[str(field.type)]
+        # Without a default value an empty array has no type; the type alone has no default.
+        given = kind if isinstance(field.default, tuple) and not field.default else field.default
+        node.declare_parameter(
+            parameter_name(field),
+            list(given) if isinstance(given, tuple) else given,
+            _descriptor(field, fixed=autostart),
+        )
+    return autostart
 
 
 def read(node: Node) -> Settings:
-    """Return the settings that the declared parameters say.
+    """Return the settings that the parameters of a node say.
 
     Raises
     ------
@@ -89,13 +99,13 @@ def read(node: Node) -> Settings:
     """
     values: dict[str, Any] = {}
     for field in dataclasses.fields(Settings):
-        parameter = node.get_parameter_or(parameter_name(field))
-        if field not in _PER_JOINT and parameter.type_ is not Parameter.Type.NOT_SET:
-            values[field.name] = _plain(parameter.value)
+        if field not in _PER_JOINT:
+            with suppress(ParameterUninitializedException):
+                values[field.name] = _plain(node.get_parameter(parameter_name(field)).value)
     return from_values(values)
 
 
-def declare_joints(node: Node, settings: Settings, robot: Any, *, fixed: bool = True) -> Settings:
+def declare_joints(node: Node, settings: Settings, robot: Any) -> Settings:
     """Declare the settings with a number for each joint, and return settings with those chosen.
 
     A group in which no number differs from its default stays empty in the settings. The numbers
@@ -106,6 +116,7 @@ def declare_joints(node: Node, settings: Settings, robot: Any, *, fixed: bool = 
     rclpy.exceptions.ParameterException, ValueError
         As `declare` and `read`.
     """
+    fixed = bool(node.get_parameter('autostart').value)
     order = joint_order(settings.joints, robot)
     chosen: dict[str, Any] = {}
     for field in _PER_JOINT:
@@ -114,7 +125,7 @@ def declare_joints(node: Node, settings: Settings, robot: Any, *, fixed: bool = 
         names = [joint_parameter(field, robot.joint_names[i]) for i in order]
         for name, default in zip(names, defaults, strict=True):
             if not node.has_parameter(name):
-                node.declare_parameter(name, default, _descriptor(field, fixed))
+                node.declare_parameter(name, default, _descriptor(field, fixed=fixed))
         values = tuple(node.get_parameter(name).value for name in names)
         if values != defaults:
             chosen[field.name] = values
@@ -184,7 +195,7 @@ class ParameterChanges:
         for parameter in parameters:
             field, place = self._places[parameter.name]
             if not field.metadata['dynamic']:
-                raise ValueError(f'{parameter.name} cannot change while there is an arm')
+                raise ValueError(f'{listed([parameter.name])} cannot change until cleanup')
             if place < 0:
                 value = typed(parameter.name, _plain(parameter.value), str(field.type))
             else:

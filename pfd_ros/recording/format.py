@@ -63,7 +63,7 @@ class Channel(NamedTuple):
 
 NAMED_COMMANDS, ARRAY_COMMANDS = 'joint_commands', 'commands'
 SET_STATE, REQUESTS, PARAMETERS = 'set_state', 'requests', 'parameters'
-EXTERNAL_WRENCH, PAYLOAD = 'external_wrench', 'payload'
+EXTERNAL_WRENCH, PAYLOAD, FOLLOWED = 'external_wrench', 'payload', 'followed_clock'
 # In the order of the recorder's topics: the inputs come first, by Source.
 CHANNELS = {
     NAMED_COMMANDS: Channel(convert.JOINT_STATE, vital=True),
@@ -73,6 +73,7 @@ CHANNELS = {
     PARAMETERS: Channel(convert.STRING, vital=True, always=False),
     EXTERNAL_WRENCH: Channel(convert.WRENCH, vital=True, always=False),
     PAYLOAD: Channel(convert.INERTIA, vital=True, always=False),
+    FOLLOWED: Channel(convert.CLOCK, vital=True, always=False),
     TAKEN: Channel(convert.INTEGER_ARRAY, vital=True),
     PAYLOAD_IN_USE: Channel(convert.INERTIA, always=False),
     STATES: Channel(convert.JOINT_STATE),
@@ -87,6 +88,7 @@ ROLE_OF_SOURCE = {
     Source.PARAMETERS: PARAMETERS,
     Source.WRENCH: EXTERNAL_WRENCH,
     Source.PAYLOAD: PAYLOAD,
+    Source.TICK: FOLLOWED,
 }
 SOURCE_OF_ROLE = {role: source for source, role in ROLE_OF_SOURCE.items()}
 

@@ -278,7 +278,8 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
         ('payload.mass', 0.5),
     ):
         assert client.get(name).double_value == value
-    assert client.describe('damping.elbow').read_only
+    told = client.describe('damping.elbow')
+    assert (told.read_only, told.name) == (True, 'damping.elbow')
     assert "not parameters of this node: ['armature.elbwo']; misspelt?" in arm.text()
     plant = Plant(peer)
     peer.connect()
@@ -369,21 +370,22 @@ def test_a_node_that_is_configured_again_shows_the_defaults_of_the_new_arm() -> 
 
     from pfd_ros.node import parameters
 
+    given = ('autostart:=false', 'bias.effort.elbow:=0.5', 'friction.joint2:=0.25')
     context = rclpy.Context()
     rclpy.init(
         context=context,
-        args=['--ros-args', '-p', 'bias.effort.elbow:=0.5', '-p', 'friction.joint2:=0.25'],
+        args=['--ros-args', *(part for name in given for part in ('-p', name))],
         domain_id=next_domain(),
     )
     node = rclpy.create_node('again', context=context, start_parameter_services=False)
     try:
-        parameters.declare(node, fixed=False)
-        two = parameters.declare_joints(node, *arm_of(node, robot='planar2'), fixed=False)
+        assert not parameters.declare(node)
+        two = parameters.declare_joints(node, *arm_of(node, robot='planar2'))
         assert two.bias_effort == (0.0, 0.5)
         assert two.joint_friction == ()
         node.set_parameters([chosen('robot', 'puma560'), chosen('friction', True)])
         settings, robot = arm_of(node)
-        six = parameters.declare_joints(node, settings, robot, fixed=False)
+        six = parameters.declare_joints(node, settings, robot)
         assert six.bias_effort == ()
         expected = robot.friction.copy()
         expected[1] = 0.25

@@ -212,8 +212,9 @@ def compare_periods(seconds: float, rounds: int, rate: float) -> None:
             for name, found in runs.items():
                 ratio = found['p99_us'] / runs['bare']['p99_us']
                 print(
-                    f'{name:10} error p50 {found["p50_us"]:7.1f} us, p99 {found["p99_us"]:7.1f} us '
-                    f'({ratio:5.2f} of bare), max {found["max_us"]:8.1f} us; '
+                    f'{name:10} error p50 {found["p50_us"]:7.1f} us, '
+                    f'p99 {found["p99_us"]:7.1f} us ({ratio:5.2f} of bare), '
+                    f'max {found["max_us"]:8.1f} us; '
                     f'{found["mean_rate"]:8.2f} Hz; {100 * found["core"]:5.1f} % of a core',
                     flush=True,
                 )

@@ -28,23 +28,19 @@ Transitions run on the executor's thread, one at a time; nothing they raise reac
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 import gc
 import threading
 from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
-from rclpy.parameter import Parameter
 
-from pfd_ros.arm.setting_fields import parameter_name
-from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
 from pfd_ros.node.diagnostics import ERROR, OK, DiagnosticsPublisher, Task
 from pfd_ros.node.sim_arm import SimArm
 from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.node.workers import Workers, described
-from pfd_ros.text import listed, one_line
+from pfd_ros.text import one_line
 
 NAME = 'sim_arm'
 # For each thread to end, and for ROS and the interpreter to go down.
@@ -77,7 +73,8 @@ class SimArmNode(LifecycleNode):
     """
 
     def __init__(self, workers: Workers, mistakes: tuple[type[Exception], ...]) -> None:
-        super().__init__(NAME)
+        super().__init__(NAME, start_parameter_services=False)
+        parameters.StrictParameterService(self)
         self.arm: SimArm | None = None
         self.callback_failures = 0
         self.hung = False
@@ -92,8 +89,6 @@ class SimArmNode(LifecycleNode):
         self._log = ThrottledLog(self.get_logger())
         self._diagnostics = DiagnosticsPublisher(self)
         self._autostart = self._starting = parameters.declare(self)
-        if not self._autostart:
-            self.add_on_set_parameters_callback(self._allow_new_values)
         self._guard_services()
 
     def start(self) -> None:
@@ -202,15 +197,6 @@ class SimArmNode(LifecycleNode):
             # It may still use what would be destroyed.
             self.hung = True
             workers.stop.set()
-
-    def _allow_new_values(self, given: list[Parameter]) -> SetParametersResult:
-        """Refuse new values for an arm that is made already."""
-        fixed = {
-            parameter_name(field) for field in fields(Settings) if not field.metadata['dynamic']
-        }
-        refused = [one.name for one in given if one.name in fixed and self.arm is not None]
-        reason = f'{listed(refused)} cannot change until cleanup' if refused else ''
-        return SetParametersResult(successful=not refused, reason=reason)
 
     def _guard_services(self) -> None:
         """Answer each request, though its callback raises: rclpy's own do for some requests."""

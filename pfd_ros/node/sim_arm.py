@@ -22,6 +22,8 @@ from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
+from pfd_ros.node import parameters
+from pfd_ros.node.changing import Changes
 from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.diagnostics import ArmDiagnostics
 from pfd_ros.node.endpoints import NonblockingPublisher, create_endpoints
@@ -72,6 +74,7 @@ class SimArm:
     def _build(self, settings: Settings, log: ThrottledLog) -> None:
         node = self._node
         robot = load_robot(settings)
+        settings = parameters.declare_joints(node, settings, robot)
         engine = Engine(settings, robot)
         endpoints = create_endpoints(
             node,
@@ -93,11 +96,17 @@ class SimArm:
         self.reporter = Reporter(log, endpoints, stepper, graph)
         self.diagnostics = ArmDiagnostics(stepper, counts, log)
         _warn_about(settings, robot, log)
+        self._changes = Changes(self._receiver, engine)
+        self._set_parameters = parameters.ParameterChanges(self._changes).set
+        node.add_on_set_parameters_callback(self._set_parameters)
         self.stepper = stepper
 
     def _receive(self, source: Source, data: bytes) -> None:
         # The endpoints are there before the receiver; messages come once an executor spins.
-        self._receiver.receive(source, data)
+        if source is Source.PAYLOAD:
+            self._changes.take_payload(data)
+        else:
+            self._receiver.receive(source, data)
 
     def start(self, workers: Workers) -> None:
         """Start the thread that steps it."""
@@ -138,7 +147,9 @@ class SimArm:
         self.stepper.session.close(self.reporter.totals)
 
     def destroy_entities(self) -> None:
-        """Take its topics and services from the node."""
+        """Take its topics, services and callback from the node."""
+        if hasattr(self, 'stepper'):
+            self._node.remove_on_set_parameters_callback(self._set_parameters)
         destroy: dict[str, Callable[[Any], bool]] = {
             'publishers': self._node.destroy_publisher,
             'subscriptions': self._node.destroy_subscription,

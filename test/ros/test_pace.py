@@ -100,7 +100,7 @@ def test_lockstep_waits_for_no_controller_from_before_an_activation() -> None:
 
 
 def test_an_arm_that_failed_stands_while_it_is_inactive() -> None:
-    engine = made()
+    engine = made(effort_limits=False, torque_speed=False)
     engine.run_cycle([Arrival(Source.ARRAY, 1, efforts(1e300, 1e300))])
     while not engine.arm.failure:
         engine.step()

@@ -6,6 +6,7 @@ From the inputs to the outputs:
 
     setting_fields    the fields of settings: description, range, reading
     command_settings  the settings of commands, a part of
+    description_settings  those of the model that controllers share, a part of
     settings          everything that is not an event: robot, scene, step size, rates
     scene             the scene of the settings: from a file or from their switches
     events            the event rule: events and outputs, sources, verdicts

@@ -9,7 +9,7 @@ NaN leaves its joint as it was, brake included; in a command without names it dr
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +38,8 @@ class Judgement:
         Indices in the model of the joints it drives, and their efforts, N m or N.
     unknown, unknown_count
         The first few names of joints that the arm does not have, cut short; the count of all.
+    locked
+        Names of joints of the arm that are welded and so do nothing.
     effect
         Of an event that is no command.
     """
@@ -48,6 +50,7 @@ class Judgement:
     efforts: tuple[float, ...] = ()
     unknown: tuple[str, ...] = ()
     unknown_count: int = 0
+    locked: tuple[str, ...] = ()
     effect: Request | StateChange | None = None
 
 
@@ -117,7 +120,12 @@ def kinds_of(message: JointMessage) -> dict[str, np.ndarray]:
     }
 
 
-def judge_named(message: JointMessage, index: Mapping[str, int], since_ns: int) -> Judgement:
+def judge_named(
+    message: JointMessage,
+    index: Mapping[str, int],
+    since_ns: int,
+    locked: Collection[str] = (),
+) -> Judgement:
     """Judge a command by joint name.
 
     Parameters
@@ -129,6 +137,8 @@ def judge_named(message: JointMessage, index: Mapping[str, int], since_ns: int) 
     since_ns
         Simulated time of the last start, reset or jump, or of the state that a command in
         lockstep must answer; commands stamped before it are left-overs. Stamp 0 means now.
+    locked
+        Joints that are welded: models of controllers have them, and commands may name them.
     """
     if not message.names:
         return Judgement(
@@ -141,13 +151,16 @@ def judge_named(message: JointMessage, index: Mapping[str, int], since_ns: int) 
         kinds = kinds_of(message)
         given = [kind for kind, values in kinds.items() if len(values)] or ['nothing']
         return Judgement(Verdict.NO_EFFORT, f'holds {" and ".join(given)} but no effort')
-    return _named_efforts(message.names, message.effort.tolist(), index)
+    return _named_efforts(message.names, message.effort.tolist(), index, locked)
 
 
 def _named_efforts(
-    names: Sequence[str], efforts: Sequence[float], index: Mapping[str, int]
+    names: Sequence[str],
+    efforts: Sequence[float],
+    index: Mapping[str, int],
+    locked: Collection[str],
 ) -> Judgement:
-    strange = [name for name in names if name not in index]
+    strange = [name for name in names if name not in index and name not in locked]
     unknown = tuple(cut(name) for name in strange[:NAME_COUNT])
     if len(strange) == len(names):
         return Judgement(
@@ -156,6 +169,7 @@ def _named_efforts(
             unknown=unknown,
             unknown_count=len(strange),
         )
+    welded = tuple(name for name in names if name in locked) if locked else ()
     # NaN is the one number that differs from itself: no command for that joint.
     given = [
         (index[name], effort)
@@ -163,11 +177,16 @@ def _named_efforts(
         if name in index and effort == effort
     ]
     if not given:
+        none_moves = len(welded) + len(strange) == len(names)
         return Judgement(
-            Verdict.ALL_NAN, 'every effort is NaN', unknown=unknown, unknown_count=len(strange)
+            Verdict.REFUSED if none_moves else Verdict.ALL_NAN,
+            f'locked: {listed(welded)}' if none_moves else 'every effort is NaN',
+            unknown=unknown,
+            unknown_count=len(strange),
+            locked=welded,
         )
     joints, values = zip(*given, strict=True)
-    return Judgement(Verdict.ACCEPTED, '', joints, values, unknown, len(strange))
+    return Judgement(Verdict.ACCEPTED, '', joints, values, unknown, len(strange), welded)
 
 
 def judge_array(efforts: np.ndarray, order: Sequence[int]) -> Judgement:

@@ -95,7 +95,8 @@ class Engine:
         # Stamped commands from before are left-overs.
         self._since_ns = settings.start_ns
         self.jumps: list[StateChange | None] = []
-        self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id)
+        self._locked = settings.published_locks
+        self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id, self._locked)
 
     @property
     def stands(self) -> bool:
@@ -134,10 +135,10 @@ class Engine:
                 return judge_array(convert.decode_floats(payload), self.arm.order)
             if source is Source.NAMED:
                 message = convert.decode_joint_state(payload)
-                return judge_named(message, self._index, self._since_ns)
+                return judge_named(message, self._index, self._since_ns, self._locked)
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
-                return judge_state(message, self._index, self._since_ns)
+                return judge_state(message, self._index, self._since_ns, self._locked)
             return judge_request(convert.decode_string(payload), self.pace.paused)
         except ValueError as error:
             return Judgement(Verdict.MALFORMED, one_line(error))

@@ -15,6 +15,7 @@ import json
 from typing import Any
 
 from pfd_ros.arm.command_settings import CommandSettings
+from pfd_ros.arm.description_settings import DescriptionSettings
 from pfd_ros.arm.setting_fields import check_values, setting, typed
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import listed
@@ -32,7 +33,7 @@ POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
 
 @dataclass(frozen=True)
-class Settings(CommandSettings):
+class Settings(CommandSettings, DescriptionSettings):
     """The parameters of the node `sim_arm`; units SI, angles in rad.
 
     Raises
@@ -45,7 +46,8 @@ class Settings(CommandSettings):
     base_link: str = setting('', "First link of the chain; '' takes the root of the model")
     tip_link: str = setting('', "Last link of the chain; '' takes the only leaf of the model")
     joints: tuple[str, ...] = setting(
-        (), 'Order of the joints in states and in ~/commands; empty takes the order of the model'
+        (),
+        'Order of the joints that move, in states and ~/commands; empty takes that of the model',
     )
     locked: tuple[str, ...] = setting((), 'Joints to weld, such as those of a gripper')
     locked_positions: tuple[float, ...] = setting(
@@ -123,6 +125,11 @@ class Settings(CommandSettings):
         """Joint to weld -> position, rad or m."""
         positions = self.locked_positions or (0.0,) * len(self.locked)
         return dict(zip(self.locked, positions, strict=True))
+
+    @property
+    def published_locks(self) -> dict[str, float]:
+        """Joint that is published though it is welded -> position, rad or m."""
+        return self.locks if self.publish_locked else {}
 
     @property
     def step_ns(self) -> int:

@@ -80,7 +80,7 @@ def read_motion(
             raise LogError(f'{path} {summary.obstacle}')
         recorded = recorded_robot(log, found.state)
         steps = min(summary.simulated, MOST_STEPS)
-        reading = _Reading(Engine(settings, recorded))
+        reading = _Reading(Engine(settings, recorded), len(settings.published_locks))
         for message in placed_messages(log):
             reading.add(message, steps)
         reading.run_to(steps)
@@ -107,6 +107,8 @@ class _Reading:
     ----------
     engine
         The replayed arm.
+    locked
+        Number of joints in each state that are welded.
     payloads
         Events that have come in and not been taken, by source and sequence.
     efforts, braked
@@ -117,6 +119,7 @@ class _Reading:
     """
 
     engine: Engine
+    locked: int
     payloads: dict[tuple[int, int], bytes] = field(default_factory=dict)
     efforts: list[np.ndarray] = field(default_factory=list)
     braked: list[np.ndarray] = field(default_factory=list)
@@ -137,10 +140,12 @@ class _Reading:
         elif message.role == STATES:
             self.run_to(message.cycle)
             state = decode_joint_state(message.data)
-            q, qd = np.empty((2, self.engine.arm.q.size))
-            q[list(self.engine.arm.order)] = state.position
-            qd[list(self.engine.arm.order)] = state.velocity
-            self.states.append((message.cycle, q, qd))
+            # Locked joints come after those that move.
+            count = self.engine.arm.q.size
+            place = [*self.engine.arm.order, *range(count, count + self.locked)]
+            q, qd = np.empty((2, len(place)))
+            q[place], qd[place] = state.position, state.velocity
+            self.states.append((message.cycle, q[:count], qd[:count]))
 
     def run_to(self, cycle: int) -> None:
         """Do the steps up to this one."""

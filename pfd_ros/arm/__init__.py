@@ -13,6 +13,8 @@ From the inputs to the outputs:
     effects           the effects of events that are no commands: requests, states to jump to
     commands          the rules for a command, NaN and infinity among them, and its drive
     requests          the rules for requests (pause, step, reset) and for states to jump to
+    description       the <ros2_control> block of a URDF: topics, initial positions, followers
+    urdf_text         a URDF of a robot that came from elsewhere
     pace              whether there may be a step: pauses, lockstep
     arm               the simulated arm: robot, brakes, simulator, failure
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick

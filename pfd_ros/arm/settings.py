@@ -42,7 +42,10 @@ class Settings(CommandSettings, DescriptionSettings):
         If a value is not finite, outside its range, or does not go with the others.
     """
 
-    robot: str = setting('puma560', 'Robot: a name that `pfd robots` lists, or a .urdf or .yaml')
+    robot: str = setting(
+        'puma560',
+        'Robot: a name that `pfd robots` lists, a .urdf or .yaml, or robot_description, the topic',
+    )
     base_link: str = setting('', "First link of the chain; '' takes the root of the model")
     tip_link: str = setting('', "Last link of the chain; '' takes the only leaf of the model")
     joints: tuple[str, ...] = setting(

@@ -46,12 +46,18 @@ class Endpoints:
 
 
 def create_endpoints(
-    node: Node, *, publish_clock: bool, on_message: Callable[[Source, bytes], None]
+    node: Node,
+    *,
+    publish_clock: bool,
+    on_message: Callable[[Source, bytes], None],
+    topics: Mapping[Source | str, str] | None = None,
 ) -> Endpoints:
     """Create the endpoints of a node, the clock's only if wanted.
 
-    `on_message` is called with each serialized message, on the executor's thread.
+    `on_message` is called with each serialized message, on the executor's thread; `topics` are
+    the topics of sources and outputs that are not those of the tables.
     """
+    names = {} if topics is None else topics
     overridable: dict[str, Any] = {
         'qos_overriding_options': QoSOverridingOptions.with_default_policies()
     }
@@ -59,7 +65,7 @@ def create_endpoints(
     publishers = {
         role: node.create_publisher(
             kind,
-            topic,
+            names.get(role, topic),
             QoSProfile(depth=depth),
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
             **overridable,
@@ -70,7 +76,7 @@ def create_endpoints(
     subscriptions = {
         source: node.create_subscription(
             kind,
-            topic,
+            names.get(source, topic),
             partial(on_message, source),
             QoSProfile(depth=depth),
             raw=True,

@@ -81,7 +81,7 @@ def _run(args: list[str], stop: threading.Event) -> int:
     if extra:
         raise ValueError(f'unknown arguments {listed(extra)}; parameters follow --ros-args -p')
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    node = SimArm()
+    node = SimArm(stop.is_set)
     workers = Workers(stop)
     ended: Future = Future()
     executor: Any = EventsExecutor()

@@ -7,17 +7,18 @@ It only puts the parts together; the package's docstring has a map of them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.node import Node
 
-from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
 from pfd_ros.node.command_counts import CommandCounts
+from pfd_ros.node.description import load_model, publish_description
 from pfd_ros.node.endpoints import NonblockingPublisher, create_endpoints
 from pfd_ros.node.graph_check import GraphCheck
 from pfd_ros.node.log_session import open_session
@@ -32,7 +33,7 @@ NAME = 'sim_arm'
 
 
 class SimArm(Node):
-    """The arm on its topics.
+    """The arm on its topics; `stopped` ends the wait for a model.
 
     Attributes
     ----------
@@ -47,14 +48,19 @@ class SimArm(Node):
         If a parameter cannot be used; nothing has been recorded then.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, stopped: Callable[[], bool] = lambda: False) -> None:
         super().__init__(NAME)
-        settings = with_scene_text(parameters.declare(self))
-        robot = load_robot(settings)
+        model = load_model(self, with_scene_text(parameters.declare(self)), stopped)
+        settings, robot = model.settings, model.robot
         engine = Engine(settings, robot)
         endpoints = create_endpoints(
-            self, publish_clock=settings.publish_clock, on_message=self._receive
+            self,
+            publish_clock=settings.publish_clock,
+            on_message=self._receive,
+            topics=model.topics,
         )
+        if settings.publish_description:
+            publish_description(self, model)
         # After everything that a parameter can make fail: a refused parameter leaves no file.
         session = open_session(self, engine.settings, robot, endpoints)
         counts = CommandCounts()

@@ -17,7 +17,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -42,7 +42,7 @@ class Endpoints:
     """The rclpy publishers by role and subscriptions by source."""
 
     publishers: Mapping[str, Any]
-    subscriptions: Mapping[Source, Any]
+    subscriptions: dict[Source, Any]
 
 
 def create_endpoints(
@@ -86,6 +86,51 @@ def create_endpoints(
         for source, (kind, topic, depth) in SUBSCRIBED.items()
     }
     return Endpoints(publishers, subscriptions)
+
+
+def relaxed(profile: QoSProfile) -> QoSProfile:
+    """Return a profile of a subscription that best-effort publishers match too."""
+    return QoSProfile(
+        history=profile.history,
+        depth=profile.depth,
+        durability=profile.durability,
+        reliability=ReliabilityPolicy.BEST_EFFORT,
+    )
+
+
+def serve_best_effort(node: Node, endpoints: Endpoints, source: Source) -> bool:
+    """Replace a subscription by a best-effort one, unless a parameter says that it is reliable.
+
+    Beside the reliable one it would hear reliable publishers twice. So that one is destroyed
+    first, on the executor's thread, where no callback runs at the same time: a message that comes
+    in between is lost.
+    """
+    old = endpoints.subscriptions[source]
+    # rclpy keeps parameters of the command line and of files here, and nowhere public.
+    given = getattr(node, '_parameter_overrides', {})
+    executor = node.executor
+    if executor is None or reliability_parameter(old) in given:
+        return False
+
+    def replace() -> None:
+        node.destroy_subscription(old)
+        # By its name before remapping: it is remapped again.
+        endpoints.subscriptions[source] = node.create_subscription(
+            old.msg_type,
+            old.topic,
+            old.callback,
+            relaxed(old.qos_profile),
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+
+    executor.create_task(replace)
+    return True
+
+
+def reliability_parameter(end: Any) -> str:
+    """Return the parameter that overrides the reliability of a subscription."""
+    return f'qos_overrides.{end.topic_name}.subscription.reliability'
 
 
 class NonblockingPublisher:

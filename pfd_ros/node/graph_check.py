@@ -24,8 +24,14 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 
-from pfd_ros.arm.events import CLOCK, STATES
-from pfd_ros.node.endpoints import Endpoints, type_name
+from pfd_ros.arm.events import CLOCK, STATES, Source
+from pfd_ros.node.endpoints import (
+    Endpoints,
+    relaxed,
+    reliability_parameter,
+    serve_best_effort,
+    type_name,
+)
 from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.text import cut
 
@@ -46,7 +52,7 @@ def _who(info: Any) -> str:
 class GraphCheck:
     """Tells once each: no publisher of commands, a foreign type, incompatible QoS, a second clock.
 
-    `now` is steady time in s.
+    Best-effort publishers of commands are served from then on. `now` is steady time in s.
     """
 
     node: Node
@@ -59,14 +65,17 @@ class GraphCheck:
         self._since = self.now()
         self._commanded = False
         self._nameless_since: dict[tuple[int, ...], float] = {}
+        self._best_effort: set[Source] = set()
 
     def check(self) -> None:
         """Ask the graph and log why a connection cannot work."""
-        commands = self.endpoints.subscriptions.values()
-        for end in commands:
-            self._check_commands(end)
+        # Another thread replaces a subscription that is to be best effort.
+        commands = dict(self.endpoints.subscriptions)
+        for source, end in commands.items():
+            self._check_commands(source, end)
         if not self._commanded and self.now() - self._since > PATIENCE_SECONDS:
-            topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in commands)
+            ends = commands.values()
+            topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in ends)
             self.log.once(
                 'nobody',
                 f'after {PATIENCE_SECONDS:g} s nobody publishes commands on {topics}; '
@@ -89,10 +98,31 @@ class GraphCheck:
                     continue
             yield info
 
-    def _check_commands(self, end: Any) -> None:
+    def _check_commands(self, source: Source, end: Any) -> None:
         for info in self._settled(self.node.get_publishers_info_by_topic(end.topic_name)):
-            if self._check_pair(end, info, publishing=True):
+            served = self._serve_best_effort(source, end, info)
+            if served or self._check_pair(end, info, publishing=True):
                 self._commanded = True
+
+    def _serve_best_effort(self, source: Source, end: Any, info: Any) -> bool:
+        """Return whether a publisher is heard by a best-effort subscription and no other."""
+        fits, fits_relaxed = (
+            _fit(info.qos_profile, _effective(profile))[0]
+            for profile in (end.qos_profile, relaxed(end.qos_profile))
+        )
+        if info.topic_type != type_name(end) or fits or not fits_relaxed:
+            return False
+        if source in self._best_effort:
+            return True
+        if not serve_best_effort(self.node, self.endpoints, source):
+            return False
+        self._best_effort.add(source)
+        self.log.once(
+            ('best effort', source),
+            f'{_who(info)} publishes {end.topic_name} best effort: from now on the topic is taken '
+            'best effort from all publishers, and a message may be lost',
+        )
+        return True
 
     def _check_pair(self, end: Any, info: Any, *, publishing: bool) -> bool:
         """Return whether an endpoint of another node fits ours; log the reason if it does not."""
@@ -105,10 +135,8 @@ class GraphCheck:
                 f'type {wanted}: nothing of it arrives{self._other_topic(info, publishing)}',
             )
             return False
-        pair = (info.qos_profile, _effective(end.qos_profile))
-        level, reason = qos_check_compatible(*(pair if publishing else pair[::-1]))
-        # An enumeration of the C++ part, which equals none of Python's.
-        fits = bool(int(level) != QoSCompatibility.ERROR)
+        own, theirs = _effective(end.qos_profile), info.qos_profile
+        fits, reason = _fit(theirs, own) if publishing else _fit(own, theirs)
         if not fits:
             self.log.once(
                 ('qos', key),
@@ -139,6 +167,13 @@ class GraphCheck:
             )
 
 
+def _fit(offered: QoSProfile, asked: QoSProfile) -> tuple[bool, str]:
+    """Return whether a publisher's profile satisfies a subscription's, and why not."""
+    level, reason = qos_check_compatible(offered, asked)
+    # An enumeration of the C++ part, which equals none of Python's.
+    return bool(int(level) != QoSCompatibility.ERROR), reason
+
+
 def _effective(profile: QoSProfile) -> QoSProfile:
     """Return our profile as the graph has it: there, policies without a value are infinite."""
     return QoSProfile(
@@ -156,6 +191,5 @@ def _cure(end: Any, info: Any, publishing: bool) -> str:
     if not publishing:
         return 'subscribe reliable or best effort, volatile, without deadline and liveliness'
     if info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT:
-        override = f'qos_overrides.{end.topic_name}.subscription.reliability'
-        return f'publish reliable, or start this node with -p {override}:=best_effort'
+        return f'publish reliable, or leave out the parameter {reliability_parameter(end)}'
     return 'publish reliable and volatile, without deadline and liveliness'

@@ -39,6 +39,16 @@ from pfd_ros.text import cut
 PATIENCE_SECONDS = 5.0
 # Endpoints of one topic that are checked; a crowd is not checked one by one.
 MOST_ENDPOINTS = 100
+# The end of a sentence about another node that publishes the same.
+SECOND_PUBLISHER = {
+    STATES: (
+        'too: readers get the states of both; joint_state_broadcaster and other arms want topics '
+        'of their own'
+    ),
+    CLOCK: (
+        'too: simulated time jumps back and forth; set publish_clock:=false on all but one node'
+    ),
+}
 # Discovery finds an endpoint before the name of its node; of other middleware it never does.
 NAMELESS = '_NODE_NAME_UNKNOWN_'
 
@@ -50,7 +60,7 @@ def _who(info: Any) -> str:
 
 @dataclass
 class GraphCheck:
-    """Tells once each: no publisher of commands, a foreign type, incompatible QoS, a second clock.
+    """Tells once each: no commands, foreign types, incompatible QoS, other publishers.
 
     Best-effort publishers of commands are served from then on. `now` is steady time in s.
     """
@@ -84,8 +94,9 @@ class GraphCheck:
         states = self.endpoints.publishers[STATES]
         for info in self._settled(self.node.get_subscriptions_info_by_topic(states.topic_name)):
             self._check_pair(states, info, publishing=False)
-        if CLOCK in self.endpoints.publishers:
-            self._check_clock(self.endpoints.publishers[CLOCK])
+        for role, trouble in SECOND_PUBLISHER.items():
+            if role in self.endpoints.publishers:
+                self._check_alone(self.endpoints.publishers[role], trouble)
 
     def _settled(self, found: Iterable[Any]) -> Iterator[Any]:
         """Yield the endpoints whose node has a name, or has had none for a while."""
@@ -153,17 +164,15 @@ class GraphCheck:
                 return f'; {end.topic_name} takes that type'
         return ''
 
-    def _check_clock(self, clock: Any) -> None:
-        found = list(self._settled(self.node.get_publishers_info_by_topic(clock.topic_name)))
+    def _check_alone(self, end: Any, trouble: str) -> None:
+        found = list(self._settled(self.node.get_publishers_info_by_topic(end.topic_name)))
         own = (self.node.get_name(), self.node.get_namespace())
         others = [info for info in found if (info.node_name, info.node_namespace) != own]
         # Another node of our name counts too, wherever it runs.
         if len(found) > 1:
             who = _who(others[0]) if others else 'another node of the same name'
             self.log.once(
-                'clock',
-                f'{who} publishes {clock.topic_name} too: simulated time jumps back and forth; '
-                'set publish_clock:=false on all but one node',
+                ('second', end.topic_name), f'{who} publishes {end.topic_name} {trouble}'
             )
 
 

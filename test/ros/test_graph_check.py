@@ -40,6 +40,12 @@ class Graph:
     def __init__(self) -> None:
         self.publishers: dict[str, list[SimpleNamespace]] = {}
 
+    def get_name(self) -> str:
+        return 'sim_arm'
+
+    def get_namespace(self) -> str:
+        return '/'
+
     def get_publishers_info_by_topic(self, topic: str) -> list[SimpleNamespace]:
         return self.publishers.get(topic, [])
 
@@ -56,15 +62,16 @@ def checked(publishers: dict[str, list[SimpleNamespace]], seconds: Sequence[floa
     from pfd_ros.node.graph_check import GraphCheck
     from pfd_ros.node.throttled_log import ThrottledLog
 
-    end = SimpleNamespace(
-        topic_name='/topic', msg_type=JointState, qos_profile=QoSProfile(depth=1)
+    end, states = (
+        SimpleNamespace(topic_name=name, msg_type=JointState, qos_profile=QoSProfile(depth=1))
+        for name in ('/topic', '/states')
     )
     graph, lines = Graph(), []
     graph.publishers = publishers
     log = ThrottledLog(SimpleNamespace(warning=lines.append))
     now = [0.0]
     check = GraphCheck(
-        graph, Endpoints({'joint_states': end}, {Source.NAMED: end}), log, lambda: now[0]
+        graph, Endpoints({'joint_states': states}, {Source.NAMED: end}), log, lambda: now[0]
     )
     for now[0] in seconds:
         check.check()
@@ -105,6 +112,15 @@ def test_a_finding_waits_for_the_name_of_the_node_but_not_for_ever() -> None:
     assert checked({'/topic': [good, strange]}, [3.0, 4.0, 7.0]) == []
     (line,) = checked({'/topic': [good, strange]}, [3.0, 4.0, 9.0, 10.0])
     assert "node '/_NODE_NAME_UNKNOWN_' publishes 'other/msg/Type' on /topic" in line
+
+
+def test_another_publisher_of_the_states_is_told_once() -> None:
+    own = other_end(1, 'sensor_msgs/msg/JointState', 'sim_arm')
+    broadcaster = other_end(2, 'sensor_msgs/msg/JointState', 'joint_state_broadcaster')
+    commands = {'/topic': [other_end(3, 'sensor_msgs/msg/JointState', 'peer')]}
+    assert checked({'/states': [own], **commands}, [1.0, 6.0]) == []
+    (line,) = checked({'/states': [own, broadcaster], **commands}, [1.0, 6.0])
+    assert line.startswith("node '/joint_state_broadcaster' publishes /states too: readers get")
 
 
 def test_topics_types_and_the_order_of_the_joints_are_told_at_the_start(

@@ -7,16 +7,21 @@ From the inputs to the outputs:
     setting_fields    the fields of settings: description, range, reading
     command_settings  the settings of commands, a part of
     description_settings  those of the model that controllers share, a part of
+    sensor_settings   the settings of the sensors, another part of
     settings          everything that is not an event: robot, scene, step size, rates
+    noise             random numbers as a function of seed, channel and cycle
     scene             the scene of the settings: from a file or from their switches
     events            the event rule: events and outputs, sources, verdicts
     effects           the effects of events that are no commands: requests, states to jump to
     commands          the rules for a command, NaN and infinity among them, and its drive
+    changes           the rules for settings that change while the arm runs
     requests          the rules for requests (pause, step, reset) and for states to jump to
     description       the <ros2_control> block of a URDF: topics, initial positions, followers
     urdf_text         a URDF of a robot that came from elsewhere
     pace              whether there may be a step: pauses, lockstep
+    actuators         from commanded efforts to those that act: the limits of the motors
     arm               the simulated arm: robot, brakes, simulator, failure
+    sensors           the true state -> the measured one, which joint_states tell
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 
 A new input is a Source in `events` and a rule in `engine`. A new output is a role in `events`, its

@@ -14,6 +14,7 @@ import pfd_core as pfd
 from pfd_ros.arm.commands import Drive
 from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.scene import scene_of
+from pfd_ros.arm.setting_fields import check_joint_counts
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import cut, listed
@@ -84,6 +85,7 @@ class Arm:
     """
 
     def __init__(self, settings: Settings, robot: Any) -> None:
+        check_joint_counts(settings, robot.n)
         self.order = joint_order(settings.joints, robot)
         self.names = tuple(robot.joint_names[i] for i in self.order)
         self.step = 0

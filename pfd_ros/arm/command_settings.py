@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The settings of commands: how the arm waits for them."""
+"""The settings of commands: how they reach the drives, and what the drives do with them."""
 
 from __future__ import annotations
 
@@ -18,3 +18,9 @@ class CommandSettings:
         False, 'After each published state wait for a command with its stamp, or without a stamp'
     )
     step_count: int = setting(1, 'Steps of one call of ~/step', 1, MOST_STEPS)
+    effort_limits: bool = setting(
+        True, "Cut efforts to the model's limits; joints without one get a wide one"
+    )
+    torque_speed: bool = setting(
+        True, "Let efforts fall to none at the model's velocity limits; wide ones without"
+    )

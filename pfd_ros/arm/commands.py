@@ -10,11 +10,12 @@ NaN leaves its joint as it was, brake included; in a command without names it dr
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
 import numpy as np
 
-from pfd_ros.arm.effects import Request, StateChange
+from pfd_ros.arm.effects import Request, SettingsChange, StateChange
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.text import NAME_COUNT, cut, listed
@@ -24,8 +25,22 @@ QUIET = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN})
 ERRORS = frozenset({Verdict.INFINITE, Verdict.NOT_FINITE})
 
 
-@dataclass(frozen=True)
-class Judgement:
+class Command(NamedTuple):
+    """The numbers of an accepted command.
+
+    Attributes
+    ----------
+    joints
+        Indices in the model of the joints it drives, (k,).
+    effort
+        Their efforts, (k,), N m or N.
+    """
+
+    joints: np.ndarray
+    effort: np.ndarray
+
+
+class Judgement(NamedTuple):
     """The verdict on a message and its effect.
 
     Attributes
@@ -34,28 +49,23 @@ class Judgement:
         Whether the message acts, or the rule it broke.
     detail
         For people: the names and numbers that broke the rule.
-    joints, efforts
-        Indices in the model of the joints it drives, and their efforts, N m or N.
     unknown, unknown_count
         The first few names of joints that the arm does not have, cut short; the count of all.
     locked
         Names of joints of the arm that are welded and so do nothing.
     effect
-        Of an event that is no command.
+        Of an accepted message.
     """
 
     verdict: Verdict
     detail: str = ''
-    joints: tuple[int, ...] = ()
-    efforts: tuple[float, ...] = ()
     unknown: tuple[str, ...] = ()
     unknown_count: int = 0
     locked: tuple[str, ...] = ()
-    effect: Request | StateChange | None = None
+    effect: Command | Request | StateChange | SettingsChange | None = None
 
 
-@dataclass(frozen=True)
-class Drive:
+class Drive(NamedTuple):
     """Efforts (n,) in N m or N and brakes (n,) of bool, both in model order."""
 
     effort: np.ndarray
@@ -72,14 +82,11 @@ def let_go(drive: Drive) -> Drive:
     return Drive(np.zeros_like(drive.effort), drive.braked)
 
 
-def merge(drive: Drive, judgement: Judgement) -> Drive:
-    """Return the drive after a command; only an accepted one changes it."""
-    if judgement.verdict is not Verdict.ACCEPTED:
-        return drive
+def merge(drive: Drive, command: Command) -> Drive:
+    """Return the drive after a command."""
     effort, braked = drive.effort.copy(), drive.braked.copy()
-    joints = list(judgement.joints)
-    effort[joints] = judgement.efforts
-    braked[joints] = False
+    effort[command.joints] = command.effort
+    braked[command.joints] = False
     return Drive(effort, braked)
 
 
@@ -186,10 +193,11 @@ def _named_efforts(
             locked=welded,
         )
     joints, values = zip(*given, strict=True)
-    return Judgement(Verdict.ACCEPTED, '', joints, values, unknown, len(strange), welded)
+    command = Command(np.array(joints), np.array(values))
+    return Judgement(Verdict.ACCEPTED, '', unknown, len(strange), welded, command)
 
 
-def judge_array(efforts: np.ndarray, order: Sequence[int]) -> Judgement:
+def judge_array(efforts: np.ndarray, order: np.ndarray) -> Judgement:
     """Judge a command without names: one finite effort for each joint, or it is dropped whole.
 
     Parameters
@@ -197,10 +205,11 @@ def judge_array(efforts: np.ndarray, order: Sequence[int]) -> Judgement:
     efforts
         The numbers of the message.
     order
-        Place in the model of each number, in the order of the parameter `joints`.
+        Place in the model of each number, in the order of the parameter `joints`, (n,).
     """
     if len(efforts) != len(order):
         return Judgement(Verdict.WRONG_SIZE, f'{len(efforts)} numbers for {len(order)} joints')
-    if not np.isfinite(efforts).all():
+    # For a few joints faster than NumPy.
+    if not all(map(math.isfinite, efforts.tolist())):
         return Judgement(Verdict.NOT_FINITE, 'holds a number that is not finite')
-    return Judgement(Verdict.ACCEPTED, '', tuple(order), tuple(efforts.tolist()))
+    return Judgement(Verdict.ACCEPTED, effect=Command(order, efforts))

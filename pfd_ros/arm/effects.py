@@ -1,10 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The effects of events that are no commands: requests, and states to jump to."""
+"""The effects of events that are no commands: requests, states to jump to, new settings."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 # Most steps of one request; a request that lasts for ever is `resume`.
 MOST_STEPS = 1_000_000
@@ -24,6 +25,13 @@ class Request:
 
     name: str
     count: int = 1
+
+
+@dataclass(frozen=True)
+class SettingsChange:
+    """The `Settings` from the next cycle on."""
+
+    settings: Any
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.commands import Judgement, held, judge_array, judge_named, let_go, merge
-from pfd_ros.arm.effects import StateChange
+from pfd_ros.arm.changes import judge_changes
+from pfd_ros.arm.commands import Command, Judgement, held, judge_array, judge_named, let_go, merge
+from pfd_ros.arm.effects import SettingsChange, StateChange
 from pfd_ros.arm.events import (
     CLOCK,
     COMMANDS,
+    DROPPED_STATES,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -41,6 +46,7 @@ from pfd_ros.arm.events import (
 )
 from pfd_ros.arm.pace import Pace
 from pfd_ros.arm.requests import judge_request, judge_state
+from pfd_ros.arm.sensors import JointArrays, sensors_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import convert
 from pfd_ros.text import one_line
@@ -67,14 +73,22 @@ class Engine:
 
     Attributes
     ----------
+    settings
+        As they are now: events change the dynamic ones.
     cycles
         Number of the last cycle, 0 before the first.
     pace
         Whether there may be a next one.
     drive
-        The efforts and brakes of the next step.
+        The efforts and brakes that are commanded for the next step.
+    applied
+        The efforts and brakes of the last step, as the actuators made them.
+    actuators
+        From the one to the other.
     jumps
         The states that the next step jumps to, one after the other.
+    sensors
+        From the true state to the measured one, None where these are the same.
 
     Raises
     ------
@@ -91,17 +105,20 @@ class Engine:
         self._publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
         self._index = {name: i for i, name in enumerate(robot.joint_names)}
-        self.drive = held(robot.n)
+        self.drive = self.applied = held(robot.n)
+        self.actuators = Actuators(self.settings, robot, self.arm.order)
+        self._order = np.array(self.arm.order)
         # Stamped commands from before are left-overs.
         self._since_ns = settings.start_ns
         self.jumps: list[StateChange | None] = []
         self._locked = settings.published_locks
+        self.sensors = sensors_of(self.settings, self.arm)
         self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id, self._locked)
 
     @property
     def stands(self) -> bool:
         """Whether the next cycle has to wait for an event."""
-        return self.pace.stands and not self.jumps and not self.arm.failure
+        return self.pace.stands and not self.jumps
 
     def run_cycle(self, events: Iterable[Event] = ()) -> Taken:
         """Run the next cycle on the events since the last one; return all outputs of it."""
@@ -132,13 +149,16 @@ class Engine:
         source, payload = event.source, event.payload
         try:
             if source is Source.ARRAY:
-                return judge_array(convert.decode_floats(payload), self.arm.order)
+                return judge_array(convert.decode_floats(payload), self._order)
             if source is Source.NAMED:
                 message = convert.decode_joint_state(payload)
                 return judge_named(message, self._index, self._since_ns, self._locked)
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
                 return judge_state(message, self._index, self._since_ns, self._locked)
+            if source is Source.PARAMETERS:
+                text = convert.decode_string(payload)
+                return judge_changes(text, self.settings, len(self.arm.order))
             return judge_request(convert.decode_string(payload), self.pace.paused)
         except ValueError as error:
             return Judgement(Verdict.MALFORMED, one_line(error))
@@ -146,12 +166,15 @@ class Engine:
     def _apply(self, source: Source, judgement: Judgement) -> None:
         effect = judgement.effect
         if source in COMMANDS:
-            self.drive = merge(self.drive, judgement)
             self.pace.answer(judgement.verdict)
+        if isinstance(effect, Command):
+            self.drive = merge(self.drive, effect)
         elif isinstance(effect, StateChange):
             self.jumps.append(effect)
             self.drive = let_go(self.drive)
             self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+        elif isinstance(effect, SettingsChange):
+            self._set(effect.settings)
         elif effect is not None and effect.name == 'reset':
             self.jumps = [None]
             self.drive = held(len(self.arm.order))
@@ -159,14 +182,24 @@ class Engine:
         elif effect is not None:
             self.pace.request(effect)
 
+    def _set(self, settings: Settings) -> None:
+        """Take over other values of dynamic settings; all others are as before."""
+        self.settings = self.arm.settings = settings
+
     def step(self) -> list[Output]:
         """Run the next cycle on the events that were taken; return its state and its tick."""
         self.cycles += 1
         if self.jumps:
+            self.applied = let_go(self.drive)
             self.arm.jump(self.jumps)
             self.jumps = []
+            if self.sensors is not None:
+                self.sensors.restart()
         else:
-            self.arm.advance(self.drive)
+            self.applied = self.actuators.applied(self.drive, self.arm.qd)
+            self.arm.advance(self.applied)
+            if self.sensors is not None:
+                self.sensors.sample()
         outputs: list[Output] = []
         self._add_state_and_tick(outputs)
         self.pace.stepped(published=bool(outputs) and outputs[0].role == STATES)
@@ -174,13 +207,19 @@ class Engine:
             self._since_ns = self.arm.stamp_ns
         return outputs
 
+    def measured(self) -> JointArrays:
+        """Return the positions, velocities and efforts that the state of this cycle tells."""
+        if self.sensors is None:
+            return JointArrays(self.arm.q, self.arm.qd, self.arm.tau)
+        return self.sensors.measured(self.cycles)
+
     def present(self) -> list[Output]:
         """Return the state and the clock tick as they are now, for readers that missed them.
 
         They are not part of the run: no cycle, and nothing to record.
         """
         arm = self.arm
-        state = self._encoder.encode(arm.stamp_ns, arm.q, arm.qd, arm.tau)
+        state = self._encoder.encode(arm.stamp_ns, *self.measured())
         found = [Output(STATES, 0, state)]
         if self._clock_every:
             found.append(Output(CLOCK, 0, convert.encode_clock(arm.stamp_ns)))
@@ -212,8 +251,10 @@ class Engine:
         """Add the state and the clock tick of this cycle; the state precedes its tick."""
         arm, cycle = self.arm, self.cycles
         if cycle % self._publish_every == 0:
-            state = self._encoder.encode(arm.stamp_ns, arm.q, arm.qd, arm.tau)
-            outputs.append(Output(STATES, cycle // self._publish_every, state))
+            dropped = self.sensors is not None and self.sensors.drops(cycle)
+            role = DROPPED_STATES if dropped else STATES
+            state = self._encoder.encode(arm.stamp_ns, *self.measured())
+            outputs.append(Output(role, cycle // self._publish_every, state))
         if self._clock_every and cycle % self._clock_every == 0:
             tick = convert.encode_clock(arm.stamp_ns)
             outputs.append(Output(CLOCK, cycle // self._clock_every, tick))

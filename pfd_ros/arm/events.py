@@ -23,6 +23,7 @@ class Source(IntEnum):
     ARRAY = 1
     SET_STATE = 2
     REQUEST = 3
+    PARAMETERS = 4
 
 
 # The sources whose messages are commands for the joints.
@@ -82,6 +83,9 @@ TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict')
 
 # Roles of the outputs: verdict rows, the arm's state, the clock tick.
 TAKEN, STATES, CLOCK = 'taken', 'joint_states', 'clock'
+# A state that the sensors drop: recorded, not published; it is numbered with the others.
+DROPPED_STATES = 'dropped_states'
+NUMBERED_AS_STATES = frozenset({STATES, DROPPED_STATES})
 
 
 class Output(NamedTuple):

@@ -14,8 +14,10 @@ from dataclasses import dataclass
 import json
 from typing import Any
 
+import pfd_core as pfd
 from pfd_ros.arm.command_settings import CommandSettings
 from pfd_ros.arm.description_settings import DescriptionSettings
+from pfd_ros.arm.sensor_settings import SensorSettings
 from pfd_ros.arm.setting_fields import check_values, setting, typed
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import listed
@@ -33,7 +35,7 @@ POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
 
 @dataclass(frozen=True)
-class Settings(CommandSettings, DescriptionSettings):
+class Settings(CommandSettings, DescriptionSettings, SensorSettings):
     """The parameters of the node `sim_arm`; units SI, angles in rad.
 
     Raises
@@ -58,13 +60,13 @@ class Settings(CommandSettings, DescriptionSettings):
     )
     step_size: float = setting(0.001, 'Simulated time per step, s', 1e-5, 0.1)
     substeps: int = setting(2, 'Steps of the integrator per step', 1, 100)
-    integrator: str = setting('auto', 'Integrator: auto, rk4, velocity_verlet or imex2')
+    integrator: str = setting('auto', 'Integrator', values=pfd.INTEGRATORS)
     position_sums: str = setting(
         'auto',
         'Sums of positions: plain, compensated (right after any number of turns) or auto',
         values=tuple(POSITION_SUMS),
     )
-    method: str = setting('auto', 'Forward dynamics: auto or a name from pfd_core.METHODS')
+    method: str = setting('auto', 'Forward dynamics', values=('auto', *pfd.METHODS))
     gravity: tuple[float, ...] = setting(
         (0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2; zeros switch it off'
     )
@@ -78,7 +80,7 @@ class Settings(CommandSettings, DescriptionSettings):
     )
     start_time: float = setting(0.0, 'Simulated time before the first step, s', 0.0, 1e9)
     real_time_factor: float = setting(
-        1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0
+        1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0, dynamic=True
     )
     publish_rate: float = setting(
         0.0, 'joint_states per simulated second, Hz; 0 is every step', 0.0, 1e5
@@ -116,7 +118,7 @@ class Settings(CommandSettings, DescriptionSettings):
             raise ValueError(
                 f'step_size is {self.step_size!r} s, expected a whole number of nanoseconds'
             )
-        _ = self.publish_every, self.clock_every
+        _ = self.publish_every, self.clock_every, self.state_delay_steps
 
     @property
     def compensated(self) -> bool | None:
@@ -153,6 +155,21 @@ class Settings(CommandSettings, DescriptionSettings):
     def clock_every(self) -> int:
         """Steps from one `/clock` tick to the next."""
         return self._steps_per('clock_rate', self.clock_rate)
+
+    @property
+    def state_delay_steps(self) -> int:
+        """Steps by which measured states are late."""
+        return self._whole_steps('delay.state', self.delay_state)
+
+    def _whole_steps(self, name: str, seconds: float) -> int:
+        steps = seconds / self.step_size
+        whole = round(steps)
+        if abs(steps - whole) > WHOLE * max(1.0, steps):
+            raise ValueError(
+                f'{name} is {seconds!r} s, which is {steps:.6g} steps of {self.step_size!r} s; '
+                'expected a whole number of steps'
+            )
+        return whole
 
     def _steps_per(self, name: str, rate: float) -> int:
         if rate == 0.0:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 import struct
 
 import numpy as np
@@ -24,6 +25,8 @@ STRING = 'std_msgs/msg/String'
 
 NANOSECONDS = 1_000_000_000
 _TIME = struct.Struct('<iI')
+# The beginning of a Float64MultiArray without a layout, and the place of its first number.
+_NO_LAYOUT, _FIRST_NUMBER = HEADER + bytes(8), 20
 
 
 @dataclass(frozen=True)
@@ -71,15 +74,21 @@ def _skip_layout(reader: CdrReader) -> None:
 
 def decode_floats(data: bytes) -> np.ndarray:
     """Return the numbers of a Float64MultiArray, (count,); its layout is skipped."""
+    # Most publishers leave the layout empty; then everything has its place.
+    if data[: len(_NO_LAYOUT)] == _NO_LAYOUT and len(data) > _FIRST_NUMBER:
+        count = int.from_bytes(data[len(_NO_LAYOUT) : len(_NO_LAYOUT) + 4], 'little')
+        if len(data) == _FIRST_NUMBER + 8 * count:
+            return np.frombuffer(data, '<f8', count, _FIRST_NUMBER).astype('f8')
     reader = CdrReader(data)
     _skip_layout(reader)
     return reader.numbers('f8')
 
 
-def encode_rows(rows: Sequence[Sequence[int]], columns: Sequence[str]) -> bytes:
-    """Return a UInt64MultiArray of `rows`, (rows, columns); the layout names the columns."""
+@lru_cache(maxsize=16)
+def _rows_layout(count: int, columns: tuple[str, ...]) -> bytes:
+    """Return the message of `count` rows up to their numbers."""
     writer = CdrWriter()
-    count, width = len(rows), len(columns)
+    width = len(columns)
     writer.uint32(2)
     for label, size, stride in (
         ('row', count, count * width),
@@ -89,8 +98,14 @@ def encode_rows(rows: Sequence[Sequence[int]], columns: Sequence[str]) -> bytes:
         writer.uint32(size)
         writer.uint32(stride)
     writer.uint32(0)
-    writer.numbers(np.array(rows, np.uint64).reshape(-1))
-    return bytes(writer.data)
+    start = writer.numbers(np.zeros(count * width, np.uint64))
+    return bytes(writer.data[:start])
+
+
+def encode_rows(rows: Sequence[Sequence[int]], columns: Sequence[str]) -> bytes:
+    """Return a UInt64MultiArray of `rows`, (rows, columns); the layout names the columns."""
+    numbers = [number for row in rows for number in row]
+    return _rows_layout(len(rows), tuple(columns)) + struct.pack(f'<{len(numbers)}Q', *numbers)
 
 
 def decode_rows(data: bytes, width: int) -> list[list[int]]:

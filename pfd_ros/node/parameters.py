@@ -1,19 +1,38 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Declares the settings as parameters of a node and reads them back."""
+"""The settings as parameters of the node: declared, read back, and set while the arm runs.
+
+A setting with a number for each joint is a group of parameters, `damping.<joint>`, which is
+declared once the robot is known. A dynamic setting that is set becomes an event of the arm, which
+answers with its verdict; all others are read-only.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from concurrent.futures import TimeoutError as LateError
 import dataclasses
+from dataclasses import dataclass
+import threading
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.parameter_service import ParameterService
 
-from pfd_ros.arm.setting_fields import parameter_name
+from pfd_ros.arm.arm import joint_order
+from pfd_ros.arm.changes import changed, encode_changes
+from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.setting_fields import joint_values, parameter_name, typed
 from pfd_ros.arm.settings import Settings, from_values
-from pfd_ros.text import listed
+from pfd_ros.node.receiving import Receiver
+from pfd_ros.text import listed, one_line
 
 # By the annotation of the field: an empty tuple does not have the type of its elements.
 _KINDS = {
@@ -24,6 +43,10 @@ _KINDS = {
     'tuple[str, ...]': Parameter.Type.STRING_ARRAY,
     'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
 }
+_PER_JOINT = tuple(f for f in dataclasses.fields(Settings) if f.metadata['per_joint'])
+# The arm answers within a cycle. The executor's thread waits for it, so not for long: a very slow
+# arm takes the values over later.
+ANSWER_SECONDS = 0.5
 
 
 def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
@@ -31,7 +54,7 @@ def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=field.metadata['text'],
         additional_constraints=f'one of {list(values)}' if values else '',
-        read_only=True,
+        read_only=not field.metadata['dynamic'],
     )
     if field.metadata['range'] is not None:
         least, most = field.metadata['range']
@@ -44,8 +67,15 @@ def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
     return descriptor
 
 
+def _declared(node: Node, name: str, given: Any, field: dataclasses.Field[Any]) -> Parameter:
+    """Return a parameter, declared now unless it was before: a node may be configured again."""
+    if node.has_parameter(name):
+        return node.get_parameter_or(name)
+    return node.declare_parameter(name, given, _descriptor(field))
+
+
 def declare(node: Node) -> Settings:
-    """Declare every setting as a read-only parameter and return the chosen values.
+    """Declare every setting but those for each joint, and return the chosen values.
 
     Raises
     ------
@@ -56,20 +86,48 @@ def declare(node: Node) -> Settings:
     """
     values: dict[str, Any] = {}
     for field in dataclasses.fields(Settings):
+        if field in _PER_JOINT:
+            continue
         kind = _KINDS[str(field.type)]
         # Without a default value an empty array has no type; the type alone has no default.
         given = kind if isinstance(field.default, tuple) and not field.default else field.default
-        parameter = node.declare_parameter(
-            parameter_name(field),
-            list(given) if isinstance(given, tuple) else given,
-            _descriptor(field),
-        )
+        given = list(given) if isinstance(given, tuple) else given
+        parameter = _declared(node, parameter_name(field), given, field)
         if parameter.type_ is not Parameter.Type.NOT_SET:
-            value = parameter.value
-            values[field.name] = (
-                value if isinstance(value, str | bool | int | float) else tuple(value)
-            )
+            values[field.name] = _plain(parameter.value)
     return from_values(values)
+
+
+def declare_joints(node: Node, settings: Settings, robot: Any) -> Settings:
+    """Declare the settings with a number for each joint, and return settings with those chosen.
+
+    A group in which no number differs from its default stays empty in the settings.
+
+    Raises
+    ------
+    rclpy.exceptions.ParameterException, ValueError
+        As `declare`.
+    """
+    order = joint_order(settings.joints, robot)
+    chosen: dict[str, Any] = {}
+    for field in _PER_JOINT:
+        defaults = joint_values(field, settings, robot, order)
+        values = tuple(
+            _declared(node, joint_parameter(field, robot.joint_names[i]), default, field).value
+            for i, default in zip(order, defaults, strict=True)
+        )
+        if values != defaults:
+            chosen[field.name] = values
+    return dataclasses.replace(settings, **chosen)
+
+
+def joint_parameter(field: dataclasses.Field[Any], joint: str) -> str:
+    """Return the name of the parameter that a setting is for one joint."""
+    return f'{parameter_name(field)}.{joint}'
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, str | bool | int | float) else tuple(value)
 
 
 def misspelt(node: Node) -> str:
@@ -78,3 +136,115 @@ def misspelt(node: Node) -> str:
     given = getattr(node, '_parameter_overrides', {})
     unknown = sorted(name for name in given if not node.has_parameter(name))
     return listed(unknown) if unknown else ''
+
+
+@dataclass
+class ParameterChanges:
+    """The callback that rclpy asks before it sets parameters; any thread may set them.
+
+    The values are checked by the arm's own rules before they become an event: a client that is
+    refused leaves nothing in the recording.
+
+    Parameters
+    ----------
+    receiver
+        Takes the event.
+    settings, robot
+        Of the arm when it starts.
+    """
+
+    receiver: Receiver
+    settings: Settings
+    robot: Any
+    _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock)
+    # Parameter -> its field, and the place of its joint, -1 where it is for none.
+    _places: dict[str, tuple[Any, int]] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """List the dynamic parameters by name."""
+        self._order = joint_order(self.settings.joints, self.robot)
+        for field in dataclasses.fields(Settings):
+            if field in _PER_JOINT:
+                for place, i in enumerate(self._order):
+                    name = joint_parameter(field, self.robot.joint_names[i])
+                    self._places[name] = field, place
+            else:
+                self._places[parameter_name(field)] = field, -1
+
+    def set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Have the arm take over new values, all or none; return whether it does, or the reason.
+
+        Parameters of others, such as use_sim_time, pass.
+        """
+        with self._lock:
+            try:
+                values = self._values(parameters)
+                if not values:
+                    return SetParametersResult(successful=True)
+                settings = changed(self.settings, values, len(self._order))
+                reason = self._pass_on(values)
+            except ValueError as error:
+                reason = str(error)
+            if not reason:
+                self.settings = settings
+        return SetParametersResult(successful=not reason, reason=one_line(reason))
+
+    def _values(self, parameters: Sequence[Parameter]) -> dict[str, Any]:
+        """Return the new values by field."""
+        values: dict[str, Any] = {}
+        for parameter in parameters:
+            if parameter.name not in self._places:
+                continue
+            field, place = self._places[parameter.name]
+            if place < 0:
+                value = typed(parameter.name, _plain(parameter.value), str(field.type))
+            else:
+                before = values.get(field.name) or joint_values(
+                    field, self.settings, self.robot, self._order
+                )
+                number = typed(parameter.name, parameter.value, 'float')
+                value = (*before[:place], number, *before[place + 1 :])
+            values[field.name] = value
+        return values
+
+    def _pass_on(self, values: dict[str, Any]) -> str:
+        """Pass new values to the arm; return why it does not take them over, or ''."""
+        answer = self.receiver.ask(Source.PARAMETERS, encode_changes(values))
+        try:
+            judgement = answer.result(ANSWER_SECONDS)
+        except LateError:
+            return ''
+        if judgement.verdict is Verdict.ACCEPTED:
+            return ''
+        return f'{judgement.verdict.name.lower()}: {judgement.detail}'
+
+
+class StrictParameterService(ParameterService):
+    """The parameter services; a value of no type is refused, where rclpy's own raise.
+
+    It overrides callbacks of rclpy (Jazzy) that have no public name.
+    """
+
+    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
+        refused = _untyped(request.parameters)
+        if refused is None:
+            return super()._set_parameters_callback(request, response)
+        response.results = [refused] * len(request.parameters)
+        return response
+
+    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
+        refused = _untyped(request.parameters)
+        if refused is None:
+            return super()._set_parameters_atomically_callback(request, response)
+        response.result = refused
+        return response
+
+
+def _untyped(parameters: Sequence[Any]) -> SetParametersResult | None:
+    """Return the answer to parameters of which one has a value of no type; None if none has."""
+    types = {int(kind.value) for kind in Parameter.Type}
+    strange = [parameter.name for parameter in parameters if parameter.value.type not in types]
+    if not strange:
+        return None
+    reason = f'{listed(strange)} has a value of no type of ROS'
+    return SetParametersResult(successful=False, reason=one_line(reason))

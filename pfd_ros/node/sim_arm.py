@@ -49,9 +49,11 @@ class SimArm(Node):
     """
 
     def __init__(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        super().__init__(NAME)
+        super().__init__(NAME, start_parameter_services=False)
+        parameters.StrictParameterService(self)
         model = load_model(self, with_scene_text(parameters.declare(self)), stopped)
-        settings, robot = model.settings, model.robot
+        robot = model.robot
+        settings = parameters.declare_joints(self, model.settings, robot)
         engine = Engine(settings, robot)
         endpoints = create_endpoints(
             self,
@@ -71,6 +73,8 @@ class SimArm(Node):
         self._receiver = Receiver(EventQueue(), session.record, counts)
         self.stepper = Stepper(engine, self._receiver, session, publishers, counts)
         create_services(self, self._receiver, engine)
+        changes = parameters.ParameterChanges(self._receiver, engine.settings, robot)
+        self.add_on_set_parameters_callback(changes.set)
         log = ThrottledLog(self.get_logger())
         graph = GraphCheck(self, endpoints, log)
         self.reporter = Reporter(log, endpoints, self.stepper, graph)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import time
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import STATES, Output
+from pfd_ros.arm.events import NUMBERED_AS_STATES, Output
 from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.endpoints import NonblockingPublisher
 from pfd_ros.node.log_session import LogSession
@@ -105,7 +105,7 @@ class Stepper:
 
     def _put_out(self, outputs: Sequence[Output]) -> None:
         for role, number, data in outputs:
-            if role == STATES:
+            if role in NUMBERED_AS_STATES:
                 self.states = number
             self.session.record(role, number, data)
             self._publish(role, data)

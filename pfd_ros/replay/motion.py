@@ -3,7 +3,7 @@
 """The motion of a recording: the efforts and brakes of every step, and the recorded states.
 
 The recording is replayed for the efforts and brakes: they may depend on the state. Only the
-recorded states are taken as they are.
+recorded states are taken as they are, unless sensors measured them: then the replay tells them.
 """
 
 from __future__ import annotations
@@ -140,6 +140,11 @@ class _Reading:
         elif message.role == STATES:
             self.run_to(message.cycle)
             state = decode_joint_state(message.data)
+            if self.engine.sensors is not None:
+                arm = self.engine.arm
+                at_rest = np.zeros(self.locked)
+                position, velocity = np.append(arm.q, at_rest), np.append(arm.qd, at_rest)
+                state = replace(state, position=position, velocity=velocity)
             # Locked joints come after those that move.
             count = self.engine.arm.q.size
             place = [*self.engine.arm.order, *range(count, count + self.locked)]
@@ -155,10 +160,10 @@ class _Reading:
                     f'its arm is set to another state before step {self.engine.cycles + 1}: '
                     'that is no motion'
                 )
-            drive = self.engine.drive
+            self.engine.step()
+            drive = self.engine.applied
             self.efforts.append(drive.effort)
             self.braked.append(drive.braked)
-            self.engine.step()
 
 
 def _motion(path: Path, settings: Settings, reading: _Reading, steps: int) -> Motion:

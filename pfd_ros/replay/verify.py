@@ -20,6 +20,7 @@ import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
     CLOCK,
+    DROPPED_STATES,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -145,6 +146,11 @@ class _Replay:
             if message.lost:
                 self._run_to_stamp(message)
             self._run_to(message.cycle)
+            if message.role not in self.outputs:
+                raise DifferenceError(
+                    f'step {message.cycle}: recorded {message.role} {message.number}, '
+                    f'replayed {" and ".join(self.outputs) or "nothing"}'
+                )
             self._compare(message, self.outputs[message.role])
 
     def finish(self, ending: Ending) -> None:
@@ -250,4 +256,9 @@ def _first_difference(recorded: JointMessage, computed: JointMessage) -> str:
     return ''
 
 
-_DIFFERENCES = {TAKEN: _row_difference, STATES: _state_difference, CLOCK: _tick_difference}
+_DIFFERENCES = {
+    TAKEN: _row_difference,
+    STATES: _state_difference,
+    DROPPED_STATES: _state_difference,
+    CLOCK: _tick_difference,
+}

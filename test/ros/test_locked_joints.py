@@ -62,9 +62,11 @@ def test_locked_joints_can_be_left_out_of_the_states() -> None:
 
 def test_a_command_for_a_locked_joint_moves_the_others_and_is_not_unknown() -> None:
     engine = made(**WRIST)
-    found = engine.judge(joint_command(['joint5', 'joint1', 'nobody'], [9.0, 1.0, 9.0]))
+    command = joint_command(['joint5', 'joint1', 'nobody'], [9.0, 1.0, 9.0])
+    ((_, found, _),) = engine.take([command]).judgements
     assert found.verdict is Verdict.ACCEPTED
-    assert (found.joints, found.efforts) == ((0,), (1.0,))
+    (state,) = (decode_joint_state(o.data) for o in engine.step() if o.role == 'joint_states')
+    assert state.effort.tolist() == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
     assert (found.locked, found.unknown, found.unknown_count) == (('joint5',), ('nobody',), 1)
 
 

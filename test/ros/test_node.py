@@ -103,7 +103,7 @@ def test_every_kind_of_command_is_judged_as_the_rules_say(processes: Processes, 
 def test_a_state_that_overflows_is_said_once_and_the_node_goes_on(
     processes: Processes, peer_of
 ) -> None:
-    arm = processes.arm('-p', 'recording:=arm.mcap')
+    arm = processes.arm('-p', 'recording:=arm.mcap', '-p', 'effort_limits:=false')
     peer = peer_of(processes)
     peer.connect()
     peer.command(JOINTS, [1e300] * 6)

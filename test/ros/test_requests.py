@@ -262,3 +262,12 @@ def test_the_present_state_can_be_sent_again_without_a_cycle() -> None:
     last = engine.present()
     assert {output.role: output.data for output in last} == again
     assert engine.cycles == 1
+
+
+def test_a_failed_arm_stands_in_a_pause_too() -> None:
+    engine = made(effort_limits=False, torque_speed=False)
+    engine.take([Arrival(Source.ARRAY, 1, efforts(1e308, 1e308))])
+    while not engine.arm.failure:
+        engine.step()
+    engine.take([asked('pause')])
+    assert engine.stands

@@ -52,7 +52,7 @@ class Judgement(NamedTuple):
     unknown, unknown_count
         The first few names of joints that the arm does not have, cut short; the count of all.
     locked
-        Names of joints of the arm that are welded and so do nothing.
+        Names of joints of the arm that it commands in vain, as they are welded.
     effect
         Of an accepted message.
     """
@@ -176,15 +176,16 @@ def _named_efforts(
             unknown=unknown,
             unknown_count=len(strange),
         )
-    welded = tuple(name for name in names if name in locked) if locked else ()
     # NaN is the one number that differs from itself: no command for that joint.
+    numbers = zip(names, efforts, strict=True) if locked else ()
+    welded = tuple(name for name, effort in numbers if name in locked and effort == effort)
     given = [
         (index[name], effort)
         for name, effort in zip(names, efforts, strict=True)
         if name in index and effort == effort
     ]
     if not given:
-        none_moves = len(welded) + len(strange) == len(names)
+        none_moves = bool(welded) and not any(name in index for name in names)
         return Judgement(
             Verdict.REFUSED if none_moves else Verdict.ALL_NAN,
             f'locked: {listed(welded)}' if none_moves else 'every effort is NaN',

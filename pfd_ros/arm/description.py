@@ -72,12 +72,16 @@ class Description:
         Joint -> initial value of its position, rad or m.
     followers
         Joint -> the joint that it mimics.
+    ragged
+        Command interfaces that only some joints of the hardware have: it sends an array for
+        these, beside the names of all its joints.
     """
 
     hardware: Hardware | None = None
     takes_effort: frozenset[str] = frozenset()
     positions: Mapping[str, float] = field(default_factory=dict)
     followers: Mapping[str, Follower] = field(default_factory=dict)
+    ragged: frozenset[str] = frozenset()
 
 
 def read_description(text: str, moving: Collection[str], *, ros2_control: bool) -> Description:
@@ -102,15 +106,17 @@ def read_description(text: str, moving: Collection[str], *, ros2_control: bool) 
     if not ros2_control:
         return Description(followers=followers)
     hardware: set[Hardware] = set()
+    ragged: set[str] = set()
     takes_effort: set[str] = set()
     positions: dict[str, float] = {}
     for block in root.findall('ros2_control'):
         joints = {joint.get('name', ''): joint for joint in block.findall('joint')}
         if not joints.keys().isdisjoint(moving):
-            hardware.update(_hardware(block))
+            found = set(_hardware(block))
+            hardware |= found
+            ragged |= _ragged(joints.values()) if found else set()
         for name, joint in joints.items():
-            kinds = {interface.get('name') for interface in joint.findall('command_interface')}
-            takes_effort.update({name} if 'effort' in kinds else ())
+            takes_effort.update({name} if 'effort' in _commanded(joint) else ())
             for position in _initial_positions(joint, name):
                 if positions.setdefault(name, position) != position:
                     raise ValueError(
@@ -121,7 +127,16 @@ def read_description(text: str, moving: Collection[str], *, ros2_control: bool) 
             f'two <ros2_control> blocks for joints of the arm have different topics; {UNREAD}'
         )
     one = next(iter(hardware), None)
-    return Description(one, frozenset(takes_effort), positions, followers)
+    return Description(one, frozenset(takes_effort), positions, followers, frozenset(ragged))
+
+
+def _commanded(joint: ElementTree.Element) -> set[str]:
+    return {kind.get('name', '') for kind in joint.findall('command_interface')}
+
+
+def _ragged(joints: Collection[ElementTree.Element]) -> set[str]:
+    kinds = [_commanded(joint) for joint in joints]
+    return set.union(*kinds) - set.intersection(*kinds)
 
 
 def _hardware(block: ElementTree.Element) -> Iterator[Hardware]:
@@ -210,6 +225,17 @@ def differences(settings: Settings, moving: Collection[str], description: Descri
     if not off:
         return ''
     return f'<ros2_control> has other initial values for {listed(off)} than the parameters'
+
+
+def ragged_trap(description: Description) -> str:
+    """Return a warning about hardware whose messages are dropped, '' without any."""
+    if not description.ragged:
+        return ''
+    return (
+        f'only some joints of the hardware have the command interface '
+        f'{listed(sorted(description.ragged))}: it sends arrays shorter than its names, and such '
+        'messages are dropped; give all joints of the block the same command interfaces'
+    )
 
 
 def silence_trap(moving: Collection[str], description: Description) -> str:

@@ -24,6 +24,7 @@ from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.description import (
     Description,
     differences,
+    ragged_trap,
     read_description,
     silence_trap,
     with_followers,
@@ -122,6 +123,7 @@ def _tell(
     for warning in (
         differences(filled, moving, description),
         silence_trap(moving, description),
+        ragged_trap(description),
     ):
         if warning:
             node.get_logger().warning(one_line(warning))

@@ -27,21 +27,33 @@ def _controlled(name: str, initial: float) -> str:
     )
 
 
-def urdf(**params: str) -> str:
-    """Return the URDF, with these parameters of its hardware."""
+def block(**params: str) -> str:
+    """Return a block for ros2_control, with these parameters of its hardware."""
+    told = ''.join(f'<param name="{name}">{value}</param>' for name, value in params.items())
+    return (
+        '<ros2_control name="arm" type="system"><hardware>'
+        '<plugin>joint_state_topic_hardware_interface/JointStateTopicSystem</plugin>'
+        f'{told}</hardware>'
+        + ''.join(map(_controlled, (*ARM, 'finger'), (*START, 0.04)))
+        + '</ros2_control>'
+    )
+
+
+def with_block(text: str) -> str:
+    """Return the URDF with a block for ros2_control."""
     links = ''.join(
         f'<link name="{name}">{_BODY}</link>' for name in ('upper', 'lower', 'left', 'right')
     )
-    told = ''.join(f'<param name="{name}">{value}</param>' for name, value in params.items())
     return (
         f'<robot name="with_gripper"><link name="base"/>{links}'
         + _joint('shoulder', 'revolute', 'base', 'upper')
         + _joint('elbow', 'revolute', 'upper', 'lower')
         + _joint('finger', 'prismatic', 'lower', 'left')
         + _joint('thumb', 'prismatic', 'lower', 'right', '<mimic joint="finger" multiplier="-1"/>')
-        + '<ros2_control name="arm" type="system"><hardware>'
-        '<plugin>joint_state_topic_hardware_interface/JointStateTopicSystem</plugin>'
-        f'{told}</hardware>'
-        + ''.join(map(_controlled, (*ARM, 'finger'), (*START, 0.04)))
-        + '</ros2_control></robot>'
+        + f'{text}</robot>'
     )
+
+
+def urdf(**params: str) -> str:
+    """Return the URDF with such a block."""
+    return with_block(block(**params))

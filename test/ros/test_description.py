@@ -19,6 +19,7 @@ from pfd_ros.arm.description import (
     Follower,
     Hardware,
     differences,
+    ragged_trap,
     read_description,
     silence_trap,
     with_followers,
@@ -178,6 +179,22 @@ MIXED = random_chain(
     6,
     joint_types=['revolute', 'prismatic', 'continuous', 'revolute', 'prismatic', 'revolute'],
 )
+
+
+@pytest.mark.parametrize(
+    ('joints', 'ragged'),
+    [
+        (joint('shoulder') + joint('elbow'), set()),
+        (joint('shoulder') + joint('elbow', command='position'), {'effort', 'position'}),
+        (joint('shoulder') + '<joint name="finger"/>', {'effort'}),
+    ],
+)
+def test_hardware_whose_arrays_would_be_ragged_is_warned_of(joints: str, ragged: set[str]) -> None:
+    found = described(block(joints), block(joint('finger'), 'mock_components/GenericSystem'))
+    assert found.ragged == ragged
+    text = ragged_trap(found)
+    assert all(kind in text for kind in ragged)
+    assert bool(text) is bool(ragged)
 
 
 @pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')

@@ -83,6 +83,16 @@ def test_nan_for_the_joints_that_move_is_no_command_whatever_locked_joints_get()
     assert found.verdict is Verdict.ALL_NAN
 
 
+def test_nan_for_a_locked_joint_is_no_command_for_it() -> None:
+    # Hardware sends NaN for a gripper that no controller has claimed.
+    engine, nan = made(**WRIST), float('nan')
+    found = engine.judge(joint_command(['joint1', 'joint5'], [1.0, nan]))
+    assert (found.verdict, found.locked) == (Verdict.ACCEPTED, ())
+    for names in (['joint5'], ['joint1', 'joint5']):
+        found = engine.judge(joint_command(names, [nan] * len(names)))
+        assert (found.verdict, found.locked) == (Verdict.ALL_NAN, ())
+
+
 def test_names_of_locked_joints_that_are_not_published_stay_unknown() -> None:
     engine = made(publish_locked=False, **WRIST)
     found = engine.judge(joint_command(['joint5'], [1.0]))

@@ -136,7 +136,7 @@ def _commanded(joint: ElementTree.Element) -> set[str]:
 
 def _ragged(joints: Collection[ElementTree.Element]) -> set[str]:
     kinds = [_commanded(joint) for joint in joints]
-    return set.union(*kinds) - set.intersection(*kinds)
+    return {kind for one in kinds for kind in one if not all(kind in other for other in kinds)}
 
 
 def _hardware(block: ElementTree.Element) -> Iterator[Hardware]:

@@ -63,6 +63,30 @@ def test_a_text_that_is_no_urdf_is_refused(
         wait(other)
 
 
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('<!DOCTYPE a [<!ENTITY b "c">]><robot name="&b;"/>', 'a URDF has no <!DOCTYPE>'),
+        ('<robot>' * 60, 'nests them more than 50 deep'),
+        ('<robot', 'not well-formed XML'),
+        (gripper_arm.urdf(joint_states_topic='{} %s'), 'Invalid topic name'),
+        (gripper_arm.urdf(joint_states_topic='a' * 300), 'topic name'),
+    ],
+    ids=['entity', 'deep', 'cut', 'name', 'long'],
+)
+def test_a_hostile_model_is_refused_in_one_line(
+    processes: Processes, peer_of, text: str, reason: str
+) -> None:
+    one = peer_of(processes)
+    publisher = latched(one)
+    publish(publisher, text)
+    arm = processes.arm('-p', 'robot:=robot_description', '-p', 'locked:=[finger]', ready=False)
+    assert arm.end() == 1
+    (line,) = (line for line in arm.text().splitlines() if line.startswith('sim_arm: '))
+    assert reason in line
+    assert len(line) < 700
+
+
 def test_a_model_that_does_not_come_is_waited_for_until_the_time_is_over(
     processes: Processes, peer_of
 ) -> None:

@@ -8,7 +8,7 @@ and the same events in the same cycles give the same bytes. One cycle is
     events that came since the cycle before   ->   a verdict on each, in the order of the events
     accepted commands                         ->   the drive of the joints
     drive                                     ->   one step of the arm, or a jump to another state
-    outputs                                   ->   verdict rows, then the state, then the clock
+    outputs                                   ->   verdict rows, state, what is asked beside, clock
 
 `take` does the first half and `step` the second: while the arm stands (a pause, or lockstep
 without an answer to the last state), events are taken and no cycle runs.
@@ -48,6 +48,7 @@ from pfd_ros.arm.events import (
     VerdictRow,
 )
 from pfd_ros.arm.followed_clock import FollowedClock
+from pfd_ros.arm.outputs import extra_outputs
 from pfd_ros.arm.pace import Pace
 from pfd_ros.arm.requests import judge_request, judge_state
 from pfd_ros.arm.sensors import JointArrays, sensors_of
@@ -126,6 +127,7 @@ class Engine:
         self._payloads = 0
         self.jumps: list[StateChange | None] = []
         self.sensors = sensors_of(self.settings, self.arm)
+        self._extra = extra_outputs(self.settings, self.arm)
         self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id)
 
     @property
@@ -239,6 +241,8 @@ class Engine:
         self.link.set(self.settings)
         self.actuators.set(self.settings)
         self.sensors = sensors_of(self.settings, self.arm, self.sensors)
+        if change.plant is not None:
+            self._extra = extra_outputs(self.settings, self.arm)
         if self.arm.scene.payload != before:
             self._payload_is_new = True
 
@@ -298,17 +302,17 @@ class Engine:
     def measured(self) -> JointArrays:
         """Return the positions, velocities and efforts that the state of this cycle tells."""
         if self.sensors is None:
-            return JointArrays(self.arm.q, self.arm.qd, self.arm.tau)
+            return self.arm.q, self.arm.qd, self.arm.tau
         return self.sensors.measured(self.cycles)
 
     def present(self) -> list[Output]:
-        """Return the state and the clock tick as they are now, for readers that missed them.
+        """Return the state, the outputs beside it and the tick, for readers that missed them.
 
         They are not part of the run: no cycle, and nothing to record.
         """
         arm = self.arm
         state = self._encoder.encode(arm.stamp_ns, *self.measured())
-        found = [Output(STATES, 0, state)]
+        found = [Output(STATES, 0, state), *self._beside_the_state(0)]
         if self._clock_every:
             found.append(Output(CLOCK, 0, convert.encode_clock(arm.stamp_ns)))
         return found
@@ -316,7 +320,7 @@ class Engine:
     def stand_still(self, cycle: int) -> None:
         """Pass over the cycles up to `cycle`, for an arm that failed and gets no events.
 
-        State and tick are the same in each of them: a gap of any length costs nothing.
+        The arm is the same in each of them: a gap of any length costs nothing.
         """
         if not self.arm.failure:
             raise RuntimeError('only an arm that failed stands still')
@@ -336,13 +340,20 @@ class Engine:
         return Output(TAKEN, self._row_messages, convert.encode_rows(rows, TAKEN_COLUMNS))
 
     def _add_state_and_tick(self, outputs: list[Output]) -> None:
-        """Add the state and the clock tick of this cycle; the state precedes its tick."""
+        """Add the state of this cycle, the outputs beside it, and the clock tick."""
         arm, cycle = self.arm, self.cycles
         if cycle % self._publish_every == 0:
             dropped = self.sensors is not None and self.sensors.drops(cycle)
             role = DROPPED_STATES if dropped else STATES
             state = self._encoder.encode(arm.stamp_ns, *self.measured())
-            outputs.append(Output(role, cycle // self._publish_every, state))
+            number = cycle // self._publish_every
+            outputs.append(Output(role, number, state))
+            if self._extra is not None:
+                outputs.extend(self._beside_the_state(number))
         if self._clock_every and cycle % self._clock_every == 0:
             tick = convert.encode_clock(arm.stamp_ns)
             outputs.append(Output(CLOCK, cycle // self._clock_every, tick))
+
+    def _beside_the_state(self, number: int) -> list[Output]:
+        messages = [] if self._extra is None else self._extra.messages()
+        return [Output(role, number, data) for role, data in messages]

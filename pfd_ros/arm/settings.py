@@ -16,6 +16,7 @@ from typing import Any
 
 import pfd_core as pfd
 from pfd_ros.arm.command_settings import CommandSettings
+from pfd_ros.arm.output_settings import OutputSettings
 from pfd_ros.arm.plant_settings import PlantSettings
 from pfd_ros.arm.sensor_settings import SensorSettings
 from pfd_ros.arm.setting_fields import check_values, setting, typed
@@ -39,7 +40,7 @@ POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
 
 @dataclass(frozen=True)
-class Settings(CommandSettings, PlantSettings, SensorSettings):
+class Settings(CommandSettings, PlantSettings, SensorSettings, OutputSettings):
     """The parameters of the node `sim_arm`; units SI, angles in rad.
 
     Raises
@@ -111,6 +112,8 @@ class Settings(CommandSettings, PlantSettings, SensorSettings):
             raise ValueError(f'start_time is {self.start_time!r}, expected -1, or 0 and more')
         if self.follows_clock and self.publish_clock:
             raise ValueError('an arm with time_source clock needs publish_clock false')
+        if len(set(self.outputs)) < len(self.outputs):
+            raise ValueError(f'outputs names one twice: {listed(self.outputs)}')
         if 0.0 < self.real_time_factor < SLOWEST_FACTOR:
             raise ValueError(
                 f'real_time_factor is {self.real_time_factor!r}, '

@@ -246,6 +246,9 @@ def _judge_numbers(
     joints
         Their indices in the model, (k,).
     """
+    if gains is None and math.isfinite(sum(message.effort.tolist())):
+        # The usual case, and a fast one: efforts alone, none of which is NaN.
+        return Judgement(Verdict.ACCEPTED, effect=Command(joints, message.effort[known]))
     none = np.full(len(known), np.nan)
     effort, position, velocity = (
         values[known] if len(values) else none

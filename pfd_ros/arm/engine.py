@@ -165,7 +165,7 @@ class Engine:
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
         source, payload = event.source, event.payload
-        if source in MOVING and not self.pace.active:
+        if not self.pace.active and source in MOVING:
             return INACTIVE
         try:
             if source is Source.ARRAY:

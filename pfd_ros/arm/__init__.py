@@ -16,11 +16,13 @@ From the inputs to the outputs:
     commands          the rules for a command, NaN and infinity among them, and its drive
     changes           the rules for settings that change while the arm runs
     requests          the rules for requests (pause, step, reset) and for states to jump to
-    pace              whether there may be a step: pauses, lockstep
-    actuators         from commanded efforts to those that act: the limits of the motors
+    followed_clock    the rules for ticks of another node's clock
+    pace              whether there may be a step: activity, pauses, lockstep, followed clock
+    actuators         from commands to the efforts that act: servos, limits of the motors
     arm               the simulated arm: robot, brakes, simulator, failure
     sensors           the true state -> the measured one, which joint_states tell
     outputs           what is published beside joint_states: model, tip, energy, true state
+    stable_gains      the largest gains of a PD loop through a zero-order hold
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 
 A new input is a Source in `events` and a rule in `engine`. A new output is a role in `events`, its

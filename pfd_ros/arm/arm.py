@@ -135,6 +135,10 @@ class Arm:
         qdd: np.ndarray = self._simulator.qdd[self._columns]
         return qdd
 
+    def leap(self, stamp_ns: int) -> None:
+        """Let simulated time go on from there, without a step."""
+        self._start_ns = stamp_ns - self.step * self._step_ns
+
     def advance(self, drive: Drive) -> None:
         """Do one step; after a failure the arm stands still and keeps its last finite state."""
         if self.failure:

@@ -28,11 +28,12 @@ from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.changes import judge_changes
 from pfd_ros.arm.commands import Command, Judgement, held, judge_array, judge_named, let_go, merge
-from pfd_ros.arm.effects import SettingsChange, StateChange
+from pfd_ros.arm.effects import ClockTick, SettingsChange, StateChange
 from pfd_ros.arm.events import (
     CLOCK,
     COMMANDS,
     DROPPED_STATES,
+    MOVING,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -44,6 +45,7 @@ from pfd_ros.arm.events import (
     Verdict,
     VerdictRow,
 )
+from pfd_ros.arm.followed_clock import FollowedClock
 from pfd_ros.arm.outputs import extra_outputs
 from pfd_ros.arm.pace import Pace
 from pfd_ros.arm.requests import judge_request, judge_state
@@ -54,6 +56,7 @@ from pfd_ros.text import one_line
 
 # Rows of one message: a flood may have dropped a million commands before a cycle.
 MOST_ROWS = 4096
+INACTIVE = Judgement(Verdict.REFUSED, 'the arm is inactive')
 OVERFLOWED = Judgement(Verdict.OVERFLOWED, 'newer ones came before the next step')
 
 
@@ -98,10 +101,12 @@ class Engine:
     """
 
     def __init__(self, settings: Settings, robot: Any) -> None:
+        self.robot = robot
         self.arm = Arm(settings, robot)
         self.settings = self.arm.settings
         self.cycles = 0
-        self.pace = Pace(settings.lockstep)
+        clock = FollowedClock(settings.step_ns) if settings.follows_clock else None
+        self.pace = Pace(settings.lockstep, settings.autostart, clock)
         self._row_messages = 0
         self._publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
@@ -119,6 +124,8 @@ class Engine:
     @property
     def stands(self) -> bool:
         """Whether the next cycle has to wait for an event."""
+        if self.pace.forbids(self.arm.stamp_ns + self.settings.step_ns):
+            return True
         return self.pace.stands and not self.jumps
 
     def run_cycle(self, events: Iterable[Event] = ()) -> Taken:
@@ -148,19 +155,23 @@ class Engine:
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
         source, payload = event.source, event.payload
+        if source in MOVING and not self.pace.active:
+            return INACTIVE
         try:
             if source is Source.ARRAY:
                 return judge_array(convert.decode_floats(payload), self._order)
             if source is Source.NAMED:
                 message = convert.decode_joint_state(payload)
-                return judge_named(message, self._index, self._since_ns)
+                return judge_named(message, self._index, self._since_ns, self.actuators.gains)
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
                 return judge_state(message, self._index, self._since_ns)
             if source is Source.PARAMETERS:
                 text = convert.decode_string(payload)
                 return judge_changes(text, self.settings, len(self.arm.order))
-            return judge_request(convert.decode_string(payload), self.pace.paused)
+            if source is Source.TICK:
+                return self.pace.judge_tick(convert.decode_clock(payload), self.arm.stamp_ns)
+            return judge_request(convert.decode_string(payload), self.pace)
         except ValueError as error:
             return Judgement(Verdict.MALFORMED, one_line(error))
 
@@ -176,17 +187,29 @@ class Engine:
             self._since_ns = self.arm.stamp_ns + self.settings.step_ns
         elif isinstance(effect, SettingsChange):
             self._set(effect.settings)
-        elif effect is not None and effect.name == 'reset':
-            self.jumps = [None]
-            self.drive = held(len(self.arm.order))
-            self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+        elif isinstance(effect, ClockTick):
+            self._follow(effect)
         elif effect is not None:
+            if effect.name in ('reset', 'deactivate'):
+                self.drive = held(len(self.arm.order))
+                self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+            if effect.name == 'reset':
+                self.jumps = [None]
             self.pace.request(effect)
 
     def _set(self, settings: Settings) -> None:
         """Take over other values of dynamic settings; all others are as before."""
         self.settings = self.arm.settings = settings
         self.sensors = sensors_of(settings, self.arm, self.sensors)
+        self.actuators.set(settings)
+
+    def _follow(self, tick: ClockTick) -> None:
+        clock = self.pace.clock
+        assert clock is not None
+        if clock.until_ns is None:
+            self.arm.leap(tick.stamp_ns)
+            self._since_ns = tick.stamp_ns
+        clock.until_ns = tick.stamp_ns
 
     def step(self) -> list[Output]:
         """Run the next cycle on the events that were taken; return its state and its tick."""
@@ -198,7 +221,7 @@ class Engine:
             if self.sensors is not None:
                 self.sensors.restart()
         else:
-            self.applied = self.actuators.applied(self.drive, self.arm.qd)
+            self.applied = self.actuators.applied(self.drive, self.arm.q, self.arm.qd)
             self.arm.advance(self.applied)
             if self.sensors is not None:
                 self.sensors.sample()

@@ -24,10 +24,13 @@ class Source(IntEnum):
     SET_STATE = 2
     REQUEST = 3
     PARAMETERS = 4
+    TICK = 7
 
 
 # The sources whose messages are commands for the joints.
 COMMANDS = frozenset({Source.NAMED, Source.ARRAY})
+# The sources that an inactive arm refuses.
+MOVING = COMMANDS | {Source.SET_STATE}
 
 
 class Verdict(IntEnum):

@@ -30,6 +30,10 @@ SLOWEST_FACTOR = 1e-6
 # Least share of the steps that are published; less is a mistake.
 SLOWEST_SHARE = 1e-12
 
+# A start time that is resolved when the node is configured: time that goes on from one run to the
+# next is monotonic for controllers that live through both.
+TIME_OF_DAY = -1.0
+
 # Names of `position_sums`, and whether the simulator then compensates; None leaves it to it.
 POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
@@ -74,7 +78,20 @@ class Settings(CommandSettings, SensorSettings, OutputSettings):
     initial_positions: tuple[float, ...] = setting(
         (), 'Where the joints start, rad or m, in the order of `joints`; empty is zero'
     )
-    start_time: float = setting(0.0, 'Simulated time before the first step, s', 0.0, 1e9)
+    autostart: bool = setting(
+        True, 'Be active from the start on, without the transitions of a lifecycle node'
+    )
+    time_source: str = setting(
+        'own',
+        'Clock of the arm: own, or clock, which follows the /clock of another node',
+        values=('own', 'clock'),
+    )
+    start_time: float = setting(
+        0.0,
+        'Simulated time before the first step, s; -1 is the time of day at the start',
+        TIME_OF_DAY,
+        2e9,
+    )
     real_time_factor: float = setting(
         1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0, dynamic=True
     )
@@ -102,6 +119,10 @@ class Settings(CommandSettings, SensorSettings, OutputSettings):
             )
         if len(set(self.outputs)) < len(self.outputs):
             raise ValueError(f'outputs names one twice: {listed(self.outputs)}')
+        if TIME_OF_DAY < self.start_time < 0.0:
+            raise ValueError(f'start_time is {self.start_time!r}, expected -1, or 0 and more')
+        if self.follows_clock and self.publish_clock:
+            raise ValueError('an arm with time_source clock needs publish_clock false')
         if 0.0 < self.real_time_factor < SLOWEST_FACTOR:
             raise ValueError(
                 f'real_time_factor is {self.real_time_factor!r}, '
@@ -130,6 +151,17 @@ class Settings(CommandSettings, SensorSettings, OutputSettings):
         return dict(zip(self.locked, positions, strict=True))
 
     @property
+    def follows_clock(self) -> bool:
+        """Whether the arm follows the clock of another node."""
+        return self.time_source == 'clock'
+
+    def at_time_of_day(self, seconds: float) -> Settings:
+        """Return settings with the time of day in the place of -1, in whole milliseconds."""
+        if self.start_time != TIME_OF_DAY:
+            return self
+        return dataclasses.replace(self, start_time=int(seconds * 1000) / 1000)
+
+    @property
     def step_ns(self) -> int:
         """Simulated time per step in nanoseconds."""
         return round(self.step_size * NANOSECONDS)
@@ -137,6 +169,8 @@ class Settings(CommandSettings, SensorSettings, OutputSettings):
     @property
     def start_ns(self) -> int:
         """Simulated time before the first step in nanoseconds."""
+        if self.start_time < 0.0:
+            raise ValueError('start_time is the time of day, which only a node knows')
         return round(self.start_time * NANOSECONDS)
 
     @property

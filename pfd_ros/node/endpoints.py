@@ -18,7 +18,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -39,10 +39,14 @@ SUBSCRIBED = {
     Source.NAMED: (JointState, 'joint_commands', 1),
     Source.ARRAY: (Float64MultiArray, '~/commands', 1),
     Source.SET_STATE: (JointState, '~/set_state', 1),
+    Source.TICK: (Clock, '/clock', 1),
 }
 PUBLISHED = {STATES: (JointState, 'joint_states', 10), CLOCK: (Clock, '/clock', 1)} | {
     name: (_CLASSES[kind], f'~/{name}', 10) for name, kind in OUTPUTS.items()
 }
+# A clock may come best effort; a tick that is lost is made up for by the next one.
+RELIABLE = ReliabilityPolicy.RELIABLE
+RELIABILITY = {Source.TICK: ReliabilityPolicy.BEST_EFFORT}
 AT_ONCE = Duration()
 # Longest call of a publisher, s; the step timer makes up for delays this long.
 LONGEST_SECONDS = 0.05
@@ -57,9 +61,13 @@ class Endpoints:
 
 
 def create_endpoints(
-    node: Node, *, roles: Container[str], on_message: Callable[[Source, bytes], None]
+    node: Node,
+    *,
+    roles: Container[str],
+    follow_clock: bool,
+    on_message: Callable[[Source, bytes], None],
 ) -> Endpoints:
-    """Create the endpoints of a node, publishers for the outputs of some roles alone.
+    """Create the endpoints of a node: publishers of these roles, a followed clock only if wanted.
 
     `on_message` is called with each serialized message, on the executor's thread.
     """
@@ -83,12 +91,13 @@ def create_endpoints(
             kind,
             topic,
             partial(on_message, source),
-            QoSProfile(depth=depth),
+            QoSProfile(depth=depth, reliability=RELIABILITY.get(source, RELIABLE)),
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             **overridable,
         )
         for source, (kind, topic, depth) in SUBSCRIBED.items()
+        if source is not Source.TICK or follow_clock
     }
     return Endpoints(publishers, subscriptions)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import TimeoutError as LateError
+from contextlib import suppress
 import dataclasses
 from dataclasses import dataclass
 import threading
@@ -22,6 +23,7 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.exceptions import ParameterUninitializedException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
@@ -67,34 +69,56 @@ def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
     return descriptor
 
 
-def _declared(node: Node, name: str, given: Any, field: dataclasses.Field[Any]) -> Parameter:
-    """Return a parameter, declared now unless it was before: a node may be configured again."""
-    if node.has_parameter(name):
-        return node.get_parameter_or(name)
-    return node.declare_parameter(name, given, _descriptor(field))
+def _declared(node: Node, name: str, given: Any, descriptor: ParameterDescriptor) -> Any:
+    """Return the value of a parameter, declared now unless it was before.
+
+    A node may be configured again.
+    """
+    if not node.has_parameter(name):
+        node.declare_parameter(name, given, descriptor)
+    return node.get_parameter(name).value
 
 
-def declare(node: Node) -> Settings:
-    """Declare every setting but those for each joint, and return the chosen values.
+def declare(node: Node) -> bool:
+    """Declare every setting but those for each joint, and return that of `autostart`.
+
+    They are read-only, but for dynamic ones and those of a node without autostart: such a node
+    may be configured again and again, with other values.
 
     Raises
     ------
     rclpy.exceptions.ParameterException
         If a value has the wrong type or lies outside its range.
+    """
+    fields = {f.name: f for f in dataclasses.fields(Settings) if f not in _PER_JOINT}
+    first = fields.pop('autostart')
+    node.declare_parameter(first.name, first.default, _descriptor(first))
+    autostart = bool(node.get_parameter(first.name).value)
+    for field in fields.values():
+        kind = _KINDS[str(field.type)]
+        # Without a default value an empty array has no type; the type alone has no default.
+        given = kind if isinstance(field.default, tuple) and not field.default else field.default
+        descriptor = _descriptor(field)
+        descriptor.read_only = descriptor.read_only and autostart
+        node.declare_parameter(
+            parameter_name(field), list(given) if isinstance(given, tuple) else given, descriptor
+        )
+    return autostart
+
+
+def read(node: Node) -> Settings:
+    """Return the settings that the parameters of a node say.
+
+    Raises
+    ------
     ValueError
         If the values do not go together.
     """
     values: dict[str, Any] = {}
     for field in dataclasses.fields(Settings):
-        if field in _PER_JOINT:
-            continue
-        kind = _KINDS[str(field.type)]
-        # Without a default value an empty array has no type; the type alone has no default.
-        given = kind if isinstance(field.default, tuple) and not field.default else field.default
-        given = list(given) if isinstance(given, tuple) else given
-        parameter = _declared(node, parameter_name(field), given, field)
-        if parameter.type_ is not Parameter.Type.NOT_SET:
-            values[field.name] = _plain(parameter.value)
+        if field not in _PER_JOINT:
+            with suppress(ParameterUninitializedException):
+                values[field.name] = _plain(node.get_parameter(parameter_name(field)).value)
     return from_values(values)
 
 
@@ -112,8 +136,9 @@ def declare_joints(node: Node, settings: Settings, robot: Any) -> Settings:
     chosen: dict[str, Any] = {}
     for field in _PER_JOINT:
         defaults = joint_values(field, settings, robot, order)
+        descriptor = _descriptor(field)
         values = tuple(
-            _declared(node, joint_parameter(field, robot.joint_names[i]), default, field).value
+            _declared(node, joint_parameter(field, robot.joint_names[i]), default, descriptor)
             for i, default in zip(order, defaults, strict=True)
         )
         if values != defaults:
@@ -196,6 +221,8 @@ class ParameterChanges:
             if parameter.name not in self._places:
                 continue
             field, place = self._places[parameter.name]
+            if not field.metadata['dynamic']:
+                raise ValueError(f'{listed([parameter.name])} cannot change until cleanup')
             if place < 0:
                 value = typed(parameter.name, _plain(parameter.value), str(field.type))
             else:

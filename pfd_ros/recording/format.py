@@ -64,6 +64,7 @@ class Channel(NamedTuple):
 
 NAMED_COMMANDS, ARRAY_COMMANDS = 'joint_commands', 'commands'
 SET_STATE, REQUESTS, PARAMETERS = 'set_state', 'requests', 'parameters'
+FOLLOWED = 'followed_clock'
 # In the order of the recorder's topics: the inputs come first, by Source.
 CHANNELS = {
     NAMED_COMMANDS: Channel(convert.JOINT_STATE, vital=True),
@@ -71,6 +72,7 @@ CHANNELS = {
     SET_STATE: Channel(convert.JOINT_STATE, vital=True, always=False),
     REQUESTS: Channel(convert.STRING, vital=True, always=False),
     PARAMETERS: Channel(convert.STRING, vital=True, always=False),
+    FOLLOWED: Channel(convert.CLOCK, vital=True, always=False),
     TAKEN: Channel(convert.INTEGER_ARRAY, vital=True),
     STATES: Channel(convert.JOINT_STATE),
     DROPPED_STATES: Channel(convert.JOINT_STATE, always=False),
@@ -83,6 +85,7 @@ ROLE_OF_SOURCE = {
     Source.SET_STATE: SET_STATE,
     Source.REQUEST: REQUESTS,
     Source.PARAMETERS: PARAMETERS,
+    Source.TICK: FOLLOWED,
 }
 SOURCE_OF_ROLE = {role: source for source, role in ROLE_OF_SOURCE.items()}
 

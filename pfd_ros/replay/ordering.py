@@ -109,7 +109,8 @@ class _Order:
     def _allow(self, settings: Settings) -> None:
         """Raise the bound on the rate of cycles to that of some settings."""
         factor = settings.real_time_factor
-        nominal = factor / settings.step_size if factor else FASTEST
+        own_time = factor and not settings.follows_clock
+        nominal = factor / settings.step_size if own_time else FASTEST
         self._rate = min(max(nominal, self._rate), FASTEST)
 
     def _allow_change(self, data: bytes) -> None:

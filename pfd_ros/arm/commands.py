@@ -25,6 +25,7 @@ from pfd_ros.arm.effects import (
     Request,
     SettingsChange,
     StateChange,
+    WrenchChange,
 )
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
@@ -79,7 +80,9 @@ class Judgement(NamedTuple):
     detail: str = ''
     unknown: tuple[str, ...] = ()
     unknown_count: int = 0
-    effect: Command | Request | StateChange | SettingsChange | ClockTick | None = None
+    effect: Command | Request | StateChange | SettingsChange | WrenchChange | ClockTick | None = (
+        None
+    )
 
 
 class Drive(NamedTuple):

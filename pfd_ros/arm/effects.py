@@ -32,9 +32,17 @@ class Request:
 
 @dataclass(frozen=True)
 class SettingsChange:
-    """The `Settings` from the next cycle on."""
+    """The `Settings` from the next cycle on, and the `Plant` if they need another one."""
 
     settings: Any
+    plant: Any = None
+
+
+@dataclass(frozen=True)
+class WrenchChange:
+    """Force and moment on the last link, (6,) in N and N m, in its frame, about its origin."""
+
+    wrench: tuple[float, ...]
 
 
 @dataclass(frozen=True)

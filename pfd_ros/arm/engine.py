@@ -26,14 +26,15 @@ import numpy as np
 
 from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.changes import judge_changes
+from pfd_ros.arm.changes import judge_changes, judge_payload, payload_message
 from pfd_ros.arm.commands import Command, Judgement, held, judge_array, judge_named, let_go, merge
-from pfd_ros.arm.effects import ClockTick, SettingsChange, StateChange
+from pfd_ros.arm.effects import ClockTick, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
     CLOCK,
     COMMANDS,
     DROPPED_STATES,
     MOVING,
+    PAYLOAD_IN_USE,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -51,7 +52,8 @@ from pfd_ros.arm.pace import Pace
 from pfd_ros.arm.requests import judge_request, judge_state
 from pfd_ros.arm.sensors import JointArrays, sensors_of
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages import convert
+from pfd_ros.arm.wrench import ExternalWrench, judge_wrench
+from pfd_ros.messages import convert, stamped
 from pfd_ros.text import one_line
 
 # Rows of one message: a flood may have dropped a million commands before a cycle.
@@ -89,6 +91,8 @@ class Engine:
         The efforts and brakes of the last step, as the actuators made them.
     actuators
         From the one to the other.
+    wrench
+        The wrench on the last link, None in a scene without one.
     jumps
         The states that the next step jumps to, one after the other.
     sensors
@@ -115,10 +119,13 @@ class Engine:
         self.actuators = Actuators(self.settings, robot, self.arm.order)
         self._order = np.array(self.arm.order)
         # Stamped commands from before are left-overs.
-        self._since_ns = settings.start_ns
+        self._since_ns = self._reset_ns = settings.start_ns
+        self.wrench = ExternalWrench(settings) if self.arm.scene.external_wrench else None
+        self._payload_is_new = self.arm.scene.payload is not None
+        self._payloads = 0
         self.jumps: list[StateChange | None] = []
         self.sensors = sensors_of(self.settings, self.arm)
-        self._extra = extra_outputs(self.settings, robot, self.arm)
+        self._extra = extra_outputs(self.settings, self.arm)
         self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id)
 
     @property
@@ -167,10 +174,14 @@ class Engine:
                 message = convert.decode_joint_state(payload)
                 return judge_state(message, self._index, self._since_ns)
             if source is Source.PARAMETERS:
-                text = convert.decode_string(payload)
-                return judge_changes(text, self.settings, len(self.arm.order))
+                return judge_changes(convert.decode_string(payload), self.arm)
             if source is Source.TICK:
                 return self.pace.judge_tick(convert.decode_clock(payload), self.arm.stamp_ns)
+            if source is Source.WRENCH:
+                wrench, on = stamped.decode_wrench(payload), self.wrench is not None
+                return judge_wrench(wrench, self.arm.robot, self._reset_ns, taken=on)
+            if source is Source.PAYLOAD:
+                return judge_payload(stamped.decode_inertia(payload), self.arm)
             return judge_request(convert.decode_string(payload), self.pace)
         except ValueError as error:
             return Judgement(Verdict.MALFORMED, one_line(error))
@@ -186,22 +197,38 @@ class Engine:
             self.drive = let_go(self.drive)
             self._since_ns = self.arm.stamp_ns + self.settings.step_ns
         elif isinstance(effect, SettingsChange):
-            self._set(effect.settings)
+            self._set(effect)
         elif isinstance(effect, ClockTick):
             self._follow(effect)
+        elif isinstance(effect, WrenchChange):
+            if self.wrench is not None:
+                self.wrench.put(effect, self.settings.external_wrench_timeout)
         elif effect is not None:
             if effect.name in ('reset', 'deactivate'):
                 self.drive = held(len(self.arm.order))
                 self._since_ns = self.arm.stamp_ns + self.settings.step_ns
             if effect.name == 'reset':
                 self.jumps = [None]
+                self._reset_ns = self._since_ns
+            if effect.name in ('reset', 'clear_wrench'):
+                self._clear_wrench()
             self.pace.request(effect)
 
-    def _set(self, settings: Settings) -> None:
+    def _clear_wrench(self) -> None:
+        if self.wrench is not None:
+            self.wrench.clear()
+
+    def _set(self, change: SettingsChange) -> None:
         """Take over other values of dynamic settings; all others are as before."""
-        self.settings = self.arm.settings = settings
-        self.sensors = sensors_of(settings, self.arm, self.sensors)
-        self.actuators.set(settings)
+        before = self.arm.scene.payload
+        self.settings = change.settings
+        self.arm.change(change.settings, change.plant)
+        self.actuators.set(self.settings)
+        self.sensors = sensors_of(self.settings, self.arm, self.sensors)
+        if change.plant is not None:
+            self._extra = extra_outputs(self.settings, self.arm)
+        if self.arm.scene.payload != before:
+            self._payload_is_new = True
 
     def _follow(self, tick: ClockTick) -> None:
         clock = self.pace.clock
@@ -214,6 +241,8 @@ class Engine:
     def step(self) -> list[Output]:
         """Run the next cycle on the events that were taken; return its state and its tick."""
         self.cycles += 1
+        if self.wrench is not None:
+            self.arm.wrench = self.wrench.next()
         if self.jumps:
             self.applied = let_go(self.drive)
             self.arm.jump(self.jumps)
@@ -230,7 +259,16 @@ class Engine:
         self.pace.stepped(published=bool(outputs) and outputs[0].role == STATES)
         if self.pace.waits:
             self._since_ns = self.arm.stamp_ns
+        if self._payload_is_new and not self.arm.failure:
+            outputs.insert(0, self._payload_in_use())
         return outputs
+
+    def _payload_in_use(self) -> Output:
+        """Return the payload from this cycle on, at the origin and in the axes of the tip link."""
+        self._payload_is_new = False
+        self._payloads += 1
+        message = payload_message(self.arm.scene.payload, self.arm.stamp_ns, self.arm.robot.tip)
+        return Output(PAYLOAD_IN_USE, self._payloads, stamped.encode_inertia(message))
 
     def measured(self) -> JointArrays:
         """Return the positions, velocities and efforts that the state of this cycle tells."""

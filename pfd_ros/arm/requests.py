@@ -22,7 +22,8 @@ from pfd_ros.text import NAME_COUNT, cut, listed
 
 # pause, resume: whether simulated time stands still. step: so many steps in a pause. reset: the
 # initial state, held by the brakes. deactivate: brakes on and no steps, until it is activated.
-REQUESTS = ('pause', 'resume', 'step', 'reset', 'activate', 'deactivate')
+# clear_wrench: no external wrench from now on.
+REQUESTS = ('pause', 'resume', 'step', 'reset', 'activate', 'deactivate', 'clear_wrench')
 # A request is far shorter.
 LONGEST_REQUEST = 1000
 

@@ -17,6 +17,7 @@ from typing import Any
 import pfd_core as pfd
 from pfd_ros.arm.command_settings import CommandSettings
 from pfd_ros.arm.output_settings import OutputSettings
+from pfd_ros.arm.plant_settings import PlantSettings
 from pfd_ros.arm.sensor_settings import SensorSettings
 from pfd_ros.arm.setting_fields import check_values, setting, typed
 from pfd_ros.messages.convert import NANOSECONDS
@@ -39,7 +40,7 @@ POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
 
 @dataclass(frozen=True)
-class Settings(CommandSettings, SensorSettings, OutputSettings):
+class Settings(CommandSettings, PlantSettings, SensorSettings, OutputSettings):
     """The parameters of the node `sim_arm`; units SI, angles in rad.
 
     Raises
@@ -67,14 +68,6 @@ class Settings(CommandSettings, SensorSettings, OutputSettings):
         values=tuple(POSITION_SUMS),
     )
     method: str = setting('auto', 'Forward dynamics', values=('auto', *pfd.METHODS))
-    gravity: tuple[float, ...] = setting(
-        (0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2; zeros switch it off'
-    )
-    damping: bool = setting(False, 'Viscous damping of the joints as the model states it')
-    armature: bool = setting(False, 'Rotor inertia of the joints as the model states it')
-    scene: str = setting(
-        '', "Scene file (YAML) in the place of gravity, damping and armature; '' takes those"
-    )
     initial_positions: tuple[float, ...] = setting(
         (), 'Where the joints start, rad or m, in the order of `joints`; empty is zero'
     )
@@ -108,8 +101,6 @@ class Settings(CommandSettings, SensorSettings, OutputSettings):
     def __post_init__(self) -> None:
         """Check every value, so that the users of settings need not."""
         check_values(self)
-        if len(self.gravity) != 3:
-            raise ValueError(f'gravity needs 3 numbers (x, y, z), got {len(self.gravity)}')
         if len(set(self.locked)) < len(self.locked):
             raise ValueError(f'locked names a joint twice: {listed(self.locked)}')
         if self.locked_positions and len(self.locked_positions) != len(self.locked):
@@ -128,9 +119,7 @@ class Settings(CommandSettings, SensorSettings, OutputSettings):
                 f'real_time_factor is {self.real_time_factor!r}, '
                 f'expected 0 or {SLOWEST_FACTOR!r} and more'
             )
-        switched = self.damping or self.armature or self.gravity != Settings.gravity
-        if self.scene and switched:
-            raise ValueError('scene stands for gravity, damping and armature: leave them out')
+        self.check_plant()
         if not self.robot:
             raise ValueError('robot is empty; name one that `pfd robots` lists, or a file')
         if abs(self.step_ns / NANOSECONDS - self.step_size) > WHOLE * self.step_size:

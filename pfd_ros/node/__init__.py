@@ -13,6 +13,7 @@ The way of a command and of the state it leads to:
 Around it:
 
     parameters       the settings as ROS parameters
+    changing         changes of settings and payloads: checked, compiled beside the arm, passed on
     services         pause, step, reset: requests to the arm, answered by their verdicts
     command_counts   verdicts counted by topic
     graph_check      other nodes on the topics: foreign types, QoS, a second clock

@@ -29,7 +29,6 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import COMMANDS, Verdict
-from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.stable_gains import gain_limits
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.node.command_counts import CommandCounts
@@ -77,7 +76,7 @@ class ArmDiagnostics:
     def __post_init__(self) -> None:
         """Compile the inertia matrix and the energy."""
         engine = self.stepper.engine
-        robot, scene = engine.robot, scene_of(engine.settings)
+        robot, scene = engine.robot, engine.arm.scene
         self._inertia = pfd.compile_kernel(robot, scene=scene, quantity='inertia_matrix')
         self._energy = pfd.compile_kernel(robot, scene=scene, quantity='energy')
         self._last = self._seen()

@@ -13,18 +13,18 @@ from functools import partial
 import time
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped, WrenchStamped
+from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from pfd_ros.arm.events import CLOCK, STATES, Source
+from pfd_ros.arm.events import CLOCK, PAYLOAD_IN_USE, STATES, Source
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.messages import convert
 
@@ -39,14 +39,20 @@ SUBSCRIBED = {
     Source.NAMED: (JointState, 'joint_commands', 1),
     Source.ARRAY: (Float64MultiArray, '~/commands', 1),
     Source.SET_STATE: (JointState, '~/set_state', 1),
+    Source.WRENCH: (WrenchStamped, '~/external_wrench', 1),
+    Source.PAYLOAD: (InertiaStamped, '~/payload', 1),
     Source.TICK: (Clock, '/clock', 1),
 }
-PUBLISHED = {STATES: (JointState, 'joint_states', 10), CLOCK: (Clock, '/clock', 1)} | {
-    name: (_CLASSES[kind], f'~/{name}', 10) for name, kind in OUTPUTS.items()
+PUBLISHED = {
+    STATES: (JointState, 'joint_states', 10),
+    CLOCK: (Clock, '/clock', 1),
+    PAYLOAD_IN_USE: (InertiaStamped, '~/payload_in_use', 1),
+    **{name: (_CLASSES[kind], f'~/{name}', 10) for name, kind in OUTPUTS.items()},
 }
+# Those whose last message reaches subscribers that come later.
+LATCHED = frozenset({Source.PAYLOAD, PAYLOAD_IN_USE})
 # A clock may come best effort; a tick that is lost is made up for by the next one.
-RELIABLE = ReliabilityPolicy.RELIABLE
-RELIABILITY = {Source.TICK: ReliabilityPolicy.BEST_EFFORT}
+UNRELIABLE = frozenset({Source.TICK})
 AT_ONCE = Duration()
 # Longest call of a publisher, s; the step timer makes up for delays this long.
 LONGEST_SECONDS = 0.05
@@ -58,6 +64,13 @@ class Endpoints:
 
     publishers: Mapping[str, Any]
     subscriptions: Mapping[Source, Any]
+
+
+def _profile(end: Source | str, depth: int) -> QoSProfile:
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if end in LATCHED else DurabilityPolicy.VOLATILE
+    best_effort = end in UNRELIABLE
+    reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
+    return QoSProfile(depth=depth, durability=durability, reliability=reliability)
 
 
 def create_endpoints(
@@ -79,7 +92,7 @@ def create_endpoints(
         role: node.create_publisher(
             kind,
             topic,
-            QoSProfile(depth=depth),
+            _profile(role, depth),
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
             **overridable,
         )
@@ -91,7 +104,7 @@ def create_endpoints(
             kind,
             topic,
             partial(on_message, source),
-            QoSProfile(depth=depth, reliability=RELIABILITY.get(source, RELIABLE)),
+            _profile(source, depth),
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             **overridable,

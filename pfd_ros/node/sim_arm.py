@@ -24,6 +24,7 @@ from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
+from pfd_ros.node.changing import Changes
 from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.diagnostics import ArmDiagnostics
 from pfd_ros.node.endpoints import NonblockingPublisher, create_endpoints
@@ -96,13 +97,17 @@ class SimArm:
         self.reporter = Reporter(log, endpoints, stepper, graph)
         self.diagnostics = ArmDiagnostics(stepper, counts, log)
         _warn_about(settings, robot, log)
-        self._changes = parameters.ParameterChanges(self._receiver, engine.settings, robot)
-        node.add_on_set_parameters_callback(self._changes.set)
+        self._changes = Changes(self._receiver, engine)
+        self._set_parameters = parameters.ParameterChanges(self._changes).set
+        node.add_on_set_parameters_callback(self._set_parameters)
         self.stepper = stepper
 
     def _receive(self, source: Source, data: bytes) -> None:
         # The endpoints are there before the receiver; messages come once an executor spins.
-        self._receiver.receive(source, data)
+        if source is Source.PAYLOAD:
+            self._changes.take_payload(data)
+        else:
+            self._receiver.receive(source, data)
 
     def start(self, workers: Workers) -> None:
         """Start the thread that steps it."""
@@ -145,7 +150,7 @@ class SimArm:
     def destroy_entities(self) -> None:
         """Take its topics, services and callback from the node."""
         if hasattr(self, 'stepper'):
-            self._node.remove_on_set_parameters_callback(self._changes.set)
+            self._node.remove_on_set_parameters_callback(self._set_parameters)
         destroy: dict[str, Callable[[Any], bool]] = {
             'publishers': self._node.destroy_publisher,
             'subscriptions': self._node.destroy_subscription,

@@ -20,6 +20,7 @@ from pfd_ros.arm.changes import read_changes
 from pfd_ros.arm.events import (
     CLOCK,
     NUMBERED_AS_STATES,
+    PAYLOAD_IN_USE,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -28,7 +29,13 @@ from pfd_ros.arm.events import (
     VerdictRow,
 )
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, encode_rows
+from pfd_ros.messages.convert import (
+    NANOSECONDS,
+    decode_clock,
+    decode_rows,
+    decode_string,
+    encode_rows,
+)
 from pfd_ros.recording.format import (
     CHANNELS,
     PARAMETERS,
@@ -142,10 +149,20 @@ class _Order:
             rows = _rows(entry)
             cycle = rows[0].cycle
             self._follow(entry, cycle)
+        elif role == PAYLOAD_IN_USE:
+            cycle = self._cycle_of_stamp(entry)
+            self._follow(entry, cycle)
         else:
             cycle = number * self._every[role]
             self._follow(entry, cycle)
         return PlacedMessage(role, number, lost, cycle, entry.log_ns, entry.data, rows)
+
+    def _cycle_of_stamp(self, entry: Entry) -> int:
+        settings = self._settings
+        steps, rest = divmod(decode_clock(entry.data) - settings.start_ns, settings.step_ns)
+        if steps < 1 or rest:
+            raise ValueError(f'{entry.role} {entry.sequence} is stamped between two steps')
+        return steps
 
     def _number(self, entry: Entry) -> tuple[int, int]:
         """Return the number of a message and how many are missing before it."""

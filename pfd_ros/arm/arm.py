@@ -89,7 +89,8 @@ class Arm:
         self.step = 0
         self.failure = ''
         self._start_ns, self._step_ns = settings.start_ns, settings.step_ns
-        self._columns = list(self.order)
+        # As NumPy indexes with: it would convert a list each time.
+        self._columns = np.array(self.order, np.intp)
         self._simulator = pfd.Simulator(robot, scene_of(settings), **simulator_settings(settings))
         self.settings = replace(
             settings,
@@ -128,7 +129,7 @@ class Arm:
         except (ValueError, ArithmeticError) as error:
             self.failure = f'step {self.step + 1} failed: {error}'
             return
-        if not (np.isfinite(self._simulator.q).all() and np.isfinite(self._simulator.qd).all()):
+        if self._simulator.status == 'not_finite':
             self.failure = f'the state after step {self.step + 1} is not finite'
             return
         self.step += 1

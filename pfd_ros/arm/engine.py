@@ -11,7 +11,8 @@ and the same events in the same cycles give the same bytes. One cycle is
     outputs                                   ->   verdict rows, then the state, then the clock
 
 `take` does the first half and `step` the second: while the arm stands (a pause, or lockstep
-without an answer to the last state), events are taken and no cycle runs.
+without an answer to the last state), events are taken and no cycle runs. A caller that wants
+numbers and no bytes uses `command`, `advance` and `measured` in their place: the same run.
 
 Cycles are counted from 1 and never restart. States and clock ticks are numbered by the cycle
 alone: a failed arm stands still in simulated time and goes on publishing.
@@ -21,6 +22,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.commands import Judgement, held, judge_array, judge_named, let_go, merge
@@ -63,7 +66,14 @@ class Taken(NamedTuple):
 class Engine:
     """The arm and the rules for its events, at the start of a run.
 
-    `robot` comes from `load_robot` or out of a recording.
+    Parameters
+    ----------
+    settings
+        Settings of the run.
+    robot
+        From `load_robot` or out of a recording.
+    rows
+        Whether `take` encodes verdict rows, which only recordings hold.
 
     Attributes
     ----------
@@ -82,11 +92,12 @@ class Engine:
         If the settings do not go with the robot.
     """
 
-    def __init__(self, settings: Settings, robot: Any) -> None:
+    def __init__(self, settings: Settings, robot: Any, *, rows: bool = True) -> None:
         self.arm = Arm(settings, robot)
         self.settings = self.arm.settings
         self.cycles = 0
-        self.pace = Pace(settings.lockstep)
+        self.pace = Pace(settings.lockstep, from_start=settings.wait_for_controller)
+        self._rows = rows
         self._row_messages = 0
         self._publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
@@ -116,12 +127,14 @@ class Engine:
         for event in events:
             if isinstance(event, Overflow):
                 judgements.append((event.source, OVERFLOWED, len(event.sequences)))
-                outputs.extend(self._overflow_rows(event))
+                if self._rows:
+                    outputs.extend(self._overflow_rows(event))
                 continue
             judgement = self.judge(event)
             self._apply(event.source, judgement)
             judgements.append((event.source, judgement, 1))
-            rows.append(VerdictRow(cycle, event.source, event.sequence, judgement.verdict))
+            if self._rows:
+                rows.append(VerdictRow(cycle, event.source, event.sequence, judgement.verdict))
         if rows:
             outputs.append(self._row_message(rows))
         return Taken(outputs, judgements)
@@ -158,20 +171,37 @@ class Engine:
         elif effect is not None:
             self.pace.request(effect)
 
+    def command(self, efforts: np.ndarray) -> Judgement:
+        """Judge and apply efforts (n,) in published order, as a command without names has them.
+
+        For callers that neither record nor publish the command: it has no bytes and no number.
+        """
+        judgement = judge_array(efforts, self.arm.order)
+        self._apply(Source.ARRAY, judgement)
+        return judgement
+
     def step(self) -> list[Output]:
         """Run the next cycle on the events that were taken; return its state and its tick."""
+        self.advance()
+        outputs: list[Output] = []
+        self._add_state_and_tick(outputs)
+        return outputs
+
+    def advance(self) -> None:
+        """Run the next cycle on the events that were taken, without a message of its outputs."""
         self.cycles += 1
         if self.jumps:
             self.arm.jump(self.jumps)
             self.jumps = []
         else:
             self.arm.advance(self.drive)
-        outputs: list[Output] = []
-        self._add_state_and_tick(outputs)
-        self.pace.stepped(published=bool(outputs) and outputs[0].role == STATES)
+        self.pace.stepped(published=self.cycles % self._publish_every == 0)
         if self.pace.waits:
             self._since_ns = self.arm.stamp_ns
-        return outputs
+
+    def measured(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return the positions, velocities and efforts (n,) that states tell, published order."""
+        return self.arm.q, self.arm.qd, self.arm.tau
 
     def present(self) -> list[Output]:
         """Return the state and the clock tick as they are now, for readers that missed them.
@@ -179,7 +209,7 @@ class Engine:
         They are not part of the run: no cycle, and nothing to record.
         """
         arm = self.arm
-        state = self._encoder.encode(arm.stamp_ns, arm.q, arm.qd, arm.tau)
+        state = self._encoder.encode(arm.stamp_ns, *self.measured())
         found = [Output(STATES, 0, state)]
         if self._clock_every:
             found.append(Output(CLOCK, 0, convert.encode_clock(arm.stamp_ns)))
@@ -211,7 +241,7 @@ class Engine:
         """Add the state and the clock tick of this cycle; the state precedes its tick."""
         arm, cycle = self.arm, self.cycles
         if cycle % self._publish_every == 0:
-            state = self._encoder.encode(arm.stamp_ns, arm.q, arm.qd, arm.tau)
+            state = self._encoder.encode(arm.stamp_ns, *self.measured())
             outputs.append(Output(STATES, cycle // self._publish_every, state))
         if self._clock_every and cycle % self._clock_every == 0:
             tick = convert.encode_clock(arm.stamp_ns)

@@ -25,6 +25,8 @@ class Pace:
     ----------
     lockstep
         Whether each published state, from the first command on, waits for a command.
+    from_start
+        Whether, in lockstep, the state before the first command waits too.
     paused
         Whether there are only the steps that are asked for.
     waits
@@ -34,8 +36,13 @@ class Pace:
     lockstep: bool = False
     paused: bool = False
     waits: bool = False
+    from_start: bool = False
     _left: int = 0
     _commanded: bool = False
+
+    def __post_init__(self) -> None:
+        """Wait for the first command, if that is asked for."""
+        self.waits = self._commanded = self.lockstep and self.from_start
 
     @property
     def stands(self) -> bool:

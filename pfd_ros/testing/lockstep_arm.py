@@ -1,0 +1,329 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The arm in this process, under a controller that is called once a control period.
+
+    arm = LockstepArm(robot='ur5', publish_rate=500)
+    trajectory = arm.run(controller, 2.0)          controller(t, q, qd) -> tau
+
+It is the whole arm of the node: events and their verdicts, the recording, the outputs. Only ROS,
+the clock and the threads are missing, so the same settings and the same controller give the same
+bits, here and over topics (`spin`), run after run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import itertools
+import math
+import os
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+import pfd_core as pfd
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.effects import Request
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Arrival, Output, Source, Verdict
+from pfd_ros.arm.requests import encode_request
+from pfd_ros.arm.scene import with_scene_text
+from pfd_ros.arm.settings import Settings, from_values
+from pfd_ros.messages.convert import NANOSECONDS
+from pfd_ros.recording.format import ROLE_OF_SOURCE
+from pfd_ros.testing.command_bytes import EffortArray, state_bytes
+from pfd_ros.testing.controller import Controller, asked, refusal
+from pfd_ros.testing.metrics import Array
+from pfd_ros.testing.run_log import open_log
+from pfd_ros.testing.trajectory import Limits, Rows, Trajectory
+
+# The settings that make a run the same each time.
+LOCKSTEP: Mapping[str, Any] = {
+    'lockstep': True,
+    'wait_for_controller': True,
+    'real_time_factor': 0.0,
+}
+# Share of a control period by which `seconds` may be off the end of the last one.
+SLACK = 1e-6
+
+
+class ArmError(Exception):
+    """A simulation that stopped: its state is not finite."""
+
+
+def lockstep_settings(given: Mapping[str, Any]) -> Settings:
+    """Return settings of an arm in lockstep; first tick and stamp are one step above zero.
+
+    Raises
+    ------
+    ValueError
+        If a value is refused, or takes the arm out of lockstep.
+    """
+    fixed = sorted(name for name, value in LOCKSTEP.items() if given.get(name, value) != value)
+    if fixed:
+        raise ValueError(f'{fixed[0]} is {given[fixed[0]]!r}, but a test is in lockstep')
+    values = {name: _plain(value) for name, value in given.items()}
+    # Zero means 'no time' to ROS.
+    first = values.get('step_size', Settings.step_size)
+    return with_scene_text(from_values({'start_time': first, **LOCKSTEP, **values}))
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as settings have it: paths as text, arrays as lists, a scene as its file."""
+    if isinstance(value, pfd.Scene):
+        return pfd.scene_to_yaml(value)
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+
+
+def loaded(robot: str | os.PathLike[str] | pfd.Robot, settings: Settings) -> pfd.Robot:
+    """Return a robot as it is, or the one that the settings name."""
+    if not isinstance(robot, pfd.Robot):
+        found: pfd.Robot = load_robot(settings)
+        return found
+    if settings.base_link or settings.tip_link or settings.locked:
+        raise ValueError('base_link, tip_link and locked say how to load a robot: name a file')
+    return robot
+
+
+def limits_of(robot: pfd.Robot, order: Sequence[int]) -> Limits:
+    """Return the limits of a robot in published order."""
+    rows = list(order)
+    return Limits(
+        robot.position_lower[rows],
+        robot.position_upper[rows],
+        robot.velocity_limit[rows],
+        robot.effort_limit[rows],
+    )
+
+
+class LockstepArm:
+    """The stand-in arm in lockstep with a controller in this process.
+
+    Parameters
+    ----------
+    robot
+        As for the node: a name, a path, a URDF; or a pfd_core.Robot.
+    **settings
+        Fields of pfd_ros.arm.settings.Settings. A control period is the time from one state to the
+        next: one step, or 1 / publish_rate. With `recording` the run is written to an MCAP file
+        that `pfd replay --verify` checks.
+
+    Attributes
+    ----------
+    settings, robot, names
+        Settings, robot, and joints in published order, in which all arrays are.
+
+    Raises
+    ------
+    ValueError
+        If a setting is refused.
+    OSError
+        If the recording exists or cannot be written.
+    """
+
+    def __init__(self, robot: str | os.PathLike[str] | pfd.Robot, **settings: Any) -> None:
+        name = robot.name if isinstance(robot, pfd.Robot) else os.fspath(robot)
+        chosen = lockstep_settings({**settings, 'robot': name})
+        self.robot = loaded(robot, chosen)
+        self.engine = Engine(chosen, self.robot, rows=bool(chosen.recording))
+        self.settings = self.engine.settings
+        self.names = self.engine.arm.names
+        self._every = self.settings.publish_every
+        self._limits = limits_of(self.robot, self.engine.arm.order)
+        self._log = open_log(self.engine, self.robot)
+        self._numbers = {source: itertools.count(1) for source in Source}
+        self._efforts = EffortArray(len(self.names))
+
+    def __enter__(self) -> LockstepArm:
+        """Return the arm."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the recording."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the recording, if there is one; the arm takes no more runs.
+
+        Raises
+        ------
+        pfd_ros.testing.run_log.RecordingError
+            If it does not hold the whole run.
+        """
+        log, self._log = self._log, None
+        if log is not None:
+            log.close()
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the arm's start, s; stamps are `start_time` later."""
+        return (self.engine.arm.stamp_ns - self.settings.start_ns) / NANOSECONDS
+
+    @property
+    def period(self) -> float:
+        """The control period, s: from one state to the next."""
+        return self._every * self.settings.step_ns / NANOSECONDS
+
+    @property
+    def q(self) -> Array:
+        """Positions as the last state tells them, (n,), rad or m; a copy."""
+        return np.array(self.engine.measured()[0])
+
+    @property
+    def qd(self) -> Array:
+        """Velocities as the last state tells them, (n,), rad/s or m/s; a copy."""
+        return np.array(self.engine.measured()[1])
+
+    def run(self, controller: Controller, seconds: float) -> Trajectory:
+        """Let a controller drive the arm; return its motion.
+
+        Parameters
+        ----------
+        controller
+            Called as controller(t, q, qd) at the start of each control period, with the simulated
+            time since the arm's start [s] and the last state (n,); returns efforts (n,), which
+            are held for the period.
+        seconds
+            Simulated time. The last row of the motion is one control period before its end, where
+            another run begins.
+
+        Raises
+        ------
+        ControllerError
+            If the controller raises, or returns anything but a finite effort for each joint. The
+            arm stays in the state that the controller was given.
+        ArmError
+            If the state does not stay finite.
+        ValueError
+            If `seconds` is not above zero and finite.
+        """
+        rows = Rows(self.periods(seconds), len(self.names))
+        engine, names, start_ns = self.engine, self.names, self.settings.start_ns
+        one_period = self._period if self._log is None else self._recorded_period
+        for k in range(len(rows.time)):
+            t = rows.time[k] = (engine.arm.stamp_ns - start_ns) / NANOSECONDS
+            q, qd, _ = engine.measured()
+            rows.q[k], rows.qd[k] = q, qd
+            efforts = asked(controller, names, t, q.copy(), qd.copy())
+            rows.tau[k] = efforts
+            judgement = one_period(efforts)
+            if judgement.verdict is not Verdict.ACCEPTED:
+                raise refusal(efforts, names, t, judgement.detail)
+        rows.count = len(rows.time)
+        return rows.trajectory(names, self._limits)
+
+    def periods(self, seconds: float) -> int:
+        """Return the number of control periods that begin within so many seconds."""
+        if not 0.0 < seconds < math.inf:
+            raise ValueError(f'seconds is {seconds!r}, expected above zero and finite')
+        return max(1, math.ceil(seconds / self.period - SLACK))
+
+    def _period(self, efforts: Array) -> Judgement:
+        """Command efforts and run one control period, without the bytes of any message."""
+        engine = self.engine
+        judgement = engine.command(efforts)
+        if judgement.verdict is Verdict.ACCEPTED:
+            for _ in range(self._steps_to_next_state()):
+                engine.advance()
+            self._check()
+        return judgement
+
+    def _recorded_period(self, efforts: Array) -> Judgement:
+        """Do the same, and record the command, its verdict and the outputs."""
+        judgement = self.send(Source.ARRAY, self._efforts.encode(efforts))
+        if judgement.verdict is Verdict.ACCEPTED:
+            self.advance()
+        return judgement
+
+    def _steps_to_next_state(self) -> int:
+        return self._every - self.engine.cycles % self._every
+
+    def send(self, source: Source, data: bytes) -> Judgement:
+        """Give the arm a serialized message, as if it had come on a topic; return the verdict."""
+        number = next(self._numbers[source])
+        if self._log is not None:
+            self._log.record(ROLE_OF_SOURCE[source], number, data)
+        taken = self.engine.take([Arrival(source, number, data)])
+        self._record(taken.outputs)
+        ((_, judgement, _),) = taken.judgements
+        if self._log is not None:
+            self._log.accepted += judgement.verdict is Verdict.ACCEPTED
+        return judgement
+
+    def advance(self) -> list[Output]:
+        """Run the steps up to the next state; return their messages.
+
+        Raises
+        ------
+        ArmError
+            If the state does not stay finite.
+        """
+        found = [output for _ in range(self._steps_to_next_state()) for output in self._step()]
+        self._check()
+        return found
+
+    def _step(self) -> list[Output]:
+        outputs = self.engine.step()
+        self._record(outputs)
+        return outputs
+
+    def _record(self, outputs: Sequence[Output]) -> None:
+        if self._log is not None:
+            for output in outputs:
+                self._log.record(*output)
+
+    def _check(self) -> None:
+        if self.engine.arm.failure:
+            raise ArmError(f't = {self.time:.6g} s: {self.engine.arm.failure}')
+
+    def reset(self) -> None:
+        """Go back to the initial state, held until the next command; simulated time goes on."""
+        self._jump(Source.REQUEST, encode_request(Request('reset')))
+
+    def set_state(
+        self, q: ArrayLike | Mapping[str, float], qd: ArrayLike | Mapping[str, float] | None = None
+    ) -> None:
+        """Jump to a state; it takes one step.
+
+        Parameters
+        ----------
+        q, qd
+            Positions and velocities (n,), or by joint name; joints without a position stay where
+            they are, and those without a velocity are at rest.
+
+        Raises
+        ------
+        ValueError
+            If the arm refuses the state.
+        """
+        positions = self._by_joint('q', q)
+        velocities = self._by_joint('qd', {} if qd is None else qd)
+        self._jump(Source.SET_STATE, state_bytes(self.names, positions, velocities))
+
+    def _jump(self, source: Source, data: bytes) -> None:
+        judgement = self.send(source, data)
+        if judgement.verdict is not Verdict.ACCEPTED:
+            raise ValueError(f'{judgement.verdict.name.lower()}: {judgement.detail}')
+        self._step()
+        self._check()
+
+    def _by_joint(self, name: str, values: ArrayLike | Mapping[str, float]) -> Array:
+        """Return a number for each joint (n,), NaN where none is given."""
+        if not isinstance(values, Mapping):
+            array = np.asarray(values, np.float64)
+            if array.shape != (len(self.names),):
+                raise ValueError(f'{name} has shape {array.shape}, expected ({len(self.names)},)')
+            return array
+        unknown = sorted(set(values) - set(self.names))
+        if unknown:
+            raise ValueError(f'{name} names {unknown}, expected joints of {list(self.names)}')
+        return np.array([float(values.get(joint, math.nan)) for joint in self.names])

@@ -15,8 +15,9 @@ From the user to the arm, and back to the user's assertions:
 Over ROS:
 
     domains          a ROS domain for this process alone
-    session          rclpy for the duration of the tests: initialised and shut down only if need be
-    exchange         over topics in this process: the engine answers each command with a state
+    session          rclpy for the duration of a test
+    topic_run        a run over topics: each command is answered with the next state
+    exchange         the topics of the arm in this process, and the executor
     process_arm      ProcessArm: the node as a process of its own, in lockstep over topics
     watched_node     that process and its end
 

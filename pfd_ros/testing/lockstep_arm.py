@@ -35,8 +35,10 @@ from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.recording.format import ROLE_OF_SOURCE
 from pfd_ros.testing.command_bytes import EffortArray, state_bytes
 from pfd_ros.testing.controller import Controller, asked, refusal
+from pfd_ros.testing.exchange import Exchange, NoAnswerError
 from pfd_ros.testing.metrics import Array
 from pfd_ros.testing.run_log import open_log
+from pfd_ros.testing.topic_run import TopicRun
 from pfd_ros.testing.trajectory import Limits, Rows, Trajectory
 
 # The settings that make a run the same each time.
@@ -47,6 +49,7 @@ LOCKSTEP: Mapping[str, Any] = {
 }
 # Share of a control period by which `seconds` may be off the end of the last one.
 SLACK = 1e-6
+PATIENCE_SECONDS = 10.0
 
 
 class ArmError(Exception):
@@ -107,6 +110,8 @@ class LockstepArm:
     ----------
     robot
         As for the node: a name, a path, a URDF; or a pfd_core.Robot.
+    ros_args
+        Of the node that `spin` makes: remappings and the like, as on a command line.
     **settings
         Fields of pfd_ros.arm.settings.Settings. A control period is the time from one state to the
         next: one step, or 1 / publish_rate. With `recording` the run is written to an MCAP file
@@ -125,7 +130,13 @@ class LockstepArm:
         If the recording exists or cannot be written.
     """
 
-    def __init__(self, robot: str | os.PathLike[str] | pfd.Robot, **settings: Any) -> None:
+    def __init__(
+        self,
+        robot: str | os.PathLike[str] | pfd.Robot,
+        *,
+        ros_args: Sequence[str] = (),
+        **settings: Any,
+    ) -> None:
         name = robot.name if isinstance(robot, pfd.Robot) else os.fspath(robot)
         chosen = lockstep_settings({**settings, 'robot': name})
         self.robot = loaded(robot, chosen)
@@ -137,6 +148,8 @@ class LockstepArm:
         self._log = open_log(self.engine, self.robot)
         self._numbers = {source: itertools.count(1) for source in Source}
         self._efforts = EffortArray(len(self.names))
+        self._ros_args = tuple(ros_args)
+        self._exchange: Exchange | None = None
 
     def __enter__(self) -> LockstepArm:
         """Return the arm."""
@@ -148,17 +161,20 @@ class LockstepArm:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Close the recording."""
+        """Close the arm."""
         self.close()
 
     def close(self) -> None:
-        """Close the recording, if there is one; the arm takes no more runs.
+        """Close the recording and the node, if there are any.
 
         Raises
         ------
         pfd_ros.testing.run_log.RecordingError
             If it does not hold the whole run.
         """
+        exchange, self._exchange = self._exchange, None
+        if exchange is not None:
+            exchange.close()
         log, self._log = self._log, None
         if log is not None:
             log.close()
@@ -221,6 +237,47 @@ class LockstepArm:
         rows.count = len(rows.time)
         return rows.trajectory(names, self._limits)
 
+    def spin(self, seconds: float, *nodes: Any, patience: float = PATIENCE_SECONDS) -> Trajectory:
+        """Let a ROS node drive the arm over topics; return its motion.
+
+        The arm publishes a state and its clock tick, and goes on when a command answers: one with
+        the stamp of the state, or without a stamp. rclpy must be initialised, as by the fixture
+        `ros_domain`.
+
+        Parameters
+        ----------
+        seconds
+            As for `run`.
+        nodes
+            rclpy nodes of this process whose callbacks are to run meanwhile. Nodes elsewhere in
+            the domain need no mention.
+        patience
+            Longest wait for an answer, s of wall time.
+
+        Raises
+        ------
+        pfd_ros.testing.exchange.NoAnswerError
+            If a state gets no answer.
+        ArmError
+            If the state does not stay finite.
+        """
+        run = TopicRun(
+            self.engine, self.send, self.advance, Rows(self.periods(seconds), len(self.names))
+        )
+        if self._exchange is None:
+            self._exchange = Exchange(
+                publish_clock=self.settings.publish_clock, ros_args=self._ros_args
+            )
+        try:
+            self._exchange.run(run, nodes, patience)
+        except NoAnswerError as error:
+            if run.refused is None:
+                raise
+            verdict = run.refused.verdict.name.lower()
+            text = f'{error}; the last command was {verdict}: {run.refused.detail}'
+            raise NoAnswerError(text) from None
+        return run.rows.trajectory(self.names, self._limits)
+
     def periods(self, seconds: float) -> int:
         """Return the number of control periods that begin within so many seconds."""
         if not 0.0 < seconds < math.inf:
@@ -231,21 +288,16 @@ class LockstepArm:
         """Command efforts and run one control period, without the bytes of any message."""
         engine = self.engine
         judgement = engine.command(efforts)
-        if judgement.verdict is Verdict.ACCEPTED:
-            for _ in range(self._steps_to_next_state()):
-                engine.advance()
+        while not engine.pace.waits:
+            engine.advance()
             self._check()
         return judgement
 
     def _recorded_period(self, efforts: Array) -> Judgement:
         """Do the same, and record the command, its verdict and the outputs."""
         judgement = self.send(Source.ARRAY, self._efforts.encode(efforts))
-        if judgement.verdict is Verdict.ACCEPTED:
-            self.advance()
+        self.advance()
         return judgement
-
-    def _steps_to_next_state(self) -> int:
-        return self._every - self.engine.cycles % self._every
 
     def send(self, source: Source, data: bytes) -> Judgement:
         """Give the arm a serialized message, as if it had come on a topic; return the verdict."""
@@ -260,15 +312,17 @@ class LockstepArm:
         return judgement
 
     def advance(self) -> list[Output]:
-        """Run the steps up to the next state; return their messages.
+        """Run the steps up to the next state, if the last one has its answer; return the messages.
 
         Raises
         ------
         ArmError
             If the state does not stay finite.
         """
-        found = [output for _ in range(self._steps_to_next_state()) for output in self._step()]
-        self._check()
+        found: list[Output] = []
+        while not self.engine.pace.waits:
+            found += self._step()
+            self._check()
         return found
 
     def _step(self) -> list[Output]:

@@ -1,0 +1,67 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""rclpy for the duration of a test, in a domain of this process's own, on this host alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import importlib
+import os
+from typing import Any
+import warnings
+
+from pfd_ros.testing.domains import own_domain
+
+DOMAIN, RANGE = 'ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+# The last one otherwise comes with a user's first publisher.
+_MODULES = ('rclpy', 'rclpy.signals', 'rosidl_generator_py')
+
+
+def import_rclpy() -> Any:
+    """Return the module rclpy; the parser of its messages warns of a module that Python renamed.
+
+    Raises
+    ------
+    ImportError
+        If ROS 2 is not installed.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', DeprecationWarning)
+        modules = [importlib.import_module(name) for name in _MODULES]
+    return modules[0]
+
+
+def current_domain() -> int | None:
+    """Return the domain of rclpy's default context, None if it is not initialised."""
+    rclpy = import_rclpy()
+    return int(rclpy.get_default_context().get_domain_id()) if rclpy.ok() else None
+
+
+@contextmanager
+def claimed_domain() -> Iterator[int]:
+    """Claim a domain; the environment tells it to the processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in (DOMAIN, RANGE)}
+    with own_domain() as domain:
+        os.environ |= {DOMAIN: str(domain), RANGE: 'LOCALHOST'}
+        try:
+            yield domain
+        finally:
+            for name, value in before.items():
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value
+
+
+@contextmanager
+def initialised(domain: int) -> Iterator[None]:
+    """Initialise rclpy's default context, in which the nodes of users are, and shut it down."""
+    rclpy = import_rclpy()
+    # Signals are the test runner's.
+    options = rclpy.signals.SignalHandlerOptions.NO
+    rclpy.init(args=[], signal_handler_options=options, domain_id=domain)
+    try:
+        yield
+    finally:
+        rclpy.try_shutdown()

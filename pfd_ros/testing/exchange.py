@@ -62,11 +62,7 @@ class Exchange:
     """
 
     def __init__(self, *, publish_clock: bool, ros_args: Sequence[str] = ()) -> None:
-        rclpy = import_rclpy()
-        if not rclpy.ok():
-            raise RuntimeError(
-                'rclpy is not initialised: let the test take the fixture ros_domain'
-            )
+        require_rclpy()
         from rclpy.experimental.events_executor import EventsExecutor
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from rosgraph_msgs.msg import Clock
@@ -172,6 +168,12 @@ class Exchange:
         """Take the node down."""
         self.executor.shutdown()
         self.node.destroy_node()
+
+
+def require_rclpy() -> None:
+    """Raise RuntimeError if rclpy is not initialised."""
+    if not import_rclpy().ok():
+        raise RuntimeError('rclpy is not initialised: let the test take the fixture ros_domain')
 
 
 def bare_node(name: str, ros_args: Sequence[str] = ()) -> Any:

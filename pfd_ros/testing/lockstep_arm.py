@@ -12,95 +12,43 @@ bits, here and over topics (`spin`), run after run.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 import itertools
-import math
-import os
 from types import TracebackType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-import pfd_core as pfd
-from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Output, Source, Verdict
 from pfd_ros.arm.requests import encode_request
-from pfd_ros.arm.scene import with_scene_text
-from pfd_ros.arm.settings import Settings, from_values
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.recording.format import ROLE_OF_SOURCE
 from pfd_ros.testing.command_bytes import EffortArray, state_bytes
 from pfd_ros.testing.controller import Controller, asked, refusal
 from pfd_ros.testing.exchange import Exchange, NoAnswerError
+from pfd_ros.testing.lockstep_settings import (
+    JointValues,
+    RobotSource,
+    by_joint,
+    limits_of,
+    loaded,
+    lockstep_settings,
+    period_of,
+    periods,
+)
 from pfd_ros.testing.metrics import Array
 from pfd_ros.testing.run_log import open_log
 from pfd_ros.testing.topic_run import TopicRun
-from pfd_ros.testing.trajectory import Limits, Rows, Trajectory
+from pfd_ros.testing.trajectory import Rows, Trajectory
 
-# The settings that make a run the same each time.
-LOCKSTEP: Mapping[str, Any] = {
-    'lockstep': True,
-    'wait_for_controller': True,
-    'real_time_factor': 0.0,
-}
-# Share of a control period by which `seconds` may be off the end of the last one.
-SLACK = 1e-6
 PATIENCE_SECONDS = 10.0
 
 
 class ArmError(Exception):
     """A simulation that stopped: its state is not finite."""
-
-
-def lockstep_settings(given: Mapping[str, Any]) -> Settings:
-    """Return settings of an arm in lockstep; first tick and stamp are one step above zero.
-
-    Raises
-    ------
-    ValueError
-        If a value is refused, or takes the arm out of lockstep.
-    """
-    fixed = sorted(name for name, value in LOCKSTEP.items() if given.get(name, value) != value)
-    if fixed:
-        raise ValueError(f'{fixed[0]} is {given[fixed[0]]!r}, but a test is in lockstep')
-    values = {name: _plain(value) for name, value in given.items()}
-    # Zero means 'no time' to ROS.
-    first = values.get('step_size', Settings.step_size)
-    return with_scene_text(from_values({'start_time': first, **LOCKSTEP, **values}))
-
-
-def _plain(value: Any) -> Any:
-    """Return a value as settings have it: paths as text, arrays as lists, a scene as its file."""
-    if isinstance(value, pfd.Scene):
-        return pfd.scene_to_yaml(value)
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
-
-
-def loaded(robot: str | os.PathLike[str] | pfd.Robot, settings: Settings) -> pfd.Robot:
-    """Return a robot as it is, or the one that the settings name."""
-    if not isinstance(robot, pfd.Robot):
-        found: pfd.Robot = load_robot(settings)
-        return found
-    if settings.base_link or settings.tip_link or settings.locked:
-        raise ValueError('base_link, tip_link and locked say how to load a robot: name a file')
-    return robot
-
-
-def limits_of(robot: pfd.Robot, order: Sequence[int]) -> Limits:
-    """Return the limits of a robot in published order."""
-    rows = list(order)
-    return Limits(
-        robot.position_lower[rows],
-        robot.position_upper[rows],
-        robot.velocity_limit[rows],
-        robot.effort_limit[rows],
-    )
 
 
 class LockstepArm:
@@ -132,18 +80,16 @@ class LockstepArm:
 
     def __init__(
         self,
-        robot: str | os.PathLike[str] | pfd.Robot,
+        robot: RobotSource,
         *,
         ros_args: Sequence[str] = (),
         **settings: Any,
     ) -> None:
-        name = robot.name if isinstance(robot, pfd.Robot) else os.fspath(robot)
-        chosen = lockstep_settings({**settings, 'robot': name})
+        chosen = lockstep_settings(robot, settings)
         self.robot = loaded(robot, chosen)
         self.engine = Engine(chosen, self.robot, rows=bool(chosen.recording))
         self.settings = self.engine.settings
         self.names = self.engine.arm.names
-        self._every = self.settings.publish_every
         self._limits = limits_of(self.robot, self.engine.arm.order)
         self._log = open_log(self.engine, self.robot)
         self._numbers = {source: itertools.count(1) for source in Source}
@@ -187,7 +133,7 @@ class LockstepArm:
     @property
     def period(self) -> float:
         """The control period, s: from one state to the next."""
-        return self._every * self.settings.step_ns / NANOSECONDS
+        return period_of(self.settings)
 
     @property
     def q(self) -> Array:
@@ -222,7 +168,7 @@ class LockstepArm:
         ValueError
             If `seconds` is not above zero and finite.
         """
-        rows = Rows(self.periods(seconds), len(self.names))
+        rows = Rows(periods(self.settings, seconds), len(self.names))
         engine, names, start_ns = self.engine, self.names, self.settings.start_ns
         one_period = self._period if self._log is None else self._recorded_period
         for k in range(len(rows.time)):
@@ -262,7 +208,10 @@ class LockstepArm:
             If the state does not stay finite.
         """
         run = TopicRun(
-            self.engine, self.send, self.advance, Rows(self.periods(seconds), len(self.names))
+            self.engine,
+            self.send,
+            self.advance,
+            Rows(periods(self.settings, seconds), len(self.names)),
         )
         if self._exchange is None:
             self._exchange = Exchange(
@@ -277,12 +226,6 @@ class LockstepArm:
             text = f'{error}; the last command was {verdict}: {run.refused.detail}'
             raise NoAnswerError(text) from None
         return run.rows.trajectory(self.names, self._limits)
-
-    def periods(self, seconds: float) -> int:
-        """Return the number of control periods that begin within so many seconds."""
-        if not 0.0 < seconds < math.inf:
-            raise ValueError(f'seconds is {seconds!r}, expected above zero and finite')
-        return max(1, math.ceil(seconds / self.period - SLACK))
 
     def _period(self, efforts: Array) -> Judgement:
         """Command efforts and run one control period, without the bytes of any message."""
@@ -343,9 +286,7 @@ class LockstepArm:
         """Go back to the initial state, held until the next command; simulated time goes on."""
         self._jump(Source.REQUEST, encode_request(Request('reset')))
 
-    def set_state(
-        self, q: ArrayLike | Mapping[str, float], qd: ArrayLike | Mapping[str, float] | None = None
-    ) -> None:
+    def set_state(self, q: JointValues, qd: JointValues | None = None) -> None:
         """Jump to a state; it takes one step.
 
         Parameters
@@ -359,8 +300,8 @@ class LockstepArm:
         ValueError
             If the arm refuses the state.
         """
-        positions = self._by_joint('q', q)
-        velocities = self._by_joint('qd', {} if qd is None else qd)
+        positions = by_joint(self.names, 'q', q)
+        velocities = by_joint(self.names, 'qd', {} if qd is None else qd)
         self._jump(Source.SET_STATE, state_bytes(self.names, positions, velocities))
 
     def _jump(self, source: Source, data: bytes) -> None:
@@ -369,15 +310,3 @@ class LockstepArm:
             raise ValueError(f'{judgement.verdict.name.lower()}: {judgement.detail}')
         self._step()
         self._check()
-
-    def _by_joint(self, name: str, values: ArrayLike | Mapping[str, float]) -> Array:
-        """Return a number for each joint (n,), NaN where none is given."""
-        if not isinstance(values, Mapping):
-            array = np.asarray(values, np.float64)
-            if array.shape != (len(self.names),):
-                raise ValueError(f'{name} has shape {array.shape}, expected ({len(self.names)},)')
-            return array
-        unknown = sorted(set(values) - set(self.names))
-        if unknown:
-            raise ValueError(f'{name} names {unknown}, expected joints of {list(self.names)}')
-        return np.array([float(values.get(joint, math.nan)) for joint in self.names])

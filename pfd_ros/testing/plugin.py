@@ -17,7 +17,7 @@ import pytest
 
 
 @pytest.fixture
-def sim_arm() -> Iterator[Callable[..., Any]]:
+def sim_arm(request: pytest.FixtureRequest) -> Iterator[Callable[..., Any]]:
     """Return a function that makes simulated arms: sim_arm(robot='ur5', publish_rate=500).
 
     The arguments are those of pfd_ros.testing.lockstep_arm.LockstepArm; with process=True, of
@@ -27,6 +27,7 @@ def sim_arm() -> Iterator[Callable[..., Any]]:
 
         def make(robot: Any, *, process: bool = False, **settings: Any) -> Any:
             if process:
+                request.getfixturevalue('ros_domain')
                 from pfd_ros.testing.process_arm import ProcessArm
 
                 return arms.enter_context(ProcessArm(robot, **settings))

@@ -15,7 +15,7 @@ import time
 from typing import Any, Protocol
 
 from pfd_ros.arm.events import CLOCK, STATES, Output, Source
-from pfd_ros.testing.session import import_rclpy
+from pfd_ros.testing.session import executor_with, import_rclpy, take_down
 
 NAME = 'sim_arm'
 # As those of the node.
@@ -46,7 +46,7 @@ class Answering(Protocol):
 
 
 class Exchange:
-    """A node of the arm's name and topics, and an executor for it and others.
+    """A node of the arm's name and topics.
 
     Parameters
     ----------
@@ -63,7 +63,6 @@ class Exchange:
 
     def __init__(self, *, publish_clock: bool, ros_args: Sequence[str] = ()) -> None:
         require_rclpy()
-        from rclpy.experimental.events_executor import EventsExecutor
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from rosgraph_msgs.msg import Clock
         from sensor_msgs.msg import JointState
@@ -84,8 +83,6 @@ class Exchange:
             )
             for source, topic in COMMAND_TOPICS.items()
         ]
-        self.executor: Any = EventsExecutor()
-        self.executor.add_node(self.node)
         self._arm: Answering | None = None
         self._ended: Any = None
         self._heard = 0.0
@@ -109,15 +106,14 @@ class Exchange:
         """
         from rclpy.task import Future
 
-        for node in nodes:
-            self.executor.add_node(node)
+        executor = executor_with([self.node, *nodes])
+        self._wait_for_controller(executor, patience)
         self._arm, self._ended = arm, Future()
         try:
-            self._wait_for_controller(patience)
             self._publish(arm.present())
             self._heard = sent = time.monotonic()
             while not self._ended.done():
-                self.executor.spin_until_future_complete(self._ended, LOOK_SECONDS)
+                executor.spin_until_future_complete(self._ended, LOOK_SECONDS)
                 now = time.monotonic()
                 if now - self._heard > patience:
                     raise NoAnswerError(f'no answer to a state for {patience:g} s')
@@ -126,10 +122,8 @@ class Exchange:
                     self._publish(arm.present())
         finally:
             self._arm = None
-            for node in nodes:
-                self.executor.remove_node(node)
 
-    def _wait_for_controller(self, patience: float) -> None:
+    def _wait_for_controller(self, executor: Any, patience: float) -> None:
         """Wait until somebody hears the arm and somebody publishes commands."""
         deadline = time.monotonic() + patience
         node = self.node
@@ -145,7 +139,7 @@ class Exchange:
                     else f'subscribes to {self._publishers[STATES].topic_name}'
                 )
                 raise NoAnswerError(f'after {patience:g} s nobody {missing}')
-            self.executor.spin_once(timeout_sec=LOOK_SECONDS / 10)
+            executor.spin_once(timeout_sec=LOOK_SECONDS / 10)
 
     def _on_command(self, source: Source, data: bytes) -> None:
         arm = self._arm
@@ -166,8 +160,7 @@ class Exchange:
 
     def close(self) -> None:
         """Take the node down."""
-        self.executor.shutdown()
-        self.node.destroy_node()
+        take_down(self.node)
 
 
 def require_rclpy() -> None:

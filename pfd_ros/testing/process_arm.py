@@ -32,6 +32,7 @@ from pfd_ros.testing.lockstep_settings import (
 )
 from pfd_ros.testing.metrics import Array
 from pfd_ros.testing.node_process import NodeProcess, NodeProcessError, parameters_of
+from pfd_ros.testing.session import executor_with, take_down
 from pfd_ros.testing.trajectory import Rows, Trajectory
 
 PATIENCE_SECONDS = 10.0
@@ -80,7 +81,6 @@ class ProcessArm:
         self.process = NodeProcess(parameters_of(self.settings, self.names), ros_args)
 
     def _create_node(self, ros_args: Sequence[str]) -> None:
-        from rclpy.experimental.events_executor import EventsExecutor
         from sensor_msgs.msg import JointState
         from std_srvs.srv import Trigger
 
@@ -89,8 +89,6 @@ class ProcessArm:
         self._commands = node.create_publisher(JointState, 'joint_commands', COMMAND_DEPTH)
         self._jumps = node.create_publisher(JointState, 'sim_arm/set_state', 1)
         self._resets = node.create_client(Trigger, 'sim_arm/reset')
-        self.executor: Any = EventsExecutor()
-        self.executor.add_node(node)
 
     def __enter__(self) -> ProcessArm:
         """Return the arm."""
@@ -117,8 +115,7 @@ class ProcessArm:
         try:
             self.process.close()
         finally:
-            self.executor.shutdown()
-            self.node.destroy_node()
+            take_down(self.node)
 
     @property
     def time(self) -> float:
@@ -239,25 +236,23 @@ class ProcessArm:
             if not ended.done() and take(state):
                 ended.set_result(None)
 
-        for node in nodes:
-            self.executor.add_node(node)
+        executor = executor_with([self.node, *nodes])
         self._on_new = on_new
         try:
             on_new(first)
             while not ended.done():
-                self.executor.spin_until_future_complete(ended, LOOK_SECONDS)
+                executor.spin_until_future_complete(ended, LOOK_SECONDS)
                 self.process.check()
                 if time.monotonic() - heard > patience:
-                    raise NoAnswerError(f'no new state for {patience:g} s: no answer to the last')
+                    raise NoAnswerError(f'no answer to a state for {patience:g} s')
         finally:
             self._on_new = None
-            for node in nodes:
-                self.executor.remove_node(node)
 
     def _wait(self, done: Callable[[], Any], seconds: float, what: str) -> None:
         deadline = time.monotonic() + seconds
+        executor = executor_with([self.node])
         while not done():
             self.process.check()
             if time.monotonic() > deadline:
                 raise NoAnswerError(f'waited {seconds:g} s for {what}')
-            self.executor.spin_once(timeout_sec=LOOK_SECONDS / 10)
+            executor.spin_once(timeout_sec=LOOK_SECONDS / 10)

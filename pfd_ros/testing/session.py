@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 import importlib
 import os
@@ -16,6 +16,8 @@ from pfd_ros.testing.domains import own_domain
 DOMAIN, RANGE = 'ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 # The last one otherwise comes with a user's first publisher.
 _MODULES = ('rclpy', 'rclpy.signals', 'rosidl_generator_py')
+# By rclpy's context; one at most.
+_EXECUTOR: dict[Any, Any] = {}
 
 
 def import_rclpy() -> Any:
@@ -30,6 +32,31 @@ def import_rclpy() -> Any:
         warnings.simplefilter('ignore', DeprecationWarning)
         modules = [importlib.import_module(name) for name in _MODULES]
     return modules[0]
+
+
+def executor_with(nodes: Sequence[Any]) -> Any:
+    """Return the one executor of this process's tests, with nodes that are not in it yet.
+
+    Nodes stay in it until they are destroyed: an executor that lets go of a node forgets which of
+    the node's messages it had been told of and had not handed out.
+    """
+    from rclpy.experimental.events_executor import EventsExecutor
+
+    context = import_rclpy().get_default_context()
+    if context not in _EXECUTOR:
+        _EXECUTOR.clear()
+        _EXECUTOR[context] = EventsExecutor()
+    executor = _EXECUTOR[context]
+    for node in nodes:
+        executor.add_node(node)
+    return executor
+
+
+def take_down(node: Any) -> None:
+    """Destroy a node that may be in the executor."""
+    for executor in _EXECUTOR.values():
+        executor.remove_node(node)
+    node.destroy_node()
 
 
 def current_domain() -> int | None:
@@ -64,4 +91,7 @@ def initialised(domain: int) -> Iterator[None]:
     try:
         yield
     finally:
+        for executor in _EXECUTOR.values():
+            executor.shutdown()
+        _EXECUTOR.clear()
         rclpy.try_shutdown()

@@ -79,6 +79,11 @@ class NodeProcess:
                 stderr=subprocess.STDOUT,
             )
 
+    @property
+    def pid(self) -> int:
+        """The process id of the node."""
+        return self._process.pid
+
     def text(self) -> str:
         """Return the output of the node so far."""
         return self._output.read_text(encoding='utf-8', errors='replace')

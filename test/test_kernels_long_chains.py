@@ -16,6 +16,7 @@ import pfd_core as pfd
 from pfd_core.kernels import auto
 from pfd_core.kernels.codegen import body, chunks, split
 from pfd_core.kernels.codegen.spelling import Format
+from pfd_core.kernels.runtime import jit
 from pfd_core.kernels.runtime.jit import simd_width
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import Recorder
@@ -190,3 +191,22 @@ def test_what_is_asked_for_is_taken_at_any_length() -> None:
     assert auto.choose(plant, 'composite_body', 0) == 'composite_body'
     with pytest.raises(ValueError, match=r"method must be 'auto' or one of .* got 'fastest'"):
         auto.choose(plant, 'fastest', 0)
+
+
+def test_the_code_of_a_long_text_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('PFD_CACHE', '')
+    states = [random_state(np.random.default_rng(k), 7) for k in range(9)]
+    real, emitted = jit.emit, []
+    results = []
+    for length in (jit.USUAL.long_text, 0):
+
+        def emit(ir: str, target: jit.Target, _: jit.Optimisation, length: int = length) -> bytes:
+            emitted.append(real(ir, target, jit.Optimisation(long_text=length)))
+            return emitted[-1]
+
+        monkeypatch.setattr(jit, 'emit', emit)
+        kernel = pfd.compile_kernel(pfd.load_robot('panda'))
+        batch = kernel(*(np.array(part) for part in zip(*states, strict=True)))
+        results.append([batch.tobytes(), *(kernel(*state).tobytes() for state in states)])
+    assert len(set(emitted)) == len(emitted) >= 4
+    assert results[0] == results[1]

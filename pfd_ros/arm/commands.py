@@ -1,20 +1,32 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rules for commands: which joints a command drives from now on, and with what effort.
+"""The rules for commands: which joints a command drives from now on, and with what.
 
-A brake holds each joint until the first command that names it. A command changes the joints it
-names and leaves the others as they were; a message that breaks a rule changes nothing at all.
-NaN leaves its joint as it was, brake included; in a command without names it drops the message.
+A brake holds each joint until the first command with a number for it. A command changes the joints
+it names and leaves the others as they were; a message that breaks a rule changes nothing at all.
+An effort alone is a torque. A position, a velocity or both are the target of the joint's servo,
+and the effort beside them is fed forward. NaN keeps the last number of its kind, and with nothing
+but NaN a joint stays as it was, brake included; a kind without numbers says that there is none of
+it, so that an effort alone ends a servo. In a command without names NaN drops the message.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+import math
+from typing import NamedTuple
 
 import numpy as np
 
-from pfd_ros.arm.effects import Request, StateChange
+from pfd_ros.arm.effects import (
+    LARGEST_POSITION,
+    LARGEST_VELOCITY,
+    ClockTick,
+    Request,
+    SettingsChange,
+    StateChange,
+    WrenchChange,
+)
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.text import NAME_COUNT, cut, listed
@@ -24,8 +36,32 @@ QUIET = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN})
 ERRORS = frozenset({Verdict.INFINITE, Verdict.NOT_FINITE})
 
 
-@dataclass(frozen=True)
-class Judgement:
+class Command(NamedTuple):
+    """The numbers of an accepted command.
+
+    Attributes
+    ----------
+    joints
+        Indices in the model of the joints it drives, (k,).
+    effort, position, velocity
+        Their numbers (k,), N m, rad, rad/s or N, m, m/s. NaN keeps the last one; each joint has a
+        number of one kind at least. None: no feed-forward, no target.
+    """
+
+    joints: np.ndarray
+    effort: np.ndarray | None
+    position: np.ndarray | None = None
+    velocity: np.ndarray | None = None
+
+
+class Gains(NamedTuple):
+    """Gains of the servos, (n,) in model order, N m/rad and N m s/rad or N/m and N s/m."""
+
+    p: np.ndarray
+    d: np.ndarray
+
+
+class Judgement(NamedTuple):
     """The verdict on a message and its effect.
 
     Attributes
@@ -34,29 +70,38 @@ class Judgement:
         Whether the message acts, or the rule it broke.
     detail
         For people: the names and numbers that broke the rule.
-    joints, efforts
-        Indices in the model of the joints it drives, and their efforts, N m or N.
     unknown, unknown_count
         The first few names of joints that the arm does not have, cut short; the count of all.
     effect
-        Of an event that is no command.
+        Of an accepted message.
     """
 
     verdict: Verdict
     detail: str = ''
-    joints: tuple[int, ...] = ()
-    efforts: tuple[float, ...] = ()
     unknown: tuple[str, ...] = ()
     unknown_count: int = 0
-    effect: Request | StateChange | None = None
+    effect: Command | Request | StateChange | SettingsChange | WrenchChange | ClockTick | None = (
+        None
+    )
 
 
-@dataclass(frozen=True)
-class Drive:
-    """Efforts (n,) in N m or N and brakes (n,) of bool, both in model order."""
+class Drive(NamedTuple):
+    """The efforts, brakes and servo targets of an arm, in model order.
+
+    Attributes
+    ----------
+    effort
+        (n,) N m or N; beside a target it is fed forward.
+    braked
+        (n,) of bool.
+    position, velocity
+        Targets (n,) rad, rad/s or m, m/s; NaN is none. Both are None if no joint has a target.
+    """
 
     effort: np.ndarray
     braked: np.ndarray
+    position: np.ndarray | None = None
+    velocity: np.ndarray | None = None
 
 
 def held(count: int) -> Drive:
@@ -65,19 +110,31 @@ def held(count: int) -> Drive:
 
 
 def let_go(drive: Drive) -> Drive:
-    """Return a drive without the efforts of the last commands; brakes stay as they are."""
+    """Return a drive without the efforts and targets of commands; brakes stay as they are."""
     return Drive(np.zeros_like(drive.effort), drive.braked)
 
 
-def merge(drive: Drive, judgement: Judgement) -> Drive:
-    """Return the drive after a command; only an accepted one changes it."""
-    if judgement.verdict is not Verdict.ACCEPTED:
-        return drive
-    effort, braked = drive.effort.copy(), drive.braked.copy()
-    joints = list(judgement.joints)
-    effort[joints] = judgement.efforts
+def merge(drive: Drive, command: Command) -> Drive:
+    """Return the drive after a command."""
+    joints, braked = command.joints, drive.braked.copy()
     braked[joints] = False
-    return Drive(effort, braked)
+    effort = _merged(drive.effort, joints, command.effort, 0.0)
+    if command.position is None and command.velocity is None and drive.position is None:
+        return Drive(effort, braked)
+    none = np.full(len(braked), np.nan)
+    last = none if drive.position is None else drive.position
+    position = _merged(last, joints, command.position, np.nan)
+    last = none if drive.velocity is None else drive.velocity
+    return Drive(effort, braked, position, _merged(last, joints, command.velocity, np.nan))
+
+
+def _merged(
+    last: np.ndarray, joints: np.ndarray, given: np.ndarray | None, none: float
+) -> np.ndarray:
+    """Return the numbers of one kind after a command, (n,)."""
+    merged: np.ndarray = last.copy()
+    merged[joints] = none if given is None else np.where(given == given, given, last[joints])
+    return merged
 
 
 def named_values_rule(message: JointMessage, since_ns: int) -> Judgement | None:
@@ -117,18 +174,34 @@ def kinds_of(message: JointMessage) -> dict[str, np.ndarray]:
     }
 
 
-def judge_named(message: JointMessage, index: Mapping[str, int], since_ns: int) -> Judgement:
+def too_far(position: np.ndarray, velocity: np.ndarray) -> Judgement | None:
+    """Return the judgement on positions and velocities that no joint can have."""
+    if (np.abs(position) > LARGEST_POSITION).any() or (np.abs(velocity) > LARGEST_VELOCITY).any():
+        return Judgement(
+            Verdict.REFUSED,
+            f'expected positions up to {LARGEST_POSITION:g} and velocities up to '
+            f'{LARGEST_VELOCITY:g}',
+        )
+    return None
+
+
+def judge_named(
+    message: JointMessage, index: Mapping[str, int], since_ns: int, gains: Gains | None = None
+) -> Judgement:
     """Judge a command by joint name.
 
     Parameters
     ----------
     message
-        The command; only `effort` moves the arm, there is no servo for the other kinds.
+        The command.
     index
         Joint name to place in the model.
     since_ns
         Simulated time of the last start, reset or jump, or of the state that a command in
         lockstep must answer; commands stamped before it are left-overs. Stamp 0 means now.
+    gains
+        Of the servos; without them, and for a joint whose gain is zero, positions and velocities
+        do not count.
     """
     if not message.names:
         return Judgement(
@@ -137,40 +210,72 @@ def judge_named(message: JointMessage, index: Mapping[str, int], since_ns: int) 
     broken = named_values_rule(message, since_ns)
     if broken is not None:
         return broken
-    if not len(message.effort):
-        kinds = kinds_of(message)
-        given = [kind for kind, values in kinds.items() if len(values)] or ['nothing']
-        return Judgement(Verdict.NO_EFFORT, f'holds {" and ".join(given)} but no effort')
-    return _named_efforts(message.names, message.effort.tolist(), index)
-
-
-def _named_efforts(
-    names: Sequence[str], efforts: Sequence[float], index: Mapping[str, int]
-) -> Judgement:
-    strange = [name for name in names if name not in index]
+    kinds = [kind for kind, values in kinds_of(message).items() if len(values)]
+    if 'effort' not in kinds and (gains is None or not kinds):
+        return Judgement(
+            Verdict.NO_EFFORT, f'holds {" and ".join(kinds or ["nothing"])} but no effort'
+        )
+    known = [place for place, name in enumerate(message.names) if name in index]
+    strange = [name for name in message.names if name not in index]
     unknown = tuple(cut(name) for name in strange[:NAME_COUNT])
-    if len(strange) == len(names):
-        return Judgement(
-            Verdict.UNKNOWN_NAMES,
-            f'none of {listed(names)} is a joint of the arm',
-            unknown=unknown,
-            unknown_count=len(strange),
+    if not known:
+        judgement = Judgement(
+            Verdict.UNKNOWN_NAMES, f'none of {listed(strange)} is a joint of the arm'
         )
-    # NaN is the one number that differs from itself: no command for that joint.
-    given = [
-        (index[name], effort)
-        for name, effort in zip(names, efforts, strict=True)
-        if name in index and effort == effort
-    ]
-    if not given:
-        return Judgement(
-            Verdict.ALL_NAN, 'every effort is NaN', unknown=unknown, unknown_count=len(strange)
-        )
-    joints, values = zip(*given, strict=True)
-    return Judgement(Verdict.ACCEPTED, '', joints, values, unknown, len(strange))
+    else:
+        joints = np.array([index[message.names[place]] for place in known])
+        judgement = _judge_numbers(message, known, joints, gains)
+    return judgement._replace(unknown=unknown, unknown_count=len(strange))
 
 
-def judge_array(efforts: np.ndarray, order: Sequence[int]) -> Judgement:
+def _judge_numbers(
+    message: JointMessage, known: list[int], joints: np.ndarray, gains: Gains | None
+) -> Judgement:
+    """Judge the numbers of a command for the joints that the arm has.
+
+    Parameters
+    ----------
+    message, gains
+        As in `judge_named`.
+    known
+        Places in the message of the joints.
+    joints
+        Their indices in the model, (k,).
+    """
+    none = np.full(len(known), np.nan)
+    effort, position, velocity = (
+        values[known] if len(values) else none
+        for values in (message.effort, message.position, message.velocity)
+    )
+    if gains is None:
+        given = effort == effort
+    else:
+        far = too_far(position, velocity)
+        if far is not None:
+            return far
+        asked = (position == position) | (velocity == velocity)
+        position = np.where(gains.p[joints] > 0.0, position, np.nan)
+        velocity = np.where(gains.d[joints] > 0.0, velocity, np.nan)
+        # NaN is the one number that differs from itself: no command.
+        given = (effort == effort) | (position == position) | (velocity == velocity)
+        if (asked & ~given).any():
+            idle = [message.names[known[k]] for k in np.flatnonzero(asked & ~given)]
+            return Judgement(
+                Verdict.NO_EFFORT, f'no effort for {listed(idle)}, whose servo has no gain for it'
+            )
+    if not given.any():
+        return Judgement(Verdict.ALL_NAN, 'every number is NaN')
+    servo = gains is not None
+    command = Command(
+        joints[given],
+        effort[given] if len(message.effort) else None,
+        position[given] if servo and len(message.position) else None,
+        velocity[given] if servo and len(message.velocity) else None,
+    )
+    return Judgement(Verdict.ACCEPTED, effect=command)
+
+
+def judge_array(efforts: np.ndarray, order: np.ndarray) -> Judgement:
     """Judge a command without names: one finite effort for each joint, or it is dropped whole.
 
     Parameters
@@ -178,10 +283,11 @@ def judge_array(efforts: np.ndarray, order: Sequence[int]) -> Judgement:
     efforts
         The numbers of the message.
     order
-        Place in the model of each number, in the order of the parameter `joints`.
+        Place in the model of each number, in the order of the parameter `joints`, (n,).
     """
     if len(efforts) != len(order):
         return Judgement(Verdict.WRONG_SIZE, f'{len(efforts)} numbers for {len(order)} joints')
-    if not np.isfinite(efforts).all():
+    # For a few joints faster than NumPy.
+    if not all(map(math.isfinite, efforts.tolist())):
         return Judgement(Verdict.NOT_FINITE, 'holds a number that is not finite')
-    return Judgement(Verdict.ACCEPTED, '', tuple(order), tuple(efforts.tolist()))
+    return Judgement(Verdict.ACCEPTED, effect=Command(order, efforts))

@@ -25,12 +25,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.commands import Judgement, held, judge_array, judge_named, let_go, merge
-from pfd_ros.arm.effects import StateChange
+from pfd_ros.arm.changes import judge_changes, judge_payload, payload_message
+from pfd_ros.arm.commands import Command, Judgement, held, judge_array, judge_named, let_go, merge
+from pfd_ros.arm.effects import ClockTick, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
     CLOCK,
     COMMANDS,
+    DROPPED_STATES,
+    MOVING,
+    PAYLOAD_IN_USE,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -42,14 +47,18 @@ from pfd_ros.arm.events import (
     Verdict,
     VerdictRow,
 )
+from pfd_ros.arm.followed_clock import FollowedClock
 from pfd_ros.arm.pace import Pace
 from pfd_ros.arm.requests import judge_request, judge_state
+from pfd_ros.arm.sensors import JointArrays, sensors_of
 from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.wrench import ExternalWrench, judge_wrench
 from pfd_ros.messages import convert
 from pfd_ros.text import one_line
 
 # Rows of one message: a flood may have dropped a million commands before a cycle.
 MOST_ROWS = 4096
+INACTIVE = Judgement(Verdict.REFUSED, 'the arm is inactive')
 OVERFLOWED = Judgement(Verdict.OVERFLOWED, 'newer ones came before the next step')
 
 
@@ -77,14 +86,24 @@ class Engine:
 
     Attributes
     ----------
+    settings
+        As they are now: events change the dynamic ones.
     cycles
         Number of the last cycle, 0 before the first.
     pace
         Whether there may be a next one.
     drive
-        The efforts and brakes of the next step.
+        The efforts and brakes that are commanded for the next step.
+    applied
+        The efforts and brakes of the last step, as the actuators made them.
+    actuators
+        From the one to the other.
+    wrench
+        The wrench on the last link, None in a scene without one.
     jumps
         The states that the next step jumps to, one after the other.
+    sensors
+        From the true state to the measured one, None where these are the same.
 
     Raises
     ------
@@ -93,25 +112,37 @@ class Engine:
     """
 
     def __init__(self, settings: Settings, robot: Any, *, rows: bool = True) -> None:
+        self.robot = robot
         self.arm = Arm(settings, robot)
         self.settings = self.arm.settings
         self.cycles = 0
-        self.pace = Pace(settings.lockstep, from_start=settings.wait_for_controller)
+        clock = FollowedClock(settings.step_ns) if settings.follows_clock else None
+        self.pace = Pace(
+            settings.lockstep, settings.autostart, clock, settings.wait_for_controller
+        )
         self._rows = rows
         self._row_messages = 0
         self._publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
         self._index = {name: i for i, name in enumerate(robot.joint_names)}
-        self.drive = held(robot.n)
+        self.drive = self.applied = held(robot.n)
+        self.actuators = Actuators(self.settings, robot, self.arm.order)
+        self._order = np.array(self.arm.order)
         # Stamped commands from before are left-overs.
-        self._since_ns = settings.start_ns
+        self._since_ns = self._reset_ns = settings.start_ns
+        self.wrench = ExternalWrench(settings) if self.arm.scene.external_wrench else None
+        self._payload_is_new = self.arm.scene.payload is not None
+        self._payloads = 0
         self.jumps: list[StateChange | None] = []
+        self.sensors = sensors_of(self.settings, self.arm)
         self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id)
 
     @property
     def stands(self) -> bool:
         """Whether the next cycle has to wait for an event."""
-        return self.pace.stands and not self.jumps and not self.arm.failure
+        if self.pace.forbids(self.arm.stamp_ns + self.settings.step_ns):
+            return True
+        return self.pace.stands and not self.jumps
 
     def run_cycle(self, events: Iterable[Event] = ()) -> Taken:
         """Run the next cycle on the events since the last one; return all outputs of it."""
@@ -142,33 +173,56 @@ class Engine:
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
         source, payload = event.source, event.payload
+        if source in MOVING and not self.pace.active:
+            return INACTIVE
         try:
             if source is Source.ARRAY:
-                return judge_array(convert.decode_floats(payload), self.arm.order)
+                return judge_array(convert.decode_floats(payload), self._order)
             if source is Source.NAMED:
                 message = convert.decode_joint_state(payload)
-                return judge_named(message, self._index, self._since_ns)
+                return judge_named(message, self._index, self._since_ns, self.actuators.gains)
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
                 return judge_state(message, self._index, self._since_ns)
-            return judge_request(convert.decode_string(payload), self.pace.paused)
+            if source is Source.PARAMETERS:
+                return judge_changes(convert.decode_string(payload), self.arm)
+            if source is Source.TICK:
+                return self.pace.judge_tick(convert.decode_clock(payload), self.arm.stamp_ns)
+            if source is Source.WRENCH:
+                wrench, on = convert.decode_wrench(payload), self.wrench is not None
+                return judge_wrench(wrench, self.arm.robot, self._reset_ns, taken=on)
+            if source is Source.PAYLOAD:
+                return judge_payload(convert.decode_inertia(payload), self.arm)
+            return judge_request(convert.decode_string(payload), self.pace)
         except ValueError as error:
             return Judgement(Verdict.MALFORMED, one_line(error))
 
     def _apply(self, source: Source, judgement: Judgement) -> None:
         effect = judgement.effect
         if source in COMMANDS:
-            self.drive = merge(self.drive, judgement)
             self.pace.answer(judgement.verdict)
+        if isinstance(effect, Command):
+            self.drive = merge(self.drive, effect)
         elif isinstance(effect, StateChange):
             self.jumps.append(effect)
             self.drive = let_go(self.drive)
             self._since_ns = self.arm.stamp_ns + self.settings.step_ns
-        elif effect is not None and effect.name == 'reset':
-            self.jumps = [None]
-            self.drive = held(len(self.arm.order))
-            self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+        elif isinstance(effect, SettingsChange):
+            self._set(effect)
+        elif isinstance(effect, ClockTick):
+            self._follow(effect)
+        elif isinstance(effect, WrenchChange):
+            if self.wrench is not None:
+                self.wrench.put(effect, self.settings.external_wrench_timeout)
         elif effect is not None:
+            if effect.name in ('reset', 'deactivate'):
+                self.drive = held(len(self.arm.order))
+                self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+            if effect.name == 'reset':
+                self.jumps = [None]
+                self._reset_ns = self._since_ns
+            if effect.name in ('reset', 'clear_wrench'):
+                self._clear_wrench()
             self.pace.request(effect)
 
     def command(self, efforts: np.ndarray) -> Judgement:
@@ -176,32 +230,80 @@ class Engine:
 
         For callers that neither record nor publish the command: it has no bytes and no number.
         """
-        judgement = judge_array(efforts, self.arm.order)
+        judgement = judge_array(efforts, self._order) if self.pace.active else INACTIVE
         self._apply(Source.ARRAY, judgement)
         return judgement
+
+    def _clear_wrench(self) -> None:
+        if self.wrench is not None:
+            self.wrench.clear()
+
+    def _set(self, change: SettingsChange) -> None:
+        """Take over other values of dynamic settings; all others are as before."""
+        before = self.arm.scene.payload
+        self.settings = change.settings
+        self.arm.change(change.settings, change.plant)
+        self.actuators.set(self.settings)
+        self.sensors = sensors_of(self.settings, self.arm, self.sensors)
+        if self.arm.scene.payload != before:
+            self._payload_is_new = True
+
+    def _follow(self, tick: ClockTick) -> None:
+        clock = self.pace.clock
+        assert clock is not None
+        if clock.until_ns is None:
+            self.arm.leap(tick.stamp_ns)
+            self._since_ns = tick.stamp_ns
+        clock.until_ns = tick.stamp_ns
 
     def step(self) -> list[Output]:
         """Run the next cycle on the events that were taken; return its state and its tick."""
         self.advance()
         outputs: list[Output] = []
         self._add_state_and_tick(outputs)
+        if self._payload_is_new and not self.arm.failure:
+            outputs.insert(0, self._payload_in_use())
         return outputs
 
     def advance(self) -> None:
         """Run the next cycle on the events that were taken, without a message of its outputs."""
         self.cycles += 1
+        if self.wrench is not None:
+            self.arm.wrench = self.wrench.next()
         if self.jumps:
+            self.applied = let_go(self.drive)
             self.arm.jump(self.jumps)
             self.jumps = []
+            if self.sensors is not None:
+                self.sensors.restart()
         else:
-            self.arm.advance(self.drive)
-        self.pace.stepped(published=self.cycles % self._publish_every == 0)
+            self.applied = self.actuators.applied(self.drive, self.arm.q, self.arm.qd)
+            self.arm.advance(self.applied)
+            if self.sensors is not None:
+                self.sensors.sample()
+        self.pace.stepped(published=self._state_role() == STATES)
         if self.pace.waits:
             self._since_ns = self.arm.stamp_ns
 
-    def measured(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the positions, velocities and efforts (n,) that states tell, published order."""
-        return self.arm.q, self.arm.qd, self.arm.tau
+    def _state_role(self) -> str:
+        """Return the role of this cycle's state, '' if it has none."""
+        if self.cycles % self._publish_every:
+            return ''
+        dropped = self.sensors is not None and self.sensors.drops(self.cycles)
+        return DROPPED_STATES if dropped else STATES
+
+    def _payload_in_use(self) -> Output:
+        """Return the payload from this cycle on, at the origin and in the axes of the tip link."""
+        self._payload_is_new = False
+        self._payloads += 1
+        message = payload_message(self.arm.scene.payload, self.arm.stamp_ns, self.arm.robot.tip)
+        return Output(PAYLOAD_IN_USE, self._payloads, convert.encode_inertia(message))
+
+    def measured(self) -> JointArrays:
+        """Return the positions, velocities and efforts that the state of this cycle tells."""
+        if self.sensors is None:
+            return JointArrays(self.arm.q, self.arm.qd, self.arm.tau)
+        return self.sensors.measured(self.cycles)
 
     def present(self) -> list[Output]:
         """Return the state and the clock tick as they are now, for readers that missed them.
@@ -240,9 +342,10 @@ class Engine:
     def _add_state_and_tick(self, outputs: list[Output]) -> None:
         """Add the state and the clock tick of this cycle; the state precedes its tick."""
         arm, cycle = self.arm, self.cycles
-        if cycle % self._publish_every == 0:
+        role = self._state_role()
+        if role:
             state = self._encoder.encode(arm.stamp_ns, *self.measured())
-            outputs.append(Output(STATES, cycle // self._publish_every, state))
+            outputs.append(Output(role, cycle // self._publish_every, state))
         if self._clock_every and cycle % self._clock_every == 0:
             tick = convert.encode_clock(arm.stamp_ns)
             outputs.append(Output(CLOCK, cycle // self._clock_every, tick))

@@ -4,9 +4,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 import dataclasses
 import math
 from typing import Any
+
+import numpy as np
 
 from pfd_ros.text import cut
 
@@ -25,6 +28,7 @@ def setting(
     values: tuple[str, ...] = (),
     dynamic: bool = False,
     per_joint: bool = False,
+    joint_default: Callable[[Any, Any], np.ndarray] | None = None,
 ) -> Any:
     """Return a field of a table of settings.
 
@@ -44,7 +48,10 @@ def setting(
         Whether it may change while the arm runs, by an event.
     per_joint
         Whether it holds a number for each joint, in published order, and is a group of
-        parameters `name.<joint>`.
+        parameters `name.<joint>`; empty takes `joint_default`.
+    joint_default
+        From the settings and the robot to a number for each joint, (n,) in model order; None is
+        zero for each.
     """
     told = {
         'text': text,
@@ -53,6 +60,7 @@ def setting(
         'values': values,
         'dynamic': dynamic,
         'per_joint': per_joint,
+        'joint_default': joint_default,
     }
     return dataclasses.field(default=default, metadata=told)
 
@@ -80,6 +88,44 @@ def check_values(settings: Any) -> None:
                 raise ValueError(f'{name} is {number!r}, expected {span[0]!r} to {span[1]!r}')
         if values and value not in values:
             raise ValueError(f'{name} is {cut(repr(value))}, expected one of {list(values)}')
+
+
+def check_joint_counts(settings: Any, count: int) -> None:
+    """Check that each setting with a number for each joint has `count` of them, or none.
+
+    Raises
+    ------
+    ValueError
+        If one has another number of them.
+    """
+    for field in dataclasses.fields(settings):
+        given = len(getattr(settings, field.name)) if field.metadata['per_joint'] else 0
+        if given not in (0, count):
+            raise ValueError(
+                f'{parameter_name(field)} holds {given} numbers, expected {count}, one for each '
+                'joint, or none'
+            )
+
+
+def joint_values(
+    field: dataclasses.Field[Any], settings: Any, robot: Any, order: Sequence[int]
+) -> tuple[float, ...]:
+    """Return the numbers in use of a setting with one for each joint, in published order.
+
+    Parameters
+    ----------
+    field
+        The field of the setting.
+    settings, robot
+        The settings that hold it, and the robot.
+    order
+        Index in the model of each joint, in published order.
+    """
+    given: tuple[float, ...] = getattr(settings, field.name)
+    default = field.metadata['joint_default']
+    if given or default is None:
+        return given or (0.0,) * len(order)
+    return tuple(default(settings, robot)[list(order)].tolist())
 
 
 # By the annotation of a field.

@@ -14,7 +14,10 @@ from dataclasses import dataclass
 import json
 from typing import Any
 
+import pfd_core as pfd
 from pfd_ros.arm.command_settings import CommandSettings
+from pfd_ros.arm.plant_settings import PlantSettings
+from pfd_ros.arm.sensor_settings import SensorSettings
 from pfd_ros.arm.setting_fields import check_values, setting, typed
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import listed
@@ -27,12 +30,16 @@ SLOWEST_FACTOR = 1e-6
 # Least share of the steps that are published; less is a mistake.
 SLOWEST_SHARE = 1e-12
 
+# A start time that is resolved when the node is configured: time that goes on from one run to the
+# next is monotonic for controllers that live through both.
+TIME_OF_DAY = -1.0
+
 # Names of `position_sums`, and whether the simulator then compensates; None leaves it to it.
 POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
 
 @dataclass(frozen=True)
-class Settings(CommandSettings):
+class Settings(CommandSettings, PlantSettings, SensorSettings):
     """The parameters of the node `sim_arm`; units SI, angles in rad.
 
     Raises
@@ -53,27 +60,32 @@ class Settings(CommandSettings):
     )
     step_size: float = setting(0.001, 'Simulated time per step, s', 1e-5, 0.1)
     substeps: int = setting(2, 'Steps of the integrator per step', 1, 100)
-    integrator: str = setting('auto', 'Integrator: auto, rk4, velocity_verlet or imex2')
+    integrator: str = setting('auto', 'Integrator', values=pfd.INTEGRATORS)
     position_sums: str = setting(
         'auto',
         'Sums of positions: plain, compensated (right after any number of turns) or auto',
         values=tuple(POSITION_SUMS),
     )
-    method: str = setting('auto', 'Forward dynamics: auto or a name from pfd_core.METHODS')
-    gravity: tuple[float, ...] = setting(
-        (0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2; zeros switch it off'
-    )
-    damping: bool = setting(False, 'Viscous damping of the joints as the model states it')
-    armature: bool = setting(False, 'Rotor inertia of the joints as the model states it')
-    scene: str = setting(
-        '', "Scene file (YAML) in the place of gravity, damping and armature; '' takes those"
-    )
+    method: str = setting('auto', 'Forward dynamics', values=('auto', *pfd.METHODS))
     initial_positions: tuple[float, ...] = setting(
         (), 'Where the joints start, rad or m, in the order of `joints`; empty is zero'
     )
-    start_time: float = setting(0.0, 'Simulated time before the first step, s', 0.0, 1e9)
+    autostart: bool = setting(
+        True, 'Be active from the start on, without the transitions of a lifecycle node'
+    )
+    time_source: str = setting(
+        'own',
+        'Clock of the arm: own, or clock, which follows the /clock of another node',
+        values=('own', 'clock'),
+    )
+    start_time: float = setting(
+        0.0,
+        'Simulated time before the first step, s; -1 is the time of day at the start',
+        TIME_OF_DAY,
+        2e9,
+    )
     real_time_factor: float = setting(
-        1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0
+        1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0, dynamic=True
     )
     publish_rate: float = setting(
         0.0, 'joint_states per simulated second, Hz; 0 is every step', 0.0, 1e5
@@ -88,8 +100,6 @@ class Settings(CommandSettings):
     def __post_init__(self) -> None:
         """Check every value, so that the users of settings need not."""
         check_values(self)
-        if len(self.gravity) != 3:
-            raise ValueError(f'gravity needs 3 numbers (x, y, z), got {len(self.gravity)}')
         if len(set(self.locked)) < len(self.locked):
             raise ValueError(f'locked names a joint twice: {listed(self.locked)}')
         if self.locked_positions and len(self.locked_positions) != len(self.locked):
@@ -97,21 +107,23 @@ class Settings(CommandSettings):
                 f'locked_positions holds {len(self.locked_positions)} numbers, expected '
                 f'{len(self.locked)}, one for each of {listed(self.locked)}, or none'
             )
+        if TIME_OF_DAY < self.start_time < 0.0:
+            raise ValueError(f'start_time is {self.start_time!r}, expected -1, or 0 and more')
+        if self.follows_clock and self.publish_clock:
+            raise ValueError('an arm with time_source clock needs publish_clock false')
         if 0.0 < self.real_time_factor < SLOWEST_FACTOR:
             raise ValueError(
                 f'real_time_factor is {self.real_time_factor!r}, '
                 f'expected 0 or {SLOWEST_FACTOR!r} and more'
             )
-        switched = self.damping or self.armature or self.gravity != Settings.gravity
-        if self.scene and switched:
-            raise ValueError('scene stands for gravity, damping and armature: leave them out')
+        self.check_plant()
         if not self.robot:
             raise ValueError('robot is empty; name one that `pfd robots` lists, or a file')
         if abs(self.step_ns / NANOSECONDS - self.step_size) > WHOLE * self.step_size:
             raise ValueError(
                 f'step_size is {self.step_size!r} s, expected a whole number of nanoseconds'
             )
-        _ = self.publish_every, self.clock_every
+        _ = self.publish_every, self.clock_every, self.state_delay_steps
 
     @property
     def compensated(self) -> bool | None:
@@ -125,6 +137,17 @@ class Settings(CommandSettings):
         return dict(zip(self.locked, positions, strict=True))
 
     @property
+    def follows_clock(self) -> bool:
+        """Whether the arm follows the clock of another node."""
+        return self.time_source == 'clock'
+
+    def at_time_of_day(self, seconds: float) -> Settings:
+        """Return settings with the time of day in the place of -1, in whole milliseconds."""
+        if self.start_time != TIME_OF_DAY:
+            return self
+        return dataclasses.replace(self, start_time=int(seconds * 1000) / 1000)
+
+    @property
     def step_ns(self) -> int:
         """Simulated time per step in nanoseconds."""
         return round(self.step_size * NANOSECONDS)
@@ -132,6 +155,8 @@ class Settings(CommandSettings):
     @property
     def start_ns(self) -> int:
         """Simulated time before the first step in nanoseconds."""
+        if self.start_time < 0.0:
+            raise ValueError('start_time is the time of day, which only a node knows')
         return round(self.start_time * NANOSECONDS)
 
     @property
@@ -143,6 +168,21 @@ class Settings(CommandSettings):
     def clock_every(self) -> int:
         """Steps from one `/clock` tick to the next."""
         return self._steps_per('clock_rate', self.clock_rate)
+
+    @property
+    def state_delay_steps(self) -> int:
+        """Steps by which measured states are late."""
+        return self._whole_steps('delay.state', self.delay_state)
+
+    def _whole_steps(self, name: str, seconds: float) -> int:
+        steps = seconds / self.step_size
+        whole = round(steps)
+        if abs(steps - whole) > WHOLE * max(1.0, steps):
+            raise ValueError(
+                f'{name} is {seconds!r} s, which is {steps:.6g} steps of {self.step_size!r} s; '
+                'expected a whole number of steps'
+            )
+        return whole
 
     def _steps_per(self, name: str, rate: float) -> int:
         if rate == 0.0:

@@ -75,11 +75,12 @@ def describe(summary: Summary) -> list[str]:
     settings = summary.settings
     simulated = summary.simulated * settings.step_size
     accepted = summary.verdicts[Verdict.ACCEPTED]
+    unpublished = f', {summary.unpublished} more not published' if summary.unpublished else ''
     lines = [
         one_line(f'{summary.path}: {settings.robot}'),
         f'duration   {simulated:.3f} s simulated, {summary.seconds:.3f} s on the clock',
         f'steps      {summary.simulated} of {settings.step_size:g} s',
-        f'states     {summary.states}, {summary.rate:.2f} Hz',
+        f'states     {summary.states}, {summary.rate:.2f} Hz{unpublished}',
         f'commands   {accepted} accepted, {summary.verdicts.total() - accepted} not',
     ]
     lines += [

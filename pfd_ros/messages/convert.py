@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 import struct
 
 import numpy as np
@@ -21,9 +22,13 @@ FLOAT_ARRAY = 'std_msgs/msg/Float64MultiArray'
 INTEGER_ARRAY = 'std_msgs/msg/UInt64MultiArray'
 CLOCK = 'rosgraph_msgs/msg/Clock'
 STRING = 'std_msgs/msg/String'
+WRENCH = 'geometry_msgs/msg/WrenchStamped'
+INERTIA = 'geometry_msgs/msg/InertiaStamped'
 
 NANOSECONDS = 1_000_000_000
 _TIME = struct.Struct('<iI')
+# The beginning of a Float64MultiArray without a layout, and the place of its first number.
+_NO_LAYOUT, _FIRST_NUMBER = HEADER + bytes(8), 20
 
 
 @dataclass(frozen=True)
@@ -71,15 +76,21 @@ def _skip_layout(reader: CdrReader) -> None:
 
 def decode_floats(data: bytes) -> np.ndarray:
     """Return the numbers of a Float64MultiArray, (count,); its layout is skipped."""
+    # Most publishers leave the layout empty; then everything has its place.
+    if data[: len(_NO_LAYOUT)] == _NO_LAYOUT and len(data) > _FIRST_NUMBER:
+        count = int.from_bytes(data[len(_NO_LAYOUT) : len(_NO_LAYOUT) + 4], 'little')
+        if len(data) == _FIRST_NUMBER + 8 * count:
+            return np.frombuffer(data, '<f8', count, _FIRST_NUMBER).astype('f8')
     reader = CdrReader(data)
     _skip_layout(reader)
     return reader.numbers('f8')
 
 
-def encode_rows(rows: Sequence[Sequence[int]], columns: Sequence[str]) -> bytes:
-    """Return a UInt64MultiArray of `rows`, (rows, columns); the layout names the columns."""
+@lru_cache(maxsize=16)
+def _rows_layout(count: int, columns: tuple[str, ...]) -> bytes:
+    """Return the message of `count` rows up to their numbers."""
     writer = CdrWriter()
-    count, width = len(rows), len(columns)
+    width = len(columns)
     writer.uint32(2)
     for label, size, stride in (
         ('row', count, count * width),
@@ -89,8 +100,14 @@ def encode_rows(rows: Sequence[Sequence[int]], columns: Sequence[str]) -> bytes:
         writer.uint32(size)
         writer.uint32(stride)
     writer.uint32(0)
-    writer.numbers(np.array(rows, np.uint64).reshape(-1))
-    return bytes(writer.data)
+    start = writer.numbers(np.zeros(count * width, np.uint64))
+    return bytes(writer.data[:start])
+
+
+def encode_rows(rows: Sequence[Sequence[int]], columns: Sequence[str]) -> bytes:
+    """Return a UInt64MultiArray of `rows`, (rows, columns); the layout names the columns."""
+    numbers = [number for row in rows for number in row]
+    return _rows_layout(len(rows), tuple(columns)) + struct.pack(f'<{len(numbers)}Q', *numbers)
 
 
 def decode_rows(data: bytes, width: int) -> list[list[int]]:
@@ -162,3 +179,55 @@ class JointStateEncoder:
         for target, values in zip(self._arrays, (position, velocity, effort), strict=True):
             target[:] = values
         return bytes(self._data)
+
+
+@dataclass(frozen=True)
+class WrenchMessage:
+    """A geometry_msgs/WrenchStamped: force and torque, (3,) in N and N m."""
+
+    stamp_ns: int
+    frame_id: str
+    force: tuple[float, ...]
+    torque: tuple[float, ...]
+
+
+def decode_wrench(data: bytes) -> WrenchMessage:
+    """Return the fields of a WrenchStamped."""
+    reader = CdrReader(data)
+    stamp_ns, frame_id = _time_ns(reader), reader.string()
+    numbers = reader.row('f8', 6).tolist()
+    return WrenchMessage(stamp_ns, frame_id, tuple(numbers[:3]), tuple(numbers[3:]))
+
+
+@dataclass(frozen=True)
+class InertiaMessage:
+    """A geometry_msgs/InertiaStamped.
+
+    Mass in kg, centre of mass (3,) in m, and the inertia (xx, xy, xz, yy, yz, zz) about it, in
+    kg m^2.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    mass: float
+    center: tuple[float, ...]
+    inertia: tuple[float, ...]
+
+
+def decode_inertia(data: bytes) -> InertiaMessage:
+    """Return the fields of an InertiaStamped."""
+    reader = CdrReader(data)
+    stamp_ns, frame_id = _time_ns(reader), reader.string()
+    mass, *numbers = reader.row('f8', 10).tolist()
+    return InertiaMessage(stamp_ns, frame_id, mass, tuple(numbers[:3]), tuple(numbers[3:]))
+
+
+def encode_inertia(message: InertiaMessage) -> bytes:
+    """Return an InertiaStamped message."""
+    writer = CdrWriter()
+    seconds, nanoseconds = divmod(message.stamp_ns, NANOSECONDS)
+    writer.int32(seconds)
+    writer.uint32(nanoseconds)
+    writer.string(message.frame_id)
+    writer.row(np.array([message.mass, *message.center, *message.inertia]))
+    return bytes(writer.data)

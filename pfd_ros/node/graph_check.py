@@ -24,7 +24,7 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 
-from pfd_ros.arm.events import CLOCK, STATES
+from pfd_ros.arm.events import CLOCK, COMMANDS, STATES
 from pfd_ros.node.endpoints import Endpoints, type_name
 from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.text import cut
@@ -62,9 +62,9 @@ class GraphCheck:
 
     def check(self) -> None:
         """Ask the graph and log why a connection cannot work."""
-        commands = self.endpoints.subscriptions.values()
-        for end in commands:
-            self._check_commands(end)
+        commands = [self.endpoints.subscriptions[source] for source in sorted(COMMANDS)]
+        for end in self.endpoints.subscriptions.values():
+            self._check_publishers(end, commanding=end in commands)
         if not self._commanded and self.now() - self._since > PATIENCE_SECONDS:
             topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in commands)
             self.log.once(
@@ -89,9 +89,9 @@ class GraphCheck:
                     continue
             yield info
 
-    def _check_commands(self, end: Any) -> None:
+    def _check_publishers(self, end: Any, *, commanding: bool) -> None:
         for info in self._settled(self.node.get_publishers_info_by_topic(end.topic_name)):
-            if self._check_pair(end, info, publishing=True):
+            if self._check_pair(end, info, publishing=True) and commanding:
                 self._commanded = True
 
     def _check_pair(self, end: Any, info: Any, *, publishing: bool) -> bool:

@@ -13,17 +13,23 @@ from typing import Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
-from pfd_ros.arm.events import TAKEN
+from pfd_ros.arm.events import DROPPED_STATES, TAKEN
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, REQUESTS, ROLE_OF_SOURCE, EndKey
+from pfd_ros.recording.format import CHANNELS, PARAMETERS, REQUESTS, ROLE_OF_SOURCE, EndKey
 from pfd_ros.recording.mcap_file import TimeBase, Topic
 from pfd_ros.recording.recorder import LogRecorder
 
-# Channels that only the file has: the verdict rows, and the requests of services.
-OWN_TOPICS = {TAKEN: '~/applied_commands', REQUESTS: '~/requests'}
+# Channels that only the file has: the verdict rows, the requests of services, parameters set, and
+# the states that the sensors drop, if they do.
+OWN_TOPICS = {
+    TAKEN: '~/applied_commands',
+    REQUESTS: '~/requests',
+    PARAMETERS: '~/parameter_changes',
+    DROPPED_STATES: '~/dropped_states',
+}
 
 
 @dataclass(frozen=True)
@@ -100,6 +106,8 @@ def open_session(node: Node, settings: Settings, robot: Any, endpoints: Endpoint
         for role, end in ends.items()
     }
     for role, topic in OWN_TOPICS.items():
+        if role == DROPPED_STATES and not settings.drop_state:
+            continue
         name = node.resolve_topic_name(topic)
         channels[role] = Topic(name, CHANNELS[role].type, qos_text(1))
     roles = [role for role in CHANNELS if role in channels]

@@ -1,19 +1,36 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Declares the settings as parameters of a node and reads them back."""
+"""The settings as parameters of the node: declared, read back, and set while the arm runs.
+
+A setting with a number for each joint is a group of parameters, `damping.<joint>`, which is
+declared once the robot is known. A dynamic setting that is set becomes an event of the arm, which
+answers with its verdict; all others are read-only.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
 import dataclasses
+from dataclasses import dataclass
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
+from rclpy.exceptions import ParameterUninitializedException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from rclpy.parameter_service import ParameterService
 
-from pfd_ros.arm.setting_fields import parameter_name
+from pfd_ros.arm.arm import joint_order
+from pfd_ros.arm.setting_fields import joint_values, parameter_name, typed
 from pfd_ros.arm.settings import Settings, from_values
-from pfd_ros.text import listed
+from pfd_ros.node.changing import Changes
+from pfd_ros.text import listed, one_line
 
 # By the annotation of the field: an empty tuple does not have the type of its elements.
 _KINDS = {
@@ -24,6 +41,7 @@ _KINDS = {
     'tuple[str, ...]': Parameter.Type.STRING_ARRAY,
     'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
 }
+_PER_JOINT = tuple(f for f in dataclasses.fields(Settings) if f.metadata['per_joint'])
 
 
 def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
@@ -31,7 +49,7 @@ def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=field.metadata['text'],
         additional_constraints=f'one of {list(values)}' if values else '',
-        read_only=True,
+        read_only=not field.metadata['dynamic'],
     )
     if field.metadata['range'] is not None:
         least, most = field.metadata['range']
@@ -44,32 +62,90 @@ def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
     return descriptor
 
 
-def declare(node: Node) -> Settings:
-    """Declare every setting as a read-only parameter and return the chosen values.
+def _declared(node: Node, name: str, given: Any, descriptor: ParameterDescriptor) -> Any:
+    """Return the value of a parameter, declared now unless it was before.
+
+    A node may be configured again.
+    """
+    if not node.has_parameter(name):
+        node.declare_parameter(name, given, descriptor)
+    return node.get_parameter(name).value
+
+
+def declare(node: Node) -> bool:
+    """Declare every setting but those for each joint, and return that of `autostart`.
+
+    They are read-only, but for dynamic ones and those of a node without autostart: such a node
+    may be configured again and again, with other values.
 
     Raises
     ------
     rclpy.exceptions.ParameterException
         If a value has the wrong type or lies outside its range.
+    """
+    fields = {f.name: f for f in dataclasses.fields(Settings) if f not in _PER_JOINT}
+    first = fields.pop('autostart')
+    node.declare_parameter(first.name, first.default, _descriptor(first))
+    autostart = bool(node.get_parameter(first.name).value)
+    for field in fields.values():
+        kind = _KINDS[str(field.type)]
+        # Without a default value an empty array has no type; the type alone has no default.
+        given = kind if isinstance(field.default, tuple) and not field.default else field.default
+        descriptor = _descriptor(field)
+        descriptor.read_only = descriptor.read_only and autostart
+        node.declare_parameter(
+            parameter_name(field), list(given) if isinstance(given, tuple) else given, descriptor
+        )
+    return autostart
+
+
+def read(node: Node) -> Settings:
+    """Return the settings that the parameters of a node say.
+
+    Raises
+    ------
     ValueError
         If the values do not go together.
     """
     values: dict[str, Any] = {}
     for field in dataclasses.fields(Settings):
-        kind = _KINDS[str(field.type)]
-        # Without a default value an empty array has no type; the type alone has no default.
-        given = kind if isinstance(field.default, tuple) and not field.default else field.default
-        parameter = node.declare_parameter(
-            parameter_name(field),
-            list(given) if isinstance(given, tuple) else given,
-            _descriptor(field),
-        )
-        if parameter.type_ is not Parameter.Type.NOT_SET:
-            value = parameter.value
-            values[field.name] = (
-                value if isinstance(value, str | bool | int | float) else tuple(value)
-            )
+        if field not in _PER_JOINT:
+            with suppress(ParameterUninitializedException):
+                values[field.name] = _plain(node.get_parameter(parameter_name(field)).value)
     return from_values(values)
+
+
+def declare_joints(node: Node, settings: Settings, robot: Any) -> Settings:
+    """Declare the settings with a number for each joint, and return settings with those chosen.
+
+    A group in which no number differs from its default stays empty in the settings.
+
+    Raises
+    ------
+    rclpy.exceptions.ParameterException, ValueError
+        As `declare`.
+    """
+    order = joint_order(settings.joints, robot)
+    chosen: dict[str, Any] = {}
+    for field in _PER_JOINT:
+        defaults = joint_values(field, settings, robot, order)
+        descriptor = _descriptor(field)
+        values = tuple(
+            _declared(node, joint_parameter(field, robot.joint_names[i]), default, descriptor)
+            for i, default in zip(order, defaults, strict=True)
+        )
+        if values != defaults:
+            chosen[field.name] = values
+    return dataclasses.replace(settings, **chosen)
+
+
+def joint_parameter(field: dataclasses.Field[Any], joint: str) -> str:
+    """Return the name of the parameter that a setting is for one joint."""
+    return f'{parameter_name(field)}.{joint}'
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, str | bool | int | float) else tuple(value)
 
 
 def misspelt(node: Node) -> str:
@@ -78,3 +154,85 @@ def misspelt(node: Node) -> str:
     given = getattr(node, '_parameter_overrides', {})
     unknown = sorted(name for name in given if not node.has_parameter(name))
     return listed(unknown) if unknown else ''
+
+
+@dataclass
+class ParameterChanges:
+    """The callback that rclpy asks before it sets parameters; any thread may set them."""
+
+    changes: Changes
+    # Parameter -> its field, and the place of its joint, -1 where it is for none.
+    _places: dict[str, tuple[Any, int]] = dataclasses.field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """List the parameters by name."""
+        for field in dataclasses.fields(Settings):
+            if field in _PER_JOINT:
+                for place, joint in enumerate(self.changes.engine.arm.names):
+                    self._places[joint_parameter(field, joint)] = field, place
+            else:
+                self._places[parameter_name(field)] = field, -1
+
+    def set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
+        """Have the arm take over new values, all or none; return whether it does, or the reason.
+
+        Parameters of others, such as use_sim_time, pass.
+        """
+        ours = [parameter for parameter in parameters if parameter.name in self._places]
+        reason = ''
+        if ours:
+            try:
+                self.changes.set(lambda settings: self._values(ours, settings))
+            except ValueError as error:
+                reason = one_line(error)
+        return SetParametersResult(successful=not reason, reason=reason)
+
+    def _values(self, parameters: Sequence[Parameter], settings: Settings) -> dict[str, Any]:
+        """Return the new values by field, for an arm with these settings."""
+        arm = self.changes.engine.arm
+        values: dict[str, Any] = {}
+        for parameter in parameters:
+            field, place = self._places[parameter.name]
+            if not field.metadata['dynamic']:
+                raise ValueError(f'{listed([parameter.name])} cannot change until cleanup')
+            if place < 0:
+                value = typed(parameter.name, _plain(parameter.value), str(field.type))
+            else:
+                before = values.get(field.name) or joint_values(
+                    field, settings, arm.robot, arm.order
+                )
+                number = typed(parameter.name, parameter.value, 'float')
+                value = (*before[:place], number, *before[place + 1 :])
+            values[field.name] = value
+        return values
+
+
+class StrictParameterService(ParameterService):
+    """The parameter services; a value of no type is refused, where rclpy's own raise.
+
+    It overrides callbacks of rclpy (Jazzy) that have no public name.
+    """
+
+    def _set_parameters_callback(self, request: Any, response: Any) -> Any:
+        refused = _untyped(request.parameters)
+        if refused is None:
+            return super()._set_parameters_callback(request, response)
+        response.results = [refused] * len(request.parameters)
+        return response
+
+    def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
+        refused = _untyped(request.parameters)
+        if refused is None:
+            return super()._set_parameters_atomically_callback(request, response)
+        response.result = refused
+        return response
+
+
+def _untyped(parameters: Sequence[Any]) -> SetParametersResult | None:
+    """Return the answer to parameters of which one has a value of no type; None if none has."""
+    types = {int(kind.value) for kind in Parameter.Type}
+    strange = [parameter.name for parameter in parameters if parameter.value.type not in types]
+    if not strange:
+        return None
+    reason = f'{listed(strange)} has a value of no type of ROS'
+    return SetParametersResult(successful=False, reason=one_line(reason))

@@ -23,7 +23,12 @@ from pfd_ros.text import one_line
 # More than any recording counts; a larger number is damage, and no loop should run to it.
 COUNT_LIMIT = 1 << 53
 # Settings that recordings of the first versions lack, or hold as 'auto', and what it stood for.
-FIRST_VERSIONS = {'integrator': 'rk4', 'position_sums': 'plain'}
+FIRST_VERSIONS = {
+    'integrator': 'rk4',
+    'position_sums': 'plain',
+    'effort_limits': False,
+    'torque_speed': False,
+}
 _DIGEST = re.compile('[0-9a-f]{64}')
 
 

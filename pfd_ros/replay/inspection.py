@@ -14,7 +14,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 import hashlib
 
-from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Verdict
+from pfd_ros.arm.events import (
+    CLOCK,
+    DROPPED_STATES,
+    NUMBERED_AS_STATES,
+    STATES,
+    TAKEN,
+    Verdict,
+)
 from pfd_ros.messages.convert import decode_clock
 from pfd_ros.recording.format import DIGEST_PREFIX, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending
@@ -64,7 +71,7 @@ class Inspection:
         Why the messages are not the recorded ones, or ''. A digest does not say where, so a
         replay should look for the place first.
     state
-        The last state, as it was recorded.
+        The last state, published or dropped by the sensors, as it was recorded.
     """
 
     summary: Summary
@@ -102,15 +109,17 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
     settings = log.settings
     for role in log.roles.values():
         channels.setdefault(role, _ChannelCount())
-    states = channels[STATES]
+    states, unpublished = channels[STATES], channels.get(DROPPED_STATES, _ChannelCount())
+    newest = max(states, unpublished, key=lambda channel: channel.last)
     found = Inspection(
         Summary(
             path=log.path,
             settings=settings,
             complete=log.complete,
             versions=log.versions,
-            steps=states.last * settings.publish_every,
+            steps=newest.last * settings.publish_every,
             states=states.found,
+            unpublished=unpublished.found,
             lost={role: channel.lost for role, channel in channels.items() if channel.lost},
             verdicts=verdicts,
             waiting=len(waiting),
@@ -120,7 +129,7 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
         ),
         # It may lie before the last chunk, which a cut-off file lacks.
         log.ending if log.complete else None,
-        state=states.data,
+        state=newest.data,
     )
     _add_failure(found)
     _check_complete(log, found, channels)
@@ -201,6 +210,8 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
             if late:
                 summary.lost[CLOCK] = ticks.lost + late
         return
+    published = {role: n + ending.dropped[role] for role, n in ending.recorded.items()}
+    states = sum(published.get(role, 0) for role in NUMBERED_AS_STATES)
     for role, channel in channels.items():
         recorded, dropped = ending.recorded[role], ending.dropped[role]
         if channel.found != recorded:
@@ -208,22 +219,20 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
                 f'{channel.gap} are missing' if channel.gap else f'the last one is {channel.last}'
             )
             raise ValueError(f'it holds {channel.found} of {recorded} messages {role}: {where}')
-        if channel.last > recorded + dropped:
-            raise ValueError(
-                f'it holds {role} {channel.last}, its end record counts {recorded + dropped}'
-            )
+        last = states if role in NUMBERED_AS_STATES else published[role]
+        if channel.last > last:
+            raise ValueError(f'it holds {role} {channel.last}, its end record counts {last}')
         if dropped:
             found.summary.lost[role] = dropped
         if ending.digests and channel.digest.hexdigest() != ending.digests[role]:
             found.altered = found.altered or f'the messages {role} are not the recorded ones'
-    _check_totals(found, ending)
+    _check_totals(found, ending, states, published.get(CLOCK))
 
 
-def _check_totals(found: Inspection, ending: Ending) -> None:
-    """Compare the totals of an end record with one another."""
+def _check_totals(found: Inspection, ending: Ending, states: int, ticks: int | None) -> None:
+    """Compare the totals of an end record with one another and the numbers of messages."""
     settings = found.summary.settings
-    published = {role: n + ending.dropped[role] for role, n in ending.recorded.items()}
-    states, every = published[STATES], settings.publish_every
+    every = settings.publish_every
     # A failed arm stands still, and goes on publishing.
     last = (states + 1) * every - 1 if ending.failure else ending.steps
     if ending.states != states or last // every != states or ending.steps > last:
@@ -231,9 +240,9 @@ def _check_totals(found: Inspection, ending: Ending) -> None:
             f'its end record counts {ending.steps} steps and {ending.states} states, '
             f'of which {states} were recorded or dropped, one in {every} steps'
         )
-    if CLOCK in published:
+    if ticks is not None:
         first = states * every if ending.failure else last
-        ticks, each = published[CLOCK], settings.clock_every
+        each = settings.clock_every
         # A node that ends when it cannot publish a state has not come to its tick.
         if not first // each - 1 <= ticks <= last // each:
             raise ValueError(

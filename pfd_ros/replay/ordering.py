@@ -3,7 +3,8 @@
 """The messages of a recording in their places: which cycle each belongs to, and that it can.
 
 The messages of a channel are numbered from 1; numbers may be left out, where the disk was too
-slow, but never repeat or decrease. Within a cycle come the verdict rows, of events that overflowed
+slow, but never repeat or decrease; states that the sensors dropped are numbered with those they
+published. Within a cycle come the verdict rows, of events that overflowed
 or were judged, the state, the clock tick. No cycle lies further ahead than the
 arm can have reached at the recorded time: a damaged number would otherwise be simulated through.
 """
@@ -11,11 +12,30 @@ arm can have reached at the recorded time: a damaged number would otherwise be s
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import replace
 from typing import NamedTuple
 
-from pfd_ros.arm.events import STATES, TAKEN, TAKEN_COLUMNS, Source, Verdict, VerdictRow
-from pfd_ros.messages.convert import NANOSECONDS, decode_rows, encode_rows
-from pfd_ros.recording.format import ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
+from pfd_ros.arm.changes import read_changes
+from pfd_ros.arm.events import (
+    NUMBERED_AS_STATES,
+    PAYLOAD_IN_USE,
+    STATES,
+    TAKEN,
+    TAKEN_COLUMNS,
+    Source,
+    Verdict,
+    VerdictRow,
+)
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.convert import (
+    NANOSECONDS,
+    decode_clock,
+    decode_rows,
+    decode_string,
+    encode_rows,
+)
+from pfd_ros.recording.format import PARAMETERS, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Entry, Log
 
 # Steps per second that no node reaches; the bound where the settings name none.
@@ -79,12 +99,26 @@ class _Order:
     def __init__(self, log: Log) -> None:
         settings = log.settings
         self._publish_every, self._clock_every = settings.publish_every, settings.clock_every
-        factor = settings.real_time_factor
-        nominal = factor / settings.step_size if factor else FASTEST
-        self._rate = min(nominal, FASTEST)
+        self._settings, self._rate = settings, 0.0
+        self._allow(settings)
         self._started_ns = self._last_ns = log.started_ns
         self._last = dict.fromkeys(log.roles.values(), 0)
         self._place = (0, _TICK)
+
+    def _allow(self, settings: Settings) -> None:
+        """Raise the bound on the rate of cycles to that of some settings."""
+        factor = settings.real_time_factor
+        own_time = factor and not settings.follows_clock
+        nominal = factor / settings.step_size if own_time else FASTEST
+        self._rate = min(max(nominal, self._rate), FASTEST)
+
+    def _allow_change(self, data: bytes) -> None:
+        # Changes that the arm refuses have no effect, and need no bound of their own.
+        with suppress(ValueError):
+            values = read_changes(decode_string(data))
+            if 'real_time_factor' in values:
+                factor = values['real_time_factor']
+                self._allow(replace(self._settings, real_time_factor=factor))
 
     def place(self, entry: Entry) -> PlacedMessage:
         """Return a message with its number and its cycle."""
@@ -101,11 +135,16 @@ class _Order:
         rows: tuple[VerdictRow, ...] = ()
         if role in SOURCE_OF_ROLE:
             cycle = 0
+            if role == PARAMETERS:
+                self._allow_change(entry.data)
         elif role == TAKEN:
             rows = _rows(entry)
             cycle = rows[0].cycle
             self._follow(entry, cycle, _ROWS)
-        elif role == STATES:
+        elif role == PAYLOAD_IN_USE:
+            cycle = self._cycle_of_stamp(entry)
+            self._follow(entry, cycle, _ROWS)
+        elif role in NUMBERED_AS_STATES:
             cycle = number * self._publish_every
             self._follow(entry, cycle, _STATE)
         else:
@@ -113,9 +152,17 @@ class _Order:
             self._follow(entry, cycle, _TICK)
         return PlacedMessage(role, number, lost, cycle, entry.log_ns, entry.data, rows)
 
+    def _cycle_of_stamp(self, entry: Entry) -> int:
+        settings = self._settings
+        steps, rest = divmod(decode_clock(entry.data) - settings.start_ns, settings.step_ns)
+        if steps < 1 or rest:
+            raise ValueError(f'{entry.role} {entry.sequence} is stamped between two steps')
+        return steps
+
     def _number(self, entry: Entry) -> tuple[int, int]:
         """Return the number of a message and how many are missing before it."""
-        last = self._last[entry.role]
+        numbered = STATES if entry.role in NUMBERED_AS_STATES else entry.role
+        last = self._last[numbered]
         # MCAP counts in 32 bits: 49 days at 1 kHz.
         ahead = (entry.sequence - last) & SEQUENCE_MASK
         if not 0 < ahead <= SEQUENCE_MASK // 2:
@@ -123,7 +170,7 @@ class _Order:
                 f'{entry.role} {entry.sequence} follows {last & SEQUENCE_MASK}: '
                 'repeated or out of order'
             )
-        self._last[entry.role] = last + ahead
+        self._last[numbered] = last + ahead
         return last + ahead, ahead - 1
 
     def _follow(self, entry: Entry, cycle: int, rank: int) -> None:

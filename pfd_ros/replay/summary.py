@@ -23,6 +23,8 @@ class Summary:
     # Up to the last recorded state; the arm itself stood still from `stopped_at` on, if it failed.
     steps: int = 0
     states: int = 0
+    # Of the recorded ones, dropped by the sensors.
+    unpublished: int = 0
     lost: dict[str, int] = field(default_factory=dict)
     verdicts: Counter[Verdict] = field(default_factory=Counter)
     waiting: int = 0

@@ -20,6 +20,8 @@ import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
     CLOCK,
+    DROPPED_STATES,
+    PAYLOAD_IN_USE,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -29,7 +31,13 @@ from pfd_ros.arm.events import (
     Source,
     Verdict,
 )
-from pfd_ros.messages.convert import JointMessage, decode_clock, decode_joint_state, decode_rows
+from pfd_ros.messages.convert import (
+    JointMessage,
+    decode_clock,
+    decode_inertia,
+    decode_joint_state,
+    decode_rows,
+)
 from pfd_ros.recording.format import ROBOT, ROLE_OF_SOURCE, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending
 from pfd_ros.recording.reader import Log, LogError, damage_named
@@ -144,6 +152,11 @@ class _Replay:
             if message.lost:
                 self._run_to_stamp(message)
             self._run_to(message.cycle)
+            if message.role not in self.outputs:
+                raise DifferenceError(
+                    f'step {message.cycle}: recorded {message.role} {message.number}, '
+                    f'replayed {" and ".join(self.outputs) or "nothing"}'
+                )
             self._compare(message, self.outputs[message.role])
 
     def finish(self, ending: Ending) -> None:
@@ -249,4 +262,18 @@ def _first_difference(recorded: JointMessage, computed: JointMessage) -> str:
     return ''
 
 
-_DIFFERENCES = {TAKEN: _row_difference, STATES: _state_difference, CLOCK: _tick_difference}
+def _payload_difference(recorded: bytes, computed: bytes) -> str:
+    try:
+        theirs = str(decode_inertia(recorded))
+    except ValueError as error:
+        theirs = str(error)
+    return f'payload in use: recorded {theirs}, replayed {decode_inertia(computed)}'
+
+
+_DIFFERENCES = {
+    TAKEN: _row_difference,
+    PAYLOAD_IN_USE: _payload_difference,
+    STATES: _state_difference,
+    DROPPED_STATES: _state_difference,
+    CLOCK: _tick_difference,
+}

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The bytes of commands and of states to jump to: laid out once, the numbers written each time."""
+"""The bytes of commands, wrenches, and states to jump to."""
 
 from __future__ import annotations
 
@@ -58,6 +58,16 @@ def joint_state(names: Sequence[str]) -> CdrWriter:
     writer.string('')
     writer.strings(tuple(names))
     return writer
+
+
+def wrench_bytes(frame_id: str, force: Sequence[float], torque: Sequence[float]) -> bytes:
+    """Return a geometry_msgs/WrenchStamped without a stamp; force and torque are (3,), N, N m."""
+    writer = CdrWriter()
+    writer.int32(0)
+    writer.uint32(0)
+    writer.string(frame_id)
+    padding = bytes((len(HEADER) - len(writer.data)) % 8)
+    return bytes(writer.data) + padding + struct.pack('<6d', *force, *torque)
 
 
 def state_bytes(names: Sequence[str], q: np.ndarray, qd: np.ndarray) -> bytes:

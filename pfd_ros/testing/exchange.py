@@ -15,7 +15,7 @@ import time
 from typing import Any, Protocol
 
 from pfd_ros.arm.events import CLOCK, STATES, Output, Source
-from pfd_ros.testing.session import executor_with, import_rclpy, take_down
+from pfd_ros.testing.session import executor_with, import_rclpy, spin, take_down
 
 NAME = 'sim_arm'
 # As those of the node.
@@ -113,7 +113,7 @@ class Exchange:
             self._publish(arm.present())
             self._heard = sent = time.monotonic()
             while not self._ended.done():
-                executor.spin_until_future_complete(self._ended, LOOK_SECONDS)
+                spin(executor, LOOK_SECONDS, self._ended)
                 now = time.monotonic()
                 if now - self._heard > patience:
                     raise NoAnswerError(f'no answer to a state for {patience:g} s')
@@ -139,7 +139,7 @@ class Exchange:
                     else f'subscribes to {self._publishers[STATES].topic_name}'
                 )
                 raise NoAnswerError(f'after {patience:g} s nobody {missing}')
-            executor.spin_once(timeout_sec=LOOK_SECONDS / 10)
+            spin(executor, LOOK_SECONDS / 10)
 
     def _on_command(self, source: Source, data: bytes) -> None:
         arm = self._arm

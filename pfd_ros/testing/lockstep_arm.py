@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
@@ -26,7 +27,7 @@ from pfd_ros.arm.events import Arrival, Output, Source, Verdict
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.recording.format import ROLE_OF_SOURCE
-from pfd_ros.testing.command_bytes import EffortArray, state_bytes
+from pfd_ros.testing.command_bytes import EffortArray, state_bytes, wrench_bytes
 from pfd_ros.testing.controller import Controller, asked, refusal
 from pfd_ros.testing.exchange import Exchange, NoAnswerError
 from pfd_ros.testing.lockstep_settings import (
@@ -38,6 +39,7 @@ from pfd_ros.testing.lockstep_settings import (
     lockstep_settings,
     period_of,
     periods,
+    plain_values,
 )
 from pfd_ros.testing.metrics import Array
 from pfd_ros.testing.run_log import open_log
@@ -304,9 +306,26 @@ class LockstepArm:
         velocities = by_joint(self.names, 'qd', {} if qd is None else qd)
         self._jump(Source.SET_STATE, state_bytes(self.names, positions, velocities))
 
+    def push(self, force: Sequence[float], torque: Sequence[float], frame: str = '') -> None:
+        """Let a force and a torque act on the last link, until the next; not with a reset.
+
+        They are expressed in a frame of the last link, default its own, and act at its origin,
+        N and N m. The arm needs the setting external_wrench=True; external_wrench_timeout ends
+        them by itself.
+        """
+        self._demand(Source.WRENCH, wrench_bytes(frame or self.robot.tip, force, torque))
+
+    def set(self, **values: Any) -> None:
+        """Change dynamic settings from the next step on; ValueError if one is refused."""
+        self._demand(Source.PARAMETERS, encode_changes(plain_values(values)))
+        self.settings = self.engine.settings
+
     def _jump(self, source: Source, data: bytes) -> None:
+        self._demand(source, data)
+        self._step()
+        self._check()
+
+    def _demand(self, source: Source, data: bytes) -> None:
         judgement = self.send(source, data)
         if judgement.verdict is not Verdict.ACCEPTED:
             raise ValueError(f'{judgement.verdict.name.lower()}: {judgement.detail}')
-        self._step()
-        self._check()

@@ -47,12 +47,17 @@ def lockstep_settings(robot: RobotSource, given: Mapping[str, Any]) -> Settings:
     if fixed:
         raise ValueError(f'{fixed[0]} is {given[fixed[0]]!r}, but a test is in lockstep')
     name = robot.name if isinstance(robot, pfd.Robot) else os.fspath(robot)
-    values = {key: _plain(value) for key, value in given.items()}
+    values = plain_values(given)
     settings = from_values({**LOCKSTEP, **values, 'robot': name})
     if 'start_time' not in values:
         # Zero means 'no time' to ROS.
         settings = replace(settings, start_time=settings.step_size)
     return with_scene_text(settings)
+
+
+def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values of settings as a file has them."""
+    return {name: _plain(value) for name, value in values.items()}
 
 
 def _plain(value: Any) -> Any:

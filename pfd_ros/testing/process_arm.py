@@ -32,7 +32,7 @@ from pfd_ros.testing.lockstep_settings import (
 )
 from pfd_ros.testing.metrics import Array
 from pfd_ros.testing.node_process import NodeProcess, NodeProcessError, parameters_of
-from pfd_ros.testing.session import executor_with, take_down
+from pfd_ros.testing.session import executor_with, spin, take_down
 from pfd_ros.testing.trajectory import Rows, Trajectory
 
 PATIENCE_SECONDS = 10.0
@@ -241,7 +241,7 @@ class ProcessArm:
         try:
             on_new(first)
             while not ended.done():
-                executor.spin_until_future_complete(ended, LOOK_SECONDS)
+                spin(executor, LOOK_SECONDS, ended)
                 self.process.check()
                 if time.monotonic() - heard > patience:
                     raise NoAnswerError(f'no answer to a state for {patience:g} s')
@@ -255,4 +255,4 @@ class ProcessArm:
             self.process.check()
             if time.monotonic() > deadline:
                 raise NoAnswerError(f'waited {seconds:g} s for {what}')
-            executor.spin_once(timeout_sec=LOOK_SECONDS / 10)
+            spin(executor, LOOK_SECONDS / 10)

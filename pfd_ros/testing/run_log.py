@@ -11,7 +11,7 @@ import time
 from typing import Any
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import CLOCK
+from pfd_ros.arm.events import CLOCK, DROPPED_STATES
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS, EndKey
@@ -96,7 +96,8 @@ def open_log(engine: Engine, robot: Any) -> RunLog | None:
     settings = engine.settings
     if not settings.recording:
         return None
-    roles = tuple(role for role in CHANNELS if role != CLOCK or settings.publish_clock)
+    wanted = {CLOCK: settings.publish_clock, DROPPED_STATES: bool(settings.drop_state)}
+    roles = tuple(role for role in CHANNELS if wanted.get(role, True))
     names = {role: f'/{role}' if role in ABSOLUTE else f'/sim_arm/{role}' for role in roles}
     topics = [
         Topic(names[role], CHANNELS[role].type, qos_text(1), CHANNELS[role].vital)

@@ -52,6 +52,34 @@ def executor_with(nodes: Sequence[Any]) -> Any:
     return executor
 
 
+def spin(executor: Any, seconds: float, ended: Any = None) -> None:
+    """Run callbacks for so long, or until a future is done.
+
+    A node that its user has destroyed is called once more for the messages it had got, and cannot
+    publish then: no error of the test.
+    """
+    from rclpy._rclpy_pybind11 import InvalidHandle
+
+    try:
+        if ended is None:
+            executor.spin_once(timeout_sec=seconds)
+        else:
+            executor.spin_until_future_complete(ended, seconds)
+    except InvalidHandle:
+        if all(_exists(node) for node in executor.get_nodes()):
+            raise
+
+
+def _exists(node: Any) -> bool:
+    from rclpy._rclpy_pybind11 import InvalidHandle
+
+    try:
+        with node.handle:
+            return True
+    except InvalidHandle:
+        return False
+
+
 def take_down(node: Any) -> None:
     """Destroy a node that may be in the executor."""
     for executor in _EXECUTOR.values():

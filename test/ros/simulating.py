@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 import json
 from pathlib import Path
@@ -14,11 +15,11 @@ from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, Recording, Sent, Type
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source, Verdict, VerdictRow
+from pfd_ros.arm.events import NUMBERED_AS_STATES, Arrival, Source, Verdict, VerdictRow
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import cdr
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, END
+from pfd_ros.recording.format import CHANNELS, END, ROLE_OF_SOURCE
 from pfd_ros.recording.mcap_file import TimeBase
 from pfd_ros.recording.reader import Log
 from pfd_ros.replay.ordering import placed_messages
@@ -47,8 +48,28 @@ def efforts(*values: float) -> bytes:
     return bytes(writer.data)
 
 
+def joint_state(
+    names: Sequence[str],
+    position: Sequence[float] = (),
+    velocity: Sequence[float] = (),
+    effort: Sequence[float] = (),
+    stamp_ns: int = 0,
+) -> bytes:
+    """Return a JointState, a command by name or a state to jump to; its arrays may be ragged."""
+    writer = cdr.CdrWriter()
+    writer.int32(stamp_ns // 1_000_000_000)
+    writer.uint32(stamp_ns % 1_000_000_000)
+    writer.string('')
+    writer.strings(tuple(names))
+    for values in (position, velocity, effort):
+        writer.numbers(np.array(values, float))
+    return bytes(writer.data)
+
+
 def simulate(
-    steps: int, commands: Mapping[int, Sequence[bytes]] | None = None, **settings: Any
+    steps: int,
+    commands: Mapping[int, Sequence[bytes | tuple[Source, bytes]]] | None = None,
+    **settings: Any,
 ) -> Recording:
     """Return the recording of a run of so many steps.
 
@@ -57,43 +78,50 @@ def simulate(
     steps
         Cycles of the node.
     commands
-        Commands without names that are taken before a step.
+        Messages that are taken before a step: commands without names, or those of any source.
     settings
         Of the node; planar2 unless they say otherwise.
     """
     chosen = Settings(**{'robot': 'planar2', **settings})
     robot = load_robot(chosen)
     engine = Engine(chosen, robot)
+    first = engine.settings
     roles = {k: v for k, v in ROLES.items() if k != 'clock' or chosen.publish_clock}
-    head = provenance.file_head(engine.settings, robot, roles, TimeBase(START_NS, 0))
-    made = Recording(
-        metadata=[(name, dict(values)) for name, values in head.metadata.items()],
-        attachments=[(name, text.encode()) for name, text in head.attachments.items()],
-        channels=[
-            Type(topic, 'cdr', CHANNELS[role].type, 'ros2msg') for role, topic in roles.items()
-        ],
-    )
-    counts = dict.fromkeys(ROLES, 0)
+    if chosen.drop_state:
+        roles['dropped_states'] = '/sim_arm/dropped_states'
+    made = Recording()
+    counts: Counter[str] = Counter()
     accepted = 0
 
     def record(role: str, step: int, data: bytes) -> int:
+        topic = roles.setdefault(role, f'/sim_arm/{role}')
         counts[role] += 1
+        number = counts[role]
+        if role in NUMBERED_AS_STATES:
+            number = sum(counts.get(each, 0) for each in NUMBERED_AS_STATES)
         log_ns = START_NS + step * chosen.step_ns
-        made.messages.append(Sent(ROLES[role], counts[role], log_ns, data))
-        return counts[role]
+        made.messages.append(Sent(topic, number, log_ns, data))
+        return number
 
     for step in range(1, steps + 1):
-        events = [
-            Arrival(Source.ARRAY, record('commands', step, data), data)
-            for data in (commands or {}).get(step, ())
-        ]
+        events = []
+        for sent in (commands or {}).get(step, ()):
+            source, data = (Source.ARRAY, sent) if isinstance(sent, bytes) else sent
+            number = record(ROLE_OF_SOURCE[source], step, data)
+            events.append(Arrival(source, number, data))
         result = engine.run_cycle(events)
         accepted += sum(found.verdict is Verdict.ACCEPTED for _, found, _ in result.judgements)
         for role, number, data in result.outputs:
             assert number == record(role, step, data)
+    head = provenance.file_head(first, robot, roles, TimeBase(START_NS, 0))
+    made.metadata += [(name, dict(values)) for name, values in head.metadata.items()]
+    made.attachments += [(name, text.encode()) for name, text in head.attachments.items()]
+    made.channels += [
+        Type(topic, 'cdr', CHANNELS[role].type, 'ros2msg') for role, topic in roles.items()
+    ]
     totals = {
         'steps': engine.arm.step,
-        'states': counts['joint_states'],
+        'states': sum(counts.get(role, 0) for role in NUMBERED_AS_STATES),
         'commands_accepted': accepted,
         'failure': engine.arm.failure,
     }

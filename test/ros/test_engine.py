@@ -85,7 +85,7 @@ def test_an_arm_nobody_commands_stays_exactly_where_it_starts() -> None:
 
 def test_only_the_joints_that_were_commanded_move() -> None:
     command = Arrival(Source.NAMED, 1, named(['joint2', 'joint5'], [3.0, 0.2]))
-    state = run(made(), 20, [command])
+    state = run(made(), 10, [command])
     assert [bool(v) for v in state.velocity] == [False, True, False, False, True, False]
     assert state.effort.tolist() == [0, 3.0, 0, 0, 0.2, 0]
 
@@ -114,7 +114,7 @@ def test_the_order_of_the_joints_is_a_view_and_does_not_change_the_motion() -> N
 
 
 def test_a_state_that_overflows_stops_the_arm_at_the_last_finite_one() -> None:
-    engine = made()
+    engine = made(effort_limits=False)
     last, state = run(engine, 1), run(engine, 1, [array(*[1e300] * 6)])
     while not engine.arm.failure:
         last, state = state, run(engine, 1)
@@ -128,7 +128,7 @@ def test_a_state_that_overflows_stops_the_arm_at_the_last_finite_one() -> None:
 
 
 def test_a_failed_arm_goes_on_judging_and_counting_and_a_gap_costs_nothing() -> None:
-    engine, passed = made(publish_rate=500.0), made(publish_rate=500.0)
+    engine, passed = (made(publish_rate=500.0, effort_limits=False) for _ in range(2))
     for one in (engine, passed):
         run(one, 2, [array(*[1e308] * 6)])
         assert one.arm.failure
@@ -136,7 +136,7 @@ def test_a_failed_arm_goes_on_judging_and_counting_and_a_gap_costs_nothing() -> 
         engine.run_cycle()
     passed.stand_still(99)
     for command in (array(1.0), array(*[2.0] * 6)):
-        assert engine.run_cycle([command]) == passed.run_cycle([command])
+        assert engine.run_cycle([command]).outputs == passed.run_cycle([command]).outputs
     passed.stand_still(10**15 - 1)
     assert [output.number for output in passed.run_cycle().outputs] == [10**15 // 2, 10**15]
 
@@ -162,7 +162,7 @@ def test_the_same_events_in_the_same_cycles_give_the_same_bytes() -> None:
     engines = [made(robot='planar2', clock_rate=500.0) for _ in range(2)]
     for cycle in range(1, 30):
         one, other = (engine.run_cycle(EVENTS.get(cycle, ())) for engine in engines)
-        assert one == other
+        assert one.outputs == other.outputs
     # A command one cycle later is another run.
     late = made(robot='planar2', clock_rate=500.0)
     for cycle in range(1, 30):

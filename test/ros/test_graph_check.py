@@ -114,7 +114,8 @@ def test_topics_types_and_the_order_of_the_joints_are_told_at_the_start(
         '/left/effort (sensor_msgs/msg/JointState: name and effort)',
         '/left/sim_arm/commands (std_msgs/msg/Float64MultiArray: efforts in this order: '
         'elbow, shoulder)',
-        'publishes /left/joint_states (sensor_msgs/msg/JointState)\n',
+        'publishes /left/joint_states (sensor_msgs/msg/JointState) and '
+        '/left/sim_arm/payload_in_use (geometry_msgs/msg/InertiaStamped)\n',
     ):
         assert text in arm.text()
 

@@ -123,7 +123,7 @@ def test_two_arms_in_two_namespaces_do_not_hear_each_other(processes: Processes,
 def test_a_state_that_overflows_is_said_once_and_the_node_goes_on(
     processes: Processes, peer_of
 ) -> None:
-    arm = processes.arm('-p', 'recording:=arm.mcap')
+    arm = processes.arm('-p', 'recording:=arm.mcap', '-p', 'effort_limits:=false')
     peer = peer_of(processes)
     peer.connect()
     peer.command(JOINTS, [1e300] * 6)

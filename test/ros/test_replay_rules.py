@@ -26,6 +26,7 @@ from pfd_ros.replay.verify import DifferenceError, read
 
 MOVE = {3: [efforts(1.0, 2.0)], 9: [efforts(-1.0, 0.5), efforts(2.0, 0.0)]}
 BLOW_UP = {5: [efforts(1.0, 2.0)], 12: [efforts(1e308, -1e308)]}
+UNLIMITED = {'effort_limits': False}
 
 
 def told(path: Path, capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, str]:
@@ -54,7 +55,7 @@ def test_a_run_verifies_at_any_rates(tmp_path: Path, settings: dict[str, float])
 def test_a_failed_arm_verifies_and_is_called_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = simulate(30, BLOW_UP).save(tmp_path / 'a.mcap')
+    path = simulate(30, BLOW_UP, **UNLIMITED).save(tmp_path / 'a.mcap')
     status, text = told(path, capsys, '--verify')
     assert status == 0
     assert 'FAILED     simulation stopped after step 11: ' in text
@@ -69,7 +70,7 @@ def test_a_failed_arm_verifies_and_is_called_one(
 def test_a_failed_arm_in_a_cut_off_file_is_called_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = simulate(30, BLOW_UP).save(tmp_path / 'a.mcap', closed=False)
+    path = simulate(30, BLOW_UP, **UNLIMITED).save(tmp_path / 'a.mcap', closed=False)
     for args in ((), ('--verify',)):
         status, text = told(path, capsys, *args)
         assert status == 0
@@ -77,7 +78,7 @@ def test_a_failed_arm_in_a_cut_off_file_is_called_one(
 
 
 def test_an_arm_that_failed_behind_the_last_state_verifies(tmp_path: Path) -> None:
-    run = simulate(14, BLOW_UP, publish_rate=100.0, clock_rate=100.0)
+    run = simulate(14, BLOW_UP, **UNLIMITED, publish_rate=100.0, clock_rate=100.0)
     summary = read(run.save(tmp_path / 'a.mcap'), verify=True)
     assert (summary.states, summary.stopped_at) == (1, 11)
 
@@ -86,7 +87,7 @@ def test_an_arm_that_failed_behind_the_last_state_verifies(tmp_path: Path) -> No
 def test_a_failure_that_is_recorded_otherwise_is_a_difference(
     tmp_path: Path, change: dict[str, object]
 ) -> None:
-    run = simulate(30, BLOW_UP)
+    run = simulate(30, BLOW_UP, **UNLIMITED)
     run.edit(END, 'totals', lambda totals: totals.update(change))
     with pytest.raises(LogError, match=r'the end: recorded|its end record counts'):
         read(run.save(tmp_path / 'a.mcap'), verify=True)

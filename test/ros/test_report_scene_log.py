@@ -107,7 +107,8 @@ def test_the_report_of_a_recording_names_the_effects_it_needs(
 
 def test_only_the_steps_before_a_failure_count(tmp_path: Path) -> None:
     blow_up = {5: [efforts(1.0, 2.0)], 12: [efforts(1e308, -1e308)]}
-    motion = read_motion(simulate(30, blow_up).save(tmp_path / 'a.mcap')).motion
+    run = simulate(30, blow_up, effort_limits=False)
+    motion = read_motion(run.save(tmp_path / 'a.mcap')).motion
     assert len(motion.taus) == 11
 
 

@@ -28,8 +28,12 @@ def pd(t, q, qd):
     return 100.0 * (GOAL - q) - 10.0 * qd + np.sin(5 * t)
 
 
+# Efforts as they are commanded.
+UNCUT = {'effort_limits': False, 'torque_speed': False}
+
+
 def ur5(**settings) -> LockstepArm:
-    return LockstepArm('ur5', armature=True, **settings)
+    return LockstepArm('ur5', armature=True, **UNCUT, **settings)
 
 
 def assert_same_bits(one: Trajectory, other: Trajectory) -> None:
@@ -209,7 +213,7 @@ def test_an_error_of_the_controller_is_the_cause_of_one_that_tells_the_time() ->
 
 def test_a_simulation_that_overflows_says_when() -> None:
     with pytest.raises(ArmError, match=r'not finite'):
-        LockstepArm('ur5').run(lambda t, q, qd: 1e200 * np.ones(6), 1.0)
+        LockstepArm('ur5', **UNCUT).run(lambda t, q, qd: 1e200 * np.ones(6), 1.0)
 
 
 @pytest.mark.parametrize(
@@ -230,7 +234,7 @@ def test_settings_that_do_not_go_with_a_test_are_refused(settings, text: str) ->
 def test_a_robot_and_a_scene_may_be_objects() -> None:
     robot = pfd.load_robot('planar2')
     scene = pfd.Scene(gravity=None, damping=[0.3, 0.2])
-    arm = LockstepArm(robot, scene=scene)
+    arm = LockstepArm(robot, scene=scene, **UNCUT)
     assert arm.robot is robot
     found = arm.run(lambda t, q, qd: [1.0, 0.0], 0.1)
     sim = pfd.Simulator(robot, pfd.Scene(gravity=None, damping=[0.3, 0.2], brakes=True))

@@ -31,7 +31,9 @@ pytestmark = pytest.mark.ros
 
 GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])
 FIELDS = ('time', 'q', 'qd', 'tau')
-SETTINGS: dict[str, Any] = {'robot': 'ur5', 'armature': True}
+# Efforts as they are commanded: states tell those that act.
+UNCUT = {'effort_limits': False, 'torque_speed': False}
+SETTINGS: dict[str, Any] = {'robot': 'ur5', 'armature': True, **UNCUT}
 
 
 def pd(q, qd):

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 import os
 import re
@@ -83,6 +83,9 @@ class Optimisation:
     ----------
     passes, code : int
         Levels of the passes over the text and of the code generator.
+    long_text, long_code : int
+        Length from which a text is long, and the level of the code generator for such a text:
+        derivatives of thirty joints are as fast, and made in three quarters of the time.
     slp_vectorization, loop_vectorization : bool
         Whether scalars and loops are turned into vectors.
     relocation, code_model : str
@@ -92,6 +95,8 @@ class Optimisation:
 
     passes: int = 1
     code: int = 2
+    long_text: int = 4_000_000
+    long_code: int = 1
     slp_vectorization: bool = False
     loop_vectorization: bool = False
     relocation: str = 'pic'
@@ -152,6 +157,8 @@ def emit(ir: str, target: Target, optimisation: Optimisation = USUAL) -> bytes:
         If the text is not a valid module, or this LLVM cannot compile for the target.
 
     """
+    if len(ir) >= optimisation.long_text:
+        optimisation = replace(optimisation, code=optimisation.long_code)
     machine = _machine(target, optimisation)
     module = llvm.parse_assembly(ir)
     module.triple = target.triple

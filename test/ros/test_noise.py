@@ -1,0 +1,114 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Counter-based noise: published vectors, accuracy of the inverse, statistics, independence."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+from scipy import stats
+
+from pfd_ros.arm.noise import (
+    BLOCK,
+    LARGEST_SEED,
+    Channel,
+    inverse_normal,
+    normal,
+    philox,
+    uniform,
+)
+
+
+# From the file kat_vectors of Random123, the authors' own implementation.
+@pytest.mark.parametrize(
+    ('counter', 'key', 'words'),
+    [
+        (
+            [0, 0, 0, 0],
+            [0, 0],
+            [0x6627E8D5, 0xE169C58D, 0xBC57AC4C, 0x9B00DBD8],
+        ),
+        (
+            [0xFFFFFFFF] * 4,
+            [0xFFFFFFFF] * 2,
+            [0x408F276D, 0x41C83B0E, 0xA20BC7C6, 0x6D5451FD],
+        ),
+        (
+            [0x243F6A88, 0x85A308D3, 0x13198A2E, 0x03707344],
+            [0xA4093822, 0x299F31D0],
+            [0xD16CFE09, 0x94FDCCEB, 0x5001E420, 0x24126EA1],
+        ),
+    ],
+)
+def test_the_bits_are_those_of_the_published_vectors(counter, key, words) -> None:
+    got = philox(np.array(counter, np.uint64)[:, None], key[0] | key[1] << 32)
+    assert got[:, 0].tolist() == words
+
+
+def test_a_uniform_deviate_is_the_words_of_its_counter() -> None:
+    # The first published vector: seed 0, cycle 0, elements 0 and 1, channel 0.
+    bits = [0xE169C58D_6627E8D5, 0x9B00DBD8_BC57AC4C]
+    expected = [(word >> 11) / 2**53 for word in bits]
+    assert uniform(0, Channel.POSITION, 0, 2).tolist() == expected
+
+
+def test_the_inverse_of_the_normal_distribution_is_right_to_1e_14() -> None:
+    near = np.linspace(0.0004, 0.9996, 301)
+    tails = 2.0 ** -np.arange(4, 54)
+    p = np.concatenate([near, tails, 1.0 - tails])
+    with mpmath.workdps(40):
+        exact = [mpmath.sqrt(2) * mpmath.erfinv(2 * mpmath.mpf(float(x)) - 1) for x in p]
+        pairs = zip(inverse_normal(p).tolist(), exact, strict=True)
+        errors = [abs(x / y - 1) for x, y in pairs if y]
+    assert max(errors) < 1e-14
+
+
+def test_normal_deviates_end_at_8_2_standard_deviations() -> None:
+    ends = inverse_normal(np.array([2.0**-53, 1.0 - 2.0**-53]))
+    assert ends[0] == -ends[1]
+    assert 8.2 < ends[1] < 8.21
+
+
+def samples(draw, seed: int, channel: Channel, cycles: int = 4000, n: int = 6) -> np.ndarray:
+    return np.array([draw(seed, channel, cycle, n) for cycle in range(cycles)])
+
+
+# The deviates are fixed numbers: a p-value is one too, and a limit of 1e-3 is no game of chance.
+def test_deviates_have_their_distributions() -> None:
+    for seed in (0, 1, LARGEST_SEED):
+        flat = samples(uniform, seed, Channel.POSITION).ravel()
+        assert ((flat >= 0) & (flat < 1)).all()
+        assert stats.kstest(flat, 'uniform').pvalue > 1e-3
+        bell = samples(normal, seed, Channel.VELOCITY).ravel()
+        assert stats.kstest(bell, 'norm').pvalue > 1e-3
+        share = (np.abs(bell) > 3).mean()
+        assert abs(share - 2 * stats.norm.sf(3)) < 5 * np.sqrt(0.0027 / bell.size)
+
+
+@pytest.mark.parametrize(
+    'other',
+    [
+        samples(normal, 7, Channel.VELOCITY),
+        samples(normal, 8, Channel.POSITION),
+        samples(normal, 7 + 2**32, Channel.POSITION),
+        samples(normal, 7, Channel.POSITION, 4001)[1:],
+        samples(normal, 7, Channel.POSITION, n=7)[:, 1:],
+    ],
+    ids=['channel', 'seed', 'high-word-of-seed', 'cycle', 'element'],
+)
+def test_neighbours_are_independent(other: np.ndarray) -> None:
+    one = samples(normal, 7, Channel.POSITION)
+    for a, b in ((one, other), (one**2, other**2)):
+        assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < 4 / np.sqrt(one.size)
+
+
+def test_an_element_depends_on_neither_their_number_nor_what_was_asked_before() -> None:
+    cycle = 5 * BLOCK + 3
+    far = 2**40 + 1
+    assert normal(3, Channel.EFFORT, cycle, 7)[:4].tolist() == (
+        normal(3, Channel.EFFORT, cycle, 4).tolist()
+    )
+    assert set(normal(3, Channel.EFFORT, far, 4)).isdisjoint(normal(3, Channel.EFFORT, 1, 4))
+    with pytest.raises(ValueError, match='read-only'):
+        normal(3, Channel.EFFORT, cycle, 4)[0] = 0.0

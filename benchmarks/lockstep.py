@@ -38,7 +38,7 @@ from pfd_ros.testing.lockstep_arm import LockstepArm
 STIFFNESS, DAMPING = np.full(6, 100.0), np.full(6, 10.0)
 GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])
 # Control steps of one round.
-STEPS = 1000
+STEPS = 200
 SETTINGS: dict[str, Any] = {'robot': 'ur5', 'armature': True, 'substeps': 2}
 
 

@@ -11,8 +11,9 @@ and the same events in the same cycles give the same bytes. One cycle is
     outputs                                   ->   verdict rows, then the state, then the clock
 
 `take` does the first half and `step` the second: while the arm stands (a pause, or lockstep
-without an answer to the last state), events are taken and no cycle runs. A caller that wants
-numbers and no bytes uses `command`, `advance` and `measured` in their place: the same run.
+without an answer to the last state), events are taken and no cycle runs. A caller that
+wants no rows or no bytes uses `accept` or `command`, `advance` and `measured` in their place: the
+same run.
 
 Cycles are counted from 1 and never restart. States and clock ticks are numbered by the cycle
 alone: a failed arm stands still in simulated time and goes on publishing.
@@ -161,14 +162,19 @@ class Engine:
                 if self._rows:
                     outputs.extend(self._overflow_rows(event))
                 continue
-            judgement = self.judge(event)
-            self._apply(event.source, judgement)
+            judgement = self.accept(event)
             judgements.append((event.source, judgement, 1))
             if self._rows:
                 rows.append(VerdictRow(cycle, event.source, event.sequence, judgement.verdict))
         if rows:
             outputs.append(self._row_message(rows))
         return Taken(outputs, judgements)
+
+    def accept(self, event: Arrival) -> Judgement:
+        """Judge one message and apply it to the next cycle, without a row."""
+        judgement = self.judge(event)
+        self._apply(event.source, judgement)
+        return judgement
 
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""

@@ -246,14 +246,14 @@ class LockstepArm:
 
     def send(self, source: Source, data: bytes) -> Judgement:
         """Give the arm a serialized message, as if it had come on a topic; return the verdict."""
-        number = next(self._numbers[source])
-        if self._log is not None:
-            self._log.record(ROLE_OF_SOURCE[source], number, data)
-        taken = self.engine.take([Arrival(source, number, data)])
+        arrival = Arrival(source, next(self._numbers[source]), data)
+        if self._log is None:
+            return self.engine.accept(arrival)
+        self._log.record(ROLE_OF_SOURCE[source], arrival.sequence, data)
+        taken = self.engine.take([arrival])
         self._record(taken.outputs)
         ((_, judgement, _),) = taken.judgements
-        if self._log is not None:
-            self._log.accepted += judgement.verdict is Verdict.ACCEPTED
+        self._log.accepted += judgement.verdict is Verdict.ACCEPTED
         return judgement
 
     def advance(self) -> list[Output]:

@@ -4,15 +4,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import ExitStack
-import os
 from pathlib import Path
 import shutil
 import socket
 import subprocess
 import sys
 
+from plugin_sessions import install, session
 import pytest
 from ros_processes import HAS_ROS, ROOT
 
@@ -21,37 +20,11 @@ from pfd_ros.testing.domains import PARTICIPANT_PORT, PORT_BASE, PORT_GAIN, own_
 needs_ros = pytest.mark.skipif(not HAS_ROS, reason='rclpy is not installed')
 
 
-def install(folder: Path) -> None:
-    """Describe this package in a folder as pip would, entry point included."""
-    command = [sys.executable, 'setup.py', '-q', 'egg_info', '--egg-base', str(folder)]
-    subprocess.run(command, cwd=ROOT, check=True, capture_output=True, timeout=120)
-
-
-@pytest.fixture(scope='session')
+@pytest.fixture(scope='module')
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp('site')
     install(folder)
     return folder
-
-
-def session(
-    site: Path, folder: Path, code: str, options: Sequence[str] = (), status: int = 0
-) -> str:
-    """Run pytest on one test file where the package is installed; return its output."""
-    (folder / 'test_it.py').write_text(code, encoding='utf-8')
-    path = os.pathsep.join([str(site), str(ROOT)])
-    command = (sys.executable, '-W', 'error', '-m', 'pytest', '-q', '-p', 'no:cacheprovider')
-    done = subprocess.run(
-        [*command, *options, str(folder)],
-        cwd=folder,
-        env={**os.environ, 'PYTHONPATH': path, 'PYTEST_ADDOPTS': ''},
-        capture_output=True,
-        text=True,
-        timeout=200,
-        check=False,
-    )
-    assert done.returncode == status, done.stdout + done.stderr
-    return done.stdout
 
 
 def test_a_session_that_does_not_use_the_plugin_imports_neither_ros_nor_the_library(

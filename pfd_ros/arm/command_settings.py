@@ -22,6 +22,9 @@ class CommandSettings:
     lockstep: bool = setting(
         False, 'After each published state wait for a command with its stamp, or without a stamp'
     )
+    wait_for_controller: bool = setting(
+        False, 'In lockstep, let the first step wait for the first command too'
+    )
     step_count: int = setting(1, 'Steps of one call of ~/step', 1, MOST_STEPS)
     convention: str = setting(
         'plain',

@@ -54,7 +54,7 @@ from pfd_ros.arm.requests import judge_request, judge_state
 from pfd_ros.arm.sensors import JointArrays, sensors_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.wrench import ExternalWrench, judge_wrench
-from pfd_ros.messages import convert
+from pfd_ros.messages import convert, stamped
 from pfd_ros.text import one_line
 
 # Rows of one message: a flood may have dropped a million commands before a cycle.
@@ -126,9 +126,10 @@ class Engine:
         self._payload_is_new = self.arm.scene.payload is not None
         self._payloads = 0
         self.jumps: list[StateChange | None] = []
+        self._locked = settings.published_locks
         self.sensors = sensors_of(self.settings, self.arm)
         self._extra = extra_outputs(self.settings, self.arm)
-        self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id)
+        self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id, self._locked)
 
     @property
     def stands(self) -> bool:
@@ -164,7 +165,7 @@ class Engine:
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
         source, payload = event.source, event.payload
-        if source in MOVING and not self.pace.active:
+        if not self.pace.active and source in MOVING:
             return INACTIVE
         try:
             if source is Source.ARRAY:
@@ -173,20 +174,20 @@ class Engine:
             if source is Source.NAMED:
                 message, gains = convert.decode_joint_state(payload), self.actuators.gains
                 return self._unless_tripped(
-                    judge_named(message, self._index, self._since_ns, gains)
+                    judge_named(message, self._index, self._since_ns, gains, self._locked)
                 )
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
-                return judge_state(message, self._index, self._since_ns)
+                return judge_state(message, self._index, self._since_ns, self._locked)
             if source is Source.PARAMETERS:
                 return judge_changes(convert.decode_string(payload), self.arm)
             if source is Source.TICK:
                 return self.pace.judge_tick(convert.decode_clock(payload), self.arm.stamp_ns)
             if source is Source.WRENCH:
-                wrench, on = convert.decode_wrench(payload), self.wrench is not None
+                wrench, on = stamped.decode_wrench(payload), self.wrench is not None
                 return judge_wrench(wrench, self.arm.robot, self._reset_ns, taken=on)
             if source is Source.PAYLOAD:
-                return judge_payload(convert.decode_inertia(payload), self.arm)
+                return judge_payload(stamped.decode_inertia(payload), self.arm)
             return judge_request(convert.decode_string(payload), self.pace)
         except ValueError as error:
             return Judgement(Verdict.MALFORMED, one_line(error))
@@ -297,7 +298,7 @@ class Engine:
         self._payload_is_new = False
         self._payloads += 1
         message = payload_message(self.arm.scene.payload, self.arm.stamp_ns, self.arm.robot.tip)
-        return Output(PAYLOAD_IN_USE, self._payloads, convert.encode_inertia(message))
+        return Output(PAYLOAD_IN_USE, self._payloads, stamped.encode_inertia(message))
 
     def measured(self) -> JointArrays:
         """Return the positions, velocities and efforts that the state of this cycle tells."""

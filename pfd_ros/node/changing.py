@@ -23,7 +23,7 @@ from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
 from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import decode_inertia
+from pfd_ros.messages.stamped import decode_inertia
 from pfd_ros.node.receiving import Receiver
 
 # The arm answers within a cycle. The executor's thread waits for it, so not for long: a very slow

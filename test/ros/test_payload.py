@@ -169,7 +169,7 @@ def test_changes_replace_the_effects_of_a_scene_file() -> None:
     engine = moving(scene=pfd.scene_to_yaml(scene))
     assert engine.arm.scene.payload == heavy
     judged(engine, change(payload_mass=1.0))
-    assert engine.arm.scene.payload == pfd.Payload(1.0)
+    assert engine.arm.scene.payload == pfd.Payload(1.0, (0.1, 0.0, 0.0))
     assert engine.arm.scene.gravity_compensation
     judged(engine, change(payload_mass=0.0, gravity_compensation=False))
     assert engine.arm.scene == pfd.Scene(damping=(0.5, 0.2), brakes=True)

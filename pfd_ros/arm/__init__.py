@@ -20,6 +20,7 @@ From the inputs to the outputs:
     requests          the rules for requests (pause, step, reset) and for states to jump to
     followed_clock    the rules for ticks of another node's clock
     pace              whether there may be a step: activity, pauses, lockstep, followed clock
+    command_link      the way of commands to the drives: delay, drop-out, watchdog
     actuators         from commands to the efforts that act: servos, limits of the motors
     model_kernels     the native code of the outputs that are quantities of the model
     arm               the simulated arm: robot, brakes, simulator, failure

@@ -108,12 +108,12 @@ class Settings(CommandSettings, PlantSettings, SensorSettings, OutputSettings):
                 f'locked_positions holds {len(self.locked_positions)} numbers, expected '
                 f'{len(self.locked)}, one for each of {listed(self.locked)}, or none'
             )
-        if len(set(self.outputs)) < len(self.outputs):
-            raise ValueError(f'outputs names one twice: {listed(self.outputs)}')
         if TIME_OF_DAY < self.start_time < 0.0:
             raise ValueError(f'start_time is {self.start_time!r}, expected -1, or 0 and more')
         if self.follows_clock and self.publish_clock:
             raise ValueError('an arm with time_source clock needs publish_clock false')
+        if len(set(self.outputs)) < len(self.outputs):
+            raise ValueError(f'outputs names one twice: {listed(self.outputs)}')
         if 0.0 < self.real_time_factor < SLOWEST_FACTOR:
             raise ValueError(
                 f'real_time_factor is {self.real_time_factor!r}, '
@@ -126,7 +126,8 @@ class Settings(CommandSettings, PlantSettings, SensorSettings, OutputSettings):
             raise ValueError(
                 f'step_size is {self.step_size!r} s, expected a whole number of nanoseconds'
             )
-        _ = self.publish_every, self.clock_every, self.state_delay_steps
+        _ = self.publish_every, self.clock_every
+        _ = self.state_delay_steps, self.command_delay_steps
 
     @property
     def compensated(self) -> bool | None:
@@ -176,6 +177,11 @@ class Settings(CommandSettings, PlantSettings, SensorSettings, OutputSettings):
     def state_delay_steps(self) -> int:
         """Steps by which measured states are late."""
         return self._whole_steps('delay.state', self.delay_state)
+
+    @property
+    def command_delay_steps(self) -> int:
+        """Steps from the arrival of a command until it acts."""
+        return self._whole_steps('delay.commands', self.delay_commands)
 
     def _whole_steps(self, name: str, seconds: float) -> int:
         steps = seconds / self.step_size

@@ -62,9 +62,10 @@ class GraphCheck:
 
     def check(self) -> None:
         """Ask the graph and log why a connection cannot work."""
-        commands = [self.endpoints.subscriptions[source] for source in sorted(COMMANDS)]
-        for end in self.endpoints.subscriptions.values():
-            self._check_publishers(end, commanding=end in commands)
+        subscribed = self.endpoints.subscriptions
+        commands = [end for source, end in subscribed.items() if source in COMMANDS]
+        for source, end in subscribed.items():
+            self._check_publishers(end, commanding=source in COMMANDS)
         if not self._commanded and self.now() - self._since > PATIENCE_SECONDS:
             topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in commands)
             self.log.once(

@@ -53,6 +53,11 @@ class LogSession:
         return self.recorder.backlog
 
     @property
+    def waiting_share(self) -> float:
+        """The same for any thread to ask."""
+        return 0.0 if self.recorder is None else self.recorder.waiting_share
+
+    @property
     def dropped(self) -> int:
         """Messages left out because of a slow disk; the recorder reports a failure itself."""
         if self.recorder is None or self.recorder.failed:

@@ -29,13 +29,7 @@ from pfd_ros.arm.events import (
     VerdictRow,
 )
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import (
-    NANOSECONDS,
-    decode_clock,
-    decode_rows,
-    decode_string,
-    encode_rows,
-)
+from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, encode_rows
 from pfd_ros.recording.format import (
     CHANNELS,
     PARAMETERS,
@@ -112,6 +106,8 @@ class _Order:
         self._started_ns = self._last_ns = log.started_ns
         self._last = dict.fromkeys(log.roles.values(), 0)
         self._place = (0, _RANKS[CLOCK])
+        # The cycle of the last verdict rows.
+        self._taken = 1
 
     def _allow(self, settings: Settings) -> None:
         """Raise the bound on the rate of cycles to that of some settings."""
@@ -148,21 +144,16 @@ class _Order:
         elif role == TAKEN:
             rows = _rows(entry)
             cycle = rows[0].cycle
+            self._taken = cycle
             self._follow(entry, cycle)
         elif role == PAYLOAD_IN_USE:
-            cycle = self._cycle_of_stamp(entry)
+            # In the step that a change was taken for, or the first one.
+            cycle = self._taken
             self._follow(entry, cycle)
         else:
             cycle = number * self._every[role]
             self._follow(entry, cycle)
         return PlacedMessage(role, number, lost, cycle, entry.log_ns, entry.data, rows)
-
-    def _cycle_of_stamp(self, entry: Entry) -> int:
-        settings = self._settings
-        steps, rest = divmod(decode_clock(entry.data) - settings.start_ns, settings.step_ns)
-        if steps < 1 or rest:
-            raise ValueError(f'{entry.role} {entry.sequence} is stamped between two steps')
-        return steps
 
     def _number(self, entry: Entry) -> tuple[int, int]:
         """Return the number of a message and how many are missing before it."""

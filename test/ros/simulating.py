@@ -15,7 +15,14 @@ from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, Recording, Sent, Type
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import NUMBERED_AS_STATES, Arrival, Source, Verdict, VerdictRow
+from pfd_ros.arm.events import (
+    NUMBERED_AS_STATES,
+    PAYLOAD_IN_USE,
+    Arrival,
+    Source,
+    Verdict,
+    VerdictRow,
+)
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import cdr
@@ -45,7 +52,7 @@ def efforts(*values: float) -> bytes:
     writer = cdr.CdrWriter()
     writer.uint32(0)
     writer.uint32(0)
-    writer.numbers(np.array(values))
+    writer.numbers(np.array(values, float))
     return bytes(writer.data)
 
 
@@ -90,7 +97,8 @@ def simulate(
     roles = {
         role: ROLES.get(role, f'/sim_arm/{role}')
         for role in CHANNELS
-        if role in ('joint_commands', 'commands', 'taken') or role in roles_of(chosen)
+        if role in ('joint_commands', 'commands', 'taken')
+        or role in roles_of(chosen) - {PAYLOAD_IN_USE}
     }
     made = Recording()
     counts: Counter[str] = Counter()

@@ -6,6 +6,7 @@ From the inputs to the outputs:
 
     setting_fields    the fields of settings: description, range, reading
     command_settings  the settings of commands, a part of
+    description_settings  those of the model that controllers share, a part of
     plant_settings    the settings of the simulated plant, another part
     output_settings   the settings of what is published beside joint_states, and its types
     sensor_settings   the settings of the sensors, another part of
@@ -18,6 +19,8 @@ From the inputs to the outputs:
     tip_frames        frames that the last link carries: wrenches and inertias brought to its own
     wrench            the rules for external wrenches, and how long one acts
     requests          the rules for requests (pause, step, reset) and for states to jump to
+    description       the <ros2_control> block of a URDF: topics, initial positions, followers
+    urdf_text         a URDF of a robot that came from elsewhere
     followed_clock    the rules for ticks of another node's clock
     pace              whether there may be a step: activity, pauses, lockstep, followed clock
     command_link      the way of commands to the drives: delay, drop-out, watchdog

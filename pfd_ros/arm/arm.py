@@ -205,7 +205,7 @@ class Arm:
         except (ValueError, ArithmeticError) as error:
             self.failure = f'step {self.step + 1} failed: {error}'
             return
-        if not (np.isfinite(self._simulator.q).all() and np.isfinite(self._simulator.qd).all()):
+        if self._simulator.status != 'ok':
             self.failure = f'the state after step {self.step + 1} is not finite'
             return
         self.step += 1

@@ -12,7 +12,7 @@ it, so that an effort alone ends a servo. In a command without names NaN drops t
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 import math
 from typing import NamedTuple
 
@@ -72,6 +72,8 @@ class Judgement(NamedTuple):
         For people: the names and numbers that broke the rule.
     unknown, unknown_count
         The first few names of joints that the arm does not have, cut short; the count of all.
+    locked
+        Names of joints of the arm that it commands in vain, as they are welded.
     effect
         Of an accepted message.
     """
@@ -80,6 +82,7 @@ class Judgement(NamedTuple):
     detail: str = ''
     unknown: tuple[str, ...] = ()
     unknown_count: int = 0
+    locked: tuple[str, ...] = ()
     effect: Command | Request | StateChange | SettingsChange | WrenchChange | ClockTick | None = (
         None
     )
@@ -157,7 +160,8 @@ def named_values_rule(message: JointMessage, since_ns: int) -> Judgement | None:
             return Judgement(
                 Verdict.RAGGED, f'{len(names)} names and {len(values)} numbers in {kind}'
             )
-        if np.isinf(values).any():
+        # The terms of a finite sum are finite; for a few joints faster than NumPy.
+        if not math.isfinite(sum(values.tolist())) and np.isinf(values).any():
             return Judgement(Verdict.INFINITE, f'{kind} holds an infinity')
     if message.stamp_ns != 0 and message.stamp_ns < since_ns:
         return Judgement(
@@ -189,7 +193,11 @@ def too_far(position: np.ndarray, velocity: np.ndarray) -> Judgement | None:
 
 
 def judge_named(
-    message: JointMessage, index: Mapping[str, int], since_ns: int, gains: Gains | None = None
+    message: JointMessage,
+    index: Mapping[str, int],
+    since_ns: int,
+    gains: Gains | None = None,
+    locked: Collection[str] = (),
 ) -> Judgement:
     """Judge a command by joint name.
 
@@ -205,6 +213,8 @@ def judge_named(
     gains
         Of the servos; without them, and for a joint whose gain is zero, positions and velocities
         do not count.
+    locked
+        Joints that are welded: models of controllers have them, and commands may name them.
     """
     if not message.names:
         return Judgement(
@@ -219,16 +229,34 @@ def judge_named(
             Verdict.NO_EFFORT, f'holds {" and ".join(kinds or ["nothing"])} but no effort'
         )
     known = [place for place, name in enumerate(message.names) if name in index]
-    strange = [name for name in message.names if name not in index]
+    strange = [name for name in message.names if name not in index and name not in locked]
+    welded = _commanded(message, locked, gains) if locked else ()
     unknown = tuple(cut(name) for name in strange[:NAME_COUNT])
-    if not known:
+    if len(strange) == len(message.names):
         judgement = Judgement(
             Verdict.UNKNOWN_NAMES, f'none of {listed(strange)} is a joint of the arm'
         )
-    else:
+    elif known:
         joints = np.array([index[message.names[place]] for place in known])
         judgement = _judge_numbers(message, known, joints, gains)
-    return judgement._replace(unknown=unknown, unknown_count=len(strange))
+    elif welded:
+        judgement = Judgement(Verdict.REFUSED, f'locked: {listed(welded)}')
+    else:
+        judgement = Judgement(Verdict.ALL_NAN, 'every number is NaN')
+    return judgement._replace(unknown=unknown, unknown_count=len(strange), locked=welded)
+
+
+def _commanded(
+    message: JointMessage, joints: Collection[str], gains: Gains | None
+) -> tuple[str, ...]:
+    """Return the names among some joints for which a message has a number that counts."""
+    arrays = kinds_of(message) if gains is not None else {'effort': message.effort}
+    kinds = [values for values in arrays.values() if len(values)]
+    return tuple(
+        name
+        for place, name in enumerate(message.names)
+        if name in joints and any(values[place] == values[place] for values in kinds)
+    )
 
 
 def _judge_numbers(
@@ -245,6 +273,9 @@ def _judge_numbers(
     joints
         Their indices in the model, (k,).
     """
+    if gains is None and math.isfinite(sum(message.effort.tolist())):
+        # The usual case, and a fast one: efforts alone, none of which is NaN.
+        return Judgement(Verdict.ACCEPTED, effect=Command(joints, message.effort[known]))
     none = np.full(len(known), np.nan)
     effort, position, velocity = (
         values[known] if len(values) else none

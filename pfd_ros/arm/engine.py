@@ -126,9 +126,10 @@ class Engine:
         self._payload_is_new = self.arm.scene.payload is not None
         self._payloads = 0
         self.jumps: list[StateChange | None] = []
+        self._locked = settings.published_locks
         self.sensors = sensors_of(self.settings, self.arm)
         self._extra = extra_outputs(self.settings, self.arm)
-        self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id)
+        self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id, self._locked)
 
     @property
     def stands(self) -> bool:
@@ -164,7 +165,7 @@ class Engine:
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
         source, payload = event.source, event.payload
-        if source in MOVING and not self.pace.active:
+        if not self.pace.active and source in MOVING:
             return INACTIVE
         try:
             if source is Source.ARRAY:
@@ -173,11 +174,11 @@ class Engine:
             if source is Source.NAMED:
                 message, gains = convert.decode_joint_state(payload), self.actuators.gains
                 return self._unless_tripped(
-                    judge_named(message, self._index, self._since_ns, gains)
+                    judge_named(message, self._index, self._since_ns, gains, self._locked)
                 )
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
-                return judge_state(message, self._index, self._since_ns)
+                return judge_state(message, self._index, self._since_ns, self._locked)
             if source is Source.PARAMETERS:
                 return judge_changes(convert.decode_string(payload), self.arm)
             if source is Source.TICK:

@@ -16,6 +16,7 @@ from typing import Any
 
 import pfd_core as pfd
 from pfd_ros.arm.command_settings import CommandSettings
+from pfd_ros.arm.description_settings import DescriptionSettings
 from pfd_ros.arm.output_settings import OutputSettings
 from pfd_ros.arm.plant_settings import PlantSettings
 from pfd_ros.arm.sensor_settings import SensorSettings
@@ -40,7 +41,9 @@ POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
 
 @dataclass(frozen=True)
-class Settings(CommandSettings, PlantSettings, SensorSettings, OutputSettings):
+class Settings(
+    CommandSettings, PlantSettings, DescriptionSettings, SensorSettings, OutputSettings
+):
     """The parameters of the node `sim_arm`; units SI, angles in rad.
 
     Raises
@@ -49,11 +52,15 @@ class Settings(CommandSettings, PlantSettings, SensorSettings, OutputSettings):
         If a value is not finite, outside its range, or does not go with the others.
     """
 
-    robot: str = setting('puma560', 'Robot: a name that `pfd robots` lists, or a .urdf or .yaml')
+    robot: str = setting(
+        'puma560',
+        'Robot: a name that `pfd robots` lists, a .urdf or .yaml, or robot_description, the topic',
+    )
     base_link: str = setting('', "First link of the chain; '' takes the root of the model")
     tip_link: str = setting('', "Last link of the chain; '' takes the only leaf of the model")
     joints: tuple[str, ...] = setting(
-        (), 'Order of the joints in states and in ~/commands; empty takes the order of the model'
+        (),
+        'Order of the joints that move, in states and ~/commands; empty takes that of the model',
     )
     locked: tuple[str, ...] = setting((), 'Joints to weld, such as those of a gripper')
     locked_positions: tuple[float, ...] = setting(
@@ -139,6 +146,11 @@ class Settings(CommandSettings, PlantSettings, SensorSettings, OutputSettings):
         """Joint to weld -> position, rad or m."""
         positions = self.locked_positions or (0.0,) * len(self.locked)
         return dict(zip(self.locked, positions, strict=True))
+
+    @property
+    def published_locks(self) -> dict[str, float]:
+        """Joint that is published though it is welded -> position, rad or m."""
+        return self.locks if self.publish_locked else {}
 
     @property
     def follows_clock(self) -> bool:

@@ -8,7 +8,7 @@ be replayed without ROS.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 import math
@@ -188,13 +188,19 @@ class JointStateEncoder:
         Joint names in the order of the arrays.
     frame_id
         header.frame_id.
+    fixed
+        Position of further joints, which come after the others and stand still.
     """
 
-    def __init__(self, names: Sequence[str], frame_id: str = '') -> None:
+    def __init__(
+        self, names: Sequence[str], frame_id: str = '', fixed: Mapping[str, float] | None = None
+    ) -> None:
+        at_rest = {} if fixed is None else fixed
         writer = headed(frame_id)
-        writer.strings(tuple(names))
-        zeros = np.zeros(len(names))
-        starts = [writer.numbers(zeros) for _ in range(3)]
+        writer.strings((*names, *at_rest))
+        zeros = np.zeros(len(names) + len(at_rest))
+        positions = np.append(np.zeros(len(names)), list(at_rest.values()))
+        starts = [writer.numbers(numbers) for numbers in (positions, zeros, zeros)]
         self._data = writer.data
         self._arrays = [np.frombuffer(self._data, '<f8', len(names), at) for at in starts]
 

@@ -98,6 +98,10 @@ class Reporter:
                     f'{verdict.name.lower()} ({detail})'
                 )
                 self.log.count((source, verdict), count, text, error=verdict in ERRORS, last=last)
+        locked = self.stepper.counts.locked()
+        if locked:
+            text = f'commands name joints that are locked and do not move: {listed(locked)}'
+            self.log.once('locked', text)
         count, names = self.stepper.counts.unknown()
         self.log.count('unknown', count, f'unknown joint names: {listed(names)}', last=last)
 

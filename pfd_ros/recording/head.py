@@ -30,6 +30,7 @@ FIRST_VERSIONS = {
     'position_sums': 'plain',
     'effort_limits': False,
     'torque_speed': False,
+    'publish_locked': False,
 }
 _DIGEST = re.compile('[0-9a-f]{64}')
 

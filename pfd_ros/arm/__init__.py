@@ -7,6 +7,7 @@ From the inputs to the outputs:
     setting_fields    the fields of settings: description, range, reading
     command_settings  the settings of commands, a part of
     description_settings  those of the model that controllers share, a part of
+    plant_settings    the settings of the simulated plant, another part
     sensor_settings   the settings of the sensors, another part of
     settings          everything that is not an event: robot, scene, step size, rates
     noise             random numbers as a function of seed, channel and cycle
@@ -14,14 +15,18 @@ From the inputs to the outputs:
     events            the event rule: events and outputs, sources, verdicts
     effects           the effects of events that are no commands: requests, states to jump to
     commands          the rules for a command, NaN and infinity among them, and its drive
-    changes           the rules for settings that change while the arm runs
+    tip_frames        frames that the last link carries: wrenches and inertias brought to its own
+    wrench            the rules for external wrenches, and how long one acts
     requests          the rules for requests (pause, step, reset) and for states to jump to
     description       the <ros2_control> block of a URDF: topics, initial positions, followers
     urdf_text         a URDF of a robot that came from elsewhere
-    pace              whether there may be a step: pauses, lockstep
-    actuators         from commanded efforts to those that act: the limits of the motors
+    followed_clock    the rules for ticks of another node's clock
+    pace              whether there may be a step: activity, pauses, lockstep, followed clock
+    actuators         from commands to the efforts that act: servos, limits of the motors
     arm               the simulated arm: robot, brakes, simulator, failure
+    changes           the rules for settings that change while the arm runs: new payloads, gains
     sensors           the true state -> the measured one, which joint_states tell
+    stable_gains      the largest gains of a PD loop through a zero-order hold
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 
 A new input is a Source in `events` and a rule in `engine`. A new output is a role in `events`, its

@@ -1,10 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The actuators: from commanded efforts to those that act on the joints.
+"""The actuators: from commanded efforts and targets to the efforts that act on the joints.
 
-As drives do, they decide once per cycle and hold the effort for it; so the effort that
-joint_states tells is exactly the one that acted. It is the effort after the limits, without
-friction, and without the gravity torque that drives with gravity compensation add.
+    effort = commanded effort + p (target - position) + d (target velocity - velocity)
+
+within the limits of the motors. As drives do, they decide once per cycle and hold the effort for
+it; so the effort that joint_states tells is exactly the one that acted. It is the effort after the
+limits, without friction, and without the gravity torque that drives with gravity compensation add.
 
 See docs/decisions/0019-limits-of-actuators.md.
 """
@@ -12,11 +14,11 @@ See docs/decisions/0019-limits-of-actuators.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfd_ros.arm.commands import Drive
+from pfd_ros.arm.commands import Drive, Gains
 from pfd_ros.arm.settings import Settings
 
 # For a joint whose model states no limit: the weight of all links at an arm of 5 m, N m or N, and
@@ -60,40 +62,91 @@ class Actuators:
 
     def __init__(self, settings: Settings, robot: Any, order: Sequence[int]) -> None:
         self.saturated = 0
-        full = effort_limits(robot)
-        self._most = full if settings.effort_limits else np.full(robot.n, np.inf)
-        self._least = -self._most
-        # For each joint as published: index in the model, speed limit, full effort.
-        self._motors = [(i, float(speed_limits(robot)[i]), float(full[i])) for i in order]
-        slowest = min(speed for _, speed, _ in self._motors)
-        self._slow = FULL_SPEED * slowest if settings.torque_speed else np.inf
+        self._order = list(order)
+        self._place = np.argsort(order)
+        self._full, self._limits = effort_limits(robot), speed_limits(robot)
+        self._servo: _Servo | None = None
+        self.set(settings)
 
-    def applied(self, drive: Drive, qd: np.ndarray) -> Drive:
+    def set(self, settings: Settings) -> None:
+        """Take over settings."""
+        n = len(self._order)
+        self._most = self._full if settings.effort_limits else np.full(n, np.inf)
+        self._least = -self._most
+        slowest = float(np.min(self._limits)) if settings.torque_speed else np.inf
+        self._slow = FULL_SPEED * slowest
+        self._gains = Gains(self._of_joints(settings.servo_p), self._of_joints(settings.servo_d))
+        self._servo = None
+
+    @property
+    def gains(self) -> Gains | None:
+        """The gains of the servos, None if all are zero."""
+        return self._gains if self._gains.p.any() or self._gains.d.any() else None
+
+    def _of_joints(self, values: Sequence[float]) -> np.ndarray:
+        """Return a setting with a number for each joint in model order, (n,)."""
+        return np.array(values)[self._place] if values else np.zeros(len(self._order))
+
+    def applied(self, drive: Drive, q: np.ndarray, qd: np.ndarray) -> Drive:
         """Return the efforts and brakes of the next step.
 
         Parameters
         ----------
         drive
             As commanded.
-        qd
-            Velocities of the joints, (n,) in published order, rad/s or m/s.
+        q, qd
+            Positions and velocities of the joints, (n,) in published order, rad or m, rad/s or
+            m/s.
         """
-        effort = np.minimum(np.maximum(drive.effort, self._least), self._most)
+        wanted = drive.effort if drive.position is None else self._followed(drive, q, qd)
+        effort = np.minimum(np.maximum(wanted, self._least), self._most)
         velocities = qd.tolist()
         if max(velocities) > self._slow or min(velocities) < -self._slow:
             self._limit_at_speed(effort, velocities)
-        if effort.tobytes() == drive.effort.tobytes():
-            return drive
-        self.saturated += 1
+        if effort.tobytes() != wanted.tobytes():
+            self.saturated += 1
         return Drive(effort, drive.braked)
+
+    def _followed(self, drive: Drive, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+        """Return the efforts of servos on the way to their targets, (n,) in model order."""
+        if self._servo is None or self._servo.drive is not drive:
+            self._servo = _servo(drive, self._gains)
+        _, p, position, d, velocity = self._servo
+        effort: np.ndarray = (
+            drive.effort + p * (position - q[self._place]) + d * (velocity - qd[self._place])
+        )
+        return effort
 
     def _limit_at_speed(self, effort: np.ndarray, velocities: Sequence[float]) -> None:
         """Cut efforts, (n,) in model order, to those that the motors have at these speeds.
 
         Near its speed limit a motor drives its joint along with less; it brakes it with all.
         """
-        for (i, limit, full), velocity in zip(self._motors, velocities, strict=True):
-            share = (1.0 - abs(velocity) / limit) / (1.0 - FULL_SPEED)
+        for i, velocity in zip(self._order, velocities, strict=True):
+            share = (1.0 - abs(velocity) / self._limits[i]) / (1.0 - FULL_SPEED)
             if share < 1.0:
-                most = full * max(share, 0.0)
+                most = self._full[i] * max(share, 0.0)
                 effort[i] = min(effort[i], most) if velocity > 0.0 else max(effort[i], -most)
+
+
+class _Servo(NamedTuple):
+    """Gains and targets of one drive, (n,): a joint without a target has the gain 0."""
+
+    drive: Drive
+    p: np.ndarray
+    position: np.ndarray
+    d: np.ndarray
+    velocity: np.ndarray
+
+
+def _servo(drive: Drive, gains: Gains) -> _Servo:
+    position, velocity = np.array([drive.position, drive.velocity])
+    there, moving = ~np.isnan(position), ~np.isnan(velocity)
+    return _Servo(
+        drive,
+        np.where(there, gains.p, 0.0),
+        np.where(there, position, 0.0),
+        # To a position without a velocity it goes to stay there.
+        np.where(there | moving, gains.d, 0.0),
+        np.where(moving, velocity, 0.0),
+    )

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from pfd_ros.arm.setting_fields import check_joint_counts
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import cut, listed
+
+# More than one is ready only while the arm is slower than the compiler.
+MOST_PREPARED = 4
 
 
 def load_robot(settings: Settings) -> Any:
@@ -59,13 +62,25 @@ def joint_order(wanted: Sequence[str], robot: Any) -> tuple[int, ...]:
     return tuple(names.index(name) for name in wanted)
 
 
+class Plant(NamedTuple):
+    """A scene, and the native code that simulates the robot in it."""
+
+    scene: pfd.Scene
+    simulator: Any
+
+
 class Arm:
     """A simulator and its last finite state.
 
     Attributes
     ----------
     settings
-        Those given, with the names that 'auto' stood for.
+        Those given, with the names that 'auto' stood for; events change the dynamic ones.
+    robot, scene
+        The robot and the effects that act on it.
+    wrench
+        Force and moment on the last link in the next step, (6,) in its frame; None in a scene
+        without an external wrench.
     order, names
         Index in the model and name of each joint, in published order.
     start
@@ -90,9 +105,13 @@ class Arm:
         self.names = tuple(robot.joint_names[i] for i in self.order)
         self.step = 0
         self.failure = ''
+        self.robot = robot
         self._start_ns, self._step_ns = settings.start_ns, settings.step_ns
         self._columns = list(self.order)
-        self._simulator = pfd.Simulator(robot, scene_of(settings), **simulator_settings(settings))
+        self.scene, self._simulator = self._compiled(settings)
+        self.wrench = np.zeros(6) if self.scene.external_wrench else None
+        # Plants that were compiled before an event asks for them, by the digest of their scene.
+        self._prepared: dict[str, Plant] = {}
         self.settings = replace(
             settings,
             integrator=self._simulator.integrator,
@@ -121,12 +140,54 @@ class Arm:
         """Simulated time, ns: whole steps, so that it never drifts."""
         return self._start_ns + self.step * self._step_ns
 
+    def leap(self, stamp_ns: int) -> None:
+        """Let simulated time go on from there, without a step."""
+        self._start_ns = stamp_ns - self.step * self._step_ns
+
+    def _compiled(self, settings: Settings) -> Plant:
+        scene = scene_of(settings, self.robot, self.order)
+        return Plant(scene, pfd.Simulator(self.robot, scene, **simulator_settings(settings)))
+
+    def prepare(self, settings: Settings) -> None:
+        """Compile the plant of other settings ahead, on any thread: it may take a second.
+
+        Raises
+        ------
+        ValueError
+            If the settings do not go with the robot.
+        """
+        plant = self._compiled(settings)
+        while len(self._prepared) >= MOST_PREPARED:
+            self._prepared.pop(next(iter(self._prepared)), None)
+        self._prepared[plant.scene.digest] = plant
+
+    def plant_of(self, settings: Settings) -> Plant | None:
+        """Return the plant of other settings: prepared or compiled now; None if it is the same.
+
+        Raises
+        ------
+        ValueError
+            As `prepare`.
+        """
+        digest = scene_of(settings, self.robot, self.order).digest
+        prepared = self._prepared.pop(digest, None)
+        if digest == self.scene.digest:
+            return None
+        return prepared or self._compiled(settings)
+
+    def change(self, settings: Settings, plant: Plant | None) -> None:
+        """Take over other settings, and the state into another plant if there is one."""
+        self.settings = settings
+        if plant is not None:
+            plant.simulator.take_state(self._simulator)
+            self.scene, self._simulator = plant
+
     def advance(self, drive: Drive) -> None:
         """Do one step; after a failure the arm stands still and keeps its last finite state."""
         if self.failure:
             return
         try:
-            self._simulator.step(drive.effort, brakes=drive.braked)
+            self._simulator.step(drive.effort, self.wrench, brakes=drive.braked)
         except (ValueError, ArithmeticError) as error:
             self.failure = f'step {self.step + 1} failed: {error}'
             return

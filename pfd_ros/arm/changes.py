@@ -9,25 +9,28 @@ Only fields with `dynamic=True` change, all of one text or none.
 from __future__ import annotations
 
 from collections.abc import Mapping
-import dataclasses
+from dataclasses import fields, replace
 import json
 from typing import Any
 
+import numpy as np
+
+import pfd_core as pfd
+from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import SettingsChange
 from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
+from pfd_ros.arm.scene import without_replaced
 from pfd_ros.arm.setting_fields import check_joint_counts, typed
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import encode_string
+from pfd_ros.arm.tip_frames import body_at_tip, tip_frame
+from pfd_ros.messages.convert import InertiaMessage, encode_string
 from pfd_ros.text import listed
 
 # Every dynamic setting of an arm with a hundred joints fits in.
 LONGEST_CHANGES = 1 << 16
-DYNAMIC = {
-    field.name: str(field.type)
-    for field in dataclasses.fields(Settings)
-    if field.metadata['dynamic']
-}
+DYNAMIC = {field.name: str(field.type) for field in fields(Settings) if field.metadata['dynamic']}
 
 
 def encode_changes(values: Mapping[str, Any]) -> bytes:
@@ -57,30 +60,69 @@ def read_changes(text: str) -> dict[str, Any]:
     return {name: typed(name, value, DYNAMIC[name]) for name, value in told.items()}
 
 
-def changed(settings: Settings, values: Mapping[str, Any], count: int) -> Settings:
-    """Return settings with new values of some fields, for an arm of `count` joints.
+def changed(arm: Arm, settings: Settings, values: Mapping[str, Any]) -> Settings:
+    """Return settings of an arm with new values of some fields.
 
     Raises
     ------
     ValueError
         If a value is refused, by itself or beside the others.
     """
-    found = dataclasses.replace(settings, **values)
-    check_joint_counts(found, count)
+    found = replace(without_replaced(settings, values), **values)
+    check_joint_counts(found, len(arm.order))
     return found
 
 
-def judge_changes(text: str, settings: Settings, count: int) -> Judgement:
-    """Judge new values for the settings of an arm with `count` joints.
+def judge_changes(text: str, arm: Arm) -> Judgement:
+    """Judge new values for the settings of an arm.
 
     Raises
     ------
     ValueError
         If the text is no such table.
     """
-    values = read_changes(text)
+    return judge_values(read_changes(text), arm)
+
+
+def judge_payload(message: InertiaMessage, arm: Arm) -> Judgement:
+    """Judge a payload for an arm; a mass of 0 is none."""
     try:
-        found = changed(settings, values, count)
+        values = payload_values(message, arm)
+    except ValueError as error:
+        return Judgement(Verdict.UNKNOWN_NAMES, str(error))
+    return judge_values(values, arm)
+
+
+def payload_values(message: InertiaMessage, arm: Arm) -> dict[str, Any]:
+    """Return the values of settings that a payload stands for.
+
+    Raises
+    ------
+    ValueError
+        If its frame is none that the last link carries.
+    """
+    frame = tip_frame(arm.robot, message.frame_id)
+    body = body_at_tip(frame, message.center, message.inertia)
+    return dict(zip(PAYLOAD, (message.mass, *body), strict=True))
+
+
+def judge_values(values: Mapping[str, Any], arm: Arm) -> Judgement:
+    """Judge new values, by field, for the settings of an arm."""
+    compiled = not COMPILED.isdisjoint(values)
+    if compiled and arm.failure:
+        return Judgement(Verdict.REFUSED, 'the simulation has stopped')
+    try:
+        found = changed(arm, arm.settings, values)
+        plant = arm.plant_of(found) if compiled else None
     except ValueError as error:
         return Judgement(Verdict.REFUSED, str(error))
-    return Judgement(Verdict.ACCEPTED, ', '.join(values), effect=SettingsChange(found))
+    return Judgement(Verdict.ACCEPTED, ', '.join(values), effect=SettingsChange(found, plant))
+
+
+def payload_message(payload: pfd.Payload | None, stamp_ns: int, tip: str) -> InertiaMessage:
+    """Return a payload, or zeros for none, as it is published."""
+    if payload is None:
+        return InertiaMessage(stamp_ns, tip, 0.0, (0.0,) * 3, (0.0,) * 6)
+    inertia = np.asarray(payload.inertia)
+    upper = tuple(inertia[np.triu_indices(3)].tolist())
+    return InertiaMessage(stamp_ns, tip, payload.mass, tuple(np.asarray(payload.center)), upper)

@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from pfd_ros.arm.effects import MOST_STEPS
 from pfd_ros.arm.setting_fields import setting
 
+# Stiffer than any drive; the efforts of a servo stay finite with it.
+LARGEST_GAIN = 1e9
+
 
 @dataclass(frozen=True)
 class CommandSettings:
@@ -23,4 +26,20 @@ class CommandSettings:
     )
     torque_speed: bool = setting(
         True, "Let efforts fall to none at the model's velocity limits; wide ones without"
+    )
+    servo_p: tuple[float, ...] = setting(
+        (),
+        'Gain of the servo that follows commanded positions, N m/rad or N/m; 0 is no servo',
+        0.0,
+        LARGEST_GAIN,
+        dynamic=True,
+        per_joint=True,
+    )
+    servo_d: tuple[float, ...] = setting(
+        (),
+        'Gain of the servo on velocities, N m s/rad or N s/m; 0 follows no velocity',
+        0.0,
+        LARGEST_GAIN,
+        dynamic=True,
+        per_joint=True,
     )

@@ -1,21 +1,32 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rules for commands: which joints a command drives from now on, and with what effort.
+"""The rules for commands: which joints a command drives from now on, and with what.
 
-A brake holds each joint until the first command that names it. A command changes the joints it
-names and leaves the others as they were; a message that breaks a rule changes nothing at all.
-NaN leaves its joint as it was, brake included; in a command without names it drops the message.
+A brake holds each joint until the first command with a number for it. A command changes the joints
+it names and leaves the others as they were; a message that breaks a rule changes nothing at all.
+An effort alone is a torque. A position, a velocity or both are the target of the joint's servo,
+and the effort beside them is fed forward. NaN keeps the last number of its kind, and with nothing
+but NaN a joint stays as it was, brake included; a kind without numbers says that there is none of
+it, so that an effort alone ends a servo. In a command without names NaN drops the message.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 import math
 from typing import NamedTuple
 
 import numpy as np
 
-from pfd_ros.arm.effects import Request, SettingsChange, StateChange
+from pfd_ros.arm.effects import (
+    LARGEST_POSITION,
+    LARGEST_VELOCITY,
+    ClockTick,
+    Request,
+    SettingsChange,
+    StateChange,
+    WrenchChange,
+)
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.text import NAME_COUNT, cut, listed
@@ -32,12 +43,22 @@ class Command(NamedTuple):
     ----------
     joints
         Indices in the model of the joints it drives, (k,).
-    effort
-        Their efforts, (k,), N m or N.
+    effort, position, velocity
+        Their numbers (k,), N m, rad, rad/s or N, m, m/s. NaN keeps the last one; each joint has a
+        number of one kind at least. None: no feed-forward, no target.
     """
 
     joints: np.ndarray
-    effort: np.ndarray
+    effort: np.ndarray | None
+    position: np.ndarray | None = None
+    velocity: np.ndarray | None = None
+
+
+class Gains(NamedTuple):
+    """Gains of the servos, (n,) in model order, N m/rad and N m s/rad or N/m and N s/m."""
+
+    p: np.ndarray
+    d: np.ndarray
 
 
 class Judgement(NamedTuple):
@@ -62,14 +83,31 @@ class Judgement(NamedTuple):
     unknown: tuple[str, ...] = ()
     unknown_count: int = 0
     locked: tuple[str, ...] = ()
-    effect: Command | Request | StateChange | SettingsChange | None = None
+    effect: Command | Request | StateChange | SettingsChange | WrenchChange | ClockTick | None = (
+        None
+    )
+
+
+ALL_NAN = Judgement(Verdict.ALL_NAN, 'every number is NaN')
 
 
 class Drive(NamedTuple):
-    """Efforts (n,) in N m or N and brakes (n,) of bool, both in model order."""
+    """The efforts, brakes and servo targets of an arm, in model order.
+
+    Attributes
+    ----------
+    effort
+        (n,) N m or N; beside a target it is fed forward.
+    braked
+        (n,) of bool.
+    position, velocity
+        Targets (n,) rad, rad/s or m, m/s; NaN is none. Both are None if no joint has a target.
+    """
 
     effort: np.ndarray
     braked: np.ndarray
+    position: np.ndarray | None = None
+    velocity: np.ndarray | None = None
 
 
 def held(count: int) -> Drive:
@@ -78,16 +116,31 @@ def held(count: int) -> Drive:
 
 
 def let_go(drive: Drive) -> Drive:
-    """Return a drive without the efforts of the last commands; brakes stay as they are."""
+    """Return a drive without the efforts and targets of commands; brakes stay as they are."""
     return Drive(np.zeros_like(drive.effort), drive.braked)
 
 
 def merge(drive: Drive, command: Command) -> Drive:
     """Return the drive after a command."""
-    effort, braked = drive.effort.copy(), drive.braked.copy()
-    effort[command.joints] = command.effort
-    braked[command.joints] = False
-    return Drive(effort, braked)
+    joints, braked = command.joints, drive.braked.copy()
+    braked[joints] = False
+    effort = _merged(drive.effort, joints, command.effort, 0.0)
+    if command.position is None and command.velocity is None and drive.position is None:
+        return Drive(effort, braked)
+    none = np.full(len(braked), np.nan)
+    last = none if drive.position is None else drive.position
+    position = _merged(last, joints, command.position, np.nan)
+    last = none if drive.velocity is None else drive.velocity
+    return Drive(effort, braked, position, _merged(last, joints, command.velocity, np.nan))
+
+
+def _merged(
+    last: np.ndarray, joints: np.ndarray, given: np.ndarray | None, none: float
+) -> np.ndarray:
+    """Return the numbers of one kind after a command, (n,)."""
+    merged: np.ndarray = last.copy()
+    merged[joints] = none if given is None else np.where(given == given, given, last[joints])
+    return merged
 
 
 def named_values_rule(message: JointMessage, since_ns: int) -> Judgement | None:
@@ -127,10 +180,22 @@ def kinds_of(message: JointMessage) -> dict[str, np.ndarray]:
     }
 
 
+def too_far(position: np.ndarray, velocity: np.ndarray) -> Judgement | None:
+    """Return the judgement on positions and velocities that no joint can have."""
+    if (np.abs(position) > LARGEST_POSITION).any() or (np.abs(velocity) > LARGEST_VELOCITY).any():
+        return Judgement(
+            Verdict.REFUSED,
+            f'expected positions up to {LARGEST_POSITION:g} and velocities up to '
+            f'{LARGEST_VELOCITY:g}',
+        )
+    return None
+
+
 def judge_named(
     message: JointMessage,
     index: Mapping[str, int],
     since_ns: int,
+    gains: Gains | None = None,
     locked: Collection[str] = (),
 ) -> Judgement:
     """Judge a command by joint name.
@@ -138,12 +203,15 @@ def judge_named(
     Parameters
     ----------
     message
-        The command; only `effort` moves the arm, there is no servo for the other kinds.
+        The command.
     index
         Joint name to place in the model.
     since_ns
         Simulated time of the last start, reset or jump, or of the state that a command in
         lockstep must answer; commands stamped before it are left-overs. Stamp 0 means now.
+    gains
+        Of the servos; without them, and for a joint whose gain is zero, positions and velocities
+        do not count.
     locked
         Joints that are welded: models of controllers have them, and commands may name them.
     """
@@ -154,48 +222,87 @@ def judge_named(
     broken = named_values_rule(message, since_ns)
     if broken is not None:
         return broken
-    if not len(message.effort):
-        kinds = kinds_of(message)
-        given = [kind for kind, values in kinds.items() if len(values)] or ['nothing']
-        return Judgement(Verdict.NO_EFFORT, f'holds {" and ".join(given)} but no effort')
-    return _named_efforts(message.names, message.effort.tolist(), index, locked)
-
-
-def _named_efforts(
-    names: Sequence[str],
-    efforts: Sequence[float],
-    index: Mapping[str, int],
-    locked: Collection[str],
-) -> Judgement:
-    strange = [name for name in names if name not in index and name not in locked]
+    kinds = [kind for kind, values in kinds_of(message).items() if len(values)]
+    if 'effort' not in kinds and (gains is None or not kinds):
+        return Judgement(
+            Verdict.NO_EFFORT, f'holds {" and ".join(kinds or ["nothing"])} but no effort'
+        )
+    known = [place for place, name in enumerate(message.names) if name in index]
+    strange = [name for name in message.names if name not in index and name not in locked]
+    welded = _welded(message, locked, gains) if locked else ()
     unknown = tuple(cut(name) for name in strange[:NAME_COUNT])
-    if len(strange) == len(names):
-        return Judgement(
-            Verdict.UNKNOWN_NAMES,
-            f'none of {listed(names)} is a joint of the arm',
-            unknown=unknown,
-            unknown_count=len(strange),
+    if known:
+        joints = np.array([index[message.names[place]] for place in known])
+        judgement = _judge_numbers(message, known, joints, gains)
+    elif welded:
+        judgement = Judgement(Verdict.REFUSED, f'locked: {listed(welded)}')
+    elif len(strange) < len(message.names):
+        judgement = ALL_NAN
+    else:
+        judgement = Judgement(
+            Verdict.UNKNOWN_NAMES, f'none of {listed(strange)} is a joint of the arm'
         )
-    # NaN is the one number that differs from itself: no command for that joint.
-    numbers = zip(names, efforts, strict=True) if locked else ()
-    welded = tuple(name for name, effort in numbers if name in locked and effort == effort)
-    given = [
-        (index[name], effort)
-        for name, effort in zip(names, efforts, strict=True)
-        if name in index and effort == effort
-    ]
-    if not given:
-        none_moves = bool(welded) and not any(name in index for name in names)
-        return Judgement(
-            Verdict.REFUSED if none_moves else Verdict.ALL_NAN,
-            f'locked: {listed(welded)}' if none_moves else 'every effort is NaN',
-            unknown=unknown,
-            unknown_count=len(strange),
-            locked=welded,
-        )
-    joints, values = zip(*given, strict=True)
-    command = Command(np.array(joints), np.array(values))
-    return Judgement(Verdict.ACCEPTED, '', unknown, len(strange), welded, command)
+    return judgement._replace(unknown=unknown, unknown_count=len(strange), locked=welded)
+
+
+def _welded(
+    message: JointMessage, locked: Collection[str], gains: Gains | None
+) -> tuple[str, ...]:
+    """Return the names of locked joints for which a message has a number that counts."""
+    kinds = [message.effort] if gains is None else kinds_of(message).values()
+    given = [values for values in kinds if len(values)]
+    return tuple(
+        name
+        for place, name in enumerate(message.names)
+        if name in locked and any(values[place] == values[place] for values in given)
+    )
+
+
+def _judge_numbers(
+    message: JointMessage, known: list[int], joints: np.ndarray, gains: Gains | None
+) -> Judgement:
+    """Judge the numbers of a command for the joints that the arm has.
+
+    Parameters
+    ----------
+    message, gains
+        As in `judge_named`.
+    known
+        Places in the message of the joints.
+    joints
+        Their indices in the model, (k,).
+    """
+    none = np.full(len(known), np.nan)
+    effort, position, velocity = (
+        values[known] if len(values) else none
+        for values in (message.effort, message.position, message.velocity)
+    )
+    if gains is None:
+        given = effort == effort
+    else:
+        far = too_far(position, velocity)
+        if far is not None:
+            return far
+        asked = (position == position) | (velocity == velocity)
+        position = np.where(gains.p[joints] > 0.0, position, np.nan)
+        velocity = np.where(gains.d[joints] > 0.0, velocity, np.nan)
+        # NaN is the one number that differs from itself: no command.
+        given = (effort == effort) | (position == position) | (velocity == velocity)
+        if (asked & ~given).any():
+            idle = [message.names[known[k]] for k in np.flatnonzero(asked & ~given)]
+            return Judgement(
+                Verdict.NO_EFFORT, f'no effort for {listed(idle)}, whose servo has no gain for it'
+            )
+    if not given.any():
+        return ALL_NAN
+    servo = gains is not None
+    command = Command(
+        joints[given],
+        effort[given] if len(message.effort) else None,
+        position[given] if servo and len(message.position) else None,
+        velocity[given] if servo and len(message.velocity) else None,
+    )
+    return Judgement(Verdict.ACCEPTED, effect=command)
 
 
 def judge_array(efforts: np.ndarray, order: np.ndarray) -> Judgement:

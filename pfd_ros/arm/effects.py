@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The effects of events that are no commands: requests, states to jump to, new settings."""
+"""The effects of events that are no commands: requests, jumps, new settings, ticks of a clock."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from typing import Any
 
 # Most steps of one request; a request that lasts for ever is `resume`.
 MOST_STEPS = 1_000_000
+# Farther and faster than any joint goes, rad or m, rad/s or m/s; a simulation from there, or a
+# servo to it, would not stay finite.
+LARGEST_POSITION, LARGEST_VELOCITY = 1e6, 1e4
 
 
 @dataclass(frozen=True)
@@ -29,9 +32,17 @@ class Request:
 
 @dataclass(frozen=True)
 class SettingsChange:
-    """The `Settings` from the next cycle on."""
+    """The `Settings` from the next cycle on, and the `Plant` if they need another one."""
 
     settings: Any
+    plant: Any = None
+
+
+@dataclass(frozen=True)
+class WrenchChange:
+    """Force and moment on the last link, (6,) in N and N m, in its frame, about its origin."""
+
+    wrench: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -41,3 +52,10 @@ class StateChange:
     joints: tuple[int, ...]
     positions: tuple[float, ...]
     velocities: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class ClockTick:
+    """The time of a followed clock, ns."""
+
+    stamp_ns: int

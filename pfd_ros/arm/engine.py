@@ -26,13 +26,15 @@ import numpy as np
 
 from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.changes import judge_changes
+from pfd_ros.arm.changes import judge_changes, judge_payload, payload_message
 from pfd_ros.arm.commands import Command, Judgement, held, judge_array, judge_named, let_go, merge
-from pfd_ros.arm.effects import SettingsChange, StateChange
+from pfd_ros.arm.effects import ClockTick, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
     CLOCK,
     COMMANDS,
     DROPPED_STATES,
+    MOVING,
+    PAYLOAD_IN_USE,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -44,15 +46,18 @@ from pfd_ros.arm.events import (
     Verdict,
     VerdictRow,
 )
+from pfd_ros.arm.followed_clock import FollowedClock
 from pfd_ros.arm.pace import Pace
 from pfd_ros.arm.requests import judge_request, judge_state
 from pfd_ros.arm.sensors import JointArrays, sensors_of
 from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.wrench import ExternalWrench, judge_wrench
 from pfd_ros.messages import convert
 from pfd_ros.text import one_line
 
 # Rows of one message: a flood may have dropped a million commands before a cycle.
 MOST_ROWS = 4096
+INACTIVE = Judgement(Verdict.REFUSED, 'the arm is inactive')
 OVERFLOWED = Judgement(Verdict.OVERFLOWED, 'newer ones came before the next step')
 
 
@@ -85,6 +90,8 @@ class Engine:
         The efforts and brakes of the last step, as the actuators made them.
     actuators
         From the one to the other.
+    wrench
+        The wrench on the last link, None in a scene without one.
     jumps
         The states that the next step jumps to, one after the other.
     sensors
@@ -97,10 +104,12 @@ class Engine:
     """
 
     def __init__(self, settings: Settings, robot: Any) -> None:
+        self.robot = robot
         self.arm = Arm(settings, robot)
         self.settings = self.arm.settings
         self.cycles = 0
-        self.pace = Pace(settings.lockstep)
+        clock = FollowedClock(settings.step_ns) if settings.follows_clock else None
+        self.pace = Pace(settings.lockstep, settings.autostart, clock)
         self._row_messages = 0
         self._publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
@@ -109,7 +118,10 @@ class Engine:
         self.actuators = Actuators(self.settings, robot, self.arm.order)
         self._order = np.array(self.arm.order)
         # Stamped commands from before are left-overs.
-        self._since_ns = settings.start_ns
+        self._since_ns = self._reset_ns = settings.start_ns
+        self.wrench = ExternalWrench(settings) if self.arm.scene.external_wrench else None
+        self._payload_is_new = self.arm.scene.payload is not None
+        self._payloads = 0
         self.jumps: list[StateChange | None] = []
         self._locked = settings.published_locks
         self.sensors = sensors_of(self.settings, self.arm)
@@ -118,6 +130,8 @@ class Engine:
     @property
     def stands(self) -> bool:
         """Whether the next cycle has to wait for an event."""
+        if self.pace.forbids(self.arm.stamp_ns + self.settings.step_ns):
+            return True
         return self.pace.stands and not self.jumps
 
     def run_cycle(self, events: Iterable[Event] = ()) -> Taken:
@@ -147,19 +161,28 @@ class Engine:
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
         source, payload = event.source, event.payload
+        if source in MOVING and not self.pace.active:
+            return INACTIVE
         try:
             if source is Source.ARRAY:
                 return judge_array(convert.decode_floats(payload), self._order)
             if source is Source.NAMED:
                 message = convert.decode_joint_state(payload)
-                return judge_named(message, self._index, self._since_ns, self._locked)
+                gains = self.actuators.gains
+                return judge_named(message, self._index, self._since_ns, gains, self._locked)
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
                 return judge_state(message, self._index, self._since_ns, self._locked)
             if source is Source.PARAMETERS:
-                text = convert.decode_string(payload)
-                return judge_changes(text, self.settings, len(self.arm.order))
-            return judge_request(convert.decode_string(payload), self.pace.paused)
+                return judge_changes(convert.decode_string(payload), self.arm)
+            if source is Source.TICK:
+                return self.pace.judge_tick(convert.decode_clock(payload), self.arm.stamp_ns)
+            if source is Source.WRENCH:
+                wrench, on = convert.decode_wrench(payload), self.wrench is not None
+                return judge_wrench(wrench, self.arm.robot, self._reset_ns, taken=on)
+            if source is Source.PAYLOAD:
+                return judge_payload(convert.decode_inertia(payload), self.arm)
+            return judge_request(convert.decode_string(payload), self.pace)
         except ValueError as error:
             return Judgement(Verdict.MALFORMED, one_line(error))
 
@@ -174,21 +197,50 @@ class Engine:
             self.drive = let_go(self.drive)
             self._since_ns = self.arm.stamp_ns + self.settings.step_ns
         elif isinstance(effect, SettingsChange):
-            self._set(effect.settings)
-        elif effect is not None and effect.name == 'reset':
-            self.jumps = [None]
-            self.drive = held(len(self.arm.order))
-            self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+            self._set(effect)
+        elif isinstance(effect, ClockTick):
+            self._follow(effect)
+        elif isinstance(effect, WrenchChange):
+            if self.wrench is not None:
+                self.wrench.put(effect, self.settings.external_wrench_timeout)
         elif effect is not None:
+            if effect.name in ('reset', 'deactivate'):
+                self.drive = held(len(self.arm.order))
+                self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+            if effect.name == 'reset':
+                self.jumps = [None]
+                self._reset_ns = self._since_ns
+            if effect.name in ('reset', 'clear_wrench'):
+                self._clear_wrench()
             self.pace.request(effect)
 
-    def _set(self, settings: Settings) -> None:
+    def _clear_wrench(self) -> None:
+        if self.wrench is not None:
+            self.wrench.clear()
+
+    def _set(self, change: SettingsChange) -> None:
         """Take over other values of dynamic settings; all others are as before."""
-        self.settings = self.arm.settings = settings
+        before = self.arm.scene.payload
+        self.settings = change.settings
+        self.arm.change(change.settings, change.plant)
+        self.actuators.set(self.settings)
+        self.sensors = sensors_of(self.settings, self.arm, self.sensors)
+        if self.arm.scene.payload != before:
+            self._payload_is_new = True
+
+    def _follow(self, tick: ClockTick) -> None:
+        clock = self.pace.clock
+        assert clock is not None
+        if clock.until_ns is None:
+            self.arm.leap(tick.stamp_ns)
+            self._since_ns = tick.stamp_ns
+        clock.until_ns = tick.stamp_ns
 
     def step(self) -> list[Output]:
         """Run the next cycle on the events that were taken; return its state and its tick."""
         self.cycles += 1
+        if self.wrench is not None:
+            self.arm.wrench = self.wrench.next()
         if self.jumps:
             self.applied = let_go(self.drive)
             self.arm.jump(self.jumps)
@@ -196,7 +248,7 @@ class Engine:
             if self.sensors is not None:
                 self.sensors.restart()
         else:
-            self.applied = self.actuators.applied(self.drive, self.arm.qd)
+            self.applied = self.actuators.applied(self.drive, self.arm.q, self.arm.qd)
             self.arm.advance(self.applied)
             if self.sensors is not None:
                 self.sensors.sample()
@@ -205,7 +257,16 @@ class Engine:
         self.pace.stepped(published=bool(outputs) and outputs[0].role == STATES)
         if self.pace.waits:
             self._since_ns = self.arm.stamp_ns
+        if self._payload_is_new and not self.arm.failure:
+            outputs.insert(0, self._payload_in_use())
         return outputs
+
+    def _payload_in_use(self) -> Output:
+        """Return the payload from this cycle on, at the origin and in the axes of the tip link."""
+        self._payload_is_new = False
+        self._payloads += 1
+        message = payload_message(self.arm.scene.payload, self.arm.stamp_ns, self.arm.robot.tip)
+        return Output(PAYLOAD_IN_USE, self._payloads, convert.encode_inertia(message))
 
     def measured(self) -> JointArrays:
         """Return the positions, velocities and efforts that the state of this cycle tells."""

@@ -24,10 +24,15 @@ class Source(IntEnum):
     SET_STATE = 2
     REQUEST = 3
     PARAMETERS = 4
+    WRENCH = 5
+    PAYLOAD = 6
+    TICK = 7
 
 
 # The sources whose messages are commands for the joints.
 COMMANDS = frozenset({Source.NAMED, Source.ARRAY})
+# The sources that an inactive arm refuses.
+MOVING = COMMANDS | {Source.SET_STATE}
 
 
 class Verdict(IntEnum):
@@ -81,8 +86,9 @@ class VerdictRow(NamedTuple):
 # The fields of a VerdictRow as they are labelled in recordings.
 TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict')
 
-# Roles of the outputs: verdict rows, the arm's state, the clock tick.
+# Roles of the outputs: verdict rows, the arm's state, the clock tick, a new payload.
 TAKEN, STATES, CLOCK = 'taken', 'joint_states', 'clock'
+PAYLOAD_IN_USE = 'payload_in_use'
 # A state that the sensors drop: recorded, not published; it is numbered with the others.
 DROPPED_STATES = 'dropped_states'
 NUMBERED_AS_STATES = frozenset({STATES, DROPPED_STATES})

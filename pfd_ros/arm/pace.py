@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Whether the arm may step: pauses, and lockstep with a controller.
+"""Whether the arm may step: activity, pauses, lockstep with a controller, a followed clock.
 
 The node paces cycles by its clock; this says when there is to be none at all. It follows from
 settings, events and cycles, never from wall time.
@@ -10,21 +10,29 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.followed_clock import FollowedClock
 
 # A driver that sends NaN until a controller has claimed its joints answers all the same.
 ANSWERS = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN})
+# Requests after which the time of a followed clock is where the arm goes on, without steps.
+LEAPS = frozenset({'resume', 'activate', 'reset'})
 
 
 @dataclass
 class Pace:
-    """Pause and lockstep of one arm.
+    """Activity, pause, lockstep and followed clock of one arm.
 
     Attributes
     ----------
     lockstep
         Whether each published state, from the first command on, waits for a command.
+    active
+        Whether there are steps at all; an inactive arm has its brakes on and takes no commands.
+    clock
+        The clock of another node, if the arm follows one.
     paused
         Whether there are only the steps that are asked for.
     waits
@@ -32,6 +40,8 @@ class Pace:
     """
 
     lockstep: bool = False
+    active: bool = True
+    clock: FollowedClock | None = None
     paused: bool = False
     waits: bool = False
     _left: int = 0
@@ -39,15 +49,31 @@ class Pace:
 
     @property
     def stands(self) -> bool:
-        """Whether the next step needs an event."""
+        """Whether the next step needs an event; a jump goes through a pause, and needs none."""
         return self.waits or (self.paused and not self._left)
 
+    def forbids(self, stamp_ns: int) -> bool:
+        """Return whether there may be no step, not even a jump, that ends at this time."""
+        return not self.active or (self.clock is not None and not self.clock.reaches(stamp_ns))
+
+    def judge_tick(self, tick_ns: int, stamp_ns: int) -> Judgement:
+        """Judge a tick of the followed clock; ValueError if there is none."""
+        if self.clock is None:
+            raise ValueError('no clock is followed')
+        return self.clock.judge(tick_ns, stamp_ns)
+
     def request(self, request: Request) -> None:
-        """Pause, go on, or do some steps in a pause."""
+        """Take note of a request."""
+        if self.clock is not None and request.name in LEAPS:
+            self.clock.until_ns = None
         if request.name == 'step':
             self._left += request.count
-        else:
+        elif request.name in ('pause', 'resume'):
             self.paused, self._left = request.name == 'pause', 0
+        elif request.name in ('activate', 'deactivate'):
+            self.active = request.name == 'activate'
+            # As at the start: no controller to wait for until one commands.
+            self.waits = self._commanded = False
 
     def answer(self, verdict: Verdict) -> None:
         """Take note of a command."""

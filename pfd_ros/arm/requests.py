@@ -13,19 +13,19 @@ from typing import Any
 
 import numpy as np
 
-from pfd_ros.arm.commands import Judgement, named_values_rule
+from pfd_ros.arm.commands import Judgement, named_values_rule, too_far
 from pfd_ros.arm.effects import MOST_STEPS, Request, StateChange
 from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.pace import Pace
 from pfd_ros.messages.convert import JointMessage, encode_string
 from pfd_ros.text import NAME_COUNT, cut, listed
 
 # pause, resume: whether simulated time stands still. step: so many steps in a pause. reset: the
-# initial state, held by the brakes.
-REQUESTS = ('pause', 'resume', 'step', 'reset')
+# initial state, held by the brakes. deactivate: brakes on and no steps, until it is activated.
+# clear_wrench: no external wrench from now on.
+REQUESTS = ('pause', 'resume', 'step', 'reset', 'activate', 'deactivate', 'clear_wrench')
 # A request is far shorter.
 LONGEST_REQUEST = 1000
-# Farther and faster than any joint goes; a simulation from there would not stay finite.
-LARGEST_POSITION, LARGEST_VELOCITY = 1e6, 1e4
 
 
 def encode_request(request: Request) -> bytes:
@@ -36,8 +36,8 @@ def encode_request(request: Request) -> bytes:
     return encode_string(json.dumps(told))
 
 
-def judge_request(text: str, paused: bool) -> Judgement:
-    """Judge a request; `paused` says whether the arm is in a pause.
+def judge_request(text: str, pace: Pace) -> Judgement:
+    """Judge a request to an arm of this pace.
 
     Raises
     ------
@@ -55,7 +55,9 @@ def judge_request(text: str, paused: bool) -> Judgement:
         raise ValueError(f'request {name!r} does not take {listed([str(key) for key in told])}')
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_STEPS:
         raise ValueError(f'count is {cut(repr(count))}, expected 1 to {MOST_STEPS}')
-    if name == 'step' and not paused:
+    if name in ('step', 'reset') and not pace.active:
+        return Judgement(Verdict.REFUSED, f'{name}: the arm is inactive')
+    if name == 'step' and not pace.paused:
         return Judgement(Verdict.REFUSED, 'step: the arm is not in a pause')
     return Judgement(Verdict.ACCEPTED, name, effect=Request(name, count))
 
@@ -90,14 +92,9 @@ def judge_state(
             unknown=tuple(cut(name) for name in strange[:NAME_COUNT]),
             unknown_count=len(strange),
         )
-    if (np.abs(message.position) > LARGEST_POSITION).any() or (
-        np.abs(velocity) > LARGEST_VELOCITY
-    ).any():
-        return Judgement(
-            Verdict.REFUSED,
-            f'expected positions up to {LARGEST_POSITION:g} and velocities up to '
-            f'{LARGEST_VELOCITY:g}',
-        )
+    far = too_far(message.position, velocity)
+    if far is not None:
+        return far
     given = [
         (index[name], q, qd if qd == qd else 0.0)
         for name, q, qd in zip(

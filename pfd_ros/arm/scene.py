@@ -4,9 +4,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Collection, Sequence
+from dataclasses import fields, replace
+from typing import Any
 
 import pfd_core as pfd
+from pfd_ros.arm.plant_settings import PAYLOAD
+from pfd_ros.arm.setting_fields import joint_values
 from pfd_ros.arm.settings import Settings
 from pfd_ros.text import cut
 
@@ -24,26 +28,67 @@ def with_scene_text(settings: Settings) -> Settings:
     return replace(settings, scene=pfd.scene_to_yaml(pfd.load_scene(settings.scene)))
 
 
-def scene_of(settings: Settings) -> pfd.Scene:
+def scene_of(settings: Settings, robot: Any, order: Sequence[int]) -> pfd.Scene:
     """Return the scene of an arm, with brakes, since joints are held until they are commanded.
 
     No file is read: the settings may come from a recording.
 
+    Parameters
+    ----------
+    settings, robot
+        Of the arm.
+    order
+        Index in the model of each joint, in published order.
+
     Raises
     ------
     ValueError
-        If the text is no scene, or the scene has an input that the arm lacks.
+        If the text is no scene.
     """
+    scene = _from_text(settings.scene) if settings.scene else _switched(settings, robot, order)
+    return replace(
+        scene,
+        brakes=True,
+        external_wrench=scene.external_wrench or settings.external_wrench,
+        gravity_compensation=scene.gravity_compensation or settings.gravity_compensation,
+        payload=settings.payload or scene.payload,
+    )
+
+
+def _from_text(text: str) -> pfd.Scene:
+    if '\n' not in text:
+        raise ValueError(f'scene is {cut(repr(text))}, expected the text of a scene')
+    return pfd.load_scene(text)
+
+
+def _switched(settings: Settings, robot: Any, order: Sequence[int]) -> pfd.Scene:
+    """Return the scene of the switches and of the numbers for each joint."""
+    effects: dict[str, Any] = {
+        name: 'model'
+        for name in ('damping', 'friction', 'armature', 'joint_limits')
+        if getattr(settings, name)
+    }
+    groups = {'joint_damping': 'damping', 'joint_friction': 'friction'}
+    groups |= {'joint_armature': 'armature', 'motor_lag': 'motor_lag'}
+    for field in fields(Settings):
+        if field.name in groups and getattr(settings, field.name):
+            values = [0.0] * len(order)
+            for place, value in zip(
+                order, joint_values(field, settings, robot, order), strict=True
+            ):
+                values[place] = value
+            effects[groups[field.name]] = values if any(values) else None
+    gravity = settings.gravity if any(settings.gravity) else None
+    return pfd.Scene(gravity=gravity, restitution=settings.restitution, **effects)
+
+
+def without_replaced(settings: Settings, changed: Collection[str]) -> Settings:
+    """Return settings whose scene text lacks the effects that changed fields stand for now."""
     if not settings.scene:
-        return pfd.Scene(
-            gravity=settings.gravity if any(settings.gravity) else None,
-            damping='model' if settings.damping else None,
-            armature='model' if settings.armature else None,
-            brakes=True,
-        )
-    if '\n' not in settings.scene:
-        raise ValueError(f'scene is {cut(repr(settings.scene))}, expected the text of a scene')
-    scene = pfd.load_scene(settings.scene)
-    if scene.external_wrench:
-        raise ValueError('the scene has external_wrench: true, which the arm has no input for')
-    return replace(scene, brakes=True)
+        return settings
+    scene = _from_text(settings.scene)
+    if 'gravity_compensation' in changed:
+        scene = replace(scene, gravity_compensation=False)
+    if not set(PAYLOAD).isdisjoint(changed):
+        scene = replace(scene, payload=None)
+    return replace(settings, scene=pfd.scene_to_yaml(scene))

@@ -9,6 +9,8 @@ import dataclasses
 import math
 from typing import Any
 
+import numpy as np
+
 from pfd_ros.text import cut
 
 # Far more than any arm needs; a mistaken file must not fill a log or the memory.
@@ -26,7 +28,7 @@ def setting(
     values: tuple[str, ...] = (),
     dynamic: bool = False,
     per_joint: bool = False,
-    joint_default: Callable[[Any, Any], Sequence[float]] | None = None,
+    joint_default: Callable[[Any, Any], np.ndarray] | None = None,
 ) -> Any:
     """Return a field of a table of settings.
 
@@ -123,8 +125,7 @@ def joint_values(
     default = field.metadata['joint_default']
     if given or default is None:
         return given or (0.0,) * len(order)
-    values = default(settings, robot)
-    return tuple(float(values[i]) for i in order)
+    return tuple(default(settings, robot)[list(order)].tolist())
 
 
 # By the annotation of a field.

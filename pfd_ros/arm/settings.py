@@ -17,6 +17,7 @@ from typing import Any
 import pfd_core as pfd
 from pfd_ros.arm.command_settings import CommandSettings
 from pfd_ros.arm.description_settings import DescriptionSettings
+from pfd_ros.arm.plant_settings import PlantSettings
 from pfd_ros.arm.sensor_settings import SensorSettings
 from pfd_ros.arm.setting_fields import check_values, setting, typed
 from pfd_ros.messages.convert import NANOSECONDS
@@ -30,12 +31,16 @@ SLOWEST_FACTOR = 1e-6
 # Least share of the steps that are published; less is a mistake.
 SLOWEST_SHARE = 1e-12
 
+# A start time that is resolved when the node is configured: time that goes on from one run to the
+# next is monotonic for controllers that live through both.
+TIME_OF_DAY = -1.0
+
 # Names of `position_sums`, and whether the simulator then compensates; None leaves it to it.
 POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
 
 @dataclass(frozen=True)
-class Settings(CommandSettings, DescriptionSettings, SensorSettings):
+class Settings(CommandSettings, DescriptionSettings, PlantSettings, SensorSettings):
     """The parameters of the node `sim_arm`; units SI, angles in rad.
 
     Raises
@@ -67,18 +72,23 @@ class Settings(CommandSettings, DescriptionSettings, SensorSettings):
         values=tuple(POSITION_SUMS),
     )
     method: str = setting('auto', 'Forward dynamics', values=('auto', *pfd.METHODS))
-    gravity: tuple[float, ...] = setting(
-        (0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2; zeros switch it off'
-    )
-    damping: bool = setting(False, 'Viscous damping of the joints as the model states it')
-    armature: bool = setting(False, 'Rotor inertia of the joints as the model states it')
-    scene: str = setting(
-        '', "Scene file (YAML) in the place of gravity, damping and armature; '' takes those"
-    )
     initial_positions: tuple[float, ...] = setting(
         (), 'Where the joints start, rad or m, in the order of `joints`; empty is zero'
     )
-    start_time: float = setting(0.0, 'Simulated time before the first step, s', 0.0, 1e9)
+    autostart: bool = setting(
+        True, 'Be active from the start on, without the transitions of a lifecycle node'
+    )
+    time_source: str = setting(
+        'own',
+        'Clock of the arm: own, or clock, which follows the /clock of another node',
+        values=('own', 'clock'),
+    )
+    start_time: float = setting(
+        0.0,
+        'Simulated time before the first step, s; -1 is the time of day at the start',
+        TIME_OF_DAY,
+        2e9,
+    )
     real_time_factor: float = setting(
         1.0, 'Simulated seconds per second; 0 is as fast as possible', 0.0, 1000.0, dynamic=True
     )
@@ -95,8 +105,6 @@ class Settings(CommandSettings, DescriptionSettings, SensorSettings):
     def __post_init__(self) -> None:
         """Check every value, so that the users of settings need not."""
         check_values(self)
-        if len(self.gravity) != 3:
-            raise ValueError(f'gravity needs 3 numbers (x, y, z), got {len(self.gravity)}')
         if len(set(self.locked)) < len(self.locked):
             raise ValueError(f'locked names a joint twice: {listed(self.locked)}')
         if self.locked_positions and len(self.locked_positions) != len(self.locked):
@@ -104,14 +112,16 @@ class Settings(CommandSettings, DescriptionSettings, SensorSettings):
                 f'locked_positions holds {len(self.locked_positions)} numbers, expected '
                 f'{len(self.locked)}, one for each of {listed(self.locked)}, or none'
             )
+        if TIME_OF_DAY < self.start_time < 0.0:
+            raise ValueError(f'start_time is {self.start_time!r}, expected -1, or 0 and more')
+        if self.follows_clock and self.publish_clock:
+            raise ValueError('an arm with time_source clock needs publish_clock false')
         if 0.0 < self.real_time_factor < SLOWEST_FACTOR:
             raise ValueError(
                 f'real_time_factor is {self.real_time_factor!r}, '
                 f'expected 0 or {SLOWEST_FACTOR!r} and more'
             )
-        switched = self.damping or self.armature or self.gravity != Settings.gravity
-        if self.scene and switched:
-            raise ValueError('scene stands for gravity, damping and armature: leave them out')
+        self.check_plant()
         if not self.robot:
             raise ValueError('robot is empty; name one that `pfd robots` lists, or a file')
         if abs(self.step_ns / NANOSECONDS - self.step_size) > WHOLE * self.step_size:
@@ -137,6 +147,17 @@ class Settings(CommandSettings, DescriptionSettings, SensorSettings):
         return self.locks if self.publish_locked else {}
 
     @property
+    def follows_clock(self) -> bool:
+        """Whether the arm follows the clock of another node."""
+        return self.time_source == 'clock'
+
+    def at_time_of_day(self, seconds: float) -> Settings:
+        """Return settings with the time of day in the place of -1, in whole milliseconds."""
+        if self.start_time != TIME_OF_DAY:
+            return self
+        return dataclasses.replace(self, start_time=int(seconds * 1000) / 1000)
+
+    @property
     def step_ns(self) -> int:
         """Simulated time per step in nanoseconds."""
         return round(self.step_size * NANOSECONDS)
@@ -144,6 +165,8 @@ class Settings(CommandSettings, DescriptionSettings, SensorSettings):
     @property
     def start_ns(self) -> int:
         """Simulated time before the first step in nanoseconds."""
+        if self.start_time < 0.0:
+            raise ValueError('start_time is the time of day, which only a node knows')
         return round(self.start_time * NANOSECONDS)
 
     @property

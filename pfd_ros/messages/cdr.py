@@ -93,6 +93,10 @@ class CdrReader:
         if count == 0:
             # An empty sequence is not followed by the padding its elements would need.
             return np.zeros(0, kind)
+        return self.row(kind, count)
+
+    def row(self, kind: str, count: int) -> np.ndarray:
+        """Return so many eight-byte numbers without a length before them, (count,)."""
         start = self._take(8 * count, 8)
         found = np.frombuffer(self._data, self._order + kind, count, start)
         return found.astype(kind)
@@ -132,8 +136,11 @@ class CdrWriter:
     def numbers(self, values: np.ndarray) -> int:
         """Append a sequence of eight-byte numbers; return the place of its first byte."""
         self.uint32(len(values))
-        if len(values):
-            self._align(8)
+        return self.row(values) if len(values) else len(self.data)
+
+    def row(self, values: np.ndarray) -> int:
+        """Append eight-byte numbers without their count; return the place of the first byte."""
+        self._align(8)
         start = len(self.data)
         self.data += values.astype(values.dtype.newbyteorder('<')).tobytes()
         return start

@@ -22,6 +22,8 @@ FLOAT_ARRAY = 'std_msgs/msg/Float64MultiArray'
 INTEGER_ARRAY = 'std_msgs/msg/UInt64MultiArray'
 CLOCK = 'rosgraph_msgs/msg/Clock'
 STRING = 'std_msgs/msg/String'
+WRENCH = 'geometry_msgs/msg/WrenchStamped'
+INERTIA = 'geometry_msgs/msg/InertiaStamped'
 
 NANOSECONDS = 1_000_000_000
 _TIME = struct.Struct('<iI')
@@ -183,3 +185,55 @@ class JointStateEncoder:
         for target, values in zip(self._arrays, (position, velocity, effort), strict=True):
             target[:] = values
         return bytes(self._data)
+
+
+@dataclass(frozen=True)
+class WrenchMessage:
+    """A geometry_msgs/WrenchStamped: force and torque, (3,) in N and N m."""
+
+    stamp_ns: int
+    frame_id: str
+    force: tuple[float, ...]
+    torque: tuple[float, ...]
+
+
+def decode_wrench(data: bytes) -> WrenchMessage:
+    """Return the fields of a WrenchStamped."""
+    reader = CdrReader(data)
+    stamp_ns, frame_id = _time_ns(reader), reader.string()
+    numbers = reader.row('f8', 6).tolist()
+    return WrenchMessage(stamp_ns, frame_id, tuple(numbers[:3]), tuple(numbers[3:]))
+
+
+@dataclass(frozen=True)
+class InertiaMessage:
+    """A geometry_msgs/InertiaStamped.
+
+    Mass in kg, centre of mass (3,) in m, and the inertia (xx, xy, xz, yy, yz, zz) about it, in
+    kg m^2.
+    """
+
+    stamp_ns: int
+    frame_id: str
+    mass: float
+    center: tuple[float, ...]
+    inertia: tuple[float, ...]
+
+
+def decode_inertia(data: bytes) -> InertiaMessage:
+    """Return the fields of an InertiaStamped."""
+    reader = CdrReader(data)
+    stamp_ns, frame_id = _time_ns(reader), reader.string()
+    mass, *numbers = reader.row('f8', 10).tolist()
+    return InertiaMessage(stamp_ns, frame_id, mass, tuple(numbers[:3]), tuple(numbers[3:]))
+
+
+def encode_inertia(message: InertiaMessage) -> bytes:
+    """Return an InertiaStamped message."""
+    writer = CdrWriter()
+    seconds, nanoseconds = divmod(message.stamp_ns, NANOSECONDS)
+    writer.int32(seconds)
+    writer.uint32(nanoseconds)
+    writer.string(message.frame_id)
+    writer.row(np.array([message.mass, *message.center, *message.inertia]))
+    return bytes(writer.data)

@@ -14,18 +14,22 @@ Around it:
 
     description      the model from a file or a topic, and published; topics of its <ros2_control>
     parameters       the settings as ROS parameters
+    changing         changes of settings and payloads: checked, compiled beside the arm, passed on
     services         pause, step, reset: requests to the arm, answered by their verdicts
     command_counts   verdicts counted by topic
     graph_check      other nodes on the topics: foreign types, QoS, a second clock
     throttled_log    log lines that become rarer while a trouble lasts
+    diagnostics      main thread: /diagnostics once a second
     reporting        main thread: log lines once a second, totals, problems at the end
-    sim_arm          the rclpy node: puts these parts together
+    sim_arm          one configured arm: puts these parts together
+    lifecycle        the rclpy node: parameters, transitions, the arm from configure to cleanup
     workers          threads that are watched: the end of one stops all
     process          starts and stops ROS, the node and its threads; exit status
     main             signals; the entry point `sim_node`
 
-Threads: main (reporting), the executor and stepping, which process starts, and the recording's own
-(recording.recorder); those of the middleware beside them. The pool of pfd_core is not used: one
-arm is stepped by one thread. A new topic is a row in endpoints, the last but one of the steps that
-pfd_ros.arm lists; a new parameter is a field of arm.settings.
+Threads: main (reporting), the executor, which process starts, stepping, which lifecycle starts
+for each arm, and the recording's own (recording.recorder); those of the middleware beside them.
+The pool of pfd_core is not used: one arm is stepped by one thread. A new topic is a row in
+endpoints, the last but one of the steps that pfd_ros.arm lists; a new parameter is a field of
+arm.settings.
 """

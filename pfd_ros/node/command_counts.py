@@ -6,9 +6,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 import threading
+import time
 
 from pfd_ros.arm.commands import Judgement
-from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.events import COMMANDS, Source, Verdict
 from pfd_ros.text import NAME_COUNT
 
 
@@ -17,7 +18,14 @@ class CommandCounts:
     """Counts by source and verdict, each with the newest detail, and the first unknown names.
 
     Its size does not depend on how many messages or names come in.
+
+    Attributes
+    ----------
+    newest
+        Steady time of the newest command that was accepted, s.
     """
+
+    newest: float = 0.0
 
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _verdicts: dict[tuple[Source, Verdict], tuple[int, str]] = field(default_factory=dict)
@@ -28,6 +36,8 @@ class CommandCounts:
     def add(self, source: Source, judgement: Judgement, count: int = 1) -> None:
         """Count a command, or several of one kind."""
         key = source, judgement.verdict
+        if source in COMMANDS and judgement.verdict is Verdict.ACCEPTED:
+            self.newest = time.monotonic()
         with self._lock:
             before, _ = self._verdicts.get(key, (0, ''))
             self._verdicts[key] = before + count, judgement.detail

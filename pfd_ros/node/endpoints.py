@@ -13,25 +13,37 @@ from functools import partial
 import time
 from typing import Any
 
+from geometry_msgs.msg import InertiaStamped, WrenchStamped
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from pfd_ros.arm.events import CLOCK, STATES, Source
+from pfd_ros.arm.events import CLOCK, PAYLOAD_IN_USE, STATES, Source
 
 # Type, topic and depth of each source of events, and of each output by role.
 SUBSCRIBED = {
     Source.NAMED: (JointState, 'joint_commands', 1),
     Source.ARRAY: (Float64MultiArray, '~/commands', 1),
     Source.SET_STATE: (JointState, '~/set_state', 1),
+    Source.WRENCH: (WrenchStamped, '~/external_wrench', 1),
+    Source.PAYLOAD: (InertiaStamped, '~/payload', 1),
+    Source.TICK: (Clock, '/clock', 1),
 }
-PUBLISHED = {STATES: (JointState, 'joint_states', 10), CLOCK: (Clock, '/clock', 1)}
+PUBLISHED = {
+    STATES: (JointState, 'joint_states', 10),
+    CLOCK: (Clock, '/clock', 1),
+    PAYLOAD_IN_USE: (InertiaStamped, '~/payload_in_use', 1),
+}
+# Those whose last message reaches subscribers that come later.
+LATCHED = frozenset({Source.PAYLOAD, PAYLOAD_IN_USE})
+# A clock may come best effort; a tick that is lost is made up for by the next one.
+UNRELIABLE = frozenset({Source.TICK})
 AT_ONCE = Duration()
 # Longest call of a publisher, s; the step timer makes up for delays this long.
 LONGEST_SECONDS = 0.05
@@ -45,14 +57,22 @@ class Endpoints:
     subscriptions: dict[Source, Any]
 
 
+def _profile(end: Source | str, depth: int) -> QoSProfile:
+    durability = DurabilityPolicy.TRANSIENT_LOCAL if end in LATCHED else DurabilityPolicy.VOLATILE
+    best_effort = end in UNRELIABLE
+    reliability = ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
+    return QoSProfile(depth=depth, durability=durability, reliability=reliability)
+
+
 def create_endpoints(
     node: Node,
     *,
     publish_clock: bool,
+    follow_clock: bool,
     on_message: Callable[[Source, bytes], None],
     topics: Mapping[Source | str, str] | None = None,
 ) -> Endpoints:
-    """Create the endpoints of a node, the clock's only if wanted.
+    """Create the endpoints of a node, those of the clock only if wanted.
 
     `on_message` is called with each serialized message, on the executor's thread; `topics` are
     the topics of sources and outputs that are not those of the tables.
@@ -66,7 +86,7 @@ def create_endpoints(
         role: node.create_publisher(
             kind,
             names.get(role, topic),
-            QoSProfile(depth=depth),
+            _profile(role, depth),
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
             **overridable,
         )
@@ -78,12 +98,13 @@ def create_endpoints(
             kind,
             names.get(source, topic),
             partial(on_message, source),
-            QoSProfile(depth=depth),
+            _profile(source, depth),
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             **overridable,
         )
         for source, (kind, topic, depth) in SUBSCRIBED.items()
+        if source is not Source.TICK or follow_clock
     }
     return Endpoints(publishers, subscriptions)
 

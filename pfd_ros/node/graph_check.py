@@ -24,7 +24,7 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 
-from pfd_ros.arm.events import CLOCK, STATES, Source
+from pfd_ros.arm.events import CLOCK, COMMANDS, STATES, Source
 from pfd_ros.node.endpoints import (
     Endpoints,
     relaxed,
@@ -80,11 +80,11 @@ class GraphCheck:
     def check(self) -> None:
         """Ask the graph and log why a connection cannot work."""
         # Another thread replaces a subscription that is to be best effort.
-        commands = dict(self.endpoints.subscriptions)
-        for source, end in commands.items():
-            self._check_commands(source, end)
+        for source, end in list(self.endpoints.subscriptions.items()):
+            self._check_publishers(source, end)
         if not self._commanded and self.now() - self._since > PATIENCE_SECONDS:
-            ends = commands.values()
+            found = self.endpoints.subscriptions.items()
+            ends = [end for source, end in found if source in COMMANDS]
             topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in ends)
             self.log.once(
                 'nobody',
@@ -109,10 +109,11 @@ class GraphCheck:
                     continue
             yield info
 
-    def _check_commands(self, source: Source, end: Any) -> None:
+    def _check_publishers(self, source: Source, end: Any) -> None:
         for info in self._settled(self.node.get_publishers_info_by_topic(end.topic_name)):
             served = self._serve_best_effort(source, end, info)
-            if served or self._check_pair(end, info, publishing=True):
+            fits = served or self._check_pair(end, info, publishing=True)
+            if fits and source in COMMANDS:
                 self._commanded = True
 
     def _serve_best_effort(self, source: Source, end: Any, info: Any) -> bool:

@@ -10,10 +10,9 @@ answers with its verdict; all others are read-only.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import TimeoutError as LateError
+from contextlib import suppress
 import dataclasses
 from dataclasses import dataclass
-import threading
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -22,16 +21,15 @@ from rcl_interfaces.msg import (
     ParameterDescriptor,
     SetParametersResult,
 )
+from rclpy.exceptions import ParameterUninitializedException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 
 from pfd_ros.arm.arm import joint_order
-from pfd_ros.arm.changes import changed, encode_changes
-from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.setting_fields import joint_values, parameter_name, typed
 from pfd_ros.arm.settings import Settings, from_values
-from pfd_ros.node.receiving import Receiver
+from pfd_ros.node.changing import Changes
 from pfd_ros.text import listed, one_line
 
 # By the annotation of the field: an empty tuple does not have the type of its elements.
@@ -44,9 +42,6 @@ _KINDS = {
     'tuple[float, ...]': Parameter.Type.DOUBLE_ARRAY,
 }
 _PER_JOINT = tuple(f for f in dataclasses.fields(Settings) if f.metadata['per_joint'])
-# The arm answers within a cycle. The executor's thread waits for it, so not for long: a very slow
-# arm takes the values over later.
-ANSWER_SECONDS = 0.5
 
 
 def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
@@ -67,34 +62,56 @@ def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
     return descriptor
 
 
-def _declared(node: Node, name: str, given: Any, field: dataclasses.Field[Any]) -> Parameter:
-    """Return a parameter, declared now unless it was before: a node may be configured again."""
-    if node.has_parameter(name):
-        return node.get_parameter_or(name)
-    return node.declare_parameter(name, given, _descriptor(field))
+def _declared(node: Node, name: str, given: Any, descriptor: ParameterDescriptor) -> Any:
+    """Return the value of a parameter, declared now unless it was before.
+
+    A node may be configured again.
+    """
+    if not node.has_parameter(name):
+        node.declare_parameter(name, given, descriptor)
+    return node.get_parameter(name).value
 
 
-def declare(node: Node) -> Settings:
-    """Declare every setting but those for each joint, and return the chosen values.
+def declare(node: Node) -> bool:
+    """Declare every setting but those for each joint, and return that of `autostart`.
+
+    They are read-only, but for dynamic ones and those of a node without autostart: such a node
+    may be configured again and again, with other values.
 
     Raises
     ------
     rclpy.exceptions.ParameterException
         If a value has the wrong type or lies outside its range.
+    """
+    fields = {f.name: f for f in dataclasses.fields(Settings) if f not in _PER_JOINT}
+    first = fields.pop('autostart')
+    node.declare_parameter(first.name, first.default, _descriptor(first))
+    autostart = bool(node.get_parameter(first.name).value)
+    for field in fields.values():
+        kind = _KINDS[str(field.type)]
+        # Without a default value an empty array has no type; the type alone has no default.
+        given = kind if isinstance(field.default, tuple) and not field.default else field.default
+        descriptor = _descriptor(field)
+        descriptor.read_only = descriptor.read_only and autostart
+        node.declare_parameter(
+            parameter_name(field), list(given) if isinstance(given, tuple) else given, descriptor
+        )
+    return autostart
+
+
+def read(node: Node) -> Settings:
+    """Return the settings that the parameters of a node say.
+
+    Raises
+    ------
     ValueError
         If the values do not go together.
     """
     values: dict[str, Any] = {}
     for field in dataclasses.fields(Settings):
-        if field in _PER_JOINT:
-            continue
-        kind = _KINDS[str(field.type)]
-        # Without a default value an empty array has no type; the type alone has no default.
-        given = kind if isinstance(field.default, tuple) and not field.default else field.default
-        given = list(given) if isinstance(given, tuple) else given
-        parameter = _declared(node, parameter_name(field), given, field)
-        if parameter.type_ is not Parameter.Type.NOT_SET:
-            values[field.name] = _plain(parameter.value)
+        if field not in _PER_JOINT:
+            with suppress(ParameterUninitializedException):
+                values[field.name] = _plain(node.get_parameter(parameter_name(field)).value)
     return from_values(values)
 
 
@@ -112,8 +129,9 @@ def declare_joints(node: Node, settings: Settings, robot: Any) -> Settings:
     chosen: dict[str, Any] = {}
     for field in _PER_JOINT:
         defaults = joint_values(field, settings, robot, order)
+        descriptor = _descriptor(field)
         values = tuple(
-            _declared(node, joint_parameter(field, robot.joint_names[i]), default, field).value
+            _declared(node, joint_parameter(field, robot.joint_names[i]), default, descriptor)
             for i, default in zip(order, defaults, strict=True)
         )
         if values != defaults:
@@ -140,34 +158,18 @@ def misspelt(node: Node) -> str:
 
 @dataclass
 class ParameterChanges:
-    """The callback that rclpy asks before it sets parameters; any thread may set them.
+    """The callback that rclpy asks before it sets parameters; any thread may set them."""
 
-    The values are checked by the arm's own rules before they become an event: a client that is
-    refused leaves nothing in the recording.
-
-    Parameters
-    ----------
-    receiver
-        Takes the event.
-    settings, robot
-        Of the arm when it starts.
-    """
-
-    receiver: Receiver
-    settings: Settings
-    robot: Any
-    _lock: threading.Lock = dataclasses.field(default_factory=threading.Lock)
+    changes: Changes
     # Parameter -> its field, and the place of its joint, -1 where it is for none.
     _places: dict[str, tuple[Any, int]] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """List the dynamic parameters by name."""
-        self._order = joint_order(self.settings.joints, self.robot)
+        """List the parameters by name."""
         for field in dataclasses.fields(Settings):
             if field in _PER_JOINT:
-                for place, i in enumerate(self._order):
-                    name = joint_parameter(field, self.robot.joint_names[i])
-                    self._places[name] = field, place
+                for place, joint in enumerate(self.changes.engine.arm.names):
+                    self._places[joint_parameter(field, joint)] = field, place
             else:
                 self._places[parameter_name(field)] = field, -1
 
@@ -176,47 +178,33 @@ class ParameterChanges:
 
         Parameters of others, such as use_sim_time, pass.
         """
-        with self._lock:
+        ours = [parameter for parameter in parameters if parameter.name in self._places]
+        reason = ''
+        if ours:
             try:
-                values = self._values(parameters)
-                if not values:
-                    return SetParametersResult(successful=True)
-                settings = changed(self.settings, values, len(self._order))
-                reason = self._pass_on(values)
+                self.changes.set(lambda settings: self._values(ours, settings))
             except ValueError as error:
-                reason = str(error)
-            if not reason:
-                self.settings = settings
-        return SetParametersResult(successful=not reason, reason=one_line(reason))
+                reason = one_line(error)
+        return SetParametersResult(successful=not reason, reason=reason)
 
-    def _values(self, parameters: Sequence[Parameter]) -> dict[str, Any]:
-        """Return the new values by field."""
+    def _values(self, parameters: Sequence[Parameter], settings: Settings) -> dict[str, Any]:
+        """Return the new values by field, for an arm with these settings."""
+        arm = self.changes.engine.arm
         values: dict[str, Any] = {}
         for parameter in parameters:
-            if parameter.name not in self._places:
-                continue
             field, place = self._places[parameter.name]
+            if not field.metadata['dynamic']:
+                raise ValueError(f'{listed([parameter.name])} cannot change until cleanup')
             if place < 0:
                 value = typed(parameter.name, _plain(parameter.value), str(field.type))
             else:
                 before = values.get(field.name) or joint_values(
-                    field, self.settings, self.robot, self._order
+                    field, settings, arm.robot, arm.order
                 )
                 number = typed(parameter.name, parameter.value, 'float')
                 value = (*before[:place], number, *before[place + 1 :])
             values[field.name] = value
         return values
-
-    def _pass_on(self, values: dict[str, Any]) -> str:
-        """Pass new values to the arm; return why it does not take them over, or ''."""
-        answer = self.receiver.ask(Source.PARAMETERS, encode_changes(values))
-        try:
-            judgement = answer.result(ANSWER_SECONDS)
-        except LateError:
-            return ''
-        if judgement.verdict is Verdict.ACCEPTED:
-            return ''
-        return f'{judgement.verdict.name.lower()}: {judgement.detail}'
 
 
 class StrictParameterService(ParameterService):

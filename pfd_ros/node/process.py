@@ -9,7 +9,6 @@ See docs/decisions/0003-executor-and-stepping-thread.md and 0009-a-node-that-goe
 
 from __future__ import annotations
 
-import gc
 import os
 import signal
 import sys
@@ -25,15 +24,13 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from rclpy.utilities import remove_ros_args, try_shutdown
 
-from pfd_ros.node.sim_arm import NAME, SimArm
+from pfd_ros.node.lifecycle import END_SECONDS, NAME, SimArmNode
 from pfd_ros.node.workers import Workers
 from pfd_ros.text import listed, one_line
 
 REPORT_SECONDS = 1.0
 # In these wheels spin() without a timeout never runs a callback; this is three years.
 FOREVER_SECONDS = 1e8
-# For each thread to end, and for ROS and the interpreter to go down.
-END_SECONDS = 10
 # Callbacks that may fail before the node gives up: rclpy logs each one at length.
 MOST_FAILURES = 1000
 # Errors of rclpy and this package for a wrong argument, parameter or file.
@@ -81,28 +78,22 @@ def _run(args: list[str], stop: threading.Event) -> int:
     if extra:
         raise ValueError(f'unknown arguments {listed(extra)}; parameters follow --ros-args -p')
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    node = SimArm(stop.is_set)
     workers = Workers(stop)
+    node = SimArmNode(workers, MISTAKES)
+    node.start()
     ended: Future = Future()
     executor: Any = EventsExecutor()
     executor.add_node(node)
     spinning = workers.start('the executor', lambda: _spin(executor, ended, node))
-    # Start-up garbage is looked at once, not again and again while the arm runs.
-    gc.collect()
-    gc.freeze()
-    stepping = workers.start('stepping', lambda: node.stepper.run(stop.is_set))
     workers.guard('reporting', lambda: _report(node, stop))
-    workers.join(stepping, END_SECONDS)
-    workers.guard('closing the recording', node.close_recording)
-    workers.guard('reporting', lambda: node.reporter.report(last=True))
+    node.close()
     ended.set_result(None)
     executor.wake()
-    workers.join(spinning, END_SECONDS)
-    problems = [*workers.failures, *node.reporter.problems()]
+    spun = workers.join(spinning, END_SECONDS)
+    problems = node.problems()
     for problem in problems:
         node.get_logger().error(problem)
-    node.get_logger().info(f'stopped: {node.reporter.totals()}')
-    if stepping.is_alive() or spinning.is_alive():
+    if node.hung or not spun:
         # ROS cannot be taken down under a thread that may still use it.
         sys.stderr.flush()
         os._exit(1)
@@ -111,19 +102,20 @@ def _run(args: list[str], stop: threading.Event) -> int:
     return 1 if problems else 0
 
 
-def _report(node: SimArm, stop: threading.Event) -> None:
-    node.reporter.introduce()
+def _report(node: SimArmNode, stop: threading.Event) -> None:
     while not stop.wait(REPORT_SECONDS):
-        node.reporter.report()
+        node.report()
 
 
-def _spin(executor: Any, ended: Future, node: SimArm) -> None:
+def _spin(executor: Any, ended: Future, node: SimArmNode) -> None:
     """Run callbacks until `ended` is done; a failed callback is counted and the next one runs."""
+    failures = 0
     while not ended.done():
         try:
             executor.spin_until_future_complete(ended, FOREVER_SECONDS)
             return
         except Exception as error:
-            node.reporter.callback_failed(error)
-            if node.reporter.callback_failures >= MOST_FAILURES:
+            node.callback_failed(error)
+            failures += 1
+            if failures >= MOST_FAILURES:
                 raise RuntimeError(f'{MOST_FAILURES} callbacks failed') from error

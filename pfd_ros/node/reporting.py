@@ -26,8 +26,6 @@ class Reporter:
     endpoints: Endpoints
     stepper: Stepper
     graph: GraphCheck
-    callback_failures: int = 0
-    newest_failure: str = ''
 
     def introduce(self) -> None:
         """Log the topics of the node by their resolved names, and the robot."""
@@ -45,11 +43,6 @@ class Reporter:
         self.log.info(f'publishes {published}')
         self.log.info(f'{cut(engine.settings.robot)}: {len(engine.arm.names)} joints, held')
 
-    def callback_failed(self, error: Exception) -> None:
-        """Count a callback that raised: a fault, but no reason to let the arm go deaf."""
-        self.callback_failures += 1
-        self.newest_failure = f'{type(error).__name__}: {error}'
-
     def report(self, *, last: bool = False) -> None:
         """Log the troubles since the last call, and look at the other nodes unless it ends."""
         tell = self.log.count
@@ -64,8 +57,6 @@ class Reporter:
             tell(publisher.topic, publisher.refused, text, last=last)
         text = 'messages not recorded: the disk is too slow'
         tell('recorder', self.stepper.session.dropped, text, last=last)
-        text = f'callbacks failed, the newest by {self.newest_failure}'
-        tell('callbacks', self.callback_failures, text, error=True, last=last)
         failure = self.stepper.engine.arm.failure
         text = f'failure, simulation stopped: {failure}'
         tell('failure', int(bool(failure)), text, error=True, last=last)

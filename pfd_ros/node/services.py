@@ -5,6 +5,7 @@
 ~/pause    std_srvs/SetBool    simulated time stands still, or goes on
 ~/step     std_srvs/Trigger    in a pause: the steps of the parameter `step_count`
 ~/reset    std_srvs/Trigger    the initial state, held by the brakes; simulated time goes on
+~/clear_external_wrench    std_srvs/Trigger    no external wrench from the next step on
 """
 
 from __future__ import annotations
@@ -62,6 +63,10 @@ class Services:
         """Answer `~/reset`."""
         return self.request(Request('reset'), response)
 
+    def clear_wrench(self, asked: Any, response: Any) -> Any:
+        """Answer `~/clear_external_wrench`."""
+        return self.request(Request('clear_wrench'), response)
+
 
 def create_services(node: Node, receiver: Receiver, engine: Engine) -> None:
     """Create the services of a node."""
@@ -69,3 +74,4 @@ def create_services(node: Node, receiver: Receiver, engine: Engine) -> None:
     node.create_service(SetBool, '~/pause', services.pause)
     node.create_service(Trigger, '~/step', services.step)
     node.create_service(Trigger, '~/reset', services.reset)
+    node.create_service(Trigger, '~/clear_external_wrench', services.clear_wrench)

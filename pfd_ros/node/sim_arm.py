@@ -1,24 +1,31 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rclpy node `sim_arm`: torques in, joint states and the clock out.
+"""One configured arm on the topics of a node, from its configuration to its clean-up.
 
 It only puts the parts together; the package's docstring has a map of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from concurrent.futures import TimeoutError as LateError
+import threading
+import time
 from typing import Any
 
 from rclpy.node import Node
 
+from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Source
+from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
+from pfd_ros.node.changing import Changes
 from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.description import load_model, publish_description
+from pfd_ros.node.diagnostics import ArmDiagnostics
 from pfd_ros.node.endpoints import NonblockingPublisher, create_endpoints
 from pfd_ros.node.graph_check import GraphCheck
 from pfd_ros.node.log_session import open_session
@@ -27,71 +34,147 @@ from pfd_ros.node.reporting import Reporter
 from pfd_ros.node.services import create_services
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.node.throttled_log import ThrottledLog
+from pfd_ros.node.workers import Workers
 from pfd_ros.text import cut
 
-NAME = 'sim_arm'
+# The arm takes events at least twenty times a second.
+ANSWER_SECONDS = 5.0
 
 
-class SimArm(Node):
-    """The arm on its topics; `stopped` ends the wait for a model.
+class SimArm:
+    """An arm, its topics, services and recording, and the thread that steps it.
+
+    `stopped` ends the wait for a model.
 
     Attributes
     ----------
     stepper
         For the stepping thread.
-    reporter
+    thread
+        The thread that steps it, once it is started.
+    reporter, diagnostics
         For the main thread.
 
     Raises
     ------
     ValueError, OSError, rclpy.exceptions.ParameterException
-        If a parameter cannot be used; nothing has been recorded then.
+        If a parameter cannot be used; the node is as it was then, and nothing has been recorded.
     """
 
-    def __init__(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        super().__init__(NAME, start_parameter_services=False)
-        parameters.StrictParameterService(self)
-        model = load_model(self, with_scene_text(parameters.declare(self)), stopped)
+    def __init__(
+        self, node: Node, settings: Settings, log: ThrottledLog, stopped: Callable[[], bool]
+    ) -> None:
+        self._node = node
+        self._told = threading.Event()
+        self.thread: threading.Thread | None = None
+        self._before = set(_entities(node))
+        try:
+            self._build(with_scene_text(settings.at_time_of_day(time.time())), log, stopped)
+        finally:
+            if not hasattr(self, 'stepper'):
+                self.destroy_entities()
+
+    def _build(self, settings: Settings, log: ThrottledLog, stopped: Callable[[], bool]) -> None:
+        node = self._node
+        model = load_model(node, settings, stopped)
         robot = model.robot
-        settings = parameters.declare_joints(self, model.settings, robot)
+        settings = parameters.declare_joints(node, model.settings, robot)
         engine = Engine(settings, robot)
         endpoints = create_endpoints(
-            self,
+            node,
             publish_clock=settings.publish_clock,
+            follow_clock=settings.follows_clock,
             on_message=self._receive,
             topics=model.topics,
         )
         if settings.publish_description:
-            publish_description(self, model)
-        # After everything that a parameter can make fail: a refused parameter leaves no file.
-        session = open_session(self, engine.settings, robot, endpoints)
+            publish_description(node, model)
         counts = CommandCounts()
+        graph = GraphCheck(node, endpoints, log)
+        # After everything that a parameter can make fail: a refused parameter leaves no file.
+        session = open_session(node, engine.settings, robot, endpoints)
         publishers = {
             role: NonblockingPublisher(publisher)
             for role, publisher in endpoints.publishers.items()
         }
         self._receiver = Receiver(EventQueue(), session.record, counts)
-        self.stepper = Stepper(engine, self._receiver, session, publishers, counts)
-        create_services(self, self._receiver, engine)
-        changes = parameters.ParameterChanges(self._receiver, engine.settings, robot)
-        self.add_on_set_parameters_callback(changes.set)
-        log = ThrottledLog(self.get_logger())
-        graph = GraphCheck(self, endpoints, log)
-        self.reporter = Reporter(log, endpoints, self.stepper, graph)
-        self._warn_about(settings, robot, log)
+        create_services(node, self._receiver, engine)
+        stepper = Stepper(engine, self._receiver, session, publishers, counts)
+        self.reporter = Reporter(log, endpoints, stepper, graph)
+        self.diagnostics = ArmDiagnostics(stepper, counts, log)
+        _warn_about(settings, robot, log)
+        self._changes = Changes(self._receiver, engine)
+        self._set_parameters = parameters.ParameterChanges(self._changes).set
+        node.add_on_set_parameters_callback(self._set_parameters)
+        self.stepper = stepper
 
     def _receive(self, source: Source, data: bytes) -> None:
         # The endpoints are there before the receiver; messages come once an executor spins.
-        self._receiver.receive(source, data)
+        if source is Source.PAYLOAD:
+            self._changes.take_payload(data)
+        else:
+            self._receiver.receive(source, data)
 
-    def _warn_about(self, settings: Settings, robot: Any, log: ThrottledLog) -> None:
-        misspelt = parameters.misspelt(self)
-        if misspelt:
-            log.once('misspelt', f'not parameters of this node: {misspelt}; misspelt?')
-        for name in ('armature', 'damping'):
-            if getattr(settings, name) and not getattr(robot, name).any():
-                log.once(name, f'{name} is true, but the model of {cut(robot.name)!r} states none')
+    def start(self, workers: Workers) -> None:
+        """Start the thread that steps it."""
+
+        def stopped() -> bool:
+            return self._told.is_set() or workers.stop.is_set()
+
+        self.thread = workers.start(
+            'stepping', lambda: self.stepper.run(stopped), self._told.is_set
+        )
+
+    def request(self, name: str) -> None:
+        """Pass a request to the arm, and return when it is carried out.
+
+        Raises
+        ------
+        ValueError
+            If the arm refuses it, or is so busy that it does not answer: then the request is
+            carried out later.
+        """
+        answer = self._receiver.ask(Source.REQUEST, encode_request(Request(name)))
+        try:
+            judgement = answer.result(ANSWER_SECONDS)
+        except LateError:
+            if name == 'activate':
+                # An arm that does not answer now must not begin to move later.
+                self._receiver.ask(Source.REQUEST, encode_request(Request('deactivate')))
+            raise ValueError(f'the arm did not answer within {ANSWER_SECONDS:g} s') from None
+        if judgement.verdict is not Verdict.ACCEPTED:
+            raise ValueError(judgement.detail)
+
+    def stop_stepping(self) -> None:
+        """Tell its thread to end."""
+        self._told.set()
 
     def close_recording(self) -> None:
         """Write the queue and the totals, and close the file."""
         self.stepper.session.close(self.reporter.totals)
+
+    def destroy_entities(self) -> None:
+        """Take its topics, services and callback from the node."""
+        if hasattr(self, 'stepper'):
+            self._node.remove_on_set_parameters_callback(self._set_parameters)
+        destroy: dict[str, Callable[[Any], bool]] = {
+            'publishers': self._node.destroy_publisher,
+            'subscriptions': self._node.destroy_subscription,
+            'services': self._node.destroy_service,
+        }
+        for kind, entity in list(_entities(self._node)):
+            if (kind, entity) not in self._before:
+                destroy[kind](entity)
+
+
+def _entities(node: Node) -> Iterator[tuple[str, Any]]:
+    """Yield the entities of a node that an arm may add."""
+    for kind in ('publishers', 'subscriptions', 'services'):
+        for entity in getattr(node, kind):
+            yield kind, entity
+
+
+def _warn_about(settings: Settings, robot: Any, log: ThrottledLog) -> None:
+    for name in ('armature', 'damping'):
+        if getattr(settings, name) and not getattr(robot, name).any():
+            log.once(name, f'{name} is true, but the model of {cut(robot.name)!r} states none')

@@ -1,17 +1,23 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""When the next step is due, in multiples of a period on the steady clock, never on ROS time."""
+"""When the next step is due, in multiples of a period on the steady clock, never on ROS time.
+
+And how long the steps took.
+"""
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
 import time
 
+import numpy as np
+
 # Short delays are made up for, so that the mean rate holds. After a longer stall the arm does
 # not rush through the missed periods: they are counted, and the timer starts anew.
 CATCH_UP_NS = 50_000_000
-# Sleeps are cut into pieces of this length, so that a slow arm still stops promptly.
+# Sleeps are cut into pieces of this length, so that a slow arm still stops and hears promptly.
 LONGEST_SLEEP_NS = 50_000_000
 
 
@@ -43,21 +49,55 @@ class StepTimer:
         due = self.origin_ns + round((self.count + 1) * self.period_ns)
         self.origin_ns += max(0, self.clock() - due)
 
-    def wait(self, stopped: Callable[[], bool]) -> None:
-        """Return when the next step is due, or as soon as `stopped` says so."""
+    def wait(self) -> bool:
+        """Return whether the next step is due: after a sleep until then, if it is not a long one.
+
+        A longer sleep is cut: then the step is not due yet, and the caller calls again.
+        """
         if self.period_ns == 0:
             # Lets the other threads at the interpreter.
             self.sleep(0)
-            return
-        self.count += 1
-        due = self.origin_ns + round(self.count * self.period_ns)
+            return True
+        due = self.origin_ns + round((self.count + 1) * self.period_ns)
         behind = self.clock() - due
+        if behind < -LONGEST_SLEEP_NS:
+            self.sleep(LONGEST_SLEEP_NS / 1e9)
+            return False
+        self.count += 1
         if behind > self.period_ns:
             self.late += 1
         if behind > max(CATCH_UP_NS, self.period_ns):
             self.missed += int(behind // self.period_ns)
             self.start()
-            return
-        while behind < 0 and not stopped():
-            self.sleep(min(-behind, LONGEST_SLEEP_NS) / 1e9)
+        while behind < 0:
+            self.sleep(-behind / 1e9)
             behind = self.clock() - due
+        return True
+
+    def set_period(self, period_ns: float) -> None:
+        """Change the period from now on."""
+        if period_ns != self.period_ns:
+            self.period_ns = period_ns
+            self.start()
+
+
+class StepLengths:
+    """How long the newest steps took, ns: written by one thread, read by another.
+
+    No lock, and no memory is made for a step: the reader may see a few lengths of newer steps.
+    """
+
+    COUNT = 1 << 13
+
+    def __init__(self) -> None:
+        # Writes to it cost half of those to an array of NumPy.
+        self._lengths = array('q', bytes(8 * self.COUNT))
+
+    def add(self, cycle: int, length_ns: int) -> None:
+        """Keep the length of a cycle."""
+        self._lengths[cycle % self.COUNT] = length_ns
+
+    def newest(self, after: int, last: int) -> np.ndarray:
+        """Return the lengths of the cycles after one, up to another; of the newest at most."""
+        first = max(after + 1, last + 1 - self.COUNT)
+        return np.frombuffer(self._lengths, np.int64)[np.arange(first, last + 1) % self.COUNT]

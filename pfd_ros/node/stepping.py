@@ -13,11 +13,12 @@ import time
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import NUMBERED_AS_STATES, Output
+from pfd_ros.arm.settings import Settings
 from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.endpoints import NonblockingPublisher
 from pfd_ros.node.log_session import LogSession
 from pfd_ros.node.receiving import Receiver
-from pfd_ros.node.step_timer import StepTimer
+from pfd_ros.node.step_timer import StepLengths, StepTimer
 
 # At unlimited speed the arm waits for the disk from this backlog on.
 BACKLOG_LIMIT = 0.25
@@ -40,6 +41,8 @@ class Stepper:
         Number of the last state.
     resent
         How often a state was sent again, because no command answered it.
+    lengths
+        How long the newest cycles took.
     """
 
     engine: Engine
@@ -50,26 +53,29 @@ class Stepper:
     timer: StepTimer = field(init=False)
     states: int = 0
     resent: int = 0
+    lengths: StepLengths = field(default_factory=StepLengths)
 
     def __post_init__(self) -> None:
-        """Set the period: at a real-time factor of 0 there is none."""
-        settings = self.engine.settings
-        factor = settings.real_time_factor
-        self.timer = StepTimer(settings.step_ns / factor if factor else 0)
+        """Set the period."""
+        self._settings = self.engine.settings
+        self.timer = StepTimer(_period_ns(self._settings))
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Run cycles until `stopped` says so."""
         self.timer.start()
         while not stopped():
+            if self.engine.settings is not self._settings:
+                self._settings = self.engine.settings
+                self.timer.set_period(_period_ns(self._settings))
             if self.engine.stands:
                 self._stand(stopped)
-                continue
-            self.timer.wait(stopped)
-            while self._waits_for_disk() and not stopped():
+            elif self._waits_for_disk():
                 time.sleep(DISK_POLL_SECONDS)
-            if stopped():
-                return
-            self.run_cycle()
+            elif self.timer.wait():
+                self.run_cycle()
+            else:
+                # A slow arm answers requests long before its next step.
+                self._take_events()
 
     def _waits_for_disk(self) -> bool:
         return self.timer.period_ns == 0 and self.session.backlog > BACKLOG_LIMIT
@@ -89,9 +95,11 @@ class Stepper:
 
     def run_cycle(self) -> None:
         """Run one cycle; every output is recorded first, so that no answer precedes it."""
+        begun = time.perf_counter_ns()
         self._take_events()
         if not self.engine.stands:
             self._put_out(self.engine.step())
+            self.lengths.add(self.engine.cycles, time.perf_counter_ns() - begun)
 
     def _take_events(self) -> None:
         events = self.receiver.queue.take()
@@ -113,3 +121,10 @@ class Stepper:
     def _publish(self, role: str, data: bytes) -> None:
         if role in self.publishers:
             self.publishers[role].publish(data)
+
+
+def _period_ns(settings: Settings) -> float:
+    """Return the wall time of a step, ns; 0 where the arm steps as fast as it may."""
+    if settings.follows_clock or settings.real_time_factor == 0.0:
+        return 0.0
+    return settings.step_ns / settings.real_time_factor

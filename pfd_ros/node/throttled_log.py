@@ -64,6 +64,10 @@ class ThrottledLog:
         if len(self._found) > MOST_FINDINGS:
             self._log('more findings of this kind are not told', error)
 
+    def found(self, kind: str) -> int:
+        """Return how many findings had a key that is a tuple of this kind and others."""
+        return sum(isinstance(key, tuple) and key[0] == kind for key in self._found)
+
     def _log(self, text: str, error: bool) -> None:
         # Not a conditional call: rclpy wants one severity for one line.
         if error:

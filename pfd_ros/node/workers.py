@@ -34,31 +34,41 @@ class Workers:
     stop: threading.Event
     failures: list[str] = field(default_factory=list)
 
-    def start(self, name: str, work: Callable[[], None]) -> threading.Thread:
-        """Start a thread."""
-        thread = threading.Thread(target=self.guard, args=(name, work), name=name, daemon=True)
+    def start(
+        self, name: str, work: Callable[[], None], told: Callable[[], bool] | None = None
+    ) -> threading.Thread:
+        """Start a thread; `told` says whether it alone has been told to end."""
+        thread = threading.Thread(
+            target=self.guard, args=(name, work, told), name=name, daemon=True
+        )
         thread.start()
         return thread
 
-    def guard(self, name: str, work: Callable[[], None]) -> None:
-        """Do some work on this thread that should last until `stop` is set."""
+    def guard(
+        self, name: str, work: Callable[[], None], told: Callable[[], bool] | None = None
+    ) -> None:
+        """Do some work on this thread that should last until it is told to end, or all are."""
         try:
             work()
+            if told is not None and told():
+                return
             if not self.stop.is_set():
                 self.failures.append(f'{name} ended by itself')
         except BaseException as error:
-            where = traceback.extract_tb(error.__traceback__)[-1]
-            self.failures.append(
-                one_line(
-                    f'{name} failed: {type(error).__name__}: {error} '
-                    f'({os.path.basename(where.filename)}:{where.lineno})'
-                )
-            )
-        finally:
-            self.stop.set()
+            self.failures.append(f'{name} failed: {described(error)}')
+        self.stop.set()
 
-    def join(self, thread: threading.Thread, seconds: float) -> None:
-        """Wait for a thread to end, but not for ever."""
+    def join(self, thread: threading.Thread, seconds: float) -> bool:
+        """Wait for a thread to end, but not for ever; return whether it has ended."""
         thread.join(seconds)
         if thread.is_alive():
             self.failures.append(f'{thread.name} did not end within {seconds} s')
+        return not thread.is_alive()
+
+
+def described(error: BaseException) -> str:
+    """Return one line about an error that nobody expected, with its place."""
+    where = traceback.extract_tb(error.__traceback__)[-1]
+    return one_line(
+        f'{type(error).__name__}: {error} ({os.path.basename(where.filename)}:{where.lineno})'
+    )

@@ -12,7 +12,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from pfd_ros.arm.events import CLOCK, DROPPED_STATES, STATES, TAKEN, Source
+from pfd_ros.arm.events import CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES, TAKEN, Source
 from pfd_ros.messages import convert
 
 FORMAT = '1'
@@ -63,6 +63,7 @@ class Channel(NamedTuple):
 
 NAMED_COMMANDS, ARRAY_COMMANDS = 'joint_commands', 'commands'
 SET_STATE, REQUESTS, PARAMETERS = 'set_state', 'requests', 'parameters'
+EXTERNAL_WRENCH, PAYLOAD, FOLLOWED = 'external_wrench', 'payload', 'followed_clock'
 # In the order of the recorder's topics: the inputs come first, by Source.
 CHANNELS = {
     NAMED_COMMANDS: Channel(convert.JOINT_STATE, vital=True),
@@ -70,7 +71,11 @@ CHANNELS = {
     SET_STATE: Channel(convert.JOINT_STATE, vital=True, always=False),
     REQUESTS: Channel(convert.STRING, vital=True, always=False),
     PARAMETERS: Channel(convert.STRING, vital=True, always=False),
+    EXTERNAL_WRENCH: Channel(convert.WRENCH, vital=True, always=False),
+    PAYLOAD: Channel(convert.INERTIA, vital=True, always=False),
+    FOLLOWED: Channel(convert.CLOCK, vital=True, always=False),
     TAKEN: Channel(convert.INTEGER_ARRAY, vital=True),
+    PAYLOAD_IN_USE: Channel(convert.INERTIA, always=False),
     STATES: Channel(convert.JOINT_STATE),
     DROPPED_STATES: Channel(convert.JOINT_STATE, always=False),
     CLOCK: Channel(convert.CLOCK, always=False),
@@ -81,6 +86,9 @@ ROLE_OF_SOURCE = {
     Source.SET_STATE: SET_STATE,
     Source.REQUEST: REQUESTS,
     Source.PARAMETERS: PARAMETERS,
+    Source.WRENCH: EXTERNAL_WRENCH,
+    Source.PAYLOAD: PAYLOAD,
+    Source.TICK: FOLLOWED,
 }
 SOURCE_OF_ROLE = {role: source for source, role in ROLE_OF_SOURCE.items()}
 

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 import json
 from pathlib import Path
@@ -46,6 +47,12 @@ def versions() -> dict[str, str]:
     }
 
 
+def _robot_text(robot: Any) -> str:
+    """Return a robot as text, with the frames in which wrenches and payloads may be given."""
+    frames = {name: frame for name, frame in robot.frames.items() if frame.link == robot.n}
+    return pfd.robot_to_yaml(replace(robot, frames=frames), frames=True)
+
+
 def file_head(
     settings: Settings, robot: Any, topics: Mapping[str, str], base: TimeBase
 ) -> FileHead:
@@ -79,6 +86,6 @@ def file_head(
     return FileHead(
         library=f'pfd_ros/{pfd.__version__} mcap-python/{_installed("mcap")}',
         metadata={HEAD: told},
-        attachments={ROBOT: pfd.robot_to_yaml(robot)},
+        attachments={ROBOT: _robot_text(robot)},
         base=base,
     )

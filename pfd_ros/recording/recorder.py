@@ -137,6 +137,11 @@ class LogRecorder:
         self._look_for_stall()
         if self.failed:
             return 0.0
+        return self.waiting_share
+
+    @property
+    def waiting_share(self) -> float:
+        """How full the queue is, 0 to 1, for any thread to ask."""
         waiting = len(self._queue), self._bytes_in - self._bytes_out
         return max(have / most for have, most in zip(waiting, self._limits, strict=True))
 

@@ -20,7 +20,6 @@ from pfd_core.report.scene_motions import Motion
 from pfd_ros.arm.arm import load_robot, simulator_settings
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import STATES, TAKEN, Arrival, Verdict
-from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.recording.format import SOURCE_OF_ROLE
@@ -80,7 +79,10 @@ def read_motion(
             raise LogError(f'{path} {summary.obstacle}')
         recorded = recorded_robot(log, found.state)
         steps = min(summary.simulated, MOST_STEPS)
-        reading = _Reading(Engine(settings, recorded), len(settings.published_locks))
+        engine = Engine(settings, recorded)
+        if engine.wrench is not None:
+            raise ValueError('its arm has an external wrench: its torques alone are no motion')
+        reading = _Reading(engine, engine.arm.scene, len(settings.published_locks))
         for message in placed_messages(log):
             reading.add(message, steps)
         reading.run_to(steps)
@@ -96,7 +98,7 @@ def read_motion(
                 f'{listed(recorded.joint_names)}, but {cut(robot.name)!r} has '
                 f'{listed(robot.joint_names)}'
             )
-    return RecordedMotion(robot, scene_of(settings), motion)
+    return RecordedMotion(robot, reading.scene, motion)
 
 
 @dataclass
@@ -107,6 +109,8 @@ class _Reading:
     ----------
     engine
         The replayed arm.
+    scene
+        Of the arm, from the start to the end.
     locked
         Number of joints in each state that are welded.
     payloads
@@ -119,6 +123,7 @@ class _Reading:
     """
 
     engine: Engine
+    scene: pfd.Scene
     locked: int
     payloads: dict[tuple[int, int], bytes] = field(default_factory=dict)
     efforts: list[np.ndarray] = field(default_factory=list)
@@ -159,6 +164,11 @@ class _Reading:
                 raise ValueError(
                     f'its arm is set to another state before step {self.engine.cycles + 1}: '
                     'that is no motion'
+                )
+            if self.engine.arm.scene is not self.scene:
+                raise ValueError(
+                    f'its payload or gravity compensation changes before step '
+                    f'{self.engine.cycles + 1}: that is no motion of one scene'
                 )
             self.engine.step()
             drive = self.engine.applied

@@ -19,6 +19,7 @@ from typing import NamedTuple
 from pfd_ros.arm.changes import read_changes
 from pfd_ros.arm.events import (
     NUMBERED_AS_STATES,
+    PAYLOAD_IN_USE,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -27,7 +28,13 @@ from pfd_ros.arm.events import (
     VerdictRow,
 )
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, encode_rows
+from pfd_ros.messages.convert import (
+    NANOSECONDS,
+    decode_clock,
+    decode_rows,
+    decode_string,
+    encode_rows,
+)
 from pfd_ros.recording.format import PARAMETERS, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Entry, Log
 
@@ -101,7 +108,8 @@ class _Order:
     def _allow(self, settings: Settings) -> None:
         """Raise the bound on the rate of cycles to that of some settings."""
         factor = settings.real_time_factor
-        nominal = factor / settings.step_size if factor else FASTEST
+        own_time = factor and not settings.follows_clock
+        nominal = factor / settings.step_size if own_time else FASTEST
         self._rate = min(max(nominal, self._rate), FASTEST)
 
     def _allow_change(self, data: bytes) -> None:
@@ -133,6 +141,9 @@ class _Order:
             rows = _rows(entry)
             cycle = rows[0].cycle
             self._follow(entry, cycle, _ROWS)
+        elif role == PAYLOAD_IN_USE:
+            cycle = self._cycle_of_stamp(entry)
+            self._follow(entry, cycle, _ROWS)
         elif role in NUMBERED_AS_STATES:
             cycle = number * self._publish_every
             self._follow(entry, cycle, _STATE)
@@ -140,6 +151,13 @@ class _Order:
             cycle = number * self._clock_every
             self._follow(entry, cycle, _TICK)
         return PlacedMessage(role, number, lost, cycle, entry.log_ns, entry.data, rows)
+
+    def _cycle_of_stamp(self, entry: Entry) -> int:
+        settings = self._settings
+        steps, rest = divmod(decode_clock(entry.data) - settings.start_ns, settings.step_ns)
+        if steps < 1 or rest:
+            raise ValueError(f'{entry.role} {entry.sequence} is stamped between two steps')
+        return steps
 
     def _number(self, entry: Entry) -> tuple[int, int]:
         """Return the number of a message and how many are missing before it."""

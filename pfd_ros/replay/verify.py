@@ -21,6 +21,7 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import (
     CLOCK,
     DROPPED_STATES,
+    PAYLOAD_IN_USE,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -30,7 +31,13 @@ from pfd_ros.arm.events import (
     Source,
     Verdict,
 )
-from pfd_ros.messages.convert import JointMessage, decode_clock, decode_joint_state, decode_rows
+from pfd_ros.messages.convert import (
+    JointMessage,
+    decode_clock,
+    decode_inertia,
+    decode_joint_state,
+    decode_rows,
+)
 from pfd_ros.recording.format import ROBOT, ROLE_OF_SOURCE, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending
 from pfd_ros.recording.reader import Log, LogError, damage_named
@@ -256,8 +263,17 @@ def _first_difference(recorded: JointMessage, computed: JointMessage) -> str:
     return ''
 
 
+def _payload_difference(recorded: bytes, computed: bytes) -> str:
+    try:
+        theirs = str(decode_inertia(recorded))
+    except ValueError as error:
+        theirs = str(error)
+    return f'payload in use: recorded {theirs}, replayed {decode_inertia(computed)}'
+
+
 _DIFFERENCES = {
     TAKEN: _row_difference,
+    PAYLOAD_IN_USE: _payload_difference,
     STATES: _state_difference,
     DROPPED_STATES: _state_difference,
     CLOCK: _tick_difference,

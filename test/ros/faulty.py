@@ -121,7 +121,7 @@ def put_in(fault: str) -> None:
     if fault == 'traced':
         trace()
         return
-    from pfd_ros.node import process, sim_arm
+    from pfd_ros.node import lifecycle, process, sim_arm
 
     if fault == 'reports_often':
         process.REPORT_SECONDS = 0.1
@@ -143,7 +143,7 @@ def put_in(fault: str) -> None:
 
         Stepper.run_cycle = run_cycle
     elif fault == 'stepping_hangs':
-        process.END_SECONDS = 1
+        lifecycle.END_SECONDS = process.END_SECONDS = 1
         from pfd_ros.arm.arm import Arm
 
         real_advance = Arm.advance
@@ -154,6 +154,8 @@ def put_in(fault: str) -> None:
             real_advance(arm, drive)
 
         Arm.advance = advance
+    elif fault == 'configuring_fails':
+        lifecycle.SimArm = lambda *_: {}['{}']
     elif fault == 'reporting_fails':
         from pfd_ros.node.reporting import Reporter
 
@@ -164,7 +166,7 @@ def put_in(fault: str) -> None:
         sim_arm.SimArm.close_recording = hang_in_c
     elif fault == 'teardown_hangs':
         process.END_SECONDS = 2
-        sim_arm.SimArm.destroy_node = hang_in_c
+        lifecycle.SimArmNode.destroy_node = hang_in_c
     elif fault == 'exit_hangs':
         process.END_SECONDS = 2
         threading.Thread(target=hang_in_c).start()

@@ -220,3 +220,13 @@ class Peer:
         self.executor.shutdown()
         self.node.destroy_node()
         self.context.try_shutdown()
+
+
+def call(peer: Peer, kind: Any, name: str, **values: Any) -> Any:
+    """Call a service of the node `sim_arm` and return its response."""
+    client = peer.node.create_client(kind, f'/sim_arm/{name}')
+    peer.wait(client.service_is_ready)
+    future = client.call_async(kind.Request(**values))
+    peer.wait(future.done)
+    peer.node.destroy_client(client)
+    return future.result()

@@ -48,6 +48,24 @@ def efforts(*values: float) -> bytes:
     return bytes(writer.data)
 
 
+def joint_state(
+    names: Sequence[str],
+    position: Sequence[float] = (),
+    velocity: Sequence[float] = (),
+    effort: Sequence[float] = (),
+    stamp_ns: int = 0,
+) -> bytes:
+    """Return a JointState, a command by name or a state to jump to; its arrays may be ragged."""
+    writer = cdr.CdrWriter()
+    writer.int32(stamp_ns // 1_000_000_000)
+    writer.uint32(stamp_ns % 1_000_000_000)
+    writer.string('')
+    writer.strings(tuple(names))
+    for values in (position, velocity, effort):
+        writer.numbers(np.array(values, float))
+    return bytes(writer.data)
+
+
 def simulate(
     steps: int,
     commands: Mapping[int, Sequence[bytes | tuple[Source, bytes]]] | None = None,

@@ -4,21 +4,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from simulating import efforts, simulate
+from simulating import efforts, joint_state, simulate
 
 import pfd_core as pfd
 from pfd_ros.arm.actuators import Actuators, effort_limits, speed_limits
 from pfd_ros.arm.commands import Drive
+from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source
+from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import decode_joint_state
+from pfd_ros.messages.convert import JointMessage, decode_joint_state
 from pfd_ros.recording.format import HEAD, HeadKey
 from pfd_ros.recording.reader import Log
 from pfd_ros.replay.verify import DifferenceError, read
@@ -26,6 +29,7 @@ from pfd_ros.replay.verify import DifferenceError, read
 # As its file states them: 20 and 10 N m, both at 20 rad/s.
 PLANAR2 = pfd.load_robot('planar2')
 ROBOTS = ('planar2', 'puma560', 'ur5', 'panda')
+NAN = float('nan')
 UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
 
 
@@ -38,7 +42,7 @@ def free(*effort: float) -> Drive:
 
 
 def acted(made: Actuators, effort: tuple[float, ...], qd: tuple[float, ...]) -> list[float]:
-    return made.applied(free(*effort), np.array(qd)).effort.tolist()
+    return made.applied(free(*effort), np.zeros(2), np.array(qd)).effort.tolist()
 
 
 def test_an_effort_beyond_the_limit_of_the_model_is_cut_to_it_and_counted() -> None:
@@ -50,9 +54,11 @@ def test_an_effort_beyond_the_limit_of_the_model_is_cut_to_it_and_counted() -> N
     assert made.saturated == 2
 
 
-def test_a_drive_within_the_limits_is_passed_on_as_it_is() -> None:
-    drive = free(-0.0, 10.0)
-    assert actuators().applied(drive, np.array([17.0, -17.0])) is drive
+def test_efforts_within_the_limits_have_the_same_bits() -> None:
+    wanted = (-0.0, 10.0)
+    made = actuators()
+    assert str(acted(made, wanted, (17.0, -17.0))) == str([*wanted])
+    assert made.saturated == 0
 
 
 @pytest.mark.parametrize(
@@ -131,13 +137,102 @@ def test_without_limits_it_ends(settings: dict[str, Any]) -> None:
     assert 'is not finite' in run('puma560', np.ones(6), 3000, **settings).arm.failure
 
 
+SERVO: dict[str, Any] = {'servo_p': (400.0, 200.0), 'servo_d': (40.0, 10.0)}
+
+
+NAMES = ('shoulder', 'elbow')
+
+
+def targeted(*args: Sequence[Any], **other: Any) -> tuple[Source, bytes]:
+    return Source.NAMED, joint_state(*args, **other)
+
+
+def states_of(path: Path) -> list[JointMessage]:
+    return [decode_joint_state(e.data) for e in Log(path).entries() if e.role == 'joint_states']
+
+
+def test_a_servo_gives_the_effort_of_its_law_once_per_cycle_and_its_recording_verifies(
+    tmp_path: Path,
+) -> None:
+    commands = {
+        2: [targeted(NAMES, [0.1, -0.2], effort=[1.5, NAN])],
+        200: [targeted(['elbow'], [NAN], [0.5])],
+        400: [targeted(['shoulder'], effort=[3.0])],
+    }
+    path = simulate(600, commands, **SERVO).save(tmp_path / 'a.mcap')
+    assert read(path, verify=True).complete
+    states = states_of(path)
+    for k in range(1, 600):
+        q, qd = states[k - 1].position, states[k - 1].velocity
+        elbow = 200.0 * (-0.2 - q[1]) + 10.0 * ((0.5 if k >= 199 else 0.0) - qd[1])
+        shoulder = 1.5 + 400.0 * (0.1 - q[0]) + 40.0 * (0.0 - qd[0]) if k < 399 else 3.0
+        wanted = np.clip([shoulder, elbow], [-20.0, -10.0], [20.0, 10.0])
+        assert states[k].effort.tolist() == wanted.tolist()
+
+
+def test_an_arm_under_its_servo_rests_where_spring_and_gravity_balance() -> None:
+    settings = Settings(robot='planar2', **SERVO)
+    engine = Engine(settings, PLANAR2)
+    target = np.array([0.4, -0.3])
+    source, data = targeted(NAMES, target)
+    engine.run_cycle([Arrival(source, 1, data)])
+    for _ in range(4000):
+        engine.step()
+    g = pfd.inverse_dynamics(PLANAR2, engine.arm.q, np.zeros(2), np.zeros(2))
+    assert np.abs(g).max() > 1.0
+    np.testing.assert_allclose(engine.arm.q, target - g / [400.0, 200.0], atol=1e-9)
+    # With the gravity torque of the target fed forward it is there.
+    g = pfd.inverse_dynamics(PLANAR2, target, np.zeros(2), np.zeros(2))
+    source, data = targeted(NAMES, target, [0.0, 0.0], g)
+    engine.run_cycle([Arrival(source, 2, data)])
+    for _ in range(4000):
+        engine.step()
+    np.testing.assert_allclose(engine.arm.q, target, atol=1e-9)
+
+
+def test_a_joint_that_no_target_names_stays_on_its_brake_and_the_order_is_a_view() -> None:
+    settings = Settings(robot='planar2', joints=NAMES[::-1], servo_p=(200.0, 0.0), servo_d=(9, 0))
+    engine = Engine(settings, PLANAR2)
+    source, data = targeted(['elbow'], [0.5])
+    for _ in range(3000):
+        engine.run_cycle([Arrival(source, 1, data)] if engine.cycles == 0 else [])
+    elbow, shoulder = engine.arm.q
+    assert shoulder == 0.0
+    assert abs(elbow - 0.5) < 0.1
+    assert engine.arm.names == ('elbow', 'shoulder')
+
+
+@pytest.mark.parametrize('event', ['reset', 'set_state'])
+def test_a_jump_ends_the_servo(event: str) -> None:
+    engine = Engine(Settings(robot='planar2', **SERVO), PLANAR2)
+    source, data = targeted(NAMES, [1.0, 1.0])
+    engine.run_cycle([Arrival(source, 1, data)])
+    if event == 'reset':
+        engine.run_cycle([Arrival(Source.REQUEST, 1, encode_request(Request('reset')))])
+    else:
+        engine.run_cycle([Arrival(Source.SET_STATE, 1, targeted(NAMES, [0.2, 0.2])[1])])
+    engine.step()
+    assert not engine.arm.tau.any()
+    assert engine.drive.position is None
+
+
+def test_an_arm_without_gains_takes_efforts_beside_positions_and_refuses_positions_alone() -> None:
+    engine = Engine(Settings(robot='planar2'), PLANAR2)
+    source, data = targeted(NAMES, [1.0, 1.0], effort=[2.0, 1.0])
+    assert engine.judge(Arrival(source, 1, data)).verdict is Verdict.ACCEPTED
+    engine.run_cycle([Arrival(source, 1, data)])
+    assert engine.arm.tau.tolist() == [2.0, 1.0]
+    source, data = targeted(NAMES, [1.0, 1.0])
+    assert engine.judge(Arrival(source, 1, data)).verdict is Verdict.NO_EFFORT
+
+
 COMMANDS = {3: [efforts(1e300, -1e300)], 40: [efforts(15.0, 9.0)], 400: [efforts(0.0, 99.0)]}
 
 
 def test_a_recording_with_saturated_efforts_verifies_and_tells_what_acted(tmp_path: Path) -> None:
     path = simulate(600, COMMANDS).save(tmp_path / 'a.mcap')
     assert read(path, verify=True).complete
-    states = [decode_joint_state(e.data) for e in Log(path).entries() if e.role == 'joint_states']
+    states = states_of(path)
     assert states[2].effort.tolist() == [20.0, -10.0]
     told = np.array([state.effort for state in states])
     assert (np.abs(told) <= [20.0, 10.0]).all()

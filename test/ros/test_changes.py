@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 
 import pytest
+from rewriting import STATES
 from simulating import efforts, rows_of, simulate
 
 from pfd_ros.arm.arm import load_robot
@@ -108,3 +109,30 @@ def test_the_bound_on_the_rate_of_cycles_follows_the_real_time_factor(tmp_path: 
     refused = {1: [change(real_time_factor=1e9)], 2: [change(real_time_factor=0.5)]}
     with pytest.raises(ValueError, match='when at most'):
         read(shortened(refused))
+
+
+def test_a_recording_in_which_the_sensors_change_verifies(tmp_path: Path) -> None:
+    events = {
+        2: [efforts(1.0, 2.0)],
+        5: [change(noise_position=0.01, bias_effort=[0.0, 3.0])],
+        9: [change(noise_position=0.0, quantization_velocity=0.5)],
+        15: [change(quantization_velocity=0.0, bias_effort=[])],
+    }
+    made = simulate(20, events)
+    exact = simulate(20, {2: events[2]})
+    assert read(made.save(tmp_path / 'a.mcap'), verify=True).complete
+    differing = [
+        k
+        for k, (one, other) in enumerate(
+            zip(made.on(STATES), exact.on(STATES), strict=True), start=1
+        )
+        if one.data != other.data
+    ]
+    assert differing == list(range(5, 15))
+
+
+@pytest.mark.parametrize('values', [{'bias_effort': [1.0]}, {'bias_effort': [0.0, float('nan')]}])
+def test_numbers_for_each_joint_are_one_for_each_or_none(values: dict) -> None:
+    engine = made()
+    assert judged(engine, *change(**values)).verdict is Verdict.REFUSED
+    assert engine.sensors is None

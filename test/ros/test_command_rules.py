@@ -7,7 +7,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pfd_ros.arm.commands import Command, Drive, Judgement, held, judge_array, judge_named, merge
+from pfd_ros.arm.commands import (
+    Command,
+    Drive,
+    Gains,
+    Judgement,
+    held,
+    judge_array,
+    judge_named,
+    merge,
+)
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.node.command_counts import CommandCounts
@@ -95,6 +104,84 @@ def test_merging_leaves_the_drive_before_it_alone() -> None:
     merged(before, judge('a', [1.0]))
     assert before.braked.all()
     assert not before.effort.any()
+
+
+GAINS = Gains(np.array([100.0, 100.0, 0.0]), np.array([10.0, 0.0, 1.0]))
+
+
+def steered(drive: Drive, *args, **other) -> Drive:
+    return merged(drive, judge_named(message(*args, **other), INDEX, START_NS, GAINS))
+
+
+@pytest.mark.parametrize(
+    ('command', 'verdict'),
+    [
+        (message('ab', position=[1, 2]), Verdict.ACCEPTED),
+        (message('ac', velocity=[1, 2]), Verdict.ACCEPTED),
+        (message('ab', position=[1, NAN]), Verdict.ACCEPTED),
+        (message('abc', [1, 2, 3], [1, 2, 3], [1, 2, 3]), Verdict.ACCEPTED),
+        # A joint without a gain for its target has its effort, or breaks the rule.
+        (message('bc', [NAN, 3], position=[1, 2]), Verdict.ACCEPTED),
+        (message('bc', [3, NAN], position=[1, 2]), Verdict.NO_EFFORT),
+        (message('ac', position=[1, 2]), Verdict.NO_EFFORT),
+        (message('ab', velocity=[1, 2]), Verdict.NO_EFFORT),
+        (message('ab'), Verdict.NO_EFFORT),
+        (message('ac', position=[1, NAN]), Verdict.ACCEPTED),
+        (message('ab', position=[NAN, NAN]), Verdict.ALL_NAN),
+        (message('ab', [NAN, NAN], [NAN, NAN], [NAN, NAN]), Verdict.ALL_NAN),
+        (message('ab', position=[1]), Verdict.RAGGED),
+        (message('ab', [1, 2], position=[1]), Verdict.RAGGED),
+        (message('ab', position=[1, INF]), Verdict.INFINITE),
+        (message('ab', [1, 2], velocity=[-INF, 0]), Verdict.INFINITE),
+        (message('ab', position=[1, -1e7]), Verdict.REFUSED),
+        (message('ab', [1, 2], velocity=[1e5, 0]), Verdict.REFUSED),
+        (message('xa', position=[1e7, 0]), Verdict.ACCEPTED),
+        (message('xy', position=[0, 0]), Verdict.UNKNOWN_NAMES),
+        (message('ab', position=[0, 0], stamp_ns=START_NS - 1), Verdict.STALE),
+    ],
+)
+def test_a_servo_adds_positions_and_velocities_to_the_rules(
+    command: JointMessage, verdict: Verdict
+) -> None:
+    got = judge_named(command, INDEX, START_NS, GAINS)
+    assert got.verdict is verdict
+    assert (got.effect is None) == (verdict is not Verdict.ACCEPTED)
+
+
+def told(drive: Drive) -> list[list[float]]:
+    assert drive.position is not None
+    assert drive.velocity is not None
+    return [x.tolist() for x in (drive.effort, drive.position, drive.velocity)]
+
+
+def test_each_kind_of_a_command_is_kept_for_each_joint() -> None:
+    drive = steered(held(3), 'ab', [1.0, NAN], position=[0.1, 0.2])
+    assert drive.braked.tolist() == [False, False, True]
+    np.testing.assert_equal(told(drive), [[1, 0, 0], [0.1, 0.2, NAN], [NAN] * 3])
+    drive = steered(drive, 'ac', [NAN, 3.0], position=[0.3, 0.4], velocity=[0.5, 0.6])
+    assert not drive.braked.any()
+    # c has no position gain: its velocity is followed, its position is none.
+    np.testing.assert_equal(told(drive), [[1, 0, 3], [0.3, 0.2, NAN], [0.5, NAN, 0.6]])
+    drive = steered(drive, 'a', [7.0], position=[NAN], velocity=[NAN])
+    np.testing.assert_equal(told(drive), [[7, 0, 3], [0.3, 0.2, NAN], [0.5, NAN, 0.6]])
+
+
+def test_a_kind_without_numbers_is_no_command_of_it() -> None:
+    drive = steered(held(3), 'ab', [1.0, 2.0], position=[0.1, 0.2], velocity=[3.0, 4.0])
+    np.testing.assert_equal(told(drive), [[1, 2, 0], [0.1, 0.2, NAN], [3, NAN, NAN]])
+    # A position alone has no feed-forward, and stays there.
+    drive = steered(drive, 'b', position=[0.3])
+    np.testing.assert_equal(told(drive), [[1, 0, 0], [0.1, 0.3, NAN], [3, NAN, NAN]])
+    # An effort alone ends the servo, by name and without.
+    drive = steered(drive, 'a', [5.0])
+    np.testing.assert_equal(told(drive), [[5, 0, 0], [NAN, 0.3, NAN], [NAN] * 3])
+    drive = merged(drive, judge_array(np.array([1.0, 2.0, 3.0]), np.arange(3)))
+    np.testing.assert_equal(told(drive), [[1, 2, 3], [NAN] * 3, [NAN] * 3])
+
+
+def test_a_position_for_a_joint_without_a_servo_says_which() -> None:
+    got = judge_named(message('abc', position=[1, 2, 3]), INDEX, START_NS, GAINS)
+    assert got.detail == "no effort for ['c'], whose servo has no gain for it"
 
 
 def test_unknown_names_are_told_and_the_known_ones_act() -> None:

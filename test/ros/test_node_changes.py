@@ -9,10 +9,12 @@ from contextlib import contextmanager
 from pathlib import Path
 import signal
 import threading
+import time
 from typing import Any
 
+from plant_messages import payload
 import pytest
-from ros_processes import Peer, Processes
+from ros_processes import PATIENCE, Peer, Processes
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.changes import read_changes
@@ -142,12 +144,16 @@ def stepping(engine: Engine, receiver: Any) -> Iterator[None]:
     """Have a thread run cycles on the events of a receiver."""
     ended = threading.Event()
 
+    def run_cycle() -> None:
+        events = receiver.queue.take()
+        taken = engine.run_cycle(events)
+        receiver.answer(events, [judgement for _, judgement, _ in taken.judgements])
+
     def run() -> None:
         while not ended.is_set():
             receiver.queue.wait(0.01)
-            events = receiver.queue.take()
-            taken = engine.run_cycle(events)
-            receiver.answer(events, [judgement for _, judgement, _ in taken.judgements])
+            run_cycle()
+        run_cycle()
 
     thread = threading.Thread(target=run)
     thread.start()
@@ -160,6 +166,7 @@ def stepping(engine: Engine, receiver: Any) -> Iterator[None]:
 
 def made(**settings: Any) -> tuple[Engine, Any, Any]:
     """Return an engine, its receiver, and the callback that rclpy asks."""
+    from pfd_ros.node.changing import Changes
     from pfd_ros.node.command_counts import CommandCounts
     from pfd_ros.node.parameters import ParameterChanges
     from pfd_ros.node.receiving import EventQueue, Receiver
@@ -168,7 +175,7 @@ def made(**settings: Any) -> tuple[Engine, Any, Any]:
     robot = load_robot(chosen)
     engine = Engine(chosen, robot)
     receiver = Receiver(EventQueue(), lambda *_: None, CommandCounts())
-    return engine, receiver, ParameterChanges(receiver, engine.settings, robot)
+    return engine, receiver, ParameterChanges(Changes(receiver, engine))
 
 
 def chosen(name: str, value: Any) -> Any:
@@ -193,8 +200,38 @@ def test_values_that_several_threads_set_all_reach_the_arm_in_one_order() -> Non
         for thread in threads:
             thread.join()
     assert refused == []
-    assert engine.settings == changes.settings
+    assert engine.settings == changes.changes.settings
     assert engine.settings.real_time_factor in {20.0 * k + 19 for k in range(4)}
+
+
+def test_payloads_and_parameters_from_several_threads_end_in_one_order() -> None:
+    engine, receiver, parameters = made()
+    changes = parameters.changes
+
+    def sets() -> None:
+        for i in range(1, 30):
+            values = {'payload.mass': i / 8, 'real_time_factor': float(i)}
+            values['payload.center'] = [i / 100] * 3
+            name = list(values)[i % 3]
+            assert parameters.set([chosen(name, values[name])]).successful
+
+    def loads() -> None:
+        for i in range(1, 10):
+            changes.take_payload(payload('tip_link', float(i), (0.0, i / 100, 0.0))[1])
+
+    with stepping(engine, receiver):
+        threads = [threading.Thread(target=work) for work in (sets, loads, sets)]
+        for thread in threads:
+            thread.start()
+        for thread in threads:
+            thread.join()
+        deadline = time.monotonic() + PATIENCE
+        while changes._thread is not None:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    assert engine.settings == changes.settings
+    assert engine.arm.scene.payload == engine.settings.payload
+    assert not engine.arm._prepared
 
 
 def test_a_change_that_a_flood_pushed_out_is_told_and_not_taken_over() -> None:
@@ -213,4 +250,115 @@ def test_a_change_that_a_flood_pushed_out_is_told_and_not_taken_over() -> None:
     result = changes.set([chosen('real_time_factor', 2.0)])
     assert not result.successful
     assert result.reason.startswith('overflowed')
-    assert engine.settings.real_time_factor == changes.settings.real_time_factor == 1.0
+    assert engine.settings.real_time_factor == changes.changes.settings.real_time_factor == 1.0
+
+
+def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
+    processes: Processes, peer_of
+) -> None:
+    (processes.folder / 'given.yaml').write_text(
+        '/**:\n  ros__parameters:\n    robot: planar2\n    joints: [elbow, shoulder]\n'
+        '    damping:\n      elbow: 0.5\n    friction.shoulder: 0.25\n    armature.elbwo: 1.0\n'
+        '    payload: {mass: 0.5}\n    gravity: [0.0, 0.0, 0.0]\n    external_wrench: true\n'
+    )
+    arm = processes.arm(
+        *('--params-file', 'given.yaml'),
+        *('-p', 'damping.shoulder:=0.125', '-p', 'motor_lag.elbow:=0.001'),
+        *('-p', 'recording:=arm.mcap'),
+    )
+    peer = peer_of(processes)
+    client = Client(peer)
+    for name, value in (
+        ('damping.shoulder', 0.125),
+        ('damping.elbow', 0.5),
+        ('friction.elbow', 0.0),
+        ('friction.shoulder', 0.25),
+        ('motor_lag.elbow', 0.001),
+        ('armature.elbow', 0.0),
+        ('payload.mass', 0.5),
+    ):
+        assert client.get(name).double_value == value
+    assert client.describe('damping.elbow').read_only
+    assert "not parameters of this node: ['armature.elbwo']; misspelt?" in arm.text()
+    plant = Plant(peer)
+    peer.connect()
+    # Latched: its subscriber came late.
+    peer.wait(lambda: [body.inertia.m for body in plant.payloads] == [0.5])
+    peer.plain_command([0.0, 0.0])
+    peer.wait(lambda: list(peer.states[-1].effort) == [0.0, 0.0])
+    assert not any(peer.states[-1].velocity)
+    plant.push('tip_link', 0.0, 20.0, 0.0)
+    peer.wait(lambda: all(peer.states[-1].velocity))
+    plant.push('nowhere', 0.0, 1e9, 0.0)
+    answer = plant.clear()
+    assert answer.success
+    assert answer.message.startswith('accepted: clear_wrench')
+    plant.load('tip_link', 1.5)
+    peer.wait(lambda: plant.payloads[-1].inertia.m == 1.5)
+    assert client.set(
+        parameter('payload.mass', 2.5), parameter('payload.center', [0.1, 0.0, 0.0])
+    ) == (True, '')
+    peer.wait(lambda: plant.payloads[-1].inertia.m == 2.5)
+    assert plant.payloads[-1].inertia.com.x == 0.1
+    assert plant.payloads[-1].header.frame_id == 'tip_link'
+    successful, reason = client.set(parameter('payload.inertia', [1.0, 0.0, 0.0, 1.0, 0.0, 3.0]))
+    assert not successful
+    assert 'payload.inertia is of no body' in reason
+    assert client.set(parameter('gravity_compensation', True))[0]
+    # A flood: the newest payload counts.
+    for mass in range(100):
+        plant.load('tip_link', 1.0 + mass)
+    peer.wait(lambda: plant.payloads[-1].inertia.m == 100.0)
+    plant.load('%s{0}\n', -1.0)
+    peer.let_pass()
+
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    assert 'callback' not in arm.text()
+    assert 'unknown_names' in arm.text()
+    path = processes.folder / 'arm.mcap'
+    summary = read(path, verify=True)
+    assert summary.complete
+    assert summary.settings.joint_damping == (0.5, 0.125)
+    assert summary.settings.joint_friction == (0.0, 0.25)
+    assert summary.settings.joint_armature == ()
+    assert {'payload_mass': 2.5, 'payload_center': (0.1, 0.0, 0.0)} in recorded_changes(path)
+
+
+class Plant:
+    """Pushes the arm, loads it, and listens to its payload."""
+
+    def __init__(self, peer: Peer) -> None:
+        from geometry_msgs.msg import InertiaStamped, WrenchStamped
+        from rclpy.qos import DurabilityPolicy, QoSProfile
+        from std_srvs.srv import Trigger
+
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node = peer.node
+        self.payloads: list[Any] = []
+        self._peer, self._wrench, self._payload = peer, WrenchStamped, InertiaStamped
+        self._trigger = Trigger
+        self._pushes = node.create_publisher(WrenchStamped, 'sim_arm/external_wrench', 1)
+        self._loads = node.create_publisher(InertiaStamped, 'sim_arm/payload', latched)
+        self._client = node.create_client(Trigger, 'sim_arm/clear_external_wrench')
+        topic = 'sim_arm/payload_in_use'
+        node.create_subscription(InertiaStamped, topic, self.payloads.append, latched)
+
+    def push(self, frame: str, x: float, y: float, z: float) -> None:
+        message = self._wrench()
+        message.header.frame_id = frame
+        message.wrench.force.x, message.wrench.force.y, message.wrench.force.z = x, y, z
+        self._peer.wait(self._pushes.get_subscription_count)
+        self._pushes.publish(message)
+
+    def load(self, frame: str, mass: float) -> None:
+        message = self._payload()
+        message.header.frame_id = frame
+        message.inertia.m = mass
+        self._peer.wait(self._loads.get_subscription_count)
+        self._loads.publish(message)
+
+    def clear(self) -> Any:
+        self._peer.wait(self._client.service_is_ready)
+        answer = self._client.call_async(self._trigger.Request())
+        self._peer.wait(answer.done)
+        return answer.result()

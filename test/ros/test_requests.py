@@ -7,9 +7,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 import json
 
-import numpy as np
 import pytest
-from simulating import efforts
+from simulating import efforts, joint_state
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.effects import Request
@@ -17,7 +16,6 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.cdr import CdrWriter
 from pfd_ros.messages.convert import JointMessage, decode_joint_state, encode_string
 
 STEP_NS = 1_000_000
@@ -34,22 +32,8 @@ def asked(name: str, count: int = 1) -> Arrival:
     return Arrival(Source.REQUEST, 1, encode_request(Request(name, count)))
 
 
-def joint_message(
-    source: Source,
-    names: Sequence[str],
-    position: Sequence[float] = (),
-    velocity: Sequence[float] = (),
-    effort: Sequence[float] = (),
-    stamp_ns: int = 0,
-) -> Arrival:
-    writer = CdrWriter()
-    writer.int32(stamp_ns // 1_000_000_000)
-    writer.uint32(stamp_ns % 1_000_000_000)
-    writer.string('')
-    writer.strings(tuple(names))
-    for values in (position, velocity, effort):
-        writer.numbers(np.array(values, float))
-    return Arrival(source, 1, bytes(writer.data))
+def joint_message(source: Source, names: Sequence[str], *args, **other) -> Arrival:
+    return Arrival(source, 1, joint_state(names, *args, **other))
 
 
 def placed(names: Sequence[str], position: Sequence[float], **other) -> Arrival:

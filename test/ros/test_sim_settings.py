@@ -69,7 +69,7 @@ def test_settings_come_back_from_json_with_the_same_bits() -> None:
         ({'gravity': (9.81,)}, 'gravity needs 3 numbers'),
         ({'gravity': (0.0, 0.0, float('inf'))}, 'gravity holds inf'),
         ({'initial_positions': (float('nan'),)}, 'initial_positions holds nan'),
-        ({'start_time': -1.0}, 'start_time is -1.0'),
+        ({'start_time': -2.0}, 'start_time is -2.0'),
         ({'real_time_factor': -1.0}, 'real_time_factor is -1.0'),
         ({'publish_rate': 300.0}, 'publish_rate is 300.0 Hz, which is one in 3.33333 steps'),
         ({'clock_rate': 2000.0}, 'clock_rate is 2000.0 Hz'),

@@ -30,15 +30,11 @@ def timer(time: Time, period_ns: float = MILLISECOND) -> StepTimer:
     return made
 
 
-def never() -> bool:
-    return False
-
-
 def test_steps_are_due_at_whole_periods_however_long_they_take() -> None:
     time = Time()
     timed = timer(time)
     for k in range(1, 100):
-        timed.wait(never)
+        timed.wait()
         assert time.now == 123 + k * MILLISECOND
         time.now += (k % 10) * MILLISECOND // 10
     assert (timed.late, timed.missed) == (0, 0)
@@ -48,7 +44,7 @@ def test_a_period_of_part_nanoseconds_does_not_drift() -> None:
     time = Time()
     timed = timer(time, MILLISECOND / 3)
     for _ in range(3000):
-        timed.wait(never)
+        timed.wait()
     assert time.now == 123 + 1000 * MILLISECOND
 
 
@@ -57,7 +53,7 @@ def test_a_short_delay_is_made_up_for() -> None:
     timed = timer(time)
     time.now += 10 * MILLISECOND
     for _ in range(20):
-        timed.wait(never)
+        timed.wait()
     assert time.now == 123 + 20 * MILLISECOND
     assert (timed.late, timed.missed) == (8, 0)
 
@@ -67,9 +63,9 @@ def test_a_long_stall_is_counted_and_not_rushed_through() -> None:
     timed = timer(time)
     time.now += CATCH_UP_NS + 10 * MILLISECOND
     stalled = time.now
-    timed.wait(never)
+    timed.wait()
     assert (timed.late, timed.missed) == (1, 59)
-    timed.wait(never)
+    timed.wait()
     assert time.now == stalled + MILLISECOND
 
 
@@ -77,12 +73,33 @@ def test_as_fast_as_possible_never_waits() -> None:
     time = Time()
     timed = timer(time, 0)
     for _ in range(5):
-        timed.wait(never)
+        timed.wait()
     assert time.now == 123
     assert (timed.late, timed.missed) == (0, 0)
 
 
-def test_a_slow_arm_stops_promptly() -> None:
+def test_a_long_sleep_is_cut_so_that_a_slow_arm_hears_and_stops_promptly() -> None:
     time = Time()
-    timer(time, 1000 * MILLISECOND).wait(lambda: len(time.sleeps) == 3)
-    assert time.now == 123 + 3 * LONGEST_SLEEP_NS
+    timed = timer(time, 1000 * MILLISECOND)
+    looks = 0
+    while not timed.wait():
+        looks += 1
+        assert time.sleeps[-1] == LONGEST_SLEEP_NS / 1e9
+    assert looks == 1000 * MILLISECOND // LONGEST_SLEEP_NS - 1
+    assert time.now == 123 + 1000 * MILLISECOND
+
+
+def test_another_period_counts_from_its_change_on() -> None:
+    time = Time()
+    timed = timer(time)
+    for _ in range(10):
+        timed.wait()
+    time.now += MILLISECOND // 2
+    timed.set_period(4 * MILLISECOND)
+    for _ in range(3):
+        timed.wait()
+    assert time.now == 123 + 10 * MILLISECOND + MILLISECOND // 2 + 12 * MILLISECOND
+    timed.set_period(4 * MILLISECOND)
+    timed.wait()
+    assert time.now == 123 + 26 * MILLISECOND + MILLISECOND // 2
+    assert (timed.late, timed.missed) == (0, 0)

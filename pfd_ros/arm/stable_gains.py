@@ -1,0 +1,66 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The largest gains with which a PD loop through a zero-order hold is stable.
+
+A controller reads the state every T seconds and its torque -kp q - kd qd is held until the next
+reading. About a configuration with the inertia matrix H, without delay, damping and friction, and
+with gains in proportion to a diagonal D, kp = p D and kd = d D, the loop falls apart into one
+sampled loop for each mode of the pair (H, D), with the inertia m, an eigenvalue of D^-1 H. With
+a = p T^2 / (2 m) and b = d T / m its characteristic polynomial is
+z^2 - (2 - a - b) z + (1 + a - b), whose roots lie inside the unit circle if, and only if,
+
+    0 < a < b < 2,   that is   p / d < 2 / T   and   d < 2 m / T
+
+(criterion of Jury). So the mode of the least inertia decides, and it is far lighter than its
+joints look: torques of one joint throw the others about.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class GainLimits(NamedTuple):
+    """Bounds of stable gains; beyond any of them the loop diverges.
+
+    Attributes
+    ----------
+    ratio
+        Of kp / kd, 1/s.
+    velocity
+        Of kd (n,), N m s/rad or N s/m, if all joints have the same share of theirs.
+    position
+        Of kp (n,), N m/rad or N/m, which only gains kd close to their own bounds reach.
+    equal_velocity
+        Of kd, if it is the same number for each joint.
+    """
+
+    ratio: float
+    velocity: np.ndarray
+    position: np.ndarray
+    equal_velocity: float
+
+
+def gain_limits(inertia: np.ndarray, period: float) -> GainLimits:
+    """Return the bounds of a PD loop.
+
+    Parameters
+    ----------
+    inertia
+        H (n, n), kg m^2 or kg, positive definite.
+    period
+        Time from one reading of the state to the next, T, s.
+    """
+    diagonal = np.diagonal(inertia)
+    scale = 1.0 / np.sqrt(diagonal)
+    # 1 without coupling, close to 0 where the joints throw each other about.
+    share = np.linalg.eigvalsh(scale[:, None] * inertia * scale)[0]
+    velocity = 2.0 * share * diagonal / period
+    return GainLimits(
+        ratio=2.0 / period,
+        velocity=velocity,
+        position=2.0 / period * velocity,
+        equal_velocity=float(2.0 * np.linalg.eigvalsh(inertia)[0] / period),
+    )

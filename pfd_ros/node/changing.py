@@ -1,0 +1,147 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Changes of the arm's settings on their way to it: checked, compiled beside it, in order.
+
+A new payload needs other native code, which takes some tenths of a second to compile. A thread
+does it before the event reaches the arm, so that neither the stepping thread nor the executor's
+waits for it; of the changes that come meanwhile the newest count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from concurrent.futures import TimeoutError as LateError
+from dataclasses import dataclass, field
+import threading
+from typing import Any
+
+from pfd_ros.arm.changes import changed, encode_changes, payload_values
+from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
+from pfd_ros.arm.scene import scene_of
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.convert import decode_inertia
+from pfd_ros.node.receiving import Receiver
+
+# The arm answers within a cycle. The executor's thread waits for it, so not for long: a very slow
+# arm takes the values over later.
+ANSWER_SECONDS = 0.5
+# A payload message has a hundred bytes; a longer one is left to the arm, which refuses it.
+LONGEST_PAYLOAD = 1 << 12
+SUPERSEDED = Judgement(Verdict.OVERFLOWED, 'a newer one came before it was compiled')
+
+
+@dataclass
+class Changes:
+    """Passes changes on to the arm; any thread may bring them.
+
+    They are checked by the arm's own rules first: a client that is refused leaves nothing in the
+    recording.
+
+    Attributes
+    ----------
+    settings
+        The arm's once it has taken over all that was accepted.
+    """
+
+    receiver: Receiver
+    engine: Engine
+    settings: Settings = field(init=False)
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+    _thread: threading.Thread | None = None
+    # Values by field of what waits for the compiler, the message of a payload with them. A payload
+    # goes first: values that came later and go with it are left in the other.
+    _waiting: dict[Source, tuple[dict[str, Any], bytes]] = field(default_factory=dict)
+    _passed: Settings = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Begin with the settings of the arm."""
+        self.settings = self._passed = self.engine.settings
+
+    def set(self, values_of: Callable[[Settings], dict[str, Any]]) -> None:
+        """Have the arm take over values by field, which may depend on the settings before.
+
+        Raises
+        ------
+        ValueError
+            If it does not; the text is the reason.
+        """
+        with self._lock:
+            values = values_of(self.settings)
+            settings = self._checked(values)
+            if self._thread is not None or not COMPILED.isdisjoint(values):
+                before, _ = self._waiting.get(Source.PARAMETERS, ({}, b''))
+                self._wait(Source.PARAMETERS, before | values, b'')
+            else:
+                self._pass_on(values)
+                self._passed = changed(self.engine.arm, self._passed, values)
+            self.settings = settings
+
+    def take_payload(self, data: bytes) -> None:
+        """Pass on the message of a payload."""
+        with self._lock:
+            try:
+                if len(data) > LONGEST_PAYLOAD:
+                    raise ValueError
+                values = payload_values(decode_inertia(data), self.engine.arm)
+                self.settings = self._checked(values)
+            except ValueError:
+                # For the arm to refuse, as a message of any other topic.
+                self.receiver.receive(Source.PAYLOAD, data)
+                return
+            before, _ = self._waiting.pop(Source.PARAMETERS, ({}, b''))
+            left = {name: value for name, value in before.items() if name not in PAYLOAD}
+            if left:
+                self._waiting[Source.PARAMETERS] = left, b''
+            if Source.PAYLOAD in self._waiting:
+                self.receiver.counts.add(Source.PAYLOAD, SUPERSEDED)
+            self._wait(Source.PAYLOAD, values, data)
+
+    def _checked(self, values: dict[str, Any]) -> Settings:
+        arm = self.engine.arm
+        settings = changed(arm, self.settings, values)
+        if not COMPILED.isdisjoint(values):
+            if arm.failure:
+                raise ValueError('the simulation has stopped')
+            scene_of(settings, arm.robot, arm.order)
+        return settings
+
+    def _pass_on(self, values: dict[str, Any]) -> None:
+        """Pass values on and wait for the verdict, unless the arm is very slow."""
+        answer = self.receiver.ask(Source.PARAMETERS, encode_changes(values))
+        try:
+            judgement = answer.result(ANSWER_SECONDS)
+        except LateError:
+            return
+        if judgement.verdict is not Verdict.ACCEPTED:
+            raise ValueError(f'{judgement.verdict.name.lower()}: {judgement.detail}')
+
+    def _wait(self, source: Source, values: dict[str, Any], data: bytes) -> None:
+        self._waiting[source] = values, data
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._compile_waiting, name='compiling')
+            self._thread.start()
+
+    def _compile_waiting(self) -> None:
+        while True:
+            with self._lock:
+                if not self._waiting:
+                    self._thread = None
+                    return
+                source = min(self._waiting, key=(Source.PAYLOAD, Source.PARAMETERS).index)
+                values, data = self._waiting.pop(source)
+            try:
+                settings = changed(self.engine.arm, self._passed, values)
+                if not COMPILED.isdisjoint(values):
+                    self.engine.arm.prepare(settings)
+            except Exception as error:
+                # The arm would fail at it too, and end.
+                detail = f'not compiled: {type(error).__name__}: {error}'
+                self.receiver.counts.add(source, Judgement(Verdict.REFUSED, detail))
+                with self._lock:
+                    self.settings = self._passed
+                continue
+            self._passed = settings
+            self.receiver.receive(source, data or encode_changes(values))

@@ -1,0 +1,254 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The diagnostics of the node: once a second, on the main thread, from what others have counted.
+
+One status for each task, as REP 107 has it:
+
+    lifecycle      the state of the node
+    stepping       real-time factor, time of a step, overruns
+    commands       rate, age, rejections by cause, publishers that are not heard
+    simulation     integrator, method, energy, the largest stable gains of a PD loop
+    recording      open, failed, waiting, dropped
+
+A new value is a pair of texts in the function of its task.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+import time
+from typing import NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+import numpy as np
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+import pfd_core as pfd
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import COMMANDS, Verdict
+from pfd_ros.arm.stable_gains import gain_limits
+from pfd_ros.messages.convert import NANOSECONDS
+from pfd_ros.node.command_counts import CommandCounts
+from pfd_ros.node.stepping import Stepper
+from pfd_ros.node.throttled_log import ThrottledLog
+from pfd_ros.recording.format import ROLE_OF_SOURCE
+from pfd_ros.text import one_line
+
+OK, WARN, ERROR = (DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR)
+# Longest text of a value; a robot may have hundreds of joints.
+TEXT_LENGTH = 200
+MICROSECONDS = 1e3  # ns
+
+
+class Task(NamedTuple):
+    """The status of one task: its level, a sentence, and values by name."""
+
+    name: str
+    level: bytes
+    message: str
+    values: Sequence[tuple[str, object]] = ()
+
+
+class _Seen(NamedTuple):
+    """The counts of an arm at one time, s."""
+
+    seconds: float
+    stamp_ns: int
+    cycles: int
+    late: int
+    missed: int
+    accepted: int
+    rejected: int
+    not_recorded: int
+
+
+@dataclass
+class ArmDiagnostics:
+    """The tasks of one arm; makes what it computes with when the arm is configured."""
+
+    stepper: Stepper
+    counts: CommandCounts
+    log: ThrottledLog
+
+    def __post_init__(self) -> None:
+        """Compile the inertia matrix and the energy."""
+        engine = self.stepper.engine
+        robot, scene = engine.robot, engine.arm.scene
+        self._inertia = pfd.compile_kernel(robot, scene=scene, quantity='inertia_matrix')
+        self._energy = pfd.compile_kernel(robot, scene=scene, quantity='energy')
+        self._last = self._seen()
+
+    def _seen(self) -> _Seen:
+        stepper, engine = self.stepper, self.stepper.engine
+        verdicts = self.counts.verdicts()
+        commands = {key: count for key, (count, _) in verdicts.items() if key[0] in COMMANDS}
+        accepted = sum(n for (_, verdict), n in commands.items() if verdict is Verdict.ACCEPTED)
+        return _Seen(
+            time.monotonic(),
+            engine.arm.stamp_ns,
+            engine.cycles,
+            stepper.timer.late,
+            stepper.timer.missed,
+            accepted,
+            sum(count for count, _ in verdicts.values()) - accepted,
+            stepper.session.dropped,
+        )
+
+    def tasks(self) -> list[Task]:
+        """Return the status of each task since the last call."""
+        last, now = self._last, self._seen()
+        self._last = now
+        return [
+            self._stepping(last, now),
+            self._commands(last, now),
+            self._simulation(),
+            self._recording(last, now),
+        ]
+
+    def _stepping(self, last: _Seen, now: _Seen) -> Task:
+        engine = self.stepper.engine
+        factor = (now.stamp_ns - last.stamp_ns) / NANOSECONDS / (now.seconds - last.seconds)
+        values: list[tuple[str, object]] = [
+            ('real_time_factor', f'{factor:.4f}'),
+            ('wanted_real_time_factor', engine.settings.real_time_factor),
+            ('simulated_time_s', now.stamp_ns / NANOSECONDS),
+            ('cycles', now.cycles),
+        ]
+        lengths = self.stepper.lengths.newest(last.cycles, now.cycles)
+        if len(lengths):
+            half, most, longest = np.percentile(lengths, (50, 99, 100)) / MICROSECONDS
+            values += [
+                ('step_p50_us', f'{half:.1f}'),
+                ('step_p99_us', f'{most:.1f}'),
+                ('step_max_us', f'{longest:.1f}'),
+            ]
+        values += [
+            ('late_steps', now.late - last.late),
+            ('missed_periods', now.missed - last.missed),
+            ('missed_periods_in_all', now.missed),
+            ('states_sent_again', self.stepper.resent),
+        ]
+        if engine.arm.failure:
+            return Task('stepping', ERROR, engine.arm.failure, values)
+        if now.missed > last.missed:
+            return Task('stepping', WARN, 'periods missed: this machine is too slow', values)
+        if engine.stands:
+            return Task('stepping', OK, self._why_it_stands(engine), values)
+        return Task('stepping', OK, 'steps', values)
+
+    def _why_it_stands(self, engine: Engine) -> str:
+        pace = engine.pace
+        if not pace.active:
+            return 'inactive'
+        if pace.clock is not None and not pace.paused:
+            return 'waits for a tick of the clock it follows'
+        return 'paused' if pace.paused else 'waits for a command, in lockstep'
+
+    def _commands(self, last: _Seen, now: _Seen) -> Task:
+        seconds = now.seconds - last.seconds
+        age = now.seconds - self.counts.newest if now.accepted else float('nan')
+        deaf = self.log.found('qos') + self.log.found('type')
+        values: list[tuple[str, object]] = [
+            ('accepted_per_s', f'{(now.accepted - last.accepted) / seconds:.1f}'),
+            ('accepted', now.accepted),
+            ('age_of_newest_s', f'{age:.3f}' if age == age else 'none'),
+            ('endpoints_of_other_qos_or_type', deaf),
+        ]
+        for (source, verdict), (count, _) in sorted(self.counts.verdicts().items()):
+            if verdict is not Verdict.ACCEPTED:
+                values.append((f'{ROLE_OF_SOURCE[source]}.{verdict.name.lower()}', count))
+        values.append(('unknown_names', self.counts.unknown()[0]))
+        if now.rejected > last.rejected:
+            return Task('commands', WARN, 'messages rejected', values)
+        if deaf:
+            return Task('commands', WARN, 'another node is not heard, or does not hear', values)
+        return Task('commands', OK, 'heard' if now.accepted else 'none so far', values)
+
+    def _simulation(self) -> Task:
+        engine = self.stepper.engine
+        settings, arm = engine.settings, engine.arm
+        q, qd = np.empty((2, len(arm.order)))
+        q[list(arm.order)], qd[list(arm.order)] = arm.q, arm.qd
+        kinetic, potential = self._energy(q, qd)
+        # The controller reads each published state.
+        period = settings.publish_every * settings.step_ns / NANOSECONDS
+        limits = gain_limits(self._inertia(q), period)
+        order = list(arm.order)
+        return Task(
+            'simulation',
+            ERROR if arm.failure else OK,
+            arm.failure or 'goes on',
+            [
+                ('robot', settings.robot),
+                ('integrator', settings.integrator),
+                ('method', settings.method),
+                ('position_sums', settings.position_sums),
+                ('kinetic_energy_J', f'{kinetic:.6g}'),
+                ('potential_energy_J', f'{potential:.6g}'),
+                ('control_period_s', period),
+                # Stable below these; without delay, gains in one proportion for all joints.
+                ('pd_limit.kp_over_kd', f'{limits.ratio:.6g}'),
+                ('pd_limit.kd', _numbers(limits.velocity[order])),
+                ('pd_limit.kp', _numbers(limits.position[order])),
+                ('pd_limit.same_kd_for_all', f'{limits.equal_velocity:.4g}'),
+            ],
+        )
+
+    def _recording(self, last: _Seen, now: _Seen) -> Task:
+        session = self.stepper.session
+        recorder = session.recorder
+        if recorder is None:
+            return Task('recording', OK, 'none is asked for', [('open', False)])
+        values: list[tuple[str, object]] = [
+            ('open', not recorder.failed),
+            ('file', self.stepper.engine.settings.recording),
+            ('waiting_share', f'{recorder.waiting_share:.4f}'),
+            ('recorded', sum(recorder.recorded)),
+            ('dropped', sum(recorder.dropped)),
+            ('failed', recorder.failed),
+        ]
+        if recorder.failed:
+            return Task('recording', ERROR, recorder.error, values)
+        if now.not_recorded > last.not_recorded:
+            return Task('recording', WARN, 'the disk is too slow', values)
+        return Task('recording', OK, 'goes on', values)
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return ' '.join(f'{value:.4g}' for value in values)
+
+
+class DiagnosticsPublisher:
+    """Publishes tasks on `/diagnostics`, stamped with the time of day."""
+
+    def __init__(self, node: Node) -> None:
+        self._name = node.get_fully_qualified_name().lstrip('/')
+        self._publisher = node.create_publisher(
+            DiagnosticArray,
+            '/diagnostics',
+            QoSProfile(depth=1),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+
+    def publish(self, tasks: Iterable[Task]) -> None:
+        """Publish the status of each task."""
+        message = DiagnosticArray()
+        seconds, nanoseconds = divmod(time.time_ns(), NANOSECONDS)
+        message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanoseconds
+        message.status = [
+            DiagnosticStatus(
+                level=task.level,
+                name=f'{self._name}: {task.name}',
+                message=one_line(task.message, TEXT_LENGTH),
+                hardware_id=self._name,
+                values=[
+                    KeyValue(key=key, value=one_line(value, TEXT_LENGTH))
+                    for key, value in task.values
+                ],
+            )
+            for task in tasks
+        ]
+        self._publisher.publish(message)

@@ -1,0 +1,270 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The rclpy node `sim_arm` and its lifecycle.
+
+    unconfigured    parameters and transitions, nothing else
+    inactive        robot loaded, recording open, topics and services there; every brake is on and
+                    simulated time stands still; commands are refused, and counted
+    active          the arm steps
+    finalized       shut down; the process ends
+
+configure     makes the arm. A model that does not load, or a recording that exists, is one line in
+              the log and a failed transition; the node stays unconfigured.
+activate      lets the arm step: a request, which is recorded as those of services are.
+deactivate    puts every brake on; simulated time stands still from then on.
+cleanup       closes the recording and forgets the arm; the next configure makes a new one.
+shutdown      does the same and ends the process.
+An error      that nobody expected is told, and the arm is cleaned up: unconfigured, exit status 1.
+
+With `autostart` (the default) the node configures and activates itself before it takes anything
+from outside, and a model that does not load ends the process with status 1. Without it the
+parameters of the arm may change until configure and after cleanup; with it they are read-only.
+
+The exit status is 0 if every arm that was configured, and its recording, worked to its end.
+A signal during a transition waits for it, ten seconds at most, and then closes the recording.
+Transitions run on the executor's thread, one at a time; nothing they raise reaches it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+import gc
+import threading
+from typing import Any
+
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+
+from pfd_ros.node import parameters
+from pfd_ros.node.diagnostics import ERROR, OK, DiagnosticsPublisher, Task
+from pfd_ros.node.sim_arm import SimArm
+from pfd_ros.node.throttled_log import ThrottledLog
+from pfd_ros.node.workers import Workers, described
+from pfd_ros.text import one_line
+
+NAME = 'sim_arm'
+# For each thread to end, and for ROS and the interpreter to go down.
+END_SECONDS = 10
+
+
+class SimArmNode(LifecycleNode):
+    """The node: parameters, transitions, and the arm from configure to cleanup.
+
+    Parameters
+    ----------
+    workers
+        The threads of the process.
+    mistakes
+        Errors for a wrong parameter or file: they fail a transition; others are faults.
+
+    Attributes
+    ----------
+    arm
+        The configured arm, or None.
+    callback_failures
+        Number of callbacks that raised: a fault, but no reason to let the arm go deaf.
+    hung
+        Whether a thread of an arm did not end, and may still use ROS.
+
+    Raises
+    ------
+    rclpy.exceptions.ParameterException
+        If a parameter has a value that no arm can have.
+    """
+
+    def __init__(self, workers: Workers, mistakes: tuple[type[Exception], ...]) -> None:
+        super().__init__(NAME, start_parameter_services=False)
+        parameters.StrictParameterService(self)
+        self.arm: SimArm | None = None
+        self.callback_failures = 0
+        self.hung = False
+        self._newest_failure = ''
+        self._workers = workers
+        self._mistakes = mistakes
+        # Held by a transition, and by the main thread while it reports or closes.
+        self._lock = threading.Lock()
+        self._closed = False
+        self._error: Exception | None = None
+        self._problems: list[str] = []
+        self._log = ThrottledLog(self.get_logger())
+        self._diagnostics = DiagnosticsPublisher(self)
+        self._autostart = self._starting = parameters.declare(self)
+        self._guard_services()
+
+    def start(self) -> None:
+        """Configure and activate the arm, if the node is to do that itself.
+
+        Raises
+        ------
+        Exception
+            That of a transition that failed; nothing has been recorded then.
+        """
+        if not self._autostart:
+            self.get_logger().info('unconfigured: autostart is false, waits for transitions')
+            return
+        self.trigger_configure()
+        if self._error is None:
+            self.trigger_activate()
+        self._starting = False
+        if self._error is not None:
+            raise self._error
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Make the arm."""
+        return self._transition('configure', self._configure)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Let the arm step."""
+        return self._transition('activate', self._activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Put the brakes on and let simulated time stand still."""
+        return self._transition('deactivate', self._deactivate)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Close the recording and forget the arm."""
+        return self._transition('cleanup', self._clean_up)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """End the process; its main thread closes the recording."""
+        self._workers.stop.set()
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Clean up after a fault; the process ends if that fails too."""
+        result = self._transition('cleanup', self._clean_up)
+        if result != TransitionCallbackReturn.SUCCESS:
+            self._workers.stop.set()
+        return result
+
+    def _transition(self, name: str, work: Callable[[], None]) -> TransitionCallbackReturn:
+        """Do the work of a transition; an error of it is told, and goes no further."""
+        with self._lock:
+            if self._closed:
+                return TransitionCallbackReturn.FAILURE
+            try:
+                work()
+            except self._mistakes as error:
+                self._error = error
+                if not self._starting:
+                    self.get_logger().error(f'{name} failed: {one_line(error)}')
+                return TransitionCallbackReturn.FAILURE
+            except Exception as error:
+                self._error = error
+                self._problems.append(f'{name} failed: {described(error)}')
+                return TransitionCallbackReturn.ERROR
+        return TransitionCallbackReturn.SUCCESS
+
+    def _configure(self) -> None:
+        settings = replace(parameters.read(self), autostart=self._starting)
+        misspelt = parameters.misspelt(self)
+        if misspelt:
+            self._log.once('misspelt', f'not parameters of this node: {misspelt}; misspelt?')
+        self.arm = SimArm(self, settings, self._log, self._workers.stop.is_set)
+        self._guard_services()
+        # Start-up garbage is looked at once, not again and again while the arm runs.
+        gc.unfreeze()
+        gc.collect()
+        gc.freeze()
+        self.arm.start(self._workers)
+        self.arm.reporter.introduce()
+
+    def _activate(self) -> None:
+        if self.arm is not None and not self._starting:
+            self.arm.request('activate')
+
+    def _deactivate(self) -> None:
+        if self.arm is not None:
+            self.arm.request('deactivate')
+
+    def _clean_up(self) -> None:
+        arm, self.arm = self.arm, None
+        if arm is not None:
+            self._end(arm)
+            if not self.hung:
+                arm.destroy_entities()
+
+    def _end(self, arm: SimArm) -> None:
+        """Stop an arm, close its recording and keep the problems that it had."""
+        workers = self._workers
+        arm.stop_stepping()
+        ended = arm.thread is None or workers.join(arm.thread, END_SECONDS)
+        workers.guard('closing the recording', arm.close_recording, always)
+        workers.guard('reporting', lambda: arm.reporter.report(last=True), always)
+        self._problems += arm.reporter.problems()
+        self.get_logger().info(f'stopped: {arm.reporter.totals()}')
+        if not ended:
+            # It may still use what would be destroyed.
+            self.hung = True
+            workers.stop.set()
+
+    def _guard_services(self) -> None:
+        """Answer each request, though its callback raises: rclpy's own do for some requests."""
+        for service in self.services:
+            if not isinstance(service.callback, _Guarded):
+                service.callback = _Guarded(service.callback, self.callback_failed)
+
+    def callback_failed(self, error: Exception) -> None:
+        """Count a callback that raised."""
+        self.callback_failures += 1
+        self._newest_failure = f'{type(error).__name__}: {error}'
+
+    def report(self) -> None:
+        """Log the troubles since the last call, unless a transition is on its way."""
+        if not self._lock.acquire(blocking=False):
+            return
+        try:
+            # The public way asks a service of this node.
+            _, label = self._state_machine.current_state
+            level = ERROR if self._problems else OK
+            tasks = [Task('lifecycle', level, label, [('problems', len(self._problems))])]
+            if self.arm is not None:
+                self.arm.reporter.report()
+                tasks += self.arm.diagnostics.tasks()
+            self._report_callbacks()
+            self._diagnostics.publish(tasks)
+        finally:
+            self._lock.release()
+
+    def _report_callbacks(self, *, last: bool = False) -> None:
+        text = f'callbacks failed, the newest by {self._newest_failure}'
+        self._log.count('callbacks', self.callback_failures, text, error=True, last=last)
+
+    def close(self) -> None:
+        """End the arm, after the transition that may be on its way; none follows."""
+        if not self._lock.acquire(timeout=END_SECONDS):
+            self._problems.append(f'a transition did not end within {END_SECONDS} s')
+            self.hung = True
+            return
+        try:
+            self._closed = True
+            if self.arm is not None:
+                self._end(self.arm)
+            self._report_callbacks(last=True)
+        finally:
+            self._lock.release()
+
+    def problems(self) -> list[str]:
+        """Return why the run was no success."""
+        return [*self._workers.failures, *self._problems]
+
+
+@dataclass(frozen=True)
+class _Guarded:
+    """A callback of a service that answers with what it has when it fails."""
+
+    callback: Callable[[Any, Any], Any]
+    failed: Callable[[Exception], None]
+
+    def __call__(self, request: Any, response: Any) -> Any:
+        """Answer a request."""
+        try:
+            return self.callback(request, response)
+        except Exception as error:
+            self.failed(error)
+            return response
+
+
+def always() -> bool:
+    """Return True."""
+    return True

@@ -1,0 +1,63 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Messages about the plant as they travel, and engines that take them, without ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.changes import encode_changes
+from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Arrival, Source
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.cdr import CdrWriter
+
+Message = tuple[Source, bytes]
+
+
+def made(**chosen: Any) -> Engine:
+    settings = Settings(**{'robot': 'planar2', **chosen})
+    return Engine(settings, load_robot(settings))
+
+
+def judged(engine: Engine, *messages: Message) -> Judgement:
+    """Have an engine take messages; return its judgement on the last one."""
+    taken = engine.take([Arrival(source, 1, data) for source, data in messages])
+    return taken.judgements[-1][1]
+
+
+def change(**values: Any) -> Message:
+    return Source.PARAMETERS, encode_changes(values)
+
+
+def _stamped(frame: str, numbers: Sequence[float], stamp_ns: int) -> bytes:
+    writer = CdrWriter()
+    writer.int32(stamp_ns // 1_000_000_000)
+    writer.uint32(stamp_ns % 1_000_000_000)
+    writer.string(frame)
+    writer.row(np.array(numbers, float))
+    return bytes(writer.data)
+
+
+def wrench(
+    frame: str,
+    force: Sequence[float] = (0.0, 0.0, 0.0),
+    torque: Sequence[float] = (0.0, 0.0, 0.0),
+    stamp_ns: int = 0,
+) -> Message:
+    return Source.WRENCH, _stamped(frame, [*force, *torque], stamp_ns)
+
+
+def payload(
+    frame: str,
+    mass: float,
+    center: Sequence[float] = (0.0, 0.0, 0.0),
+    inertia: Sequence[float] = (0.0,) * 6,
+) -> Message:
+    """Return the message of a payload; its inertia is (xx, xy, xz, yy, yz, zz)."""
+    return Source.PAYLOAD, _stamped(frame, [mass, *center, *inertia], 0)

@@ -1,0 +1,82 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The diagnostics of a real node, and the lengths of steps that they are made from."""
+
+from __future__ import annotations
+
+import signal
+
+import numpy as np
+import pytest
+from ros_processes import JOINTS, Processes
+
+from pfd_ros.node.step_timer import StepLengths
+
+
+def test_lengths_of_steps_are_those_since_the_last_look_and_the_newest_at_most() -> None:
+    lengths = StepLengths()
+    for cycle in range(1, 11):
+        lengths.add(cycle, 100 * cycle)
+    assert lengths.newest(0, 10).tolist() == [100 * cycle for cycle in range(1, 11)]
+    assert lengths.newest(7, 10).tolist() == [800, 900, 1000]
+    assert lengths.newest(10, 10).tolist() == []
+    for cycle in range(11, 3 * StepLengths.COUNT):
+        lengths.add(cycle, cycle)
+    newest = lengths.newest(5, 3 * StepLengths.COUNT - 1)
+    assert newest.tolist() == list(range(2 * StepLengths.COUNT, 3 * StepLengths.COUNT))
+
+
+@pytest.mark.ros
+def test_a_node_tells_how_its_tasks_go(processes: Processes, peer_of) -> None:
+    from diagnostic_msgs.msg import DiagnosticArray
+    from std_msgs.msg import String
+
+    arm = processes.arm('-p', 'recording:=arm.mcap', '-p', 'real_time_factor:=0.5')
+    peer = peer_of(processes)
+    came: list[DiagnosticArray] = []
+    peer.node.create_subscription(DiagnosticArray, '/diagnostics', came.append, 10)
+    peer.connect()
+
+    def of(task: str) -> tuple[bytes, str, dict[str, str]]:
+        (status,) = (one for one in came[-1].status if one.name == f'sim_arm: {task}')
+        assert status.hardware_id == 'sim_arm'
+        return status.level, status.message, {pair.key: pair.value for pair in status.values}
+
+    def told(task: str, key: str) -> str:
+        return of(task)[2].get(key, '') if came else ''
+
+    peer.wait(lambda: len(came) > 1)
+    level, message, values = of('lifecycle')
+    assert (level, message) == (b'\x00', 'active')
+    _, _, values = of('simulation')
+    assert (values['robot'], values['integrator']) == ('puma560', 'rk4')
+    # At rest, at 1 kHz: kp/kd below 2/T.
+    assert float(values['kinetic_energy_J']) == 0.0
+    assert values['pd_limit.kp_over_kd'] == '2000'
+    limits = np.array(values['pd_limit.kd'].split(), float)
+    assert limits.shape == (6,)
+    assert (limits > 0).all()
+    _, message, values = of('stepping')
+    assert float(values['step_p50_us']) <= float(values['step_p99_us'])
+    assert float(values['wanted_real_time_factor']) == 0.5
+    assert 0.0 < float(values['real_time_factor']) < 1.0
+    _, message, values = of('recording')
+    assert (values['open'], values['failed'], values['dropped']) == ('True', 'False', '0')
+
+    # A foreign type, a wrong message, a name that is longer than any line.
+    peer.node.create_publisher(String, '/sim_arm/set_state', 1)
+    peer.wait(lambda: told('commands', 'endpoints_of_other_qos_or_type') == '1')
+    assert of('commands')[0] == b'\x01'
+    peer.command(JOINTS, [1.0] * 5)
+    peer.command(['x' * 100_000, '\n%s{0}'], [1.0, 1.0])
+    peer.wait(lambda: told('commands', 'joint_commands.ragged') == '1')
+    peer.wait(lambda: told('commands', 'joint_commands.unknown_names') == '1')
+    peer.command(JOINTS, [1.0] * 6)
+    peer.wait(lambda: told('commands', 'accepted') == '1')
+    assert 0.0 <= float(told('commands', 'age_of_newest_s')) < 1000.0
+    peer.wait(lambda: float(told('simulation', 'kinetic_energy_J')) > 0.0)
+    for status in came[-1].status:
+        for text in (status.message, *(pair.value for pair in status.values)):
+            assert len(text) < 250
+            assert text.isprintable()
+    assert arm.end(signal.SIGINT) == 0, arm.text()

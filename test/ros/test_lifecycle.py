@@ -1,0 +1,156 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The lifecycle of a real node: transitions that work, that fail, and that signals interrupt."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import signal
+import time
+from typing import Any
+
+import pytest
+from ros_processes import JOINTS, MILLISECOND, PATIENCE, Peer, Processes, call, stamp_ns
+
+from pfd_ros.arm.events import Verdict
+from pfd_ros.replay.verify import read
+
+pytestmark = pytest.mark.ros
+WAITS = ('-p', 'autostart:=false')
+
+
+def change(peer: Peer, label: str) -> bool:
+    """Ask for a transition and return whether it succeeded."""
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+
+    return bool(
+        call(peer, ChangeState, 'change_state', transition=Transition(label=label)).success
+    )
+
+
+def state(peer: Peer) -> str:
+    from lifecycle_msgs.srv import GetState
+
+    return str(call(peer, GetState, 'get_state').current_state.label)
+
+
+def set_text(peer: Peer, name: str, text: str) -> Any:
+    from rcl_interfaces.msg import Parameter, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+
+    value = ParameterValue(type=4, string_value=text)
+    chosen = [Parameter(name=name, value=value)]
+    return call(peer, SetParameters, 'set_parameters', parameters=chosen).results[0]
+
+
+def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, peer_of) -> None:
+    node = processes.arm(*WAITS, '-p', 'robot:=r2d2', '-p', 'recording:=a.mcap', ready=False)
+    node.wait_for_text('waits for transitions')
+    peer = peer_of(processes)
+    # A model that does not load, a transition that is not possible, one that does not exist.
+    assert state(peer) == 'unconfigured'
+    assert not change(peer, 'configure')
+    assert "configure failed: unknown robot 'r2d2'" in node.text()
+    assert not change(peer, 'activate')
+    assert not change(peer, '%s{0}')
+    assert state(peer) == 'unconfigured'
+    assert not (processes.folder / 'a.mcap').exists()
+
+    assert set_text(peer, 'robot', 'puma560').successful
+    assert change(peer, 'configure')
+    node.wait_for_text('6 joints, held')
+    refused = set_text(peer, 'robot', 'ur5')
+    assert not refused.successful
+    assert "['robot'] cannot change until cleanup" in refused.reason
+    # Inactive: simulated time stands, commands are refused.
+    peer.wait(peer.named.get_subscription_count)
+    for _ in range(3):
+        peer.command(JOINTS, [1.0] * 6)
+        peer.executor.spin_once(timeout_sec=0.2)
+    assert not peer.states
+    assert change(peer, 'activate')
+    peer.connect()
+    peer.let_pass()
+    assert not any(peer.states[-1].effort)
+
+    peer.command(JOINTS, [1.0] * 6)
+    peer.wait(lambda: any(peer.states[-1].velocity))
+    assert change(peer, 'deactivate')
+    assert state(peer) == 'inactive'
+    assert change(peer, 'activate')
+    stopped = len(peer.states)
+    peer.let_pass()
+    assert not any(peer.states[-1].velocity)
+    assert not any(peer.states[-1].effort)
+    stamps = [stamp_ns(one) for one in peer.states[stopped - 1 :]]
+    assert stamps == sorted(stamps)
+
+    assert change(peer, 'deactivate')
+    assert change(peer, 'cleanup')
+    # The file is closed and stays: the next arm needs another one.
+    assert read(processes.folder / 'a.mcap', verify=True).complete
+    assert not change(peer, 'configure')
+    node.wait_for_text('a.mcap exists and is never written over')
+    assert set_text(peer, 'recording', 'b.mcap').successful
+    assert change(peer, 'configure')
+    assert change(peer, 'activate')
+    begun = len(peer.states)
+    peer.let_pass()
+    assert stamp_ns(peer.states[begun]) < 1000 * MILLISECOND
+    peer.command(JOINTS, [1.0] * 6)
+    peer.wait(lambda: any(peer.states[-1].velocity))
+    assert node.end(signal.SIGINT) == 0, node.text()
+    for name in ('a.mcap', 'b.mcap'):
+        summary = read(processes.folder / name, verify=True)
+        assert summary.complete
+        assert summary.verdicts[Verdict.ACCEPTED] >= 2
+
+
+def test_shutdown_ends_the_process_with_a_closed_file(processes: Processes, peer_of) -> None:
+    node = processes.arm('-p', 'recording:=arm.mcap')
+    peer = peer_of(processes)
+    peer.connect()
+    assert state(peer) == 'active'
+    assert change(peer, 'deactivate')
+    # By itself no arm starts twice: read-only parameters name the same file.
+    assert change(peer, 'cleanup')
+    assert not change(peer, 'configure')
+    assert change(peer, 'shutdown')
+    assert node.process.wait(PATIENCE) == 0, node.text()
+    assert read(processes.folder / 'arm.mcap', verify=True).complete
+
+
+def test_a_fault_in_a_transition_is_told_and_the_node_lives(processes: Processes, peer_of) -> None:
+    node = processes.faulty('configuring_fails', *WAITS, ready=False)
+    node.wait_for_text('waits for transitions')
+    peer = peer_of(processes)
+    assert not change(peer, 'configure')
+    assert state(peer) == 'unconfigured'
+    assert node.end(signal.SIGTERM) == 1
+    assert "configure failed: KeyError: '{}'" in node.text()
+
+
+@pytest.mark.slow
+@pytest.mark.long
+def test_a_signal_at_any_moment_of_a_transition_closes_the_file(
+    processes: Processes, peer_of
+) -> None:
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+
+    peer = peer_of(processes)
+    for k in range(20):
+        name = f'arm_{k}.mcap'
+        node = processes.arm(*WAITS, '-p', f'recording:={name}', ready=False)
+        node.wait_for_text('waits for transitions')
+        client = peer.node.create_client(ChangeState, '/sim_arm/change_state')
+        peer.wait(client.service_is_ready)
+        for label in ('configure', 'activate', 'deactivate', 'cleanup'):
+            client.call_async(ChangeState.Request(transition=Transition(label=label)))
+        time.sleep(0.05 * k)
+        assert node.end((signal.SIGINT, signal.SIGTERM)[k % 2]) == 0, node.text()
+        peer.node.destroy_client(client)
+        path = Path(processes.folder / name)
+        if path.exists():
+            assert read(path, verify=False).complete

@@ -1,0 +1,160 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Services, jumps and lockstep over real topics, beside a controller that goes on publishing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+import signal
+from typing import Any
+
+import numpy as np
+import pytest
+from ros_processes import MILLISECOND, Peer, Processes, call, stamp_ns
+
+from pfd_ros.arm.events import Verdict
+from pfd_ros.replay.verify import read
+
+pytestmark = pytest.mark.ros
+
+ANSWERING = str(Path(__file__).with_name('answering.py'))
+ARM = ('-p', 'robot:=planar2', '-p', 'recording:=arm.mcap', '-p', 'gravity:=[0.0, 0.0, 0.0]')
+NAMES = ('shoulder', 'elbow')
+# Looks of 0.1 s at most in which no state came.
+QUIET_LOOKS = 5
+START = ('-p', 'initial_positions:=[0.3, -0.2]')
+
+
+def pause(peer: Peer, wanted: bool) -> Any:
+    from std_srvs.srv import SetBool
+
+    return call(peer, SetBool, 'pause', data=wanted)
+
+
+def trigger(peer: Peer, name: str) -> Any:
+    from std_srvs.srv import Trigger
+
+    return call(peer, Trigger, name)
+
+
+def set_state(peer: Peer, position: Sequence[float]) -> None:
+    from sensor_msgs.msg import JointState
+
+    publisher = peer.node.create_publisher(JointState, '/sim_arm/set_state', 1)
+    peer.wait(publisher.get_subscription_count)
+    publisher.publish(JointState(name=list(NAMES), position=list(position)))
+
+
+def stamps(peer: Peer) -> list[int]:
+    return [stamp_ns(state) for state in peer.states]
+
+
+def at(position: Sequence[float]):
+    """Return a test for a state that is exactly there, at rest."""
+    return lambda state: state.position.tolist() == list(position) and not any(state.velocity)
+
+
+def settled(peer: Peer) -> None:
+    """Wait until no state has come for a while."""
+    count, quiet = -1, 0
+    for _ in range(1000):
+        quiet = quiet + 1 if len(peer.states) == count else 0
+        count = len(peer.states)
+        if quiet == QUIET_LOOKS:
+            return
+        # One call may be over at once, for a tick or a service.
+        peer.executor.spin_once(timeout_sec=0.1)
+    raise AssertionError('states still come')
+
+
+def check_clock(peer: Peer) -> None:
+    """No state and no tick is earlier than the one before it."""
+    assert (np.diff(stamps(peer)) >= 0).all()
+    assert (np.diff([stamp_ns(tick) for tick in peer.clocks]) >= 0).all()
+
+
+def test_pause_step_reset_and_jump_next_to_a_controller_that_goes_on(
+    processes: Processes, peer_of
+) -> None:
+    arm = processes.arm(*ARM, *START, '-p', 'step_count:=7')
+    peer = peer_of(processes)
+    peer.connect()
+    # It pulls with all its might, and every command is stamped with the state it answers.
+    processes.python(ANSWERING).wait_for_text('answers')
+    peer.wait(lambda: any(peer.states[-1].velocity))
+
+    assert pause(peer, True).success
+    settled(peer)
+    before = stamp_ns(peer.states[-1])
+    told = trigger(peer, 'step')
+    assert (told.success, told.message.startswith('accepted: step')) == (True, True)
+    peer.wait(lambda: stamp_ns(peer.states[-1]) == before + 7 * MILLISECOND)
+    settled(peer)
+    assert stamp_ns(peer.states[-1]) == before + 7 * MILLISECOND
+    assert pause(peer, False).success
+    assert 'refused: step: the arm is not in a pause' in trigger(peer, 'step').message
+
+    seen = len(peer.states)
+    assert trigger(peer, 'reset').success
+    peer.wait(lambda: any(map(at([0.3, -0.2]), peer.states[seen:])))
+    there = next(i for i in range(seen, len(peer.states)) if at([0.3, -0.2])(peer.states[i]))
+    peer.let_pass(20)
+    # An effort that answered a state before the jump would show at once.
+    first = peer.states[there + 1]
+    assert abs(first.position[0] - 0.3) < 1e-3
+
+    seen = len(peer.states)
+    set_state(peer, [1.0, -1.5])
+    peer.wait(lambda: any(map(at([1.0, -1.5]), peer.states[seen:])))
+    peer.let_pass(20)
+    check_clock(peer)
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    summary = read(processes.folder / 'arm.mcap', verify=True)
+    assert summary.verdicts[Verdict.REFUSED] == 1
+
+
+def test_lockstep_outlives_its_controller_and_repeats_a_state_that_nobody_answered(
+    processes: Processes, peer_of
+) -> None:
+    arm = processes.arm(*ARM, *START, '-p', 'lockstep:=true', '-p', 'real_time_factor:=0.0')
+    peer = peer_of(processes)
+    peer.connect()
+    controller = processes.python(ANSWERING)
+    controller.wait_for_text('answers')
+    peer.wait(lambda: any(peer.states[-1].velocity))
+    controller.process.kill()
+    controller.process.wait()
+    settled_at = 0
+    while settled_at != stamp_ns(peer.states[-1]):
+        settled_at = stamp_ns(peer.states[-1])
+        peer.let_pass(2)
+    # The same state again and again, never a step on an old command.
+    peer.let_pass(3)
+    assert stamp_ns(peer.states[-1]) == settled_at
+    # Services answer while nobody does, and a pause in lockstep ends with an answer only.
+    assert pause(peer, True).success
+    assert pause(peer, False).success
+    assert trigger(peer, 'reset').success
+    peer.wait(lambda: at([0.3, -0.2])(peer.states[-1]))
+    assert stamp_ns(peer.states[-1]) == settled_at + MILLISECOND
+    again = processes.python(ANSWERING)
+    again.wait_for_text('answers')
+    peer.wait(lambda: stamp_ns(peer.states[-1]) > settled_at + 100 * MILLISECOND)
+    check_clock(peer)
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    summary = read(processes.folder / 'arm.mcap', verify=True)
+    assert summary.verdicts[Verdict.ACCEPTED] > 100
+
+
+def test_services_answer_beside_a_very_slow_arm(processes: Processes, peer_of) -> None:
+    # A step lasts ten seconds of wall time.
+    arm = processes.arm(
+        *ARM, '-p', 'step_size:=0.1', '-p', 'real_time_factor:=0.01', '-p', 'start_time:=5.0'
+    )
+    peer = peer_of(processes)
+    for _ in range(3):
+        assert trigger(peer, 'step').message.startswith('refused')
+        assert pause(peer, True).message == 'accepted: pause; simulated time 5.0 s'
+        assert pause(peer, False).success
+    assert arm.end(signal.SIGINT) == 0, arm.text()

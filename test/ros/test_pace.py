@@ -1,0 +1,187 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Activity and a followed clock: when the engine may step, without ROS."""
+
+from __future__ import annotations
+
+import pytest
+from simulating import efforts
+
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.effects import Request
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.followed_clock import MOST_STEPS_AHEAD
+from pfd_ros.arm.requests import encode_request
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.convert import encode_clock
+
+MS = 1_000_000
+PUSH = Arrival(Source.ARRAY, 1, efforts(1.0, -0.5))
+# At its zeros, on its brakes.
+JUMP = Arrival(Source.SET_STATE, 1, b'')
+
+
+def made(**chosen) -> Engine:
+    settings = Settings(robot='planar2', **chosen)
+    return Engine(settings, load_robot(settings))
+
+
+def following(**chosen) -> Engine:
+    return made(time_source='clock', publish_clock=False, **chosen)
+
+
+def asked(name: str, count: int = 1) -> Arrival:
+    return Arrival(Source.REQUEST, 1, encode_request(Request(name, count)))
+
+
+def tick(stamp_ns: int) -> Arrival:
+    return Arrival(Source.TICK, 1, encode_clock(stamp_ns))
+
+
+def verdict(engine: Engine, event: Arrival) -> Verdict:
+    ((_, judgement, _),) = engine.take([event]).judgements
+    return judgement.verdict
+
+
+def run(engine: Engine) -> int:
+    """Step until the arm stands, and return its simulated time, ns."""
+    for _ in range(1000):
+        if engine.stands:
+            return engine.arm.stamp_ns
+        engine.step()
+    raise AssertionError('it never stands')
+
+
+def test_an_inactive_arm_stands_and_refuses_what_would_move_it() -> None:
+    engine = made(autostart=False)
+    assert engine.stands
+    for event in (PUSH, JUMP, asked('step'), asked('reset')):
+        assert verdict(engine, event) is Verdict.REFUSED
+        assert engine.stands
+    assert engine.drive.braked.all()
+    assert verdict(engine, asked('activate')) is Verdict.ACCEPTED
+    assert not engine.stands
+    assert verdict(engine, PUSH) is Verdict.ACCEPTED
+
+
+def test_deactivation_puts_every_brake_on_and_keeps_simulated_time() -> None:
+    engine = made()
+    engine.run_cycle([PUSH])
+    engine.run_cycle()
+    assert engine.arm.qd.all()
+    there, stamp = engine.arm.q.tolist(), engine.arm.stamp_ns
+    assert verdict(engine, asked('deactivate')) is Verdict.ACCEPTED
+    assert engine.stands
+    engine.take([asked('activate')])
+    for _ in range(5):
+        engine.step()
+    assert engine.arm.q.tolist() == there
+    assert not engine.arm.qd.any()
+    assert engine.arm.stamp_ns == stamp + 5 * MS
+
+
+def test_a_pause_outlasts_an_activation() -> None:
+    engine = made(autostart=False)
+    engine.take([asked('pause'), asked('activate')])
+    assert engine.stands
+    engine.take([asked('resume')])
+    assert not engine.stands
+
+
+def test_lockstep_waits_for_no_controller_from_before_an_activation() -> None:
+    engine = made(lockstep=True)
+    engine.run_cycle([PUSH])
+    assert engine.stands
+    engine.take([asked('deactivate'), asked('activate')])
+    for _ in range(3):
+        assert not engine.stands
+        engine.step()
+
+
+def test_an_arm_that_failed_stands_while_it_is_inactive() -> None:
+    engine = made(effort_limits=False, torque_speed=False)
+    engine.run_cycle([Arrival(Source.ARRAY, 1, efforts(1e300, 1e300))])
+    while not engine.arm.failure:
+        engine.step()
+    assert not engine.stands
+    engine.take([asked('deactivate')])
+    assert engine.stands
+
+
+def test_time_begins_at_the_first_tick_and_steps_go_up_to_each_later_one() -> None:
+    engine = following(step_size=0.002)
+    assert engine.stands
+    assert verdict(engine, tick(7_000 * MS)) is Verdict.ACCEPTED
+    assert run(engine) == 7_000 * MS
+    assert engine.cycles == 0
+    for now, expected, cycles in ((7_001, 7_000, 0), (7_002, 7_002, 1), (7_011, 7_010, 5)):
+        assert verdict(engine, tick(now * MS)) is Verdict.ACCEPTED
+        assert run(engine) == expected * MS
+        assert engine.cycles == cycles
+
+
+def test_a_clock_that_goes_back_moves_nothing_and_one_that_repeats_itself_neither() -> None:
+    engine = following()
+    engine.take([tick(100 * MS), tick(105 * MS)])
+    assert run(engine) == 105 * MS
+    for now in (104, 0, -5000):
+        assert verdict(engine, tick(now * MS)) is Verdict.STALE
+        assert run(engine) == 105 * MS
+    assert verdict(engine, tick(105 * MS)) is Verdict.ACCEPTED
+    assert run(engine) == 105 * MS
+
+
+def test_a_tick_far_ahead_is_refused_until_a_reset_lets_time_leap_there() -> None:
+    engine = following()
+    engine.take([tick(100 * MS)])
+    far = tick((101 + MOST_STEPS_AHEAD) * MS)
+    assert verdict(engine, far) is Verdict.REFUSED
+    assert engine.stands
+    engine.take([asked('reset')])
+    assert engine.stands
+    assert verdict(engine, tick(99 * MS)) is Verdict.STALE
+    assert verdict(engine, far) is Verdict.ACCEPTED
+    assert run(engine) == (101 + MOST_STEPS_AHEAD) * MS
+    # The jump of the reset is the step to the next tick.
+    engine.take([tick((102 + MOST_STEPS_AHEAD) * MS)])
+    assert run(engine) == (102 + MOST_STEPS_AHEAD) * MS
+    assert engine.cycles == 1
+
+
+@pytest.mark.parametrize('names', [('pause', 'resume'), ('deactivate', 'activate')])
+def test_an_arm_that_stood_does_not_rush_after_its_clock(names: tuple[str, str]) -> None:
+    engine = following()
+    engine.take([tick(100 * MS), asked(names[0]), tick(200 * MS)])
+    assert run(engine) == 100 * MS
+    engine.take([asked(names[1]), tick(300 * MS)])
+    assert run(engine) == 300 * MS
+    assert engine.cycles == 0
+
+
+def test_a_tick_for_an_arm_with_a_clock_of_its_own_is_no_message() -> None:
+    assert verdict(made(), tick(5)) is Verdict.MALFORMED
+
+
+@pytest.mark.parametrize(
+    ('chosen', 'text'),
+    [
+        ({'time_source': 'clock'}, 'needs publish_clock false'),
+        ({'time_source': 'sundial'}, 'time_source is'),
+        ({'start_time': -0.5}, 'start_time is -0.5, expected -1, or 0 and more'),
+        ({'start_time': -1.5}, 'start_time is -1.5'),
+    ],
+)
+def test_settings_of_time_go_together(chosen, text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        Settings(**chosen)
+
+
+def test_the_time_of_day_is_resolved_before_an_arm_is_made() -> None:
+    settings = Settings(start_time=-1.0)
+    with pytest.raises(ValueError, match='only a node knows'):
+        Engine(settings, load_robot(settings))
+    resolved = settings.at_time_of_day(1_795_000_000.123_9)
+    # A float of that size has steps of 256 ns.
+    assert resolved.start_ns == 1_795_000_000_123_000_000 // 256 * 256
+    assert Settings(start_time=3.0).at_time_of_day(5.0).start_time == 3.0

@@ -5,8 +5,9 @@
     python test/ros/fuzz.py --seconds 600 --seed 1
     python test/ros/fuzz.py --seconds 600 --seed 1 --largest 16777216
 
-Names, shapes, numbers, rates, bytes that are no message, publishers of foreign types, and
-parameter calls that make rclpy's own callback raise. Afterwards the node must be alive and
+Names, shapes, numbers, rates, bytes that are no message, publishers of foreign types, services in
+any order, transitions that do not exist, and parameter calls that make rclpy's own callback raise.
+Afterwards the node must be alive and
 its memory flat; it must end with status 0, and its recording must verify. Efforts that are
 accepted stay small: an arm that is torn apart is told, and is no success.
 
@@ -71,8 +72,9 @@ NAMES = (
 )
 LONGEST_NAME = 1 << 20
 VERDICTS = tuple(set(Verdict) - {Verdict.OVERFLOWED, Verdict.STALE})
-# rclpy logs each of them at length.
-SECONDS_PER_PARAMETER_CALL = 3.0
+# The sources that are topics of a node with a clock of its own.
+TOPICS = (Source.NAMED, Source.ARRAY, Source.SET_STATE)
+SECONDS_PER_CALL = 0.3
 
 
 @dataclass(frozen=True)
@@ -152,7 +154,7 @@ class Messages:
 
     def broken(self, source: Source) -> bytes:
         """Return bytes that may be no message: cut, changed, with a wild length, or noise."""
-        data = bytearray(self.named() if source is Source.NAMED else self.plain())
+        data = bytearray(self.plain() if source is Source.ARRAY else self.named())
         kind = self.random.randrange(4)
         if kind == 0:
             return bytes(data[: self.random.randrange(4, len(data) + 1)])
@@ -169,14 +171,14 @@ class Messages:
     def __iter__(self) -> Iterator[tuple[Source, bytes]]:
         """Yield messages that do not tear the arm apart."""
         while True:
-            source = self.random.choice(tuple(Source))
+            source = self.random.choice(TOPICS)
             chance = self.random.random()
             if chance < 0.3:
                 data = self.broken(source)
-            elif source is Source.NAMED:
-                data = self.named()
-            else:
+            elif source is Source.ARRAY:
                 data = self.plain()
+            else:
+                data = self.named()
             if len(data) > self._largest:
                 continue
             if all(abs(effort) <= SMALL for effort in self._judgement(source, data).efforts):
@@ -244,6 +246,54 @@ def _call_parameters(peer: Peer) -> None:
     peer.node.destroy_client(client)
 
 
+class Caller:
+    """Calls the services of the node, in any order and without waiting for an answer."""
+
+    def __init__(self, peer: Peer, chance: random.Random) -> None:
+        from lifecycle_msgs.srv import ChangeState
+        from std_srvs.srv import SetBool, Trigger
+
+        self._peer, self._random = peer, chance
+        kinds = {'pause': SetBool, 'step': Trigger, 'reset': Trigger, 'change_state': ChangeState}
+        self._clients = {
+            name: peer.node.create_client(kind, f'/sim_arm/{name}') for name, kind in kinds.items()
+        }
+        self._kinds = kinds
+
+    def _call(self, name: str, **values: Any) -> Any:
+        return self._clients[name].call_async(self._kinds[name].Request(**values))
+
+    def call(self) -> None:
+        """Call one of them."""
+        from lifecycle_msgs.msg import Transition
+
+        name = self._random.choice((*self._clients, 'set_parameters'))
+        if name == 'set_parameters':
+            _call_parameters(self._peer)
+        elif name == 'pause':
+            self._call(name, data=self._random.random() < 0.3)
+        elif name == 'change_state':
+            # What would end the arm or its recording is left out.
+            label = self._random.choice(
+                (*NAMES, 'deactivate', 'activate', 'activate', 'configure')
+            )
+            number = self._random.choice((0, 1, 3, 200, 255))
+            self._call(name, transition=Transition(id=number, label=label))
+        else:
+            self._call(name)
+
+    def go_on(self) -> None:
+        """Return once the arm steps, whatever was called before."""
+        from lifecycle_msgs.msg import Transition
+
+        for answer in (
+            self._call('pause', data=False),
+            self._call('change_state', transition=Transition(label='activate')),
+        ):
+            self._peer.wait(answer.done)
+        self._peer.let_pass()
+
+
 def _memory(arm: Process) -> tuple[int, int]:
     """Return the memory of the process, and the least that its objects lately took."""
     lines = [line for line in arm.text().splitlines() if re.fullmatch(r'traced \d+', line)]
@@ -254,7 +304,11 @@ def _flood(
     arm: Process, peer: Peer, crowd: Crowd, seconds: float, messages: Messages
 ) -> tuple[int, tuple[int, int]]:
     """Send until the time is over; return how many messages, and the memory after a while."""
-    publishers = {Source.NAMED: peer.named, Source.ARRAY: peer.plain}
+    from sensor_msgs.msg import JointState
+
+    places = peer.node.create_publisher(JointState, '/sim_arm/set_state', 10)
+    publishers = {Source.NAMED: peer.named, Source.ARRAY: peer.plain, Source.SET_STATE: places}
+    caller = Caller(peer, messages.random)
     begun = time.monotonic()
     called, sent = begun, 0
     warm = (0, 0)
@@ -264,9 +318,9 @@ def _flood(
             break
         if not warm[0] and now - begun > WARM_UP * seconds:
             warm = _memory(arm)
-        if now - called > SECONDS_PER_PARAMETER_CALL:
+        if now - called > SECONDS_PER_CALL:
             called = now
-            _call_parameters(peer)
+            caller.call()
             crowd.change()
         publishers[source].publish(data)
         sent += 1
@@ -274,6 +328,7 @@ def _flood(
             assert arm.process.poll() is None, arm.text()[-2000:]
             # From a trickle to as fast as it goes.
             time.sleep(messages.random.choice((0.0, 0.0, 0.01, 0.2)))
+    caller.go_on()
     # Of a flood a busy machine takes few.
     for source, data in messages.of_each_verdict():
         publishers[source].publish(data)

@@ -25,11 +25,12 @@ From the inputs to the outputs:
     pace              whether there may be a step: activity, pauses, lockstep, followed clock
     command_link      the way of commands to the drives: delay, drop-out, watchdog
     actuators         from commands to the efforts that act: servos, limits of the motors
+    model_kernels     the native code of the outputs that are quantities of the model
     arm               the simulated arm: robot, brakes, simulator, failure
     changes           the rules for settings that change while the arm runs: new payloads, gains
     sensors           the true state -> the measured one, which joint_states tell
-    stable_gains      the largest gains of a PD loop through a zero-order hold
     outputs           what is published beside joint_states: model, tip, energy, true state
+    stable_gains      the largest gains of a PD loop through a zero-order hold
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 
 A new input is a Source in `events` and a rule in `engine`. A new output is a role in `events`, its

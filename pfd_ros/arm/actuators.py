@@ -72,7 +72,9 @@ class Actuators:
         self._names = robot.joint_names
         self._order = list(order)
         self._place = np.argsort(order)
-        self._full, self._limits = effort_limits(robot), speed_limits(robot)
+        self._full, self._speeds = effort_limits(robot), speed_limits(robot)
+        # Index in the model, speed limit and effort limit of each joint, in published order.
+        self._motors = [(i, float(self._speeds[i]), float(self._full[i])) for i in order]
         self._servo: _Servo | None = None
         # The drive of the last cycle, before the limits, where a reflex looks at it.
         self._before: Drive | None = None
@@ -85,7 +87,7 @@ class Actuators:
         n = len(self._order)
         self._most = self._full if settings.effort_limits else np.full(n, np.inf)
         self._least = -self._most
-        slowest = float(np.min(self._limits)) if settings.torque_speed else np.inf
+        slowest = float(np.min(self._speeds)) if settings.torque_speed else np.inf
         self._slow = FULL_SPEED * slowest
         self._gains = Gains(self._of_joints(settings.servo_p), self._of_joints(settings.servo_d))
         self._servo = None
@@ -165,10 +167,10 @@ class Actuators:
 
         Near its speed limit a motor drives its joint along with less; it brakes it with all.
         """
-        for i, velocity in zip(self._order, velocities, strict=True):
-            share = (1.0 - abs(velocity) / self._limits[i]) / (1.0 - FULL_SPEED)
+        for (i, limit, full), velocity in zip(self._motors, velocities, strict=True):
+            share = (1.0 - abs(velocity) / limit) / (1.0 - FULL_SPEED)
             if share < 1.0:
-                most = self._full[i] * max(share, 0.0)
+                most = full * max(share, 0.0)
                 effort[i] = min(effort[i], most) if velocity > 0.0 else max(effort[i], -most)
 
 

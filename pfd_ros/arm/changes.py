@@ -26,7 +26,8 @@ from pfd_ros.arm.scene import without_replaced
 from pfd_ros.arm.setting_fields import check_joint_counts, typed
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.tip_frames import body_at_tip, tip_frame
-from pfd_ros.messages.convert import InertiaMessage, encode_string
+from pfd_ros.messages.convert import encode_string
+from pfd_ros.messages.stamped import InertiaMessage
 from pfd_ros.text import listed
 
 # Every dynamic setting of an arm with a hundred joints fits in.

@@ -88,9 +88,6 @@ class Judgement(NamedTuple):
     )
 
 
-ALL_NAN = Judgement(Verdict.ALL_NAN, 'every number is NaN')
-
-
 class Drive(NamedTuple):
     """The efforts, brakes and servo targets of an arm, in model order.
 
@@ -163,7 +160,8 @@ def named_values_rule(message: JointMessage, since_ns: int) -> Judgement | None:
             return Judgement(
                 Verdict.RAGGED, f'{len(names)} names and {len(values)} numbers in {kind}'
             )
-        if np.isinf(values).any():
+        # The terms of a finite sum are finite; for a few joints faster than NumPy.
+        if not math.isfinite(sum(values.tolist())) and np.isinf(values).any():
             return Judgement(Verdict.INFINITE, f'{kind} holds an infinity')
     if message.stamp_ns != 0 and message.stamp_ns < since_ns:
         return Judgement(
@@ -232,32 +230,32 @@ def judge_named(
         )
     known = [place for place, name in enumerate(message.names) if name in index]
     strange = [name for name in message.names if name not in index and name not in locked]
-    welded = _welded(message, locked, gains) if locked else ()
+    welded = _commanded(message, locked, gains) if locked else ()
     unknown = tuple(cut(name) for name in strange[:NAME_COUNT])
-    if known:
+    if len(strange) == len(message.names):
+        judgement = Judgement(
+            Verdict.UNKNOWN_NAMES, f'none of {listed(strange)} is a joint of the arm'
+        )
+    elif known:
         joints = np.array([index[message.names[place]] for place in known])
         judgement = _judge_numbers(message, known, joints, gains)
     elif welded:
         judgement = Judgement(Verdict.REFUSED, f'locked: {listed(welded)}')
-    elif len(strange) < len(message.names):
-        judgement = ALL_NAN
     else:
-        judgement = Judgement(
-            Verdict.UNKNOWN_NAMES, f'none of {listed(strange)} is a joint of the arm'
-        )
+        judgement = Judgement(Verdict.ALL_NAN, 'every number is NaN')
     return judgement._replace(unknown=unknown, unknown_count=len(strange), locked=welded)
 
 
-def _welded(
-    message: JointMessage, locked: Collection[str], gains: Gains | None
+def _commanded(
+    message: JointMessage, joints: Collection[str], gains: Gains | None
 ) -> tuple[str, ...]:
-    """Return the names of locked joints for which a message has a number that counts."""
-    kinds = [message.effort] if gains is None else kinds_of(message).values()
-    given = [values for values in kinds if len(values)]
+    """Return the names among some joints for which a message has a number that counts."""
+    arrays = kinds_of(message) if gains is not None else {'effort': message.effort}
+    kinds = [values for values in arrays.values() if len(values)]
     return tuple(
         name
         for place, name in enumerate(message.names)
-        if name in locked and any(values[place] == values[place] for values in given)
+        if name in joints and any(values[place] == values[place] for values in kinds)
     )
 
 
@@ -275,6 +273,9 @@ def _judge_numbers(
     joints
         Their indices in the model, (k,).
     """
+    if gains is None and math.isfinite(sum(message.effort.tolist())):
+        # The usual case, and a fast one: efforts alone, none of which is NaN.
+        return Judgement(Verdict.ACCEPTED, effect=Command(joints, message.effort[known]))
     none = np.full(len(known), np.nan)
     effort, position, velocity = (
         values[known] if len(values) else none
@@ -297,7 +298,7 @@ def _judge_numbers(
                 Verdict.NO_EFFORT, f'no effort for {listed(idle)}, whose servo has no gain for it'
             )
     if not given.any():
-        return ALL_NAN
+        return Judgement(Verdict.ALL_NAN, 'every number is NaN')
     servo = gains is not None
     command = Command(
         joints[given],

@@ -54,7 +54,7 @@ from pfd_ros.arm.requests import judge_request, judge_state
 from pfd_ros.arm.sensors import JointArrays, sensors_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.wrench import ExternalWrench, judge_wrench
-from pfd_ros.messages import convert
+from pfd_ros.messages import convert, stamped
 from pfd_ros.text import one_line
 
 # Rows of one message: a flood may have dropped a million commands before a cycle.
@@ -165,7 +165,7 @@ class Engine:
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
         source, payload = event.source, event.payload
-        if source in MOVING and not self.pace.active:
+        if not self.pace.active and source in MOVING:
             return INACTIVE
         try:
             if source is Source.ARRAY:
@@ -184,10 +184,10 @@ class Engine:
             if source is Source.TICK:
                 return self.pace.judge_tick(convert.decode_clock(payload), self.arm.stamp_ns)
             if source is Source.WRENCH:
-                wrench, on = convert.decode_wrench(payload), self.wrench is not None
+                wrench, on = stamped.decode_wrench(payload), self.wrench is not None
                 return judge_wrench(wrench, self.arm.robot, self._reset_ns, taken=on)
             if source is Source.PAYLOAD:
-                return judge_payload(convert.decode_inertia(payload), self.arm)
+                return judge_payload(stamped.decode_inertia(payload), self.arm)
             return judge_request(convert.decode_string(payload), self.pace)
         except ValueError as error:
             return Judgement(Verdict.MALFORMED, one_line(error))
@@ -298,7 +298,7 @@ class Engine:
         self._payload_is_new = False
         self._payloads += 1
         message = payload_message(self.arm.scene.payload, self.arm.stamp_ns, self.arm.robot.tip)
-        return Output(PAYLOAD_IN_USE, self._payloads, convert.encode_inertia(message))
+        return Output(PAYLOAD_IN_USE, self._payloads, stamped.encode_inertia(message))
 
     def measured(self) -> JointArrays:
         """Return the positions, velocities and efforts that the state of this cycle tells."""

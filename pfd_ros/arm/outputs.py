@@ -18,32 +18,23 @@ one. With the joints in published order, H qdd + b = tau + tau_ext, where
 
 These are of the arm with its payload, as if no drive compensated its gravity; drives that do add
 a torque of their own to tau. Dry friction, stops and brakes have no place in that equation. Every
-number is finite: one that overflows is 0. The kernels are compiled when the arm is made.
+number is finite: one that overflows is 0. No kernel is compiled in a cycle.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
 import math
 from typing import TypeAlias
 
 import numpy as np
 
-import pfd_core as pfd
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.events import CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import (
-    POSE,
-    WRENCH,
-    ArrayEncoder,
-    JointStateEncoder,
-    StampedEncoder,
-    effort_encoder,
-    stamped_encoder,
-)
+from pfd_ros.messages.convert import POSE, WRENCH, ArrayEncoder, JointStateEncoder
+from pfd_ros.messages.stamped import StampedEncoder, effort_encoder, stamped_encoder
 
 TWIST_AXES = ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
 ENERGIES = ('kinetic', 'potential', 'power')
@@ -64,13 +55,11 @@ class ExtraOutputs:
     """The outputs of an arm that its settings ask for beside its states."""
 
     def __init__(self, settings: Settings, arm: Arm) -> None:
-        self.arm, self.robot, self.frame_id = arm, arm.robot, settings.frame_id
-        self.scene = replace(
-            arm.scene, brakes=False, external_wrench=False, gravity_compensation=False
-        )
+        self.arm, self.frame_id = arm, settings.frame_id
         self.columns = list(arm.order)
         # In model order, as kernels are bound to them.
-        self.q, self.qd, self.wrench = np.zeros(arm.robot.n), np.zeros(arm.robot.n), np.zeros(6)
+        self.q, self.qd = np.zeros((2, arm.robot.n))
+        self.wrench = np.zeros(6)
         self._writers = [
             (name, _WRITERS[name](self)) for name in OUTPUTS if name in settings.outputs
         ]
@@ -78,19 +67,18 @@ class ExtraOutputs:
     def messages(self) -> list[tuple[str, bytes]]:
         """Return the messages about the state as it is now, by role."""
         self.q[self.columns], self.qd[self.columns] = self.arm.q, self.arm.qd
-        if self.arm.wrench is not None:
-            self.wrench[:] = self.arm.wrench
+        self.wrench[:] = 0.0 if self.arm.wrench is None else self.arm.wrench
         return [(name, write()) for name, write in self._writers]
 
     def bound(
         self,
-        quantity: str,
+        output: str,
         q: np.ndarray,
         qd: np.ndarray | None = None,
         wrench: np.ndarray | None = None,
     ) -> Callable[[], np.ndarray]:
-        """Return a function without arguments that evaluates a quantity of the arm now."""
-        kernel = pfd.compile_kernel(self.robot, scene=self.scene, quantity=quantity)
+        """Return a function without arguments that evaluates the kernel of an output."""
+        kernel = self.arm.kernels[output]
         out = np.zeros(kernel.shape)
         bound: Callable[[], np.ndarray] = kernel.bind(q, qd, out=out, wrench=wrench)
         return bound
@@ -125,7 +113,7 @@ def _acceleration(given: ExtraOutputs) -> Writer:
 
 
 def _external_torques(given: ExtraOutputs) -> Writer:
-    return given.efforts(given.bound('wrench_torques', given.q, wrench=given.wrench))
+    return given.efforts(given.bound('external_torques', given.q, wrench=given.wrench))
 
 
 def _inertia_matrix(given: ExtraOutputs) -> Writer:
@@ -151,12 +139,12 @@ def _tip_jacobian(given: ExtraOutputs) -> Writer:
 def _tip_pose(given: ExtraOutputs) -> Writer:
     evaluate = given.bound('tip_pose', given.q)
     return given.stamped(
-        stamped_encoder(POSE, given.robot.base), lambda: position_and_quaternion(evaluate())
+        stamped_encoder(POSE, given.arm.robot.base), lambda: position_and_quaternion(evaluate())
     )
 
 
 def _tip_wrench(given: ExtraOutputs) -> Writer:
-    return given.stamped(stamped_encoder(WRENCH, given.robot.tip), lambda: given.wrench)
+    return given.stamped(stamped_encoder(WRENCH, given.arm.robot.tip), lambda: given.wrench)
 
 
 def _energy(given: ExtraOutputs) -> Writer:

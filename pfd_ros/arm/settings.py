@@ -42,7 +42,7 @@ POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
 @dataclass(frozen=True)
 class Settings(
-    CommandSettings, DescriptionSettings, PlantSettings, SensorSettings, OutputSettings
+    CommandSettings, PlantSettings, DescriptionSettings, SensorSettings, OutputSettings
 ):
     """The parameters of the node `sim_arm`; units SI, angles in rad.
 

@@ -23,15 +23,12 @@ FLOAT_ARRAY = 'std_msgs/msg/Float64MultiArray'
 INTEGER_ARRAY = 'std_msgs/msg/UInt64MultiArray'
 CLOCK = 'rosgraph_msgs/msg/Clock'
 STRING = 'std_msgs/msg/String'
-# Messages of a header and a fixed count of numbers: x, y, z and the quaternion x, y, z, w; force
-# and torque; mass, centre of mass and inertia.
 POSE = 'geometry_msgs/msg/PoseStamped'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 INERTIA = 'geometry_msgs/msg/InertiaStamped'
-STAMPED_NUMBERS = {POSE: 7, WRENCH: 6, INERTIA: 10}
 
 NANOSECONDS = 1_000_000_000
-_TIME = struct.Struct('<iI')
+TIME = struct.Struct('<iI')
 # The beginning of a Float64MultiArray without a layout, and the place of its first number.
 _NO_LAYOUT, _FIRST_NUMBER = HEADER + bytes(8), 20
 
@@ -49,34 +46,12 @@ class JointMessage:
 
 
 @dataclass(frozen=True)
-class StampedMessage:
-    """A message of a header and numbers, a type in STAMPED_NUMBERS."""
-
-    stamp_ns: int
-    frame_id: str
-    values: np.ndarray
-
-
-@dataclass(frozen=True)
 class ArrayMessage:
     """A std_msgs/Float64MultiArray: the label and the size of each dimension, and its numbers."""
 
     labels: tuple[str, ...]
     sizes: tuple[int, ...]
     values: np.ndarray
-
-
-def decode_stamped(data: bytes, kind: str) -> StampedMessage:
-    """Return the fields of a message of a type in STAMPED_NUMBERS.
-
-    Raises
-    ------
-    ValueError
-        If the bytes are no such message.
-    """
-    reader = CdrReader(data)
-    stamp_ns, frame_id = _time_ns(reader), reader.string()
-    return StampedMessage(stamp_ns, frame_id, reader.row('f8', STAMPED_NUMBERS[kind]))
 
 
 def decode_array(data: bytes) -> ArrayMessage:
@@ -107,7 +82,7 @@ def decode_joint_state(data: bytes) -> JointMessage:
     """
     reader = CdrReader(data)
     return JointMessage(
-        stamp_ns=_time_ns(reader),
+        stamp_ns=read_time(reader),
         frame_id=reader.string(),
         names=reader.strings(),
         position=reader.numbers('f8'),
@@ -116,7 +91,8 @@ def decode_joint_state(data: bytes) -> JointMessage:
     )
 
 
-def _time_ns(reader: CdrReader) -> int:
+def read_time(reader: CdrReader) -> int:
+    """Return a builtin_interfaces/Time in nanoseconds."""
     return reader.int32() * NANOSECONDS + reader.uint32()
 
 
@@ -195,12 +171,12 @@ def decode_string(data: bytes) -> str:
 
 def encode_clock(stamp_ns: int) -> bytes:
     """Return a Clock message."""
-    return HEADER + _TIME.pack(*divmod(stamp_ns, NANOSECONDS))
+    return HEADER + TIME.pack(*divmod(stamp_ns, NANOSECONDS))
 
 
 def decode_clock(data: bytes) -> int:
     """Return the time of a Clock message in nanoseconds."""
-    return _time_ns(CdrReader(data))
+    return read_time(CdrReader(data))
 
 
 class JointStateEncoder:
@@ -220,7 +196,7 @@ class JointStateEncoder:
         self, names: Sequence[str], frame_id: str = '', fixed: Mapping[str, float] | None = None
     ) -> None:
         at_rest = {} if fixed is None else fixed
-        writer = _headed(frame_id)
+        writer = headed(frame_id)
         writer.strings((*names, *at_rest))
         zeros = np.zeros(len(names) + len(at_rest))
         positions = np.append(np.zeros(len(names)), list(at_rest.values()))
@@ -232,102 +208,14 @@ class JointStateEncoder:
         self, stamp_ns: int, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray
     ) -> bytes:
         """Return the message; the arrays are (n,) in the order of the names."""
-        _TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
+        TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
         for target, values in zip(self._arrays, (position, velocity, effort), strict=True):
             target[:] = values
         return bytes(self._data)
 
 
-@dataclass(frozen=True)
-class WrenchMessage:
-    """A geometry_msgs/WrenchStamped: force and torque, (3,) in N and N m."""
-
-    stamp_ns: int
-    frame_id: str
-    force: tuple[float, ...]
-    torque: tuple[float, ...]
-
-
-def decode_wrench(data: bytes) -> WrenchMessage:
-    """Return the fields of a WrenchStamped."""
-    reader = CdrReader(data)
-    stamp_ns, frame_id = _time_ns(reader), reader.string()
-    numbers = reader.row('f8', 6).tolist()
-    return WrenchMessage(stamp_ns, frame_id, tuple(numbers[:3]), tuple(numbers[3:]))
-
-
-@dataclass(frozen=True)
-class InertiaMessage:
-    """A geometry_msgs/InertiaStamped.
-
-    Mass in kg, centre of mass (3,) in m, and the inertia (xx, xy, xz, yy, yz, zz) about it, in
-    kg m^2.
-    """
-
-    stamp_ns: int
-    frame_id: str
-    mass: float
-    center: tuple[float, ...]
-    inertia: tuple[float, ...]
-
-
-def decode_inertia(data: bytes) -> InertiaMessage:
-    """Return the fields of an InertiaStamped."""
-    reader = CdrReader(data)
-    stamp_ns, frame_id = _time_ns(reader), reader.string()
-    mass, *numbers = reader.row('f8', 10).tolist()
-    return InertiaMessage(stamp_ns, frame_id, mass, tuple(numbers[:3]), tuple(numbers[3:]))
-
-
-def encode_inertia(message: InertiaMessage) -> bytes:
-    """Return an InertiaStamped message."""
-    writer = CdrWriter()
-    seconds, nanoseconds = divmod(message.stamp_ns, NANOSECONDS)
-    writer.int32(seconds)
-    writer.uint32(nanoseconds)
-    writer.string(message.frame_id)
-    writer.row(np.array([message.mass, *message.center, *message.inertia]))
-    return bytes(writer.data)
-
-
-class StampedEncoder:
-    """Writes messages of a header and numbers: all is laid out once, but for stamp and numbers.
-
-    Parameters
-    ----------
-    writer
-        The message, with the stamp at its front.
-    start, count
-        The place of the first number, and how many there are.
-    """
-
-    def __init__(self, writer: CdrWriter, start: int, count: int) -> None:
-        self._data = writer.data
-        self._numbers = np.frombuffer(self._data, '<f8', count, start)
-
-    def encode(self, stamp_ns: int, values: np.ndarray) -> bytes:
-        """Return the message; the values are (count,)."""
-        _TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
-        self._numbers[:] = values
-        return bytes(self._data)
-
-
-def stamped_encoder(kind: str, frame_id: str) -> StampedEncoder:
-    """Return an encoder of a type in STAMPED_NUMBERS, with its frame."""
-    writer, count = _headed(frame_id), STAMPED_NUMBERS[kind]
-    return StampedEncoder(writer, writer.row(np.zeros(count)), count)
-
-
-def effort_encoder(names: Sequence[str], frame_id: str = '') -> StampedEncoder:
-    """Return an encoder of JointState messages with names and efforts alone."""
-    writer = _headed(frame_id)
-    writer.strings(tuple(names))
-    for _ in ('position', 'velocity'):
-        writer.numbers(np.zeros(0))
-    return StampedEncoder(writer, writer.numbers(np.zeros(len(names))), len(names))
-
-
-def _headed(frame_id: str) -> CdrWriter:
+def headed(frame_id: str) -> CdrWriter:
+    """Return a message that begins with a std_msgs/Header, whose stamp is zero."""
     writer = CdrWriter()
     writer.int32(0)
     writer.uint32(0)

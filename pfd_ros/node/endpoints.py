@@ -81,7 +81,7 @@ def create_endpoints(
     on_message: Callable[[Source, bytes], None],
     topics: Mapping[Source | str, str] | None = None,
 ) -> Endpoints:
-    """Create the endpoints of a node, publishers for the outputs of some roles alone.
+    """Create the endpoints of a node: publishers of these roles, a followed clock only if wanted.
 
     `on_message` is called with each serialized message, on the executor's thread; `topics` are
     the topics of sources and outputs that are not those of the tables.

@@ -80,11 +80,12 @@ class GraphCheck:
     def check(self) -> None:
         """Ask the graph and log why a connection cannot work."""
         # Another thread replaces a subscription that is to be best effort.
-        for source, end in list(self.endpoints.subscriptions.items()):
+        subscribed = dict(self.endpoints.subscriptions)
+        commands = {source: end for source, end in subscribed.items() if source in COMMANDS}
+        for source, end in subscribed.items():
             self._check_publishers(source, end)
         if not self._commanded and self.now() - self._since > PATIENCE_SECONDS:
-            found = self.endpoints.subscriptions.items()
-            ends = [end for source, end in found if source in COMMANDS]
+            ends = commands.values()
             topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in ends)
             self.log.once(
                 'nobody',

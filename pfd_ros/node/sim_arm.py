@@ -7,7 +7,7 @@ It only puts the parts together; the package's docstring has a map of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import TimeoutError as LateError
 import threading
 import time
@@ -45,7 +45,7 @@ ANSWER_SECONDS = 5.0
 class SimArm:
     """An arm, its topics, services and recording, and the thread that steps it.
 
-    `stopped` ends the wait for a model.
+    `stopped` ends the wait for a model that comes over a topic.
 
     Attributes
     ----------
@@ -68,10 +68,12 @@ class SimArm:
         self._node = node
         self._told = threading.Event()
         self.thread: threading.Thread | None = None
-        self._before = set(_entities(node))
+        self._subscriptions: Mapping[Source, Any] = {}
+        before = set(_entities(node))
         try:
             self._build(with_scene_text(settings.at_time_of_day(time.time())), log, stopped)
         finally:
+            self._entities = [entity for entity in _entities(node) if entity not in before]
             if not hasattr(self, 'stepper'):
                 self.destroy_entities()
 
@@ -88,6 +90,7 @@ class SimArm:
             on_message=self._receive,
             topics=model.topics,
         )
+        self._subscriptions = endpoints.subscriptions
         if settings.publish_description:
             publish_description(node, model)
         counts = CommandCounts()
@@ -163,9 +166,11 @@ class SimArm:
             'subscriptions': self._node.destroy_subscription,
             'services': self._node.destroy_service,
         }
-        for kind, entity in list(_entities(self._node)):
-            if (kind, entity) not in self._before:
-                destroy[kind](entity)
+        for kind, entity in self._entities:
+            destroy[kind](entity)
+        # One that has been replaced since; those that are gone are passed over.
+        for subscription in self._subscriptions.values():
+            self._node.destroy_subscription(subscription)
 
 
 def _entities(node: Node) -> Iterator[tuple[str, Any]]:

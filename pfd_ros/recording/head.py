@@ -15,7 +15,7 @@ import re
 from typing import Any
 
 from pfd_ros.arm import settings as settings_file
-from pfd_ros.arm.events import CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES
+from pfd_ros.arm.events import CLOCK, DROPPED_STATES
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
@@ -87,8 +87,8 @@ def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
         raise ValueError(
             f'publish_clock is {settings.publish_clock}, its topics are {list(roles)}'
         )
-    found = set(roles.values()) & {DROPPED_STATES, *OUTPUTS}
-    if found != roles_of(settings) - {STATES, CLOCK, PAYLOAD_IN_USE}:
+    chosen = {DROPPED_STATES, *OUTPUTS}
+    if chosen & set(roles.values()) != chosen & roles_of(settings):
         raise ValueError(
             f'outputs is {list(settings.outputs)} and drop.state {settings.drop_state}, '
             f'its topics are {list(roles)}'

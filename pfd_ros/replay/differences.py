@@ -15,15 +15,10 @@ import numpy as np
 from pfd_ros.arm.events import STATES, TAKEN_COLUMNS, Source, Verdict
 from pfd_ros.messages import convert
 from pfd_ros.messages.convert import decode_clock, decode_rows
+from pfd_ros.messages.stamped import NUMBERS, decode_stamped
 from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE
 
 FIELDS = ('position', 'velocity', 'effort')
-# Names of the numbers of messages with a header and numbers alone.
-NUMBERS = {
-    convert.POSE: ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'),
-    convert.WRENCH: ('fx', 'fy', 'fz', 'tx', 'ty', 'tz'),
-    convert.INERTIA: ('m', 'x', 'y', 'z', 'ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz'),
-}
 
 
 def difference(role: str, recorded: bytes, computed: bytes) -> str:
@@ -65,7 +60,7 @@ def _differences(kind: str, recorded: bytes, computed: bytes) -> Iterator[str]:
         yield from _of_values('layout', (array.labels, array.sizes), (ours.labels, ours.sizes))
         yield from _of_numbers('', array.values, ours.values, _places(ours))
     else:
-        numbers, mine = (convert.decode_stamped(data, kind) for data in (recorded, computed))
+        numbers, mine = (decode_stamped(data, kind) for data in (recorded, computed))
         for name in ('stamp_ns', 'frame_id'):
             yield from _of_values(name, getattr(numbers, name), getattr(mine, name))
         yield from _of_numbers('', numbers.values, mine.values, NUMBERS[kind])

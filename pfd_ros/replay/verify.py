@@ -17,8 +17,8 @@ from typing import Any
 import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import TAKEN, Arrival, Event, Overflow, Source, Verdict
-from pfd_ros.messages.convert import decode_clock, decode_joint_state
-from pfd_ros.recording.format import ROBOT, SOURCE_OF_ROLE
+from pfd_ros.messages.convert import FLOAT_ARRAY, decode_clock, decode_joint_state
+from pfd_ros.recording.format import CHANNELS, ROBOT, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.differences import difference
@@ -130,7 +130,8 @@ class _Replay:
             for output in taken.outputs:
                 self._compare(message, output.data)
         else:
-            if message.lost:
+            # An array has no stamp; if the states have the same gap, theirs says so.
+            if message.lost and CHANNELS[message.role].type != FLOAT_ARRAY:
                 self._run_to_stamp(message)
             self._run_to(message.cycle)
             if message.role not in self.outputs:

@@ -186,8 +186,8 @@ def test_a_best_effort_publisher_is_served_and_no_message_is_taken_twice(
     def send_and_hear(*publishers) -> bool:
         """Send with all of them; return whether a command of the last one was heard."""
         for publisher in publishers:
-            # So small that no limit cuts it.
-            number = 1e-6 * next(counter)
+            # Far from the limits of the motors.
+            number = 1e-3 * next(counter)
             sent[publisher].add(number)
             publisher.publish(JointState(name=['joint1'], effort=[number]))
         return peer.states[-1].effort[0] in sent[publishers[-1]]

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,14 @@ from simulating import efforts, simulate
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import CLOCK, STATES, Arrival, Output, Source
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.outputs import position_and_quaternion
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import convert
+from pfd_ros.messages.stamped import decode_stamped, stamped_encoder
 from pfd_ros.recording.reader import LogError
 from pfd_ros.replay.verify import DifferenceError, read
 
@@ -63,7 +66,7 @@ def decoded(role: str, data: bytes) -> np.ndarray:
         return array.values.reshape(array.sizes)
     if kind == convert.JOINT_STATE:
         return convert.decode_joint_state(data).effort
-    return convert.decode_stamped(data, kind).values
+    return decode_stamped(data, kind).values
 
 
 class Expected:
@@ -118,36 +121,53 @@ def test_the_model_of_the_true_state_is_that_of_pinocchio() -> None:
     np.testing.assert_allclose(pin.Quaternion(pose[3:]).matrix(), placement.rotation, atol=1e-12)
 
 
+def pushed(wrench: Sequence[float], frame_id: str = 'tool0') -> Arrival:
+    data = stamped_encoder(convert.WRENCH, frame_id).encode(0, np.array(wrench))
+    return Arrival(Source.WRENCH, 1, data)
+
+
+def changed(**values: Any) -> Arrival:
+    return Arrival(Source.PARAMETERS, 1, encode_changes(values))
+
+
 def test_the_outputs_fulfil_the_equation_of_motion_with_a_wrench_on_the_tip() -> None:
-    # As long as no event brings a wrench, the arm has it from here.
-    engine = made(damping=True)
-    engine.arm.wrench = np.array([3.0, -2.0, 10.0, 0.1, 0.2, -0.3])
+    engine = made(damping=True, external_wrench=True)
+    k = [3.0, -2.0, 10.0, 0.1, 0.2, -0.3]
+    engine.take([pushed(k)])
     found = moved(engine)
     expected = Expected(engine)
-    base = np.concatenate(
-        [expected.pose().rotation @ half for half in np.split(engine.arm.wrench, 2)]
-    )
+    base = np.concatenate([expected.pose().rotation @ half for half in np.split(np.array(k), 2)])
     torques = decoded('external_torques', found['external_torques'])
     np.testing.assert_allclose(torques, expected.jacobian()[:, expected.order].T @ base)
-    assert decoded('tip_wrench', found['tip_wrench']).tolist() == engine.arm.wrench.tolist()
+    assert decoded('tip_wrench', found['tip_wrench']).tolist() == k
+    inertia, qdd, bias = (
+        decoded(role, found[role]) for role in ('inertia_matrix', 'acceleration', 'bias_torques')
+    )
+    np.testing.assert_allclose(inertia @ qdd + bias, engine.arm.tau + torques, atol=1e-9)
 
 
-def test_a_payload_is_in_the_model_and_compensated_gravity_is_no_part_of_it(
-    tmp_path: Path,
-) -> None:
-    payload = pfd.Payload(2.0, center=(0.0, 0.0, 0.1))
+def test_a_payload_that_comes_while_the_arm_runs_is_in_the_model_from_the_next_cycle_on() -> None:
+    engine, loaded = made(), made(payload_mass=2.0, payload_center=(0.0, 0.0, 0.1))
+    before = moved(engine)
+    moved(loaded)
+    engine.take([changed(payload_mass=2.0, payload_center=[0.0, 0.0, 0.1])])
+    after = {output.role: output.data for output in engine.step()}
+    robot, scene = engine.arm.robot, pfd.Scene(armature='model', payload=engine.arm.scene.payload)
+    q = Expected(engine).q
+    order = list(engine.arm.order)
+    for role, turned in (('inertia_matrix', np.ix_(order, order)), ('gravity_torques', order)):
+        wanted = pfd.compile_kernel(robot, quantity=role, scene=scene)(q)[turned]
+        assert decoded(role, after[role]).tolist() == wanted.tolist()
+        assert np.abs(decoded(role, after[role]) - decoded(role, before[role])).max() > 0.1
+
+
+def test_compensated_gravity_is_no_part_of_the_model_and_dry_friction_is_left_out() -> None:
     numbers = []
     for compensated in (False, True):
-        scene = pfd.Scene(payload=payload, friction=np.ones(6), gravity_compensation=compensated)
-        path = tmp_path / f'{compensated}.yaml'
-        scene.save(path)
-        engine = made(armature=False, scene=pfd.scene_to_yaml(scene))
+        engine = made(gravity_compensation=compensated, friction=True, motor_lag=(0.01,) * 6)
         found = {output.role: output.data for output in engine.step()}
-        numbers.append(decoded('gravity_torques', found['gravity_torques']))
-    robot = load_robot(engine.settings)
-    q = Expected(engine).q
-    g = pfd.compile_kernel(robot, quantity='gravity_torques', scene=pfd.Scene(payload=payload))(q)
-    assert numbers[0].tolist() == numbers[1].tolist() == g[list(engine.arm.order)].tolist()
+        numbers.append([found[role] for role in ('gravity_torques', 'bias_torques', 'energy')])
+    assert numbers[0] == numbers[1]
 
 
 def test_layouts_and_headers_name_joints_axes_and_frames() -> None:
@@ -166,7 +186,7 @@ def test_layouts_and_headers_name_joints_axes_and_frames() -> None:
         message = convert.decode_joint_state(found[role])
         assert (message.stamp_ns, message.frame_id, message.names) == (stamp, 'room', ORDER)
     for role, frame in (('tip_pose', 'base_link'), ('tip_wrench', 'tool0')):
-        stamped = convert.decode_stamped(found[role], OUTPUTS[role])
+        stamped = decode_stamped(found[role], OUTPUTS[role])
         assert (stamped.stamp_ns, stamped.frame_id) == (stamp, frame)
 
 
@@ -290,6 +310,26 @@ def test_a_recording_needs_the_channels_of_its_outputs_and_no_others(tmp_path: P
         made.edit('pfd_ros', 'settings', lambda s, new=outputs: {**s, 'outputs': new})
         with pytest.raises(LogError, match=r'outputs is .*, its topics are'):
             read(made.save(tmp_path / 'log.mcap'))
+
+
+def test_a_recording_with_a_wrench_and_a_new_payload_verifies(tmp_path: Path) -> None:
+    events = {
+        5: [efforts(1.0, -0.5)],
+        20: [(Source.WRENCH, pushed([1.0, 2.0, 0.0, 0.0, 0.0, 1.0], 'tip_link').payload)],
+        40: [(Source.PARAMETERS, changed(payload_mass=0.5).payload)],
+    }
+    made = simulate(60, events, outputs=ALL, external_wrench=True, noise_position=0.1)
+    read(made.save(tmp_path / 'log.mcap'), verify=True)
+    torques = [decoded('external_torques', m.data) for m in made.on('/sim_arm/external_torques')]
+    assert [bool(each.any()) for each in torques] == [False] * 19 + [True] * 41
+
+
+def test_lost_arrays_need_no_stamp(tmp_path: Path) -> None:
+    made = recorded()
+    gone = made.on('/sim_arm/acceleration')[10:30]
+    made.keep(lambda message: all(message is not each for each in gone))
+    summary = read(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
+    assert summary.lost == {'acceleration': 20}
 
 
 def test_lost_outputs_are_counted(tmp_path: Path) -> None:

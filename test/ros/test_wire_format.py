@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from pfd_ros.messages import convert
+from pfd_ros.messages.stamped import decode_stamped, effort_encoder, stamped_encoder
 
 STAMP = 12_345_678_901
 TAKEN = ('step', 'source', 'sequence', 'verdict')
@@ -73,10 +74,10 @@ def test_rclpy_reads_poses_and_wrenches_as_we_write_them_and_so_do_we(ros, frame
     from geometry_msgs.msg import PoseStamped, WrenchStamped
 
     numbers = np.arange(1.5, 8.0)
-    data = convert.stamped_encoder(convert.POSE, frame_id).encode(STAMP, numbers)
+    data = stamped_encoder(convert.POSE, frame_id).encode(STAMP, numbers)
     pose = ros.deserialize_message(data, PoseStamped)
     wrench = ros.deserialize_message(
-        convert.stamped_encoder(convert.WRENCH, frame_id).encode(STAMP, numbers[:6]), WrenchStamped
+        stamped_encoder(convert.WRENCH, frame_id).encode(STAMP, numbers[:6]), WrenchStamped
     )
     for message in (pose, wrench):
         assert (message.header.stamp.sec, message.header.frame_id) == (12, frame_id)
@@ -85,7 +86,7 @@ def test_rclpy_reads_poses_and_wrenches_as_we_write_them_and_so_do_we(ros, frame
     assert [turn.x, turn.y, turn.z, turn.w] == [4.5, 5.5, 6.5, 7.5]
     force, torque = wrench.wrench.force, wrench.wrench.torque
     assert [force.x, force.y, force.z, torque.x, torque.y, torque.z] == numbers[:6].tolist()
-    got = convert.decode_stamped(ros.serialize_message(pose), convert.POSE)
+    got = decode_stamped(ros.serialize_message(pose), convert.POSE)
     assert (got.stamp_ns, got.frame_id, got.values.tolist()) == (STAMP, frame_id, numbers.tolist())
 
 
@@ -94,7 +95,7 @@ def test_rclpy_reads_states_of_efforts_alone(ros, count: int) -> None:
     from sensor_msgs.msg import JointState
 
     names = [f'joint{"x" * i}' for i in range(count)]
-    data = convert.effort_encoder(names, 'base').encode(STAMP, np.arange(count) + 0.5)
+    data = effort_encoder(names, 'base').encode(STAMP, np.arange(count) + 0.5)
     message = ros.deserialize_message(data, JointState)
     assert (message.header.frame_id, message.name) == ('base', names)
     assert (len(message.position), len(message.velocity)) == (0, 0)

@@ -36,7 +36,7 @@ import numpy as np
 from ros_processes import JOINTS, Peer, Process, Processes, resident_bytes
 
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Command, Judgement
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.settings import Settings
@@ -181,7 +181,8 @@ class Messages:
                 data = self.named()
             if len(data) > self._largest:
                 continue
-            if all(abs(effort) <= SMALL for effort in self._judgement(source, data).efforts):
+            effect = self._judgement(source, data).effect
+            if not isinstance(effect, Command) or np.all(np.abs(effect.effort) <= SMALL):
                 yield source, data
 
     def _judgement(self, source: Source, data: bytes) -> Judgement:

@@ -188,6 +188,7 @@ class ArmDiagnostics:
                 ('position_sums', settings.position_sums),
                 ('kinetic_energy_J', f'{kinetic:.6g}'),
                 ('potential_energy_J', f'{potential:.6g}'),
+                ('saturated_steps', engine.actuators.saturated),
                 ('control_period_s', period),
                 # Stable below these; without delay, gains in one proportion for all joints.
                 ('pd_limit.kp_over_kd', f'{limits.ratio:.6g}'),

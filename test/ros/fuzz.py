@@ -73,7 +73,9 @@ NAMES = (
 LONGEST_NAME = 1 << 20
 VERDICTS = tuple(set(Verdict) - {Verdict.OVERFLOWED, Verdict.STALE})
 # The sources that are topics of a node with a clock of its own.
-TOPICS = (Source.NAMED, Source.ARRAY, Source.SET_STATE)
+TOPICS = (Source.NAMED, Source.ARRAY, Source.SET_STATE, Source.WRENCH, Source.PAYLOAD)
+# Their messages are only ever broken here: each payload that is none is compiled.
+BROKEN = (Source.WRENCH, Source.PAYLOAD)
 SECONDS_PER_CALL = 0.3
 
 
@@ -173,7 +175,7 @@ class Messages:
         while True:
             source = self.random.choice(TOPICS)
             chance = self.random.random()
-            if chance < 0.3:
+            if chance < 0.3 or source in BROKEN:
                 data = self.broken(source)
             elif source is Source.ARRAY:
                 data = self.plain()
@@ -304,10 +306,17 @@ def _flood(
     arm: Process, peer: Peer, crowd: Crowd, seconds: float, messages: Messages
 ) -> tuple[int, tuple[int, int]]:
     """Send until the time is over; return how many messages, and the memory after a while."""
+    from geometry_msgs.msg import InertiaStamped, WrenchStamped
     from sensor_msgs.msg import JointState
 
-    places = peer.node.create_publisher(JointState, '/sim_arm/set_state', 10)
-    publishers = {Source.NAMED: peer.named, Source.ARRAY: peer.plain, Source.SET_STATE: places}
+    publishers = {Source.NAMED: peer.named, Source.ARRAY: peer.plain} | {
+        source: peer.node.create_publisher(kind, f'/sim_arm/{topic}', 10)
+        for source, kind, topic in (
+            (Source.SET_STATE, JointState, 'set_state'),
+            (Source.WRENCH, WrenchStamped, 'external_wrench'),
+            (Source.PAYLOAD, InertiaStamped, 'payload'),
+        )
+    }
     caller = Caller(peer, messages.random)
     begun = time.monotonic()
     called, sent = begun, 0

@@ -7,6 +7,7 @@ From the inputs to the outputs:
     setting_fields    the fields of settings: description, range, reading
     command_settings  the settings of commands, a part of
     plant_settings    the settings of the simulated plant, another part
+    output_settings   the settings of what is published beside joint_states, and its types
     sensor_settings   the settings of the sensors, another part of
     settings          everything that is not an event: robot, scene, step size, rates
     noise             random numbers as a function of seed, channel and cycle
@@ -19,11 +20,13 @@ From the inputs to the outputs:
     requests          the rules for requests (pause, step, reset) and for states to jump to
     followed_clock    the rules for ticks of another node's clock
     pace              whether there may be a step: activity, pauses, lockstep, followed clock
+    command_link      the way of commands to the drives: delay, drop-out, watchdog
     actuators         from commands to the efforts that act: servos, limits of the motors
     arm               the simulated arm: robot, brakes, simulator, failure
     changes           the rules for settings that change while the arm runs: new payloads, gains
     sensors           the true state -> the measured one, which joint_states tell
     stable_gains      the largest gains of a PD loop through a zero-order hold
+    outputs           what is published beside joint_states: model, tip, energy, true state
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 
 A new input is a Source in `events` and a rule in `engine`. A new output is a role in `events`, its

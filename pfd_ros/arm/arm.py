@@ -88,6 +88,8 @@ class Arm:
     q, qd, tau
         The last finite state (n,) in published order, rad or m, rad/s or m/s, and the efforts
         that led to it, N m or N; a joint on its brake has none.
+    wrench
+        Force and moment on the tip in its axes, (6,), N and N m.
     step
         Steps that ended in a finite state.
     failure
@@ -181,6 +183,17 @@ class Arm:
         if plant is not None:
             plant.simulator.take_state(self._simulator)
             self.scene, self._simulator = plant
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        """Accelerations (n,) under the last efforts, published order, rad/s^2 or m/s^2.
+
+        Zero before the first step, after a jump, and once the arm has failed.
+        """
+        if self.failure:
+            return np.zeros(len(self._columns))
+        qdd: np.ndarray = self._simulator.qdd[self._columns]
+        return qdd
 
     def advance(self, drive: Drive) -> None:
         """Do one step; after a failure the arm stands still and keeps its last finite state."""

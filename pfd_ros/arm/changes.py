@@ -17,6 +17,7 @@ import numpy as np
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import Arm
+from pfd_ros.arm.command_settings import check_servo
 from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import SettingsChange
 from pfd_ros.arm.events import Verdict
@@ -70,6 +71,7 @@ def changed(arm: Arm, settings: Settings, values: Mapping[str, Any]) -> Settings
     """
     found = replace(without_replaced(settings, values), **values)
     check_joint_counts(found, len(arm.order))
+    check_servo(found)
     return found
 
 

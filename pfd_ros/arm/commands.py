@@ -118,9 +118,12 @@ def merge(drive: Drive, command: Command) -> Drive:
     """Return the drive after a command."""
     joints, braked = command.joints, drive.braked.copy()
     braked[joints] = False
-    effort = _merged(drive.effort, joints, command.effort, 0.0)
     if command.position is None and command.velocity is None and drive.position is None:
+        # The usual case, and a fast one: efforts alone, none of which is NaN.
+        effort = drive.effort.copy()
+        effort[joints] = command.effort
         return Drive(effort, braked)
+    effort = _merged(drive.effort, joints, command.effort, 0.0)
     none = np.full(len(braked), np.nan)
     last = none if drive.position is None else drive.position
     position = _merged(last, joints, command.position, np.nan)

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+import math
 import struct
 
 import numpy as np
@@ -22,8 +23,12 @@ FLOAT_ARRAY = 'std_msgs/msg/Float64MultiArray'
 INTEGER_ARRAY = 'std_msgs/msg/UInt64MultiArray'
 CLOCK = 'rosgraph_msgs/msg/Clock'
 STRING = 'std_msgs/msg/String'
+# Messages of a header and a fixed count of numbers: x, y, z and the quaternion x, y, z, w; force
+# and torque; mass, centre of mass and inertia.
+POSE = 'geometry_msgs/msg/PoseStamped'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 INERTIA = 'geometry_msgs/msg/InertiaStamped'
+STAMPED_NUMBERS = {POSE: 7, WRENCH: 6, INERTIA: 10}
 
 NANOSECONDS = 1_000_000_000
 _TIME = struct.Struct('<iI')
@@ -41,6 +46,55 @@ class JointMessage:
     position: np.ndarray
     velocity: np.ndarray
     effort: np.ndarray
+
+
+@dataclass(frozen=True)
+class StampedMessage:
+    """A message of a header and numbers, a type in STAMPED_NUMBERS."""
+
+    stamp_ns: int
+    frame_id: str
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class ArrayMessage:
+    """A std_msgs/Float64MultiArray: the label and the size of each dimension, and its numbers."""
+
+    labels: tuple[str, ...]
+    sizes: tuple[int, ...]
+    values: np.ndarray
+
+
+def decode_stamped(data: bytes, kind: str) -> StampedMessage:
+    """Return the fields of a message of a type in STAMPED_NUMBERS.
+
+    Raises
+    ------
+    ValueError
+        If the bytes are no such message.
+    """
+    reader = CdrReader(data)
+    stamp_ns, frame_id = _time_ns(reader), reader.string()
+    return StampedMessage(stamp_ns, frame_id, reader.row('f8', STAMPED_NUMBERS[kind]))
+
+
+def decode_array(data: bytes) -> ArrayMessage:
+    """Return the layout and the numbers of a Float64MultiArray, not compared with each other.
+
+    Raises
+    ------
+    ValueError
+        If the bytes are no such message.
+    """
+    reader = CdrReader(data)
+    labels, sizes = [], []
+    for _ in range(reader.length(12)):
+        labels.append(reader.string())
+        sizes.append(reader.uint32())
+        reader.uint32()
+    reader.uint32()
+    return ArrayMessage(tuple(labels), tuple(sizes), reader.numbers('f8'))
 
 
 def decode_joint_state(data: bytes) -> JointMessage:
@@ -161,10 +215,7 @@ class JointStateEncoder:
     """
 
     def __init__(self, names: Sequence[str], frame_id: str = '') -> None:
-        writer = CdrWriter()
-        writer.int32(0)
-        writer.uint32(0)
-        writer.string(frame_id)
+        writer = _headed(frame_id)
         writer.strings(tuple(names))
         zeros = np.zeros(len(names))
         starts = [writer.numbers(zeros) for _ in range(3)]
@@ -231,3 +282,77 @@ def encode_inertia(message: InertiaMessage) -> bytes:
     writer.string(message.frame_id)
     writer.row(np.array([message.mass, *message.center, *message.inertia]))
     return bytes(writer.data)
+
+
+class StampedEncoder:
+    """Writes messages of a header and numbers: all is laid out once, but for stamp and numbers.
+
+    Parameters
+    ----------
+    writer
+        The message, with the stamp at its front.
+    start, count
+        The place of the first number, and how many there are.
+    """
+
+    def __init__(self, writer: CdrWriter, start: int, count: int) -> None:
+        self._data = writer.data
+        self._numbers = np.frombuffer(self._data, '<f8', count, start)
+
+    def encode(self, stamp_ns: int, values: np.ndarray) -> bytes:
+        """Return the message; the values are (count,)."""
+        _TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
+        self._numbers[:] = values
+        return bytes(self._data)
+
+
+def stamped_encoder(kind: str, frame_id: str) -> StampedEncoder:
+    """Return an encoder of a type in STAMPED_NUMBERS, with its frame."""
+    writer, count = _headed(frame_id), STAMPED_NUMBERS[kind]
+    return StampedEncoder(writer, writer.row(np.zeros(count)), count)
+
+
+def effort_encoder(names: Sequence[str], frame_id: str = '') -> StampedEncoder:
+    """Return an encoder of JointState messages with names and efforts alone."""
+    writer = _headed(frame_id)
+    writer.strings(tuple(names))
+    for _ in ('position', 'velocity'):
+        writer.numbers(np.zeros(0))
+    return StampedEncoder(writer, writer.numbers(np.zeros(len(names))), len(names))
+
+
+def _headed(frame_id: str) -> CdrWriter:
+    writer = CdrWriter()
+    writer.int32(0)
+    writer.uint32(0)
+    writer.string(frame_id)
+    return writer
+
+
+class ArrayEncoder:
+    """Writes Float64MultiArray messages of one layout.
+
+    Parameters
+    ----------
+    layout
+        A word for each dimension, and the name of each of its places: the label of the dimension
+        is `word: name,name`.
+    """
+
+    def __init__(self, layout: Sequence[tuple[str, Sequence[str]]]) -> None:
+        writer = CdrWriter()
+        writer.uint32(len(layout))
+        shape = [len(names) for _, names in layout]
+        for place, (word, names) in enumerate(layout):
+            writer.string(f'{word}: {",".join(names)}')
+            writer.uint32(len(names))
+            writer.uint32(math.prod(shape[place:]))
+        writer.uint32(0)
+        start = writer.numbers(np.zeros(math.prod(shape)))
+        self._data = writer.data
+        self._numbers = np.frombuffer(self._data, '<f8', math.prod(shape), start).reshape(shape)
+
+    def encode(self, values: np.ndarray) -> bytes:
+        """Return the message; the values have the shape of the layout."""
+        self._numbers[:] = values
+        return bytes(self._data)

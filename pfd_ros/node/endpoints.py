@@ -7,13 +7,13 @@ A new topic is a row in one of the two tables; QoS can be overridden by paramete
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from functools import partial
 import time
 from typing import Any
 
-from geometry_msgs.msg import InertiaStamped, WrenchStamped
+from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -25,7 +25,15 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from pfd_ros.arm.events import CLOCK, PAYLOAD_IN_USE, STATES, Source
+from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.messages import convert
 
+_CLASSES = {
+    convert.JOINT_STATE: JointState,
+    convert.FLOAT_ARRAY: Float64MultiArray,
+    convert.POSE: PoseStamped,
+    convert.WRENCH: WrenchStamped,
+}
 # Type, topic and depth of each source of events, and of each output by role.
 SUBSCRIBED = {
     Source.NAMED: (JointState, 'joint_commands', 1),
@@ -39,6 +47,7 @@ PUBLISHED = {
     STATES: (JointState, 'joint_states', 10),
     CLOCK: (Clock, '/clock', 1),
     PAYLOAD_IN_USE: (InertiaStamped, '~/payload_in_use', 1),
+    **{name: (_CLASSES[kind], f'~/{name}', 10) for name, kind in OUTPUTS.items()},
 }
 # Those whose last message reaches subscribers that come later.
 LATCHED = frozenset({Source.PAYLOAD, PAYLOAD_IN_USE})
@@ -67,11 +76,11 @@ def _profile(end: Source | str, depth: int) -> QoSProfile:
 def create_endpoints(
     node: Node,
     *,
-    publish_clock: bool,
+    roles: Container[str],
     follow_clock: bool,
     on_message: Callable[[Source, bytes], None],
 ) -> Endpoints:
-    """Create the endpoints of a node, those of the clock only if wanted.
+    """Create the endpoints of a node, publishers for the outputs of some roles alone.
 
     `on_message` is called with each serialized message, on the executor's thread.
     """
@@ -88,7 +97,7 @@ def create_endpoints(
             **overridable,
         )
         for role, (kind, topic, depth) in PUBLISHED.items()
-        if role != CLOCK or publish_clock
+        if role in roles
     }
     subscriptions = {
         source: node.create_subscription(

@@ -158,7 +158,7 @@ class SimArmNode(LifecycleNode):
     def _configure(self) -> None:
         settings = replace(parameters.read(self), autostart=self._starting)
         self.arm = SimArm(self, settings, self._log)
-        # Now those for each joint are declared too.
+        # Now that the joints are known, too.
         misspelt = parameters.misspelt(self)
         if misspelt:
             self._log.once('misspelt', f'not parameters of this node: {misspelt}; misspelt?')

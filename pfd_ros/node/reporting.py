@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import time
 from typing import Any
 
+from pfd_ros.arm.command_link import TIMEOUT_TEXT
 from pfd_ros.arm.commands import ERRORS, QUIET
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.messages.convert import NANOSECONDS
@@ -64,6 +65,10 @@ class Reporter:
             tell(publisher.topic, publisher.refused, text, last=last)
         text = 'messages not recorded: the disk is too slow'
         tell('recorder', self.stepper.session.dropped, text, last=last)
+        link, actuators = self.stepper.engine.link, self.stepper.engine.actuators
+        tell('timeouts', link.timeouts, TIMEOUT_TEXT, last=last)
+        text = f'times a reflex braked all joints: {actuators.reflex}'
+        tell('reflex', actuators.trips, text, error=True, last=last)
         failure = self.stepper.engine.arm.failure
         text = f'failure, simulation stopped: {failure}'
         tell('failure', int(bool(failure)), text, error=True, last=last)

@@ -19,6 +19,7 @@ from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
@@ -78,7 +79,7 @@ class SimArm:
         engine = Engine(settings, robot)
         endpoints = create_endpoints(
             node,
-            publish_clock=settings.publish_clock,
+            roles=roles_of(settings),
             follow_clock=settings.follows_clock,
             on_message=self._receive,
         )

@@ -36,7 +36,7 @@ import numpy as np
 from ros_processes import JOINTS, Peer, Process, Processes, resident_bytes
 
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Command, Judgement
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.settings import Settings
@@ -183,7 +183,7 @@ class Messages:
                 data = self.named()
             if len(data) > self._largest:
                 continue
-            if all(abs(effort) <= SMALL for effort in self._judgement(source, data).efforts):
+            if _is_gentle(self._judgement(source, data)):
                 yield source, data
 
     def _judgement(self, source: Source, data: bytes) -> Judgement:
@@ -200,6 +200,13 @@ class Messages:
                 yield source, data
             if not missing:
                 return
+
+
+def _is_gentle(judgement: Judgement) -> bool:
+    """Return whether a message leaves the arm in one piece."""
+    effect = judgement.effect
+    efforts = effect.effort if isinstance(effect, Command) else None
+    return efforts is None or not (np.abs(efforts) > SMALL).any()
 
 
 class Crowd:

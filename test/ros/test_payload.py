@@ -210,7 +210,7 @@ def test_a_recording_with_payloads_verifies(tmp_path: Path) -> None:
     second = made.on('/sim_arm/payload_in_use')[1]
     second.data = encode_inertia(replace(decode_inertia(second.data), mass=1.25))
     made.recount(digests=True)
-    with pytest.raises(ValueError, match='step 2: payload_in_use: m: recorded 1.25'):
+    with pytest.raises(ValueError, match=r'step 2: payload_in_use: m: recorded 1.25'):
         read(made.save(tmp_path / 'b.mcap'), verify=True)
 
 

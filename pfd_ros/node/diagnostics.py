@@ -6,7 +6,7 @@ One status for each task, as REP 107 has it:
 
     lifecycle      the state of the node
     stepping       real-time factor, time of a step, overruns
-    commands       rate, age, rejections by cause, publishers that are not heard
+    commands       rate, age, rejections by cause, publishers that are not heard, watchdog, reflex
     simulation     integrator, method, energy, the largest stable gains of a PD loop
     recording      open, failed, waiting, dropped
 
@@ -160,7 +160,18 @@ class ArmDiagnostics:
         for (source, verdict), (count, _) in sorted(self.counts.verdicts().items()):
             if verdict is not Verdict.ACCEPTED:
                 values.append((f'{ROLE_OF_SOURCE[source]}.{verdict.name.lower()}', count))
-        values.append(('unknown_names', self.counts.unknown()[0]))
+        link, actuators = self.stepper.engine.link, self.stepper.engine.actuators
+        values += [
+            ('unknown_names', self.counts.unknown()[0]),
+            ('watchdog_trips', link.timeouts),
+            ('lost_on_their_way', link.lost),
+            ('saturated_steps', actuators.saturated),
+            ('reflex_trips', actuators.trips),
+        ]
+        if actuators.tripped:
+            return Task('commands', ERROR, f'a reflex holds the arm: {actuators.reflex}', values)
+        if link.timed_out:
+            return Task('commands', WARN, 'the watchdog has tripped: no command in time', values)
         if now.rejected > last.rejected:
             return Task('commands', WARN, 'messages rejected', values)
         if deaf:
@@ -188,7 +199,6 @@ class ArmDiagnostics:
                 ('position_sums', settings.position_sums),
                 ('kinetic_energy_J', f'{kinetic:.6g}'),
                 ('potential_energy_J', f'{potential:.6g}'),
-                ('saturated_steps', engine.actuators.saturated),
                 ('control_period_s', period),
                 # Stable below these; without delay, gains in one proportion for all joints.
                 ('pd_limit.kp_over_kd', f'{limits.ratio:.6g}'),

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import contextmanager
+from dataclasses import replace
 import sys
 import threading
 import time
@@ -141,6 +142,23 @@ def test_a_fault_in_a_step_on_another_thread_ends_the_stepping_thread() -> None:
         bench.answer(last)
         bench.wait(bench.workers.stop.is_set)
     assert bench.workers.failures[0].startswith("stepping failed: KeyError: '{0}'")
+
+
+def test_another_real_time_factor_counts_at_once_for_a_slow_arm_and_for_one_that_waits() -> None:
+    # A step would take 1000 s.
+    slow = Bench(real_time_factor=1e-6)
+    with slow.running():
+        slow.engine.settings = replace(slow.engine.settings, real_time_factor=0.0)
+        slow.wait(lambda: slow.engine.cycles > 10)
+    waiting = Bench(lockstep=True, real_time_factor=0.0)
+    with waiting.running():
+        last = waiting.answer_each(5)[-1]
+        waiting.engine.settings = replace(waiting.engine.settings, real_time_factor=0.5)
+        waiting.wait(lambda: waiting.stepper.timer.period_ns == 2_000_000)
+        # From now on the stepping thread paces it.
+        assert not waiting.stepper.step_at_once()
+        waiting.answer(last)
+        waiting.wait(lambda: stamp(waiting.topic.states[-1]) > stamp(last))
 
 
 def test_a_request_for_many_steps_is_done_to_its_end() -> None:

@@ -25,9 +25,12 @@ from pfd_core.kernels.quantities import EVERYTHING, QUANTITIES
 from pfd_core.model import resolve
 
 FOLDER = Path(__file__).resolve().parent.parent / 'docs' / 'guides'
-GUIDES = sorted(path.stem for path in FOLDER.glob('*.md'))
 # A block of code, and the output printed below it, if there is one.
 BLOCK = re.compile(r'^```python\n(.*?)^```\n(?:\n```text\n(.*?)^```$)?', re.MULTILINE | re.DOTALL)
+# Guides of the node are run by test/ros.
+GUIDES = sorted(
+    path.stem for path in FOLDER.glob('*.md') if BLOCK.search(path.read_text(encoding='utf-8'))
+)
 WITH_SCIPY = re.compile(r'^```python scipy\n(.*?)^```$', re.MULTILINE | re.DOTALL)
 # Relative difference of a start's cost from the linear model's, over the size of the start
 # [rad, rad/s]: terms of third order beside those of second; seen up to 0.1.

@@ -76,6 +76,7 @@ def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
         'pfd_ros/node/main.py',
         'share/pfd_ros/package.xml',
         'share/pfd_ros/config/sim_arm.yaml',
+        'share/pfd_ros/launch/two_arms.launch.py',
         'share/ament_index/resource_index/packages/pfd_ros',
     ):
         assert any(name.endswith(part) for name in files), part

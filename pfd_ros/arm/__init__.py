@@ -6,7 +6,9 @@ From the inputs to the outputs:
 
     setting_fields    the fields of settings: description, range, reading
     command_settings  the settings of commands, a part of
+    description_settings  those of the model that controllers share, a part of
     plant_settings    the settings of the simulated plant, another part
+    output_settings   the settings of what is published beside joint_states, and its types
     sensor_settings   the settings of the sensors, another part of
     settings          everything that is not an event: robot, scene, step size, rates
     noise             random numbers as a function of seed, channel and cycle
@@ -17,12 +19,17 @@ From the inputs to the outputs:
     tip_frames        frames that the last link carries: wrenches and inertias brought to its own
     wrench            the rules for external wrenches, and how long one acts
     requests          the rules for requests (pause, step, reset) and for states to jump to
+    description       the <ros2_control> block of a URDF: topics, initial positions, followers
+    urdf_text         a URDF of a robot that came from elsewhere
     followed_clock    the rules for ticks of another node's clock
     pace              whether there may be a step: activity, pauses, lockstep, followed clock
+    command_link      the way of commands to the drives: delay, drop-out, watchdog
     actuators         from commands to the efforts that act: servos, limits of the motors
+    model_kernels     the native code of the outputs that are quantities of the model
     arm               the simulated arm: robot, brakes, simulator, failure
     changes           the rules for settings that change while the arm runs: new payloads, gains
     sensors           the true state -> the measured one, which joint_states tell
+    outputs           what is published beside joint_states: model, tip, energy, true state
     stable_gains      the largest gains of a PD loop through a zero-order hold
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 

@@ -18,8 +18,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from pfd_ros.arm.commands import Drive, Gains
+from pfd_ros.arm.command_settings import check_servo
+from pfd_ros.arm.commands import Drive, Gains, held
 from pfd_ros.arm.settings import Settings
+from pfd_ros.text import cut
 
 # For a joint whose model states no limit: the weight of all links at an arm of 5 m, N m or N, and
 # at least 1000; rad/s or m/s.
@@ -51,6 +53,10 @@ class Actuators:
     ----------
     saturated
         Cycles in which a limit cut an effort.
+    tripped
+        Whether a reflex has braked all joints, until `restart`.
+    trips, reflex
+        How often it has, and why it did last.
 
     Parameters
     ----------
@@ -61,11 +67,19 @@ class Actuators:
     """
 
     def __init__(self, settings: Settings, robot: Any, order: Sequence[int]) -> None:
-        self.saturated = 0
+        self.saturated = self.trips = 0
+        self.reflex = ''
+        self._names = robot.joint_names
         self._order = list(order)
         self._place = np.argsort(order)
-        self._full, self._limits = effort_limits(robot), speed_limits(robot)
+        self._full, self._speeds = effort_limits(robot), speed_limits(robot)
+        # Index in the model, speed limit and effort limit of each joint, in published order.
+        self._motors = [(i, float(self._speeds[i]), float(self._full[i])) for i in order]
         self._servo: _Servo | None = None
+        # The drive of the last cycle, before the limits, where a reflex looks at it.
+        self._before: Drive | None = None
+        self.tripped = False
+        check_servo(settings)
         self.set(settings)
 
     def set(self, settings: Settings) -> None:
@@ -73,10 +87,19 @@ class Actuators:
         n = len(self._order)
         self._most = self._full if settings.effort_limits else np.full(n, np.inf)
         self._least = -self._most
-        slowest = float(np.min(self._limits)) if settings.torque_speed else np.inf
+        slowest = float(np.min(self._speeds)) if settings.torque_speed else np.inf
         self._slow = FULL_SPEED * slowest
         self._gains = Gains(self._of_joints(settings.servo_p), self._of_joints(settings.servo_d))
         self._servo = None
+        rate = settings.reflex_effort_rate
+        self._largest_jump = rate * settings.step_size if rate else np.inf
+        if not rate:
+            self._before = None
+
+    def restart(self) -> None:
+        """Forget the last efforts and the reflex that they tripped."""
+        self.tripped = False
+        self._before = None
 
     @property
     def gains(self) -> Gains | None:
@@ -99,6 +122,8 @@ class Actuators:
             m/s.
         """
         wanted = drive.effort if drive.position is None else self._followed(drive, q, qd)
+        if self._largest_jump < np.inf and self._jumps(Drive(wanted, drive.braked)):
+            return held(len(wanted))
         effort = np.minimum(np.maximum(wanted, self._least), self._most)
         velocities = qd.tolist()
         if max(velocities) > self._slow or min(velocities) < -self._slow:
@@ -117,15 +142,35 @@ class Actuators:
         )
         return effort
 
+    def _jumps(self, wanted: Drive) -> bool:
+        """Return whether an effort jumps by more than the reflex allows.
+
+        The first effort of a joint that comes off its brake may be any: the brake held its load.
+        """
+        before, self._before = self._before, wanted
+        if before is None or self.tripped:
+            return self.tripped
+        jumps = np.abs(wanted.effort - before.effort)
+        jumps[before.braked | wanted.braked] = 0.0
+        joint = int(np.argmax(jumps))
+        if jumps[joint] > self._largest_jump:
+            self.tripped = True
+            self.trips += 1
+            self.reflex = (
+                f'the effort of {cut(self._names[joint])!r} jumped by {jumps[joint]:.6g} in a '
+                f'cycle, expected {self._largest_jump:.6g} at most; ~/reset ends it'
+            )
+        return self.tripped
+
     def _limit_at_speed(self, effort: np.ndarray, velocities: Sequence[float]) -> None:
         """Cut efforts, (n,) in model order, to those that the motors have at these speeds.
 
         Near its speed limit a motor drives its joint along with less; it brakes it with all.
         """
-        for i, velocity in zip(self._order, velocities, strict=True):
-            share = (1.0 - abs(velocity) / self._limits[i]) / (1.0 - FULL_SPEED)
+        for (i, limit, full), velocity in zip(self._motors, velocities, strict=True):
+            share = (1.0 - abs(velocity) / limit) / (1.0 - FULL_SPEED)
             if share < 1.0:
-                most = self._full[i] * max(share, 0.0)
+                most = full * max(share, 0.0)
                 effort[i] = min(effort[i], most) if velocity > 0.0 else max(effort[i], -most)
 
 

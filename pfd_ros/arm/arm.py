@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -13,6 +13,7 @@ import numpy as np
 import pfd_core as pfd
 from pfd_ros.arm.commands import Drive
 from pfd_ros.arm.effects import StateChange
+from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.setting_fields import check_joint_counts
 from pfd_ros.arm.settings import Settings
@@ -63,10 +64,11 @@ def joint_order(wanted: Sequence[str], robot: Any) -> tuple[int, ...]:
 
 
 class Plant(NamedTuple):
-    """A scene, and the native code that simulates the robot in it."""
+    """A scene, and the native code that simulates the robot in it and that of the outputs."""
 
     scene: pfd.Scene
     simulator: Any
+    kernels: Mapping[str, Any]
 
 
 class Arm:
@@ -76,8 +78,8 @@ class Arm:
     ----------
     settings
         Those given, with the names that 'auto' stood for; events change the dynamic ones.
-    robot, scene
-        The robot and the effects that act on it.
+    robot, scene, kernels
+        The robot, the effects that act on it, and the native code of the outputs by name.
     wrench
         Force and moment on the last link in the next step, (6,) in its frame; None in a scene
         without an external wrench.
@@ -109,7 +111,7 @@ class Arm:
         self._start_ns, self._step_ns = settings.start_ns, settings.step_ns
         # As NumPy indexes with: it would convert a list each time.
         self._columns = np.array(self.order, np.intp)
-        self.scene, self._simulator = self._compiled(settings)
+        self.scene, self._simulator, self.kernels = self._compiled(settings)
         self.wrench = np.zeros(6) if self.scene.external_wrench else None
         # Plants that were compiled before an event asks for them, by the digest of their scene.
         self._prepared: dict[str, Plant] = {}
@@ -141,13 +143,25 @@ class Arm:
         """Simulated time, ns: whole steps, so that it never drifts."""
         return self._start_ns + self.step * self._step_ns
 
+    @property
+    def acceleration(self) -> np.ndarray:
+        """Accelerations (n,) under the last efforts, published order, rad/s^2 or m/s^2.
+
+        Zero before the first step, after a jump, and once the arm has failed.
+        """
+        if self.failure:
+            return np.zeros(len(self._columns))
+        qdd: np.ndarray = self._simulator.qdd[self._columns]
+        return qdd
+
     def leap(self, stamp_ns: int) -> None:
         """Let simulated time go on from there, without a step."""
         self._start_ns = stamp_ns - self.step * self._step_ns
 
     def _compiled(self, settings: Settings) -> Plant:
         scene = scene_of(settings, self.robot, self.order)
-        return Plant(scene, pfd.Simulator(self.robot, scene, **simulator_settings(settings)))
+        simulator = pfd.Simulator(self.robot, scene, **simulator_settings(settings))
+        return Plant(scene, simulator, model_kernels(settings, self.robot, scene))
 
     def prepare(self, settings: Settings) -> None:
         """Compile the plant of other settings ahead, on any thread: it may take a second.
@@ -181,7 +195,7 @@ class Arm:
         self.settings = settings
         if plant is not None:
             plant.simulator.take_state(self._simulator)
-            self.scene, self._simulator = plant
+            self.scene, self._simulator, self.kernels = plant
 
     def advance(self, drive: Drive) -> None:
         """Do one step; after a failure the arm stands still and keeps its last finite state."""
@@ -192,7 +206,7 @@ class Arm:
         except (ValueError, ArithmeticError) as error:
             self.failure = f'step {self.step + 1} failed: {error}'
             return
-        if self._simulator.status == 'not_finite':
+        if self._simulator.status != 'ok':
             self.failure = f'the state after step {self.step + 1} is not finite'
             return
         self.step += 1

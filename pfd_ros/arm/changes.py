@@ -17,6 +17,7 @@ import numpy as np
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import Arm
+from pfd_ros.arm.command_settings import check_servo
 from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import SettingsChange
 from pfd_ros.arm.events import Verdict
@@ -25,7 +26,8 @@ from pfd_ros.arm.scene import without_replaced
 from pfd_ros.arm.setting_fields import check_joint_counts, typed
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.tip_frames import body_at_tip, tip_frame
-from pfd_ros.messages.convert import InertiaMessage, encode_string
+from pfd_ros.messages.convert import encode_string
+from pfd_ros.messages.stamped import InertiaMessage
 from pfd_ros.text import listed
 
 # Every dynamic setting of an arm with a hundred joints fits in.
@@ -70,6 +72,7 @@ def changed(arm: Arm, settings: Settings, values: Mapping[str, Any]) -> Settings
     """
     found = replace(without_replaced(settings, values), **values)
     check_joint_counts(found, len(arm.order))
+    check_servo(found)
     return found
 
 

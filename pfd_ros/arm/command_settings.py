@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from pfd_ros.arm.effects import MOST_STEPS
 from pfd_ros.arm.setting_fields import setting
 
+# Longest delay, s: a line of commands this long is kept.
+LONGEST_DELAY = 1.0
 # Stiffer than any drive; the efforts of a servo stay finite with it.
 LARGEST_GAIN = 1e9
 
@@ -24,6 +26,11 @@ class CommandSettings:
         False, 'In lockstep, let the first step wait for the first command too'
     )
     step_count: int = setting(1, 'Steps of one call of ~/step', 1, MOST_STEPS)
+    convention: str = setting(
+        'plain',
+        'Efforts with gravity (plain), or without it, which the drives add (franka)',
+        values=('plain', 'franka'),
+    )
     effort_limits: bool = setting(
         True, "Cut efforts to the model's limits; joints without one get a wide one"
     )
@@ -46,3 +53,45 @@ class CommandSettings:
         dynamic=True,
         per_joint=True,
     )
+    command_timeout: float = setting(
+        0.0,
+        'Simulated time without a command after which `on_timeout` acts, s; 0 is never',
+        0.0,
+        1e6,
+        dynamic=True,
+    )
+    on_timeout: str = setting(
+        'brake',
+        'Joints without commands: on their brakes, without effort, or held by their servos',
+        values=('brake', 'zero', 'hold'),
+        dynamic=True,
+    )
+    delay_commands: float = setting(
+        0.0,
+        'From the arrival of a command until it acts, s of simulated time, whole steps',
+        0.0,
+        LONGEST_DELAY,
+        name='delay.commands',
+    )
+    drop_commands: float = setting(
+        0.0, 'Share of the commands that are lost', 0.0, 1.0, name='drop.commands', dynamic=True
+    )
+    reflex_effort_rate: float = setting(
+        0.0,
+        'Rate of an effort, servo included, that trips the brakes, N m/s or N/s; 0 is none',
+        0.0,
+        1e9,
+        dynamic=True,
+    )
+
+
+def check_servo(settings: CommandSettings) -> None:
+    """Check that there is a servo for what needs one; once the joints are known.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    if settings.on_timeout == 'hold' and not (settings.servo_p and min(settings.servo_p) > 0.0):
+        raise ValueError("on_timeout is 'hold', expected servo_p above 0 for every joint")

@@ -8,7 +8,7 @@ and the same events in the same cycles give the same bytes. One cycle is
     events that came since the cycle before   ->   a verdict on each, in the order of the events
     accepted commands                         ->   the drive of the joints
     drive                                     ->   one step of the arm, or a jump to another state
-    outputs                                   ->   verdict rows, then the state, then the clock
+    outputs                                   ->   verdict rows, state, what is asked beside, clock
 
 `take` does the first half and `step` the second: while the arm stands (a pause, or lockstep
 without an answer to the last state), events are taken and no cycle runs. A caller that
@@ -29,16 +29,8 @@ import numpy as np
 from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.changes import judge_changes, judge_payload, payload_message
-from pfd_ros.arm.commands import (
-    Command,
-    Drive,
-    Judgement,
-    held,
-    judge_array,
-    judge_named,
-    let_go,
-    merge,
-)
+from pfd_ros.arm.command_link import CommandLink
+from pfd_ros.arm.commands import Command, Drive, Judgement, held, judge_array, judge_named, let_go
 from pfd_ros.arm.effects import ClockTick, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
     CLOCK,
@@ -58,12 +50,13 @@ from pfd_ros.arm.events import (
     VerdictRow,
 )
 from pfd_ros.arm.followed_clock import FollowedClock
+from pfd_ros.arm.outputs import extra_outputs
 from pfd_ros.arm.pace import Pace
 from pfd_ros.arm.requests import judge_request, judge_state
 from pfd_ros.arm.sensors import JointArrays, sensors_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.wrench import ExternalWrench, judge_wrench
-from pfd_ros.messages import convert
+from pfd_ros.messages import convert, stamped
 from pfd_ros.text import one_line
 
 # Rows of one message: a flood may have dropped a million commands before a cycle.
@@ -102,12 +95,12 @@ class Engine:
         Number of the last cycle, 0 before the first.
     pace
         Whether there may be a next one.
-    drive
-        The efforts and brakes that are commanded for the next step.
-    applied
-        The efforts and brakes of the last step, as the actuators made them.
+    link
+        The way of commands to the actuators.
     actuators
-        From the one to the other.
+        From the commands that arrived to the efforts that act.
+    applied
+        The efforts and brakes of the last step.
     wrench
         The wrench on the last link, None in a scene without one.
     jumps
@@ -135,19 +128,20 @@ class Engine:
         self._publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
         self._index = {name: i for i, name in enumerate(robot.joint_names)}
-        self.drive = self.applied = held(robot.n)
+        self.applied = held(robot.n)
+        self.link = CommandLink(self.settings, self.arm.order)
         self.actuators = Actuators(self.settings, robot, self.arm.order)
         self._order = np.array(self.arm.order)
-        self._place = np.argsort(self._order)
-        self._released = np.zeros(robot.n, bool)
         # Stamped commands from before are left-overs.
         self._since_ns = self._reset_ns = settings.start_ns
         self.wrench = ExternalWrench(settings) if self.arm.scene.external_wrench else None
         self._payload_is_new = self.arm.scene.payload is not None
         self._payloads = 0
         self.jumps: list[StateChange | None] = []
+        self._locked = settings.published_locks
         self.sensors = sensors_of(self.settings, self.arm)
-        self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id)
+        self._extra = extra_outputs(self.settings, self.arm)
+        self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id, self._locked)
 
     @property
     def stands(self) -> bool:
@@ -184,46 +178,54 @@ class Engine:
     def accept(self, event: Arrival) -> Judgement:
         """Judge one message and apply it to the next cycle, without a row."""
         judgement = self.judge(event)
-        self._apply(event.source, judgement)
+        self._apply(event, judgement)
         return judgement
 
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
         source, payload = event.source, event.payload
-        if source in MOVING and not self.pace.active:
+        if not self.pace.active and source in MOVING:
             return INACTIVE
         try:
             if source is Source.ARRAY:
-                return judge_array(convert.decode_floats(payload), self._order)
+                floats = convert.decode_floats(payload)
+                return self._unless_tripped(judge_array(floats, self._order))
             if source is Source.NAMED:
-                message = convert.decode_joint_state(payload)
-                return judge_named(message, self._index, self._since_ns, self.actuators.gains)
+                message, gains = convert.decode_joint_state(payload), self.actuators.gains
+                return self._unless_tripped(
+                    judge_named(message, self._index, self._since_ns, gains, self._locked)
+                )
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
-                return judge_state(message, self._index, self._since_ns)
+                return judge_state(message, self._index, self._since_ns, self._locked)
             if source is Source.PARAMETERS:
                 return judge_changes(convert.decode_string(payload), self.arm)
             if source is Source.TICK:
                 return self.pace.judge_tick(convert.decode_clock(payload), self.arm.stamp_ns)
             if source is Source.WRENCH:
-                wrench, on = convert.decode_wrench(payload), self.wrench is not None
+                wrench, on = stamped.decode_wrench(payload), self.wrench is not None
                 return judge_wrench(wrench, self.arm.robot, self._reset_ns, taken=on)
             if source is Source.PAYLOAD:
-                return judge_payload(convert.decode_inertia(payload), self.arm)
+                return judge_payload(stamped.decode_inertia(payload), self.arm)
             return judge_request(convert.decode_string(payload), self.pace)
         except ValueError as error:
             return Judgement(Verdict.MALFORMED, one_line(error))
 
-    def _apply(self, source: Source, judgement: Judgement) -> None:
-        effect = judgement.effect
-        if source in COMMANDS:
+    def _unless_tripped(self, judgement: Judgement) -> Judgement:
+        """Return the judgement on a command, for an arm that a reflex may have braked."""
+        if self.actuators.tripped and judgement.verdict is Verdict.ACCEPTED:
+            return Judgement(Verdict.REFUSED, self.actuators.reflex)
+        return judgement
+
+    def _apply(self, event: Arrival, judgement: Judgement) -> None:
+        source, effect = event.source, judgement.effect
+        if self.pace.lockstep and source in COMMANDS:
             self.pace.answer(judgement.verdict)
         if isinstance(effect, Command):
-            self.drive = merge(self.drive, effect)
+            self.link.send(effect, self.cycles + 1, source, event.sequence)
         elif isinstance(effect, StateChange):
             self.jumps.append(effect)
-            self.drive = let_go(self.drive)
-            self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+            self._forget_commands(let_go(self.link.drive))
         elif isinstance(effect, SettingsChange):
             self._set(effect)
         elif isinstance(effect, ClockTick):
@@ -233,8 +235,7 @@ class Engine:
                 self.wrench.put(effect, self.settings.external_wrench_timeout)
         elif effect is not None:
             if effect.name in ('reset', 'deactivate'):
-                self.drive = held(len(self.arm.order))
-                self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+                self._forget_commands(held(len(self.arm.order)))
             if effect.name == 'reset':
                 self.jumps = [None]
                 self._reset_ns = self._since_ns
@@ -242,19 +243,22 @@ class Engine:
                 self._clear_wrench()
             self.pace.request(effect)
 
-    def command(self, efforts: np.ndarray) -> Judgement:
+    def command(self, efforts: np.ndarray, sequence: int) -> Judgement:
         """Judge and apply efforts (n,) in published order, as a command without names has them.
 
-        For callers that neither record nor publish the command: it has no bytes and no number.
+        For callers that neither record nor publish the command, of this number: it has no bytes.
         """
-        judgement = judge_array(efforts, self._order) if self.pace.active else INACTIVE
-        if judgement.verdict is Verdict.ACCEPTED and self.drive.position is None:
-            # As `merge` does; all joints at once take a third of its time.
-            self.drive = Drive(efforts[self._place], self._released)
-            self.pace.answer(judgement.verdict)
-        else:
-            self._apply(Source.ARRAY, judgement)
+        judgement = INACTIVE
+        if self.pace.active:
+            judgement = self._unless_tripped(judge_array(efforts, self._order))
+        self._apply(Arrival(Source.ARRAY, sequence, b''), judgement)
         return judgement
+
+    def _forget_commands(self, drive: Drive) -> None:
+        """Go on with a drive, and without all commands from before the next step."""
+        self.link.clear(drive)
+        self.actuators.restart()
+        self._since_ns = self.arm.stamp_ns + self.settings.step_ns
 
     def _clear_wrench(self) -> None:
         if self.wrench is not None:
@@ -265,8 +269,11 @@ class Engine:
         before = self.arm.scene.payload
         self.settings = change.settings
         self.arm.change(change.settings, change.plant)
+        self.link.set(self.settings)
         self.actuators.set(self.settings)
         self.sensors = sensors_of(self.settings, self.arm, self.sensors)
+        if change.plant is not None:
+            self._extra = extra_outputs(self.settings, self.arm)
         if self.arm.scene.payload != before:
             self._payload_is_new = True
 
@@ -290,16 +297,16 @@ class Engine:
     def advance(self) -> None:
         """Run the next cycle on the events that were taken, without a message of its outputs."""
         self.cycles += 1
+        if not self.arm.failure:
+            self._actuate()
         if self.wrench is not None:
             self.arm.wrench = self.wrench.next()
         if self.jumps:
-            self.applied = let_go(self.drive)
             self.arm.jump(self.jumps)
             self.jumps = []
             if self.sensors is not None:
                 self.sensors.restart()
         else:
-            self.applied = self.actuators.applied(self.drive, self.arm.q, self.arm.qd)
             self.arm.advance(self.applied)
             if self.sensors is not None:
                 self.sensors.sample()
@@ -314,27 +321,40 @@ class Engine:
         dropped = self.sensors is not None and self.sensors.drops(self.cycles)
         return DROPPED_STATES if dropped else STATES
 
+    def _actuate(self) -> None:
+        """Let the commands that are due reach the drives, and the drives decide on their efforts.
+
+        A failed arm has no drives: a gap in its cycles changes nothing.
+        """
+        self.link.advance(self.cycles, self.arm.q)
+        if self.jumps:
+            self.applied = let_go(self.link.drive)
+            return
+        self.applied = self.actuators.applied(self.link.drive, self.arm.q, self.arm.qd)
+        if self.actuators.tripped:
+            self.link.clear(self.applied)
+
     def _payload_in_use(self) -> Output:
         """Return the payload from this cycle on, at the origin and in the axes of the tip link."""
         self._payload_is_new = False
         self._payloads += 1
         message = payload_message(self.arm.scene.payload, self.arm.stamp_ns, self.arm.robot.tip)
-        return Output(PAYLOAD_IN_USE, self._payloads, convert.encode_inertia(message))
+        return Output(PAYLOAD_IN_USE, self._payloads, stamped.encode_inertia(message))
 
     def measured(self) -> JointArrays:
         """Return the positions, velocities and efforts that the state of this cycle tells."""
         if self.sensors is None:
-            return JointArrays(self.arm.q, self.arm.qd, self.arm.tau)
+            return self.arm.q, self.arm.qd, self.arm.tau
         return self.sensors.measured(self.cycles)
 
     def present(self) -> list[Output]:
-        """Return the state and the clock tick as they are now, for readers that missed them.
+        """Return the state, the outputs beside it and the tick, for readers that missed them.
 
         They are not part of the run: no cycle, and nothing to record.
         """
         arm = self.arm
         state = self._encoder.encode(arm.stamp_ns, *self.measured())
-        found = [Output(STATES, 0, state)]
+        found = [Output(STATES, 0, state), *self._beside_the_state(0)]
         if self._clock_every:
             found.append(Output(CLOCK, 0, convert.encode_clock(arm.stamp_ns)))
         return found
@@ -342,7 +362,7 @@ class Engine:
     def stand_still(self, cycle: int) -> None:
         """Pass over the cycles up to `cycle`, for an arm that failed and gets no events.
 
-        State and tick are the same in each of them: a gap of any length costs nothing.
+        The arm is the same in each of them: a gap of any length costs nothing.
         """
         if not self.arm.failure:
             raise RuntimeError('only an arm that failed stands still')
@@ -362,12 +382,19 @@ class Engine:
         return Output(TAKEN, self._row_messages, convert.encode_rows(rows, TAKEN_COLUMNS))
 
     def _add_state_and_tick(self, outputs: list[Output]) -> None:
-        """Add the state and the clock tick of this cycle; the state precedes its tick."""
+        """Add the state of this cycle, the outputs beside it, and the clock tick."""
         arm, cycle = self.arm, self.cycles
         role = self._state_role()
         if role:
             state = self._encoder.encode(arm.stamp_ns, *self.measured())
-            outputs.append(Output(role, cycle // self._publish_every, state))
+            number = cycle // self._publish_every
+            outputs.append(Output(role, number, state))
+            if self._extra is not None:
+                outputs.extend(self._beside_the_state(number))
         if self._clock_every and cycle % self._clock_every == 0:
             tick = convert.encode_clock(arm.stamp_ns)
             outputs.append(Output(CLOCK, cycle // self._clock_every, tick))
+
+    def _beside_the_state(self, number: int) -> list[Output]:
+        messages = [] if self._extra is None else self._extra.messages()
+        return [Output(role, number, data) for role, data in messages]

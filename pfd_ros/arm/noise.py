@@ -22,8 +22,10 @@ from functools import lru_cache
 import numpy as np
 
 LARGEST_SEED = (1 << 63) - 1
-# Cycles that are computed together, since NumPy's calls cost more than their elements.
-BLOCK = 64
+# Cycles that are computed together, since NumPy's calls cost more than their elements; the blocks
+# of the channels begin in different cycles, so that none has to wait for several.
+BLOCK = 128
+_STAGGER = BLOCK // 4
 _KEPT_BLOCKS = 64
 
 _MULTIPLIERS = np.array([[0xD2511F53], [0xCD9E8D57]], np.uint64)
@@ -45,9 +47,10 @@ class Channel(IntEnum):
 def uniform(seed: int, channel: Channel, cycle: int, n: int) -> np.ndarray:
     """Return uniform deviates (n,) in [0, 1), whole multiples of 2^-53; read-only.
 
-    An element does not depend on `n`. Seeds are 0 to LARGEST_SEED, cycles below 2^64.
+    An element does not depend on `n`. Seeds are 0 to LARGEST_SEED, cycles below 2^62.
     """
-    found: np.ndarray = _uniforms(seed, channel, cycle // BLOCK, n)[cycle % BLOCK]
+    block, row = divmod(cycle + _STAGGER * channel, BLOCK)
+    found: np.ndarray = _uniforms(seed, channel, block, n)[row]
     return found
 
 
@@ -56,7 +59,8 @@ def normal(seed: int, channel: Channel, cycle: int, n: int) -> np.ndarray:
 
     They are made of the bits of `uniform`: one channel should not be used for both.
     """
-    found: np.ndarray = _normals(seed, channel, cycle // BLOCK, n)[cycle % BLOCK]
+    block, row = divmod(cycle + _STAGGER * channel, BLOCK)
+    found: np.ndarray = _normals(seed, channel, block, n)[row]
     return found
 
 
@@ -76,9 +80,11 @@ def philox(counters: np.ndarray, seed: int) -> np.ndarray:
 
 def _bits(seed: int, channel: Channel, block: int, n: int) -> np.ndarray:
     """Return 64 random bits for each cycle of a block and each element, (BLOCK, n)."""
-    cycles = np.arange(BLOCK, dtype=np.uint64) + np.uint64(block * BLOCK)
+    # Cycles before 0 wrap around, and nobody asks for them.
+    first = block * BLOCK - _STAGGER * channel
+    rows = np.arange(first, first + BLOCK).astype(np.uint64)
     # One counter gives two elements.
-    cycles, pairs = np.meshgrid(cycles, np.arange((n + 1) // 2, dtype=np.uint64), indexing='ij')
+    cycles, pairs = np.meshgrid(rows, np.arange((n + 1) // 2, dtype=np.uint64), indexing='ij')
     words = [cycles & _MASK, cycles >> 32, pairs, np.full_like(pairs, channel)]
     a, b, c, d = philox(np.stack(words).reshape(4, -1), seed)
     return np.stack([a | b << 32, c | d << 32], axis=-1).reshape(BLOCK, -1)[:, :n]

@@ -15,8 +15,9 @@ from pfd_ros.arm.effects import Request
 from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.followed_clock import FollowedClock
 
-# A driver that sends NaN until a controller has claimed its joints answers all the same.
-ANSWERS = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN})
+# A driver that sends NaN until a controller has claimed its joints answers all the same, and so
+# does a controller whose commands are of no use to an arm that a reflex has braked.
+ANSWERS = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN, Verdict.REFUSED})
 # Requests after which the time of a followed clock is where the arm goes on, without steps.
 LEAPS = frozenset({'resume', 'activate', 'reset'})
 

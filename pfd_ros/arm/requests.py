@@ -7,7 +7,7 @@ A request travels as a text in JSON: {"request": "step", "count": 5}.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 import json
 from typing import Any
 
@@ -62,10 +62,16 @@ def judge_request(text: str, pace: Pace) -> Judgement:
     return Judgement(Verdict.ACCEPTED, name, effect=Request(name, count))
 
 
-def judge_state(message: JointMessage, index: Mapping[str, int], since_ns: int) -> Judgement:
+def judge_state(
+    message: JointMessage,
+    index: Mapping[str, int],
+    since_ns: int,
+    locked: Collection[str] = (),
+) -> Judgement:
     """Judge a state to jump to; see `commands.judge_named` for the parameters.
 
-    NaN, and an array that is empty, leave a position as it is; a velocity is zero then.
+    NaN, and an array that is empty, leave a position as it is; a velocity is zero then. Locked
+    joints stay where they are: a state of joint_states can be sent back as it came.
     """
     if not message.names:
         return Judgement(Verdict.NO_NAMES, 'no joint names')
@@ -77,7 +83,7 @@ def judge_state(message: JointMessage, index: Mapping[str, int], since_ns: int) 
             Verdict.MALFORMED, 'expected a position, and perhaps a velocity, for each joint'
         )
     velocity = message.velocity if len(message.velocity) else np.zeros(len(message.names))
-    strange = [name for name in message.names if name not in index]
+    strange = [name for name in message.names if name not in index and name not in locked]
     if strange:
         # A state of half an arm is a mistake, unlike a command for half an arm.
         return Judgement(
@@ -94,8 +100,8 @@ def judge_state(message: JointMessage, index: Mapping[str, int], since_ns: int) 
         for name, q, qd in zip(
             message.names, message.position.tolist(), velocity.tolist(), strict=True
         )
-        if q == q
+        if name in index and q == q
     ]
     if not given:
-        return Judgement(Verdict.ALL_NAN, 'every position is NaN')
+        return Judgement(Verdict.ALL_NAN, 'no position for a joint that moves')
     return Judgement(Verdict.ACCEPTED, '', effect=StateChange(*zip(*given, strict=True)))

@@ -46,11 +46,12 @@ def scene_of(settings: Settings, robot: Any, order: Sequence[int]) -> pfd.Scene:
         If the text is no scene.
     """
     scene = _from_text(settings.scene) if settings.scene else _switched(settings, robot, order)
+    compensated = settings.gravity_compensation or settings.convention == 'franka'
     return replace(
         scene,
         brakes=True,
         external_wrench=scene.external_wrench or settings.external_wrench,
-        gravity_compensation=scene.gravity_compensation or settings.gravity_compensation,
+        gravity_compensation=scene.gravity_compensation or compensated,
         payload=settings.payload or scene.payload,
     )
 

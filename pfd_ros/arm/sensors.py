@@ -19,7 +19,7 @@ state that its sensors are behind at; their noise goes on.
 from __future__ import annotations
 
 from collections import deque
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -33,12 +33,8 @@ KINDS = 'position', 'velocity', 'effort'
 _MOST_COUNTS = 2.0**52
 
 
-class JointArrays(NamedTuple):
-    """Positions, velocities and efforts (n,) of the joints in published order."""
-
-    position: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
+# Positions, velocities and efforts (n,) of the joints in published order.
+JointArrays: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 class Errors(NamedTuple):
@@ -56,16 +52,11 @@ class Sensors:
     ----------
     line
         The true states of the last cycles, the oldest of which is measured.
-
-    Raises
-    ------
-    ValueError
-        If the settings do not go with the arm.
     """
 
     def __init__(self, settings: Settings, arm: Arm) -> None:
         self._seed, self._drop = settings.seed, settings.drop_state
-        self._errors = [_errors(settings, kind, arm.names) for kind in KINDS]
+        self._errors = [_errors(settings, kind, len(arm.names)) for kind in KINDS]
         self._arm = arm
         self.line: deque[JointArrays] = deque(maxlen=settings.state_delay_steps + 1)
         self.restart()
@@ -79,17 +70,15 @@ class Sensors:
     def sample(self) -> None:
         """Take note of the true state of a cycle."""
         if not self._arm.failure:
-            self.line.append(JointArrays(self._arm.q, self._arm.qd, self._arm.tau))
+            self.line.append((self._arm.q, self._arm.qd, self._arm.tau))
 
     def measured(self, cycle: int) -> JointArrays:
         """Return the measured state of a cycle; its arrays are finite."""
-        delayed = self.line[0]
-        return JointArrays(
-            *(
-                _measured(value, errors, self._seed, channel, cycle)
-                for value, errors, channel in zip(delayed, self._errors, CHANNELS, strict=True)
-            )
+        position, velocity, effort = (
+            _measured(value, errors, self._seed, channel, cycle)
+            for value, errors, channel in zip(self.line[0], self._errors, CHANNELS, strict=True)
         )
+        return position, velocity, effort
 
     def drops(self, cycle: int) -> bool:
         """Return whether the state of a cycle is not published."""
@@ -102,13 +91,8 @@ def sensors_of(settings: Settings, arm: Arm, before: Sensors | None = None) -> S
     """Return the sensors of an arm, None where states are measured as they are.
 
     Where dynamic settings have changed, `before` are the sensors so far, whose states are kept.
-
-    Raises
-    ------
-    ValueError
-        If the settings do not go with the arm.
     """
-    errors = [_errors(settings, kind, arm.names) for kind in KINDS]
+    errors = [_errors(settings, kind, len(arm.names)) for kind in KINDS]
     exact = not any(error.bias.any() or error.noise or error.step for error in errors)
     if exact and not settings.delay_state and not settings.drop_state:
         return None
@@ -118,15 +102,10 @@ def sensors_of(settings: Settings, arm: Arm, before: Sensors | None = None) -> S
     return made
 
 
-def _errors(settings: Settings, kind: str, names: tuple[str, ...]) -> Errors:
+def _errors(settings: Settings, kind: str, count: int) -> Errors:
     bias = getattr(settings, f'bias_{kind}')
-    if len(bias) not in (0, len(names)):
-        raise ValueError(
-            f'bias.{kind} holds {len(bias)} numbers, expected {len(names)}, '
-            f'one for each of {list(names)}, or none'
-        )
     return Errors(
-        np.array(bias) if bias else np.zeros(len(names)),
+        np.array(bias) if bias else np.zeros(count),
         getattr(settings, f'noise_{kind}'),
         getattr(settings, f'quantization_{kind}'),
     )

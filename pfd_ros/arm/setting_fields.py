@@ -81,13 +81,13 @@ def check_values(settings: Any) -> None:
     for field in dataclasses.fields(settings):
         name, value = parameter_name(field), getattr(settings, field.name)
         span, values = field.metadata['range'], field.metadata['values']
-        for number in value if isinstance(value, tuple) else (value,):
-            if isinstance(number, float) and not math.isfinite(number):
-                raise ValueError(f'{name} holds {number!r}, expected finite numbers')
-            if span is not None and not span[0] <= number <= span[1]:
-                raise ValueError(f'{name} is {number!r}, expected {span[0]!r} to {span[1]!r}')
-        if values and value not in values:
-            raise ValueError(f'{name} is {cut(repr(value))}, expected one of {list(values)}')
+        for entry in value if isinstance(value, tuple) else (value,):
+            if isinstance(entry, float) and not math.isfinite(entry):
+                raise ValueError(f'{name} holds {entry!r}, expected finite numbers')
+            if span is not None and not span[0] <= entry <= span[1]:
+                raise ValueError(f'{name} is {entry!r}, expected {span[0]!r} to {span[1]!r}')
+            if values and entry not in values:
+                raise ValueError(f'{name} is {cut(repr(entry))}, expected one of {list(values)}')
 
 
 def check_joint_counts(settings: Any, count: int) -> None:

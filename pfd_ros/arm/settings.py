@@ -16,6 +16,8 @@ from typing import Any
 
 import pfd_core as pfd
 from pfd_ros.arm.command_settings import CommandSettings
+from pfd_ros.arm.description_settings import DescriptionSettings
+from pfd_ros.arm.output_settings import OutputSettings
 from pfd_ros.arm.plant_settings import PlantSettings
 from pfd_ros.arm.sensor_settings import SensorSettings
 from pfd_ros.arm.setting_fields import check_values, setting, typed
@@ -39,7 +41,9 @@ POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
 
 @dataclass(frozen=True)
-class Settings(CommandSettings, PlantSettings, SensorSettings):
+class Settings(
+    CommandSettings, PlantSettings, DescriptionSettings, SensorSettings, OutputSettings
+):
     """The parameters of the node `sim_arm`; units SI, angles in rad.
 
     Raises
@@ -48,11 +52,15 @@ class Settings(CommandSettings, PlantSettings, SensorSettings):
         If a value is not finite, outside its range, or does not go with the others.
     """
 
-    robot: str = setting('puma560', 'Robot: a name that `pfd robots` lists, or a .urdf or .yaml')
+    robot: str = setting(
+        'puma560',
+        'Robot: a name that `pfd robots` lists, a .urdf or .yaml, or robot_description, the topic',
+    )
     base_link: str = setting('', "First link of the chain; '' takes the root of the model")
     tip_link: str = setting('', "Last link of the chain; '' takes the only leaf of the model")
     joints: tuple[str, ...] = setting(
-        (), 'Order of the joints in states and in ~/commands; empty takes the order of the model'
+        (),
+        'Order of the joints that move, in states and ~/commands; empty takes that of the model',
     )
     locked: tuple[str, ...] = setting((), 'Joints to weld, such as those of a gripper')
     locked_positions: tuple[float, ...] = setting(
@@ -111,6 +119,8 @@ class Settings(CommandSettings, PlantSettings, SensorSettings):
             raise ValueError(f'start_time is {self.start_time!r}, expected -1, or 0 and more')
         if self.follows_clock and self.publish_clock:
             raise ValueError('an arm with time_source clock needs publish_clock false')
+        if len(set(self.outputs)) < len(self.outputs):
+            raise ValueError(f'outputs names one twice: {listed(self.outputs)}')
         if 0.0 < self.real_time_factor < SLOWEST_FACTOR:
             raise ValueError(
                 f'real_time_factor is {self.real_time_factor!r}, '
@@ -123,7 +133,8 @@ class Settings(CommandSettings, PlantSettings, SensorSettings):
             raise ValueError(
                 f'step_size is {self.step_size!r} s, expected a whole number of nanoseconds'
             )
-        _ = self.publish_every, self.clock_every, self.state_delay_steps
+        _ = self.publish_every, self.clock_every
+        _ = self.state_delay_steps, self.command_delay_steps
 
     @property
     def compensated(self) -> bool | None:
@@ -135,6 +146,11 @@ class Settings(CommandSettings, PlantSettings, SensorSettings):
         """Joint to weld -> position, rad or m."""
         positions = self.locked_positions or (0.0,) * len(self.locked)
         return dict(zip(self.locked, positions, strict=True))
+
+    @property
+    def published_locks(self) -> dict[str, float]:
+        """Joint that is published though it is welded -> position, rad or m."""
+        return self.locks if self.publish_locked else {}
 
     @property
     def follows_clock(self) -> bool:
@@ -173,6 +189,11 @@ class Settings(CommandSettings, PlantSettings, SensorSettings):
     def state_delay_steps(self) -> int:
         """Steps by which measured states are late."""
         return self._whole_steps('delay.state', self.delay_state)
+
+    @property
+    def command_delay_steps(self) -> int:
+        """Steps from the arrival of a command until it acts."""
+        return self._whole_steps('delay.commands', self.delay_commands)
 
     def _whole_steps(self, name: str, seconds: float) -> int:
         steps = seconds / self.step_size

@@ -14,7 +14,7 @@ from pfd_ros.arm.effects import WrenchChange
 from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.settings import WHOLE, Settings
 from pfd_ros.arm.tip_frames import tip_frame, wrench_at_tip
-from pfd_ros.messages.convert import WrenchMessage
+from pfd_ros.messages.stamped import WrenchMessage
 
 # Far more than any arm bears, N and N m; a simulation under more would not stay finite.
 LARGEST_WRENCH = 1e5

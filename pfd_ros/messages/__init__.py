@@ -4,8 +4,9 @@
 
     cdr            the wire format, one value at a time
     convert        fields of each message that the node reads or writes; names of the types
+    stamped        messages of a header and a fixed count of numbers: pose, wrench, inertia
     definitions    text and hash of a message type, from where ROS installed them
     qos            QoS profiles as rosbag2 writes them
 
-A new message type is a name and its functions in `convert`.
+A new message type is a name in `convert`, and its functions there or in `stamped`.
 """

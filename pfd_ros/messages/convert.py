@@ -8,9 +8,10 @@ be replayed without ROS.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+import math
 import struct
 
 import numpy as np
@@ -22,11 +23,12 @@ FLOAT_ARRAY = 'std_msgs/msg/Float64MultiArray'
 INTEGER_ARRAY = 'std_msgs/msg/UInt64MultiArray'
 CLOCK = 'rosgraph_msgs/msg/Clock'
 STRING = 'std_msgs/msg/String'
+POSE = 'geometry_msgs/msg/PoseStamped'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 INERTIA = 'geometry_msgs/msg/InertiaStamped'
 
 NANOSECONDS = 1_000_000_000
-_TIME = struct.Struct('<iI')
+TIME = struct.Struct('<iI')
 # The beginning of a Float64MultiArray without a layout, and the place of its first number.
 _NO_LAYOUT, _FIRST_NUMBER = HEADER + bytes(8), 20
 
@@ -43,6 +45,33 @@ class JointMessage:
     effort: np.ndarray
 
 
+@dataclass(frozen=True)
+class ArrayMessage:
+    """A std_msgs/Float64MultiArray: the label and the size of each dimension, and its numbers."""
+
+    labels: tuple[str, ...]
+    sizes: tuple[int, ...]
+    values: np.ndarray
+
+
+def decode_array(data: bytes) -> ArrayMessage:
+    """Return the layout and the numbers of a Float64MultiArray, not compared with each other.
+
+    Raises
+    ------
+    ValueError
+        If the bytes are no such message.
+    """
+    reader = CdrReader(data)
+    labels, sizes = [], []
+    for _ in range(reader.length(12)):
+        labels.append(reader.string())
+        sizes.append(reader.uint32())
+        reader.uint32()
+    reader.uint32()
+    return ArrayMessage(tuple(labels), tuple(sizes), reader.numbers('f8'))
+
+
 def decode_joint_state(data: bytes) -> JointMessage:
     """Return the fields of a JointState.
 
@@ -53,7 +82,7 @@ def decode_joint_state(data: bytes) -> JointMessage:
     """
     reader = CdrReader(data)
     return JointMessage(
-        stamp_ns=_time_ns(reader),
+        stamp_ns=read_time(reader),
         frame_id=reader.string(),
         names=reader.strings(),
         position=reader.numbers('f8'),
@@ -62,7 +91,8 @@ def decode_joint_state(data: bytes) -> JointMessage:
     )
 
 
-def _time_ns(reader: CdrReader) -> int:
+def read_time(reader: CdrReader) -> int:
+    """Return a builtin_interfaces/Time in nanoseconds."""
     return reader.int32() * NANOSECONDS + reader.uint32()
 
 
@@ -141,12 +171,12 @@ def decode_string(data: bytes) -> str:
 
 def encode_clock(stamp_ns: int) -> bytes:
     """Return a Clock message."""
-    return HEADER + _TIME.pack(*divmod(stamp_ns, NANOSECONDS))
+    return HEADER + TIME.pack(*divmod(stamp_ns, NANOSECONDS))
 
 
 def decode_clock(data: bytes) -> int:
     """Return the time of a Clock message in nanoseconds."""
-    return _time_ns(CdrReader(data))
+    return read_time(CdrReader(data))
 
 
 class JointStateEncoder:
@@ -158,16 +188,19 @@ class JointStateEncoder:
         Joint names in the order of the arrays.
     frame_id
         header.frame_id.
+    fixed
+        Position of further joints, which come after the others and stand still.
     """
 
-    def __init__(self, names: Sequence[str], frame_id: str = '') -> None:
-        writer = CdrWriter()
-        writer.int32(0)
-        writer.uint32(0)
-        writer.string(frame_id)
-        writer.strings(tuple(names))
-        zeros = np.zeros(len(names))
-        starts = [writer.numbers(zeros) for _ in range(3)]
+    def __init__(
+        self, names: Sequence[str], frame_id: str = '', fixed: Mapping[str, float] | None = None
+    ) -> None:
+        at_rest = {} if fixed is None else fixed
+        writer = headed(frame_id)
+        writer.strings((*names, *at_rest))
+        zeros = np.zeros(len(names) + len(at_rest))
+        positions = np.append(np.zeros(len(names)), list(at_rest.values()))
+        starts = [writer.numbers(numbers) for numbers in (positions, zeros, zeros)]
         self._data = writer.data
         self._arrays = [np.frombuffer(self._data, '<f8', len(names), at) for at in starts]
 
@@ -175,59 +208,45 @@ class JointStateEncoder:
         self, stamp_ns: int, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray
     ) -> bytes:
         """Return the message; the arrays are (n,) in the order of the names."""
-        _TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
+        TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
         for target, values in zip(self._arrays, (position, velocity, effort), strict=True):
             target[:] = values
         return bytes(self._data)
 
 
-@dataclass(frozen=True)
-class WrenchMessage:
-    """A geometry_msgs/WrenchStamped: force and torque, (3,) in N and N m."""
-
-    stamp_ns: int
-    frame_id: str
-    force: tuple[float, ...]
-    torque: tuple[float, ...]
-
-
-def decode_wrench(data: bytes) -> WrenchMessage:
-    """Return the fields of a WrenchStamped."""
-    reader = CdrReader(data)
-    stamp_ns, frame_id = _time_ns(reader), reader.string()
-    numbers = reader.row('f8', 6).tolist()
-    return WrenchMessage(stamp_ns, frame_id, tuple(numbers[:3]), tuple(numbers[3:]))
+def headed(frame_id: str) -> CdrWriter:
+    """Return a message that begins with a std_msgs/Header, whose stamp is zero."""
+    writer = CdrWriter()
+    writer.int32(0)
+    writer.uint32(0)
+    writer.string(frame_id)
+    return writer
 
 
-@dataclass(frozen=True)
-class InertiaMessage:
-    """A geometry_msgs/InertiaStamped.
+class ArrayEncoder:
+    """Writes Float64MultiArray messages of one layout.
 
-    Mass in kg, centre of mass (3,) in m, and the inertia (xx, xy, xz, yy, yz, zz) about it, in
-    kg m^2.
+    Parameters
+    ----------
+    layout
+        A word for each dimension, and the name of each of its places: the label of the dimension
+        is `word: name,name`.
     """
 
-    stamp_ns: int
-    frame_id: str
-    mass: float
-    center: tuple[float, ...]
-    inertia: tuple[float, ...]
+    def __init__(self, layout: Sequence[tuple[str, Sequence[str]]]) -> None:
+        writer = CdrWriter()
+        writer.uint32(len(layout))
+        shape = [len(names) for _, names in layout]
+        for place, (word, names) in enumerate(layout):
+            writer.string(f'{word}: {",".join(names)}')
+            writer.uint32(len(names))
+            writer.uint32(math.prod(shape[place:]))
+        writer.uint32(0)
+        start = writer.numbers(np.zeros(math.prod(shape)))
+        self._data = writer.data
+        self._numbers = np.frombuffer(self._data, '<f8', math.prod(shape), start).reshape(shape)
 
-
-def decode_inertia(data: bytes) -> InertiaMessage:
-    """Return the fields of an InertiaStamped."""
-    reader = CdrReader(data)
-    stamp_ns, frame_id = _time_ns(reader), reader.string()
-    mass, *numbers = reader.row('f8', 10).tolist()
-    return InertiaMessage(stamp_ns, frame_id, mass, tuple(numbers[:3]), tuple(numbers[3:]))
-
-
-def encode_inertia(message: InertiaMessage) -> bytes:
-    """Return an InertiaStamped message."""
-    writer = CdrWriter()
-    seconds, nanoseconds = divmod(message.stamp_ns, NANOSECONDS)
-    writer.int32(seconds)
-    writer.uint32(nanoseconds)
-    writer.string(message.frame_id)
-    writer.row(np.array([message.mass, *message.center, *message.inertia]))
-    return bytes(writer.data)
+    def encode(self, values: np.ndarray) -> bytes:
+        """Return the message; the values have the shape of the layout."""
+        self._numbers[:] = values
+        return bytes(self._data)

@@ -12,6 +12,7 @@ The way of a command and of the state it leads to:
 
 Around it:
 
+    description      the model from a file or a topic, and published; topics of its <ros2_control>
     parameters       the settings as ROS parameters
     changing         changes of settings and payloads: checked, compiled beside the arm, passed on
     services         pause, step, reset: requests to the arm, answered by their verdicts

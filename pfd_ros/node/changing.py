@@ -13,6 +13,7 @@ from collections.abc import Callable
 from concurrent.futures import TimeoutError as LateError
 from dataclasses import dataclass, field
 import threading
+import time
 from typing import Any
 
 from pfd_ros.arm.changes import changed, encode_changes, payload_values
@@ -22,7 +23,7 @@ from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
 from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import decode_inertia
+from pfd_ros.messages.stamped import decode_inertia
 from pfd_ros.node.receiving import Receiver
 
 # The arm answers within a cycle. The executor's thread waits for it, so not for long: a very slow
@@ -30,6 +31,9 @@ from pfd_ros.node.receiving import Receiver
 ANSWER_SECONDS = 0.5
 # A payload message has a hundred bytes; a longer one is left to the arm, which refuses it.
 LONGEST_PAYLOAD = 1 << 12
+# Of a flood of payloads the compiler, which slows the stepping thread down, gets a fifth of the
+# time: pauses are so many times as long as it ran, s at most.
+PAUSE, LONGEST_PAUSE = 4.0, 1.0
 SUPERSEDED = Judgement(Verdict.OVERFLOWED, 'a newer one came before it was compiled')
 
 
@@ -55,6 +59,7 @@ class Changes:
     # goes first: values that came later and go with it are left in the other.
     _waiting: dict[Source, tuple[dict[str, Any], bytes]] = field(default_factory=dict)
     _passed: Settings = field(init=False)
+    _rested: float = 0.0
 
     def __post_init__(self) -> None:
         """Begin with the settings of the arm."""
@@ -130,12 +135,14 @@ class Changes:
                 if not self._waiting:
                     self._thread = None
                     return
+            time.sleep(max(0.0, self._rested - time.monotonic()))
+            with self._lock:
                 source = min(self._waiting, key=(Source.PAYLOAD, Source.PARAMETERS).index)
                 values, data = self._waiting.pop(source)
             try:
                 settings = changed(self.engine.arm, self._passed, values)
                 if not COMPILED.isdisjoint(values):
-                    self.engine.arm.prepare(settings)
+                    self._prepare(settings)
             except Exception as error:
                 # The arm would fail at it too, and end.
                 detail = f'not compiled: {type(error).__name__}: {error}'
@@ -145,3 +152,10 @@ class Changes:
                 continue
             self._passed = settings
             self.receiver.receive(source, data or encode_changes(values))
+
+    def _prepare(self, settings: Settings) -> None:
+        """Compile the plant of some settings, and note when the next one may follow."""
+        begun = time.monotonic()
+        self.engine.arm.prepare(settings)
+        ended = time.monotonic()
+        self._rested = ended + min(PAUSE * (ended - begun), LONGEST_PAUSE)

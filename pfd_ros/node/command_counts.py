@@ -31,6 +31,7 @@ class CommandCounts:
     _verdicts: dict[tuple[Source, Verdict], tuple[int, str]] = field(default_factory=dict)
     _unknown: int = 0
     _names: dict[str, None] = field(default_factory=dict)
+    _locked: set[str] = field(default_factory=set)
 
     def add(self, source: Source, judgement: Judgement, count: int = 1) -> None:
         """Count a command, or several of one kind."""
@@ -41,6 +42,8 @@ class CommandCounts:
             before, _ = self._verdicts.get(key, (0, ''))
             self._verdicts[key] = before + count, judgement.detail
             self._unknown += judgement.unknown_count
+            # As many as the arm has.
+            self._locked.update(judgement.locked)
             for name in judgement.unknown:
                 if len(self._names) < NAME_COUNT:
                     self._names[name] = None
@@ -54,3 +57,8 @@ class CommandCounts:
         """Return how many names were of no joint, and the first few of them."""
         with self._lock:
             return self._unknown, list(self._names)
+
+    def locked(self) -> list[str]:
+        """Return the names of locked joints that commands were for, sorted."""
+        with self._lock:
+            return sorted(self._locked)

@@ -160,7 +160,18 @@ class ArmDiagnostics:
         for (source, verdict), (count, _) in sorted(self.counts.verdicts().items()):
             if verdict is not Verdict.ACCEPTED:
                 values.append((f'{ROLE_OF_SOURCE[source]}.{verdict.name.lower()}', count))
-        values.append(('unknown_names', self.counts.unknown()[0]))
+        link, actuators = self.stepper.engine.link, self.stepper.engine.actuators
+        values += [
+            ('unknown_names', self.counts.unknown()[0]),
+            ('lost_by_chance', link.lost),
+            ('timeouts', link.timeouts),
+            ('reflexes', actuators.trips),
+            ('saturated_cycles', actuators.saturated),
+        ]
+        if actuators.tripped:
+            return Task('commands', ERROR, actuators.reflex, values)
+        if link.timed_out:
+            return Task('commands', WARN, 'none for command_timeout', values)
         if now.rejected > last.rejected:
             return Task('commands', WARN, 'messages rejected', values)
         if deaf:

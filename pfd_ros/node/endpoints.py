@@ -7,13 +7,13 @@ A new topic is a row in one of the two tables; QoS can be overridden by paramete
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from functools import partial
 import time
 from typing import Any
 
-from geometry_msgs.msg import InertiaStamped, WrenchStamped
+from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -25,7 +25,15 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from pfd_ros.arm.events import CLOCK, PAYLOAD_IN_USE, STATES, Source
+from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.messages import convert
 
+_CLASSES = {
+    convert.JOINT_STATE: JointState,
+    convert.FLOAT_ARRAY: Float64MultiArray,
+    convert.POSE: PoseStamped,
+    convert.WRENCH: WrenchStamped,
+}
 # Type, topic and depth of each source of events, and of each output by role.
 SUBSCRIBED = {
     Source.NAMED: (JointState, 'joint_commands', 1),
@@ -39,6 +47,7 @@ PUBLISHED = {
     STATES: (JointState, 'joint_states', 10),
     CLOCK: (Clock, '/clock', 1),
     PAYLOAD_IN_USE: (InertiaStamped, '~/payload_in_use', 1),
+    **{name: (_CLASSES[kind], f'~/{name}', 10) for name, kind in OUTPUTS.items()},
 }
 # Those whose last message reaches subscribers that come later.
 LATCHED = frozenset({Source.PAYLOAD, PAYLOAD_IN_USE})
@@ -54,7 +63,7 @@ class Endpoints:
     """The rclpy publishers by role and subscriptions by source."""
 
     publishers: Mapping[str, Any]
-    subscriptions: Mapping[Source, Any]
+    subscriptions: dict[Source, Any]
 
 
 def _profile(end: Source | str, depth: int) -> QoSProfile:
@@ -67,14 +76,17 @@ def _profile(end: Source | str, depth: int) -> QoSProfile:
 def create_endpoints(
     node: Node,
     *,
-    publish_clock: bool,
+    roles: Container[str],
     follow_clock: bool,
     on_message: Callable[[Source, bytes], None],
+    topics: Mapping[Source | str, str] | None = None,
 ) -> Endpoints:
-    """Create the endpoints of a node, those of the clock only if wanted.
+    """Create the endpoints of a node: publishers of these roles, a followed clock only if wanted.
 
-    `on_message` is called with each serialized message, on the executor's thread.
+    `on_message` is called with each serialized message, on the executor's thread; `topics` are
+    the topics of sources and outputs that are not those of the tables.
     """
+    names = {} if topics is None else topics
     overridable: dict[str, Any] = {
         'qos_overriding_options': QoSOverridingOptions.with_default_policies()
     }
@@ -82,18 +94,18 @@ def create_endpoints(
     publishers = {
         role: node.create_publisher(
             kind,
-            topic,
+            names.get(role, topic),
             _profile(role, depth),
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
             **overridable,
         )
         for role, (kind, topic, depth) in PUBLISHED.items()
-        if role != CLOCK or publish_clock
+        if role in roles
     }
     subscriptions = {
         source: node.create_subscription(
             kind,
-            topic,
+            names.get(source, topic),
             partial(on_message, source),
             _profile(source, depth),
             raw=True,
@@ -104,6 +116,51 @@ def create_endpoints(
         if source is not Source.TICK or follow_clock
     }
     return Endpoints(publishers, subscriptions)
+
+
+def relaxed(profile: QoSProfile) -> QoSProfile:
+    """Return a profile of a subscription that best-effort publishers match too."""
+    return QoSProfile(
+        history=profile.history,
+        depth=profile.depth,
+        durability=profile.durability,
+        reliability=ReliabilityPolicy.BEST_EFFORT,
+    )
+
+
+def serve_best_effort(node: Node, endpoints: Endpoints, source: Source) -> bool:
+    """Replace a subscription by a best-effort one, unless a parameter says that it is reliable.
+
+    Beside the reliable one it would hear reliable publishers twice. So that one is destroyed
+    first, on the executor's thread, where no callback runs at the same time: a message that comes
+    in between is lost.
+    """
+    old = endpoints.subscriptions[source]
+    # rclpy keeps parameters of the command line and of files here, and nowhere public.
+    given = getattr(node, '_parameter_overrides', {})
+    executor = node.executor
+    if executor is None or reliability_parameter(old) in given:
+        return False
+
+    def replace() -> None:
+        node.destroy_subscription(old)
+        # By its name before remapping: it is remapped again.
+        endpoints.subscriptions[source] = node.create_subscription(
+            old.msg_type,
+            old.topic,
+            old.callback,
+            relaxed(old.qos_profile),
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        )
+
+    executor.create_task(replace)
+    return True
+
+
+def reliability_parameter(end: Any) -> str:
+    """Return the parameter that overrides the reliability of a subscription."""
+    return f'qos_overrides.{end.topic_name}.subscription.reliability'
 
 
 class NonblockingPublisher:

@@ -24,8 +24,14 @@ from rclpy.qos import (
     qos_check_compatible,
 )
 
-from pfd_ros.arm.events import CLOCK, COMMANDS, STATES
-from pfd_ros.node.endpoints import Endpoints, type_name
+from pfd_ros.arm.events import CLOCK, COMMANDS, STATES, Source
+from pfd_ros.node.endpoints import (
+    Endpoints,
+    relaxed,
+    reliability_parameter,
+    serve_best_effort,
+    type_name,
+)
 from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.text import cut
 
@@ -33,6 +39,16 @@ from pfd_ros.text import cut
 PATIENCE_SECONDS = 5.0
 # Endpoints of one topic that are checked; a crowd is not checked one by one.
 MOST_ENDPOINTS = 100
+# The end of a sentence about another node that publishes the same.
+SECOND_PUBLISHER = {
+    STATES: (
+        'too: readers get the states of both; joint_state_broadcaster and other arms want topics '
+        'of their own'
+    ),
+    CLOCK: (
+        'too: simulated time jumps back and forth; set publish_clock:=false on all but one node'
+    ),
+}
 # Discovery finds an endpoint before the name of its node; of other middleware it never does.
 NAMELESS = '_NODE_NAME_UNKNOWN_'
 
@@ -44,9 +60,9 @@ def _who(info: Any) -> str:
 
 @dataclass
 class GraphCheck:
-    """Tells once each: no publisher of commands, a foreign type, incompatible QoS, a second clock.
+    """Tells once each: no commands, foreign types, incompatible QoS, other publishers.
 
-    `now` is steady time in s.
+    Best-effort publishers of commands are served from then on. `now` is steady time in s.
     """
 
     node: Node
@@ -59,14 +75,18 @@ class GraphCheck:
         self._since = self.now()
         self._commanded = False
         self._nameless_since: dict[tuple[int, ...], float] = {}
+        self._best_effort: set[Source] = set()
 
     def check(self) -> None:
         """Ask the graph and log why a connection cannot work."""
-        commands = [self.endpoints.subscriptions[source] for source in sorted(COMMANDS)]
-        for end in self.endpoints.subscriptions.values():
-            self._check_publishers(end, commanding=end in commands)
+        # Another thread replaces a subscription that is to be best effort.
+        subscribed = dict(self.endpoints.subscriptions)
+        commands = {source: end for source, end in subscribed.items() if source in COMMANDS}
+        for source, end in subscribed.items():
+            self._check_publishers(source, end)
         if not self._commanded and self.now() - self._since > PATIENCE_SECONDS:
-            topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in commands)
+            ends = commands.values()
+            topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in ends)
             self.log.once(
                 'nobody',
                 f'after {PATIENCE_SECONDS:g} s nobody publishes commands on {topics}; '
@@ -75,8 +95,9 @@ class GraphCheck:
         states = self.endpoints.publishers[STATES]
         for info in self._settled(self.node.get_subscriptions_info_by_topic(states.topic_name)):
             self._check_pair(states, info, publishing=False)
-        if CLOCK in self.endpoints.publishers:
-            self._check_clock(self.endpoints.publishers[CLOCK])
+        for role, trouble in SECOND_PUBLISHER.items():
+            if role in self.endpoints.publishers:
+                self._check_alone(self.endpoints.publishers[role], trouble)
 
     def _settled(self, found: Iterable[Any]) -> Iterator[Any]:
         """Yield the endpoints whose node has a name, or has had none for a while."""
@@ -89,10 +110,32 @@ class GraphCheck:
                     continue
             yield info
 
-    def _check_publishers(self, end: Any, *, commanding: bool) -> None:
+    def _check_publishers(self, source: Source, end: Any) -> None:
         for info in self._settled(self.node.get_publishers_info_by_topic(end.topic_name)):
-            if self._check_pair(end, info, publishing=True) and commanding:
+            served = self._serve_best_effort(source, end, info)
+            fits = served or self._check_pair(end, info, publishing=True)
+            if fits and source in COMMANDS:
                 self._commanded = True
+
+    def _serve_best_effort(self, source: Source, end: Any, info: Any) -> bool:
+        """Return whether a publisher is heard by a best-effort subscription and no other."""
+        fits, fits_relaxed = (
+            _fit(info.qos_profile, _effective(profile))[0]
+            for profile in (end.qos_profile, relaxed(end.qos_profile))
+        )
+        if info.topic_type != type_name(end) or fits or not fits_relaxed:
+            return False
+        if source in self._best_effort:
+            return True
+        if not serve_best_effort(self.node, self.endpoints, source):
+            return False
+        self._best_effort.add(source)
+        self.log.once(
+            ('best effort', source),
+            f'{_who(info)} publishes {end.topic_name} best effort: from now on the topic is taken '
+            'best effort from all publishers, and a message may be lost',
+        )
+        return True
 
     def _check_pair(self, end: Any, info: Any, *, publishing: bool) -> bool:
         """Return whether an endpoint of another node fits ours; log the reason if it does not."""
@@ -105,10 +148,8 @@ class GraphCheck:
                 f'type {wanted}: nothing of it arrives{self._other_topic(info, publishing)}',
             )
             return False
-        pair = (info.qos_profile, _effective(end.qos_profile))
-        level, reason = qos_check_compatible(*(pair if publishing else pair[::-1]))
-        # An enumeration of the C++ part, which equals none of Python's.
-        fits = bool(int(level) != QoSCompatibility.ERROR)
+        own, theirs = _effective(end.qos_profile), info.qos_profile
+        fits, reason = _fit(theirs, own) if publishing else _fit(own, theirs)
         if not fits:
             self.log.once(
                 ('qos', key),
@@ -125,18 +166,23 @@ class GraphCheck:
                 return f'; {end.topic_name} takes that type'
         return ''
 
-    def _check_clock(self, clock: Any) -> None:
-        found = list(self._settled(self.node.get_publishers_info_by_topic(clock.topic_name)))
+    def _check_alone(self, end: Any, trouble: str) -> None:
+        found = list(self._settled(self.node.get_publishers_info_by_topic(end.topic_name)))
         own = (self.node.get_name(), self.node.get_namespace())
         others = [info for info in found if (info.node_name, info.node_namespace) != own]
         # Another node of our name counts too, wherever it runs.
         if len(found) > 1:
             who = _who(others[0]) if others else 'another node of the same name'
             self.log.once(
-                'clock',
-                f'{who} publishes {clock.topic_name} too: simulated time jumps back and forth; '
-                'set publish_clock:=false on all but one node',
+                ('second', end.topic_name), f'{who} publishes {end.topic_name} {trouble}'
             )
+
+
+def _fit(offered: QoSProfile, asked: QoSProfile) -> tuple[bool, str]:
+    """Return whether a publisher's profile satisfies a subscription's, and why not."""
+    level, reason = qos_check_compatible(offered, asked)
+    # An enumeration of the C++ part, which equals none of Python's.
+    return bool(int(level) != QoSCompatibility.ERROR), reason
 
 
 def _effective(profile: QoSProfile) -> QoSProfile:
@@ -156,6 +202,5 @@ def _cure(end: Any, info: Any, publishing: bool) -> str:
     if not publishing:
         return 'subscribe reliable or best effort, volatile, without deadline and liveliness'
     if info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT:
-        override = f'qos_overrides.{end.topic_name}.subscription.reliability'
-        return f'publish reliable, or start this node with -p {override}:=best_effort'
+        return f'publish reliable, or leave out the parameter {reliability_parameter(end)}'
     return 'publish reliable and volatile, without deadline and liveliness'

@@ -157,10 +157,11 @@ class SimArmNode(LifecycleNode):
 
     def _configure(self) -> None:
         settings = replace(parameters.read(self), autostart=self._starting)
+        self.arm = SimArm(self, settings, self._log, self._workers.stop.is_set)
+        # Now that the joints are known, too.
         misspelt = parameters.misspelt(self)
         if misspelt:
             self._log.once('misspelt', f'not parameters of this node: {misspelt}; misspelt?')
-        self.arm = SimArm(self, settings, self._log)
         self._guard_services()
         # Start-up garbage is looked at once, not again and again while the arm runs.
         gc.unfreeze()

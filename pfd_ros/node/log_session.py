@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from pfd_ros.arm.events import DROPPED_STATES, TAKEN
+from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.node.endpoints import Endpoints
@@ -50,6 +51,11 @@ class LogSession:
         if self.recorder is None or self.recorder.failed:
             return 0.0
         return self.recorder.backlog
+
+    @property
+    def waiting_share(self) -> float:
+        """The same for any thread to ask."""
+        return 0.0 if self.recorder is None else self.recorder.waiting_share
 
     @property
     def dropped(self) -> int:
@@ -106,7 +112,7 @@ def open_session(node: Node, settings: Settings, robot: Any, endpoints: Endpoint
         for role, end in ends.items()
     }
     for role, topic in OWN_TOPICS.items():
-        if role == DROPPED_STATES and not settings.drop_state:
+        if role == DROPPED_STATES and role not in roles_of(settings):
             continue
         name = node.resolve_topic_name(topic)
         channels[role] = Topic(name, CHANNELS[role].type, qos_text(1))

@@ -44,12 +44,12 @@ _KINDS = {
 _PER_JOINT = tuple(f for f in dataclasses.fields(Settings) if f.metadata['per_joint'])
 
 
-def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
+def _descriptor(field: dataclasses.Field[Any], *, fixed: bool = True) -> ParameterDescriptor:
     values = field.metadata['values']
     descriptor = ParameterDescriptor(
         description=field.metadata['text'],
         additional_constraints=f'one of {list(values)}' if values else '',
-        read_only=not field.metadata['dynamic'],
+        read_only=fixed and not field.metadata['dynamic'],
     )
     if field.metadata['range'] is not None:
         least, most = field.metadata['range']
@@ -60,16 +60,6 @@ def _descriptor(field: dataclasses.Field[Any]) -> ParameterDescriptor:
                 FloatingPointRange(from_value=least, to_value=most, step=0.0)
             ]
     return descriptor
-
-
-def _declared(node: Node, name: str, given: Any, descriptor: ParameterDescriptor) -> Any:
-    """Return the value of a parameter, declared now unless it was before.
-
-    A node may be configured again.
-    """
-    if not node.has_parameter(name):
-        node.declare_parameter(name, given, descriptor)
-    return node.get_parameter(name).value
 
 
 def declare(node: Node) -> bool:
@@ -91,10 +81,10 @@ def declare(node: Node) -> bool:
         kind = _KINDS[str(field.type)]
         # Without a default value an empty array has no type; the type alone has no default.
         given = kind if isinstance(field.default, tuple) and not field.default else field.default
-        descriptor = _descriptor(field)
-        descriptor.read_only = descriptor.read_only and autostart
         node.declare_parameter(
-            parameter_name(field), list(given) if isinstance(given, tuple) else given, descriptor
+            parameter_name(field),
+            list(given) if isinstance(given, tuple) else given,
+            _descriptor(field, fixed=autostart),
         )
     return autostart
 
@@ -118,25 +108,36 @@ def read(node: Node) -> Settings:
 def declare_joints(node: Node, settings: Settings, robot: Any) -> Settings:
     """Declare the settings with a number for each joint, and return settings with those chosen.
 
-    A group in which no number differs from its default stays empty in the settings.
+    A group in which no number differs from its default stays empty in the settings. The numbers
+    that the user starts the node with count again whenever an arm is made.
 
     Raises
     ------
     rclpy.exceptions.ParameterException, ValueError
-        As `declare`.
+        As `declare` and `read`.
     """
+    fixed = bool(node.get_parameter('autostart').value)
     order = joint_order(settings.joints, robot)
     chosen: dict[str, Any] = {}
     for field in _PER_JOINT:
+        _undeclare_group(node, parameter_name(field))
         defaults = joint_values(field, settings, robot, order)
-        descriptor = _descriptor(field)
-        values = tuple(
-            _declared(node, joint_parameter(field, robot.joint_names[i]), default, descriptor)
-            for i, default in zip(order, defaults, strict=True)
-        )
+        names = [joint_parameter(field, robot.joint_names[i]) for i in order]
+        for name, default in zip(names, defaults, strict=True):
+            if not node.has_parameter(name):
+                node.declare_parameter(name, default, _descriptor(field, fixed=fixed))
+        values = tuple(node.get_parameter(name).value for name in names)
         if values != defaults:
             chosen[field.name] = values
     return dataclasses.replace(settings, **chosen)
+
+
+def _undeclare_group(node: Node, group: str) -> None:
+    """Forget the parameters of the joints of an arm before, which may have been another robot."""
+    for joint in node.get_parameters_by_prefix(group):
+        name = f'{group}.{joint}'
+        if not node.describe_parameter(name).read_only:
+            node.undeclare_parameter(name)
 
 
 def joint_parameter(field: dataclasses.Field[Any], joint: str) -> str:

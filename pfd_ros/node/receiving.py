@@ -56,6 +56,10 @@ class EventQueue:
                 self._bytes > self.most_bytes and len(self._waiting) > 1
             ):
                 self._drop_oldest()
+
+    def wake(self) -> None:
+        """End a `wait` that has an event."""
+        with self._lock:
             self._lock.notify()
 
     def wait(self, seconds: float) -> None:
@@ -85,11 +89,24 @@ class Receiver:
     """Takes the messages of all sources, and judges none of them.
 
     Topics and services call it on the executor's thread.
+
+    Parameters
+    ----------
+    queue
+        For the stepping thread.
+    record
+        Called with role, number and bytes of each message.
+    counts
+        For messages that are refused unread.
+    at_once
+        Called for each message in the queue: whether it has been taken; if not, the stepping
+        thread is woken.
     """
 
     queue: EventQueue
     record: Callable[[str, int, bytes], None]
     counts: CommandCounts
+    at_once: Callable[[], bool] = field(default=lambda: False)
     _sequences: dict[Source, Iterator[int]] = field(
         default_factory=lambda: {source: itertools.count(1) for source in Source}
     )
@@ -113,6 +130,8 @@ class Receiver:
     def _pass_on(self, source: Source, sequence: int, data: bytes) -> None:
         self.record(ROLE_OF_SOURCE[source], sequence, data)
         self.queue.put(Arrival(source, sequence, data))
+        if not self.at_once():
+            self.queue.wake()
 
     def answer(self, events: Sequence[Event], judgements: Sequence[Judgement]) -> None:
         """Give the judgements on events, in their order, to those who asked."""

@@ -4,9 +4,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+import time
 from typing import Any
 
+from pfd_ros.arm.command_link import TIMEOUT_TEXT
 from pfd_ros.arm.commands import ERRORS, QUIET
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.messages.convert import NANOSECONDS
@@ -17,6 +19,9 @@ from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.recording.format import ROLE_OF_SOURCE
 from pfd_ros.text import cut, listed
 
+# A clock may be slow, and discovery takes up to three seconds.
+LOST_CLOCK_SECONDS = 5
+
 
 @dataclass
 class Reporter:
@@ -26,6 +31,9 @@ class Reporter:
     endpoints: Endpoints
     stepper: Stepper
     graph: GraphCheck
+    _ticks: int = 0
+    _silent: int = 0
+    _ticked: float = field(default_factory=time.monotonic)
 
     def introduce(self) -> None:
         """Log the topics of the node by their resolved names, and the robot."""
@@ -57,11 +65,30 @@ class Reporter:
             tell(publisher.topic, publisher.refused, text, last=last)
         text = 'messages not recorded: the disk is too slow'
         tell('recorder', self.stepper.session.dropped, text, last=last)
+        link, actuators = self.stepper.engine.link, self.stepper.engine.actuators
+        tell('timeouts', link.timeouts, TIMEOUT_TEXT, last=last)
+        text = f'times a reflex braked all joints: {actuators.reflex}'
+        tell('reflex', actuators.trips, text, error=True, last=last)
         failure = self.stepper.engine.arm.failure
         text = f'failure, simulation stopped: {failure}'
         tell('failure', int(bool(failure)), text, error=True, last=last)
         if not last:
+            self._report_lost_clock()
             self.graph.check()
+
+    def _report_lost_clock(self) -> None:
+        """Log that the clock the arm follows has come to an end, as long as it lasts."""
+        if self.stepper.engine.pace.clock is None:
+            return
+        ticks, _ = self.stepper.counts.verdicts().get((Source.TICK, Verdict.ACCEPTED), (0, ''))
+        if ticks != self._ticks:
+            self._ticks, self._ticked = ticks, time.monotonic()
+        silent = int(time.monotonic() - self._ticked)
+        topic = self.endpoints.subscriptions[Source.TICK].topic_name
+        text = f's after the last tick on {topic}: simulated time stands'
+        if silent >= LOST_CLOCK_SECONDS:
+            self._silent += 1
+            self.log.count('clock', self._silent, f'looks, {silent} {text}')
 
     def _report_commands(self, last: bool) -> None:
         for (source, verdict), (count, detail) in self.stepper.counts.verdicts().items():
@@ -71,6 +98,10 @@ class Reporter:
                     f'{verdict.name.lower()} ({detail})'
                 )
                 self.log.count((source, verdict), count, text, error=verdict in ERRORS, last=last)
+        locked = self.stepper.counts.locked()
+        if locked:
+            text = f'commands name joints that are locked and do not move: {listed(locked)}'
+            self.log.once('locked', text)
         count, names = self.stepper.counts.unknown()
         self.log.count('unknown', count, f'unknown joint names: {listed(names)}', last=last)
 

@@ -7,7 +7,7 @@ It only puts the parts together; the package's docstring has a map of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import TimeoutError as LateError
 import threading
 import time
@@ -15,16 +15,17 @@ from typing import Any
 
 from rclpy.node import Node
 
-from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
 from pfd_ros.node import parameters
 from pfd_ros.node.changing import Changes
 from pfd_ros.node.command_counts import CommandCounts
+from pfd_ros.node.description import load_model, publish_description
 from pfd_ros.node.diagnostics import ArmDiagnostics
 from pfd_ros.node.endpoints import NonblockingPublisher, create_endpoints
 from pfd_ros.node.graph_check import GraphCheck
@@ -44,6 +45,8 @@ ANSWER_SECONDS = 5.0
 class SimArm:
     """An arm, its topics, services and recording, and the thread that steps it.
 
+    `stopped` ends the wait for a model that comes over a topic.
+
     Attributes
     ----------
     stepper
@@ -59,29 +62,37 @@ class SimArm:
         If a parameter cannot be used; the node is as it was then, and nothing has been recorded.
     """
 
-    def __init__(self, node: Node, settings: Settings, log: ThrottledLog) -> None:
+    def __init__(
+        self, node: Node, settings: Settings, log: ThrottledLog, stopped: Callable[[], bool]
+    ) -> None:
         self._node = node
         self._told = threading.Event()
         self.thread: threading.Thread | None = None
+        self._subscriptions: Mapping[Source, Any] = {}
         before = set(_entities(node))
         try:
-            self._build(with_scene_text(settings.at_time_of_day(time.time())), log)
+            self._build(with_scene_text(settings.at_time_of_day(time.time())), log, stopped)
         finally:
             self._entities = [entity for entity in _entities(node) if entity not in before]
             if not hasattr(self, 'stepper'):
                 self.destroy_entities()
 
-    def _build(self, settings: Settings, log: ThrottledLog) -> None:
+    def _build(self, settings: Settings, log: ThrottledLog, stopped: Callable[[], bool]) -> None:
         node = self._node
-        robot = load_robot(settings)
-        settings = parameters.declare_joints(node, settings, robot)
+        model = load_model(node, settings, stopped)
+        robot = model.robot
+        settings = parameters.declare_joints(node, model.settings, robot)
         engine = Engine(settings, robot)
         endpoints = create_endpoints(
             node,
-            publish_clock=settings.publish_clock,
+            roles=roles_of(settings),
             follow_clock=settings.follows_clock,
             on_message=self._receive,
+            topics=model.topics,
         )
+        self._subscriptions = endpoints.subscriptions
+        if settings.publish_description:
+            publish_description(node, model)
         counts = CommandCounts()
         graph = GraphCheck(node, endpoints, log)
         # After everything that a parameter can make fail: a refused parameter leaves no file.
@@ -157,6 +168,9 @@ class SimArm:
         }
         for kind, entity in self._entities:
             destroy[kind](entity)
+        # One that has been replaced since; those that are gone are passed over.
+        for subscription in self._subscriptions.values():
+            self._node.destroy_subscription(subscription)
 
 
 def _entities(node: Node) -> Iterator[tuple[str, Any]]:

@@ -2,6 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stepping thread: one cycle of the engine per period, its outputs recorded and published.
 
+An arm that stands and has no period (in lockstep as fast as possible, or behind a followed clock)
+is stepped by the executor's thread, right in the callback of the message that lets it go on: to
+wake another thread would take longer than the step. One lock, the turn, says who may step; the
+stepping thread has it always, but while it waits for an event.
+
 See docs/decisions/0003-executor-and-stepping-thread.md.
 """
 
@@ -9,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+import threading
 import time
 
 from pfd_ros.arm.engine import Engine
@@ -27,6 +33,8 @@ DISK_POLL_SECONDS = 0.001
 # is sent again, since the reader of a clock may miss ticks.
 LOOK_SECONDS = 0.05
 RESEND_SECONDS = 0.2
+# Steps on the executor's thread for one message; a message may let the arm do many more.
+MOST_CYCLES_AT_ONCE = 100
 
 
 @dataclass
@@ -54,14 +62,51 @@ class Stepper:
     states: int = 0
     resent: int = 0
     lengths: StepLengths = field(default_factory=StepLengths)
+    _turn: threading.Lock = field(default_factory=threading.Lock)
+    _runs: bool = False
+    _error: Exception | None = None
 
     def __post_init__(self) -> None:
         """Set the period."""
         self._settings = self.engine.settings
         self.timer = StepTimer(_period_ns(self._settings))
+        self.receiver.at_once = self.step_at_once
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Run cycles until `stopped` says so."""
+        with self._turn:
+            self._runs = True
+            try:
+                self._run(stopped)
+            finally:
+                self._runs = False
+
+    def step_at_once(self) -> bool:
+        """Run the cycles that the events in the queue let a waiting arm do, on any thread.
+
+        Returns whether that is all: if not, the stepping thread has to go on.
+        """
+        if self.timer.period_ns or not self._turn.acquire(blocking=False):
+            return False
+        try:
+            return self._runs and self._error is None and self._step_while_it_may()
+        except Exception as error:
+            self._error = error
+            return False
+        finally:
+            self._turn.release()
+
+    def _step_while_it_may(self) -> bool:
+        if self.session.waiting_share > BACKLOG_LIMIT:
+            return False
+        self._take_events()
+        for _ in range(MOST_CYCLES_AT_ONCE):
+            if self.engine.stands:
+                return True
+            self.run_cycle()
+        return self.engine.stands
+
+    def _run(self, stopped: Callable[[], bool]) -> None:
         self.timer.start()
         while not stopped():
             if self.engine.settings is not self._settings:
@@ -82,16 +127,27 @@ class Stepper:
 
     def _stand(self, stopped: Callable[[], bool]) -> None:
         """Take events until one lets the arm go on."""
-        queue, sent = self.receiver.queue, time.monotonic()
+        shown, sent = self.states, time.monotonic()
         while self.engine.stands and not stopped():
-            queue.wait(LOOK_SECONDS)
+            self._wait_for_events()
             self._take_events()
-            if self.engine.pace.waits and time.monotonic() - sent > RESEND_SECONDS:
+            if self.states != shown:
+                shown, sent = self.states, time.monotonic()
+            elif self.engine.pace.waits and time.monotonic() - sent > RESEND_SECONDS:
                 sent = time.monotonic()
                 self.resent += 1
                 for role, _, data in self.engine.present():
                     self._publish(role, data)
         self.timer.forgive()
+
+    def _wait_for_events(self) -> None:
+        self._turn.release()
+        try:
+            self.receiver.queue.wait(LOOK_SECONDS)
+        finally:
+            self._turn.acquire()
+        if self._error is not None:
+            raise self._error
 
     def run_cycle(self) -> None:
         """Run one cycle; every output is recorded first, so that no answer precedes it."""

@@ -13,6 +13,7 @@ import struct
 from typing import NamedTuple
 
 from pfd_ros.arm.events import CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES, TAKEN, Source
+from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.messages import convert
 
 FORMAT = '1'
@@ -78,6 +79,7 @@ CHANNELS = {
     PAYLOAD_IN_USE: Channel(convert.INERTIA, always=False),
     STATES: Channel(convert.JOINT_STATE),
     DROPPED_STATES: Channel(convert.JOINT_STATE, always=False),
+    **{role: Channel(kind, always=False) for role, kind in OUTPUTS.items()},
     CLOCK: Channel(convert.CLOCK, always=False),
 }
 ROLE_OF_SOURCE = {

@@ -15,7 +15,9 @@ import re
 from typing import Any
 
 from pfd_ros.arm import settings as settings_file
-from pfd_ros.arm.events import CLOCK
+from pfd_ros.arm.events import CLOCK, DROPPED_STATES
+from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.recording.format import CHANNELS, EndKey, HeadKey
 from pfd_ros.text import one_line
@@ -28,6 +30,7 @@ FIRST_VERSIONS = {
     'position_sums': 'plain',
     'effort_limits': False,
     'torque_speed': False,
+    'publish_locked': False,
 }
 _DIGEST = re.compile('[0-9a-f]{64}')
 
@@ -83,6 +86,12 @@ def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
     if (CLOCK in roles.values()) != settings.publish_clock:
         raise ValueError(
             f'publish_clock is {settings.publish_clock}, its topics are {list(roles)}'
+        )
+    chosen = {DROPPED_STATES, *OUTPUTS}
+    if chosen & set(roles.values()) != chosen & roles_of(settings):
+        raise ValueError(
+            f'outputs is {list(settings.outputs)} and drop.state {settings.drop_state}, '
+            f'its topics are {list(roles)}'
         )
     return settings
 

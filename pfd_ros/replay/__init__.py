@@ -7,6 +7,7 @@ From the file to the verdict:
     ordering      each message in its cycle; impossible numbers, orders and times are refused
     inspection    whether everything that was recorded is in the file, without simulating
     summary       the result of an inspection for people
+    differences   the first difference between a recorded message and the replayed one
     verify        the engine fed from the recording, its outputs compared byte for byte: `read`
     motion        the efforts and brakes of every step, and the states, for reports
 """

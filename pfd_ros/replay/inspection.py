@@ -10,7 +10,7 @@ numbers: missing messages are counted.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 import hashlib
 
@@ -22,6 +22,7 @@ from pfd_ros.arm.events import (
     TAKEN,
     Verdict,
 )
+from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.messages.convert import decode_clock
 from pfd_ros.recording.format import DIGEST_PREFIX, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending
@@ -202,16 +203,10 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
     if ending is None:
         if log.complete:
             raise ValueError('it was closed without the end record of the node')
-        ticks, summary = channels.get(CLOCK), found.summary
-        if ticks is not None:
-            # The last state may have been cut off from its tick.
-            expected = max(0, summary.steps - 1) // summary.settings.clock_every
-            late = max(0, expected - ticks.last)
-            if late:
-                summary.lost[CLOCK] = ticks.lost + late
+        _add_lost_ends(found.summary, channels)
         return
     published = {role: n + ending.dropped[role] for role, n in ending.recorded.items()}
-    states = sum(published.get(role, 0) for role in NUMBERED_AS_STATES)
+    states = _count_states(published)
     for role, channel in channels.items():
         recorded, dropped = ending.recorded[role], ending.dropped[role]
         if channel.found != recorded:
@@ -226,13 +221,29 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
             found.summary.lost[role] = dropped
         if ending.digests and channel.digest.hexdigest() != ending.digests[role]:
             found.altered = found.altered or f'the messages {role} are not the recorded ones'
-    _check_totals(found, ending, states, published.get(CLOCK))
+    _check_totals(found, ending, published)
 
 
-def _check_totals(found: Inspection, ending: Ending, states: int, ticks: int | None) -> None:
-    """Compare the totals of an end record with one another and the numbers of messages."""
+def _count_states(published: Mapping[str, int]) -> int:
+    """Return the number of states from that of messages by role, those dropped by sensors too."""
+    return sum(published.get(role, 0) for role in NUMBERED_AS_STATES)
+
+
+def _add_lost_ends(summary: Summary, channels: Mapping[str, _ChannelCount]) -> None:
+    """Count the messages that the end of a cut-off file lacks."""
+    settings = summary.settings
+    for role in channels.keys() & {CLOCK, *OUTPUTS}:
+        every = settings.clock_every if role == CLOCK else settings.publish_every
+        # The last state may have been cut off from what follows it.
+        late = max(0, summary.steps - 1) // every - channels[role].last
+        if late > 0:
+            summary.lost[role] = channels[role].lost + late
+
+
+def _check_totals(found: Inspection, ending: Ending, published: Mapping[str, int]) -> None:
+    """Compare the totals of an end record with one another, and with the messages by role."""
     settings = found.summary.settings
-    every = settings.publish_every
+    states, every = _count_states(published), settings.publish_every
     # A failed arm stands still, and goes on publishing.
     last = (states + 1) * every - 1 if ending.failure else ending.steps
     if ending.states != states or last // every != states or ending.steps > last:
@@ -240,13 +251,19 @@ def _check_totals(found: Inspection, ending: Ending, states: int, ticks: int | N
             f'its end record counts {ending.steps} steps and {ending.states} states, '
             f'of which {states} were recorded or dropped, one in {every} steps'
         )
-    if ticks is not None:
+    if CLOCK in published:
         first = states * every if ending.failure else last
-        each = settings.clock_every
+        ticks, each = published[CLOCK], settings.clock_every
         # A node that ends when it cannot publish a state has not come to its tick.
         if not first // each - 1 <= ticks <= last // each:
             raise ValueError(
                 f'its end record counts {ticks} clock ticks, one in {each} of {last} steps'
+            )
+    for role in published.keys() & OUTPUTS.keys():
+        # A node may end between a state and what follows it.
+        if not states - 1 <= published[role] <= states:
+            raise ValueError(
+                f'its end record counts {states} states and {published[role]} messages {role}'
             )
     accepted = found.summary.verdicts[Verdict.ACCEPTED]
     if not ending.dropped[TAKEN] and ending.accepted != accepted:

@@ -82,7 +82,7 @@ def read_motion(
         engine = Engine(settings, recorded)
         if engine.wrench is not None:
             raise ValueError('its arm has an external wrench: its torques alone are no motion')
-        reading = _Reading(engine, engine.arm.scene)
+        reading = _Reading(engine, engine.arm.scene, len(settings.published_locks))
         for message in placed_messages(log):
             reading.add(message, steps)
         reading.run_to(steps)
@@ -111,6 +111,8 @@ class _Reading:
         The replayed arm.
     scene
         Of the arm, from the start to the end.
+    locked
+        Number of joints in each state that are welded.
     payloads
         Events that have come in and not been taken, by source and sequence.
     efforts, braked
@@ -122,6 +124,7 @@ class _Reading:
 
     engine: Engine
     scene: pfd.Scene
+    locked: int
     payloads: dict[tuple[int, int], bytes] = field(default_factory=dict)
     efforts: list[np.ndarray] = field(default_factory=list)
     braked: list[np.ndarray] = field(default_factory=list)
@@ -144,11 +147,15 @@ class _Reading:
             state = decode_joint_state(message.data)
             if self.engine.sensors is not None:
                 arm = self.engine.arm
-                state = replace(state, position=arm.q, velocity=arm.qd)
-            q, qd = np.empty((2, self.engine.arm.q.size))
-            q[list(self.engine.arm.order)] = state.position
-            qd[list(self.engine.arm.order)] = state.velocity
-            self.states.append((message.cycle, q, qd))
+                at_rest = np.zeros(self.locked)
+                position, velocity = np.append(arm.q, at_rest), np.append(arm.qd, at_rest)
+                state = replace(state, position=position, velocity=velocity)
+            # Locked joints come after those that move.
+            count = self.engine.arm.q.size
+            place = [*self.engine.arm.order, *range(count, count + self.locked)]
+            q, qd = np.empty((2, len(place)))
+            q[place], qd[place] = state.position, state.velocity
+            self.states.append((message.cycle, q[:count], qd[:count]))
 
     def run_to(self, cycle: int) -> None:
         """Do the steps up to this one."""

@@ -4,9 +4,9 @@
 
 The messages of a channel are numbered from 1; numbers may be left out, where the disk was too
 slow, but never repeat or decrease; states that the sensors dropped are numbered with those they
-published. Within a cycle come the verdict rows, of events that overflowed
-or were judged, the state, the clock tick. No cycle lies further ahead than the
-arm can have reached at the recorded time: a damaged number would otherwise be simulated through.
+published. Within a cycle come the verdict rows, of events that overflowed or were judged, the
+state, the outputs beside it, the clock tick. No cycle lies further ahead than the arm can have
+reached at the recorded time: a damaged number would otherwise be simulated through.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from pfd_ros.arm.changes import read_changes
 from pfd_ros.arm.events import (
+    CLOCK,
     NUMBERED_AS_STATES,
     PAYLOAD_IN_USE,
     STATES,
@@ -28,22 +29,22 @@ from pfd_ros.arm.events import (
     VerdictRow,
 )
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import (
-    NANOSECONDS,
-    decode_clock,
-    decode_rows,
-    decode_string,
-    encode_rows,
+from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, encode_rows
+from pfd_ros.recording.format import (
+    CHANNELS,
+    PARAMETERS,
+    ROLE_OF_SOURCE,
+    SEQUENCE_MASK,
+    SOURCE_OF_ROLE,
 )
-from pfd_ros.recording.format import PARAMETERS, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Entry, Log
 
 # Steps per second that no node reaches; the bound where the settings name none.
 FASTEST = 1e6
 # By how much the arm may be ahead of its schedule, s: it makes up for delays of 0.05 s.
 AHEAD = 1.0
-# Order within a cycle; only messages of the first place may be several.
-_ROWS, _STATE, _TICK = range(3)
+# Order of the outputs within a cycle; only verdict rows may be several messages.
+_RANKS = {role: rank for rank, role in enumerate(CHANNELS)}
 
 
 class PlacedMessage(NamedTuple):
@@ -98,12 +99,15 @@ class _Order:
 
     def __init__(self, log: Log) -> None:
         settings = log.settings
-        self._publish_every, self._clock_every = settings.publish_every, settings.clock_every
+        self._every = dict.fromkeys(CHANNELS, settings.publish_every)
+        self._every[CLOCK] = settings.clock_every
         self._settings, self._rate = settings, 0.0
         self._allow(settings)
         self._started_ns = self._last_ns = log.started_ns
         self._last = dict.fromkeys(log.roles.values(), 0)
-        self._place = (0, _TICK)
+        self._place = (0, _RANKS[CLOCK])
+        # The cycle of the last verdict rows.
+        self._taken = 1
 
     def _allow(self, settings: Settings) -> None:
         """Raise the bound on the rate of cycles to that of some settings."""
@@ -140,24 +144,16 @@ class _Order:
         elif role == TAKEN:
             rows = _rows(entry)
             cycle = rows[0].cycle
-            self._follow(entry, cycle, _ROWS)
+            self._taken = cycle
+            self._follow(entry, cycle)
         elif role == PAYLOAD_IN_USE:
-            cycle = self._cycle_of_stamp(entry)
-            self._follow(entry, cycle, _ROWS)
-        elif role in NUMBERED_AS_STATES:
-            cycle = number * self._publish_every
-            self._follow(entry, cycle, _STATE)
+            # In the step that a change was taken for, or the first one.
+            cycle = self._taken
+            self._follow(entry, cycle)
         else:
-            cycle = number * self._clock_every
-            self._follow(entry, cycle, _TICK)
+            cycle = number * self._every[role]
+            self._follow(entry, cycle)
         return PlacedMessage(role, number, lost, cycle, entry.log_ns, entry.data, rows)
-
-    def _cycle_of_stamp(self, entry: Entry) -> int:
-        settings = self._settings
-        steps, rest = divmod(decode_clock(entry.data) - settings.start_ns, settings.step_ns)
-        if steps < 1 or rest:
-            raise ValueError(f'{entry.role} {entry.sequence} is stamped between two steps')
-        return steps
 
     def _number(self, entry: Entry) -> tuple[int, int]:
         """Return the number of a message and how many are missing before it."""
@@ -173,10 +169,10 @@ class _Order:
         self._last[numbered] = last + ahead
         return last + ahead, ahead - 1
 
-    def _follow(self, entry: Entry, cycle: int, rank: int) -> None:
-        """Check that an output of this rank and cycle can follow the output before it."""
-        place = cycle, rank
-        if place < self._place or (place == self._place and rank != _ROWS):
+    def _follow(self, entry: Entry, cycle: int) -> None:
+        """Check that an output of this cycle can follow the output before it."""
+        place = cycle, _RANKS[entry.role]
+        if place < self._place or (place == self._place and entry.role != TAKEN):
             raise ValueError(
                 f'{entry.role} {entry.sequence} belongs to step {cycle}, '
                 f'but step {self._place[0]} was recorded before it'

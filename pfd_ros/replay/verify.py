@@ -14,38 +14,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import (
-    CLOCK,
-    DROPPED_STATES,
-    PAYLOAD_IN_USE,
-    STATES,
-    TAKEN,
-    TAKEN_COLUMNS,
-    Arrival,
-    Event,
-    Overflow,
-    Source,
-    Verdict,
-)
-from pfd_ros.messages.convert import (
-    JointMessage,
-    decode_clock,
-    decode_inertia,
-    decode_joint_state,
-    decode_rows,
-)
-from pfd_ros.recording.format import ROBOT, ROLE_OF_SOURCE, SOURCE_OF_ROLE
+from pfd_ros.arm.events import TAKEN, Arrival, Event, Overflow, Source, Verdict
+from pfd_ros.messages.convert import FLOAT_ARRAY, decode_clock, decode_joint_state
+from pfd_ros.recording.format import CHANNELS, ROBOT, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending
 from pfd_ros.recording.reader import Log, LogError, damage_named
+from pfd_ros.replay.differences import difference
 from pfd_ros.replay.inspection import Inspection, inspect
 from pfd_ros.replay.ordering import PlacedMessage, placed_messages
 from pfd_ros.replay.summary import Summary
 
-FIELDS = ('position', 'velocity', 'effort')
 # Share of the progress that the inspection gets when the file is simulated too.
 INSPECTION_SHARE = 0.1
 
@@ -118,8 +98,9 @@ def recorded_robot(log: Log, state: bytes) -> Any:
         raise LogError(f'{log.path} has no robot in its attachment {ROBOT!r}')
     robot = pfd.load_robot(text)
     names = decode_joint_state(state).names
-    if sorted(names) != sorted(robot.joint_names):
-        raise DifferenceError(f'names: recorded {names!r}, its robot has {robot.joint_names!r}')
+    expected = (*robot.joint_names, *log.settings.published_locks)
+    if sorted(names) != sorted(expected):
+        raise DifferenceError(f'names: recorded {names!r}, its robot has {expected!r}')
     return robot
 
 
@@ -149,7 +130,8 @@ class _Replay:
             for output in taken.outputs:
                 self._compare(message, output.data)
         else:
-            if message.lost:
+            # An array has no stamp; if the states have the same gap, theirs says so.
+            if message.lost and CHANNELS[message.role].type != FLOAT_ARRAY:
                 self._run_to_stamp(message)
             self._run_to(message.cycle)
             if message.role not in self.outputs:
@@ -208,72 +190,7 @@ class _Replay:
     def _compare(self, message: PlacedMessage, computed: bytes) -> None:
         # Almost always one comparison of bytes.
         if message.data != computed:
-            where = _DIFFERENCES[message.role](message.data, computed)
+            where = difference(message.role, message.data, computed)
             failure = self.engine.arm.failure
             why = f'; the replay: {failure}' if failure else ''
             raise DifferenceError(f'step {message.cycle}: {where}{why}')
-
-
-def _row_difference(recorded: bytes, computed: bytes) -> str:
-    rows = (decode_rows(data, len(TAKEN_COLUMNS)) for data in (recorded, computed))
-    for (_, source, number, theirs), (*_, ours) in zip(*rows, strict=False):
-        if theirs != ours:
-            return (
-                f'message {number} of {ROLE_OF_SOURCE[Source(source)]}: '
-                f'recorded as {Verdict(theirs).name}, replayed as {Verdict(ours).name}'
-            )
-    return 'the same verdicts, in other rows'
-
-
-def _tick_difference(recorded: bytes, computed: bytes) -> str:
-    try:
-        theirs = f'{decode_clock(recorded)} ns'
-    except ValueError as error:
-        theirs = str(error)
-    return f'clock: recorded {theirs}, replayed {decode_clock(computed)} ns'
-
-
-def _state_difference(recorded: bytes, computed: bytes) -> str:
-    try:
-        ours, theirs = decode_joint_state(computed), decode_joint_state(recorded)
-    except ValueError as error:
-        return f'the recorded state: {error}'
-    return _first_difference(theirs, ours) or 'the same numbers, in other bytes'
-
-
-def _first_difference(recorded: JointMessage, computed: JointMessage) -> str:
-    """Return the first field that differs, with both values, or '' if none does."""
-    for name in ('stamp_ns', 'frame_id', 'names'):
-        one, other = getattr(recorded, name), getattr(computed, name)
-        if one != other:
-            return f'{name}: recorded {one!r}, replayed {other!r}'
-    for name in FIELDS:
-        one, other = getattr(recorded, name), getattr(computed, name)
-        if len(one) != len(other):
-            return f'{name}: recorded {len(one)} numbers, replayed {len(other)}'
-        differing = np.flatnonzero(one.view(np.uint64) != other.view(np.uint64))
-        if len(differing):
-            i = differing[0]
-            return (
-                f'joint {computed.names[i]!r}, {name}: recorded {float(one[i])!r} '
-                f'({one.view(np.uint64)[i]:#018x}), replayed {float(other[i])!r} '
-                f'({other.view(np.uint64)[i]:#018x})'
-            )
-    return ''
-
-
-def _payload_difference(recorded: bytes, computed: bytes) -> str:
-    try:
-        theirs = str(decode_inertia(recorded))
-    except ValueError as error:
-        theirs = str(error)
-    return f'payload in use: recorded {theirs}, replayed {decode_inertia(computed)}'
-
-
-_DIFFERENCES = {
-    TAKEN: _row_difference,
-    PAYLOAD_IN_USE: _payload_difference,
-    STATES: _state_difference,
-    DROPPED_STATES: _state_difference,
-    CLOCK: _tick_difference,
-}

@@ -232,7 +232,7 @@ class LockstepArm:
     def _period(self, efforts: Array) -> Judgement:
         """Command efforts and run one control period, without the bytes of any message."""
         engine = self.engine
-        judgement = engine.command(efforts)
+        judgement = engine.command(efforts, next(self._numbers[Source.ARRAY]))
         while not engine.pace.waits:
             engine.advance()
             self._check()

@@ -11,10 +11,11 @@ import time
 from typing import Any
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import CLOCK, DROPPED_STATES
+from pfd_ros.arm.events import TAKEN
+from pfd_ros.arm.outputs import roles_of
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, EndKey
+from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE, EndKey
 from pfd_ros.recording.mcap_file import TimeBase, Topic
 from pfd_ros.recording.recorder import LogRecorder
 
@@ -96,8 +97,8 @@ def open_log(engine: Engine, robot: Any) -> RunLog | None:
     settings = engine.settings
     if not settings.recording:
         return None
-    wanted = {CLOCK: settings.publish_clock, DROPPED_STATES: bool(settings.drop_state)}
-    roles = tuple(role for role in CHANNELS if wanted.get(role, True))
+    wanted = {*ROLE_OF_SOURCE.values(), TAKEN, *roles_of(settings)}
+    roles = tuple(role for role in CHANNELS if role in wanted)
     names = {role: f'/{role}' if role in ABSOLUTE else f'/sim_arm/{role}' for role in roles}
     topics = [
         Topic(names[role], CHANNELS[role].type, qos_text(1), CHANNELS[role].vital)

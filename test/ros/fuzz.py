@@ -5,8 +5,9 @@
     python test/ros/fuzz.py --seconds 600 --seed 1
     python test/ros/fuzz.py --seconds 600 --seed 1 --largest 16777216
 
-Names, shapes, numbers, rates, bytes that are no message, publishers of foreign types, and
-parameter calls that make rclpy's own callback raise. Afterwards the node must be alive and
+Names, shapes, numbers, rates, bytes that are no message, publishers of foreign types, services in
+any order, transitions that do not exist, and parameter calls that make rclpy's own callback raise.
+Afterwards the node must be alive and
 its memory flat; it must end with status 0, and its recording must verify. Efforts that are
 accepted stay small: an arm that is torn apart is told, and is no success.
 
@@ -35,12 +36,12 @@ import numpy as np
 from ros_processes import JOINTS, Peer, Process, Processes, resident_bytes
 
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Command, Judgement
+from pfd_ros.arm.effects import WrenchChange
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.cdr import CdrWriter
-from pfd_ros.messages.convert import JointStateEncoder
 from pfd_ros.replay.summary import Summary
 from pfd_ros.replay.verify import read
 
@@ -71,8 +72,11 @@ NAMES = (
 )
 LONGEST_NAME = 1 << 20
 VERDICTS = tuple(set(Verdict) - {Verdict.OVERFLOWED, Verdict.STALE})
-# rclpy logs each of them at length.
-SECONDS_PER_PARAMETER_CALL = 3.0
+# The sources that are topics of a node with a clock of its own.
+TOPICS = (Source.NAMED, Source.ARRAY, Source.SET_STATE, Source.WRENCH, Source.PAYLOAD)
+# Of puma560, the default.
+TIP = 'flange'
+SECONDS_PER_CALL = 0.3
 
 
 @dataclass(frozen=True)
@@ -94,7 +98,7 @@ class Messages:
     def __init__(self, seed: int, largest: int = SMALL_BYTES) -> None:
         self.random = random.Random(seed)
         self._largest = largest
-        settings = Settings(damping=True)
+        settings = Settings(damping=True, external_wrench=True)
         self._engine = Engine(settings, load_robot(settings))
 
     def name(self) -> str:
@@ -150,9 +154,25 @@ class Messages:
         writer.numbers(self.numbers(self.size(), savage=self.random.choice((0.0, 0.0, 0.2))))
         return bytes(writer.data)
 
+    def stamped(self, count: int) -> bytes:
+        """Return numbers with a header: a WrenchStamped has 6, an InertiaStamped 10."""
+        writer = CdrWriter()
+        writer.int32(self.random.choice((0, 0, 0, -1, 1, 2**31 - 1)))
+        writer.uint32(self.random.choice((0, 0, 0, 1, 2**32 - 1)))
+        writer.string(TIP if self.random.random() < 0.5 else self.name())
+        writer.row(self.numbers(count, savage=self.random.choice((0.0, 0.0, 0.2))))
+        return bytes(writer.data)
+
+    def whole(self, source: Source) -> bytes:
+        """Return a message of the type of a source."""
+        if source is Source.ARRAY:
+            return self.plain()
+        counts = {Source.WRENCH: 6, Source.PAYLOAD: 10}
+        return self.stamped(counts[source]) if source in counts else self.named()
+
     def broken(self, source: Source) -> bytes:
         """Return bytes that may be no message: cut, changed, with a wild length, or noise."""
-        data = bytearray(self.named() if source is Source.NAMED else self.plain())
+        data = bytearray(self.whole(source))
         kind = self.random.randrange(4)
         if kind == 0:
             return bytes(data[: self.random.randrange(4, len(data) + 1)])
@@ -169,18 +189,17 @@ class Messages:
     def __iter__(self) -> Iterator[tuple[Source, bytes]]:
         """Yield messages that do not tear the arm apart."""
         while True:
-            source = self.random.choice(tuple(Source))
-            chance = self.random.random()
-            if chance < 0.3:
-                data = self.broken(source)
-            elif source is Source.NAMED:
-                data = self.named()
-            else:
-                data = self.plain()
-            if len(data) > self._largest:
-                continue
-            if all(abs(effort) <= SMALL for effort in self._judgement(source, data).efforts):
+            source = self.random.choice(TOPICS)
+            data = self.broken(source) if self.random.random() < 0.3 else self.whole(source)
+            if len(data) <= self._largest and self._is_gentle(source, data):
                 yield source, data
+
+    def _is_gentle(self, source: Source, data: bytes) -> bool:
+        effect = self._judgement(source, data).effect
+        if isinstance(effect, Command):
+            given = [kind for kind in effect[1:] if kind is not None]
+            return all(bool((np.abs(kind) <= SMALL).all()) for kind in given)
+        return not isinstance(effect, WrenchChange) or max(map(abs, effect.wrench)) <= SMALL
 
     def _judgement(self, source: Source, data: bytes) -> Judgement:
         # The middleware fills up to four bytes: a message that was cut may come out whole.
@@ -244,6 +263,56 @@ def _call_parameters(peer: Peer) -> None:
     peer.node.destroy_client(client)
 
 
+class Caller:
+    """Calls the services of the node, in any order and without waiting for an answer."""
+
+    def __init__(self, peer: Peer, chance: random.Random) -> None:
+        from lifecycle_msgs.srv import ChangeState
+        from std_srvs.srv import SetBool, Trigger
+
+        self._peer, self._random = peer, chance
+        kinds = {'pause': SetBool, 'step': Trigger, 'reset': Trigger, 'change_state': ChangeState}
+        self._clients = {
+            name: peer.node.create_client(kind, f'/sim_arm/{name}') for name, kind in kinds.items()
+        }
+        self._kinds = kinds
+
+    def _call(self, name: str, **values: Any) -> Any:
+        return self._clients[name].call_async(self._kinds[name].Request(**values))
+
+    def call(self) -> None:
+        """Call one of them."""
+        from lifecycle_msgs.msg import Transition
+
+        name = self._random.choice((*self._clients, 'set_parameters'))
+        if name == 'set_parameters':
+            _call_parameters(self._peer)
+        elif name == 'pause':
+            self._call(name, data=self._random.random() < 0.3)
+        elif name == 'change_state':
+            # What would end the arm or its recording is left out.
+            label = self._random.choice(
+                (*NAMES, 'deactivate', 'activate', 'activate', 'configure')
+            )
+            number = self._random.choice((0, 1, 3, 200, 255))
+            self._call(name, transition=Transition(id=number, label=label))
+        else:
+            self._call(name)
+
+    def go_on(self) -> None:
+        """Return once the arm steps, whatever was called before."""
+        from lifecycle_msgs.msg import Transition
+
+        # After a reset: an arm that turns fast has no effort left.
+        for answer in (
+            self._call('pause', data=False),
+            self._call('change_state', transition=Transition(label='activate')),
+            self._call('reset'),
+        ):
+            self._peer.wait(answer.done)
+        self._peer.let_pass()
+
+
 def _memory(arm: Process) -> tuple[int, int]:
     """Return the memory of the process, and the least that its objects lately took."""
     lines = [line for line in arm.text().splitlines() if re.fullmatch(r'traced \d+', line)]
@@ -254,7 +323,18 @@ def _flood(
     arm: Process, peer: Peer, crowd: Crowd, seconds: float, messages: Messages
 ) -> tuple[int, tuple[int, int]]:
     """Send until the time is over; return how many messages, and the memory after a while."""
-    publishers = {Source.NAMED: peer.named, Source.ARRAY: peer.plain}
+    from geometry_msgs.msg import InertiaStamped, WrenchStamped
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from sensor_msgs.msg import JointState
+
+    latched = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    places = peer.node.create_publisher(JointState, '/sim_arm/set_state', 10)
+    publishers = {Source.NAMED: peer.named, Source.ARRAY: peer.plain, Source.SET_STATE: places}
+    publishers |= {
+        Source.WRENCH: peer.node.create_publisher(WrenchStamped, '/sim_arm/external_wrench', 10),
+        Source.PAYLOAD: peer.node.create_publisher(InertiaStamped, '/sim_arm/payload', latched),
+    }
+    caller = Caller(peer, messages.random)
     begun = time.monotonic()
     called, sent = begun, 0
     warm = (0, 0)
@@ -264,9 +344,9 @@ def _flood(
             break
         if not warm[0] and now - begun > WARM_UP * seconds:
             warm = _memory(arm)
-        if now - called > SECONDS_PER_PARAMETER_CALL:
+        if now - called > SECONDS_PER_CALL:
             called = now
-            _call_parameters(peer)
+            caller.call()
             crowd.change()
         publishers[source].publish(data)
         sent += 1
@@ -274,6 +354,7 @@ def _flood(
             assert arm.process.poll() is None, arm.text()[-2000:]
             # From a trickle to as fast as it goes.
             time.sleep(messages.random.choice((0.0, 0.0, 0.01, 0.2)))
+    caller.go_on()
     # Of a flood a busy machine takes few.
     for source, data in messages.of_each_verdict():
         publishers[source].publish(data)
@@ -284,7 +365,9 @@ def _flood(
 
 def fuzz(processes: Processes, seconds: float, seed: int, largest: int) -> Outcome:
     """Run a node under hostile messages and return the result."""
-    arm = processes.faulty('traced', '-p', 'recording:=arm.mcap', '-p', 'damping:=true')
+    arm = processes.faulty(
+        'traced', '-p', 'recording:=arm.mcap', '-p', 'damping:=true', '-p', 'external_wrench:=true'
+    )
     peer = Peer(processes.domain)
     crowd = Crowd(processes.domain, random.Random(seed))
     try:
@@ -292,12 +375,10 @@ def fuzz(processes: Processes, seconds: float, seed: int, largest: int) -> Outco
         arm.wait_for_text('traced ')
         sent, warm = _flood(arm, peer, crowd, seconds, Messages(seed, largest))
         # It still does what it is told.
-        zeros = np.zeros(len(JOINTS))
         wanted = [0.25 * k for k in range(len(JOINTS))]
-        hello = JointStateEncoder(JOINTS).encode(0, zeros, zeros, np.array(wanted))
 
         def heard() -> bool:
-            peer.named.publish(hello)
+            peer.plain_command(wanted)
             return bool(peer.states[-1].effort.tolist() == wanted)
 
         peer.wait(heard)

@@ -15,7 +15,15 @@ from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, Recording, Sent, Type
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import NUMBERED_AS_STATES, Arrival, Source, Verdict, VerdictRow
+from pfd_ros.arm.events import (
+    NUMBERED_AS_STATES,
+    PAYLOAD_IN_USE,
+    Arrival,
+    Source,
+    Verdict,
+    VerdictRow,
+)
+from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import cdr
 from pfd_ros.recording import provenance
@@ -44,7 +52,7 @@ def efforts(*values: float) -> bytes:
     writer = cdr.CdrWriter()
     writer.uint32(0)
     writer.uint32(0)
-    writer.numbers(np.array(values))
+    writer.numbers(np.array(values, float))
     return bytes(writer.data)
 
 
@@ -86,9 +94,12 @@ def simulate(
     robot = load_robot(chosen)
     engine = Engine(chosen, robot)
     first = engine.settings
-    roles = {k: v for k, v in ROLES.items() if k != 'clock' or chosen.publish_clock}
-    if chosen.drop_state:
-        roles['dropped_states'] = '/sim_arm/dropped_states'
+    roles = {
+        role: ROLES.get(role, f'/sim_arm/{role}')
+        for role in CHANNELS
+        if role in ('joint_commands', 'commands', 'taken')
+        or role in roles_of(chosen) - {PAYLOAD_IN_USE}
+    }
     made = Recording()
     counts: Counter[str] = Counter()
     accepted = 0
@@ -98,7 +109,7 @@ def simulate(
         counts[role] += 1
         number = counts[role]
         if role in NUMBERED_AS_STATES:
-            number = sum(counts.get(each, 0) for each in NUMBERED_AS_STATES)
+            number = sum(counts[each] for each in NUMBERED_AS_STATES)
         log_ns = START_NS + step * chosen.step_ns
         made.messages.append(Sent(topic, number, log_ns, data))
         return number
@@ -121,7 +132,7 @@ def simulate(
     ]
     totals = {
         'steps': engine.arm.step,
-        'states': sum(counts.get(role, 0) for role in NUMBERED_AS_STATES),
+        'states': sum(counts[role] for role in NUMBERED_AS_STATES),
         'commands_accepted': accepted,
         'failure': engine.arm.failure,
     }

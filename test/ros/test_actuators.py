@@ -213,7 +213,7 @@ def test_a_jump_ends_the_servo(event: str) -> None:
         engine.run_cycle([Arrival(Source.SET_STATE, 1, targeted(NAMES, [0.2, 0.2])[1])])
     engine.step()
     assert not engine.arm.tau.any()
-    assert engine.drive.position is None
+    assert engine.link.drive.position is None
 
 
 def test_an_arm_without_gains_takes_efforts_beside_positions_and_refuses_positions_alone() -> None:
@@ -224,6 +224,28 @@ def test_an_arm_without_gains_takes_efforts_beside_positions_and_refuses_positio
     assert engine.arm.tau.tolist() == [2.0, 1.0]
     source, data = targeted(NAMES, [1.0, 1.0])
     assert engine.judge(Arrival(source, 1, data)).verdict is Verdict.NO_EFFORT
+
+
+POSE = (0.4, -0.7)
+
+
+def test_by_the_convention_of_franka_efforts_are_without_gravity(tmp_path: Path) -> None:
+    commands = {2: [efforts(0.0, 0.0)], 50: [efforts(1.0, -0.3)]}
+    chosen: dict[str, Any] = {'initial_positions': POSE}
+    franka = simulate(100, commands, convention='franka', **chosen).save(tmp_path / 'a.mcap')
+    assert read(franka, verify=True).complete
+    plain = simulate(100, commands, **chosen).save(tmp_path / 'b.mcap')
+    weightless = simulate(100, commands, gravity=(0.0, 0.0, 0.0), **chosen)
+    states = states_of(franka)
+    # It stays where it is without an effort, and tells none; with one it is an arm in free space.
+    assert states[48].position.tolist() == list(POSE)
+    assert not states[48].effort.any()
+    assert states[99].effort.tolist() == [1.0, -0.3]
+    ours = [state.position.tobytes() for state in states]
+    assert ours == [
+        state.position.tobytes() for state in states_of(weightless.save(tmp_path / 'c.mcap'))
+    ]
+    assert states_of(plain)[48].velocity.all()
 
 
 COMMANDS = {3: [efforts(1e300, -1e300)], 40: [efforts(15.0, 9.0)], 400: [efforts(0.0, 99.0)]}

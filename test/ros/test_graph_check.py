@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import itertools
 from pathlib import Path
 import signal
 import time
@@ -14,6 +15,9 @@ import pytest
 from ros_processes import JOINTS, Process, Processes
 
 from pfd_ros.arm.events import Source
+from pfd_ros.messages.convert import decode_joint_state
+from pfd_ros.recording.reader import Log
+from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 
@@ -36,6 +40,12 @@ class Graph:
     def __init__(self) -> None:
         self.publishers: dict[str, list[SimpleNamespace]] = {}
 
+    def get_name(self) -> str:
+        return 'sim_arm'
+
+    def get_namespace(self) -> str:
+        return '/'
+
     def get_publishers_info_by_topic(self, topic: str) -> list[SimpleNamespace]:
         return self.publishers.get(topic, [])
 
@@ -52,15 +62,16 @@ def checked(publishers: dict[str, list[SimpleNamespace]], seconds: Sequence[floa
     from pfd_ros.node.graph_check import GraphCheck
     from pfd_ros.node.throttled_log import ThrottledLog
 
-    end = SimpleNamespace(
-        topic_name='/topic', msg_type=JointState, qos_profile=QoSProfile(depth=1)
+    end, states = (
+        SimpleNamespace(topic_name=name, msg_type=JointState, qos_profile=QoSProfile(depth=1))
+        for name in ('/topic', '/states')
     )
     graph, lines = Graph(), []
     graph.publishers = publishers
     log = ThrottledLog(SimpleNamespace(warning=lines.append))
     now = [0.0]
     check = GraphCheck(
-        graph, Endpoints({'joint_states': end}, {Source.NAMED: end}), log, lambda: now[0]
+        graph, Endpoints({'joint_states': states}, {Source.NAMED: end}), log, lambda: now[0]
     )
     for now[0] in seconds:
         check.check()
@@ -101,6 +112,15 @@ def test_a_finding_waits_for_the_name_of_the_node_but_not_for_ever() -> None:
     assert checked({'/topic': [good, strange]}, [3.0, 4.0, 7.0]) == []
     (line,) = checked({'/topic': [good, strange]}, [3.0, 4.0, 9.0, 10.0])
     assert "node '/_NODE_NAME_UNKNOWN_' publishes 'other/msg/Type' on /topic" in line
+
+
+def test_another_publisher_of_the_states_is_told_once() -> None:
+    own = other_end(1, 'sensor_msgs/msg/JointState', 'sim_arm')
+    broadcaster = other_end(2, 'sensor_msgs/msg/JointState', 'joint_state_broadcaster')
+    commands = {'/topic': [other_end(3, 'sensor_msgs/msg/JointState', 'peer')]}
+    assert checked({'/states': [own], **commands}, [1.0, 6.0]) == []
+    (line,) = checked({'/states': [own, broadcaster], **commands}, [1.0, 6.0])
+    assert line.startswith("node '/joint_state_broadcaster' publishes /states too: readers get")
 
 
 def test_topics_types_and_the_order_of_the_joints_are_told_at_the_start(
@@ -150,34 +170,61 @@ def test_a_publisher_of_another_type_is_named_with_the_topic_that_takes_it(
     assert arm.text().count('nothing of it arrives') == 1
 
 
-def test_a_best_effort_publisher_is_named_with_the_cure_and_the_cure_works(
+def test_a_best_effort_publisher_is_served_and_no_message_is_taken_twice(
     processes: Processes, peer_of
 ) -> None:
     from rclpy.qos import qos_profile_sensor_data
     from sensor_msgs.msg import JointState
 
-    arm = reporting_often(processes)
-    cured = reporting_often(
-        processes,
-        *('-r', '__node:=cured', '-r', 'joint_states:=cured_states'),
-        *('-p', 'publish_clock:=false'),
-        *('-p', 'qos_overrides./joint_commands.subscription.reliability:=best_effort'),
-    )
+    depth = 'qos_overrides./joint_commands.subscription.depth:=50'
+    arm = reporting_often(processes, '-p', 'recording:=arm.mcap', '-p', depth)
     peer = peer_of(processes)
-    publisher = peer.node.create_publisher(JointState, 'joint_commands', qos_profile_sensor_data)
-    arm.wait_for_text("node '/peer' publishes /joint_commands with incompatible QoS")
-    assert '-p qos_overrides./joint_commands.subscription.reliability:=best_effort' in arm.text()
-    states: list[JointState] = []
-    peer.node.create_subscription(JointState, 'cured_states', states.append, 10)
+    peer.connect()
+    best_effort = peer.node.create_publisher(JointState, 'joint_commands', qos_profile_sensor_data)
+    counter, sent = itertools.count(1), {peer.named: set(), best_effort: set()}
 
-    def heard() -> bool:
-        publisher.publish(JointState(name=['joint1'], effort=[1.0]))
-        return bool(states and states[-1].effort[0] == 1.0)
+    def send_and_hear(*publishers) -> bool:
+        """Send with all of them; return whether a command of the last one was heard."""
+        for publisher in publishers:
+            # Far from the limits of the motors.
+            number = 1e-3 * next(counter)
+            sent[publisher].add(number)
+            publisher.publish(JointState(name=['joint1'], effort=[number]))
+        return peer.states[-1].effort[0] in sent[publishers[-1]]
 
-    peer.wait(heard)
+    # The reliable publisher goes on while the subscription is replaced.
+    peer.wait(lambda: send_and_hear(peer.named, best_effort))
+    sent[peer.named].clear()
+    peer.wait(lambda: send_and_hear(peer.named))
+    arm.wait_for_text("node '/peer' publishes /joint_commands best effort: from now on")
     wait_for_reports(arm)
-    assert arm.text().count('publishes /joint_commands with incompatible QoS') == 1
-    assert 'incompatible QoS' not in cured.text()
+    assert arm.text().count('best effort') == 2
+    assert 'incompatible QoS' not in arm.text()
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    log = Log(processes.folder / 'arm.mcap')
+    efforts = [
+        decode_joint_state(entry.data).effort[0]
+        for entry in log.entries()
+        if entry.role == 'joint_commands'
+    ]
+    assert len(set(efforts)) == len(efforts) > 2
+    assert read(processes.folder / 'arm.mcap', verify=True).complete
+
+
+def test_a_subscription_that_a_parameter_makes_reliable_stays_so(
+    processes: Processes, peer_of
+) -> None:
+    from rclpy.qos import qos_profile_sensor_data
+    from sensor_msgs.msg import JointState
+
+    override = 'qos_overrides./joint_commands.subscription.reliability'
+    arm = reporting_often(processes, '-p', f'{override}:=reliable')
+    peer = peer_of(processes)
+    peer.node.create_publisher(JointState, 'joint_commands', qos_profile_sensor_data)
+    arm.wait_for_text("node '/peer' publishes /joint_commands with incompatible QoS")
+    assert f'publish reliable, or leave out the parameter {override}' in arm.text()
+    wait_for_reports(arm)
+    assert arm.text().count('incompatible QoS') == 1
 
 
 def test_a_reader_of_states_that_asks_for_more_is_named(processes: Processes, peer_of) -> None:

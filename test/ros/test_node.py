@@ -100,26 +100,6 @@ def test_every_kind_of_command_is_judged_as_the_rules_say(processes: Processes, 
     assert read(processes.folder / 'arm.mcap', verify=True).verdicts[Verdict.ACCEPTED] == 3
 
 
-def test_two_arms_in_two_namespaces_do_not_hear_each_other(processes: Processes, peer_of) -> None:
-    processes.arm('-r', '__ns:=/left', ready=False)
-    right = processes.arm('-r', '__ns:=/right', '-p', 'publish_clock:=false')
-    peers = [peer_of(processes, name) for name in ('left', 'right')]
-    for peer in peers:
-        peer.connect()
-    peers[0].command(JOINTS, [1.0] * 6)
-    peers[0].wait(lambda: any(peers[0].states[-1].effort))
-    peers[1].let_pass()
-    assert peers[1].states[-1].effort.tolist() == [0] * 6
-    peers[1].plain_command([2.0] * 6)
-    peers[1].wait(lambda: peers[1].states[-1].effort.tolist() == [2.0] * 6)
-    peers[0].let_pass()
-    assert peers[0].states[-1].effort.tolist() == [1.0] * 6
-    # One clock: it belongs to the left arm and goes on without the right one.
-    assert right.end(signal.SIGINT) == 0
-    count = len(peers[0].clocks)
-    peers[0].wait(lambda: len(peers[0].clocks) > count + 10)
-
-
 def test_a_state_that_overflows_is_said_once_and_the_node_goes_on(
     processes: Processes, peer_of
 ) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 from plant_messages import payload
 import pytest
-from ros_processes import PATIENCE, Peer, Processes
+from ros_processes import PATIENCE, Peer, Processes, next_domain
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.changes import read_changes
@@ -278,7 +278,8 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
         ('payload.mass', 0.5),
     ):
         assert client.get(name).double_value == value
-    assert client.describe('damping.elbow').read_only
+    told = client.describe('damping.elbow')
+    assert (told.read_only, told.name) == (True, 'damping.elbow')
     assert "not parameters of this node: ['armature.elbwo']; misspelt?" in arm.text()
     plant = Plant(peer)
     peer.connect()
@@ -362,3 +363,44 @@ class Plant:
         answer = self._client.call_async(self._trigger.Request())
         self._peer.wait(answer.done)
         return answer.result()
+
+
+def test_a_node_that_is_configured_again_shows_the_defaults_of_the_new_arm() -> None:
+    import rclpy
+
+    from pfd_ros.node import parameters
+
+    given = ('autostart:=false', 'bias.effort.elbow:=0.5', 'friction.joint2:=0.25')
+    context = rclpy.Context()
+    rclpy.init(
+        context=context,
+        args=['--ros-args', *(part for name in given for part in ('-p', name))],
+        domain_id=next_domain(),
+    )
+    node = rclpy.create_node('again', context=context, start_parameter_services=False)
+    try:
+        assert not parameters.declare(node)
+        two = parameters.declare_joints(node, *arm_of(node, robot='planar2'))
+        assert two.bias_effort == (0.0, 0.5)
+        assert two.joint_friction == ()
+        node.set_parameters([chosen('robot', 'puma560'), chosen('friction', True)])
+        settings, robot = arm_of(node)
+        six = parameters.declare_joints(node, settings, robot)
+        assert six.bias_effort == ()
+        expected = robot.friction.copy()
+        expected[1] = 0.25
+        assert six.joint_friction == tuple(expected.tolist())
+        assert not node.has_parameter('bias.effort.elbow')
+        assert node.get_parameter('friction.joint1').value == robot.friction[0]
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def arm_of(node: Any, **values: str) -> tuple[Settings, Any]:
+    """Return the settings and the robot that the parameters of a node say, after new values."""
+    from pfd_ros.node import parameters
+
+    node.set_parameters([chosen(name, value) for name, value in values.items()])
+    settings = parameters.read(node)
+    return settings, load_robot(settings)

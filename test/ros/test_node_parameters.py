@@ -92,10 +92,18 @@ def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
     )
     peer = peer_of(processes)
     peer.connect()
-    peer.plain_command([0.5] * 7)
-    peer.wait(lambda: peer.states[-1].effort.tolist() == [0.5] * 7)
-    assert list(peer.states[-1].name) == [f'panda_joint{i}' for i in range(1, 8)]
+    arm_joints = [f'panda_joint{i}' for i in range(1, 8)]
+    fingers = ['panda_finger_joint1', 'panda_finger_joint2']
+    peer.command([*arm_joints, *fingers], [0.5] * 9)
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [0.5] * 7 + [0.0] * 2)
+    assert list(peer.states[-1].name) == [*arm_joints, *fingers]
+    assert peer.states[-1].position[7:].tolist() == [0.01, 0.02]
+    peer.command(fingers, [1.0] * 2)
+    arm.wait_for_text(f'commands name joints that are locked and do not move: {fingers}')
+    arm.wait_for_text('1 messages on joint_commands dropped: refused (locked: ')
     assert arm.end(signal.SIGINT) == 0, arm.text()
     summary = read(processes.folder / 'arm.mcap', verify=True)
     assert summary.settings is not None
     assert summary.settings.locks == {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}
+    assert arm.text().count('are locked and do not move') == 1
+    assert 'unknown' not in arm.text()

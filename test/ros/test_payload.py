@@ -20,7 +20,7 @@ from pfd_ros.arm.events import PAYLOAD_IN_USE, Arrival, Source, Verdict
 from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.setting_fields import joint_values
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import decode_inertia, encode_inertia
+from pfd_ros.messages.stamped import decode_inertia, encode_inertia
 from pfd_ros.replay.motion import read_motion
 from pfd_ros.replay.verify import read
 
@@ -210,7 +210,7 @@ def test_a_recording_with_payloads_verifies(tmp_path: Path) -> None:
     second = made.on('/sim_arm/payload_in_use')[1]
     second.data = encode_inertia(replace(decode_inertia(second.data), mass=1.25))
     made.recount(digests=True)
-    with pytest.raises(ValueError, match='step 2: payload in use: recorded'):
+    with pytest.raises(ValueError, match='step 2: payload_in_use: mass: recorded'):
         read(made.save(tmp_path / 'b.mcap'), verify=True)
 
 

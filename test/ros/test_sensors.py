@@ -14,6 +14,7 @@ from scipy import stats
 from simulating import efforts, simulate
 
 from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import DROPPED_STATES, STATES, Arrival, Output, Source
@@ -62,9 +63,9 @@ def test_without_settings_for_them_there_are_no_sensors() -> None:
     engine = made()
     assert engine.sensors is None
     measured = engine.measured()
-    assert measured.position is engine.arm.q
-    assert measured.velocity is engine.arm.qd
-    assert measured.effort is engine.arm.tau
+    assert measured[0] is engine.arm.q
+    assert measured[1] is engine.arm.qd
+    assert measured[2] is engine.arm.tau
 
 
 @pytest.mark.parametrize('kind', ['position', 'velocity', 'effort'])
@@ -210,6 +211,18 @@ def test_a_recording_with_every_error_of_the_sensors_verifies(
     assert summary.states + summary.unpublished == 100
     assert summary.steps == 200
     assert not summary.lost
+
+
+def test_a_recording_in_which_the_noise_changes_verifies(tmp_path: Path) -> None:
+    louder = Source.PARAMETERS, encode_changes({'noise_position': 0.5, 'bias_effort': [1.0, 2.0]})
+    silent = Source.PARAMETERS, encode_changes({'noise_position': 0.0, 'bias_effort': []})
+    made = simulate(60, {5: [efforts(1.0, -0.5)], 20: [louder], 40: [silent]})
+    read(made.save(tmp_path / 'log.mcap'), verify=True)
+    exact = simulate(60, {5: [efforts(1.0, -0.5)]})
+    for number, (one, other) in enumerate(
+        zip(made.on(STATES_TOPIC), exact.on(STATES_TOPIC), strict=True), start=1
+    ):
+        assert (one.data != other.data) == (20 <= number < 40)
 
 
 def test_a_recording_whose_last_states_are_dropped_verifies(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from pfd_ros.messages import convert
+from pfd_ros.messages.stamped import decode_stamped, effort_encoder, stamped_encoder
 
 STAMP = 12_345_678_901
 TAKEN = ('step', 'source', 'sequence', 'verdict')
@@ -66,6 +67,54 @@ def test_we_read_arrays_with_any_layout(ros, dimensions: int) -> None:
     ]
     got = convert.decode_floats(ros.serialize_message(message))
     assert got.tolist() == [1.5, -2.5, float('inf')]
+
+
+@pytest.mark.parametrize('frame_id', ['', 'b', 'base', 'tool0'])
+def test_rclpy_reads_poses_and_wrenches_as_we_write_them_and_so_do_we(ros, frame_id: str) -> None:
+    from geometry_msgs.msg import PoseStamped, WrenchStamped
+
+    numbers = np.arange(1.5, 8.0)
+    data = stamped_encoder(convert.POSE, frame_id).encode(STAMP, numbers)
+    pose = ros.deserialize_message(data, PoseStamped)
+    wrench = ros.deserialize_message(
+        stamped_encoder(convert.WRENCH, frame_id).encode(STAMP, numbers[:6]), WrenchStamped
+    )
+    for message in (pose, wrench):
+        assert (message.header.stamp.sec, message.header.frame_id) == (12, frame_id)
+    position, turn = pose.pose.position, pose.pose.orientation
+    assert [position.x, position.y, position.z] == [1.5, 2.5, 3.5]
+    assert [turn.x, turn.y, turn.z, turn.w] == [4.5, 5.5, 6.5, 7.5]
+    force, torque = wrench.wrench.force, wrench.wrench.torque
+    assert [force.x, force.y, force.z, torque.x, torque.y, torque.z] == numbers[:6].tolist()
+    got = decode_stamped(ros.serialize_message(pose), convert.POSE)
+    assert (got.stamp_ns, got.frame_id, got.values.tolist()) == (STAMP, frame_id, numbers.tolist())
+
+
+@pytest.mark.parametrize('count', [1, 2, 7])
+def test_rclpy_reads_states_of_efforts_alone(ros, count: int) -> None:
+    from sensor_msgs.msg import JointState
+
+    names = [f'joint{"x" * i}' for i in range(count)]
+    data = effort_encoder(names, 'base').encode(STAMP, np.arange(count) + 0.5)
+    message = ros.deserialize_message(data, JointState)
+    assert (message.header.frame_id, message.name) == ('base', names)
+    assert (len(message.position), len(message.velocity)) == (0, 0)
+    assert list(message.effort) == [i + 0.5 for i in range(count)]
+
+
+def test_rclpy_reads_the_arrays_we_write_with_their_layout_and_so_do_we(ros) -> None:
+    from std_msgs.msg import Float64MultiArray
+
+    values = np.arange(6.0).reshape(2, 3)
+    layout = [('row', ('x', 'yy')), ('column', ('a', 'b', 'c'))]
+    data = convert.ArrayEncoder(layout).encode(values)
+    message = ros.deserialize_message(data, Float64MultiArray)
+    dimensions = [(d.label, d.size, d.stride) for d in message.layout.dim]
+    assert dimensions == [('row: x,yy', 2, 6), ('column: a,b,c', 3, 3)]
+    assert list(message.data) == values.reshape(-1).tolist()
+    got = convert.decode_array(data)
+    assert (got.labels, got.sizes) == (('row: x,yy', 'column: a,b,c'), (2, 3))
+    assert got.values.tolist() == values.reshape(-1).tolist()
 
 
 @pytest.mark.parametrize('rows', [[], [[1, 0, 1, 0]], [[2**40, 1, 2, 3], [5, 6, 7, 8]]])

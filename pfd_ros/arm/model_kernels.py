@@ -1,0 +1,40 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The native code of the outputs that are quantities of the model, made with the plant's own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+import pfd_core as pfd
+from pfd_ros.arm.settings import Settings
+
+# Output -> the quantity of pfd_core that it is.
+QUANTITIES = {
+    'external_torques': 'wrench_torques',
+    'inertia_matrix': 'inertia_matrix',
+    'bias_torques': 'bias_torques',
+    'gravity_torques': 'gravity_torques',
+    'tip_jacobian': 'tip_jacobian',
+    'tip_pose': 'tip_pose',
+    'energy': 'energy',
+}
+
+
+def model_kernels(settings: Settings, robot: Any, scene: pfd.Scene) -> Mapping[str, Any]:
+    """Return the kernel of each output that the settings ask for and that is such a quantity.
+
+    The wrench on the tip and the gravity torques of the drives are left out of the scene: they
+    act on the arm, and its model is asked for.
+    """
+    alone = replace(scene, brakes=False, external_wrench=False, gravity_compensation=False)
+    return MappingProxyType(
+        {
+            output: pfd.compile_kernel(robot, scene=alone, quantity=quantity)
+            for output, quantity in QUANTITIES.items()
+            if output in settings.outputs
+        }
+    )

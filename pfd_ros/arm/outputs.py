@@ -1,0 +1,201 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What is published beside joint_states: what real arms tell, and what only a simulation knows.
+
+All of it describes the true state of the cycle whose joint_states it follows, not the measured
+one. With the joints in published order, H qdd + b = tau + tau_ext, where
+
+    true_states       q, qd and the efforts tau that led there
+    acceleration      qdd under tau, (n,); zero after a jump, and once the arm has failed
+    external_torques  tau_ext = J'k, of the wrench k on the tip
+    inertia_matrix    H, rotors included, (n, n)
+    bias_torques      b = C qd + g + damping qd
+    gravity_torques   g, with springs of the scene
+    tip_jacobian      J of the origin of the tip's frame, linear first, base axes, (6, n)
+    tip_pose          the tip's frame in that of the base link
+    tip_wrench        k on the tip, in its axes
+    energy            kinetic and potential, J, and the power of tau, W
+
+These are of the arm with its payload, as if no drive compensated its gravity; drives that do add
+a torque of their own to tau. Dry friction, stops and brakes have no place in that equation. Every
+number is finite: one that overflows is 0. No kernel is compiled in a cycle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+import math
+from typing import TypeAlias
+
+import numpy as np
+
+from pfd_ros.arm.arm import Arm
+from pfd_ros.arm.events import CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES
+from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.convert import POSE, WRENCH, ArrayEncoder, JointStateEncoder
+from pfd_ros.messages.stamped import StampedEncoder, effort_encoder, stamped_encoder
+
+TWIST_AXES = ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
+ENERGIES = ('kinetic', 'potential', 'power')
+Writer: TypeAlias = Callable[[], bytes]
+
+
+def roles_of(settings: Settings) -> frozenset[str]:
+    """Return the roles of all outputs of an arm but verdict rows."""
+    roles = {STATES, PAYLOAD_IN_USE, *settings.outputs}
+    if settings.publish_clock:
+        roles.add(CLOCK)
+    if settings.drop_state:
+        roles.add(DROPPED_STATES)
+    return frozenset(roles)
+
+
+class ExtraOutputs:
+    """The outputs of an arm that its settings ask for beside its states."""
+
+    def __init__(self, settings: Settings, arm: Arm) -> None:
+        self.arm, self.frame_id = arm, settings.frame_id
+        self.columns = list(arm.order)
+        # In model order, as kernels are bound to them.
+        self.q, self.qd = np.zeros((2, arm.robot.n))
+        self.wrench = np.zeros(6)
+        self._writers = [
+            (name, _WRITERS[name](self)) for name in OUTPUTS if name in settings.outputs
+        ]
+
+    def messages(self) -> list[tuple[str, bytes]]:
+        """Return the messages about the state as it is now, by role."""
+        self.q[self.columns], self.qd[self.columns] = self.arm.q, self.arm.qd
+        self.wrench[:] = 0.0 if self.arm.wrench is None else self.arm.wrench
+        return [(name, write()) for name, write in self._writers]
+
+    def bound(
+        self,
+        output: str,
+        q: np.ndarray,
+        qd: np.ndarray | None = None,
+        wrench: np.ndarray | None = None,
+    ) -> Callable[[], np.ndarray]:
+        """Return a function without arguments that evaluates the kernel of an output."""
+        kernel = self.arm.kernels[output]
+        out = np.zeros(kernel.shape)
+        bound: Callable[[], np.ndarray] = kernel.bind(q, qd, out=out, wrench=wrench)
+        return bound
+
+    def stamped(self, encoder: StampedEncoder, value: Callable[[], np.ndarray]) -> Writer:
+        """Return the function that writes a message with a stamp."""
+        return lambda: encoder.encode(self.arm.stamp_ns, _finite(value()))
+
+    def efforts(self, value: Callable[[], np.ndarray]) -> Writer:
+        """Return the function that writes efforts, from their values in model order."""
+        encoder = effort_encoder(self.arm.names, self.frame_id)
+        return self.stamped(encoder, lambda: value()[self.columns])
+
+
+def extra_outputs(settings: Settings, arm: Arm) -> ExtraOutputs | None:
+    """Return the outputs that the settings ask for beside states, None if there are none."""
+    return ExtraOutputs(settings, arm) if settings.outputs else None
+
+
+def _array(layout: Sequence[tuple[str, Sequence[str]]], value: Callable[[], np.ndarray]) -> Writer:
+    encoder = ArrayEncoder(layout)
+    return lambda: encoder.encode(_finite(value()))
+
+
+def _true_states(given: ExtraOutputs) -> Writer:
+    arm, encoder = given.arm, JointStateEncoder(given.arm.names, given.frame_id)
+    return lambda: encoder.encode(arm.stamp_ns, arm.q, arm.qd, arm.tau)
+
+
+def _acceleration(given: ExtraOutputs) -> Writer:
+    return _array([('joint', given.arm.names)], lambda: given.arm.acceleration)
+
+
+def _external_torques(given: ExtraOutputs) -> Writer:
+    return given.efforts(given.bound('external_torques', given.q, wrench=given.wrench))
+
+
+def _inertia_matrix(given: ExtraOutputs) -> Writer:
+    evaluate, order = given.bound('inertia_matrix', given.q), np.ix_(given.columns, given.columns)
+    layout = [('row', given.arm.names), ('column', given.arm.names)]
+    return _array(layout, lambda: evaluate()[order])
+
+
+def _bias_torques(given: ExtraOutputs) -> Writer:
+    return given.efforts(given.bound('bias_torques', given.q, given.qd))
+
+
+def _gravity_torques(given: ExtraOutputs) -> Writer:
+    return given.efforts(given.bound('gravity_torques', given.q))
+
+
+def _tip_jacobian(given: ExtraOutputs) -> Writer:
+    evaluate = given.bound('tip_jacobian', given.q)
+    layout = [('row', TWIST_AXES), ('column', given.arm.names)]
+    return _array(layout, lambda: evaluate()[:, given.columns])
+
+
+def _tip_pose(given: ExtraOutputs) -> Writer:
+    evaluate = given.bound('tip_pose', given.q)
+    return given.stamped(
+        stamped_encoder(POSE, given.arm.robot.base), lambda: position_and_quaternion(evaluate())
+    )
+
+
+def _tip_wrench(given: ExtraOutputs) -> Writer:
+    return given.stamped(stamped_encoder(WRENCH, given.arm.robot.tip), lambda: given.wrench)
+
+
+def _energy(given: ExtraOutputs) -> Writer:
+    evaluate, arm = given.bound('energy', given.q, given.qd), given.arm
+    return _array([('item', ENERGIES)], lambda: np.append(evaluate(), _power(arm.tau * arm.qd)))
+
+
+_WRITERS: dict[str, Callable[[ExtraOutputs], Writer]] = {
+    'true_states': _true_states,
+    'acceleration': _acceleration,
+    'external_torques': _external_torques,
+    'inertia_matrix': _inertia_matrix,
+    'bias_torques': _bias_torques,
+    'gravity_torques': _gravity_torques,
+    'tip_jacobian': _tip_jacobian,
+    'tip_pose': _tip_pose,
+    'tip_wrench': _tip_wrench,
+    'energy': _energy,
+}
+
+
+def _finite(values: np.ndarray) -> np.ndarray:
+    finite = np.isfinite(values)
+    return values if finite.all() else np.where(finite, values, 0.0)
+
+
+def _power(powers: np.ndarray) -> float:
+    # One after the other: the order in which NumPy and newer Pythons sum is theirs.
+    total = 0.0
+    for power in powers.tolist():
+        total += power
+    return total
+
+
+def position_and_quaternion(pose: np.ndarray) -> np.ndarray:
+    """Return x, y, z and the quaternion x, y, z, w of a pose (4, 4), with w >= 0.
+
+    The largest of the four is found first, so that no small number is divided by (Shepperd,
+    Quaternion from rotation matrix, J. Guidance and Control 1, 1978).
+    """
+    (a, b, c), (d, e, f), (g, h, i) = pose[:3, :3].tolist()
+    # Four times the square of w, x, y, z.
+    squares = 1.0 + a + e + i, 1.0 + a - e - i, 1.0 - a + e - i, 1.0 - a - e + i
+    largest = squares.index(max(squares))
+    # Four times the products of the largest with w, x, y, z.
+    products = (
+        (squares[0], h - f, c - g, d - b),
+        (h - f, squares[1], b + d, c + g),
+        (c - g, b + d, squares[2], f + h),
+        (d - b, c + g, f + h, squares[3]),
+    )[largest]
+    scale = math.copysign(0.5 / math.sqrt(squares[largest]), products[0])
+    w, x, y, z = (scale * product for product in products)
+    return np.array([*pose[:3, 3], x, y, z, w])

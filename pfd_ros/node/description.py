@@ -1,0 +1,215 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The model of the arm: from a name, a file or the topic `robot_description`; and published.
+
+The `<ros2_control>` block of a URDF gives defaults for topics and initial positions; remappings
+and parameters count before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+import time
+from typing import Any
+
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_msgs.msg import String
+
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.description import (
+    Description,
+    differences,
+    ragged_trap,
+    read_description,
+    silence_trap,
+    with_followers,
+    with_initial_values,
+)
+from pfd_ros.arm.description_settings import TOPIC
+from pfd_ros.arm.events import STATES, Source
+from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.urdf_text import urdf_of
+from pfd_ros.messages.convert import decode_string
+from pfd_ros.node.endpoints import PUBLISHED, SUBSCRIBED
+from pfd_ros.text import one_line
+
+# As `load_robot` takes it; a larger message is not decoded.
+LARGEST_DESCRIPTION = 1 << 24
+LOOK_SECONDS = 0.1
+
+
+@dataclass(frozen=True)
+class Model:
+    """The model of an arm.
+
+    Attributes
+    ----------
+    settings
+        Those of the parameters, with what its URDF adds.
+    robot
+        As `load_robot` returns it.
+    text
+        Its URDF, '' for a robot from another file.
+    topics
+        Topic of each source and output that does not have its own name.
+    """
+
+    settings: Settings
+    robot: Any
+    text: str
+    topics: Mapping[Source | str, str]
+
+
+def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> Model:
+    """Return the model that the settings name, and log what its URDF adds.
+
+    Parameters
+    ----------
+    node
+        For its topics and its log.
+    settings
+        Of the parameters.
+    stopped
+        Whether to give up waiting for the topic.
+
+    Raises
+    ------
+    ValueError
+        If no model comes, or it cannot be used.
+    """
+    topics: dict[Source | str, str] = {}
+    if settings.command_topic:
+        topics[Source.ARRAY] = settings.command_topic
+    source = settings.robot
+    if source == TOPIC:
+        if settings.publish_description:
+            raise ValueError(f'publish_description: the model comes from {TOPIC} already')
+        source = wait_for_description(node, settings.description_timeout, stopped)
+    robot = load_robot(replace(settings, robot=source))
+    text = _urdf_text(source)
+    if not text:
+        return Model(settings, robot, text, topics)
+    moving = robot.joint_names
+    description = read_description(text, moving, ros2_control=settings.ros2_control)
+    filled = with_initial_values(settings, moving, description)
+    if filled.locks != settings.locks:
+        robot = load_robot(replace(filled, robot=source))
+    _tell(node, settings, filled, moving, description)
+    topics |= _topics(node, description)
+    return Model(with_followers(filled, description), robot, text, topics)
+
+
+def _urdf_text(source: str) -> str:
+    """Return the URDF of a robot that was loaded, '' for one from YAML."""
+    if source.lstrip().startswith('<'):
+        return source
+    path = Path(source)
+    return path.read_text('utf-8-sig') if path.suffix in ('.urdf', '.xml') else ''
+
+
+def _tell(
+    node: Node, given: Settings, filled: Settings, moving: Any, description: Description
+) -> None:
+    """Log which positions come from the description, and where it disagrees."""
+    for name in ('initial_positions', 'locked_positions'):
+        positions = getattr(filled, name)
+        if positions != getattr(given, name):
+            node.get_logger().info(f'{name} from <ros2_control>: {list(positions)}')
+    for warning in (
+        differences(filled, moving, description),
+        silence_trap(moving, description),
+        ragged_trap(description),
+    ):
+        if warning:
+            node.get_logger().warning(one_line(warning))
+
+
+def _topics(node: Node, description: Description) -> dict[Source | str, str]:
+    """Return the topics that the hardware names, but for those that are remapped."""
+    hardware = description.hardware
+    if hardware is None:
+        return {}
+    chosen: dict[Source | str, str] = {}
+    for key, own, theirs in (
+        (Source.NAMED, SUBSCRIBED[Source.NAMED][1], hardware.commands_topic),
+        (STATES, PUBLISHED[STATES][1], hardware.states_topic),
+    ):
+        name = node.resolve_topic_name(own)
+        if name == node.resolve_topic_name(own, only_expand=True):
+            chosen[key] = theirs
+            text = f'{own} is {theirs}, from <ros2_control>'
+        else:
+            text = f'{own} is remapped to {name}, <ros2_control> has {theirs}'
+        node.get_logger().info(one_line(text))
+    return chosen
+
+
+def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]) -> str:
+    """Return the text that another node publishes as `robot_description`.
+
+    A node of its own listens, so that it can be spun wherever the caller runs.
+
+    Raises
+    ------
+    ValueError
+        If none comes in time, or it is no URDF.
+    """
+    topic, came = node.resolve_topic_name(TOPIC), list[bytes]()
+    node.get_logger().info(f'waits for the model on {topic} (std_msgs/msg/String)')
+    listener = Node(
+        f'{node.get_name()}_description',
+        namespace=node.get_namespace(),
+        context=node.context,
+        use_global_arguments=False,
+        start_parameter_services=False,
+        enable_rosout=False,
+    )
+    executor = SingleThreadedExecutor(context=node.context)
+    try:
+        listener.create_subscription(String, topic, came.append, _LATCHED, raw=True)
+        executor.add_node(listener)
+        deadline = time.monotonic() + seconds
+        while not came and not stopped() and time.monotonic() < deadline:
+            executor.spin_once(timeout_sec=LOOK_SECONDS)
+    finally:
+        executor.shutdown()
+        listener.destroy_node()
+    if not came:
+        told = 'until the node was stopped' if stopped() else f'within {seconds:g} s'
+        raise ValueError(
+            f'no model came on {topic} {told}: a publisher must be reliable and transient local, '
+            'as robot_state_publisher is'
+        )
+    if len(came[0]) > LARGEST_DESCRIPTION:
+        raise ValueError(
+            f'{topic} has {len(came[0])} bytes, expected {LARGEST_DESCRIPTION} at most'
+        )
+    text = decode_string(came[0])
+    if not text.lstrip().startswith('<'):
+        raise ValueError(f'{topic} holds no URDF: it starts with {text[:20]!r}')
+    return text
+
+
+def publish_description(node: Node, model: Model) -> None:
+    """Publish the URDF of a model once, for every reader that comes.
+
+    Raises
+    ------
+    ValueError
+        If none can be written of a robot from elsewhere.
+    """
+    publisher = node.create_publisher(
+        String,
+        TOPIC,
+        _LATCHED,
+        qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+    )
+    publisher.publish(String(data=model.text or urdf_of(model.robot)))
+
+
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -1,0 +1,234 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The parts of a URDF that configure both ends, and a URDF of any robot."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from oracle import relative
+import pinocchio as pin
+import pytest
+from tolerances import DYNAMICS
+from zoo import random_chain, random_state
+
+import pfd_core as pfd
+from pfd_ros.arm.description import (
+    Description,
+    Follower,
+    Hardware,
+    differences,
+    ragged_trap,
+    read_description,
+    silence_trap,
+    with_followers,
+    with_initial_values,
+)
+from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.urdf_text import UNLIMITED, urdf_of
+
+ARM = ('shoulder', 'elbow')
+STOCK = 'joint_state_topic_hardware_interface/JointStateTopicSystem'
+
+
+def joint(name: str, initial: str = '', command: str = 'effort') -> str:
+    value = f'<param name="initial_value">{initial}</param>' if initial else ''
+    return (
+        f'<joint name="{name}"><command_interface name="{command}"/>'
+        f'<state_interface name="velocity"><param name="initial_value">9</param></state_interface>'
+        f'<state_interface name="position">{value}</state_interface></joint>'
+    )
+
+
+def block(joints: str, plugin: str = STOCK, **params: str) -> str:
+    told = ''.join(f'<param name="{name}">{text}</param>' for name, text in params.items())
+    return (
+        f'<ros2_control name="x" type="system"><hardware><plugin>{plugin}</plugin>{told}'
+        f'</hardware>{joints}</ros2_control>'
+    )
+
+
+def described(*blocks: str, ros2_control: bool = True) -> Description:
+    text = f'<robot name="r">{"".join(blocks)}</robot>'
+    return read_description(text, ARM, ros2_control=ros2_control)
+
+
+def test_topics_threshold_initial_values_and_efforts_are_read() -> None:
+    found = described(
+        block(
+            joint('shoulder', ' -1.5e-1 ') + joint('elbow', command='position'),
+            joint_commands_topic=' /left/commands ',
+            joint_states_topic='states',
+            trigger_joint_command_threshold='-1',
+        )
+    )
+    assert found.hardware == Hardware('/left/commands', 'states', -1.0)
+    assert found.positions == {'shoulder': -0.15}
+    assert found.takes_effort == {'shoulder'}
+
+
+def test_hardware_without_parameters_has_the_values_of_its_source_code() -> None:
+    expected = Hardware('/robot_joint_commands', '/robot_joint_states', 1e-5)
+    for plugin in (STOCK, 'topic_based_ros2_control/TopicBasedSystem'):
+        assert described(block(joint('elbow'), plugin)).hardware == expected
+
+
+def test_other_hardware_and_hardware_of_other_joints_have_no_topics() -> None:
+    mock = block(joint('elbow', '0.5'), 'mock_components/GenericSystem')
+    gripper = block(joint('finger', '0.04'))
+    found = described(mock, gripper)
+    assert found.hardware is None
+    assert found.positions == {'elbow': 0.5, 'finger': 0.04}
+
+
+def test_a_block_that_is_not_to_be_read_is_not_read() -> None:
+    broken = block(joint('elbow', 'nonsense'))
+    assert described(broken, ros2_control=False) == Description()
+
+
+@pytest.mark.parametrize(
+    ('blocks', 'text'),
+    [
+        ([block(joint('elbow', '${q}'))], r"initial_value of joint 'elbow' .* is '\$\{q\}'"),
+        ([block(joint('elbow', 'nan'))], "is 'nan', expected a number"),
+        ([block(joint('elbow', '1_0'))], "is '1_0', expected a number"),
+        ([block(joint('elbow', '1 2'))], "is '1 2', expected a number"),
+        (
+            [block(joint('elbow'), trigger_joint_command_threshold='')],
+            "trigger_joint_command_threshold in <ros2_control> is ''",
+        ),
+        (
+            [block(joint('elbow', '1')), block(joint('elbow', '2'))],
+            "two initial values for joint 'elbow'",
+        ),
+        (
+            [block(joint('elbow')), block(joint('shoulder'), joint_commands_topic='other')],
+            'have different topics',
+        ),
+    ],
+)
+def test_a_block_that_breaks_its_format_is_refused_with_the_way_out(
+    blocks: list[str], text: str
+) -> None:
+    with pytest.raises(ValueError, match=f'(?s){text}.*ros2_control:=false'):
+        described(*blocks)
+
+
+def test_initial_values_are_taken_in_the_order_of_the_joints_where_none_are_given() -> None:
+    found = Description(positions={'shoulder': 0.1, 'finger': 0.04})
+    settings = Settings(joints=('elbow', 'shoulder'), locked=('thumb', 'finger'))
+    filled = with_initial_values(settings, ARM, found)
+    assert filled.initial_positions == (0.0, 0.1)
+    assert filled.locks == {'thumb': 0.0, 'finger': 0.04}
+    assert differences(filled, ARM, found) == ''
+
+
+def test_given_positions_count_before_those_of_the_description_and_that_is_told() -> None:
+    found = Description(positions={'shoulder': 0.1, 'elbow': 0.2, 'finger': 0.04})
+    settings = Settings(initial_positions=(0.1, 0.3), locked=('finger',), locked_positions=(0.01,))
+    assert with_initial_values(settings, ARM, found) == settings
+    assert "for ['elbow', 'finger'] than the parameters" in differences(settings, ARM, found)
+
+
+def test_joints_that_follow_locked_ones_are_locked_where_they_follow_them() -> None:
+    found = Description(
+        followers={
+            'b': Follower('a', -2.0, 0.1),
+            'c': Follower('b', 1.0, 0.0),
+            'd': Follower('elbow', 1.0, 0.0),
+        }
+    )
+    settings = Settings(locked=('a',), locked_positions=(0.5,))
+    assert with_followers(settings, found).locks == {'a': 0.5, 'b': -0.9, 'c': -0.9}
+    alone = replace(settings, locked=('a', 'b'), locked_positions=(0.5, 0.5))
+    assert with_followers(alone, found).locks == {'a': 0.5, 'b': 0.5, 'c': 0.5}
+    assert with_followers(Settings(), found) == Settings()
+
+
+def test_followers_are_the_mimic_joints_of_the_urdf() -> None:
+    text = (
+        '<robot name="r"><joint name="f" type="prismatic">'
+        '<mimic joint="a" multiplier="-1" offset="0.5"/></joint>'
+        '<joint name="g" type="revolute"><mimic joint="a"/></joint></robot>'
+    )
+    found = read_description(text, ARM, ros2_control=True)
+    assert found.followers == {'f': Follower('a', -1.0, 0.5), 'g': Follower('a', 1.0, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ('joints', 'threshold', 'warned'),
+    [
+        (joint('elbow'), '0', True),
+        (joint('elbow'), '1e-5', True),
+        (joint('elbow'), '-1', False),
+        (joint('elbow', command='position'), '1e-5', False),
+    ],
+)
+def test_hardware_that_falls_silent_at_a_steady_effort_is_warned_of(
+    joints: str, threshold: str, warned: bool
+) -> None:
+    found = described(block(joints, trigger_joint_command_threshold=threshold))
+    text = silence_trap(ARM, found)
+    assert bool(text) is warned
+    assert ('<param name="trigger_joint_command_threshold">-1</param>' in text) is warned
+
+
+MIXED = random_chain(
+    np.random.default_rng(5),
+    6,
+    joint_types=['revolute', 'prismatic', 'continuous', 'revolute', 'prismatic', 'revolute'],
+)
+
+
+@pytest.mark.parametrize(
+    ('joints', 'ragged'),
+    [
+        (joint('shoulder') + joint('elbow'), set()),
+        (joint('shoulder') + joint('elbow', command='position'), {'effort', 'position'}),
+        (joint('shoulder') + '<joint name="finger"/>', {'effort'}),
+    ],
+)
+def test_hardware_whose_arrays_would_be_ragged_is_warned_of(joints: str, ragged: set[str]) -> None:
+    found = described(block(joints), block(joint('finger'), 'mock_components/GenericSystem'))
+    assert found.ragged == ragged
+    text = ragged_trap(found)
+    assert all(kind in text for kind in ragged)
+    assert bool(text) is bool(ragged)
+
+
+@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
+@pytest.mark.parametrize('robot', [*map(pfd.load_robot, pfd.known_robots()), MIXED], ids=repr)
+def test_the_urdf_of_a_robot_reads_back_as_the_robot(robot: pfd.Robot) -> None:
+    again = pfd.load_robot(urdf_of(robot), base=robot.base, tip=robot.tip)
+    for key in ('name', 'joint_names', 'joint_types', 'base', 'tip'):
+        assert getattr(again, key) == getattr(robot, key)
+    for key in ('rotations', 'translations', 'masses', 'inertias'):
+        np.testing.assert_allclose(getattr(again, key), getattr(robot, key), atol=1e-13)
+    # A link without mass has its centre nowhere.
+    moments = [(r.masses * r.centers.T).T for r in (again, robot)]
+    np.testing.assert_allclose(*moments, atol=1e-13)
+    for key in ('base_rotation', 'base_position'):
+        np.testing.assert_allclose(getattr(again, key), getattr(robot, key), atol=1e-13)
+    for key in ('damping', 'friction', 'armature'):
+        np.testing.assert_array_equal(getattr(again, key), getattr(robot, key))
+    for key in ('position_lower', 'position_upper', 'velocity_limit', 'effort_limit'):
+        ours, theirs = getattr(robot, key), getattr(again, key)
+        np.testing.assert_array_equal(theirs, np.where(np.isfinite(ours), ours, theirs))
+        free = key.startswith('position') & (np.array(robot.joint_types) == 'continuous')
+        assert (np.abs(theirs[~np.isfinite(ours) & ~free]) == UNLIMITED).all()
+
+
+def test_the_urdf_of_a_robot_gives_pinocchio_the_dynamics_of_the_arm() -> None:
+    kinds = ['revolute', 'prismatic', 'revolute', 'revolute']
+    robot = random_chain(np.random.default_rng(6), 4, joint_types=kinds)
+    model = pin.buildModelFromXML(urdf_of(robot))
+    q, qd, qdd = random_state(np.random.default_rng(7), 4)
+    expected = pin.rnea(model, model.createData(), q, qd, qdd)
+    assert relative(pfd.inverse_dynamics(robot, q, qd, qdd), expected) < DYNAMICS
+
+
+def test_names_that_xml_cannot_hold_are_refused() -> None:
+    robot = replace(pfd.load_robot('planar2'), joint_names=('a\x01b', 'c'))
+    with pytest.raises(ValueError, match='no URDF can be written of'):
+        urdf_of(robot)

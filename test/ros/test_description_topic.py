@@ -1,0 +1,199 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The model from the topic robot_description, the topics in it, and the model published."""
+
+from __future__ import annotations
+
+import re
+import signal
+import time
+
+import gripper_arm
+import pytest
+from ros_processes import Peer, Processes
+
+import pfd_core as pfd
+from pfd_ros.replay.verify import read
+
+pytestmark = pytest.mark.ros
+
+
+def latched(peer: Peer, topic: str = 'robot_description', durability: str = 'transient_local'):
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import String
+
+    profile = QoSProfile(depth=1, durability=DurabilityPolicy[durability.upper()])
+    return peer.node.create_publisher(String, topic, profile)
+
+
+def publish(publisher, text: str) -> None:
+    from std_msgs.msg import String
+
+    publisher.publish(String(data=text))
+
+
+def wait(peer: Peer, seconds: float = 20.0, stopped=lambda: False) -> str:
+    from pfd_ros.node.description import wait_for_description
+
+    return wait_for_description(peer.node, seconds, stopped)
+
+
+def test_the_text_of_a_latched_publisher_is_returned(processes: Processes, peer_of) -> None:
+    one, other = peer_of(processes, 'left'), peer_of(processes, 'left')
+    publish(latched(one), '\n <robot/>')
+    assert wait(other) == '\n <robot/>'
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('joints: []', "/robot_description holds no URDF: it starts with 'joints: []'"),
+        ('', "holds no URDF: it starts with ''"),
+        ('<' + 'a' * (1 << 24), 'bytes, expected 16777216 at most'),
+    ],
+    ids=['yaml', 'empty', 'large'],
+)
+def test_a_text_that_is_no_urdf_is_refused(
+    processes: Processes, peer_of, text: str, reason: str
+) -> None:
+    one, other = peer_of(processes), peer_of(processes)
+    publisher = latched(one)
+    publish(publisher, text)
+    with pytest.raises(ValueError, match=re.escape(reason)):
+        wait(other)
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('<!DOCTYPE a [<!ENTITY b "c">]><robot name="&b;"/>', 'a URDF has no <!DOCTYPE>'),
+        ('<robot>' * 60, 'nests them more than 50 deep'),
+        ('<robot', 'not well-formed XML'),
+        (gripper_arm.urdf(joint_states_topic='{} %s'), 'Invalid topic name'),
+        (gripper_arm.urdf(joint_states_topic='a' * 300), 'topic name'),
+    ],
+    ids=['entity', 'deep', 'cut', 'name', 'long'],
+)
+def test_a_hostile_model_is_refused_in_one_line(
+    processes: Processes, peer_of, text: str, reason: str
+) -> None:
+    one = peer_of(processes)
+    publisher = latched(one)
+    publish(publisher, text)
+    arm = processes.arm('-p', 'robot:=robot_description', '-p', 'locked:=[finger]', ready=False)
+    assert arm.end() == 1
+    (line,) = (line for line in arm.text().splitlines() if line.startswith('sim_arm: '))
+    assert reason in line
+    assert len(line) < 700
+
+
+def test_a_model_that_does_not_come_is_waited_for_until_the_time_is_over(
+    processes: Processes, peer_of
+) -> None:
+    one, other = peer_of(processes), peer_of(processes)
+    publisher = latched(one, durability='volatile')
+    publish(publisher, '<robot/>')
+    with pytest.raises(ValueError, match=r'no model came on /robot_description within 0\.5 s: a'):
+        wait(other, 0.5)
+    with pytest.raises(ValueError, match='until the node was stopped'):
+        wait(other, 1e6, stopped=lambda: True)
+
+
+def test_the_arm_takes_everything_from_the_topic_and_its_ros2_control(
+    processes: Processes, peer_of
+) -> None:
+    from sensor_msgs.msg import JointState
+
+    peer = peer_of(processes, 'left')
+    publisher = latched(peer)
+    arm = processes.arm(
+        *('-r', '__ns:=/left', '-p', 'robot:=robot_description', '-p', 'locked:=[finger]'),
+        *('-p', 'recording:=arm.mcap'),
+        ready=False,
+    )
+    arm.wait_for_text('waits for the model on /left/robot_description')
+    publish(publisher, gripper_arm.urdf(joint_states_topic='seen'))
+    arm.wait_for_text('joints, held')
+    for text in (
+        'joint_commands is /robot_joint_commands, from <ros2_control>',
+        'joint_states is seen, from <ros2_control>',
+        'initial_positions from <ros2_control>: [0.5, -0.25]',
+        'locked_positions from <ros2_control>: [0.04]',
+        'trigger_joint_command_threshold is 1e-05: the hardware compares',
+    ):
+        assert text in arm.text()
+    states: list[JointState] = []
+    peer.node.create_subscription(JointState, '/left/seen', states.append, 10)
+    commands = peer.node.create_publisher(JointState, '/robot_joint_commands', 10)
+    peer.wait(lambda: states and commands.get_subscription_count())
+    assert states[0].name == [*gripper_arm.ARM, *gripper_arm.FINGERS]
+    # The thumb mimics the locked finger.
+    assert states[0].position.tolist() == [*gripper_arm.START, 0.04, -0.04]
+    commands.publish(JointState(name=['elbow'], effort=[1.0]))
+    peer.wait(lambda: states[-1].effort.tolist() == [0.0, 1.0, 0.0, 0.0])
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    summary = read(processes.folder / 'arm.mcap', verify=True)
+    assert summary.settings.initial_positions == gripper_arm.START
+    assert summary.settings.locks == {'finger': 0.04, 'thumb': -0.04}
+
+
+def test_remappings_and_parameters_count_before_the_ros2_control(
+    processes: Processes, peer_of
+) -> None:
+    (processes.folder / 'arm.urdf').write_text(gripper_arm.urdf())
+    arm = processes.arm(
+        *('-p', 'robot:=arm.urdf', '-p', 'locked:=[finger]', '-p', 'locked_positions:=[0.0]'),
+        *('-p', 'initial_positions:=[1.0, 1.0]', '-r', 'joint_commands:=mine'),
+        *('-r', '/robot_joint_states:=joint_states', '-p', 'publish_description:=true'),
+        *('-p', 'command_topic:=/effort_controllers/commands'),
+    )
+    for text in (
+        'joint_commands is remapped to /mine, <ros2_control> has /robot_joint_commands',
+        "has other initial values for ['shoulder', 'elbow', 'finger'] than the parameters",
+        'takes commands on /mine (',
+        '/effort_controllers/commands (std_msgs/msg/Float64MultiArray: efforts in this order: ',
+        'publishes /joint_states (',
+    ):
+        assert text in arm.text()
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import Float64MultiArray, String
+
+    peer = peer_of(processes)
+    profile = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    texts: list[String] = []
+    peer.node.create_subscription(String, 'robot_description', texts.append, profile)
+    efforts = peer.node.create_publisher(Float64MultiArray, '/effort_controllers/commands', 10)
+    peer.wait(lambda: peer.states and texts and efforts.get_subscription_count())
+    assert texts[0].data == gripper_arm.urdf()
+    assert peer.states[0].position.tolist() == [1.0, 1.0, 0.0, 0.0]
+    efforts.publish(Float64MultiArray(data=[2.0, 3.0]))
+    peer.wait(lambda: peer.states[-1].effort.tolist() == [2.0, 3.0, 0.0, 0.0])
+
+
+@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
+def test_a_robot_from_elsewhere_is_published_as_urdf(processes: Processes, peer_of) -> None:
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from std_msgs.msg import String
+
+    from pfd_ros.arm.settings import Settings
+    from pfd_ros.node.description import load_model, publish_description
+
+    one, other = peer_of(processes), peer_of(processes)
+    model = load_model(one.node, Settings(robot='puma560'), lambda: False)
+    assert (model.text, model.topics) == ('', {})
+    publish_description(one.node, model)
+    texts: list[String] = []
+    profile = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    other.node.create_subscription(String, 'robot_description', texts.append, profile)
+    other.wait(lambda: texts)
+    assert pfd.load_robot(texts[0].data).joint_names == model.robot.joint_names
+
+
+def test_a_node_that_waits_for_its_model_ends_at_a_signal(processes: Processes) -> None:
+    arm = processes.arm('-p', 'robot:=robot_description', ready=False)
+    arm.wait_for_text('waits for the model on /robot_description')
+    begun = time.monotonic()
+    assert arm.end(signal.SIGINT) == 1
+    # Half of the time that it would wait.
+    assert time.monotonic() - begun < 15.0
+    assert 'sim_arm: no model came on /robot_description until the node was stopped' in arm.text()

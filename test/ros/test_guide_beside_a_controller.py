@@ -1,0 +1,170 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The guide about the arm beside a controller: its commands run, with replicas of ros2_control."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+import shlex
+import signal
+from xml.etree import ElementTree
+
+import gripper_arm
+import numpy as np
+import pytest
+from replicas import ControllerManager, TopicHardware
+from ros_processes import PATIENCE, ROOT, Process, Processes
+from simulating import rows_of
+from test_description_topic import latched, publish
+import yaml
+
+from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.settings import Settings
+from pfd_ros.replay.verify import read
+
+TEXT = (ROOT / 'docs' / 'guides' / 'beside-a-controller.md').read_text(encoding='utf-8')
+ARM = ('shoulder', 'elbow')
+
+
+def blocks(kind: str) -> list[str]:
+    return re.findall(rf'^```{kind}\n(.*?)^```$', TEXT, re.MULTILINE | re.DOTALL)
+
+
+COMMANDS = [line for block in blocks('bash') for line in block.splitlines()]
+(BLOCK,) = blocks('xml')
+(CONTROLLERS,) = map(yaml.safe_load, blocks('yaml'))
+
+
+def command(part: str) -> list[str]:
+    """Return the arguments of the one command `pfd sim` that has this part."""
+    (line,) = (line for line in COMMANDS if part in line)
+    pfd, sim, *arguments = shlex.split(line)
+    assert (pfd, sim) == ('pfd', 'sim')
+    return arguments
+
+
+def start(processes: Processes, part: str, *more: str, ready: bool = True) -> Process:
+    (processes.folder / 'arm.urdf').write_text(gripper_arm.with_block(BLOCK))
+    arm = processes.python('-m', 'pfd_ros.cli.main', 'sim', *command(part), *more)
+    if ready:
+        arm.wait_for_text('joints, held')
+    return arm
+
+
+def hardware_of(peer) -> TopicHardware:
+    """Return a replica of the hardware that the block describes."""
+    block = ElementTree.fromstring(BLOCK)
+    told = {param.get('name'): param.text for param in block.findall('hardware/param')}
+    interfaces = {
+        joint.get('name'): [kind.get('name') for kind in joint.findall('command_interface')]
+        for joint in block.findall('joint')
+    }
+    return TopicHardware(
+        peer,
+        interfaces,
+        float(told['trigger_joint_command_threshold']),
+        (told['joint_commands_topic'], told['joint_states_topic']),
+    )
+
+
+def test_every_command_is_run_by_a_test_of_this_file() -> None:
+    source = Path(__file__).read_text(encoding='utf-8')
+    parts = re.findall(r"start\(\s*processes, '(.*?)'", source)
+    sims = [line for line in COMMANDS if line.startswith('pfd sim')]
+    assert sorted(line for part in parts for line in sims if part in line) == sorted(sims)
+    assert [line for line in COMMANDS if line not in sims] == ['python3 hold.py']
+
+
+def test_lines_of_the_log_are_those_of_the_node() -> None:
+    folder = ROOT / 'pfd_ros' / 'node'
+    source = ' '.join(path.read_text(encoding='utf-8') for path in folder.glob('*.py'))
+    # Texts go over several lines of the source.
+    source = re.sub(r"'\n\s+f?'", '', source)
+    found = re.findall(r'^\| `(.*?)` \|', TEXT.partition('## When nothing moves')[2], re.M)
+    assert len(found) == 8
+    for line in found:
+        dropped = line.partition('dropped: ')[2]
+        if dropped:
+            assert dropped.upper() in Verdict.__members__
+        elif line.endswith(' too'):
+            assert re.search(r'publishes \{end.topic_name\} \{', source)
+            assert "'too: " in source
+        else:
+            assert line in source, line
+
+
+def test_settings_of_the_guide_are_settings_of_the_node() -> None:
+    names = {field for line in COMMANDS for field in re.findall(r'-p (\w+):=', line)}
+    assert names <= set(Settings.__dataclass_fields__)
+
+
+@pytest.mark.ros
+def test_ros2_control_needs_no_remapping(processes: Processes, peer_of) -> None:
+    arm = start(processes, 'recording:=run.mcap')
+    peer = peer_of(processes)
+    hardware = hardware_of(peer)
+    assert CONTROLLERS['effort_controller']['ros__parameters']['joints'] == list(ARM)
+    rate = CONTROLLERS['controller_manager']['ros__parameters']['update_rate']
+    manager = ControllerManager(peer, hardware, 1_000_000_000 // rate)
+    manager.start()
+    peer.wait(lambda: hardware.latest.name and hardware.publisher.get_subscription_count())
+    manager.update = lambda states: {joint: {'effort': 0.5} for joint in ARM}
+    peer.wait(lambda: manager.run(1) or hardware.states['elbow']['effort'] == 0.5)
+    assert hardware.states['finger']['position'] == 0.04
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    assert '[WARN]' not in re.sub(r'.*periods missed.*', '', arm.text())
+    summary = read(processes.folder / 'run.mcap', verify=True)
+    assert summary.settings.initial_positions == (0.5, 0.0)
+
+
+@pytest.mark.ros
+def test_in_lockstep_every_state_has_the_command_of_its_cycle(
+    processes: Processes, peer_of
+) -> None:
+    arm = start(processes, 'lockstep:=true', '-p', 'recording:=arm.mcap')
+    peer = peer_of(processes)
+    hardware = hardware_of(peer)
+    rate = CONTROLLERS['controller_manager']['ros__parameters']['update_rate']
+    manager = ControllerManager(peer, hardware, 1_000_000_000 // rate)
+    manager.start()
+    peer.wait(lambda: hardware.latest.name and hardware.publisher.get_subscription_count())
+    manager.update = lambda states: {joint: {'effort': 0.5} for joint in ARM}
+    # Until both are in step, the arm is not slower than the manager.
+    peer.wait(lambda: manager.run(1) or any(hardware.latest.effort))
+    manager.run(100)
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    read(processes.folder / 'arm.mcap', verify=True)
+    rows = rows_of(processes.folder / 'arm.mcap')
+    taken = [row.cycle for row in rows if row.verdict is Verdict.ACCEPTED]
+    every = Settings(publish_rate=float(rate)).publish_every
+    assert len(taken) >= 100
+    assert set(np.diff(taken[-90:])) == {every}
+
+
+@pytest.mark.ros
+def test_a_script_with_the_model_of_the_arm_holds_it(processes: Processes) -> None:
+    start(processes, 'command_topic:=')
+    (code,) = blocks('python hold.py')
+    (processes.folder / 'hold.py').write_text(code)
+    script = processes.python('hold.py')
+    assert script.process.wait(PATIENCE) == 0, script.text()
+    # A machine that is busy for a while lets the arm sink.
+    assert float(re.search(r'(\S+) rad off', script.text())[1]) < 0.2
+
+
+@pytest.mark.ros
+def test_the_model_comes_from_the_topic(processes: Processes, peer_of) -> None:
+    publisher = latched(peer_of(processes))
+    publish(publisher, gripper_arm.with_block(BLOCK))
+    arm = start(processes, 'robot:=robot_description')
+    assert 'joint_commands is /robot_joint_commands, from <ros2_control>' in arm.text()
+
+
+@pytest.mark.ros
+def test_two_arms_start_beside_each_other(processes: Processes, peer_of) -> None:
+    start(processes, '__ns:=/left', ready=False)
+    start(processes, '__ns:=/right')
+    left, right = (peer_of(processes, name) for name in ('left', 'right'))
+    left.wait(lambda: left.states and left.clocks)
+    right.wait(lambda: right.states)

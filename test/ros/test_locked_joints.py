@@ -1,0 +1,140 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Locked joints, such as those of a gripper, are seen like others and obey nobody."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from simulating import efforts, simulate
+
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.cdr import CdrWriter
+from pfd_ros.messages.convert import JointStateEncoder, decode_joint_state
+from pfd_ros.recording.reader import Log
+from pfd_ros.replay.motion import read_motion
+from pfd_ros.replay.verify import DifferenceError, read
+
+# The wrist of a puma, welded.
+WRIST = {'locked': ('joint6', 'joint5'), 'locked_positions': (0.25, -0.5)}
+ONE = [1.0, 2.0, 3.0, 4.0]
+
+
+def made(**chosen) -> Engine:
+    settings = Settings(robot='puma560', **chosen)
+    return Engine(settings, load_robot(settings))
+
+
+def joint_command(names: list[str], effort: list[float]) -> Arrival:
+    none = np.zeros(len(names))
+    data = JointStateEncoder(names).encode(0, none, none, np.array(effort))
+    return Arrival(Source.NAMED, 1, data)
+
+
+def states(path: Path) -> list:
+    return [decode_joint_state(e.data) for e in Log(path).entries() if e.role == 'joint_states']
+
+
+def test_locked_joints_are_published_after_the_others_at_rest_where_they_are_locked() -> None:
+    engine = made(joints=('joint4', 'joint1', 'joint2', 'joint3'), **WRIST)
+    engine.take([Arrival(Source.ARRAY, 1, efforts(*ONE))])
+    for _ in range(5):
+        states = [decode_joint_state(o.data) for o in engine.step() if o.role == 'joint_states']
+    (state,) = states
+    assert state.names == ('joint4', 'joint1', 'joint2', 'joint3', 'joint6', 'joint5')
+    assert state.position[4:].tolist() == [0.25, -0.5]
+    assert state.velocity[4:].tolist() == state.effort[4:].tolist() == [0.0, 0.0]
+    assert state.effort[:4].tolist() == ONE
+    assert state.velocity[:4].all()
+
+
+def test_locked_joints_can_be_left_out_of_the_states() -> None:
+    engine = made(publish_locked=False, **WRIST)
+    (state,) = (decode_joint_state(o.data) for o in engine.step() if o.role == 'joint_states')
+    assert state.names == ('joint1', 'joint2', 'joint3', 'joint4')
+
+
+def test_a_command_for_a_locked_joint_moves_the_others_and_is_not_unknown() -> None:
+    engine = made(**WRIST)
+    command = joint_command(['joint5', 'joint1', 'nobody'], [9.0, 1.0, 9.0])
+    ((_, found, _),) = engine.take([command]).judgements
+    assert found.verdict is Verdict.ACCEPTED
+    (state,) = (decode_joint_state(o.data) for o in engine.step() if o.role == 'joint_states')
+    assert state.effort.tolist() == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
+    assert (found.locked, found.unknown, found.unknown_count) == (('joint5',), ('nobody',), 1)
+
+
+@pytest.mark.parametrize('names', [['joint5'], ['joint6', 'joint5'], ['joint5', 'nobody']])
+def test_a_command_for_locked_joints_alone_is_refused(names: list[str]) -> None:
+    found = made(**WRIST).judge(joint_command(names, [1.0] * len(names)))
+    assert found.verdict is Verdict.REFUSED
+    assert 'joint5' in found.detail
+    assert found.locked == tuple(name for name in names if name != 'nobody')
+
+
+def test_nan_for_the_joints_that_move_is_no_command_whatever_locked_joints_get() -> None:
+    found = made(**WRIST).judge(joint_command(['joint1', 'joint5'], [float('nan'), 1.0]))
+    assert found.verdict is Verdict.ALL_NAN
+
+
+def test_nan_for_a_locked_joint_is_no_command_for_it() -> None:
+    # Hardware sends NaN for a gripper that no controller has claimed.
+    engine, nan = made(**WRIST), float('nan')
+    found = engine.judge(joint_command(['joint1', 'joint5'], [1.0, nan]))
+    assert (found.verdict, found.locked) == (Verdict.ACCEPTED, ())
+    for names in (['joint5'], ['joint1', 'joint5']):
+        found = engine.judge(joint_command(names, [nan] * len(names)))
+        assert (found.verdict, found.locked) == (Verdict.ALL_NAN, ())
+
+
+def test_names_of_locked_joints_that_are_not_published_stay_unknown() -> None:
+    engine = made(publish_locked=False, **WRIST)
+    found = engine.judge(joint_command(['joint5'], [1.0]))
+    assert (found.verdict, found.locked) == (Verdict.UNKNOWN_NAMES, ())
+
+
+def test_a_state_of_the_arm_can_be_sent_back_with_its_locked_joints() -> None:
+    engine = made(**WRIST)
+    names = ('joint1', 'joint2', 'joint3', 'joint4', 'joint6', 'joint5')
+    writer = CdrWriter()
+    writer.int32(0)
+    writer.uint32(0)
+    writer.string('')
+    writer.strings(names)
+    for values in (np.arange(1.0, 7.0), np.zeros(6), np.zeros(0)):
+        writer.numbers(values)
+    engine.take([Arrival(Source.SET_STATE, 1, bytes(writer.data))])
+    (state,) = (decode_joint_state(o.data) for o in engine.step() if o.role == 'joint_states')
+    assert state.position.tolist() == [1.0, 2.0, 3.0, 4.0, 0.25, -0.5]
+
+
+@pytest.mark.parametrize('published', [True, False])
+def test_recordings_with_locked_joints_verify_and_have_a_motion(
+    published: bool, tmp_path: Path
+) -> None:
+    made = simulate(30, {3: [efforts(*ONE)]}, robot='puma560', publish_locked=published, **WRIST)
+    path = made.save(tmp_path / 'a.mcap')
+    assert read(path, verify=True).states == 30
+    motion = read_motion(path).motion
+    assert np.asarray(motion.q).shape[1] == 4
+    np.testing.assert_array_equal(motion.q[-1], states(path)[28].position[:4])
+
+
+def test_a_recording_from_before_locked_joints_were_published_verifies(tmp_path: Path) -> None:
+    made = simulate(30, {3: [efforts(*ONE)]}, robot='puma560', publish_locked=False, **WRIST)
+    (head,) = (values for name, values in made.metadata if name == 'pfd_ros')
+    settings = json.loads(head['settings'])
+    assert settings.pop('publish_locked') is False
+    head['settings'] = json.dumps(settings)
+    path = made.save(tmp_path / 'a.mcap')
+    assert read(path, verify=True).states == 30
+    settings['publish_locked'] = True
+    head['settings'] = json.dumps(settings)
+    with pytest.raises(DifferenceError, match='names: recorded'):
+        read(made.save(tmp_path / 'b.mcap'), verify=True)

@@ -1,0 +1,52 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Servo, watchdog and reflex of a real node: set by parameters, and told in its log."""
+
+from __future__ import annotations
+
+import signal
+
+import numpy as np
+import pytest
+from ros_processes import JOINTS, Processes
+
+from pfd_ros.replay.verify import read
+
+pytestmark = pytest.mark.ros
+
+
+def test_a_servo_holds_after_the_last_command_and_a_reflex_is_told(
+    processes: Processes, peer_of
+) -> None:
+    gains = [
+        ('-p', f'servo_{kind}.{joint}:={gain}')
+        for joint in JOINTS
+        for kind, gain in (('p', '500.0'), ('d', '50.0'))
+    ]
+    arm = processes.arm(
+        *(part for pair in gains for part in pair),
+        *('-p', 'armature:=true', '-p', 'recording:=arm.mcap'),
+        *('-p', 'command_timeout:=0.2', '-p', 'on_timeout:=hold'),
+        *('-p', 'reflex_effort_rate:=50000.0'),
+    )
+    peer = peer_of(processes)
+    peer.connect()
+    target = np.full(6, 0.1)
+    peer.command(JOINTS, [], position=target.tolist())
+    peer.let_pass(100)
+    assert np.any(peer.states[-1].effort)
+    # It names the parameter of the stock hardware that is silent while nothing changes.
+    arm.wait_for_text('trigger_joint_command_threshold')
+    peer.let_pass(1500)
+    held = np.array(peer.states[-1].position)
+    assert np.abs(peer.states[-1].velocity).max() < 1e-3
+    peer.let_pass(200)
+    np.testing.assert_allclose(peer.states[-1].position, held, atol=1e-4)
+    # 180 N m from one step to the next, where 50 are allowed.
+    peer.command(JOINTS, [0.0, -180.0, 0.0, 0.0, 0.0, 0.0])
+    arm.wait_for_text("braked all joints: the effort of 'joint2' jumped by")
+    peer.let_pass()
+    assert not np.any(peer.states[-1].effort)
+    assert not np.any(peer.states[-1].velocity)
+    assert arm.end(signal.SIGINT) == 0
+    assert read(processes.folder / 'arm.mcap', verify=True).complete

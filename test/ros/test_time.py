@@ -1,0 +1,123 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Simulated time of a real node: a followed clock, and time that goes on across a restart."""
+
+from __future__ import annotations
+
+import signal
+import time
+
+import numpy as np
+import pytest
+from ros_processes import MILLISECOND, Peer, Processes, stamp_ns
+
+from pfd_ros.arm.events import STATES, Verdict
+from pfd_ros.messages.convert import decode_joint_state
+from pfd_ros.recording.reader import Log
+from pfd_ros.replay.verify import read
+
+pytestmark = pytest.mark.ros
+FOLLOWS = ('-p', 'time_source:=clock', '-p', 'publish_clock:=false')
+SECOND = 1000 * MILLISECOND
+
+
+class Leader:
+    """A publisher of `/clock` in the hands of the test."""
+
+    def __init__(self, peer: Peer) -> None:
+        from rosgraph_msgs.msg import Clock
+
+        self._kind = Clock
+        self._publisher = peer.node.create_publisher(Clock, '/clock', 10)
+        peer.wait(lambda: self._publisher.get_subscription_count() > 1)
+
+    def tick(self, stamp: int) -> None:
+        message = self._kind()
+        message.clock.sec, message.clock.nanosec = divmod(stamp, SECOND)
+        self._publisher.publish(message)
+
+
+def test_an_arm_follows_a_clock_forwards_only_and_says_when_it_is_lost(
+    processes: Processes, peer_of
+) -> None:
+    arm = processes.arm(*FOLLOWS, '-p', 'recording:=arm.mcap', '-p', 'step_size:=0.002')
+    peer = peer_of(processes)
+    leader = Leader(peer)
+    start = 490 * SECOND
+
+    def reaches(stamp: int) -> None:
+        def there() -> bool:
+            # Best effort: a tick may be lost.
+            leader.tick(stamp)
+            return bool(peer.states) and stamp_ns(peer.states[-1]) > stamp - 2 * MILLISECOND
+
+        peer.wait(there)
+
+    def begins() -> bool:
+        begun.append(start + len(begun) * MILLISECOND)
+        leader.tick(begun[-1])
+        return bool(peer.states)
+
+    # The first tick that comes is where time begins; the next ones are stepped to.
+    begun: list[int] = []
+    peer.wait(begins)
+    assert start < stamp_ns(peer.states[0]) <= begun[-1]
+    start += 100 * SECOND // 10
+    reaches(start + 100 * MILLISECOND)
+    for wrong, text in (
+        (start, 'messages on followed_clock dropped: stale (the clock is at 500.0 s and was at'),
+        (start + 3600 * SECOND, 'more than 100000 steps behind: a reset lets its time leap'),
+    ):
+        seen = len(peer.states)
+        leader.tick(wrong)
+        arm.wait_for_text(text)
+        assert len(peer.states) == seen
+    reaches(start + 200 * MILLISECOND)
+    stamps = [stamp_ns(state) for state in peer.states]
+    assert (np.diff(stamps) > 0).all()
+    assert set(np.diff(stamps) % (2 * MILLISECOND)) == {0}
+    arm.wait_for_text('after the last tick on /clock: simulated time stands')
+    assert arm.end(signal.SIGINT) == 0, arm.text()
+    summary = read(processes.folder / 'arm.mcap', verify=True)
+    assert summary.verdicts[Verdict.STALE] >= 1
+    assert summary.verdicts[Verdict.REFUSED] >= 1
+
+
+def test_two_arms_on_one_clock_have_the_same_stamps(processes: Processes, peer_of) -> None:
+    follower = processes.arm(
+        *FOLLOWS, '-r', '__ns:=/right', '-p', 'recording:=right.mcap', ready=False
+    )
+    leader = processes.arm('-r', '__ns:=/left', '-p', 'recording:=left.mcap')
+    peers = [peer_of(processes, name) for name in ('left', 'right')]
+    for peer in peers:
+        peer.connect()
+    peers[1].let_pass(200)
+    # Its clock ends, and it stands at a time that the leader has reached.
+    assert leader.end(signal.SIGINT) == 0, leader.text()
+    follower.wait_for_text('simulated time stands')
+    assert follower.end(signal.SIGINT) == 0, follower.text()
+    stamps = {}
+    for name in ('left', 'right'):
+        path = processes.folder / f'{name}.mcap'
+        read(path, verify=True)
+        entries = (entry for entry in Log(path).entries() if entry.role == STATES)
+        stamps[name] = [decode_joint_state(entry.data).stamp_ns for entry in entries]
+    assert len(stamps['right']) > 200
+    assert set(stamps['right']) <= set(stamps['left'])
+    assert set(np.diff(stamps['right'])) == {MILLISECOND}
+
+
+def test_the_time_of_day_goes_on_across_a_restart_next_to_a_live_reader(
+    processes: Processes, peer_of
+) -> None:
+    peer = peer_of(processes)
+    for name in ('a.mcap', 'b.mcap'):
+        before = time.time_ns()
+        arm = processes.arm('-p', 'start_time:=-1.0', '-p', f'recording:={name}')
+        seen = len(peer.clocks)
+        peer.wait(lambda seen=seen: len(peer.clocks) > seen + 10)
+        assert arm.end(signal.SIGINT) == 0, arm.text()
+        settings = read(processes.folder / name, verify=True).settings
+        assert before - SECOND < settings.start_ns < time.time_ns()
+    ticks = [stamp_ns(tick) for tick in peer.clocks]
+    assert (np.diff(ticks) > 0).all()

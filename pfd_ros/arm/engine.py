@@ -132,8 +132,6 @@ class Engine:
         self.link = CommandLink(self.settings, self.arm.order)
         self.actuators = Actuators(self.settings, robot, self.arm.order)
         self._order = np.array(self.arm.order)
-        self._place = np.argsort(self._order)
-        self._released = np.zeros(robot.n, bool)
         # Stamped commands from before are left-overs.
         self._since_ns = self._reset_ns = settings.start_ns
         self.wrench = ExternalWrench(settings) if self.arm.scene.external_wrench else None

@@ -61,7 +61,9 @@ def _converted(answer: Any, names: Sequence[str], t: float) -> Array:
 def refusal(efforts: Array, names: Sequence[str], t: float, detail: str) -> ControllerError:
     """Return the error about efforts that the arm did not accept."""
     wrong = np.flatnonzero(~np.isfinite(efforts)).tolist()
-    told = [f'{float(efforts[j])} for joint {names[j]!r}' for j in wrong] or [detail]
+    if not wrong:
+        return ControllerError(f'the arm refused the efforts at t = {t:.6g} s: {detail}')
+    told = ', '.join(f'{float(efforts[j])} for joint {names[j]!r}' for j in wrong)
     return ControllerError(
-        f'the controller returned {", ".join(told)} at t = {t:.6g} s, expected finite efforts'
+        f'the controller returned {told} at t = {t:.6g} s, expected finite efforts'
     )

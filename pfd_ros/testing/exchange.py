@@ -9,12 +9,14 @@ executor get them without a system call.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import partial
+import importlib
 import time
 from typing import Any, Protocol
 
 from pfd_ros.arm.events import CLOCK, STATES, Output, Source
+from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.testing.session import executor_with, import_rclpy, spin, take_down
 
 NAME = 'sim_arm'
@@ -50,8 +52,8 @@ class Exchange:
 
     Parameters
     ----------
-    publish_clock
-        Whether /clock is published.
+    roles
+        Of the outputs that are published.
     ros_args
         Of the node, as on a command line: remappings, its namespace.
 
@@ -61,7 +63,7 @@ class Exchange:
         If rclpy is not initialised.
     """
 
-    def __init__(self, *, publish_clock: bool, ros_args: Sequence[str] = ()) -> None:
+    def __init__(self, roles: Collection[str], ros_args: Sequence[str] = ()) -> None:
         require_rclpy()
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from rosgraph_msgs.msg import Clock
@@ -72,8 +74,12 @@ class Exchange:
         self._publishers = {
             STATES: self.node.create_publisher(JointState, 'joint_states', STATE_DEPTH)
         }
-        if publish_clock:
+        if CLOCK in roles:
             self._publishers[CLOCK] = self.node.create_publisher(Clock, '/clock', CLOCK_DEPTH)
+        for role in sorted(OUTPUTS.keys() & set(roles)):
+            package, folder, name = OUTPUTS[role].split('/')
+            kind = getattr(importlib.import_module(f'{package}.{folder}'), name)
+            self._publishers[role] = self.node.create_publisher(kind, f'~/{role}', STATE_DEPTH)
         # Serves publishers that are best effort, and reliable ones.
         served = QoSProfile(depth=COMMAND_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         kinds = {Source.NAMED: JointState, Source.ARRAY: Float64MultiArray}

@@ -24,6 +24,7 @@ from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Output, Source, Verdict
+from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.recording.format import ROLE_OF_SOURCE
@@ -216,9 +217,7 @@ class LockstepArm:
             Rows(periods(self.settings, seconds), len(self.names)),
         )
         if self._exchange is None:
-            self._exchange = Exchange(
-                publish_clock=self.settings.publish_clock, ros_args=self._ros_args
-            )
+            self._exchange = Exchange(roles_of(self.settings), self._ros_args)
         try:
             self._exchange.run(run, nodes, patience)
         except NoAnswerError as error:

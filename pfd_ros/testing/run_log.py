@@ -15,7 +15,7 @@ from pfd_ros.arm.events import TAKEN
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, SOURCE_OF_ROLE, EndKey
+from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE, EndKey
 from pfd_ros.recording.mcap_file import TimeBase, Topic
 from pfd_ros.recording.recorder import LogRecorder
 
@@ -97,7 +97,7 @@ def open_log(engine: Engine, robot: Any) -> RunLog | None:
     settings = engine.settings
     if not settings.recording:
         return None
-    wanted = {TAKEN, *SOURCE_OF_ROLE, *roles_of(settings)}
+    wanted = {*ROLE_OF_SOURCE.values(), TAKEN, *roles_of(settings)}
     roles = tuple(role for role in CHANNELS if role in wanted)
     names = {role: f'/{role}' if role in ABSOLUTE else f'/sim_arm/{role}' for role in roles}
     topics = [

@@ -92,6 +92,62 @@ def test_a_recorded_run_has_the_same_bits_and_verifies(tmp_path: Path) -> None:
         ur5(recording=path)
 
 
+@needs_definitions
+@pytest.mark.parametrize(
+    'settings',
+    [
+        {'noise_position': 1e-4, 'noise_velocity': 1e-2, 'delay_state': 0.004, 'seed': 3},
+        {'drop_state': 0.3, 'drop_commands': 0.2, 'delay_commands': 0.002},
+        {'publish_rate': 250.0, 'clock_rate': 500.0, 'noise_effort': 0.1},
+        {'payload_mass': 2.0, 'gravity_compensation': True, 'friction': True},
+        {'outputs': ['acceleration', 'energy'], 'publish_clock': False},
+    ],
+    ids=['sensors', 'losses', 'rates', 'plant', 'outputs'],
+)
+def test_recorded_and_plain_runs_agree_under_all_kinds_of_settings(
+    settings, tmp_path: Path
+) -> None:
+    path = tmp_path / 'run.mcap'
+    with LockstepArm('ur5', armature=True, **settings) as plain:
+        expected = plain.run(pd, 0.2)
+    with LockstepArm('ur5', armature=True, **settings, recording=path) as recorded:
+        found = recorded.run(pd, 0.2)
+    assert_same_bits(found, expected)
+    assert read(path, verify=True).complete
+
+
+@needs_definitions
+def test_pushes_and_changes_of_settings_are_events_of_the_recording(tmp_path: Path) -> None:
+    path = tmp_path / 'run.mcap'
+    chosen = {'external_wrench': True, 'gravity_compensation': True}
+    plain, recorded = ur5(**chosen), ur5(**chosen, recording=path)
+    runs = []
+    for arm in (plain, recorded):
+        runs.append([arm.run(pd, 0.05)])
+        arm.push([5.0, 0.0, 0.0], [0.0, 1.0, 0.0])
+        runs[-1].append(arm.run(pd, 0.05))
+        arm.set(noise_position=1e-3, payload_mass=1.5)
+        assert arm.settings.payload_mass == 1.5
+        runs[-1].append(arm.run(pd, 0.05))
+        arm.close()
+    for one, other in zip(*runs, strict=True):
+        assert_same_bits(one, other)
+    assert read(path, verify=True).complete
+    with pytest.raises(ValueError, match='external_wrench'):
+        ur5().push([1.0, 0.0, 0.0], [0.0, 0.0, 0.0])
+    with pytest.raises(ValueError, match='step_size'):
+        plain.set(step_size=0.1)
+
+
+def test_a_pushed_arm_rests_where_its_stiffness_holds_the_moment() -> None:
+    arm = ur5(gravity_compensation=True, external_wrench=True)
+    stiffness = np.array([600.0, 600.0, 400.0, 100.0, 100.0, 100.0])
+    arm.push(force=[0.0, 0.0, 0.0], torque=[0.0, 0.0, 1.5])
+    # The moment is about the axis of the last joint, wherever the arm is.
+    found = arm.run(lambda t, q, qd: -stiffness * q - stiffness * qd / 5, 4.0)
+    assert found.q[-1, 5] == pytest.approx(1.5 / 100.0, rel=0.02)
+
+
 def test_a_controller_at_a_lower_rate_holds_its_efforts_between_its_calls() -> None:
     arm = ur5(publish_rate=200.0)
     assert arm.period == pytest.approx(0.005)

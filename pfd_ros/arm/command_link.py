@@ -69,16 +69,6 @@ class CommandLink:
         cycles = math.ceil(settings.command_timeout / settings.step_size - 1e-6)
         self._timeout = cycles if cycles else math.inf
 
-    @property
-    def ideal(self) -> bool:
-        """Whether a command for all joints arrives at once, and leaves nothing of those before."""
-        return not self._drop and not self._delay and self.drive.position is None
-
-    def deliver(self, drive: Drive, cycle: int) -> None:
-        """Let a drive that a command for all joints asks for arrive over an ideal link."""
-        self._sent = drive
-        self._arrive(drive, cycle)
-
     def clear(self, drive: Drive) -> None:
         """Forget all commands and begin with a drive; the watchdog waits for the first command."""
         self.drive = self._sent = drive

@@ -252,19 +252,12 @@ class Engine:
     def command(self, efforts: np.ndarray, sequence: int) -> Judgement:
         """Judge and apply efforts (n,) in published order, as a command without names has them.
 
-        For callers that neither record nor publish the command: it has no bytes. `sequence` is
-        its number among the commands without names.
+        For callers that neither record nor publish the command, of this number: it has no bytes.
         """
-        if not self.pace.active:
-            return INACTIVE
-        judgement = self._unless_tripped(judge_array(efforts, self._order))
-        if judgement.verdict is not Verdict.ACCEPTED or not self.link.ideal:
-            self._apply(Arrival(Source.ARRAY, sequence, b''), judgement)
-            return judgement
-        # As `send` does; all joints at once take a third of its time.
-        self.link.deliver(Drive(efforts[self._place], self._released), self.cycles + 1)
-        if self.pace.lockstep:
-            self.pace.answer(judgement.verdict)
+        judgement = INACTIVE
+        if self.pace.active:
+            judgement = self._unless_tripped(judge_array(efforts, self._order))
+        self._apply(Arrival(Source.ARRAY, sequence, b''), judgement)
         return judgement
 
     def _clear_wrench(self) -> None:

@@ -6,7 +6,8 @@
 
 within the limits of the motors. As drives do, they decide once per cycle and hold the effort for
 it; so the effort that joint_states tells is exactly the one that acted. It is the effort after the
-limits, without friction, and without the gravity torque that drives with gravity compensation add.
+limits, without friction, and without the gravity torque that drives with gravity compensation add:
+commands and states have one convention. Motors with a lag follow it.
 
 See docs/decisions/0019-limits-of-actuators.md.
 """

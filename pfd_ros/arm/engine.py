@@ -326,7 +326,9 @@ class Engine:
 
         A failed arm has no drives: a gap in its cycles changes nothing.
         """
-        self.link.advance(self.cycles, self.arm.q)
+        if self.link.advance(self.cycles, self.arm.q):
+            # The watchdog is no controller: a reflex does not look at its jump.
+            self.actuators.restart()
         if self.jumps:
             self.applied = let_go(self.link.drive)
             return

@@ -285,6 +285,13 @@ def test_a_reflex_sees_the_effort_of_a_servo() -> None:
     assert engine.actuators.tripped
 
 
+def test_a_reflex_does_not_see_the_jump_of_the_watchdog() -> None:
+    engine = made(**REFLEX, command_timeout=0.005, on_timeout='zero')
+    send(engine, efforts(9.0, -5.0))
+    assert taus(engine, 8) == [[9.0, -5.0]] * 5 + [[0.0, 0.0]] * 3
+    assert (engine.link.timeouts, engine.actuators.tripped) == (1, False)
+
+
 def test_in_lockstep_an_arm_that_a_reflex_braked_goes_on() -> None:
     engine = made(lockstep=True, **REFLEX)
     for effort in (1.0, 9.0):

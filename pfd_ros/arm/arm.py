@@ -109,11 +109,14 @@ class Arm:
         self.failure = ''
         self.robot = robot
         self._start_ns, self._step_ns = settings.start_ns, settings.step_ns
-        self._columns = list(self.order)
+        # As NumPy indexes with: it would convert a list each time.
+        self._columns = np.array(self.order, np.intp)
         self.scene, self._simulator, self.kernels = self._compiled(settings)
         self.wrench = np.zeros(6) if self.scene.external_wrench else None
         # Plants that were compiled before an event asks for them, by the digest of their scene.
         self._prepared: dict[str, Plant] = {}
+        # Freed by the next `prepare`: that takes a millisecond, which a step does not have.
+        self._replaced: Any = None
         self.settings = replace(
             settings,
             integrator=self._simulator.integrator,
@@ -170,6 +173,7 @@ class Arm:
         ValueError
             If the settings do not go with the robot.
         """
+        self._replaced = None
         plant = self._compiled(settings)
         while len(self._prepared) >= MOST_PREPARED:
             self._prepared.pop(next(iter(self._prepared)), None)
@@ -194,6 +198,7 @@ class Arm:
         self.settings = settings
         if plant is not None:
             plant.simulator.take_state(self._simulator)
+            self._replaced = self._simulator
             self.scene, self._simulator, self.kernels = plant
 
     def advance(self, drive: Drive) -> None:

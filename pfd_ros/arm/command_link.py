@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from pfd_ros.arm.commands import Command, Drive, held, let_go, merge
+from pfd_ros.arm.drive import Command, Drive, held, let_go, merge
 from pfd_ros.arm.noise import Channel, uniform
 from pfd_ros.arm.settings import Settings
 

@@ -30,7 +30,8 @@ from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.changes import judge_changes, judge_payload, payload_message
 from pfd_ros.arm.command_link import CommandLink
-from pfd_ros.arm.commands import Command, Drive, Judgement, held, judge_array, judge_named, let_go
+from pfd_ros.arm.commands import Judgement, judge_array, judge_named
+from pfd_ros.arm.drive import Command, Drive, held, let_go
 from pfd_ros.arm.effects import ClockTick, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
     CLOCK,

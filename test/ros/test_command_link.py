@@ -285,6 +285,14 @@ def test_a_reflex_sees_the_effort_of_a_servo() -> None:
     assert engine.actuators.tripped
 
 
+def test_a_reflex_is_tripped_by_a_jump_of_any_size() -> None:
+    engine = made(**REFLEX)
+    for effort in (1e308, -1e308):
+        send(engine, efforts(effort, 0.0))
+        taus(engine, 1)
+    assert engine.actuators.tripped
+
+
 def test_a_reflex_does_not_see_the_jump_of_the_watchdog() -> None:
     engine = made(**REFLEX, command_timeout=0.005, on_timeout='zero')
     send(engine, efforts(9.0, -5.0))

@@ -65,5 +65,6 @@ setup(
             'pfd = pfd_ros.cli.main:main',
             'sim_node = pfd_ros.node.main:main',
         ],
+        'pytest11': ['pfd_ros = pfd_ros.testing.plugin'],
     },
 )

@@ -10,8 +10,9 @@ The rooms, in the order in which the data flow; each imports only from those abo
     recording    the MCAP file of a run, written and read
     replay       a recording checked and simulated again, bit for bit
     node         the arm on its topics, in real time; parameters, threads, log lines
+    testing      the arm in a controller's tests: pytest fixtures, lockstep, assertions
     demo         the node and a controller as two processes, and a look at their recording
     cli          the command `pfd`, one module a command
 
-Only `node` and `demo` know rclpy. For a new input or output of the arm see `arm`.
+Only `node`, `testing` and `demo` know rclpy. For a new input or output of the arm see `arm`.
 """

@@ -41,6 +41,7 @@ PFD_ROS = {
     'recording': {'text', 'messages', 'arm'},
     'replay': {'text', 'messages', 'arm', 'recording'},
     'node': {'text', 'messages', 'arm', 'recording', 'replay'},
+    'testing': {'text', 'messages', 'arm', 'recording', 'replay'},
     'demo': {'text', 'messages', 'arm', 'recording', 'replay', 'node'},
     'cli': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'demo'},
 }
@@ -56,7 +57,7 @@ ORDERS = {
 RESERVED = {
     'llvmlite': {'pfd_core.kernels'},
     'pinocchio': {'pfd_core.model', 'pfd_core.report'},
-    'rclpy': {'pfd_ros.node', 'pfd_ros.demo'},
+    'rclpy': {'pfd_ros.node', 'pfd_ros.testing', 'pfd_ros.demo'},
 }
 
 

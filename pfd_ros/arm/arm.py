@@ -109,7 +109,8 @@ class Arm:
         self.failure = ''
         self.robot = robot
         self._start_ns, self._step_ns = settings.start_ns, settings.step_ns
-        self._columns = list(self.order)
+        # As NumPy indexes with: it would convert a list each time.
+        self._columns = np.array(self.order, np.intp)
         self.scene, self._simulator, self.kernels = self._compiled(settings)
         self.wrench = np.zeros(6) if self.scene.external_wrench else None
         # Plants that were compiled before an event asks for them, by the digest of their scene.

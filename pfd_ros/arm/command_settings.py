@@ -22,6 +22,9 @@ class CommandSettings:
     lockstep: bool = setting(
         False, 'After each published state wait for a command with its stamp, or without a stamp'
     )
+    wait_for_controller: bool = setting(
+        False, 'In lockstep, let the first step wait for the first command too'
+    )
     step_count: int = setting(1, 'Steps of one call of ~/step', 1, MOST_STEPS)
     convention: str = setting(
         'plain',
@@ -32,7 +35,7 @@ class CommandSettings:
         True, "Cut efforts to the model's limits; joints without one get a wide one"
     )
     torque_speed: bool = setting(
-        True, "Let efforts fall to none at the model's velocity limits; wide ones without"
+        True, "Let efforts fall from the model's velocity limits on, to none at twice that"
     )
     servo_p: tuple[float, ...] = setting(
         (),

@@ -46,12 +46,15 @@ class Command(NamedTuple):
     effort, position, velocity
         Their numbers (k,), N m, rad, rad/s or N, m, m/s. NaN keeps the last one; each joint has a
         number of one kind at least. None: no feed-forward, no target.
+    whole
+        Whether it is an effort for each joint of the arm, none NaN, and no target.
     """
 
     joints: np.ndarray
     effort: np.ndarray | None
     position: np.ndarray | None = None
     velocity: np.ndarray | None = None
+    whole: bool = False
 
 
 class Gains(NamedTuple):
@@ -119,15 +122,19 @@ def let_go(drive: Drive) -> Drive:
 
 def merge(drive: Drive, command: Command) -> Drive:
     """Return the drive after a command."""
-    joints, braked = command.joints, drive.braked.copy()
-    braked[joints] = False
-    if command.position is None and command.velocity is None and drive.position is None:
-        # The usual case, and a fast one: efforts alone, none of which is NaN.
-        effort = drive.effort.copy()
+    joints, count = command.joints, len(drive.braked)
+    alone = command.position is None and command.velocity is None
+    if alone and len(joints) == count:
+        # The usual case, and a fast one: an effort for each joint, none of which is NaN.
+        effort = np.empty(count)
         effort[joints] = command.effort
-        return Drive(effort, braked)
+        return Drive(effort, np.zeros(count, bool))
+    braked = drive.braked.copy()
+    braked[joints] = False
     effort = _merged(drive.effort, joints, command.effort, 0.0)
-    none = np.full(len(braked), np.nan)
+    if alone and drive.position is None:
+        return Drive(effort, braked)
+    none = np.full(count, np.nan)
     last = none if drive.position is None else drive.position
     position = _merged(last, joints, command.position, np.nan)
     last = none if drive.velocity is None else drive.velocity
@@ -324,4 +331,4 @@ def judge_array(efforts: np.ndarray, order: np.ndarray) -> Judgement:
     # For a few joints faster than NumPy.
     if not all(map(math.isfinite, efforts.tolist())):
         return Judgement(Verdict.NOT_FINITE, 'holds a number that is not finite')
-    return Judgement(Verdict.ACCEPTED, effect=Command(order, efforts))
+    return Judgement(Verdict.ACCEPTED, effect=Command(order, efforts, whole=True))

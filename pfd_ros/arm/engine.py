@@ -11,7 +11,9 @@ and the same events in the same cycles give the same bytes. One cycle is
     outputs                                   ->   verdict rows, state, what is asked beside, clock
 
 `take` does the first half and `step` the second: while the arm stands (a pause, or lockstep
-without an answer to the last state), events are taken and no cycle runs.
+without an answer to the last state), events are taken and no cycle runs. A caller that
+wants no rows or no bytes uses `accept` or `command`, `advance` and `measured` in their place: the
+same run.
 
 Cycles are counted from 1 and never restart. States and clock ticks are numbered by the cycle
 alone: a failed arm stands still in simulated time and goes on publishing.
@@ -75,7 +77,14 @@ class Taken(NamedTuple):
 class Engine:
     """The arm and the rules for its events, at the start of a run.
 
-    `robot` comes from `load_robot` or out of a recording.
+    Parameters
+    ----------
+    settings
+        Settings of the run.
+    robot
+        From `load_robot` or out of a recording.
+    rows
+        Whether `take` encodes verdict rows, which only recordings hold.
 
     Attributes
     ----------
@@ -104,13 +113,16 @@ class Engine:
         If the settings do not go with the robot.
     """
 
-    def __init__(self, settings: Settings, robot: Any) -> None:
+    def __init__(self, settings: Settings, robot: Any, *, rows: bool = True) -> None:
         self.robot = robot
         self.arm = Arm(settings, robot)
         self.settings = self.arm.settings
         self.cycles = 0
         clock = FollowedClock(settings.step_ns) if settings.follows_clock else None
-        self.pace = Pace(settings.lockstep, settings.autostart, clock)
+        self.pace = Pace(
+            settings.lockstep, settings.autostart, clock, settings.wait_for_controller
+        )
+        self._rows = rows
         self._row_messages = 0
         self._publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
@@ -150,15 +162,22 @@ class Engine:
         for event in events:
             if isinstance(event, Overflow):
                 judgements.append((event.source, OVERFLOWED, len(event.sequences)))
-                outputs.extend(self._overflow_rows(event))
+                if self._rows:
+                    outputs.extend(self._overflow_rows(event))
                 continue
-            judgement = self.judge(event)
-            self._apply(event, judgement)
+            judgement = self.accept(event)
             judgements.append((event.source, judgement, 1))
-            rows.append(VerdictRow(cycle, event.source, event.sequence, judgement.verdict))
+            if self._rows:
+                rows.append(VerdictRow(cycle, event.source, event.sequence, judgement.verdict))
         if rows:
             outputs.append(self._row_message(rows))
         return Taken(outputs, judgements)
+
+    def accept(self, event: Arrival) -> Judgement:
+        """Judge one message and apply it to the next cycle, without a row."""
+        judgement = self.judge(event)
+        self._apply(event, judgement)
+        return judgement
 
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
@@ -228,6 +247,17 @@ class Engine:
         self.actuators.restart()
         self._since_ns = self.arm.stamp_ns + self.settings.step_ns
 
+    def command(self, efforts: np.ndarray, sequence: int) -> Judgement:
+        """Judge and apply efforts (n,) in published order, as a command without names has them.
+
+        For callers that neither record nor publish the command, of this number: it has no bytes.
+        """
+        judgement = INACTIVE
+        if self.pace.active:
+            judgement = self._unless_tripped(judge_array(efforts, self._order))
+        self._apply(Arrival(Source.ARRAY, sequence, b''), judgement)
+        return judgement
+
     def _clear_wrench(self) -> None:
         if self.wrench is not None:
             self.wrench.clear()
@@ -252,6 +282,16 @@ class Engine:
 
     def step(self) -> list[Output]:
         """Run the next cycle on the events that were taken; return its state and its tick."""
+        self.advance()
+        outputs: list[Output] = []
+        self._add_state_and_tick(outputs)
+        new_payload = self._payload_echo.output()
+        if new_payload is not None:
+            outputs.insert(0, new_payload)
+        return outputs
+
+    def advance(self) -> None:
+        """Run the next cycle on the events that were taken, without a message of its outputs."""
         self.cycles += 1
         if not self.arm.failure:
             self._actuate()
@@ -266,15 +306,16 @@ class Engine:
             self.arm.advance(self.applied)
             if self.sensors is not None:
                 self.sensors.sample()
-        outputs: list[Output] = []
-        self._add_state_and_tick(outputs)
-        self.pace.stepped(published=bool(outputs) and outputs[0].role == STATES)
+        self.pace.stepped(published=self._state_role() == STATES)
         if self.pace.waits:
             self._since_ns = self.arm.stamp_ns
-        new_payload = self._payload_echo.output()
-        if new_payload is not None:
-            outputs.insert(0, new_payload)
-        return outputs
+
+    def _state_role(self) -> str:
+        """Return the role of this cycle's state, '' if it has none."""
+        if self.cycles % self._publish_every:
+            return ''
+        dropped = self.sensors is not None and self.sensors.drops(self.cycles)
+        return DROPPED_STATES if dropped else STATES
 
     def _actuate(self) -> None:
         """Let the commands that are due reach the drives, and the drives decide on their efforts.
@@ -332,9 +373,8 @@ class Engine:
     def _add_state_and_tick(self, outputs: list[Output]) -> None:
         """Add the state of this cycle, the outputs beside it, and the clock tick."""
         arm, cycle = self.arm, self.cycles
-        if cycle % self._publish_every == 0:
-            dropped = self.sensors is not None and self.sensors.drops(cycle)
-            role = DROPPED_STATES if dropped else STATES
+        role = self._state_role()
+        if role:
             state = self._encoder.encode(arm.stamp_ns, *self.measured())
             number = cycle // self._publish_every
             outputs.append(Output(role, number, state))

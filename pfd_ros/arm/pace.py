@@ -34,6 +34,8 @@ class Pace:
         Whether there are steps at all; an inactive arm has its brakes on and takes no commands.
     clock
         The clock of another node, if the arm follows one.
+    from_start
+        Whether, in lockstep, the state before the first command waits too.
     paused
         Whether there are only the steps that are asked for.
     waits
@@ -43,10 +45,19 @@ class Pace:
     lockstep: bool = False
     active: bool = True
     clock: FollowedClock | None = None
+    from_start: bool = False
     paused: bool = False
     waits: bool = False
     _left: int = 0
     _commanded: bool = False
+
+    def __post_init__(self) -> None:
+        """Begin."""
+        self._begin()
+
+    def _begin(self) -> None:
+        # There is a controller to wait for from the start, or else once one commands.
+        self.waits = self._commanded = self.lockstep and self.from_start
 
     @property
     def stands(self) -> bool:
@@ -73,8 +84,7 @@ class Pace:
             self.paused, self._left = request.name == 'pause', 0
         elif request.name in ('activate', 'deactivate'):
             self.active = request.name == 'activate'
-            # As at the start: no controller to wait for until one commands.
-            self.waits = self._commanded = False
+            self._begin()
 
     def answer(self, verdict: Verdict) -> None:
         """Take note of a command."""

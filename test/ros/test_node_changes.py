@@ -241,7 +241,7 @@ def test_a_change_that_a_flood_pushed_out_is_told_and_not_taken_over() -> None:
 
     def ask_in_a_flood(source: Source, data: bytes) -> Any:
         answer = ask(source, data)
-        receiver.receive(Source.ARRAY, b'')
+        receiver.receive(Source.PARAMETERS, b'')
         events = receiver.queue.take()
         receiver.answer(events, [found for _, found, _ in engine.take(events).judgements])
         return answer

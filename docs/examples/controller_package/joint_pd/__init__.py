@@ -1,0 +1,1 @@
+"""PD control of an arm's joints along smooth steps."""

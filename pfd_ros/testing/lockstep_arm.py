@@ -1,0 +1,255 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The arm in this process, under a controller that is called once a control period.
+
+    arm = LockstepArm(robot='ur5', publish_rate=500)
+    trajectory = arm.run(controller, 2.0)          controller(t, q, qd) -> tau
+
+It is the whole arm of the node: events and their verdicts, the recording, the outputs. Only ROS,
+the clock and the threads are missing, so the same settings and the same controller give the same
+bits, here and over topics (`spin`), run after run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from pfd_ros.arm.changes import encode_changes
+from pfd_ros.arm.effects import Request
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.outputs import roles_of
+from pfd_ros.arm.requests import encode_request
+from pfd_ros.messages.convert import NANOSECONDS
+from pfd_ros.testing.command_bytes import state_bytes, wrench_bytes
+from pfd_ros.testing.controller import Controller, asked, refusal
+from pfd_ros.testing.engine_run import EngineRun
+from pfd_ros.testing.exchange import Exchange, NoAnswerError
+from pfd_ros.testing.lockstep_settings import (
+    JointValues,
+    RobotSource,
+    by_joint,
+    limits_of,
+    loaded,
+    lockstep_settings,
+    period_of,
+    periods,
+    plain_values,
+)
+from pfd_ros.testing.metrics import Array
+from pfd_ros.testing.run_log import open_log
+from pfd_ros.testing.topic_run import TopicRun
+from pfd_ros.testing.trajectory import Rows, Trajectory
+
+PATIENCE_SECONDS = 10.0
+
+
+class LockstepArm:
+    """The stand-in arm in lockstep with a controller in this process.
+
+    Parameters
+    ----------
+    robot
+        As for the node: a name, a path, a URDF; or a pfd_core.Robot.
+    ros_args
+        Of the node that `spin` makes: remappings and the like, as on a command line.
+    **settings
+        Fields of pfd_ros.arm.settings.Settings. A control period is the time from one state to the
+        next: one step, or 1 / publish_rate. With `recording` the run is written to an MCAP file
+        that `pfd replay --verify` checks.
+
+    Attributes
+    ----------
+    settings, robot, names
+        Settings, robot, and joints in published order, in which all arrays are.
+
+    Raises
+    ------
+    ValueError
+        If a setting is refused.
+    OSError
+        If the recording exists or cannot be written.
+    """
+
+    def __init__(
+        self,
+        robot: RobotSource,
+        *,
+        ros_args: Sequence[str] = (),
+        **settings: Any,
+    ) -> None:
+        chosen = lockstep_settings(robot, settings)
+        self.robot = loaded(robot, chosen)
+        self.engine = Engine(chosen, self.robot, rows=bool(chosen.recording))
+        self.settings = self.engine.settings
+        self.names = self.engine.arm.names
+        self._limits = limits_of(self.robot, self.engine.arm.order)
+        self._run = EngineRun(self.engine, open_log(self.engine, self.robot))
+        self._ros_args = tuple(ros_args)
+        self._exchange: Exchange | None = None
+
+    def __enter__(self) -> LockstepArm:
+        """Return the arm."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """Close the arm."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the recording and the node, if there are any.
+
+        Raises
+        ------
+        pfd_ros.testing.run_log.RecordingError
+            If it does not hold the whole run.
+        """
+        exchange, self._exchange = self._exchange, None
+        if exchange is not None:
+            exchange.close()
+        self._run.close()
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the arm's start, s; stamps are `start_time` later."""
+        return self._run.time
+
+    @property
+    def period(self) -> float:
+        """The control period, s: from one state to the next."""
+        return period_of(self.settings)
+
+    @property
+    def q(self) -> Array:
+        """Positions as the last state tells them, (n,), rad or m; a copy."""
+        return np.array(self.engine.measured()[0])
+
+    @property
+    def qd(self) -> Array:
+        """Velocities as the last state tells them, (n,), rad/s or m/s; a copy."""
+        return np.array(self.engine.measured()[1])
+
+    def run(self, controller: Controller, seconds: float) -> Trajectory:
+        """Let a controller drive the arm; return its motion.
+
+        Parameters
+        ----------
+        controller
+            Called as controller(t, q, qd) at the start of each control period, with the simulated
+            time since the arm's start [s] and the last state (n,); returns efforts (n,), which
+            are held for the period.
+        seconds
+            Simulated time. The last row of the motion is one control period before its end, where
+            another run begins.
+
+        Raises
+        ------
+        ControllerError
+            If the controller raises, or returns anything but a finite effort for each joint. The
+            arm stays in the state that the controller was given.
+        ArmError
+            If the state does not stay finite.
+        ValueError
+            If `seconds` is not above zero and finite.
+        """
+        rows = Rows(periods(self.settings, seconds), len(self.names))
+        engine, names, start_ns = self.engine, self.names, self.settings.start_ns
+        command = self._run.command
+        for k in range(len(rows.time)):
+            t = rows.time[k] = (engine.arm.stamp_ns - start_ns) / NANOSECONDS
+            q, qd, _ = engine.measured()
+            rows.q[k], rows.qd[k] = q, qd
+            efforts = asked(controller, names, t, q.copy(), qd.copy())
+            rows.tau[k] = efforts
+            judgement = command(efforts)
+            if judgement.verdict is not Verdict.ACCEPTED:
+                raise refusal(efforts, names, t, judgement.detail)
+        rows.count = len(rows.time)
+        return rows.trajectory(names, self._limits)
+
+    def spin(self, seconds: float, *nodes: Any, patience: float = PATIENCE_SECONDS) -> Trajectory:
+        """Let a ROS node drive the arm over topics; return its motion.
+
+        The arm publishes a state and its clock tick, and goes on when a command answers: one with
+        the stamp of the state, or without a stamp. rclpy must be initialised, as by the fixture
+        `ros_domain`.
+
+        Parameters
+        ----------
+        seconds
+            As for `run`.
+        nodes
+            rclpy nodes of this process whose callbacks are to run meanwhile. Nodes elsewhere in
+            the domain need no mention.
+        patience
+            Longest wait for an answer, s of wall time.
+
+        Raises
+        ------
+        pfd_ros.testing.exchange.NoAnswerError
+            If a state gets no answer.
+        ArmError
+            If the state does not stay finite.
+        """
+        rows = Rows(periods(self.settings, seconds), len(self.names))
+        run = TopicRun(self._run, rows)
+        if self._exchange is None:
+            self._exchange = Exchange(roles_of(self.settings), self._ros_args)
+        try:
+            self._exchange.run(run, nodes, patience)
+        except NoAnswerError as error:
+            if run.refused is None:
+                raise
+            verdict = run.refused.verdict.name.lower()
+            text = f'{error}; the last command was {verdict}: {run.refused.detail}'
+            raise NoAnswerError(text) from None
+        return run.rows.trajectory(self.names, self._limits)
+
+    def reset(self) -> None:
+        """Go back to the initial state, held until the next command; simulated time goes on."""
+        self._jump(Source.REQUEST, encode_request(Request('reset')))
+
+    def set_state(self, q: JointValues, qd: JointValues | None = None) -> None:
+        """Jump to a state; it takes one step.
+
+        Parameters
+        ----------
+        q, qd
+            Positions and velocities (n,), or by joint name; joints without a position stay where
+            they are, and those without a velocity are at rest.
+
+        Raises
+        ------
+        ValueError
+            If the arm refuses the state.
+        """
+        positions = by_joint(self.names, 'q', q)
+        velocities = by_joint(self.names, 'qd', {} if qd is None else qd)
+        self._jump(Source.SET_STATE, state_bytes(self.names, positions, velocities))
+
+    def push(self, force: Sequence[float], torque: Sequence[float], frame: str = '') -> None:
+        """Let a force and a torque act on the last link, until the next; not with a reset.
+
+        They are expressed in a frame of the last link, default its own, and act at its origin,
+        N and N m. The arm needs the setting external_wrench=True; external_wrench_timeout ends
+        them by itself.
+        """
+        self._run.demand(Source.WRENCH, wrench_bytes(frame or self.robot.tip, force, torque))
+
+    def set(self, **values: Any) -> None:
+        """Change dynamic settings from the next step on; ValueError if one is refused."""
+        self._run.demand(Source.PARAMETERS, encode_changes(plain_values(values)))
+        self.settings = self.engine.settings
+
+    def _jump(self, source: Source, data: bytes) -> None:
+        self._run.demand(source, data)
+        self._run.step()

@@ -1,0 +1,50 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Measures of a controlled motion, from arrays sampled once a control period.
+
+All take positions of one joint, q (N,) [rad or m] at times (N,) [s], or efforts. With the target r
+and the first position q[0]:
+
+    settling time    min { t[k] - t[0] : |q[i] - r| <= within for all i >= k }, inf if q[-1] is out
+    overshoot        max(0, max_k (q[k] - r) / (r - q[0])), the share of the step it goes beyond
+    rate             max_k |tau[k+1] - tau[k]| / (t[k+1] - t[k])
+
+Between two samples nothing is known, so the settling time is right to one control period.
+Source: G. F. Franklin, J. D. Powell, A. Emami-Naeini, Feedback Control of Dynamic Systems, 3.4.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+def settling_time(time: Array, q: Array, target: float, within: float) -> float:
+    """Return when a joint has come to stay so near its target, s from the first sample."""
+    outside = np.flatnonzero(~(np.abs(q - target) <= within))
+    if not len(outside):
+        return 0.0
+    first = int(outside[-1]) + 1
+    return float(time[first] - time[0]) if first < len(q) else math.inf
+
+
+def overshoot(q: Array, target: float) -> float:
+    """Return the share of its step by which a joint goes beyond its target; NaN without a step."""
+    step = target - q[0]
+    return max(0.0, float(np.max((q - target) / step))) if step else math.nan
+
+
+def rates(time: Array, values: Array) -> Array:
+    """Return the absolute rate of change between neighbouring samples, (N - 1,), per second."""
+    found: Array = np.abs(np.diff(values)) / np.diff(time)
+    return found
+
+
+def first_beyond(values: Array, lower: float, upper: float) -> int | None:
+    """Return the first sample at or beyond a bound, None if all lie between them."""
+    found = np.flatnonzero(~((values > lower) & (values < upper)))
+    return int(found[0]) if len(found) else None

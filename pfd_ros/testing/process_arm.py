@@ -1,0 +1,258 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The arm as a process of its own, in lockstep with controllers over topics.
+
+The node is the one that a user starts, with its topics and threads; this process only watches its
+states. Each state waits for its answer, so the motion has the bits of a run in one process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+import time
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from pfd_ros.arm.arm import joint_order
+from pfd_ros.messages.convert import NANOSECONDS, JointMessage, decode_joint_state
+from pfd_ros.testing.command_bytes import StampedEfforts, state_bytes
+from pfd_ros.testing.controller import Controller, asked, refusal
+from pfd_ros.testing.exchange import NoAnswerError, bare_node, require_rclpy
+from pfd_ros.testing.lockstep_settings import (
+    JointValues,
+    RobotSource,
+    by_joint,
+    limits_of,
+    loaded,
+    lockstep_settings,
+    periods,
+)
+from pfd_ros.testing.metrics import Array
+from pfd_ros.testing.node_process import NodeProcess, NodeProcessError, parameters_of
+from pfd_ros.testing.session import executor_with, spin, take_down
+from pfd_ros.testing.trajectory import Rows, Trajectory
+
+PATIENCE_SECONDS = 10.0
+# For the first state: the process starts, compiles the robot, and is discovered.
+START_SECONDS = 60.0
+# Between two looks at the clock while the executor spins.
+LOOK_SECONDS = 0.1
+STATE_DEPTH, COMMAND_DEPTH = 100, 10
+
+
+class ProcessArm:
+    """The node as a process, and the topics of a test beside it.
+
+    Parameters
+    ----------
+    robot, ros_args, **settings
+        As for LockstepArm; `robot` is one that the process can load: a name, a path, or a URDF.
+
+    Attributes
+    ----------
+    settings, robot, names
+        Settings, robot, and joints in published order, in which all arrays are.
+
+    Raises
+    ------
+    ValueError
+        If a setting is refused.
+    RuntimeError
+        If rclpy is not initialised.
+    """
+
+    def __init__(
+        self, robot: RobotSource, *, ros_args: Sequence[str] = (), **settings: Any
+    ) -> None:
+        require_rclpy()
+        self.settings = lockstep_settings(robot, settings)
+        self.robot = loaded(robot, self.settings)
+        order = joint_order(self.settings.joints, self.robot)
+        self.names = tuple(self.robot.joint_names[i] for i in order)
+        self._limits = limits_of(self.robot, order)
+        self._encoder = StampedEfforts(self.names)
+        self._state: JointMessage | None = None
+        self._answer = b''
+        self._on_new: Callable[[JointMessage], None] | None = None
+        self._create_node(ros_args)
+        self.process = NodeProcess(parameters_of(self.settings, self.names), ros_args)
+
+    def _create_node(self, ros_args: Sequence[str]) -> None:
+        from sensor_msgs.msg import JointState
+        from std_srvs.srv import Trigger
+
+        self.node = node = bare_node('sim_arm_watch', ros_args)
+        node.create_subscription(JointState, 'joint_states', self._on_state, STATE_DEPTH, raw=True)
+        self._commands = node.create_publisher(JointState, 'joint_commands', COMMAND_DEPTH)
+        self._jumps = node.create_publisher(JointState, 'sim_arm/set_state', 1)
+        self._resets = node.create_client(Trigger, 'sim_arm/reset')
+
+    def __enter__(self) -> ProcessArm:
+        """Return the arm."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        """End the process; a fault of it does not hide an error of the test."""
+        with suppress(*([NodeProcessError] if error is not None else [])):
+            self.close()
+
+    def close(self) -> None:
+        """End the process and the node beside it.
+
+        Raises
+        ------
+        pfd_ros.testing.node_process.NodeProcessError
+            If the process did not work to its end.
+        """
+        try:
+            self.process.close()
+        finally:
+            take_down(self.node)
+
+    @property
+    def time(self) -> float:
+        """Simulated time of the last state since the arm's start, s."""
+        return self._seconds(self._last_state())
+
+    @property
+    def q(self) -> Array:
+        """Positions of the last state (n,), rad or m; a copy."""
+        return np.array(self._last_state().position)
+
+    @property
+    def qd(self) -> Array:
+        """Velocities of the last state (n,), rad/s or m/s; a copy."""
+        return np.array(self._last_state().velocity)
+
+    def _last_state(self) -> JointMessage:
+        if self._state is None:
+            self._wait(lambda: self._state is not None, START_SECONDS, 'the first state')
+        assert self._state is not None
+        return self._state
+
+    def _seconds(self, state: JointMessage) -> float:
+        return (state.stamp_ns - self.settings.start_ns) / NANOSECONDS
+
+    def run(
+        self, controller: Controller, seconds: float, *, patience: float = PATIENCE_SECONDS
+    ) -> Trajectory:
+        """Let a controller of this process drive the arm; see LockstepArm.run."""
+        rows = Rows(periods(self.settings, seconds), len(self.names))
+
+        def answer(state: JointMessage) -> bool:
+            if rows.count == len(rows.time):
+                return True
+            k, t = rows.count, self._seconds(state)
+            rows.time[k], rows.q[k], rows.qd[k] = t, state.position, state.velocity
+            q, qd = np.array(state.position), np.array(state.velocity)
+            efforts = rows.tau[k] = asked(controller, self.names, t, q, qd)
+            if not np.isfinite(efforts).all():
+                raise refusal(efforts, self.names, t, '')
+            rows.count += 1
+            self._answer = self._encoder.encode(state.stamp_ns, efforts)
+            self._commands.publish(self._answer)
+            return False
+
+        self._follow(answer, (), patience)
+        return rows.trajectory(self.names, self._limits)
+
+    def spin(self, seconds: float, *nodes: Any, patience: float = PATIENCE_SECONDS) -> Trajectory:
+        """Watch while ROS nodes, of this process or others, drive the arm; see LockstepArm.spin.
+
+        An arm that nodes of other processes drive does not wait for the next call.
+        """
+        rows = Rows(periods(self.settings, seconds), len(self.names))
+        self._answer = b''
+
+        def watch(state: JointMessage) -> bool:
+            k = rows.count
+            if k:
+                rows.tau[k - 1] = state.effort
+            if k == len(rows.time):
+                return True
+            rows.time[k], rows.q[k], rows.qd[k] = (
+                self._seconds(state),
+                state.position,
+                state.velocity,
+            )
+            rows.count += 1
+            return False
+
+        self._follow(watch, nodes, patience)
+        return rows.trajectory(self.names, self._limits)
+
+    def reset(self) -> None:
+        """Go back to the initial state, held until the next command; simulated time goes on."""
+        from std_srvs.srv import Trigger
+
+        before = self._last_state().stamp_ns
+        self._wait(self._resets.service_is_ready, PATIENCE_SECONDS, 'the service reset')
+        self._resets.call_async(Trigger.Request())
+        self._wait_for_jump(before)
+
+    def set_state(self, q: JointValues, qd: JointValues | None = None) -> None:
+        """Jump to a state; see LockstepArm.set_state."""
+        before = self._last_state().stamp_ns
+        positions = by_joint(self.names, 'q', q)
+        velocities = by_joint(self.names, 'qd', {} if qd is None else qd)
+        self._wait(self._jumps.get_subscription_count, PATIENCE_SECONDS, 'a reader of set_state')
+        self._jumps.publish(state_bytes(self.names, positions, velocities))
+        self._wait_for_jump(before)
+
+    def _wait_for_jump(self, before_ns: int) -> None:
+        self._answer = b''
+        self._wait(lambda: self._last_state().stamp_ns > before_ns, PATIENCE_SECONDS, 'a state')
+
+    def _on_state(self, data: bytes) -> None:
+        state = decode_joint_state(data)
+        last, self._state = self._state, state
+        if last is not None and state.stamp_ns <= last.stamp_ns:
+            # Sent again, because its answer was published before the two had found each other.
+            self._state = last
+            if self._answer:
+                self._commands.publish(self._answer)
+        elif self._on_new is not None:
+            self._on_new(state)
+
+    def _follow(
+        self, take: Callable[[JointMessage], bool], nodes: Sequence[Any], patience: float
+    ) -> None:
+        """Have each new state taken, from the last one on, until `take` says that it is enough."""
+        from rclpy.task import Future
+
+        first, ended, heard = self._last_state(), Future(), time.monotonic()
+
+        def on_new(state: JointMessage) -> None:
+            nonlocal heard
+            heard = time.monotonic()
+            if not ended.done() and take(state):
+                ended.set_result(None)
+
+        executor = executor_with([self.node, *nodes])
+        self._on_new = on_new
+        try:
+            on_new(first)
+            while not ended.done():
+                spin(executor, LOOK_SECONDS, ended)
+                self.process.check()
+                if time.monotonic() - heard > patience:
+                    raise NoAnswerError(f'no answer to a state for {patience:g} s')
+        finally:
+            self._on_new = None
+
+    def _wait(self, done: Callable[[], Any], seconds: float, what: str) -> None:
+        deadline = time.monotonic() + seconds
+        executor = executor_with([self.node])
+        while not done():
+            self.process.check()
+            if time.monotonic() > deadline:
+                raise NoAnswerError(f'waited {seconds:g} s for {what}')
+            spin(executor, LOOK_SECONDS / 10)

@@ -1,0 +1,109 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The recording of a run in this process: the file that the node would write, with its topics."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import json
+from pathlib import Path
+import time
+from typing import Any
+
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import TAKEN
+from pfd_ros.arm.outputs import roles_of
+from pfd_ros.messages.qos import qos_text
+from pfd_ros.recording import provenance
+from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE, EndKey
+from pfd_ros.recording.mcap_file import TimeBase, Topic
+from pfd_ros.recording.recorder import LogRecorder
+
+# Topics that the node's names stand for, where no node has resolved them.
+ABSOLUTE = {'joint_commands', 'joint_states', 'clock'}
+# The loop is faster than a disk: between two looks at the recorder's queue, and from there on.
+LOOK_MESSAGES = 1000
+BACKLOG_LIMIT = 0.25
+DISK_POLL_SECONDS = 0.002
+
+
+class RecordingError(Exception):
+    """A recording that does not hold the whole run."""
+
+
+@dataclass
+class RunLog:
+    """An open recording of an engine's run.
+
+    Attributes
+    ----------
+    accepted
+        Commands and other events that the arm accepted; the caller counts them.
+    """
+
+    engine: Engine
+    recorder: LogRecorder
+    roles: tuple[str, ...]
+    accepted: int = 0
+    _since: int = 0
+
+    def record(self, role: str, number: int, data: bytes) -> None:
+        """Record one message; waits for the disk now and then."""
+        self.recorder.record(self.roles.index(role), number, data)
+        self._since += 1
+        if self._since == LOOK_MESSAGES:
+            self._since = 0
+            while self.recorder.backlog > BACKLOG_LIMIT:
+                time.sleep(DISK_POLL_SECONDS)
+
+    def close(self) -> None:
+        """Write the totals of the run, and close the file.
+
+        Raises
+        ------
+        RecordingError
+            If the file does not hold everything.
+        """
+        self.recorder.close(self._ending)
+        lost = sum(self.recorder.dropped)
+        if self.recorder.error or lost:
+            raise RecordingError(self.recorder.error or f'{lost} messages were not recorded')
+
+    def _ending(self) -> dict[str, str]:
+        engine, recorder = self.engine, self.recorder
+        topics = [topic.name for topic in recorder.topics]
+        totals = {
+            'steps': engine.arm.step,
+            'states': engine.cycles // engine.settings.publish_every,
+            'commands_accepted': self.accepted,
+            'failure': engine.arm.failure,
+        }
+        told: dict[str, Any] = {
+            EndKey.TOTALS: totals,
+            EndKey.RECORDED: dict(zip(topics, recorder.recorded, strict=True)),
+            EndKey.DROPPED: dict(zip(topics, recorder.dropped, strict=True)),
+        }
+        return {name: json.dumps(value) for name, value in told.items()}
+
+
+def open_log(engine: Engine, robot: Any) -> RunLog | None:
+    """Open the file that the settings name, if they name one.
+
+    Raises
+    ------
+    OSError
+        If it exists or cannot be written.
+    """
+    settings = engine.settings
+    if not settings.recording:
+        return None
+    wanted = {*ROLE_OF_SOURCE.values(), TAKEN, *roles_of(settings)}
+    roles = tuple(role for role in CHANNELS if role in wanted)
+    names = {role: f'/{role}' if role in ABSOLUTE else f'/sim_arm/{role}' for role in roles}
+    topics = [
+        Topic(names[role], CHANNELS[role].type, qos_text(1), CHANNELS[role].vital)
+        for role in roles
+    ]
+    head = provenance.file_head(settings, robot, names, TimeBase())
+    recorder = LogRecorder(Path(settings.recording), topics, head, lambda line: None)
+    return RunLog(engine, recorder, roles)

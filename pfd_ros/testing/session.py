@@ -1,0 +1,125 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""rclpy for the duration of a test, in a domain of this process's own, on this host alone."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+import importlib
+import os
+from typing import Any
+import warnings
+
+from pfd_ros.testing.domains import own_domain
+
+DOMAIN, RANGE = 'ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+# The last one otherwise comes with a user's first publisher.
+_MODULES = ('rclpy', 'rclpy.signals', 'rosidl_generator_py')
+# By rclpy's context; one at most.
+_EXECUTOR: dict[Any, Any] = {}
+
+
+def import_rclpy() -> Any:
+    """Return the module rclpy; the parser of its messages warns of a module that Python renamed.
+
+    Raises
+    ------
+    ImportError
+        If ROS 2 is not installed.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter('ignore', DeprecationWarning)
+        modules = [importlib.import_module(name) for name in _MODULES]
+    return modules[0]
+
+
+def executor_with(nodes: Sequence[Any]) -> Any:
+    """Return the one executor of this process's tests, with nodes that are not in it yet.
+
+    Nodes stay in it until they are destroyed: an executor that lets go of a node forgets which of
+    the node's messages it had been told of and had not handed out.
+    """
+    from rclpy.experimental.events_executor import EventsExecutor
+
+    context = import_rclpy().get_default_context()
+    if context not in _EXECUTOR:
+        _EXECUTOR.clear()
+        _EXECUTOR[context] = EventsExecutor()
+    executor = _EXECUTOR[context]
+    for node in nodes:
+        executor.add_node(node)
+    return executor
+
+
+def spin(executor: Any, seconds: float, ended: Any = None) -> None:
+    """Run callbacks for so long, or until a future is done.
+
+    A node that its user has destroyed is called once more for the messages it had got, and cannot
+    publish then: no error of the test.
+    """
+    from rclpy._rclpy_pybind11 import InvalidHandle
+
+    try:
+        if ended is None:
+            executor.spin_once(timeout_sec=seconds)
+        else:
+            executor.spin_until_future_complete(ended, seconds)
+    except InvalidHandle:
+        if all(_exists(node) for node in executor.get_nodes()):
+            raise
+
+
+def _exists(node: Any) -> bool:
+    from rclpy._rclpy_pybind11 import InvalidHandle
+
+    try:
+        with node.handle:
+            return True
+    except InvalidHandle:
+        return False
+
+
+def take_down(node: Any) -> None:
+    """Destroy a node that may be in the executor."""
+    for executor in _EXECUTOR.values():
+        executor.remove_node(node)
+    node.destroy_node()
+
+
+def current_domain() -> int | None:
+    """Return the domain of rclpy's default context, None if it is not initialised."""
+    rclpy = import_rclpy()
+    return int(rclpy.get_default_context().get_domain_id()) if rclpy.ok() else None
+
+
+@contextmanager
+def claimed_domain() -> Iterator[int]:
+    """Claim a domain; the environment tells it to the processes that are started meanwhile."""
+    before = {name: os.environ.get(name) for name in (DOMAIN, RANGE)}
+    with own_domain() as domain:
+        os.environ |= {DOMAIN: str(domain), RANGE: 'LOCALHOST'}
+        try:
+            yield domain
+        finally:
+            for name, value in before.items():
+                if value is None:
+                    del os.environ[name]
+                else:
+                    os.environ[name] = value
+
+
+@contextmanager
+def initialised(domain: int) -> Iterator[None]:
+    """Initialise rclpy's default context, in which the nodes of users are, and shut it down."""
+    rclpy = import_rclpy()
+    # Signals are the test runner's.
+    options = rclpy.signals.SignalHandlerOptions.NO
+    rclpy.init(args=[], signal_handler_options=options, domain_id=domain)
+    try:
+        yield
+    finally:
+        for executor in _EXECUTOR.values():
+            executor.shutdown()
+        _EXECUTOR.clear()
+        rclpy.try_shutdown()

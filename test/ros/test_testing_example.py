@@ -1,0 +1,47 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The example repository of the documentation passes its own tests, from a copy of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import shutil
+
+from plugin_sessions import install, run
+import pytest
+from ros_processes import HAS_ROS, ROOT
+
+EXAMPLE = ROOT / 'docs' / 'examples' / 'controller_package'
+
+
+@pytest.fixture
+def copied(tmp_path: Path) -> Path:
+    return Path(shutil.copytree(EXAMPLE, tmp_path / 'controller_package'))
+
+
+@pytest.mark.ros
+def test_the_example_repository_passes_its_tests(copied: Path, tmp_path: Path) -> None:
+    install(tmp_path)
+    assert HAS_ROS
+    assert '9 passed' in run(tmp_path, copied)
+
+
+def test_the_control_law_of_the_example_is_tested_without_ros(
+    copied: Path, tmp_path: Path
+) -> None:
+    install(tmp_path)
+    without = '\n'.join(
+        [
+            'import sys',
+            "sys.modules['rclpy'] = None",
+        ]
+    )
+    (copied / 'conftest.py').write_text(without)
+    assert '7 passed, 1 skipped' in run(tmp_path, copied)
+
+
+def test_the_readme_of_the_example_names_its_files(copied: Path) -> None:
+    page = (copied / 'README.md').read_text(encoding='utf-8')
+    for path in copied.rglob('*.py'):
+        name = str(path.relative_to(copied))
+        assert name in page or path.name == '__init__.py'

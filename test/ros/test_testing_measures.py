@@ -1,0 +1,184 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Measures of a motion against closed forms, and the words of failed assertions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from pfd_ros.testing import metrics
+from pfd_ros.testing.lockstep_arm import LockstepArm
+from pfd_ros.testing.trajectory import Limits, Trajectory
+
+# A wheel of 0.5 kg m^2 about a vertical axis: gravity has no torque, so PD control makes it the
+# second-order system of the textbooks.
+INERTIA = 0.5
+WHEEL = """<robot name="wheel"><link name="base"/><link name="disc"><inertial>
+<mass value="1"/><inertia ixx="0.5" iyy="0.5" izz="0.5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="spin" type="revolute"><parent link="base"/><child link="disc"/><axis xyz="0 0 1"/>
+<limit lower="-1.2" upper="1.2" effort="60" velocity="9"/></joint></robot>"""
+STEP = 1e-4
+TARGET = 0.8
+# rad/s
+FREQUENCY = 12.0
+
+
+def unlimited(n: int) -> Limits:
+    return Limits(*(sign * np.full(n, math.inf) for sign in (-1, 1, 1, 1)))
+
+
+def motion(time, q, tau=None, **limits) -> Trajectory:
+    """Return a trajectory of joints a, b, ... from columns."""
+    q = np.asarray(q, float)
+    q = q.reshape(len(q), -1)
+    tau = np.zeros_like(q) if tau is None else np.asarray(tau, float).reshape(q.shape)
+    names = tuple('abcdef'[: q.shape[1]])
+    bounds = unlimited(q.shape[1])._replace(**{k: np.array(v) for k, v in limits.items()})
+    return Trajectory(np.asarray(time, float), q, np.zeros_like(q), tau, names, bounds)
+
+
+def step_response(damping: float, seconds: float = 2.0) -> Trajectory:
+    """Return the answer of the wheel under PD to a step, at this damping ratio."""
+    stiffness = INERTIA * FREQUENCY**2
+    damper = 2 * damping * FREQUENCY * INERTIA
+    with LockstepArm(WHEEL, step_size=STEP, substeps=1) as arm:
+        return arm.run(lambda t, q, qd: stiffness * (TARGET - q) - damper * qd, seconds)
+
+
+@pytest.mark.parametrize('damping', [0.2, 0.5, 0.7])
+def test_the_overshoot_of_a_second_order_system_is_that_of_its_damping_ratio(
+    damping: float,
+) -> None:
+    expected = math.exp(-math.pi * damping / math.sqrt(1 - damping**2))
+    (found,) = step_response(damping).overshoot(TARGET)
+    # The controller samples; half a period of delay takes omega h / 2 from the damping.
+    assert found == pytest.approx(expected, abs=4 * FREQUENCY * STEP)
+
+
+def test_the_settling_time_of_a_critically_damped_system_solves_its_equation() -> None:
+    response = step_response(1.0)
+    # Within two percent: (1 + x) exp(-x) = 0.02 at x = 5.83392 time constants.
+    (found,) = response.settling_time(TARGET, 0.02 * TARGET)
+    assert found == pytest.approx(5.83392 / FREQUENCY, rel=0.005)
+    assert response.overshoot(TARGET) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_the_fastest_torque_of_a_step_is_the_damper_that_meets_the_first_acceleration() -> None:
+    # tau' = -kp qd - kd qdd, and qdd is kp r / I at first.
+    expected = 2 * 1.0 * FREQUENCY * INERTIA * FREQUENCY**2 * TARGET
+    assert step_response(1.0).torque_rate() == pytest.approx(expected, rel=0.005)
+
+
+def test_a_run_is_the_exact_solution_of_the_sampled_system() -> None:
+    stiffness, damper = 30.0, 2.0
+    with LockstepArm(WHEEL, publish_rate=100.0, step_size=1e-3) as arm:
+        found = arm.run(lambda t, q, qd: stiffness * (TARGET - q) - damper * qd, 1.0)
+    # Torque is held over the control period, where q moves by qd h + qdd h^2 / 2.
+    h, q, qd = 0.01, 0.0, 0.0
+    for k in range(100):
+        tau = stiffness * (TARGET - q) - damper * qd
+        assert found.time[k] == pytest.approx(k * h, abs=1e-15)
+        assert found.q[k, 0] == pytest.approx(q, abs=1e-13)
+        assert found.qd[k, 0] == pytest.approx(qd, abs=1e-12)
+        assert found.tau[k, 0] == pytest.approx(tau, abs=1e-11)
+        qdd = tau / INERTIA
+        q, qd = q + h * qd + h * h / 2 * qdd, qd + h * qdd
+    assert len(found.time) == 100
+
+
+def test_settling_counts_from_the_last_sample_outside_of_the_band() -> None:
+    time = np.arange(6.0) + 10
+    q = np.array([0.0, 1.0, 1.2, 1.05, 0.95, 1.0])
+    assert metrics.settling_time(time, q, 1.0, 0.1) == 3.0
+    assert metrics.settling_time(time, q, 1.0, 0.01) == 5.0
+    assert metrics.settling_time(time, q, 1.0, 2.0) == 0.0
+    assert metrics.settling_time(time, q, 9.0, 0.1) == math.inf
+    q[5] = math.nan
+    assert metrics.settling_time(time, q, 1.0, 2.0) == math.inf
+
+
+def test_overshoot_is_a_share_of_the_step_in_its_direction() -> None:
+    assert metrics.overshoot(np.array([0.0, 1.1, 1.3, 0.9]), 1.0) == pytest.approx(0.3)
+    assert metrics.overshoot(np.array([2.0, 0.8, 1.4]), 1.0) == pytest.approx(0.2)
+    assert metrics.overshoot(np.array([2.0, 1.5]), 1.0) == 0.0
+    assert math.isnan(metrics.overshoot(np.array([1.0, 1.5]), 1.0))
+
+
+def test_torque_rates_are_differences_over_the_time_between_samples() -> None:
+    time = np.array([0.0, 0.1, 0.3, 0.4])
+    found = motion(time, np.zeros((4, 2)), [[0, 1], [1, 1], [-1, 1], [-1, 2]]).torque_rate()
+    assert found == pytest.approx([10.0, 10.0])
+    assert (motion([0.0], np.zeros((1, 2))).torque_rate() == 0).all()
+
+
+def test_limits_are_hit_at_the_bound_itself_and_told_in_the_order_of_time() -> None:
+    q = np.array([[0.0, 0.0], [0.5, -1.0], [1.0, -2.0]])
+    tau = [[0, 0], [0, 7], [0, 9]]
+    found = motion(
+        [0.0, 0.1, 0.2],
+        q,
+        tau,
+        position_upper=[1.0, 3.0],
+        position_lower=[-2.0, -2.5],
+        effort=[10.0, 7.0],
+    ).limits_hit()
+    assert [(hit.joint, hit.kind, hit.time, hit.value, hit.bound) for hit in found] == [
+        ('b', 'effort', 0.1, 7.0, 7.0),
+        ('a', 'position', 0.2, 1.0, 1.0),
+    ]
+
+
+def test_a_failed_assertion_names_joint_time_value_and_bound() -> None:
+    time = np.arange(5) / 10
+    q = np.array([[0.0, 0.0], [0.4, 1.5], [0.8, 1.1], [1.0, 0.9], [1.0, 1.0]])
+    tau = np.array([[0, 0], [1, 0], [5, 0], [5, 0], [5, 0]])
+    found = motion(time, q, tau, position_upper=[2.0, 1.4])
+    with pytest.raises(AssertionError) as settles:
+        found.assert_settles(1.0, within=0.05, by=0.2)
+    assert str(settles.value) == (
+        "joint 'a' is 0.2 from its target 1 at t = 0.2 s, expected within 0.05 from t = 0.2 s on"
+    )
+    with pytest.raises(AssertionError) as beyond:
+        found.assert_overshoot_below(0.25, 1.0)
+    assert str(beyond.value) == (
+        "joint 'b' is at 1.5 at t = 0.1 s, 50 % of its step beyond the target 1, "
+        'expected below 25 %'
+    )
+    with pytest.raises(AssertionError) as rate:
+        found.assert_torque_rate_below([30.0, 1.0])
+    assert str(rate.value) == (
+        "effort of joint 'a' changes by 40 per second at t = 0.2 s, from 1 to 5, "
+        'expected below 30 per second'
+    )
+    with pytest.raises(AssertionError) as limit:
+        found.assert_no_limit_hit()
+    assert str(limit.value) == (
+        "position of joint 'b' is 1.5 at t = 0.1 s, expected within its limit 1.4"
+    )
+
+
+def test_assertions_hold_where_the_motion_is_as_expected() -> None:
+    response = step_response(0.7)
+    response.assert_settles(TARGET, within=0.01, by=0.8)
+    response.assert_overshoot_below(0.05, TARGET)
+    response.assert_torque_rate_below(2 * FREQUENCY**3 * INERTIA * TARGET)
+    response.assert_no_limit_hit()
+    with pytest.raises(AssertionError, match='beyond the target'):
+        response.assert_overshoot_below(0.04, TARGET, joint='spin')
+
+
+def test_assertions_look_at_the_joints_they_are_asked_about() -> None:
+    found = motion([0.0, 0.1, 0.2], [[0, 5], [1.5, 5], [1, 5]])
+    with pytest.raises(ValueError, match="joint 'b' starts at its target 5"):
+        found.assert_overshoot_below(0.9, [1.0, 5.0])
+    found.assert_overshoot_below(0.9, [1.0, 5.0], joint='a')
+    found.assert_settles([0.0, 5.0], within=0.1, by=0.1, joint=['b'])
+    with pytest.raises(ValueError, match="joint is 'c', expected one of"):
+        found.assert_settles(1.0, within=1.0, by=0.0, joint='c')
+    with pytest.raises(ValueError, match='by is 3'):
+        found.assert_settles(1.0, within=1.0, by=3.0)
+    with pytest.raises(ValueError, match=r'target has shape \(3,\)'):
+        found.settling_time([1, 2, 3], 0.1)

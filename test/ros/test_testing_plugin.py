@@ -1,0 +1,165 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The pytest plugin in sessions of its own: what it imports, its domains, its errors."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from pathlib import Path
+import shutil
+import socket
+import subprocess
+import sys
+
+from plugin_sessions import install, session
+import pytest
+from ros_processes import HAS_ROS, ROOT
+
+from pfd_ros.testing.domains import PARTICIPANT_PORT, PORT_BASE, PORT_GAIN, own_domain
+
+needs_ros = pytest.mark.skipif(not HAS_ROS, reason='rclpy is not installed')
+
+
+@pytest.fixture(scope='module')
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp('site')
+    install(folder)
+    return folder
+
+
+def test_a_session_that_does_not_use_the_plugin_imports_neither_ros_nor_the_library(
+    site: Path, tmp_path: Path
+) -> None:
+    code = """
+import sys
+def test_modules(pytestconfig):
+    assert pytestconfig.pluginmanager.hasplugin('pfd_ros')
+    for name in ('rclpy', 'pfd_core', 'numpy', 'pfd_ros.arm', 'pfd_ros.messages'):
+        assert name not in sys.modules, name
+"""
+    assert '1 passed' in session(site, tmp_path, code)
+
+
+def test_a_callback_needs_no_ros(site: Path, tmp_path: Path) -> None:
+    code = """
+import sys
+def test_hold(sim_arm):
+    arm = sim_arm(robot='planar2', gravity=[0.0, 0.0, 0.0])
+    assert not arm.run(lambda t, q, qd: 0 * q, 0.01).q.any()
+    assert 'rclpy' not in sys.modules
+"""
+    assert '1 passed' in session(site, tmp_path, code)
+
+
+def test_a_failed_assertion_shows_the_line_of_the_test_and_none_of_the_helper(
+    site: Path, tmp_path: Path
+) -> None:
+    code = """
+def test_falls(sim_arm):
+    arm = sim_arm(robot='planar2')
+    arm.run(lambda t, q, qd: 0 * q, 0.5).assert_settles(0.0, within=0.01, by=0.4)
+"""
+    text = session(site, tmp_path, code, status=1)
+    assert "AssertionError: joint 'shoulder' is" in text
+    assert 'test_it.py:4: AssertionError' in text
+    assert 'trajectory.py' not in text
+
+
+@needs_ros
+@pytest.mark.ros
+def test_rclpy_is_initialised_for_a_test_and_shut_down_after_it(
+    site: Path, tmp_path: Path
+) -> None:
+    code = """
+import os
+import rclpy
+from rclpy.node import Node
+
+def test_own(ros_domain):
+    assert rclpy.ok()
+    assert os.environ['ROS_DOMAIN_ID'] == str(ros_domain)
+    Node('one').destroy_node()
+
+def test_none():
+    assert not rclpy.ok()
+    # A test may do it all by itself.
+    rclpy.init(domain_id=5)
+    Node('two').destroy_node()
+
+def test_that_of_the_user(ros_domain):
+    assert ros_domain == 5
+
+def test_left_alone():
+    assert rclpy.ok()
+    rclpy.shutdown()
+"""
+    assert '4 passed' in session(site, tmp_path, code)
+
+
+@needs_ros
+@pytest.mark.ros
+def test_workers_have_domains_of_their_own(site: Path, tmp_path: Path) -> None:
+    code = """
+import pathlib, time
+import pytest
+
+@pytest.mark.parametrize('number', range(2))
+def test_domain(ros_domain, number, worker_id):
+    here = pathlib.Path(__file__).parent
+    (here / f'{worker_id}.txt').write_text(str(ros_domain))
+    for _ in range(1000):
+        found = list(here.glob('gw*.txt'))
+        if len(found) == 2 and all(path.read_text() for path in found):
+            break
+        time.sleep(0.02)
+    assert len({path.read_text() for path in found}) == 2
+"""
+    assert '2 passed' in session(site, tmp_path, code, ['-n', '2'])
+
+
+def test_a_claimed_domain_is_passed_over_and_free_again_after_its_process(tmp_path: Path) -> None:
+    with own_domain(tmp_path) as one, own_domain(tmp_path) as other:
+        assert one != other
+        assert 1 <= min(one, other) <= max(one, other) <= 101
+    with own_domain(tmp_path) as again:
+        assert again == one
+    # A process that is killed keeps no lock.
+    code = (
+        'import os, sys, pathlib; from pfd_ros.testing.domains import own_domain\n'
+        f'claim = own_domain(pathlib.Path({str(tmp_path)!r})); claim.__enter__(); os._exit(1)'
+    )
+    subprocess.run([sys.executable, '-c', code], check=False, timeout=60, cwd=ROOT)
+    with ExitStack() as claims:
+        found: list[int] = []
+
+        def claim_all() -> None:
+            while True:
+                found.append(claims.enter_context(own_domain(tmp_path)))
+
+        # Participants of others may be in some.
+        with pytest.raises(RuntimeError, match='all ROS domains from 1 to 101 are taken'):
+            claim_all()
+    assert len(set(found)) == len(found) > 50
+
+
+def test_a_domain_in_which_a_participant_runs_is_passed_over(tmp_path: Path) -> None:
+    with own_domain(tmp_path) as first:
+        pass
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as participant:
+        participant.bind(('', PORT_BASE + PORT_GAIN * first + PARTICIPANT_PORT))
+        with own_domain(tmp_path) as found:
+            assert found != first
+
+
+def test_lock_files_that_cannot_be_opened_are_passed_over(tmp_path: Path) -> None:
+    with own_domain(tmp_path) as first:
+        pass
+    path = tmp_path / f'pfd_ros_domain_{first}.lock'
+    path.unlink()
+    path.symlink_to(tmp_path / 'elsewhere')
+    with own_domain(tmp_path) as found:
+        assert found != first
+    assert not (tmp_path / 'elsewhere').exists()
+    shutil.rmtree(tmp_path)
+    with pytest.raises(RuntimeError, match='taken'), own_domain(tmp_path):
+        pass

@@ -1,0 +1,312 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The arm of a test over real topics: in this process, and as a process of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from ros_processes import PATIENCE, ROOT
+
+from pfd_ros.arm.events import Verdict
+from pfd_ros.replay.verify import read
+from pfd_ros.testing.controller import ControllerError
+from pfd_ros.testing.exchange import NoAnswerError
+from pfd_ros.testing.lockstep_arm import LockstepArm
+from pfd_ros.testing.node_process import NodeProcessError
+from pfd_ros.testing.process_arm import ProcessArm
+from pfd_ros.testing.session import claimed_domain, initialised
+from pfd_ros.testing.trajectory import Trajectory
+
+pytestmark = pytest.mark.ros
+
+GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])
+FIELDS = ('time', 'q', 'qd', 'tau')
+# Efforts as they are commanded: states tell those that act.
+UNCUT = {'effort_limits': False, 'torque_speed': False}
+SETTINGS: dict[str, Any] = {'robot': 'ur5', 'armature': True, **UNCUT}
+
+
+def pd(q, qd):
+    return 100.0 * (GOAL - q) - 10.0 * qd
+
+
+def law(t, q, qd):
+    return pd(q, qd)
+
+
+@pytest.fixture(scope='module')
+def domain() -> Iterator[int]:
+    with claimed_domain() as found, initialised(found):
+        yield found
+
+
+@pytest.fixture
+def controller_of(domain: int) -> Iterator[Callable[..., Any]]:
+    """Return a function that makes a node which answers states: stamped by name, or plain."""
+    from rclpy.node import Node
+    from sensor_msgs.msg import JointState
+    from std_msgs.msg import Float64MultiArray
+
+    made = []
+
+    def make(kind: str = 'named', answer: Callable[..., Any] = pd, qos: Any = 10) -> Any:
+        node = Node('controller')
+        made.append(node)
+        if kind == 'named':
+            commands = node.create_publisher(JointState, 'joint_commands', qos)
+        else:
+            commands = node.create_publisher(Float64MultiArray, 'sim_arm/commands', qos)
+
+        def on_state(state: Any) -> None:
+            efforts = answer(np.array(state.position), np.array(state.velocity)).tolist()
+            if kind == 'named':
+                command = JointState(name=state.name, effort=efforts)
+                command.header.stamp = state.header.stamp
+            else:
+                command = Float64MultiArray(data=efforts)
+            commands.publish(command)
+
+        node.create_subscription(JointState, 'joint_states', on_state, 10)
+        return node
+
+    yield make
+    for node in made:
+        node.destroy_node()
+
+
+def called(*seconds: float) -> list[Trajectory]:
+    """Return the motions under the same controller as a callback."""
+    with LockstepArm(**SETTINGS) as arm:
+        return [arm.run(law, each) for each in seconds]
+
+
+def assert_same_bits(one: Trajectory, other: Trajectory) -> None:
+    for name in FIELDS:
+        a, b = getattr(one, name), getattr(other, name)
+        assert a.shape == b.shape
+        assert a.tobytes() == b.tobytes(), name
+
+
+@pytest.mark.parametrize('kind', ['named', 'plain'])
+def test_a_node_moves_the_arm_with_the_bits_of_the_callback(
+    kind: str, controller_of: Callable[..., Any]
+) -> None:
+    expected, node = called(0.2, 0.1), controller_of(kind)
+    for _ in range(3):
+        with LockstepArm(**SETTINGS) as arm:
+            assert_same_bits(arm.spin(0.2, node), expected[0])
+            assert_same_bits(arm.spin(0.1, node), expected[1])
+
+
+@pytest.mark.long
+def test_twenty_runs_over_topics_have_the_same_bits(controller_of: Callable[..., Any]) -> None:
+    (expected,), node = called(2.0), controller_of('plain')
+    for _ in range(20):
+        with LockstepArm(**SETTINGS) as arm:
+            assert_same_bits(arm.spin(2.0, node), expected)
+
+
+def test_a_best_effort_publisher_is_served(controller_of: Callable[..., Any]) -> None:
+    from rclpy.qos import qos_profile_sensor_data
+
+    with LockstepArm(**SETTINGS) as arm:
+        found = arm.spin(0.05, controller_of('named', qos=qos_profile_sensor_data))
+    assert_same_bits(found, called(0.05)[0])
+
+
+def test_a_run_over_topics_is_recorded_and_verifies(
+    controller_of: Callable[..., Any], tmp_path: Path
+) -> None:
+    path = tmp_path / 'run.mcap'
+    with LockstepArm(**SETTINGS, recording=path) as arm:
+        found = arm.spin(0.1, controller_of())
+    assert_same_bits(found, called(0.1)[0])
+    summary = read(path, verify=True)
+    assert summary.complete
+    assert (summary.states, summary.verdicts) == (100, {Verdict.ACCEPTED: 100})
+
+
+def test_a_silent_system_is_an_error_that_says_who_is_missing(
+    controller_of: Callable[..., Any],
+) -> None:
+    alone = LockstepArm(**SETTINGS, ros_args=['-r', '__ns:=/alone'])
+    with alone, pytest.raises(NoAnswerError, match='nobody subscribes to /alone/joint_states'):
+        alone.spin(0.1, patience=0.2)
+    with LockstepArm(**SETTINGS) as arm:
+        node = controller_of('named', lambda q, qd: np.full(6, np.inf))
+        with pytest.raises(NoAnswerError, match=r'the last command was infinite: effort'):
+            arm.spin(0.1, node, patience=0.3)
+        assert arm.time == 0.0
+
+
+def test_an_error_in_a_node_ends_the_run(controller_of: Callable[..., Any]) -> None:
+    def failing(q, qd):
+        raise KeyError('gains')
+
+    with LockstepArm(**SETTINGS) as arm, pytest.raises(KeyError, match='gains'):
+        arm.spin(0.1, controller_of('named', failing))
+
+
+def test_the_topics_of_the_arm_can_be_remapped(domain: int) -> None:
+    from rclpy.node import Node
+    from std_msgs.msg import Float64MultiArray
+
+    remapped = ['-r', '~/commands:=/effort_controllers/commands', '-r', '__ns:=/left']
+    with LockstepArm(**SETTINGS, ros_args=remapped) as arm:
+        node = Node('remapped')
+        commands = node.create_publisher(Float64MultiArray, '/effort_controllers/commands', 1)
+        from sensor_msgs.msg import JointState
+
+        node.create_subscription(
+            JointState,
+            '/left/joint_states',
+            lambda state: commands.publish(
+                Float64MultiArray(data=pd(np.array(state.position), np.array(state.velocity)))
+            ),
+            1,
+        )
+        found = arm.spin(0.02, node)
+        node.destroy_node()
+    assert_same_bits(found, called(0.02)[0])
+
+
+def test_the_first_stamp_and_tick_are_above_zero(controller_of: Callable[..., Any]) -> None:
+    from rosgraph_msgs.msg import Clock
+
+    node, ticks = controller_of(), []
+    node.create_subscription(Clock, '/clock', lambda tick: ticks.append(tick.clock.nanosec), 100)
+    with LockstepArm(**SETTINGS) as arm:
+        arm.spin(0.005, node)
+    assert ticks == [1_000_000, 2_000_000, 3_000_000, 4_000_000, 5_000_000]
+
+
+def test_the_process_moves_with_the_bits_of_the_callback_and_verifies(
+    controller_of: Callable[..., Any], tmp_path: Path
+) -> None:
+    path = tmp_path / 'run.mcap'
+    with LockstepArm(**SETTINGS) as plain:
+        expected = [plain.run(law, 0.2), plain.run(law, 0.1)]
+        plain.reset()
+        plain.set_state({plain.names[1]: 0.5}, {plain.names[1]: -0.25})
+        expected += [plain.run(law, 0.2), plain.run(law, 0.1)]
+    with ProcessArm(**SETTINGS, recording=path) as arm:
+        assert arm.names == plain.names
+        assert not arm.q.any()
+        found = [arm.run(law, 0.2), arm.run(law, 0.1)]
+        arm.reset()
+        assert not arm.q.any()
+        arm.set_state({arm.names[1]: 0.5}, {arm.names[1]: -0.25})
+        assert (arm.q[1], arm.qd[1]) == (0.5, -0.25)
+        node = controller_of()
+        found += [arm.spin(0.2, node), arm.spin(0.1, node)]
+        with pytest.raises(ControllerError, match=r't = 0\.6.*the controller raised|raised at'):
+            arm.run(lambda t, q, qd: 1 / 0, 0.1)
+    for one, other in zip(found, expected, strict=True):
+        assert_same_bits(one, other)
+    assert read(path, verify=True).complete
+
+
+@pytest.mark.long
+def test_twenty_processes_move_with_the_same_bits(domain: int) -> None:
+    (expected,) = called(1.0)
+    for _ in range(20):
+        with ProcessArm(**SETTINGS) as arm:
+            assert_same_bits(arm.run(law, 1.0), expected)
+
+
+def test_a_node_that_cannot_start_shows_its_output(domain: int, tmp_path: Path) -> None:
+    path = tmp_path / 'there.mcap'
+    path.write_text('other')
+    text = r'status 1(.|\n)*there\.mcap'
+    with (
+        pytest.raises(NodeProcessError, match=text),
+        ProcessArm(**SETTINGS, recording=path) as arm,
+    ):
+        arm.run(law, 0.1)
+    assert path.read_text() == 'other'
+
+
+def running(pid: int) -> bool:
+    try:
+        state = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]
+    except OSError:
+        return False
+    return state != 'Z'
+
+
+@pytest.mark.parametrize('end', [signal.SIGKILL, signal.SIGINT])
+def test_a_test_runner_that_is_ended_leaves_no_node_behind(
+    end: signal.Signals, domain: int, tmp_path: Path
+) -> None:
+    code = """
+import time
+from pfd_ros.testing.process_arm import ProcessArm
+from pfd_ros.testing.session import claimed_domain, initialised
+with claimed_domain() as domain, initialised(domain), ProcessArm('planar2') as arm:
+    arm.q
+    print(arm.process.pid, flush=True)
+    time.sleep(60)
+"""
+    path = [str(ROOT), os.environ.get('PYTHONPATH', '')]
+    runner = subprocess.Popen(
+        [sys.executable, '-c', code],
+        cwd=tmp_path,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(path)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    assert runner.stdout is not None
+    with runner.stdout as stdout:
+        pid = int(stdout.readline())
+    assert running(pid)
+    runner.send_signal(end)
+    runner.wait(PATIENCE)
+    deadline = time.monotonic() + PATIENCE
+    while running(pid):
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_no_segment_of_shared_memory_is_left_after_a_run(tmp_path: Path) -> None:
+    shm = Path('/dev/shm')
+    if not shm.is_dir():
+        pytest.skip('this system has no folder for shared memory')
+    code = """
+import os, sys
+from pfd_ros.testing.lockstep_arm import LockstepArm
+from pfd_ros.testing.process_arm import ProcessArm
+from pfd_ros.testing.session import claimed_domain, initialised
+# Of these processes only: others come and go.
+def mapped(pid):
+    lines = open(f'/proc/{pid}/maps').read().splitlines()
+    return {line.split()[-1] for line in lines if '/dev/shm/' in line}
+with claimed_domain() as domain, initialised(domain), ProcessArm('planar2') as arm:
+    arm.run(lambda t, q, qd: 0 * q, 0.05)
+    found = mapped(os.getpid()) | mapped(arm.process.pid)
+print(*found)
+"""
+    path = [str(ROOT), os.environ.get('PYTHONPATH', '')]
+    done = subprocess.run(
+        [sys.executable, '-c', code],
+        cwd=tmp_path,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(path)},
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=True,
+    )
+    # Other processes may have the ports.
+    segments = [name for name in done.stdout.split() if 'fastrtps_' in name]
+    files = [name for name in segments if 'port' not in name]
+    assert files
+    assert [name for name in files if Path(name).exists()] == []

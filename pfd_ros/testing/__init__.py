@@ -8,6 +8,7 @@ From the user to the arm, and back to the user's assertions:
     lockstep_settings  robot, settings and control period from the arguments of a test
     lockstep_arm     LockstepArm: the arm in this process under a callback, or over topics
     controller       the call of a controller and the checks of its answer; ControllerError
+    engine_run       the engine in lockstep: messages in, outputs out, recorded if asked for
     run_log          the recording of such a run
     command_bytes    the bytes of commands
     metrics          settling time, overshoot, rate of torques, limits that were hit

@@ -13,23 +13,21 @@ bits, here and over topics (`spin`), run after run.
 from __future__ import annotations
 
 from collections.abc import Sequence
-import itertools
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 
 from pfd_ros.arm.changes import encode_changes
-from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Output, Source, Verdict
+from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.messages.convert import NANOSECONDS
-from pfd_ros.recording.format import ROLE_OF_SOURCE
-from pfd_ros.testing.command_bytes import EffortArray, state_bytes, wrench_bytes
+from pfd_ros.testing.command_bytes import state_bytes, wrench_bytes
 from pfd_ros.testing.controller import Controller, asked, refusal
+from pfd_ros.testing.engine_run import EngineRun
 from pfd_ros.testing.exchange import Exchange, NoAnswerError
 from pfd_ros.testing.lockstep_settings import (
     JointValues,
@@ -48,10 +46,6 @@ from pfd_ros.testing.topic_run import TopicRun
 from pfd_ros.testing.trajectory import Rows, Trajectory
 
 PATIENCE_SECONDS = 10.0
-
-
-class ArmError(Exception):
-    """A simulation that stopped: its state is not finite."""
 
 
 class LockstepArm:
@@ -94,9 +88,7 @@ class LockstepArm:
         self.settings = self.engine.settings
         self.names = self.engine.arm.names
         self._limits = limits_of(self.robot, self.engine.arm.order)
-        self._log = open_log(self.engine, self.robot)
-        self._numbers = {source: itertools.count(1) for source in Source}
-        self._efforts = EffortArray(len(self.names))
+        self._run = EngineRun(self.engine, open_log(self.engine, self.robot))
         self._ros_args = tuple(ros_args)
         self._exchange: Exchange | None = None
 
@@ -124,14 +116,12 @@ class LockstepArm:
         exchange, self._exchange = self._exchange, None
         if exchange is not None:
             exchange.close()
-        log, self._log = self._log, None
-        if log is not None:
-            log.close()
+        self._run.close()
 
     @property
     def time(self) -> float:
         """Simulated time since the arm's start, s; stamps are `start_time` later."""
-        return (self.engine.arm.stamp_ns - self.settings.start_ns) / NANOSECONDS
+        return self._run.time
 
     @property
     def period(self) -> float:
@@ -173,14 +163,14 @@ class LockstepArm:
         """
         rows = Rows(periods(self.settings, seconds), len(self.names))
         engine, names, start_ns = self.engine, self.names, self.settings.start_ns
-        one_period = self._period if self._log is None else self._recorded_period
+        command = self._run.command
         for k in range(len(rows.time)):
             t = rows.time[k] = (engine.arm.stamp_ns - start_ns) / NANOSECONDS
             q, qd, _ = engine.measured()
             rows.q[k], rows.qd[k] = q, qd
             efforts = asked(controller, names, t, q.copy(), qd.copy())
             rows.tau[k] = efforts
-            judgement = one_period(efforts)
+            judgement = command(efforts)
             if judgement.verdict is not Verdict.ACCEPTED:
                 raise refusal(efforts, names, t, judgement.detail)
         rows.count = len(rows.time)
@@ -210,12 +200,8 @@ class LockstepArm:
         ArmError
             If the state does not stay finite.
         """
-        run = TopicRun(
-            self.engine,
-            self.send,
-            self.advance,
-            Rows(periods(self.settings, seconds), len(self.names)),
-        )
+        rows = Rows(periods(self.settings, seconds), len(self.names))
+        run = TopicRun(self._run, rows)
         if self._exchange is None:
             self._exchange = Exchange(roles_of(self.settings), self._ros_args)
         try:
@@ -227,61 +213,6 @@ class LockstepArm:
             text = f'{error}; the last command was {verdict}: {run.refused.detail}'
             raise NoAnswerError(text) from None
         return run.rows.trajectory(self.names, self._limits)
-
-    def _period(self, efforts: Array) -> Judgement:
-        """Command efforts and run one control period, without the bytes of any message."""
-        engine = self.engine
-        judgement = engine.command(efforts, next(self._numbers[Source.ARRAY]))
-        while not engine.pace.waits:
-            engine.advance()
-            self._check()
-        return judgement
-
-    def _recorded_period(self, efforts: Array) -> Judgement:
-        """Do the same, and record the command, its verdict and the outputs."""
-        judgement = self.send(Source.ARRAY, self._efforts.encode(efforts))
-        self.advance()
-        return judgement
-
-    def send(self, source: Source, data: bytes) -> Judgement:
-        """Give the arm a serialized message, as if it had come on a topic; return the verdict."""
-        arrival = Arrival(source, next(self._numbers[source]), data)
-        if self._log is None:
-            return self.engine.accept(arrival)
-        self._log.record(ROLE_OF_SOURCE[source], arrival.sequence, data)
-        taken = self.engine.take([arrival])
-        self._record(taken.outputs)
-        ((_, judgement, _),) = taken.judgements
-        self._log.accepted += judgement.verdict is Verdict.ACCEPTED
-        return judgement
-
-    def advance(self) -> list[Output]:
-        """Run the steps up to the next state, if the last one has its answer; return the messages.
-
-        Raises
-        ------
-        ArmError
-            If the state does not stay finite.
-        """
-        found: list[Output] = []
-        while not self.engine.pace.waits:
-            found += self._step()
-            self._check()
-        return found
-
-    def _step(self) -> list[Output]:
-        outputs = self.engine.step()
-        self._record(outputs)
-        return outputs
-
-    def _record(self, outputs: Sequence[Output]) -> None:
-        if self._log is not None:
-            for output in outputs:
-                self._log.record(*output)
-
-    def _check(self) -> None:
-        if self.engine.arm.failure:
-            raise ArmError(f't = {self.time:.6g} s: {self.engine.arm.failure}')
 
     def reset(self) -> None:
         """Go back to the initial state, held until the next command; simulated time goes on."""
@@ -312,19 +243,13 @@ class LockstepArm:
         N and N m. The arm needs the setting external_wrench=True; external_wrench_timeout ends
         them by itself.
         """
-        self._demand(Source.WRENCH, wrench_bytes(frame or self.robot.tip, force, torque))
+        self._run.demand(Source.WRENCH, wrench_bytes(frame or self.robot.tip, force, torque))
 
     def set(self, **values: Any) -> None:
         """Change dynamic settings from the next step on; ValueError if one is refused."""
-        self._demand(Source.PARAMETERS, encode_changes(plain_values(values)))
+        self._run.demand(Source.PARAMETERS, encode_changes(plain_values(values)))
         self.settings = self.engine.settings
 
     def _jump(self, source: Source, data: bytes) -> None:
-        self._demand(source, data)
-        self._step()
-        self._check()
-
-    def _demand(self, source: Source, data: bytes) -> None:
-        judgement = self.send(source, data)
-        if judgement.verdict is not Verdict.ACCEPTED:
-            raise ValueError(f'{judgement.verdict.name.lower()}: {judgement.detail}')
+        self._run.demand(source, data)
+        self._run.step()

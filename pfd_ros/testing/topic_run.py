@@ -4,13 +4,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pfd_ros.arm.commands import Judgement
-from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Output, Source
-from pfd_ros.messages.convert import NANOSECONDS
+from pfd_ros.testing.engine_run import EngineRun
 from pfd_ros.testing.trajectory import Rows
 
 
@@ -20,36 +19,34 @@ class TopicRun:
 
     Attributes
     ----------
-    engine, send, advance
-        Of the arm: its engine, and how to give it a message and to go on to the next state.
+    run
+        The engine and its recording.
     rows
         The motion so far.
     refused
         The verdict on the last command, if it was no answer to its state.
     """
 
-    engine: Engine
-    send: Callable[[Source, bytes], Judgement]
-    advance: Callable[[], Sequence[Output]]
+    run: EngineRun
     rows: Rows
     refused: Judgement | None = None
 
     def answer(self, source: Source, data: bytes) -> Sequence[Output] | None:
         """Take a command; return the messages up to the next state, None at the end of the run."""
-        engine, rows = self.engine, self.rows
-        now_ns, (q, qd, _) = engine.arm.stamp_ns, engine.measured()
-        judgement = self.send(source, data)
+        run, engine, rows = self.run, self.run.engine, self.rows
+        time, (q, qd, _) = run.time, engine.measured()
+        judgement = run.send(source, data)
         if engine.pace.waits:
             self.refused = judgement
             return ()
         self.refused = None
-        outputs = self.advance()
+        outputs = run.advance()
         k = rows.count
-        rows.time[k] = (now_ns - engine.settings.start_ns) / NANOSECONDS
+        rows.time[k] = time
         rows.q[k], rows.qd[k], rows.tau[k] = q, qd, engine.measured()[2]
         rows.count += 1
         return None if rows.count == len(rows.time) else outputs
 
     def present(self) -> Sequence[Output]:
         """Return the last state and clock tick again."""
-        return self.engine.present()
+        return self.run.engine.present()

@@ -14,7 +14,8 @@ import pfd_core as pfd
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read
 from pfd_ros.testing.controller import ControllerError
-from pfd_ros.testing.lockstep_arm import ArmError, LockstepArm
+from pfd_ros.testing.engine_run import ArmError
+from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.trajectory import Trajectory
 
 GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ros_processes import PATIENCE, ROOT
+from ros_processes import PATIENCE, ROOT, next_domain
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read
@@ -24,7 +24,7 @@ from pfd_ros.testing.exchange import NoAnswerError
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.node_process import NodeProcessError
 from pfd_ros.testing.process_arm import ProcessArm
-from pfd_ros.testing.session import claimed_domain, initialised
+from pfd_ros.testing.session import initialised
 from pfd_ros.testing.trajectory import Trajectory
 
 pytestmark = pytest.mark.ros
@@ -46,7 +46,11 @@ def law(t, q, qd):
 
 @pytest.fixture(scope='module')
 def domain() -> Iterator[int]:
-    with claimed_domain() as found, initialised(found):
+    # The other tests of this run count their domains, and claim none.
+    found = next_domain()
+    with pytest.MonkeyPatch.context() as patch, initialised(found):
+        patch.setenv('ROS_DOMAIN_ID', str(found))
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         yield found
 
 
@@ -251,7 +255,7 @@ def test_a_test_runner_that_is_ended_leaves_no_node_behind(
     code = """
 import time
 from pfd_ros.testing.process_arm import ProcessArm
-from pfd_ros.testing.session import claimed_domain, initialised
+from pfd_ros.testing.session import initialised
 with claimed_domain() as domain, initialised(domain), ProcessArm('planar2') as arm:
     arm.q
     print(arm.process.pid, flush=True)
@@ -285,7 +289,7 @@ def test_no_segment_of_shared_memory_is_left_after_a_run(tmp_path: Path) -> None
 import os, sys
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.process_arm import ProcessArm
-from pfd_ros.testing.session import claimed_domain, initialised
+from pfd_ros.testing.session import initialised
 # Of these processes only: others come and go.
 def mapped(pid):
     lines = open(f'/proc/{pid}/maps').read().splitlines()

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Two arms in the namespaces /left and /right; the left one publishes the clock of both.
+"""Two arms in the namespaces /left and /right; the right one follows the clock of the left.
 
 ros2 launch pfd_ros two_arms.launch.py left:=ur5 right:=panda
 """
@@ -25,7 +25,13 @@ def generate_launch_description() -> LaunchDescription:
             name='sim_arm',
             namespace=side,
             output='screen',
-            parameters=[{'robot': LaunchConfiguration(side), 'publish_clock': side == 'left'}],
+            parameters=[
+                {
+                    'robot': LaunchConfiguration(side),
+                    'publish_clock': side == 'left',
+                    'time_source': 'own' if side == 'left' else 'clock',
+                }
+            ],
         )
         for side in ('left', 'right')
     ]

@@ -26,8 +26,6 @@ from pfd_ros.text import cut
 # For a joint whose model states no limit: the weight of all links at an arm of 5 m, N m or N, and
 # at least 1000; rad/s or m/s.
 LEVER, WIDE_EFFORT, WIDE_SPEED = 50.0, 1000.0, 100.0
-# From this share of the limit on, the effort falls: a step down at the limit would chatter.
-FULL_SPEED = 0.9
 
 
 def effort_limits(robot: Any) -> np.ndarray:
@@ -37,7 +35,7 @@ def effort_limits(robot: Any) -> np.ndarray:
 
 
 def speed_limits(robot: Any) -> np.ndarray:
-    """Return the speed at which each motor has no effort left, (n,) in model order, finite."""
+    """Return the speed up to which each motor has its full effort, (n,) in model order, finite."""
     return _stated(robot.velocity_limit, WIDE_SPEED)
 
 
@@ -87,8 +85,7 @@ class Actuators:
         n = len(self._order)
         self._most = self._full if settings.effort_limits else np.full(n, np.inf)
         self._least = -self._most
-        slowest = float(np.min(self._speeds)) if settings.torque_speed else np.inf
-        self._slow = FULL_SPEED * slowest
+        self._slow = float(np.min(self._speeds)) if settings.torque_speed else np.inf
         self._gains = Gains(self._of_joints(settings.servo_p), self._of_joints(settings.servo_d))
         self._servo = None
         rate = settings.reflex_effort_rate
@@ -165,10 +162,11 @@ class Actuators:
     def _limit_at_speed(self, effort: np.ndarray, velocities: Sequence[float]) -> None:
         """Cut efforts, (n,) in model order, to those that the motors have at these speeds.
 
-        Near its speed limit a motor drives its joint along with less; it brakes it with all.
+        Beyond its speed limit a motor drives its joint along with less, and with none at twice
+        that; it brakes it with all.
         """
         for (i, limit, full), velocity in zip(self._motors, velocities, strict=True):
-            share = (1.0 - abs(velocity) / limit) / (1.0 - FULL_SPEED)
+            share = 2.0 - abs(velocity) / limit
             if share < 1.0:
                 most = full * max(share, 0.0)
                 effort[i] = min(effort[i], most) if velocity > 0.0 else max(effort[i], -most)

@@ -115,6 +115,8 @@ class Arm:
         self.wrench = np.zeros(6) if self.scene.external_wrench else None
         # Plants that were compiled before an event asks for them, by the digest of their scene.
         self._prepared: dict[str, Plant] = {}
+        # Freed by the next `prepare`: that takes a millisecond, which a step does not have.
+        self._replaced: Any = None
         self.settings = replace(
             settings,
             integrator=self._simulator.integrator,
@@ -171,6 +173,7 @@ class Arm:
         ValueError
             If the settings do not go with the robot.
         """
+        self._replaced = None
         plant = self._compiled(settings)
         while len(self._prepared) >= MOST_PREPARED:
             self._prepared.pop(next(iter(self._prepared)), None)
@@ -195,6 +198,7 @@ class Arm:
         self.settings = settings
         if plant is not None:
             plant.simulator.take_state(self._simulator)
+            self._replaced = self._simulator
             self.scene, self._simulator, self.kernels = plant
 
     def advance(self, drive: Drive) -> None:

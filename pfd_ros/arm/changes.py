@@ -13,8 +13,6 @@ from dataclasses import fields, replace
 import json
 from typing import Any
 
-import numpy as np
-
 import pfd_core as pfd
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.command_settings import check_servo
@@ -22,7 +20,7 @@ from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import SettingsChange
 from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
-from pfd_ros.arm.scene import without_replaced
+from pfd_ros.arm.scene import payload_numbers, with_own_effects
 from pfd_ros.arm.setting_fields import check_joint_counts, typed
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.tip_frames import body_at_tip, tip_frame
@@ -70,7 +68,7 @@ def changed(arm: Arm, settings: Settings, values: Mapping[str, Any]) -> Settings
     ValueError
         If a value is refused, by itself or beside the others.
     """
-    found = replace(without_replaced(settings, values), **values)
+    found = replace(with_own_effects(settings, values), **values)
     check_joint_counts(found, len(arm.order))
     check_servo(found)
     return found
@@ -126,6 +124,4 @@ def payload_message(payload: pfd.Payload | None, stamp_ns: int, tip: str) -> Ine
     """Return a payload, or zeros for none, as it is published."""
     if payload is None:
         return InertiaMessage(stamp_ns, tip, 0.0, (0.0,) * 3, (0.0,) * 6)
-    inertia = np.asarray(payload.inertia)
-    upper = tuple(inertia[np.triu_indices(3)].tolist())
-    return InertiaMessage(stamp_ns, tip, payload.mass, tuple(np.asarray(payload.center)), upper)
+    return InertiaMessage(stamp_ns, tip, *payload_numbers(payload))

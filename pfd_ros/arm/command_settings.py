@@ -35,7 +35,7 @@ class CommandSettings:
         True, "Cut efforts to the model's limits; joints without one get a wide one"
     )
     torque_speed: bool = setting(
-        True, "Let efforts fall to none at the model's velocity limits; wide ones without"
+        True, "Let efforts fall from the model's velocity limits on, to none at twice that"
     )
     servo_p: tuple[float, ...] = setting(
         (),

@@ -122,20 +122,19 @@ def let_go(drive: Drive) -> Drive:
 
 def merge(drive: Drive, command: Command) -> Drive:
     """Return the drive after a command."""
-    joints, braked = command.joints, drive.braked.copy()
-    if command.whole and drive.position is None and command.effort is not None:
-        # The same as below, in a third of the time.
-        effort = np.empty(len(braked))
+    joints, count = command.joints, len(drive.braked)
+    alone = command.position is None and command.velocity is None
+    if alone and len(joints) == count:
+        # The usual case, and a fast one: an effort for each joint, none of which is NaN.
+        effort = np.empty(count)
         effort[joints] = command.effort
-        return Drive(effort, np.zeros_like(braked))
+        return Drive(effort, np.zeros(count, bool))
+    braked = drive.braked.copy()
     braked[joints] = False
-    if command.position is None and command.velocity is None and drive.position is None:
-        # The usual case, and a fast one: efforts alone, none of which is NaN.
-        effort = drive.effort.copy()
-        effort[joints] = command.effort
-        return Drive(effort, braked)
     effort = _merged(drive.effort, joints, command.effort, 0.0)
-    none = np.full(len(braked), np.nan)
+    if alone and drive.position is None:
+        return Drive(effort, braked)
+    none = np.full(count, np.nan)
     last = none if drive.position is None else drive.position
     position = _merged(last, joints, command.position, np.nan)
     last = none if drive.velocity is None else drive.velocity

@@ -243,6 +243,12 @@ class Engine:
                 self._clear_wrench()
             self.pace.request(effect)
 
+    def _forget_commands(self, drive: Drive) -> None:
+        """Go on with a drive, and without all commands from before the next step."""
+        self.link.clear(drive)
+        self.actuators.restart()
+        self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+
     def command(self, efforts: np.ndarray, sequence: int) -> Judgement:
         """Judge and apply efforts (n,) in published order, as a command without names has them.
 
@@ -253,12 +259,6 @@ class Engine:
             judgement = self._unless_tripped(judge_array(efforts, self._order))
         self._apply(Arrival(Source.ARRAY, sequence, b''), judgement)
         return judgement
-
-    def _forget_commands(self, drive: Drive) -> None:
-        """Go on with a drive, and without all commands from before the next step."""
-        self.link.clear(drive)
-        self.actuators.restart()
-        self._since_ns = self.arm.stamp_ns + self.settings.step_ns
 
     def _clear_wrench(self) -> None:
         if self.wrench is not None:

@@ -5,7 +5,8 @@
 The first tick, and the first one after a pause, a reset or an activation, is where simulated time
 goes on: it leaps there without a step. From then on the arm does each step up to the newest tick.
 A tick that is earlier than one before it is stale, since simulated time never goes back, and one
-that is too far ahead is refused; the arm then stands until ticks fit again, or until a reset.
+that is too far ahead is refused; the arm then stands until ticks fit again, or until a reset. A
+clock that is lost leaves the arm standing too; the node tells so after some seconds.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ class ExtraOutputs:
     """The outputs of an arm that its settings ask for beside its states."""
 
     def __init__(self, settings: Settings, arm: Arm) -> None:
-        self.arm, self.frame_id = arm, settings.frame_id
+        self.arm, self.frame_id, self.locked = arm, settings.frame_id, settings.published_locks
         self.columns = list(arm.order)
         # In model order, as kernels are bound to them.
         self.q, self.qd = np.zeros((2, arm.robot.n))
@@ -104,7 +104,7 @@ def _array(layout: Sequence[tuple[str, Sequence[str]]], value: Callable[[], np.n
 
 
 def _true_states(given: ExtraOutputs) -> Writer:
-    arm, encoder = given.arm, JointStateEncoder(given.arm.names, given.frame_id)
+    arm, encoder = given.arm, JointStateEncoder(given.arm.names, given.frame_id, given.locked)
     return lambda: encoder.encode(arm.stamp_ns, arm.q, arm.qd, arm.tau)
 
 

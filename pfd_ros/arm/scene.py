@@ -8,8 +8,10 @@ from collections.abc import Collection, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
+import numpy as np
+
 import pfd_core as pfd
-from pfd_ros.arm.plant_settings import PAYLOAD
+from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
 from pfd_ros.arm.setting_fields import joint_values
 from pfd_ros.arm.settings import Settings
 from pfd_ros.text import cut
@@ -83,13 +85,22 @@ def _switched(settings: Settings, robot: Any, order: Sequence[int]) -> pfd.Scene
     return pfd.Scene(gravity=gravity, restitution=settings.restitution, **effects)
 
 
-def without_replaced(settings: Settings, changed: Collection[str]) -> Settings:
-    """Return settings whose scene text lacks the effects that changed fields stand for now."""
-    if not settings.scene:
+def with_own_effects(settings: Settings, changed: Collection[str]) -> Settings:
+    """Return settings whose own fields hold the effects of the scene text that are to change."""
+    if not settings.scene or COMPILED.isdisjoint(changed):
         return settings
     scene = _from_text(settings.scene)
+    own: dict[str, Any] = {}
     if 'gravity_compensation' in changed:
         scene = replace(scene, gravity_compensation=False)
     if not set(PAYLOAD).isdisjoint(changed):
+        if scene.payload is not None and settings.payload is None:
+            own |= zip(PAYLOAD, payload_numbers(scene.payload), strict=True)
         scene = replace(scene, payload=None)
-    return replace(settings, scene=pfd.scene_to_yaml(scene))
+    return replace(settings, **own, scene=pfd.scene_to_yaml(scene))
+
+
+def payload_numbers(payload: pfd.Payload) -> tuple[float, tuple[float, ...], tuple[float, ...]]:
+    """Return mass, centre of mass and inertia (xx, xy, xz, yy, yz, zz) of a payload."""
+    upper = np.asarray(payload.inertia)[np.triu_indices(3)]
+    return payload.mass, tuple(np.asarray(payload.center).tolist()), tuple(upper.tolist())

@@ -122,6 +122,8 @@ def _measured(
 
 def quantized(value: np.ndarray, step: float) -> np.ndarray:
     """Return the nearest multiples of a step; numbers that are coarser than it stay."""
-    with np.errstate(over='ignore'):
-        counts = np.rint(value / step)
-    return np.where(np.abs(counts) < _MOST_COUNTS, counts * step, value)
+    fine = np.abs(value) < _MOST_COUNTS * step
+    if fine.all():
+        nearest: np.ndarray = np.rint(value / step) * step
+        return nearest
+    return np.where(fine, quantized(np.where(fine, value, 0.0), step), value)

@@ -6,7 +6,7 @@ One status for each task, as REP 107 has it:
 
     lifecycle      the state of the node
     stepping       real-time factor, time of a step, overruns
-    commands       rate, age, rejections by cause, publishers that are not heard
+    commands       rate, age, rejections by cause, publishers that are not heard, watchdog, reflex
     simulation     integrator, method, energy, the largest stable gains of a PD loop
     recording      open, failed, waiting, dropped
 
@@ -163,15 +163,15 @@ class ArmDiagnostics:
         link, actuators = self.stepper.engine.link, self.stepper.engine.actuators
         values += [
             ('unknown_names', self.counts.unknown()[0]),
-            ('lost_by_chance', link.lost),
-            ('timeouts', link.timeouts),
-            ('reflexes', actuators.trips),
-            ('saturated_cycles', actuators.saturated),
+            ('watchdog_trips', link.timeouts),
+            ('lost_on_their_way', link.lost),
+            ('saturated_steps', actuators.saturated),
+            ('reflex_trips', actuators.trips),
         ]
         if actuators.tripped:
-            return Task('commands', ERROR, actuators.reflex, values)
+            return Task('commands', ERROR, f'a reflex holds the arm: {actuators.reflex}', values)
         if link.timed_out:
-            return Task('commands', WARN, 'none for command_timeout', values)
+            return Task('commands', WARN, 'the watchdog has tripped: no command in time', values)
         if now.rejected > last.rejected:
             return Task('commands', WARN, 'messages rejected', values)
         if deaf:

@@ -23,11 +23,15 @@ MOST_BYTES = 1 << 25
 # A command for ten joints has half a kilobyte; decoding this much takes about a second. A larger
 # message is refused unread: it is counted, but gets no number and no row.
 LARGEST_MESSAGE = 1 << 22
+# Someone waits for the verdicts on these; no flood of commands takes their place.
+KEPT = frozenset({Source.REQUEST, Source.PARAMETERS})
 
 
 @dataclass
 class EventQueue:
     """A queue that drops its oldest message when it is full: the newest command counts.
+
+    Requests and parameters stay, as long as there are others to drop.
 
     Any thread puts, one takes. The messages of a source are numbered without gaps, so
     the dropped ones are a range, however many there are.
@@ -68,7 +72,10 @@ class EventQueue:
             self._lock.wait_for(lambda: bool(self._waiting), seconds)
 
     def _drop_oldest(self) -> None:
-        source, sequence, payload = self._waiting.popleft()
+        # Almost always the first one.
+        place = next((i for i, one in enumerate(self._waiting) if one.source not in KEPT), 0)
+        source, sequence, payload = self._waiting[place]
+        del self._waiting[place]
         self._bytes -= len(payload)
         before = self._dropped.get(source, range(sequence, sequence))
         self._dropped[source] = range(before.start, sequence + 1)

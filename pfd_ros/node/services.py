@@ -25,8 +25,8 @@ from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.node.receiving import Receiver
 from pfd_ros.text import one_line
 
-# The arm answers within a cycle. The executor's thread waits for it, so not for long: a very slow
-# arm carries the request out later.
+# The arm answers within a cycle, and a slow one within some hundredths of a second. The executor's
+# thread waits for it, so not for long: an arm that waits for the disk does it later.
 ANSWER_SECONDS = 0.5
 
 

@@ -109,9 +109,7 @@ class Stepper:
     def _run(self, stopped: Callable[[], bool]) -> None:
         self.timer.start()
         while not stopped():
-            if self.engine.settings is not self._settings:
-                self._settings = self.engine.settings
-                self.timer.set_period(_period_ns(self._settings))
+            self._keep_to_settings()
             if self.engine.stands:
                 self._stand(stopped)
             elif self._waits_for_disk():
@@ -122,6 +120,12 @@ class Stepper:
                 # A slow arm answers requests long before its next step.
                 self._take_events()
 
+    def _keep_to_settings(self) -> None:
+        """Take over another real-time factor, which is pacing only."""
+        if self.engine.settings is not self._settings:
+            self._settings = self.engine.settings
+            self.timer.set_period(_period_ns(self._settings))
+
     def _waits_for_disk(self) -> bool:
         return self.timer.period_ns == 0 and self.session.backlog > BACKLOG_LIMIT
 
@@ -131,6 +135,7 @@ class Stepper:
         while self.engine.stands and not stopped():
             self._wait_for_events()
             self._take_events()
+            self._keep_to_settings()
             if self.states != shown:
                 shown, sent = self.states, time.monotonic()
             elif self.engine.pace.waits and time.monotonic() - sent > RESEND_SECONDS:

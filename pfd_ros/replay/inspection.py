@@ -112,6 +112,8 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
         channels.setdefault(role, _ChannelCount())
     states, unpublished = channels[STATES], channels.get(DROPPED_STATES, _ChannelCount())
     newest = max(states, unpublished, key=lambda channel: channel.last)
+    # Nobody knows which of the two a lost state was.
+    states.lost, unpublished.lost = states.lost + unpublished.lost, 0
     found = Inspection(
         Summary(
             path=log.path,

@@ -127,7 +127,8 @@ class Processes:
         return self._node((FAULTY, fault), ros_args, ready)
 
     def _node(self, command: Sequence[str], ros_args: Sequence[str], ready: bool) -> Process:
-        process = self.python(*command, '--ros-args', *ros_args)
+        # States tell the efforts that were sent, however fast a free joint turns by then.
+        process = self.python(*command, '--ros-args', '-p', 'torque_speed:=false', *ros_args)
         if ready:
             process.wait_for_text('joints, held')
         return process

@@ -62,9 +62,9 @@ def test_efforts_within_the_limits_have_the_same_bits() -> None:
 
 
 @pytest.mark.parametrize(
-    ('speed', 'left'), [(17.9, 20.0), (18.0, 20.0), (19.0, 10.0), (20.0, 0.0), (90.0, 0.0)]
+    ('speed', 'left'), [(19.9, 20.0), (20.0, 20.0), (30.0, 10.0), (40.0, 0.0), (90.0, 0.0)]
 )
-def test_a_motor_drives_along_with_less_near_its_speed_limit_and_brakes_with_all(
+def test_a_motor_drives_along_with_less_beyond_its_speed_limit_and_brakes_with_all(
     speed: float, left: float
 ) -> None:
     made = actuators()
@@ -79,20 +79,18 @@ def test_a_motor_drives_along_with_less_near_its_speed_limit_and_brakes_with_all
 
 
 def test_the_speed_of_one_joint_does_not_limit_another() -> None:
-    assert acted(actuators(), (5.0, 10.0), (30.0, 0.1)) == [0.0, 10.0]
+    assert acted(actuators(), (5.0, 10.0), (50.0, 0.1)) == [0.0, 10.0]
 
 
 def test_the_limits_belong_to_the_joints_in_any_published_order() -> None:
     turned = Actuators(Settings(robot='planar2'), PLANAR2, (1, 0))
     # Efforts in the order of the model, velocities in the published one.
-    assert acted(turned, (99.0, 99.0), (20.0, 0.0)) == [20.0, 0.0]
+    assert acted(turned, (99.0, 99.0), (40.0, 0.0)) == [20.0, 0.0]
 
 
 def test_limits_can_be_switched_off() -> None:
     assert acted(actuators(**UNLIMITED), (1e300, -11.0), (50.0, -50.0)) == [1e300, -11.0]
-    assert acted(actuators(effort_limits=False), (99.0, 99.0), (19.0, 0.0)) == pytest.approx(
-        [10.0, 99.0]
-    )
+    assert acted(actuators(effort_limits=False), (99.0, 99.0), (30.0, 0.0)) == [10.0, 99.0]
     assert acted(actuators(torque_speed=False), (99.0, 9.0), (19.0, 50.0)) == [20.0, 9.0]
 
 
@@ -125,9 +123,9 @@ def run(robot: str, signs: np.ndarray, cycles: int, **settings: Any) -> Engine:
 def test_a_command_of_any_size_does_not_end_the_run_of_a_robot(robot: str) -> None:
     n = pfd.load_robot(robot).n
     for signs in (np.ones(n), (-1.0) ** np.arange(n)):
-        engine = run(robot, signs, 3000)
+        engine = run(robot, signs, 2000)
         assert not engine.arm.failure
-        assert engine.actuators.saturated == 3001
+        assert engine.actuators.saturated == 2001
         limits = pfd.load_robot(robot).effort_limit
         assert (np.abs(engine.arm.tau) <= limits).all()
 

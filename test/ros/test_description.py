@@ -5,7 +5,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+import re
 
+import gripper_arm
 import numpy as np
 from oracle import relative
 import pinocchio as pin
@@ -232,3 +234,40 @@ def test_names_that_xml_cannot_hold_are_refused() -> None:
     robot = replace(pfd.load_robot('planar2'), joint_names=('a\x01b', 'c'))
     with pytest.raises(ValueError, match='no URDF can be written of'):
         urdf_of(robot)
+
+
+def test_altered_descriptions_are_read_or_refused_with_a_reason() -> None:
+    rng, text = np.random.default_rng(11), gripper_arm.urdf(joint_states_topic='seen')
+    start = text.index('<ros2_control')
+    tokens = [token for token in re.split(r'(<[^>]*>)', text[start:]) if token]
+    read, reasons = 0, []
+    for _ in range(2000):
+        altered = list(tokens)
+        for _ in range(rng.integers(1, 4)):
+            at, other = rng.integers(0, len(altered), 2)
+            kind = rng.integers(0, 4)
+            if kind == 0:
+                del altered[at]
+            elif kind == 1:
+                altered[at] = altered[other]
+            elif kind == 2:
+                altered.insert(at, altered[other])
+            else:
+                letters = list(altered[at])
+                letters[rng.integers(0, len(letters))] = rng.choice(list('<>"=/ 9e.-\u0662{%'))
+                altered[at] = ''.join(letters)
+        whole = text[:start] + ''.join(altered)
+        try:
+            pfd.load_robot(whole, locked={'finger': 0.0})
+        except ValueError:
+            continue
+        try:
+            found = read_description(whole, gripper_arm.ARM, ros2_control=True)
+        except ValueError as error:
+            reasons.append(str(error))
+        else:
+            read += 1
+            assert all(isinstance(value, float) for value in found.positions.values())
+    assert read > 100
+    assert len(reasons) > 10
+    assert all('ros2_control:=false' in reason for reason in reasons)

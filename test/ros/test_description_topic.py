@@ -11,6 +11,7 @@ import time
 import gripper_arm
 import pytest
 from ros_processes import Peer, Processes
+from test_lifecycle import change
 
 import pfd_core as pfd
 from pfd_ros.replay.verify import read
@@ -197,3 +198,39 @@ def test_a_node_that_waits_for_its_model_ends_at_a_signal(processes: Processes) 
     # Half of the time that it would wait.
     assert time.monotonic() - begun < 15.0
     assert 'sim_arm: no model came on /robot_description until the node was stopped' in arm.text()
+
+
+def test_each_configuration_takes_the_model_of_its_time_and_leaves_no_topic_behind(
+    processes: Processes, peer_of
+) -> None:
+    from rclpy.qos import qos_profile_sensor_data
+    from sensor_msgs.msg import JointState
+
+    arm = processes.faulty(
+        'reports_often',
+        *('-p', 'autostart:=false', '-p', 'robot:=robot_description'),
+        *('-p', 'description_timeout:=0.5', '-p', 'locked:=[finger]'),
+        ready=False,
+    )
+    arm.wait_for_text('waits for transitions')
+    peer, topic = peer_of(processes), '/robot_joint_commands'
+
+    def listeners() -> int:
+        return peer.node.count_subscribers(topic)
+
+    assert not change(peer, 'configure')
+    assert 'configure failed: no model came on /robot_description within 0.5 s' in arm.text()
+    publisher = latched(peer)
+    publish(publisher, gripper_arm.urdf())
+    assert change(peer, 'configure')
+    peer.wait(lambda: listeners() == 1)
+    # The subscription that is replaced by a best-effort one is the arm's, too.
+    peer.node.create_publisher(JointState, topic, qos_profile_sensor_data)
+    arm.wait_for_text(f'publishes {topic} best effort')
+    assert change(peer, 'cleanup')
+    peer.wait(lambda: listeners() == 0)
+    publish(publisher, gripper_arm.urdf(joint_commands_topic='/others'))
+    assert change(peer, 'configure')
+    peer.wait(lambda: peer.node.count_subscribers('/others') == 1)
+    assert listeners() == 0
+    assert arm.end(signal.SIGINT) == 0, arm.text()

@@ -85,10 +85,13 @@ def test_a_launch_file_starts_arms_with_parameters_that_they_have(
     assert all(node['parameters'][0]['use_sim_time'] is True for node in others)
 
 
-def test_one_of_two_arms_publishes_the_clock(recorder: dict[str, type[Recorded]]) -> None:
+def test_one_of_two_arms_publishes_the_clock_that_the_other_follows(
+    recorder: dict[str, type[Recorded]],
+) -> None:
     arms = nodes(FOLDER / 'two_arms.launch.py', recorder, Path())
-    told = [(arm['namespace'], arm['parameters'][0]['publish_clock']) for arm in arms]
-    assert told == [('left', True), ('right', False)]
+    keys = ('publish_clock', 'time_source')
+    told = {arm['namespace']: [arm['parameters'][0][key] for key in keys] for arm in arms}
+    assert told == {'left': [True, 'own'], 'right': [False, 'clock']}
 
 
 @pytest.mark.ros

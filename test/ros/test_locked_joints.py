@@ -126,6 +126,21 @@ def test_recordings_with_locked_joints_verify_and_have_a_motion(
     np.testing.assert_array_equal(motion.q[-1], states(path)[28].position[:4])
 
 
+def test_sensors_add_nothing_to_locked_joints_and_such_a_recording_verifies(
+    tmp_path: Path,
+) -> None:
+    noise = {'noise_position': 1e-3, 'noise_velocity': 1e-3, 'noise_effort': 1e-3}
+    made = simulate(30, {3: [efforts(*ONE)]}, robot='puma560', **noise, **WRIST)
+    path = made.save(tmp_path / 'a.mcap')
+    assert read(path, verify=True).states == 30
+    for state in states(path):
+        assert state.position[4:].tolist() == [0.25, -0.5]
+        assert state.velocity[4:].tolist() == state.effort[4:].tolist() == [0.0, 0.0]
+    assert states(path)[0].position[:4].all()
+    # A motion is that of the arm, not what its sensors say.
+    assert not read_motion(path).motion.q[1].any()
+
+
 def test_a_recording_from_before_locked_joints_were_published_verifies(tmp_path: Path) -> None:
     made = simulate(30, {3: [efforts(*ONE)]}, robot='puma560', publish_locked=False, **WRIST)
     (head,) = (values for name, values in made.metadata if name == 'pfd_ros')

@@ -241,7 +241,7 @@ def test_a_change_that_a_flood_pushed_out_is_told_and_not_taken_over() -> None:
 
     def ask_in_a_flood(source: Source, data: bytes) -> Any:
         answer = ask(source, data)
-        receiver.receive(Source.ARRAY, b'')
+        receiver.receive(Source.PARAMETERS, b'')
         events = receiver.queue.take()
         receiver.answer(events, [found for _, found, _ in engine.take(events).judgements])
         return answer
@@ -288,6 +288,9 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     peer.plain_command([0.0, 0.0])
     peer.wait(lambda: list(peer.states[-1].effort) == [0.0, 0.0])
     assert not any(peer.states[-1].velocity)
+    assert client.set(parameter('bias.effort.shoulder', 0.5)) == (True, '')
+    peer.wait(lambda: list(peer.states[-1].effort) == [0.0, 0.5])
+    assert client.get('bias.effort.shoulder').double_value == 0.5
     plant.push('tip_link', 0.0, 20.0, 0.0)
     peer.wait(lambda: all(peer.states[-1].velocity))
     plant.push('nowhere', 0.0, 1e9, 0.0)
@@ -322,7 +325,9 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     assert summary.settings.joint_damping == (0.5, 0.125)
     assert summary.settings.joint_friction == (0.0, 0.25)
     assert summary.settings.joint_armature == ()
-    assert {'payload_mass': 2.5, 'payload_center': (0.1, 0.0, 0.0)} in recorded_changes(path)
+    changes = recorded_changes(path)
+    assert {'payload_mass': 2.5, 'payload_center': (0.1, 0.0, 0.0)} in changes
+    assert {'bias_effort': (0.0, 0.5)} in changes
 
 
 class Plant:

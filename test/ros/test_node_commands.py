@@ -25,7 +25,7 @@ def test_a_servo_holds_after_the_last_command_and_a_reflex_is_told(
     ]
     arm = processes.arm(
         *(part for pair in gains for part in pair),
-        *('-p', 'armature:=true', '-p', 'recording:=arm.mcap'),
+        *('-p', 'armature:=true', '-p', 'torque_speed:=true', '-p', 'recording:=arm.mcap'),
         *('-p', 'command_timeout:=0.2', '-p', 'on_timeout:=hold'),
         *('-p', 'reflex_effort_rate:=50000.0'),
     )

@@ -198,6 +198,15 @@ def test_outputs_describe_the_true_state_and_not_the_measured_one() -> None:
     assert one['true_states'] == one[STATES]
 
 
+def test_true_states_have_the_welded_joints_that_joint_states_have() -> None:
+    welded = {'robot': 'puma560', 'joints': (), 'initial_positions': (0.1, 0.2, 0.3, 0.4)}
+    locked = {'locked': ('joint6', 'joint5'), 'locked_positions': (0.25, -0.5)}
+    for published in (True, False):
+        engine = made(**welded, **locked, publish_locked=published, outputs=('true_states',))
+        found = {output.role: output.data for output in engine.step()}
+        assert found['true_states'] == found[STATES]
+
+
 def test_outputs_come_between_state_and_tick_with_the_number_of_the_state() -> None:
     engine = made(robot='planar2', joints=(), initial_positions=(), publish_rate=200.0)
     found = [output for _ in range(20) for output in engine.step()]

@@ -159,6 +159,18 @@ def test_an_arm_that_stood_does_not_rush_after_its_clock(names: tuple[str, str])
     assert engine.cycles == 0
 
 
+@pytest.mark.parametrize(
+    'data', [b'', b'\0\1\0\0', b'\0\1\0\0\5\0\0\0', bytes(12)[:11], b'?' * 12]
+)
+def test_bytes_that_are_no_tick_change_nothing(data: bytes) -> None:
+    engine = following()
+    engine.take([tick(100 * MS)])
+    assert verdict(engine, Arrival(Source.TICK, 2, data)) is Verdict.MALFORMED
+    assert engine.stands
+    engine.take([tick(101 * MS)])
+    assert run(engine) == 101 * MS
+
+
 def test_a_tick_for_an_arm_with_a_clock_of_its_own_is_no_message() -> None:
     assert verdict(made(), tick(5)) is Verdict.MALFORMED
 

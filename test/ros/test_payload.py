@@ -169,7 +169,7 @@ def test_changes_replace_the_effects_of_a_scene_file() -> None:
     engine = moving(scene=pfd.scene_to_yaml(scene))
     assert engine.arm.scene.payload == heavy
     judged(engine, change(payload_mass=1.0))
-    assert engine.arm.scene.payload == pfd.Payload(1.0)
+    assert engine.arm.scene.payload == pfd.Payload(1.0, (0.1, 0.0, 0.0))
     assert engine.arm.scene.gravity_compensation
     judged(engine, change(payload_mass=0.0, gravity_compensation=False))
     assert engine.arm.scene == pfd.Scene(damping=(0.5, 0.2), brakes=True)
@@ -186,7 +186,7 @@ def test_a_prepared_plant_is_the_one_compiled_at_the_event() -> None:
         for _ in range(20):
             one.step()
     assert bits(engine) == bits(other)
-    for mass in range(1, 20):
+    for mass in range(1, 7):
         engine.arm.prepare(Settings(**{**vars(engine.settings), 'payload_mass': float(mass)}))
     assert len(engine.arm._prepared) <= 4
 
@@ -284,3 +284,23 @@ def test_an_engine_with_every_effect_off_is_that_of_a_plain_simulator() -> None:
         engine.step()
         wanted.step([1.0, 0.5], brakes=np.zeros(2, bool))
     assert engine.arm.q.tobytes() == wanted.q.tobytes()
+
+
+def test_friction_stops_and_lagging_motors_go_on_beside_a_new_payload(tmp_path: Path) -> None:
+    events = {1: [efforts(4.0, 1.0)], 40: [payload(TIP, 1.5, (0.1, 0.0, 0.0))]}
+    chosen = {
+        'joint_friction': (0.3, 0.1),
+        'motor_lag': (0.05, 0.0),
+        'joint_limits': True,
+        'initial_positions': (0.3, -0.2),
+    }
+    path = simulate(80, events, **chosen).save(tmp_path / 'a.mcap')
+    assert read(path, verify=True).complete
+    engine = made(**chosen)
+    judged(engine, (Source.ARRAY, efforts(4.0, 1.0)))
+    for _ in range(40):
+        engine.step()
+    lagging = engine.arm._simulator._now.arrays['tau_motor'].copy()
+    assert 0.5 < lagging[0] < 3.5
+    judged(engine, payload(TIP, 1.5))
+    assert engine.arm._simulator._now.arrays['tau_motor'].tolist() == lagging.tolist()

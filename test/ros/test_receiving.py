@@ -33,6 +33,20 @@ def test_the_oldest_makes_room_and_its_number_is_told() -> None:
     assert queue.take() == [Arrival(NAMED, 3, b'y')]
 
 
+def test_a_flood_of_commands_drops_no_request() -> None:
+    queue = EventQueue(most=3)
+    request = Arrival(Source.REQUEST, 1, b'r')
+    queue.put(request)
+    sent = [Arrival(NAMED, k, b'x') for k in range(1, 11)]
+    for arrival in sent:
+        queue.put(arrival)
+    assert queue.take() == [Overflow(NAMED, range(1, 9)), request, *sent[8:]]
+    requests = [Arrival(Source.REQUEST, k, b'r') for k in range(2, 7)]
+    for arrival in requests:
+        queue.put(arrival)
+    assert queue.take() == [Overflow(Source.REQUEST, range(2, 4)), *requests[2:]]
+
+
 def test_bytes_are_bounded_and_one_large_message_still_gets_in() -> None:
     queue = EventQueue(most_bytes=100)
     sent = [Arrival(NAMED, k, bytes(30)) for k in range(1, 11)]

@@ -7,7 +7,7 @@ from __future__ import annotations
 import signal
 
 import pytest
-from ros_processes import JOINTS, PATIENCE, Processes
+from ros_processes import JOINTS, PATIENCE, Processes, call
 
 from pfd_ros.replay.verify import read
 
@@ -44,20 +44,16 @@ def test_a_step_that_never_ends_is_told_and_the_file_is_closed(processes: Proces
 def test_a_callback_that_fails_is_counted_and_the_arm_still_hears(
     processes: Processes, peer_of
 ) -> None:
-    from rcl_interfaces.msg import Parameter, ParameterValue
-    from rcl_interfaces.srv import SetParameters
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
 
     arm = processes.arm()
     peer = peer_of(processes)
     peer.connect()
-    client = peer.node.create_client(SetParameters, '/sim_arm/set_parameters')
-    peer.wait(client.service_is_ready)
-    # rclpy's own callback raises on a type that does not exist.
-    strange = Parameter(name='{0}', value=ParameterValue(type=200))
+    # rclpy's own callback raises on a transition that does not exist.
     for _ in range(3):
-        client.call_async(SetParameters.Request(parameters=[strange]))
-        peer.let_pass()
-    arm.wait_for_text('callbacks failed, the newest by ValueError: 200 is not a valid')
+        assert not call(peer, ChangeState, 'change_state', transition=Transition(id=200)).success
+    arm.wait_for_text('callbacks failed, the newest by RCLError')
     peer.command(JOINTS, [1.0] * 6)
     peer.wait(lambda: peer.states[-1].effort.tolist() == [1.0] * 6)
     assert arm.end(signal.SIGINT) == 0, arm.text()

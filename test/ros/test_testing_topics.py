@@ -255,23 +255,27 @@ def test_a_test_runner_that_is_ended_leaves_no_node_behind(
     code = """
 import time
 from pfd_ros.testing.process_arm import ProcessArm
-from pfd_ros.testing.session import initialised
+from pfd_ros.testing.session import claimed_domain, initialised
 with claimed_domain() as domain, initialised(domain), ProcessArm('planar2') as arm:
     arm.q
     print(arm.process.pid, flush=True)
     time.sleep(60)
 """
     path = [str(ROOT), os.environ.get('PYTHONPATH', '')]
-    runner = subprocess.Popen(
-        [sys.executable, '-c', code],
-        cwd=tmp_path,
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(path)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-    )
+    errors = tmp_path / 'errors.txt'
+    with errors.open('wb') as stderr:
+        runner = subprocess.Popen(
+            [sys.executable, '-c', code],
+            cwd=tmp_path,
+            env={**os.environ, 'PYTHONPATH': os.pathsep.join(path)},
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+        )
     assert runner.stdout is not None
     with runner.stdout as stdout:
-        pid = int(stdout.readline())
+        line = stdout.readline()
+    assert line, errors.read_text()
+    pid = int(line)
     assert running(pid)
     runner.send_signal(end)
     runner.wait(PATIENCE)
@@ -289,7 +293,7 @@ def test_no_segment_of_shared_memory_is_left_after_a_run(tmp_path: Path) -> None
 import os, sys
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.process_arm import ProcessArm
-from pfd_ros.testing.session import initialised
+from pfd_ros.testing.session import claimed_domain, initialised
 # Of these processes only: others come and go.
 def mapped(pid):
     lines = open(f'/proc/{pid}/maps').read().splitlines()

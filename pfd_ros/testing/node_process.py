@@ -77,6 +77,8 @@ class NodeProcess:
                 stdin=subprocess.DEVNULL,
                 stdout=stream,
                 stderr=subprocess.STDOUT,
+                # An interrupt of a terminal is for the tests, which then end the node.
+                start_new_session=True,
             )
 
     @property

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,10 @@ import pytest
 from recordings import HAS_DEFINITIONS
 
 import pfd_core as pfd
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.settings import Settings
 from pfd_ros.replay.verify import read
 from pfd_ros.testing.controller import ControllerError
 from pfd_ros.testing.engine_run import ArmError
@@ -201,6 +205,22 @@ def test_a_state_that_the_arm_refuses_is_an_error_and_changes_nothing(q, text: s
         arm.set_state(q)
     assert not arm.q.any()
     assert arm.time == 0.0
+
+
+def test_an_arm_that_waits_for_its_controller_does_no_step_before_a_command() -> None:
+    settings = Settings(robot='planar2', lockstep=True, wait_for_controller=True)
+    engine = Engine(settings, load_robot(settings))
+    assert engine.stands
+    nothing = np.zeros(2)
+    # A message that is no command is no answer.
+    assert engine.command(np.full(2, np.nan), 1).verdict is Verdict.NOT_FINITE
+    assert engine.stands
+    assert engine.command(nothing, 2).verdict is Verdict.ACCEPTED
+    assert not engine.stands
+    engine.advance()
+    assert engine.stands
+    free = Engine(replace(settings, lockstep=False), engine.robot)
+    assert not free.stands
 
 
 def test_a_controller_may_write_into_its_arguments() -> None:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ros_processes import PATIENCE, ROOT
+from ros_processes import PATIENCE, ROOT, next_domain
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read
@@ -24,7 +24,7 @@ from pfd_ros.testing.exchange import NoAnswerError
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.node_process import NodeProcessError
 from pfd_ros.testing.process_arm import ProcessArm
-from pfd_ros.testing.session import claimed_domain, initialised
+from pfd_ros.testing.session import initialised
 from pfd_ros.testing.trajectory import Trajectory
 
 pytestmark = pytest.mark.ros
@@ -46,7 +46,11 @@ def law(t, q, qd):
 
 @pytest.fixture(scope='module')
 def domain() -> Iterator[int]:
-    with claimed_domain() as found, initialised(found):
+    # The other tests of this run count their domains, and claim none.
+    found = next_domain()
+    with pytest.MonkeyPatch.context() as patch, initialised(found):
+        patch.setenv('ROS_DOMAIN_ID', str(found))
+        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
         yield found
 
 
@@ -258,16 +262,20 @@ with claimed_domain() as domain, initialised(domain), ProcessArm('planar2') as a
     time.sleep(60)
 """
     path = [str(ROOT), os.environ.get('PYTHONPATH', '')]
-    runner = subprocess.Popen(
-        [sys.executable, '-c', code],
-        cwd=tmp_path,
-        env={**os.environ, 'PYTHONPATH': os.pathsep.join(path)},
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-    )
+    errors = tmp_path / 'errors.txt'
+    with errors.open('wb') as stderr:
+        runner = subprocess.Popen(
+            [sys.executable, '-c', code],
+            cwd=tmp_path,
+            env={**os.environ, 'PYTHONPATH': os.pathsep.join(path)},
+            stdout=subprocess.PIPE,
+            stderr=stderr,
+        )
     assert runner.stdout is not None
     with runner.stdout as stdout:
-        pid = int(stdout.readline())
+        line = stdout.readline()
+    assert line, errors.read_text()
+    pid = int(line)
     assert running(pid)
     runner.send_signal(end)
     runner.wait(PATIENCE)

@@ -32,10 +32,12 @@ From the inputs to the outputs:
     sensors           the true state -> the measured one, which joint_states tell
     outputs           what is published beside joint_states: model, tip, energy, true state
     stable_gains      the largest gains of a PD loop through a zero-order hold
+    judging           the verdict on each event, by the rules for its source
+    verdict_rows      the messages that tell the verdicts
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 
-A new input is a Source in `events` and a rule in `engine`. A new output is a role in `events`, its
-numbers in arm.Arm, its bytes in messages.convert, an Output of `engine`, and a row in
+A new input is a Source in `events` and a rule in `judging`. A new output is a role in `events`,
+its numbers in arm.Arm, its bytes in messages.convert, an Output of `engine`, and a row in
 node.endpoints and in recording.format (with always=False: older recordings lack it); stepping and
 recording need no change.
 """

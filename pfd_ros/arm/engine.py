@@ -21,26 +21,23 @@ alone: a failed arm stands still in simulated time and goes on publishing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.changes import PayloadEcho, judge_changes, judge_payload
+from pfd_ros.arm.changes import PayloadEcho
 from pfd_ros.arm.command_link import CommandLink
-from pfd_ros.arm.commands import Judgement, judge_array, judge_named
+from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.drive import Command, Drive, held, let_go
 from pfd_ros.arm.effects import ClockTick, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
     CLOCK,
     COMMANDS,
     DROPPED_STATES,
-    MOVING,
     STATES,
-    TAKEN,
-    TAKEN_COLUMNS,
     Arrival,
     Event,
     Output,
@@ -50,18 +47,15 @@ from pfd_ros.arm.events import (
     VerdictRow,
 )
 from pfd_ros.arm.followed_clock import FollowedClock
+from pfd_ros.arm.judging import Judge
 from pfd_ros.arm.outputs import extra_outputs
 from pfd_ros.arm.pace import Pace
-from pfd_ros.arm.requests import judge_request, judge_state
 from pfd_ros.arm.sensors import JointArrays, sensors_of
 from pfd_ros.arm.settings import Settings
-from pfd_ros.arm.wrench import ExternalWrench, judge_wrench
-from pfd_ros.messages import convert, stamped
-from pfd_ros.text import one_line
+from pfd_ros.arm.verdict_rows import VerdictRows
+from pfd_ros.arm.wrench import ExternalWrench
+from pfd_ros.messages import convert
 
-# Rows of one message: a flood may have dropped a million commands before a cycle.
-MOST_ROWS = 4096
-INACTIVE = Judgement(Verdict.REFUSED, 'the arm is inactive')
 OVERFLOWED = Judgement(Verdict.OVERFLOWED, 'newer ones came before the next step')
 
 
@@ -123,24 +117,21 @@ class Engine:
         self.pace = Pace(
             settings.lockstep, settings.autostart, clock, settings.wait_for_controller
         )
-        self._rows = rows
-        self._row_messages = 0
+        self._rows = VerdictRows() if rows else None
         self._publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
-        self._index = {name: i for i, name in enumerate(robot.joint_names)}
         self.applied = held(robot.n)
         self.link = CommandLink(self.settings, self.arm.order)
         self.actuators = Actuators(self.settings, robot, self.arm.order)
-        self._order = np.array(self.arm.order)
-        # Stamped commands from before are left-overs.
-        self._since_ns = self._reset_ns = settings.start_ns
+        self._rules = Judge(self.arm, self.pace, self.actuators)
         self.wrench = ExternalWrench(settings) if self.arm.scene.external_wrench else None
         self._payload_echo = PayloadEcho(self.arm)
         self.jumps: list[StateChange | None] = []
-        self._locked = settings.published_locks
         self.sensors = sensors_of(self.settings, self.arm)
         self._extra = extra_outputs(self.settings, self.arm)
-        self._encoder = convert.JointStateEncoder(self.arm.names, settings.frame_id, self._locked)
+        self._encoder = convert.JointStateEncoder(
+            self.arm.names, settings.frame_id, settings.published_locks
+        )
 
     @property
     def stands(self) -> bool:
@@ -163,15 +154,15 @@ class Engine:
         for event in events:
             if isinstance(event, Overflow):
                 judgements.append((event.source, OVERFLOWED, len(event.sequences)))
-                if self._rows:
-                    outputs.extend(self._overflow_rows(event))
+                if self._rows is not None:
+                    outputs.extend(self._rows.of_overflow(event, cycle))
                 continue
             judgement = self.accept(event)
             judgements.append((event.source, judgement, 1))
-            if self._rows:
+            if self._rows is not None:
                 rows.append(VerdictRow(cycle, event.source, event.sequence, judgement.verdict))
-        if rows:
-            outputs.append(self._row_message(rows))
+        if self._rows is not None and rows:
+            outputs.append(self._rows.message(rows))
         return Taken(outputs, judgements)
 
     def accept(self, event: Arrival) -> Judgement:
@@ -182,39 +173,7 @@ class Engine:
 
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
-        source, payload = event.source, event.payload
-        if not self.pace.active and source in MOVING:
-            return INACTIVE
-        try:
-            if source is Source.ARRAY:
-                floats = convert.decode_floats(payload)
-                return self._unless_tripped(judge_array(floats, self._order))
-            if source is Source.NAMED:
-                message, gains = convert.decode_joint_state(payload), self.actuators.gains
-                return self._unless_tripped(
-                    judge_named(message, self._index, self._since_ns, gains, self._locked)
-                )
-            if source is Source.SET_STATE:
-                message = convert.decode_joint_state(payload)
-                return judge_state(message, self._index, self._since_ns, self._locked)
-            if source is Source.PARAMETERS:
-                return judge_changes(convert.decode_string(payload), self.arm)
-            if source is Source.TICK:
-                return self.pace.judge_tick(convert.decode_clock(payload), self.arm.stamp_ns)
-            if source is Source.WRENCH:
-                wrench, on = stamped.decode_wrench(payload), self.wrench is not None
-                return judge_wrench(wrench, self.arm.robot, self._reset_ns, taken=on)
-            if source is Source.PAYLOAD:
-                return judge_payload(stamped.decode_inertia(payload), self.arm)
-            return judge_request(convert.decode_string(payload), self.pace)
-        except ValueError as error:
-            return Judgement(Verdict.MALFORMED, one_line(error))
-
-    def _unless_tripped(self, judgement: Judgement) -> Judgement:
-        """Return the judgement on a command, for an arm that a reflex may have braked."""
-        if self.actuators.tripped and judgement.verdict is Verdict.ACCEPTED:
-            return Judgement(Verdict.REFUSED, self.actuators.reflex)
-        return judgement
+        return self._rules.judge(event)
 
     def _apply(self, event: Arrival, judgement: Judgement) -> None:
         source, effect = event.source, judgement.effect
@@ -237,7 +196,7 @@ class Engine:
                 self._forget_commands(held(len(self.arm.order)))
             if effect.name == 'reset':
                 self.jumps = [None]
-                self._reset_ns = self._since_ns
+                self._rules.reset_ns = self._rules.since_ns
             if effect.name in ('reset', 'clear_wrench'):
                 self._clear_wrench()
             self.pace.request(effect)
@@ -246,16 +205,14 @@ class Engine:
         """Go on with a drive, and without all commands from before the next step."""
         self.link.clear(drive)
         self.actuators.restart()
-        self._since_ns = self.arm.stamp_ns + self.settings.step_ns
+        self._rules.since_ns = self.arm.stamp_ns + self.settings.step_ns
 
     def command(self, efforts: np.ndarray, sequence: int) -> Judgement:
         """Judge and apply efforts (n,) in published order, as a command without names has them.
 
         For callers that neither record nor publish the command, of this number: it has no bytes.
         """
-        judgement = INACTIVE
-        if self.pace.active:
-            judgement = self._unless_tripped(judge_array(efforts, self._order))
+        judgement = self._rules.judge_efforts(efforts)
         self._apply(Arrival(Source.ARRAY, sequence, b''), judgement)
         return judgement
 
@@ -278,7 +235,7 @@ class Engine:
         assert clock is not None
         if clock.until_ns is None:
             self.arm.leap(tick.stamp_ns)
-            self._since_ns = tick.stamp_ns
+            self._rules.since_ns = tick.stamp_ns
         clock.until_ns = tick.stamp_ns
 
     def step(self) -> list[Output]:
@@ -309,7 +266,7 @@ class Engine:
                 self.sensors.sample()
         self.pace.stepped(published=self._state_role() == STATES)
         if self.pace.waits:
-            self._since_ns = self.arm.stamp_ns
+            self._rules.since_ns = self.arm.stamp_ns
 
     def _state_role(self) -> str:
         """Return the role of this cycle's state, '' if it has none."""
@@ -359,19 +316,6 @@ class Engine:
         if not self.arm.failure:
             raise RuntimeError('only an arm that failed stands still')
         self.cycles = max(self.cycles, cycle)
-
-    def _overflow_rows(self, event: Overflow) -> Iterator[Output]:
-        for start in range(0, len(event.sequences), MOST_ROWS):
-            yield self._row_message(
-                [
-                    VerdictRow(self.cycles + 1, event.source, sequence, Verdict.OVERFLOWED)
-                    for sequence in event.sequences[start : start + MOST_ROWS]
-                ]
-            )
-
-    def _row_message(self, rows: list[VerdictRow]) -> Output:
-        self._row_messages += 1
-        return Output(TAKEN, self._row_messages, convert.encode_rows(rows, TAKEN_COLUMNS))
 
     def _add_state_and_tick(self, outputs: list[Output]) -> None:
         """Add the state of this cycle, the outputs beside it, and the clock tick."""

@@ -34,7 +34,6 @@ from rewriting import Recording
 from simulating import efforts, simulate
 
 from pfd_ros.recording import recorder as recording
-from pfd_ros.recording.format import CHANNELS
 from pfd_ros.recording.mcap_file import FileHead, TimeBase, Topic
 from pfd_ros.recording.recorder import LogRecorder
 from pfd_ros.recording.sink import Sink
@@ -163,7 +162,7 @@ def test_the_part_of_a_run_before_the_disk_was_full_replays_to_the_same_bits(
     assert 'File too large; what was written stays readable' in reports[0]
     summary = replay.read(tmp_path / 'a.mcap', verify=True)
     assert not summary.complete
-    states = list(CHANNELS).index('joint_states')
+    states = [topic.name for topic in recorder.topics].index('/joint_states')
     assert 0 < summary.states == recorder.recorded[states] < 400
     assert recorder.recorded[states] + recorder.dropped[states] == 400
 

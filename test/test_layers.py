@@ -177,11 +177,14 @@ def test_the_check_sees_a_circle(tmp_path: Path) -> None:
         circle(found)
 
 
+FORMATTED = ('pfd_core', 'pfd_ros', 'test', 'benchmarks', 'launch', 'docs/examples', 'setup.py')
+
+
 @pytest.mark.parametrize(
     'command',
     [
-        ('ruff', 'check', 'pfd_core', 'pfd_ros', 'test', 'benchmarks', 'setup.py'),
-        ('ruff', 'format', '--check', 'pfd_core', 'pfd_ros', 'test', 'benchmarks', 'setup.py'),
+        ('ruff', 'check', *FORMATTED),
+        ('ruff', 'format', '--check', *FORMATTED),
         ('mypy',),
     ],
     ids=['lint', 'format', 'types'],

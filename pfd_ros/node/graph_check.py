@@ -17,6 +17,7 @@ from typing import Any
 from rclpy.duration import Infinite
 from rclpy.node import Node
 from rclpy.qos import (
+    DurabilityPolicy,
     LivelinessPolicy,
     QoSCompatibility,
     QoSProfile,
@@ -203,4 +204,6 @@ def _cure(end: Any, info: Any, publishing: bool) -> str:
         return 'subscribe reliable or best effort, volatile, without deadline and liveliness'
     if info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT:
         return f'publish reliable, or leave out the parameter {reliability_parameter(end)}'
-    return 'publish reliable and volatile, without deadline and liveliness'
+    latched = end.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
+    durability = 'transient local' if latched else 'volatile'
+    return f'publish reliable and {durability}, without deadline and liveliness'

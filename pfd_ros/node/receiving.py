@@ -49,6 +49,7 @@ class EventQueue:
     _lock: threading.Condition = field(default_factory=threading.Condition)
     _waiting: deque[Arrival] = field(default_factory=deque)
     _bytes: int = 0
+    _woken: bool = False
     _dropped: dict[Source, range] = field(default_factory=dict)
 
     def put(self, arrival: Arrival) -> None:
@@ -62,14 +63,16 @@ class EventQueue:
                 self._drop_oldest()
 
     def wake(self) -> None:
-        """End a `wait` that has an event."""
+        """End a `wait`, or else the next one: there is an event, or other work."""
         with self._lock:
+            self._woken = True
             self._lock.notify()
 
     def wait(self, seconds: float) -> None:
-        """Return when there is an event, or after so many seconds without one."""
+        """Return when there is an event or `wake` says so, or after so many seconds."""
         with self._lock:
-            self._lock.wait_for(lambda: bool(self._waiting), seconds)
+            self._lock.wait_for(lambda: self._woken or bool(self._waiting), seconds)
+            self._woken = False
 
     def _drop_oldest(self) -> None:
         # Almost always the first one.

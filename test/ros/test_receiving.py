@@ -33,6 +33,21 @@ def test_the_oldest_makes_room_and_its_number_is_told() -> None:
     assert queue.take() == [Arrival(NAMED, 3, b'y')]
 
 
+def test_a_wait_ends_for_an_event_and_when_it_is_woken_without_one() -> None:
+    # Else this test would not end.
+    for_ever = 1e6
+    queue = EventQueue()
+    queue.wake()
+    queue.wait(for_ever)
+    queue.put(Arrival(NAMED, 1, b''))
+    queue.wait(for_ever)
+    with ThreadPoolExecutor(1) as pool:
+        queue.take()
+        waiting = pool.submit(queue.wait, for_ever)
+        queue.wake()
+        waiting.result()
+
+
 def test_a_flood_of_commands_drops_no_request() -> None:
     queue = EventQueue(most=3)
     request = Arrival(Source.REQUEST, 1, b'r')

@@ -15,7 +15,8 @@ From the inputs to the outputs:
     scene             the scene of the settings: from a file or from their switches
     events            the event rule: events and outputs, sources, verdicts
     effects           the effects of events that are no commands: requests, states to jump to
-    commands          the rules for a command, NaN and infinity among them, and its drive
+    drive             the drive of the joints, and what a command changes in it
+    commands          the rules for a command, NaN and infinity among them
     tip_frames        frames that the last link carries: wrenches and inertias brought to its own
     wrench            the rules for external wrenches, and how long one acts
     requests          the rules for requests (pause, step, reset) and for states to jump to

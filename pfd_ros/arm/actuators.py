@@ -6,7 +6,8 @@
 
 within the limits of the motors. As drives do, they decide once per cycle and hold the effort for
 it; so the effort that joint_states tells is exactly the one that acted. It is the effort after the
-limits, without friction, and without the gravity torque that drives with gravity compensation add.
+limits, without friction, and without the gravity torque that drives with gravity compensation add:
+commands and states have one convention. Motors with a lag follow it.
 
 See docs/decisions/0019-limits-of-actuators.md.
 """
@@ -19,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from pfd_ros.arm.command_settings import check_servo
-from pfd_ros.arm.commands import Drive, Gains, held
+from pfd_ros.arm.drive import Drive, Gains, held
 from pfd_ros.arm.settings import Settings
 from pfd_ros.text import cut
 
@@ -49,6 +50,8 @@ class Actuators:
 
     Attributes
     ----------
+    gains
+        Of the servos, None if all are zero.
     saturated
         Cycles in which a limit cut an effort.
     tripped
@@ -87,6 +90,7 @@ class Actuators:
         self._least = -self._most
         self._slow = float(np.min(self._speeds)) if settings.torque_speed else np.inf
         self._gains = Gains(self._of_joints(settings.servo_p), self._of_joints(settings.servo_d))
+        self.gains = self._gains if self._gains.p.any() or self._gains.d.any() else None
         self._servo = None
         rate = settings.reflex_effort_rate
         self._largest_jump = rate * settings.step_size if rate else np.inf
@@ -97,11 +101,6 @@ class Actuators:
         """Forget the last efforts and the reflex that they tripped."""
         self.tripped = False
         self._before = None
-
-    @property
-    def gains(self) -> Gains | None:
-        """The gains of the servos, None if all are zero."""
-        return self._gains if self._gains.p.any() or self._gains.d.any() else None
 
     def _of_joints(self, values: Sequence[float]) -> np.ndarray:
         """Return a setting with a number for each joint in model order, (n,)."""
@@ -147,14 +146,16 @@ class Actuators:
         before, self._before = self._before, wanted
         if before is None or self.tripped:
             return self.tripped
-        jumps = np.abs(wanted.effort - before.effort)
-        jumps[before.braked | wanted.braked] = 0.0
-        joint = int(np.argmax(jumps))
-        if jumps[joint] > self._largest_jump:
+        # Halves: a difference of the largest numbers would overflow.
+        halves = np.abs(0.5 * wanted.effort - 0.5 * before.effort)
+        halves[before.braked | wanted.braked] = 0.0
+        joint = int(np.argmax(halves))
+        jump = 2.0 * float(halves[joint])
+        if jump > self._largest_jump:
             self.tripped = True
             self.trips += 1
             self.reflex = (
-                f'the effort of {cut(self._names[joint])!r} jumped by {jumps[joint]:.6g} in a '
+                f'the effort of {cut(self._names[joint])!r} jumped by {jump:.6g} in a '
                 f'cycle, expected {self._largest_jump:.6g} at most; ~/reset ends it'
             )
         return self.tripped

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.commands import Drive
+from pfd_ros.arm.drive import Drive
 from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.scene import scene_of

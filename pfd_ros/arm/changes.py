@@ -18,14 +18,14 @@ from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.command_settings import check_servo
 from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import SettingsChange
-from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.events import PAYLOAD_IN_USE, Output, Verdict
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
 from pfd_ros.arm.scene import payload_numbers, with_own_effects
 from pfd_ros.arm.setting_fields import check_joint_counts, typed
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.tip_frames import body_at_tip, tip_frame
 from pfd_ros.messages.convert import encode_string
-from pfd_ros.messages.stamped import InertiaMessage
+from pfd_ros.messages.stamped import InertiaMessage, encode_inertia
 from pfd_ros.text import listed
 
 # Every dynamic setting of an arm with a hundred joints fits in.
@@ -120,8 +120,20 @@ def judge_values(values: Mapping[str, Any], arm: Arm) -> Judgement:
     return Judgement(Verdict.ACCEPTED, ', '.join(values), effect=SettingsChange(found, plant))
 
 
-def payload_message(payload: pfd.Payload | None, stamp_ns: int, tip: str) -> InertiaMessage:
-    """Return a payload, or zeros for none, as it is published."""
-    if payload is None:
-        return InertiaMessage(stamp_ns, tip, 0.0, (0.0,) * 3, (0.0,) * 6)
-    return InertiaMessage(stamp_ns, tip, *payload_numbers(payload))
+class PayloadEcho:
+    """The payload of an arm, told once from the first state on that it acts on."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self._told: pfd.Payload | None = None
+        self._count = 0
+
+    def output(self) -> Output | None:
+        """Return the message about a payload that was not told yet, after a step."""
+        payload = self._arm.scene.payload
+        if payload is self._told or payload == self._told or self._arm.failure:
+            return None
+        self._told, self._count = payload, self._count + 1
+        numbers = (0.0, (0.0,) * 3, (0.0,) * 6) if payload is None else payload_numbers(payload)
+        message = InertiaMessage(self._arm.stamp_ns, self._arm.robot.tip, *numbers)
+        return Output(PAYLOAD_IN_USE, self._count, encode_inertia(message))

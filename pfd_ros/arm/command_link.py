@@ -19,7 +19,7 @@ import math
 
 import numpy as np
 
-from pfd_ros.arm.commands import Command, Drive, held, let_go, merge
+from pfd_ros.arm.drive import Command, Drive, held, let_go, merge
 from pfd_ros.arm.noise import Channel, uniform
 from pfd_ros.arm.settings import Settings
 
@@ -105,14 +105,19 @@ class CommandLink:
     def _arrive(self, drive: Drive, cycle: int) -> None:
         self.drive, self._heard, self.timed_out = drive, cycle, False
 
-    def advance(self, cycle: int, q: np.ndarray) -> None:
-        """Let a cycle begin, in which the joints are at `q`, (n,) in published order."""
+    def advance(self, cycle: int, q: np.ndarray) -> bool:
+        """Let a cycle begin, with the joints at `q`; return whether the watchdog acts in it.
+
+        Positions are (n,) in published order, rad or m.
+        """
         while self._line and self._line[0][0] <= cycle:
             self._arrive(self._line.popleft()[1], cycle)
-        if cycle - self._heard >= self._timeout:
-            self.clear(self._without_commands(q))
-            self.timed_out = True
-            self.timeouts += 1
+        if cycle - self._heard < self._timeout:
+            return False
+        self.clear(self._without_commands(q))
+        self.timed_out = True
+        self.timeouts += 1
+        return True
 
     def _without_commands(self, q: np.ndarray) -> Drive:
         """Return the drive of an arm whose controller is silent."""

@@ -32,10 +32,12 @@ class CommandSettings:
         values=('plain', 'franka'),
     )
     effort_limits: bool = setting(
-        True, "Cut efforts to the model's limits; joints without one get a wide one"
+        True, "Cut efforts to the model's limits; joints without one get a wide one", dynamic=True
     )
     torque_speed: bool = setting(
-        True, "Let efforts fall from the model's velocity limits on, to none at twice that"
+        True,
+        "Let efforts fall from the model's velocity limits on, to none at twice that",
+        dynamic=True,
     )
     servo_p: tuple[float, ...] = setting(
         (),

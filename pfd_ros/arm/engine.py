@@ -28,16 +28,16 @@ import numpy as np
 
 from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.changes import judge_changes, judge_payload, payload_message
+from pfd_ros.arm.changes import PayloadEcho, judge_changes, judge_payload
 from pfd_ros.arm.command_link import CommandLink
-from pfd_ros.arm.commands import Command, Drive, Judgement, held, judge_array, judge_named, let_go
+from pfd_ros.arm.commands import Judgement, judge_array, judge_named
+from pfd_ros.arm.drive import Command, Drive, held, let_go
 from pfd_ros.arm.effects import ClockTick, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
     CLOCK,
     COMMANDS,
     DROPPED_STATES,
     MOVING,
-    PAYLOAD_IN_USE,
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
@@ -135,8 +135,7 @@ class Engine:
         # Stamped commands from before are left-overs.
         self._since_ns = self._reset_ns = settings.start_ns
         self.wrench = ExternalWrench(settings) if self.arm.scene.external_wrench else None
-        self._payload_is_new = self.arm.scene.payload is not None
-        self._payloads = 0
+        self._payload_echo = PayloadEcho(self.arm)
         self.jumps: list[StateChange | None] = []
         self._locked = settings.published_locks
         self.sensors = sensors_of(self.settings, self.arm)
@@ -266,7 +265,6 @@ class Engine:
 
     def _set(self, change: SettingsChange) -> None:
         """Take over other values of dynamic settings; all others are as before."""
-        before = self.arm.scene.payload
         self.settings = change.settings
         self.arm.change(change.settings, change.plant)
         self.link.set(self.settings)
@@ -274,8 +272,6 @@ class Engine:
         self.sensors = sensors_of(self.settings, self.arm, self.sensors)
         if change.plant is not None:
             self._extra = extra_outputs(self.settings, self.arm)
-        if self.arm.scene.payload != before:
-            self._payload_is_new = True
 
     def _follow(self, tick: ClockTick) -> None:
         clock = self.pace.clock
@@ -290,8 +286,9 @@ class Engine:
         self.advance()
         outputs: list[Output] = []
         self._add_state_and_tick(outputs)
-        if self._payload_is_new and not self.arm.failure:
-            outputs.insert(0, self._payload_in_use())
+        new_payload = self._payload_echo.output()
+        if new_payload is not None:
+            outputs.insert(0, new_payload)
         return outputs
 
     def advance(self) -> None:
@@ -326,20 +323,15 @@ class Engine:
 
         A failed arm has no drives: a gap in its cycles changes nothing.
         """
-        self.link.advance(self.cycles, self.arm.q)
+        if self.link.advance(self.cycles, self.arm.q):
+            # The watchdog is no controller: a reflex does not look at its jump.
+            self.actuators.restart()
         if self.jumps:
             self.applied = let_go(self.link.drive)
             return
         self.applied = self.actuators.applied(self.link.drive, self.arm.q, self.arm.qd)
         if self.actuators.tripped:
             self.link.clear(self.applied)
-
-    def _payload_in_use(self) -> Output:
-        """Return the payload from this cycle on, at the origin and in the axes of the tip link."""
-        self._payload_is_new = False
-        self._payloads += 1
-        message = payload_message(self.arm.scene.payload, self.arm.stamp_ns, self.arm.robot.tip)
-        return Output(PAYLOAD_IN_USE, self._payloads, stamped.encode_inertia(message))
 
     def measured(self) -> JointArrays:
         """Return the positions, velocities and efforts that the state of this cycle tells."""

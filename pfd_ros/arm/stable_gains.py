@@ -52,7 +52,15 @@ def gain_limits(inertia: np.ndarray, period: float) -> GainLimits:
         H (n, n), kg m^2 or kg, positive definite.
     period
         Time from one reading of the state to the next, T, s.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the matrix is not finite and positive definite.
     """
+    if not np.isfinite(inertia).all():
+        raise np.linalg.LinAlgError('the inertia matrix is not finite')
+    np.linalg.cholesky(inertia)
     diagonal = np.diagonal(inertia)
     scale = 1.0 / np.sqrt(diagonal)
     # 1 without coupling, close to 0 where the joints throw each other about.

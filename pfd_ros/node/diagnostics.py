@@ -27,6 +27,7 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 import pfd_core as pfd
+from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import COMMANDS, Verdict
 from pfd_ros.arm.stable_gains import gain_limits
@@ -65,20 +66,26 @@ class _Seen(NamedTuple):
     not_recorded: int
 
 
+class MassKernels:
+    """Inertia matrix and energy of an arm in one scene, compiled."""
+
+    def __init__(self, arm: Arm) -> None:
+        self.scene = arm.scene
+        self.inertia = pfd.compile_kernel(arm.robot, scene=arm.scene, quantity='inertia_matrix')
+        self.energy = pfd.compile_kernel(arm.robot, scene=arm.scene, quantity='energy')
+
+
 @dataclass
 class ArmDiagnostics:
-    """The tasks of one arm; makes what it computes with when the arm is configured."""
+    """The tasks of one arm."""
 
     stepper: Stepper
     counts: CommandCounts
     log: ThrottledLog
+    kernels: MassKernels
 
     def __post_init__(self) -> None:
-        """Compile the inertia matrix and the energy."""
-        engine = self.stepper.engine
-        robot, scene = engine.robot, engine.arm.scene
-        self._inertia = pfd.compile_kernel(robot, scene=scene, quantity='inertia_matrix')
-        self._energy = pfd.compile_kernel(robot, scene=scene, quantity='energy')
+        """Begin to count."""
         self._last = self._seen()
 
     def _seen(self) -> _Seen:
@@ -183,11 +190,12 @@ class ArmDiagnostics:
         settings, arm = engine.settings, engine.arm
         q, qd = np.empty((2, len(arm.order)))
         q[list(arm.order)], qd[list(arm.order)] = arm.q, arm.qd
-        kinetic, potential = self._energy(q, qd)
+        if self.kernels.scene is not arm.scene:
+            # Another payload, which the stepping thread has compiled its own kernels for.
+            self.kernels = MassKernels(arm)
+        kinetic, potential = self.kernels.energy(q, qd)
         # The controller reads each published state.
         period = settings.publish_every * settings.step_ns / NANOSECONDS
-        limits = gain_limits(self._inertia(q), period)
-        order = list(arm.order)
         return Task(
             'simulation',
             ERROR if arm.failure else OK,
@@ -200,11 +208,7 @@ class ArmDiagnostics:
                 ('kinetic_energy_J', f'{kinetic:.6g}'),
                 ('potential_energy_J', f'{potential:.6g}'),
                 ('control_period_s', period),
-                # Stable below these; without delay, gains in one proportion for all joints.
-                ('pd_limit.kp_over_kd', f'{limits.ratio:.6g}'),
-                ('pd_limit.kd', _numbers(limits.velocity[order])),
-                ('pd_limit.kp', _numbers(limits.position[order])),
-                ('pd_limit.same_kd_for_all', f'{limits.equal_velocity:.4g}'),
+                *_largest_gains(self.kernels.inertia(q), period, list(arm.order)),
             ],
         )
 
@@ -226,6 +230,23 @@ class ArmDiagnostics:
         if now.not_recorded > last.not_recorded:
             return Task('recording', WARN, 'the disk is too slow', values)
         return Task('recording', OK, 'goes on', values)
+
+
+def _largest_gains(
+    inertia: np.ndarray, period: float, order: Sequence[int]
+) -> list[tuple[str, object]]:
+    """Return bounds of stable gains, without delay, in one proportion for all joints."""
+    try:
+        limits = gain_limits(inertia, period)
+    except np.linalg.LinAlgError:
+        # An arm so far from any use that its inertia matrix is not finite.
+        return []
+    return [
+        ('pd_limit.kp_over_kd', f'{limits.ratio:.6g}'),
+        ('pd_limit.kd', _numbers(limits.velocity[order])),
+        ('pd_limit.kp', _numbers(limits.position[order])),
+        ('pd_limit.same_kd_for_all', f'{limits.equal_velocity:.4g}'),
+    ]
 
 
 def _numbers(values: Iterable[float]) -> str:

@@ -14,11 +14,16 @@ from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.node.endpoints import Endpoints, type_name
 from pfd_ros.node.graph_check import GraphCheck
-from pfd_ros.node.stepping import Stepper
+from pfd_ros.node.stepping import RESEND_SECONDS, Stepper
 from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.recording.format import ROLE_OF_SOURCE
 from pfd_ros.text import cut, listed
 
+# Behind a number of seconds.
+WAITS_TEXT = (
+    's in lockstep without a command that has the stamp of the last state, a later one or none; '
+    'does the controller run at publish_rate, and by a clock of that clock_rate?'
+)
 # A clock may be slow, and discovery takes up to three seconds.
 LOST_CLOCK_SECONDS = 5
 
@@ -69,6 +74,8 @@ class Reporter:
         tell('timeouts', link.timeouts, TIMEOUT_TEXT, last=last)
         text = f'times a reflex braked all joints: {actuators.reflex}'
         tell('reflex', actuators.trips, text, error=True, last=last)
+        waited = int(self.stepper.resent * RESEND_SECONDS)
+        tell('lockstep', waited, WAITS_TEXT, last=last)
         failure = self.stepper.engine.arm.failure
         text = f'failure, simulation stopped: {failure}'
         tell('failure', int(bool(failure)), text, error=True, last=last)

@@ -26,7 +26,7 @@ from pfd_ros.node import parameters
 from pfd_ros.node.changing import Changes
 from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.description import load_model, publish_description
-from pfd_ros.node.diagnostics import ArmDiagnostics
+from pfd_ros.node.diagnostics import ArmDiagnostics, MassKernels
 from pfd_ros.node.endpoints import NonblockingPublisher, create_endpoints
 from pfd_ros.node.graph_check import GraphCheck
 from pfd_ros.node.log_session import open_session
@@ -93,7 +93,7 @@ class SimArm:
         self._subscriptions = endpoints.subscriptions
         if settings.publish_description:
             publish_description(node, model)
-        counts = CommandCounts()
+        counts, kernels = CommandCounts(), MassKernels(engine.arm)
         graph = GraphCheck(node, endpoints, log)
         # After everything that a parameter can make fail: a refused parameter leaves no file.
         session = open_session(node, engine.settings, robot, endpoints)
@@ -105,7 +105,7 @@ class SimArm:
         create_services(node, self._receiver, engine)
         stepper = Stepper(engine, self._receiver, session, publishers, counts)
         self.reporter = Reporter(log, endpoints, stepper, graph)
-        self.diagnostics = ArmDiagnostics(stepper, counts, log)
+        self.diagnostics = ArmDiagnostics(stepper, counts, log, kernels)
         _warn_about(settings, robot, log)
         self._changes = Changes(self._receiver, engine)
         self._set_parameters = parameters.ParameterChanges(self._changes).set

@@ -36,7 +36,8 @@ import numpy as np
 from ros_processes import JOINTS, Peer, Process, Processes, resident_bytes
 
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.commands import Command, Judgement
+from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.drive import Command
 from pfd_ros.arm.effects import WrenchChange
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict

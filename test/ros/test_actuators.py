@@ -15,7 +15,7 @@ from simulating import efforts, joint_state, simulate
 
 import pfd_core as pfd
 from pfd_ros.arm.actuators import Actuators, effort_limits, speed_limits
-from pfd_ros.arm.commands import Drive
+from pfd_ros.arm.drive import Drive
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+import random
 from typing import Any
 
 import numpy as np
@@ -284,6 +285,21 @@ def test_a_reflex_sees_the_effort_of_a_servo() -> None:
     assert engine.actuators.tripped
 
 
+def test_a_reflex_is_tripped_by_a_jump_of_any_size() -> None:
+    engine = made(**REFLEX)
+    for effort in (1e308, -1e308):
+        send(engine, efforts(effort, 0.0))
+        taus(engine, 1)
+    assert engine.actuators.tripped
+
+
+def test_a_reflex_does_not_see_the_jump_of_the_watchdog() -> None:
+    engine = made(**REFLEX, command_timeout=0.005, on_timeout='zero')
+    send(engine, efforts(9.0, -5.0))
+    assert taus(engine, 8) == [[9.0, -5.0]] * 5 + [[0.0, 0.0]] * 3
+    assert (engine.link.timeouts, engine.actuators.tripped) == (1, False)
+
+
 def test_in_lockstep_an_arm_that_a_reflex_braked_goes_on() -> None:
     engine = made(lockstep=True, **REFLEX)
     for effort in (1.0, 9.0):
@@ -319,3 +335,62 @@ def test_a_recording_with_a_reflex_verifies_verdicts_included(tmp_path: Path) ->
         [0.0, 0.0],
         [1.0, 0.0],
     ]
+
+
+NUMBERS = (0.0, -0.0, 1.0, -3.0, 0.4, 50.0, 1e6, -1e300, NAN, float('inf'))
+
+
+def anything(draw: random.Random) -> bytes | tuple[Source, bytes]:
+    """Return a message of any kind, good or bad."""
+    kind = draw.random()
+    if kind < 0.3:
+        return efforts(*draw.choices(NUMBERS[:8], k=draw.choice((2, 2, 2, 3))))
+    if kind < 0.8:
+        names = draw.sample((*NAMES, 'nobody'), draw.choice((1, 2, 2, 3)))
+        arrays = [
+            draw.choices(NUMBERS, weights=(*[9] * 6, 2, 1, 9, 1), k=draw.choice((0, len(names))))
+            for _ in range(3)
+        ]
+        return Source.NAMED, joint_state(names, *arrays)
+    if kind < 0.84:
+        return Source.REQUEST, RESET
+    if kind < 0.9:
+        return Source.SET_STATE, joint_state(NAMES, draw.choices(NUMBERS[:7], k=2))
+    changes: dict[str, Any] = {
+        'servo_p': draw.choices((0.0, 9.0, 1e9), k=2),
+        'servo_d': draw.choices((0.0, 2.0, 1e9), k=2),
+        'command_timeout': draw.choice((0.0, 0.004)),
+        'on_timeout': draw.choice(('brake', 'zero', 'hold')),
+        'drop_commands': draw.choice((0.0, 0.5)),
+        'reflex_effort_rate': draw.choice((0.0, 0.0, 1e4)),
+        'effort_limits': True,
+    }
+    name = draw.choice(list(changes))
+    return Source.PARAMETERS, encode_changes({name: changes[name]})
+
+
+@pytest.mark.parametrize('seed', range(12))
+def test_any_messages_leave_a_finite_arm_and_a_recording_that_verifies(
+    tmp_path: Path, seed: int
+) -> None:
+    draw = random.Random(seed)
+    settings = {
+        'servo_p': (80.0, draw.choice((0.0, 40.0))),
+        'servo_d': (8.0, 4.0),
+        'delay_commands': draw.choice((0.0, 0.002)),
+        'convention': draw.choice(('plain', 'franka')),
+        'joints': draw.choice((NAMES, NAMES[::-1])),
+    }
+    commands = {
+        cycle: [anything(draw) for _ in range(draw.choice((1, 1, 2)))]
+        for cycle in range(2, 400)
+        if draw.random() < 0.4
+    }
+    recording = simulate(400, commands, **settings)
+    states = verified(recording.save(tmp_path / 'a.mcap'))
+    assert len(states) == 400
+    # In the published order: 20 N m for the shoulder, 10 for the elbow.
+    limits = [{'shoulder': 20.0, 'elbow': 10.0}[name] for name in settings['joints']]
+    for state in states:
+        assert np.isfinite([state.position, state.velocity]).all()
+        assert (np.abs(state.effort) <= limits).all()

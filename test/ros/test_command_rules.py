@@ -7,16 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pfd_ros.arm.commands import (
-    Command,
-    Drive,
-    Gains,
-    Judgement,
-    held,
-    judge_array,
-    judge_named,
-    merge,
-)
+from pfd_ros.arm.commands import Judgement, judge_array, judge_named
+from pfd_ros.arm.drive import Command, Drive, Gains, held, merge
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.node.command_counts import CommandCounts

@@ -82,7 +82,7 @@ def test_lines_of_the_log_are_those_of_the_node() -> None:
     # Texts go over several lines of the source.
     source = re.sub(r"'\n\s+f?'", '', source)
     found = re.findall(r'^\| `(.*?)` \|', TEXT.partition('## When nothing moves')[2], re.M)
-    assert len(found) == 8
+    assert len(found) == 9
     for line in found:
         dropped = line.partition('dropped: ')[2]
         if dropped:
@@ -133,6 +133,8 @@ def test_in_lockstep_every_state_has_the_command_of_its_cycle(
     # Until both are in step, the arm is not slower than the manager.
     peer.wait(lambda: manager.run(1) or any(hardware.latest.effort))
     manager.run(100)
+    # A controller manager that has ended answers no more.
+    arm.wait_for_text('s in lockstep without a command that has the stamp of the last state')
     assert arm.end(signal.SIGINT) == 0, arm.text()
     read(processes.folder / 'arm.mcap', verify=True)
     rows = rows_of(processes.folder / 'arm.mcap')

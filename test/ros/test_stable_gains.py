@@ -32,6 +32,12 @@ def test_one_joint_has_the_bounds_of_the_closed_form() -> None:
     assert loop == pytest.approx(1.058, abs=5e-4)
 
 
+@pytest.mark.parametrize('entry', [float('nan'), float('inf'), -1.0, 0.0])
+def test_a_matrix_that_no_arm_has_is_refused(entry: float) -> None:
+    with pytest.raises(np.linalg.LinAlgError):
+        gain_limits(np.diag([1.0, entry]), PERIOD)
+
+
 def inertias() -> list[np.ndarray]:
     rng = np.random.default_rng(5)
     made = []

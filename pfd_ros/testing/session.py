@@ -104,7 +104,7 @@ def claimed_domain() -> Iterator[int]:
         finally:
             for name, value in before.items():
                 if value is None:
-                    del os.environ[name]
+                    os.environ.pop(name, None)
                 else:
                     os.environ[name] = value
 

@@ -177,7 +177,7 @@ def test_the_check_sees_a_circle(tmp_path: Path) -> None:
         circle(found)
 
 
-FORMATTED = ('pfd_core', 'pfd_ros', 'test', 'benchmarks', 'launch', 'docs/examples', 'setup.py')
+FORMATTED = ('pfd_core', 'pfd_ros', 'test', 'benchmarks', 'launch', 'setup.py')
 
 
 @pytest.mark.parametrize(

@@ -82,7 +82,7 @@ class SimArm:
         model = load_model(node, settings, stopped)
         robot = model.robot
         settings = parameters.declare_joints(node, model.settings, robot)
-        engine = Engine(settings, robot)
+        engine = Engine(settings, robot, rows=bool(settings.recording))
         endpoints = create_endpoints(
             node,
             roles=roles_of(settings),

@@ -45,12 +45,13 @@ class Reporter:
         engine = self.stepper.engine
         named, plain = (self.endpoints.subscriptions[s] for s in (Source.NAMED, Source.ARRAY))
         order = ', '.join(cut(name) for name in engine.arm.names)
+        kinds = 'effort' if engine.actuators.gains is None else 'effort, position, velocity'
         published = ' and '.join(
             f'{publisher.topic_name} ({type_name(publisher)})'
             for publisher in self.endpoints.publishers.values()
         )
         self.log.info(
-            f'takes commands on {named.topic_name} ({type_name(named)}: name and effort) and '
+            f'takes commands on {named.topic_name} ({type_name(named)}: name and {kinds}) and '
             f'{plain.topic_name} ({type_name(plain)}: efforts in this order: {order})'
         )
         self.log.info(f'publishes {published}')

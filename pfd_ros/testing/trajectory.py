@@ -144,11 +144,12 @@ class Trajectory:
         for j in self._columns(joint):
             error = np.where(late, np.abs(self.q[:, j] - goals[j]), 0.0)
             k = int(np.argmax(~(error <= within)))
-            assert error[k] <= within, (
-                f'joint {self.names[j]!r} is {error[k]:.6g} from its target {goals[j]:.6g} at '
-                f't = {self.time[k]:.6g} s, expected within {within:.6g} from '
-                f't = {self.time[0] + by:.6g} s on'
-            )
+            if not error[k] <= within:
+                raise AssertionError(
+                    f'joint {self.names[j]!r} is {error[k]:.6g} from its target {goals[j]:.6g} at '
+                    f't = {self.time[k]:.6g} s, expected within {within:.6g} from '
+                    f't = {self.time[0] + by:.6g} s on'
+                )
 
     def assert_overshoot_below(
         self, bound: float, target: ArrayLike, *, joint: Joints = None
@@ -166,11 +167,12 @@ class Trajectory:
                     'overshoot; name the joints that make a step: joint=...'
                 )
             k = int(np.argmax((self.q[:, j] - goals[j]) / (goals[j] - self.q[0, j])))
-            assert shares[j] < bound, (
-                f'joint {self.names[j]!r} is at {self.q[k, j]:.6g} at t = {self.time[k]:.6g} s, '
-                f'{100 * shares[j]:.4g} % of its step beyond the target {goals[j]:.6g}, '
-                f'expected below {100 * bound:.4g} %'
-            )
+            if not shares[j] < bound:
+                raise AssertionError(
+                    f'joint {self.names[j]!r} is at {self.q[k, j]:.6g} at '
+                    f't = {self.time[k]:.6g} s, {100 * shares[j]:.4g} % of its step beyond the '
+                    f'target {goals[j]:.6g}, expected below {100 * bound:.4g} %'
+                )
 
     def assert_torque_rate_below(self, bound: ArrayLike, *, joint: Joints = None) -> None:
         """Assert that efforts change by less than `bound`, (n,) or one number, N m/s or N/s."""
@@ -179,18 +181,20 @@ class Trajectory:
         for j in self._columns(joint):
             found = metrics.rates(self.time, self.tau[:, j])
             k = int(np.argmax(found)) if len(found) else 0
-            assert not len(found) or found[k] < bounds[j], (
-                f'effort of joint {self.names[j]!r} changes by {found[k]:.6g} per second at '
-                f't = {self.time[k + 1]:.6g} s, from {self.tau[k, j]:.6g} to '
-                f'{self.tau[k + 1, j]:.6g}, expected below {bounds[j]:.6g} per second'
-            )
+            if len(found) and not found[k] < bounds[j]:
+                raise AssertionError(
+                    f'effort of joint {self.names[j]!r} changes by {found[k]:.6g} per second at '
+                    f't = {self.time[k + 1]:.6g} s, from {self.tau[k, j]:.6g} to '
+                    f'{self.tau[k + 1, j]:.6g}, expected below {bounds[j]:.6g} per second'
+                )
 
     def assert_no_limit_hit(self) -> None:
         """Assert that no position, velocity or effort reaches a limit of the robot's model."""
         __tracebackhide__ = True
         hits = self.limits_hit()
         shown = '; '.join(str(hit) for hit in hits[:MOST_LISTED])
-        assert not hits, f'{shown}{"; ..." if len(hits) > MOST_LISTED else ""}'
+        if hits:
+            raise AssertionError(f'{shown}{"; ..." if len(hits) > MOST_LISTED else ""}')
 
     def _columns(self, joint: Joints) -> list[int]:
         if joint is None:

@@ -7,7 +7,7 @@ One status for each task, as REP 107 has it:
     lifecycle      the state of the node
     stepping       real-time factor, time of a step, overruns
     commands       rate, age, rejections by cause, publishers that are not heard, watchdog, reflex
-    simulation     integrator, method, energy, the largest stable gains of a PD loop
+    simulation     integrator, method, its error, energy, the largest stable gains of a PD loop
     recording      open, failed, waiting, dropped
 
 A new value is a pair of texts in the function of its task.
@@ -16,7 +16,7 @@ A new value is a pair of texts in the function of its task.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import time
 from typing import NamedTuple
 
@@ -67,12 +67,33 @@ class _Seen(NamedTuple):
 
 
 class MassKernels:
-    """Inertia matrix and energy of an arm in one scene, compiled."""
+    """Inertia matrix, energy and accelerations of an arm in one scene, compiled."""
 
     def __init__(self, arm: Arm) -> None:
         self.scene = arm.scene
         self.inertia = pfd.compile_kernel(arm.robot, scene=arm.scene, quantity='inertia_matrix')
         self.energy = pfd.compile_kernel(arm.robot, scene=arm.scene, quantity='energy')
+        # Effects that act over a step have no accelerations.
+        smooth = replace(
+            arm.scene,
+            brakes=False,
+            external_wrench=False,
+            friction=None,
+            static_friction=None,
+            stribeck_velocity=None,
+            joint_limits=None,
+            restitution=0.0,
+            motor_lag=None,
+        )
+        self.accelerations = pfd.compile_kernel(
+            arm.robot, method=arm.settings.method, scene=smooth, refine=1
+        )
+        # Compiled now, and not beside a stepping thread.
+        self.error_estimate(*np.zeros((3, arm.robot.n)))
+
+    def error_estimate(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> float:
+        """Return the relative error of accelerations by the method in use, without refinement."""
+        return float(self.accelerations.error_estimate(q, qd, tau)[1])
 
 
 @dataclass
@@ -188,8 +209,9 @@ class ArmDiagnostics:
     def _simulation(self) -> Task:
         engine = self.stepper.engine
         settings, arm = engine.settings, engine.arm
-        q, qd = np.empty((2, len(arm.order)))
-        q[list(arm.order)], qd[list(arm.order)] = arm.q, arm.qd
+        q, qd, tau = np.empty((3, len(arm.order)))
+        for row, values in zip((q, qd, tau), (arm.q, arm.qd, arm.tau), strict=True):
+            row[list(arm.order)] = values
         if self.kernels.scene is not arm.scene:
             # Another payload, which the stepping thread has compiled its own kernels for.
             self.kernels = MassKernels(arm)
@@ -205,6 +227,7 @@ class ArmDiagnostics:
                 ('integrator', settings.integrator),
                 ('method', settings.method),
                 ('position_sums', settings.position_sums),
+                ('error_estimate', f'{self.kernels.error_estimate(q, qd, tau):.2g}'),
                 ('kinetic_energy_J', f'{kinetic:.6g}'),
                 ('potential_energy_J', f'{potential:.6g}'),
                 ('control_period_s', period),

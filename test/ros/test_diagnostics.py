@@ -12,6 +12,9 @@ from ros_processes import JOINTS, Processes
 
 from pfd_ros.node.step_timer import StepLengths
 
+# Relative error of accelerations of an ordinary arm in float64, far above its rounding.
+ROUNDING = 1e-13
+
 
 def test_lengths_of_steps_are_those_since_the_last_look_and_the_newest_at_most() -> None:
     lengths = StepLengths()
@@ -54,6 +57,7 @@ def test_a_node_tells_how_its_tasks_go(processes: Processes, peer_of) -> None:
     assert (values['robot'], values['integrator']) == ('puma560', 'rk4')
     # At rest, at 1 kHz: kp/kd below 2/T.
     assert float(values['kinetic_energy_J']) == 0.0
+    assert 0.0 <= float(values['error_estimate']) < ROUNDING
     assert values['pd_limit.kp_over_kd'] == '2000'
     limits = np.array(values['pd_limit.kd'].split(), float)
     assert limits.shape == (6,)

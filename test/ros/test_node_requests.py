@@ -4,16 +4,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 import signal
+import time
 from typing import Any
 
 import numpy as np
 import pytest
 from ros_processes import MILLISECOND, Peer, Processes, call, stamp_ns
+from simulating import rows_of
 
-from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.messages.convert import JointMessage, decode_joint_state
+from pfd_ros.recording.reader import Log
 from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
@@ -38,12 +42,21 @@ def trigger(peer: Peer, name: str) -> Any:
     return call(peer, Trigger, name)
 
 
-def set_state(peer: Peer, position: Sequence[float]) -> None:
+def jump(peer: Peer, position: Sequence[float], arrived: Callable[[], bool]) -> None:
+    """Ask for a state once a second until it has arrived: a first message may come too early."""
     from sensor_msgs.msg import JointState
 
     publisher = peer.node.create_publisher(JointState, '/sim_arm/set_state', 1)
-    peer.wait(publisher.get_subscription_count)
-    publisher.publish(JointState(name=list(NAMES), position=list(position)))
+    message = JointState(name=list(NAMES), position=list(position))
+    due = [0.0]
+
+    def asked() -> bool:
+        if time.monotonic() >= due[0]:
+            due[0] = time.monotonic() + 1.0
+            publisher.publish(message)
+        return arrived()
+
+    peer.wait(asked)
 
 
 def stamps(peer: Peer) -> list[int]:
@@ -95,23 +108,33 @@ def test_pause_step_reset_and_jump_next_to_a_controller_that_goes_on(
     assert pause(peer, False).success
     assert 'refused: step: the arm is not in a pause' in trigger(peer, 'step').message
 
-    seen = len(peer.states)
     assert trigger(peer, 'reset').success
-    peer.wait(lambda: any(map(at([0.3, -0.2]), peer.states[seen:])))
-    there = next(i for i in range(seen, len(peer.states)) if at([0.3, -0.2])(peer.states[i]))
     peer.let_pass(20)
-    # An effort that answered a state before the jump would show at once.
-    first = peer.states[there + 1]
-    assert abs(first.position[0] - 0.3) < 1e-3
-
-    seen = len(peer.states)
-    set_state(peer, [1.0, -1.5])
-    peer.wait(lambda: any(map(at([1.0, -1.5]), peer.states[seen:])))
+    # Farther than the controller lets the arm go by itself.
+    jump(peer, [1.0, -1.5], lambda: peer.states[-1].position[0] > 0.6)
     peer.let_pass(20)
     check_clock(peer)
     assert arm.end(signal.SIGINT) == 0, arm.text()
-    summary = read(processes.folder / 'arm.mcap', verify=True)
+    path = processes.folder / 'arm.mcap'
+    summary = read(path, verify=True)
     assert summary.verdicts[Verdict.REFUSED] == 1
+    # The peer does not get every state; the recording has them.
+    assert not summary.missing
+    states = recorded_states(path)
+    rows = rows_of(path)
+    reset = [row.cycle for row in rows if row.source is Source.REQUEST][-1]
+    jumped = next(row.cycle for row in rows if row.source is Source.SET_STATE)
+    for cycle, place in ((reset, [0.3, -0.2]), (jumped, [1.0, -1.5])):
+        there, after = states[cycle - 1], states[cycle]
+        assert there.position.tolist() == place
+        assert not any(there.velocity)
+        # An effort that answered a state before the jump would show at once.
+        assert np.abs(after.position - place).max() < 1e-3
+
+
+def recorded_states(path: Path) -> list[JointMessage]:
+    entries = Log(path).entries()
+    return [decode_joint_state(entry.data) for entry in entries if entry.role == 'joint_states']
 
 
 def test_lockstep_outlives_its_controller_and_repeats_a_state_that_nobody_answered(

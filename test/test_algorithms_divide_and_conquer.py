@@ -43,6 +43,7 @@ def solution(oracle: Oracle, q: Array, qd: Array, tau: Array) -> Array:
 
 
 @pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.slow
 def test_random_chains_agree_with_pinocchio(schedule: str) -> None:
     for rng, robot in every(4, chains(48, seed=31)):
         plant, oracle = resolve(robot, WRENCH), Oracle(robot)
@@ -100,6 +101,7 @@ def test_fifty_digits_are_those_of_pcrbm_with_everything_on() -> None:
 
 
 @pytest.mark.parametrize('schedule', SCHEDULES)
+@pytest.mark.slow
 def test_held_joints_do_not_accelerate_and_weld_their_links(schedule: str) -> None:
     for rng, robot in chains(12, seed=34):
         q, qd, tau = random_state(rng, robot.n)

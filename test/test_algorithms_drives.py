@@ -35,6 +35,7 @@ from pfd_core.model import Robot, Scene, resolve
 
 @pytest.mark.parametrize('name', NAMES)
 @pytest.mark.parametrize('method', METHODS)
+@pytest.mark.slow
 def test_every_method_agrees_with_pinocchio(method: str, name: str) -> None:
     rng = np.random.default_rng(61)
     for n, share in ((1, 0.0), (1, 1.0), (2, 0.5), (4, 0.3)):
@@ -52,6 +53,7 @@ def test_every_method_agrees_with_pinocchio(method: str, name: str) -> None:
     ('name', 'refine'),
     [*((name, 0) for name in NAMES), ('all', 1), ('limited compensation', 1), ('springs', 1)],
 )
+@pytest.mark.slow
 def test_kernels_agree_with_pinocchio(name: str, refine: int) -> None:
     rng = np.random.default_rng(62)
     every_type = ['revolute', 'prismatic', 'continuous', 'revolute']

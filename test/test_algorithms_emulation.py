@@ -42,6 +42,7 @@ def test_every_method_gives_pinocchios_accelerations(method: str) -> None:
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize('method', pfd.METHODS)
+@pytest.mark.slow
 def test_kernels_of_every_method_give_the_emulators_bits(method: str, dtype: str) -> None:
     rng = np.random.default_rng(2)
     robot = random_chain(rng, 3, joint_types=STRUCTURE[:3])

@@ -314,6 +314,7 @@ def test_an_iteration_that_cannot_run_is_refused(wrong: dict[str, float], messag
 
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
+@pytest.mark.slow
 def test_kernel_and_emulator_give_the_same_bits(method: str, dtype: str) -> None:
     rng = np.random.default_rng(39)
     robot = random_chain(rng, 3)

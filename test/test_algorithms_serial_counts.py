@@ -79,6 +79,7 @@ def parts(method: str, n: int) -> Iterator[tuple[str, tuple[int, int, int]]]:
 
 
 @pytest.mark.parametrize('method', METHODS)
+@pytest.mark.slow
 def test_counts_are_closed_forms_for_1_to_32_joints(method: str) -> None:
     for n in SIZES:
         expected = dict(parts(method, n))

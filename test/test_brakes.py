@@ -56,6 +56,7 @@ def test_emulator_kernel_and_functions_hold_the_same_joints(method: str) -> None
 @pytest.mark.parametrize(
     ('method', 'dtype'), [*product(pfd.METHODS, ['float64']), ('composite_body', 'float32')]
 )
+@pytest.mark.slow
 def test_a_held_joint_without_mass_does_not_accelerate(method: str, dtype: str) -> None:
     for first in (0, 2):
         robot = massless_from(first)
@@ -80,6 +81,7 @@ def test_a_held_joint_without_mass_does_not_accelerate(method: str, dtype: str) 
 
 
 @pytest.mark.parametrize('method', pfd.METHODS)
+@pytest.mark.slow
 def test_digits_and_refinement_take_a_held_joint_without_mass(method: str) -> None:
     robot, held = massless_from(2), np.arange(3) >= 2
     state = random_state(np.random.default_rng(4), 3)
@@ -110,6 +112,7 @@ def test_a_massless_joint_that_is_free_is_still_a_status(method: str) -> None:
 
 
 @pytest.mark.parametrize('method', pfd.METHODS)
+@pytest.mark.slow
 def test_no_brake_is_held_by_default(method: str) -> None:
     robot = random_chain(np.random.default_rng(1), 3)
     state = random_state(np.random.default_rng(2), 3)

@@ -105,6 +105,7 @@ def assert_native_is_emulated(source: ProductSource, robot: Robot, dtype: str) -
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize('scene', [pfd.Scene(), EVERYTHING], ids=['plain', 'everything'])
 @pytest.mark.parametrize('name', ARMS)
+@pytest.mark.slow
 def test_one_state_and_a_batch_give_the_emulators_bits(
     name: str, scene: pfd.Scene, dtype: str
 ) -> None:
@@ -186,6 +187,7 @@ def test_chunks_that_would_take_too_much_of_the_stack_are_smaller(monkeypatch: A
 
 
 @pytest.mark.parametrize('name', ['four mixed', 'seven'])
+@pytest.mark.slow
 def test_the_loop_equals_the_definition_that_is_written_out_and_folded(name: str) -> None:
     # Folding leaves out products with zero; a sum may then be zero with another sign.
     robot = arm(name)

@@ -100,6 +100,7 @@ def assert_close(found: Any, wanted: Any, tolerance: float) -> None:
         *((name, 'ur5') for name in ('articulated_body', *GROUPED)),
     ],
 )
+@pytest.mark.slow
 def test_forward_dynamics_of_every_method_agrees_with_differences_in_both_modes(
     method: str, kind: str
 ) -> None:
@@ -258,6 +259,7 @@ MOST = {
 
 
 @pytest.mark.parametrize(('name', 'output'), list(MOST))
+@pytest.mark.slow
 def test_the_arms_take_no_more_operations_than_promised(name: str, output: str) -> None:
     robot = load_robot(name)
     inverse = output == 'tau'

@@ -118,6 +118,7 @@ def run(build: str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize('build', [build for build in BUILDS if build != 'as expected'])
+@pytest.mark.slow
 def test_another_build_of_python_or_numpy_computes_the_same_bits(build: str) -> None:
     expected, other = run('as expected'), run(build)
     assert other['found'] == expected['found']

@@ -94,6 +94,7 @@ def test_a_batch_comes_back_in_the_memory_order_of_its_positions() -> None:
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize('n', [1, 2, 3, 4, 5, 7])
+@pytest.mark.slow
 def test_rows_within_wider_rows_are_read_and_written_and_nothing_beside(
     n: int, dtype: str
 ) -> None:

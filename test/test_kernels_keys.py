@@ -113,6 +113,7 @@ def robot() -> pfd.Robot:
     return random_chain(np.random.default_rng(1), 2, joint_types=('revolute', 'prismatic'))
 
 
+@pytest.mark.slow
 def test_keys_of_kernels_decide_their_text(texts: dict[tuple[str, ...], set[str]]) -> None:
     arm = robot()
     places = [{'b': Frame(link, np.eye(3), np.arange(3.0))} for link in (1, 2)]
@@ -134,6 +135,7 @@ def test_keys_of_kernels_decide_their_text(texts: dict[tuple[str, ...], set[str]
     check(texts, builds())
 
 
+@pytest.mark.slow
 def test_keys_of_simulations_and_linearised_steps_decide_their_text(
     texts: dict[tuple[str, ...], set[str]],
 ) -> None:

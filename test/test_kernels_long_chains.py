@@ -36,6 +36,7 @@ def cut(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures('cut')
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize('method', ['composite_body', 'grouped_articulated_body', 'pcgm'])
+@pytest.mark.slow
 def test_a_kernel_in_parts_gives_the_emulators_bits(method: str, dtype: str) -> None:
     rng = np.random.default_rng(61)
     scene = pfd.Scene(external_wrench=True, brakes=True, armature='model')
@@ -110,6 +111,7 @@ def test_chunks_of_columns_give_the_bits_of_single_states(
 
 
 @pytest.mark.parametrize('n', [30, 60])
+@pytest.mark.slow
 def test_a_long_chain_agrees_with_pinocchio(n: int) -> None:
     rng = np.random.default_rng(n)
     robot = random_chain(rng, n)

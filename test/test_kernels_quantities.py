@@ -50,6 +50,7 @@ def call(kernel: Kernel, given: dict[str, Any], **options: Any) -> np.ndarray:
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize('quantity', QUANTITIES)
+@pytest.mark.slow
 def test_a_kernel_has_the_bits_of_the_emulator_alone_and_in_any_batch(
     quantity: str, dtype: str
 ) -> None:

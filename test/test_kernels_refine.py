@@ -149,6 +149,7 @@ def test_the_cases_are_hard_without_refinement(name: str) -> None:
 
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('name', HARD)
+@pytest.mark.slow
 def test_one_step_squares_the_error_down_to_the_last_digits(name: str, method: str) -> None:
     for dtype, unit in ROUNDING.items():
         before, estimates = answers(name, method, dtype, 0)[0], answers(name, method, dtype, 1)[1]
@@ -197,6 +198,7 @@ EVERYTHING = Scene(
 
 
 @pytest.mark.parametrize('method', pfd.METHODS)
+@pytest.mark.slow
 def test_every_method_is_refined_in_a_scene_with_everything(method: str) -> None:
     rng = np.random.default_rng(3)
     n = 4

@@ -115,6 +115,7 @@ def test_a_child_of_a_process_that_is_busy_with_kernels_may_be_so_too(
     assert all(thread.result() is None for thread in threads)
 
 
+@pytest.mark.slow
 def test_threads_that_compile_one_kernel_together_get_the_same_bits(uncached: None) -> None:
     robot = random_chain(np.random.default_rng(1), 3)
     rows = np.random.default_rng(2).uniform(-1, 1, (3, 5, robot.n))

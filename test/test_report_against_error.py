@@ -182,6 +182,7 @@ def test_the_page_has_every_point_and_says_what_is_missing() -> None:
     assert 'at least 1.20 times their\nminimum, one in ten at least 2.00 times' in page
 
 
+@pytest.mark.slow
 def test_the_json_has_every_number_and_the_plots_are_written(tmp_path: Path) -> None:
     paths = write(PAGES, tmp_path)
     names = ['speed-against-error-single', 'speed-against-error', 'work-precision']

@@ -89,6 +89,7 @@ def test_pcrbm_takes_more_multiplications_than_the_parts_of_the_paper_sum_to() -
 
 
 @pytest.mark.parametrize('n', SIZES[:9])
+@pytest.mark.slow
 def test_no_efficiency_is_above_one(n: int) -> None:
     assert_no_efficiency_above_one(n)
 
@@ -161,6 +162,7 @@ def test_every_circular_cell_takes_its_root_in_a_cycle_of_its_own() -> None:
 
 
 @pytest.mark.parametrize('method', ['pcrbm', 'walker_orin_1', 'walker_orin_2', 'walker_orin_3'])
+@pytest.mark.slow
 def test_direct_methods_stay_at_or_below_the_papers_formulas(method: str) -> None:
     for n in (2, 3, 5, 8, 12, 20, 32):
         for kind in ('multiplications', 'additions'):

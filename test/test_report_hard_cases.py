@@ -83,6 +83,7 @@ def bounded(cases: Iterable[Case]) -> list[object]:
 
 
 @pytest.mark.parametrize(('name', 'dtype'), bounded(CASES))
+@pytest.mark.slow
 def test_one_step_of_refinement_meets_the_bound(name: str, dtype: str) -> None:
     _, known = solved(name)
     bound = BY_NAME[name].bound(dtype, 1)
@@ -154,6 +155,7 @@ def refined_in_units(case: Case) -> float:
 @pytest.mark.parametrize(
     'name', [pytest.param(case.name, marks=[] if case.fast else LONG) for case in CASES]
 )
+@pytest.mark.slow
 def test_refined_no_case_is_above_20_kappa_s_u(name: str) -> None:
     assert refined_in_units(BY_NAME[name]) <= 20
 
@@ -174,6 +176,7 @@ def test_on_the_page_no_refined_case_is_above_100_kappa_s_u_and_a_twentieth_abov
 
 @pytest.mark.parametrize('dtype', ROUNDING)
 @pytest.mark.parametrize('name', [case.name for case in CASES if case.fast])
+@pytest.mark.slow
 def test_the_estimate_is_within_a_factor_of_three_of_the_error_before_the_step(
     name: str, dtype: str
 ) -> None:

@@ -123,6 +123,7 @@ def all_sides(contender: object, quantity: str, states: dict[str, np.ndarray]) -
 
 
 @pytest.mark.parametrize('quantity', [name for name in QUANTITIES if name != 'linear_step'])
+@pytest.mark.slow
 def test_all_ways_and_the_reference_of_a_quantity_are_pinocchios(
     quantity: str, arm: pfd.Robot
 ) -> None:
@@ -170,6 +171,7 @@ def test_the_chained_stages_are_the_series_of_a_linear_motion() -> None:
     np.testing.assert_allclose(found, np.hstack([A, B]), rtol=0, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_linear_steps_of_all_ways_are_differences_of_simulated_steps(arm: pfd.Robot) -> None:
     states = quantity_kernels.random_states(arm, 1)
     sim = pfd.Simulator(arm, step_size=quantity_kernels.LINEAR_STEP, substeps=1, integrator='rk4')

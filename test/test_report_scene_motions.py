@@ -24,6 +24,7 @@ def disc() -> pfd.Robot:
 
 @pytest.mark.parametrize('name', EXCITATIONS)
 @pytest.mark.parametrize('arm', ['planar2', 'panda', 'puma560', 'ur5'])
+@pytest.mark.slow
 def test_a_named_motion_moves_every_joint_within_its_limits(arm: str, name: str) -> None:
     robot = pfd.load_robot(arm)
     scene, _ = full_scene(robot, pfd.Scene(), SETTINGS)

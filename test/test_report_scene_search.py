@@ -79,6 +79,7 @@ def test_no_scene_of_the_front_is_beaten_by_another() -> None:
 
 @pytest.mark.parametrize('most', [scene_search.MOST_EXHAUSTED, 0])
 @pytest.mark.parametrize('tolerance', [1e-6, 1e-3, 0.05, 100.0])
+@pytest.mark.slow
 def test_the_smallest_scene_is_in_tolerance_and_no_smaller_one_is(
     tolerance: float, most: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

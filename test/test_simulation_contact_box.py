@@ -76,6 +76,7 @@ def test_a_joint_at_its_stop_is_pushed_away_from_it_alone() -> None:
 
 
 @pytest.mark.parametrize('seed', range(8))
+@pytest.mark.slow
 def test_an_impact_never_adds_energy_and_no_joint_moves_on_into_its_stop(seed: int) -> None:
     rng = np.random.default_rng(seed)
     n = 2 + seed % 6
@@ -163,6 +164,7 @@ def test_an_arm_under_a_shaking_torque_below_its_friction_does_not_creep() -> No
         ('imex2', 'float64', True),
     ],
 )
+@pytest.mark.slow
 def test_an_arm_moves_by_the_same_bits_alone_step_by_step_and_beside_others(
     integrator: str, dtype: str, brakes: bool
 ) -> None:

@@ -96,6 +96,7 @@ CASES: dict[str, tuple[pfd.Robot, pfd.Scene]] = {
 @pytest.mark.parametrize('substeps', [1, 2])
 @pytest.mark.parametrize('integrator', TABLE)
 @pytest.mark.parametrize('case', CASES)
+@pytest.mark.slow
 def test_a_and_b_are_the_derivatives_of_the_step_in_fifty_digits(
     case: str, integrator: str, substeps: int
 ) -> None:
@@ -145,6 +146,7 @@ FULL = pfd.Scene(
 
 @pytest.mark.parametrize('integrator', TABLE)
 @pytest.mark.parametrize('lag', [None, [0.01, 0.0, 0.02]])
+@pytest.mark.slow
 def test_a_and_b_of_a_full_scene_are_differences_of_the_simulation(
     integrator: str, lag: list[float] | None
 ) -> None:
@@ -208,6 +210,7 @@ def test_rk4_is_linearised_as_products_of_pinocchios_derivatives() -> None:
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize('integrator', TABLE)
+@pytest.mark.slow
 def test_states_of_an_ensemble_are_linearised_by_the_bits_of_a_simulator(
     integrator: str, dtype: str
 ) -> None:
@@ -260,6 +263,7 @@ ROUGHLY = pfd.Scene(
     ],
 )
 @pytest.mark.parametrize('integrator', ['rk4', 'imex2'])
+@pytest.mark.slow
 def test_friction_of_sliding_joints_has_a_slope_and_resting_ones_are_held(
     effects: dict[str, Any], integrator: str
 ) -> None:
@@ -365,6 +369,7 @@ def test_matrices_that_do_not_fit_the_stack_are_refused(n: int, make: Any) -> No
         make(random_chain(np.random.default_rng(1), n, 0.0))
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_thirty_joints_are_linearised_in_threads_of_python() -> None:
     robot = random_chain(np.random.default_rng(1), 30, 0.2)

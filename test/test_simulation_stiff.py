@@ -48,6 +48,7 @@ def scene_of(damping: float, rotors: bool) -> pfd.Scene:
         (1.0, False, 0.05),
     ],
 )
+@pytest.mark.slow
 def test_the_error_stays_small_and_falls_with_the_square_of_the_step(
     damping: float, rotors: bool, duration: float
 ) -> None:

@@ -47,6 +47,7 @@ def failures(number: int) -> list[str]:
         return [text for text in starters.map(ending, cases(number)) if text]
 
 
+@pytest.mark.slow
 def test_processes_with_threads_end_well() -> None:
     assert failures(len(WAYS)) == []
 

@@ -75,6 +75,7 @@ def test_a_text_that_is_no_urdf_is_refused(
     ],
     ids=['entity', 'deep', 'cut', 'name', 'long'],
 )
+@pytest.mark.slow
 def test_a_hostile_model_is_refused_in_one_line(
     processes: Processes, peer_of, text: str, reason: str
 ) -> None:
@@ -100,6 +101,7 @@ def test_a_model_that_does_not_come_is_waited_for_until_the_time_is_over(
         wait(other, 1e6, stopped=lambda: True)
 
 
+@pytest.mark.slow
 def test_the_arm_takes_everything_from_the_topic_and_its_ros2_control(
     processes: Processes, peer_of
 ) -> None:

@@ -30,6 +30,7 @@ def test_lengths_of_steps_are_those_since_the_last_look_and_the_newest_at_most()
 
 
 @pytest.mark.ros
+@pytest.mark.slow
 def test_a_node_tells_how_its_tasks_go(processes: Processes, peer_of) -> None:
     from diagnostic_msgs.msg import DiagnosticArray
     from std_msgs.msg import String

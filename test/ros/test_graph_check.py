@@ -249,6 +249,7 @@ def test_a_second_clock_is_told(processes: Processes, peer_of) -> None:
     assert arm.text().count('publishes /clock too') == 1
 
 
+@pytest.mark.slow
 def test_a_second_clock_of_a_node_of_the_same_name_is_told(processes: Processes) -> None:
     one = reporting_often(processes)
     reporting_often(processes)

@@ -119,6 +119,7 @@ def test_ros2_control_needs_no_remapping(processes: Processes, peer_of) -> None:
 
 
 @pytest.mark.ros
+@pytest.mark.slow
 def test_in_lockstep_every_state_has_the_command_of_its_cycle(
     processes: Processes, peer_of
 ) -> None:
@@ -145,6 +146,7 @@ def test_in_lockstep_every_state_has_the_command_of_its_cycle(
 
 
 @pytest.mark.ros
+@pytest.mark.slow
 def test_a_script_with_the_model_of_the_arm_holds_it(processes: Processes) -> None:
     start(processes, 'command_topic:=')
     (code,) = blocks('python hold.py')
@@ -156,6 +158,7 @@ def test_a_script_with_the_model_of_the_arm_holds_it(processes: Processes) -> No
 
 
 @pytest.mark.ros
+@pytest.mark.slow
 def test_the_model_comes_from_the_topic(processes: Processes, peer_of) -> None:
     publisher = latched(peer_of(processes))
     publish(publisher, gripper_arm.with_block(BLOCK))

@@ -118,6 +118,7 @@ def test_a_state_that_overflows_is_said_once_and_the_node_goes_on(
     assert read(processes.folder / 'arm.mcap', verify=True).complete
 
 
+@pytest.mark.slow
 def test_a_stopped_reader_that_wants_everything_stops_neither_the_arm_nor_its_clock(
     processes: Processes, peer_of
 ) -> None:

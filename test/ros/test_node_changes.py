@@ -253,6 +253,7 @@ def test_a_change_that_a_flood_pushed_out_is_told_and_not_taken_over() -> None:
     assert engine.settings.real_time_factor == changes.changes.settings.real_time_factor == 1.0
 
 
+@pytest.mark.slow
 def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     processes: Processes, peer_of
 ) -> None:

@@ -15,6 +15,7 @@ from pfd_ros.replay.verify import read
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.slow
 def test_a_servo_holds_after_the_last_command_and_a_reflex_is_told(
     processes: Processes, peer_of
 ) -> None:

@@ -17,6 +17,7 @@ from pfd_ros.replay.verify import read
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.slow
 def test_readers_get_every_output_and_the_recording_verifies(
     processes: Processes, peer_of
 ) -> None:

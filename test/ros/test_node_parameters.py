@@ -81,6 +81,7 @@ def test_a_bad_parameter_is_named_and_the_status_is_1(
     assert (processes.folder / 'there.mcap').read_bytes() == b'dear'
 
 
+@pytest.mark.slow
 def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
     processes: Processes, peer_of
 ) -> None:

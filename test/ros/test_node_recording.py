@@ -32,6 +32,7 @@ pytestmark = pytest.mark.ros
     ],
     ids=lambda signals: '+'.join(s.name for s in signals),
 )
+@pytest.mark.slow
 def test_a_signal_ends_the_node_cleanly_and_the_file_is_whole(
     processes: Processes, signals: tuple[signal.Signals, ...]
 ) -> None:
@@ -102,6 +103,7 @@ def test_a_failed_recording_does_not_stop_an_arm_at_unlimited_speed(
     assert 'the recording does not hold everything' in arm.text()
 
 
+@pytest.mark.slow
 def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
     processes: Processes, peer_of
 ) -> None:

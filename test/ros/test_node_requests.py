@@ -137,6 +137,7 @@ def recorded_states(path: Path) -> list[JointMessage]:
     return [decode_joint_state(entry.data) for entry in entries if entry.role == 'joint_states']
 
 
+@pytest.mark.slow
 def test_lockstep_outlives_its_controller_and_repeats_a_state_that_nobody_answered(
     processes: Processes, peer_of
 ) -> None:

@@ -84,6 +84,7 @@ def check_cut_off(path: Path) -> list[int]:
 
 @pytest.mark.parametrize('often', OFTEN)
 @pytest.mark.parametrize('way', ['kill', 'raise'])
+@pytest.mark.slow
 def test_a_process_that_ends_without_closing_leaves_the_first_messages_of_each_topic(
     way: str, often: int, tmp_path: Path
 ) -> None:
@@ -108,6 +109,7 @@ def told_by(process: subprocess.Popen[bytes]) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize('often', OFTEN)
+@pytest.mark.slow
 def test_closing_beside_two_threads_that_go_on_leaves_exact_counts_and_digests(
     often: int, tmp_path: Path
 ) -> None:
@@ -125,6 +127,7 @@ def test_closing_beside_two_threads_that_go_on_leaves_exact_counts_and_digests(
 
 
 @pytest.mark.parametrize('often', OFTEN)
+@pytest.mark.slow
 def test_a_process_whose_disk_hangs_in_the_kernel_ends_all_the_same(
     often: int, tmp_path: Path
 ) -> None:

@@ -68,6 +68,7 @@ def test_any_burst_of_signals_at_any_moment_ends_a_process_by_itself(
 
 @pytest.mark.ros
 @pytest.mark.parametrize('fault', ['closing_hangs', 'closing_hangs_in_c'])
+@pytest.mark.slow
 def test_a_third_signal_ends_a_node_whose_closing_hangs(processes: Processes, fault: str) -> None:
     arm = processes.faulty(fault)
     arm.process.send_signal(INT)
@@ -95,6 +96,7 @@ def test_a_node_ends_under_repeated_signals_at_any_moment_of_its_life(
 
 @pytest.mark.ros
 @pytest.mark.parametrize('fault', ['teardown_hangs', 'exit_hangs'])
+@pytest.mark.slow
 def test_what_hangs_after_the_recording_is_closed_is_ended_by_an_alarm(
     processes: Processes, fault: str
 ) -> None:

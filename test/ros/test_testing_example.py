@@ -20,12 +20,14 @@ def copied(tmp_path: Path) -> Path:
 
 
 @pytest.mark.ros
+@pytest.mark.slow
 def test_the_example_repository_passes_its_tests(copied: Path, tmp_path: Path) -> None:
     install(tmp_path)
     assert HAS_ROS
     assert '9 passed' in run(tmp_path, copied)
 
 
+@pytest.mark.slow
 def test_the_control_law_of_the_example_is_tested_without_ros(
     copied: Path, tmp_path: Path
 ) -> None:

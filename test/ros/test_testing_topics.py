@@ -112,6 +112,7 @@ def test_a_node_moves_the_arm_with_the_bits_of_the_callback(
             assert_same_bits(arm.spin(0.1, node), expected[1])
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_twenty_runs_over_topics_have_the_same_bits(controller_of: Callable[..., Any]) -> None:
     (expected,), node = called(2.0), controller_of('plain')
@@ -220,6 +221,7 @@ def test_the_process_moves_with_the_bits_of_the_callback_and_verifies(
     assert read(path, verify=True).complete
 
 
+@pytest.mark.slow
 @pytest.mark.long
 def test_twenty_processes_move_with_the_same_bits(domain: int) -> None:
     (expected,) = called(1.0)
@@ -249,6 +251,7 @@ def running(pid: int) -> bool:
 
 
 @pytest.mark.parametrize('end', [signal.SIGKILL, signal.SIGINT])
+@pytest.mark.slow
 def test_a_test_runner_that_is_ended_leaves_no_node_behind(
     end: signal.Signals, domain: int, tmp_path: Path
 ) -> None:
@@ -285,6 +288,7 @@ with claimed_domain() as domain, initialised(domain), ProcessArm('planar2') as a
         time.sleep(0.05)
 
 
+@pytest.mark.slow
 def test_no_segment_of_shared_memory_is_left_after_a_run(tmp_path: Path) -> None:
     shm = Path('/dev/shm')
     if not shm.is_dir():

@@ -24,6 +24,7 @@ pytestmark = pytest.mark.ros
         ('reporting_fails', "reporting failed: KeyError: '{}'"),
     ],
 )
+@pytest.mark.slow
 def test_a_thread_that_ends_ends_the_node_with_a_closed_file(
     processes: Processes, fault: str, text: str
 ) -> None:

@@ -37,6 +37,7 @@ class Leader:
         self._publisher.publish(message)
 
 
+@pytest.mark.slow
 def test_an_arm_follows_a_clock_forwards_only_and_says_when_it_is_lost(
     processes: Processes, peer_of
 ) -> None:
@@ -83,6 +84,7 @@ def test_an_arm_follows_a_clock_forwards_only_and_says_when_it_is_lost(
     assert summary.verdicts[Verdict.REFUSED] >= 1
 
 
+@pytest.mark.slow
 def test_two_arms_on_one_clock_have_the_same_stamps(processes: Processes, peer_of) -> None:
     follower = processes.arm(
         *FOLLOWS, '-r', '__ns:=/right', '-p', 'recording:=right.mcap', ready=False

@@ -36,6 +36,7 @@ def test_two_arms_in_two_namespaces_do_not_hear_each_other(processes: Processes,
     peers[0].wait(lambda: len(peers[0].clocks) > count + 10)
 
 
+@pytest.mark.slow
 def test_topics_of_a_urdf_follow_the_namespace_unless_they_are_absolute(
     processes: Processes, peer_of
 ) -> None:

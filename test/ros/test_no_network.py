@@ -1,0 +1,64 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""A node that can discover nobody steps, records and ends as any other."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+import shutil
+import signal
+import subprocess
+import sys
+
+import pytest
+from ros_processes import NODE, PATIENCE, Processes, environment
+
+from pfd_ros.replay.verify import read
+
+pytestmark = pytest.mark.ros
+# A network of its own, in which not even the loopback is up.
+ALONE = (shutil.which('unshare') or 'false', '--net')
+SETTINGS = ('--ros-args', '-p', 'robot:=planar2', '-p', 'recording:=arm.mcap')
+
+
+def test_without_discovery_an_arm_steps_and_records(processes: Processes) -> None:
+    started = subprocess.Popen(
+        [sys.executable, *NODE, *SETTINGS],
+        cwd=processes.folder,
+        env=environment(processes.domain) | {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'OFF'},
+        stdin=subprocess.DEVNULL,
+    )
+    end(started, processes.folder)
+
+
+def test_without_a_network_an_arm_steps_and_records(processes: Processes) -> None:
+    if subprocess.run([*ALONE, 'true'], check=False).returncode:
+        pytest.skip('only root may make a network')
+    started = subprocess.Popen(
+        [*ALONE, sys.executable, *NODE, *SETTINGS],
+        cwd=processes.folder,
+        env=environment(processes.domain),
+        stdin=subprocess.DEVNULL,
+    )
+    end(started, processes.folder)
+
+
+def end(started: subprocess.Popen[bytes], folder: Path) -> None:
+    """Let a node step for a while, end it, and verify its recording."""
+    path = folder / 'arm.mcap'
+    try:
+        # Chunks are closed five times a second.
+        with pytest.raises(subprocess.TimeoutExpired):
+            started.wait(0.1)
+        while not path.exists() or os.path.getsize(path) < 50_000:
+            with pytest.raises(subprocess.TimeoutExpired):
+                started.wait(0.1)
+        started.send_signal(signal.SIGINT)
+        assert started.wait(PATIENCE) == 0
+    finally:
+        started.kill()
+        started.wait()
+    summary = read(path, verify=True)
+    assert summary.complete
+    assert summary.states > 100

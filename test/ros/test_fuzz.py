@@ -7,6 +7,7 @@ from __future__ import annotations
 import itertools
 
 import fuzz
+from hostile_traffic import SMALL_BYTES, Messages
 import pytest
 from ros_processes import Processes
 
@@ -14,13 +15,13 @@ SECONDS = 6.0
 
 
 def test_the_same_seed_gives_the_same_messages() -> None:
-    runs = [list(itertools.islice(fuzz.Messages(seed), 200)) for seed in (3, 3, 4)]
+    runs = [list(itertools.islice(Messages(seed), 200)) for seed in (3, 3, 4)]
     assert runs[0] == runs[1] != runs[2]
 
 
 @pytest.mark.ros
 @pytest.mark.slow
-@pytest.mark.parametrize('largest', [fuzz.SMALL_BYTES, 1 << 24])
+@pytest.mark.parametrize('largest', [SMALL_BYTES, 1 << 24])
 def test_hostile_messages_leave_a_node_alive_small_and_verifiable(
     processes: Processes, largest: int
 ) -> None:

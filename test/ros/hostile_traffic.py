@@ -1,0 +1,173 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Hostile messages for every topic of a node, at random from a seed; none tears the arm apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+import random
+import struct
+
+import numpy as np
+from ros_processes import JOINTS
+
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.drive import Command
+from pfd_ros.arm.effects import WrenchChange
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.settings import Settings
+from pfd_ros.messages.cdr import CdrWriter
+
+# Largest message for which the memory of the whole process is judged.
+SMALL_BYTES = 2048
+SMALL = 2.0  # N m; more than one joint of the arm never gets
+SAVAGE = (float('nan'), float('inf'), -float('inf'), 1e308, -1e300, 5e-324, -0.0, 2.0**53)
+NAMES = (
+    '',
+    '{',
+    '}',
+    '{0}',
+    '{!r}',
+    '%s%n',
+    '\\',
+    'a\nb',
+    '\x1b[2J',
+    '\x7f',
+    'ä',
+    '关节',
+    '😀',
+    '..',
+)
+LONGEST_NAME = 1 << 20
+VERDICTS = tuple(set(Verdict) - {Verdict.OVERFLOWED, Verdict.STALE})
+# The sources that are topics of a node with a clock of its own.
+TOPICS = (Source.NAMED, Source.ARRAY, Source.SET_STATE, Source.WRENCH, Source.PAYLOAD)
+# Of puma560, the default.
+TIP = 'flange'
+
+
+class Messages:
+    """A source of hostile messages as bytes."""
+
+    def __init__(self, seed: int, largest: int = SMALL_BYTES) -> None:
+        self.random = random.Random(seed)
+        self._largest = largest
+        settings = Settings(damping=True, external_wrench=True)
+        self._engine = Engine(settings, load_robot(settings))
+
+    def name(self) -> str:
+        chance = self.random.random()
+        if chance < 0.4:
+            return self.random.choice(JOINTS)
+        if chance < 0.7:
+            return self.random.choice(NAMES)
+        if chance < 0.997:
+            return f'{self.random.getrandbits(64):x}'
+        return f'{self.random.getrandbits(64):x}' * self.random.randrange(LONGEST_NAME // 16)
+
+    def size(self) -> int:
+        return self.random.choice((0, 0, 1, 2, 5, 6, 6, 6, 6, 7, 100, self.random.randrange(3000)))
+
+    def numbers(self, size: int, *, savage: float) -> np.ndarray:
+        kinds = self.random.choice((SAVAGE, SAVAGE[:1]))
+        return np.array(
+            [
+                self.random.choice(kinds)
+                if self.random.random() < savage
+                else self.random.uniform(-SMALL, SMALL)
+                for _ in range(size)
+            ]
+        )
+
+    def named(self) -> bytes:
+        """Return a JointState: whole or ragged, known joints or strange ones."""
+        names = list(JOINTS)
+        if self.random.random() < 0.7:
+            names = [self.name() for _ in range(self.size())]
+        writer = CdrWriter()
+        writer.int32(self.random.choice((0, 0, 0, -1, 1, 2**31 - 1)))
+        writer.uint32(self.random.choice((0, 0, 0, 1, 2**32 - 1)))
+        writer.string(self.name())
+        writer.strings(tuple(names))
+        for _ in range(3):
+            size = len(names) if self.random.random() < 0.8 else self.size()
+            size = 0 if self.random.random() < 0.3 else size
+            writer.numbers(self.numbers(size, savage=self.random.choice((0.0, 0.0, 0.2, 1.0))))
+        return bytes(writer.data)
+
+    def plain(self) -> bytes:
+        """Return a Float64MultiArray, some with a layout."""
+        writer = CdrWriter()
+        dimensions = self.random.choice((0, 0, 0, 1, 50))
+        writer.uint32(dimensions)
+        for _ in range(dimensions):
+            writer.string(self.name())
+            writer.uint32(self.random.getrandbits(32))
+            writer.uint32(self.random.getrandbits(32))
+        writer.uint32(self.random.getrandbits(32))
+        writer.numbers(self.numbers(self.size(), savage=self.random.choice((0.0, 0.0, 0.2))))
+        return bytes(writer.data)
+
+    def stamped(self, count: int) -> bytes:
+        """Return numbers with a header: a WrenchStamped has 6, an InertiaStamped 10."""
+        writer = CdrWriter()
+        writer.int32(self.random.choice((0, 0, 0, -1, 1, 2**31 - 1)))
+        writer.uint32(self.random.choice((0, 0, 0, 1, 2**32 - 1)))
+        writer.string(TIP if self.random.random() < 0.5 else self.name())
+        writer.row(self.numbers(count, savage=self.random.choice((0.0, 0.0, 0.2))))
+        return bytes(writer.data)
+
+    def whole(self, source: Source) -> bytes:
+        """Return a message of the type of a source."""
+        if source is Source.ARRAY:
+            return self.plain()
+        counts = {Source.WRENCH: 6, Source.PAYLOAD: 10}
+        return self.stamped(counts[source]) if source in counts else self.named()
+
+    def broken(self, source: Source) -> bytes:
+        """Return bytes that may be no message: cut, changed, with a wild length, or noise."""
+        data = bytearray(self.whole(source))
+        kind = self.random.randrange(4)
+        if kind == 0:
+            return bytes(data[: self.random.randrange(4, len(data) + 1)])
+        if kind == 1:
+            return bytes(data[:4]) + self.random.randbytes(self.random.randrange(2000))
+        if kind == 2:
+            for _ in range(self.random.randrange(1, 8)):
+                data[self.random.randrange(len(data))] = self.random.randrange(256)
+            return bytes(data)
+        at = 4 * self.random.randrange(len(data) // 4)
+        struct.pack_into('<I', data, at, self.random.choice((2**32 - 1, 2**31, 10**6, 0)))
+        return bytes(data)
+
+    def __iter__(self) -> Iterator[tuple[Source, bytes]]:
+        """Yield messages that do not tear the arm apart."""
+        while True:
+            source = self.random.choice(TOPICS)
+            data = self.broken(source) if self.random.random() < 0.3 else self.whole(source)
+            if len(data) <= self._largest and self._is_gentle(source, data):
+                yield source, data
+
+    def _is_gentle(self, source: Source, data: bytes) -> bool:
+        effect = self._judgement(source, data).effect
+        if isinstance(effect, Command):
+            given = [kind for kind in effect[1:] if kind is not None]
+            return all(bool((np.abs(kind) <= SMALL).all()) for kind in given)
+        return not isinstance(effect, WrenchChange) or max(map(abs, effect.wrench)) <= SMALL
+
+    def _judgement(self, source: Source, data: bytes) -> Judgement:
+        # The middleware fills up to four bytes: a message that was cut may come out whole.
+        return self._engine.judge(Arrival(source, 1, data + bytes(-len(data) % 4)))
+
+    def of_each_verdict(self) -> Iterator[tuple[Source, bytes]]:
+        """Yield a message for each of VERDICTS."""
+        missing = set(VERDICTS)
+        for source, data in self:
+            verdict = self._judgement(source, data).verdict
+            if verdict in missing:
+                missing.remove(verdict)
+                yield source, data
+            if not missing:
+                return

@@ -47,6 +47,7 @@ setup(
         'peers': PEERS,
         'test': [
             *REPORT,
+            *PEERS,
             'colcon-common-extensions',
             'colcon-ros',
             'example-robot-data',

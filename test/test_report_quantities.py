@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import replace
 import json
 from pathlib import Path
+import shutil
 import sys
 import xml.etree.ElementTree as ElementTree
 
@@ -30,6 +31,7 @@ from pfd_core.report import (
     quantity_tables,
     speed,
     speed_pages,
+    textbook,
     work_precision,
 )
 from pfd_core.report.quantity_kernels import QUANTITIES
@@ -47,6 +49,9 @@ TINY = quantity_rows.Plan(
     pace=Pace(chunk=1e-5, turns=1, fewest=1),
 )
 COUNT = 3
+WITH_COMPILER = pytest.mark.skipif(
+    shutil.which(textbook.COMPILER[0]) is None, reason='there is no C compiler'
+)
 
 
 def row(quantity: str, work: str, way: str, seconds: float, **more: float | None) -> Row:
@@ -141,15 +146,14 @@ def test_all_ways_and_the_reference_of_a_quantity_are_pinocchios(
         sides_agree(all_sides(own, quantity, states), wanted, tolerance * unit)
 
 
+@WITH_COMPILER
 @pytest.mark.parametrize('quantity', quantity_casadi.TEXTS)
 def test_casadis_c_gives_pinocchios_quantity(quantity: str, arm: pfd.Robot) -> None:
+    pytest.importorskip('casadi')
     if quantity == 'derivatives':
         arm = speed.robot('chain3')  # Its C is compiled in a second.
     states = quantity_kernels.random_states(arm, COUNT)
-    try:
-        peer = quantity_casadi.CasadiQuantity(quantity, arm)
-    except LeftOutError as reason:
-        pytest.skip(str(reason))
+    peer = quantity_casadi.CasadiQuantity(quantity, arm)
     known = by_pinocchio(arm)[quantity]
     wanted = np.array([np.ravel(known(*x)) for x in zip(*states.values(), strict=True)])
     tolerance = DERIVATIVES if quantity == 'derivatives' else tolerances.DYNAMICS

@@ -152,12 +152,14 @@ class Simulation(ABC):
     @property
     def q(self) -> Array:
         """Joint positions, (n,) or (B, n) [rad or m]; a copy."""
-        return np.array(self._now.arrays['q'])
+        q: Array = self._now.arrays['q'].copy()
+        return q
 
     @property
     def qd(self) -> Array:
         """Joint velocities, (n,) or (B, n) [rad/s or m/s]; a copy."""
-        return np.array(self._now.arrays['qd'])
+        qd: Array = self._now.arrays['qd'].copy()
+        return qd
 
     @property
     def wrapped(self) -> tuple[Array, Array]:

@@ -261,7 +261,7 @@ def test_every_effect_of_the_settings_is_in_the_scene() -> None:
         external_wrench=True,
         payload_mass=1.0,
     )
-    found = scene_of(settings, load_robot(settings), tuple(range(6)))
+    found = scene_of(settings, tuple(range(6)))
     assert found == pfd.Scene(
         friction='model',
         joint_limits='model',

@@ -75,6 +75,12 @@ def test_a_watchdog_waits_for_the_first_command_and_acts_once_after_the_last() -
     assert engine.link.timeouts == 2
 
 
+def test_the_shortest_timeout_is_one_step() -> None:
+    engine = made(command_timeout=1e-12)
+    send(engine, efforts(1.0, 0.5))
+    assert taus(engine, 2) == [[1.0, 0.5], [0.0, 0.0]]
+
+
 def test_without_a_timeout_the_last_effort_stays() -> None:
     engine = made()
     send(engine, efforts(0.1, 0.0))

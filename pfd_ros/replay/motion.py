@@ -141,7 +141,7 @@ class _Reading:
             for row in message.rows:
                 payload = self.payloads.pop((row.source, row.sequence), b'')
                 if row.verdict is not Verdict.OVERFLOWED:
-                    self.engine.take([Arrival(row.source, row.sequence, payload)])
+                    self.engine.accept(Arrival(row.source, row.sequence, payload))
         elif message.role == STATES:
             self.run_to(message.cycle)
             state = decode_joint_state(message.data)
@@ -170,7 +170,7 @@ class _Reading:
                     f'its payload or gravity compensation changes before step '
                     f'{self.engine.cycles + 1}: that is no motion of one scene'
                 )
-            self.engine.step()
+            self.engine.advance()
             drive = self.engine.applied
             self.efforts.append(drive.effort)
             self.braked.append(drive.braked)

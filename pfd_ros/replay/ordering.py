@@ -59,7 +59,7 @@ class PlacedMessage(NamedTuple):
     lost
         Messages of the channel that are missing right before it.
     cycle
-        The cycle it is an output of; 0 for a command, which is an input.
+        The cycle it is an output of; 0 for an input.
     log_ns
         When it was recorded, ns.
     data

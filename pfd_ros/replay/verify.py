@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs a recording again and compares every output of the arm, byte for byte.
 
-Needs the file alone, no ROS: it holds settings, robot, the bytes of every command, and the cycle
+Needs the file alone, no ROS: it holds settings, robot, the bytes of every input, and the cycle
 that took it. The file is read twice: first to inspect whether it is whole and possible
 (`inspection.py`), then to feed the engine from it.
 """
@@ -44,7 +44,7 @@ def read(
     path
         The file; a file that was cut off is read up to the cut.
     verify
-        Run the engine again and compare all verdicts, states and clock ticks.
+        Run the engine again and compare all its outputs, verdicts too.
     progress
         Called now and then with the finished part, 0 to 1.
 
@@ -111,9 +111,9 @@ class _Replay:
     Attributes
     ----------
     payloads
-        Commands that have come in and not been taken, by source and sequence.
+        Events that have come in and not been taken, by source and sequence.
     outputs
-        Data of the last cycle's state and tick, by role.
+        Data of the last cycle's outputs but verdict rows, by role.
     """
 
     engine: Engine

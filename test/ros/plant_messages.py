@@ -15,7 +15,8 @@ from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.cdr import CdrWriter
+from pfd_ros.messages.convert import WRENCH
+from pfd_ros.messages.stamped import InertiaMessage, encode_inertia, stamped_encoder
 
 Message = tuple[Source, bytes]
 
@@ -35,22 +36,15 @@ def change(**values: Any) -> Message:
     return Source.PARAMETERS, encode_changes(values)
 
 
-def _stamped(frame: str, numbers: Sequence[float], stamp_ns: int) -> bytes:
-    writer = CdrWriter()
-    writer.int32(stamp_ns // 1_000_000_000)
-    writer.uint32(stamp_ns % 1_000_000_000)
-    writer.string(frame)
-    writer.row(np.array(numbers, float))
-    return bytes(writer.data)
-
-
 def wrench(
     frame: str,
     force: Sequence[float] = (0.0, 0.0, 0.0),
     torque: Sequence[float] = (0.0, 0.0, 0.0),
     stamp_ns: int = 0,
 ) -> Message:
-    return Source.WRENCH, _stamped(frame, [*force, *torque], stamp_ns)
+    return Source.WRENCH, stamped_encoder(WRENCH, frame).encode(
+        stamp_ns, np.array([*force, *torque], float)
+    )
 
 
 def payload(
@@ -60,4 +54,5 @@ def payload(
     inertia: Sequence[float] = (0.0,) * 6,
 ) -> Message:
     """Return the message of a payload; its inertia is (xx, xy, xz, yy, yz, zz)."""
-    return Source.PAYLOAD, _stamped(frame, [mass, *center, *inertia], 0)
+    message = InertiaMessage(0, frame, mass, tuple(center), tuple(inertia))
+    return Source.PAYLOAD, encode_inertia(message)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulating import efforts, simulate
+from simulating import efforts, simulate, states_of
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
@@ -17,7 +17,6 @@ from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.cdr import CdrWriter
 from pfd_ros.messages.convert import JointStateEncoder, decode_joint_state
-from pfd_ros.recording.reader import Log
 from pfd_ros.replay.motion import read_motion
 from pfd_ros.replay.verify import DifferenceError, read
 
@@ -35,10 +34,6 @@ def joint_command(names: list[str], effort: list[float]) -> Arrival:
     none = np.zeros(len(names))
     data = JointStateEncoder(names).encode(0, none, none, np.array(effort))
     return Arrival(Source.NAMED, 1, data)
-
-
-def states(path: Path) -> list:
-    return [decode_joint_state(e.data) for e in Log(path).entries() if e.role == 'joint_states']
 
 
 def test_locked_joints_are_published_after_the_others_at_rest_where_they_are_locked() -> None:
@@ -123,7 +118,7 @@ def test_recordings_with_locked_joints_verify_and_have_a_motion(
     assert read(path, verify=True).states == 30
     motion = read_motion(path).motion
     assert np.asarray(motion.q).shape[1] == 4
-    np.testing.assert_array_equal(motion.q[-1], states(path)[28].position[:4])
+    np.testing.assert_array_equal(motion.q[-1], states_of(path)[28].position[:4])
 
 
 def test_sensors_add_nothing_to_locked_joints_and_such_a_recording_verifies(
@@ -133,10 +128,10 @@ def test_sensors_add_nothing_to_locked_joints_and_such_a_recording_verifies(
     made = simulate(30, {3: [efforts(*ONE)]}, robot='puma560', **noise, **WRIST)
     path = made.save(tmp_path / 'a.mcap')
     assert read(path, verify=True).states == 30
-    for state in states(path):
+    for state in states_of(path):
         assert state.position[4:].tolist() == [0.25, -0.5]
         assert state.velocity[4:].tolist() == state.effort[4:].tolist() == [0.0, 0.0]
-    assert states(path)[0].position[:4].all()
+    assert states_of(path)[0].position[:4].all()
     # A motion is that of the arm, not what its sensors say.
     assert not read_motion(path).motion.q[1].any()
 

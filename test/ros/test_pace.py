@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from plant_messages import made
 import pytest
 from simulating import efforts
 
@@ -20,11 +21,6 @@ MS = 1_000_000
 PUSH = Arrival(Source.ARRAY, 1, efforts(1.0, -0.5))
 # At its zeros, on its brakes.
 JUMP = Arrival(Source.SET_STATE, 1, b'')
-
-
-def made(**chosen) -> Engine:
-    settings = Settings(robot='planar2', **chosen)
-    return Engine(settings, load_robot(settings))
 
 
 def following(**chosen) -> Engine:

@@ -9,14 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulating import efforts, simulate, states_of
+from simulating import efforts, joint_state, simulate, states_of
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.cdr import CdrWriter
-from pfd_ros.messages.convert import JointStateEncoder, decode_joint_state
+from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.replay.motion import read_motion
 from pfd_ros.replay.verify import DifferenceError, read
 
@@ -31,9 +30,7 @@ def made(**chosen) -> Engine:
 
 
 def joint_command(names: list[str], effort: list[float]) -> Arrival:
-    none = np.zeros(len(names))
-    data = JointStateEncoder(names).encode(0, none, none, np.array(effort))
-    return Arrival(Source.NAMED, 1, data)
+    return Arrival(Source.NAMED, 1, joint_state(names, effort=effort))
 
 
 def test_locked_joints_are_published_after_the_others_at_rest_where_they_are_locked() -> None:
@@ -97,14 +94,8 @@ def test_names_of_locked_joints_that_are_not_published_stay_unknown() -> None:
 def test_a_state_of_the_arm_can_be_sent_back_with_its_locked_joints() -> None:
     engine = made(**WRIST)
     names = ('joint1', 'joint2', 'joint3', 'joint4', 'joint6', 'joint5')
-    writer = CdrWriter()
-    writer.int32(0)
-    writer.uint32(0)
-    writer.string('')
-    writer.strings(names)
-    for values in (np.arange(1.0, 7.0), np.zeros(6), np.zeros(0)):
-        writer.numbers(values)
-    engine.take([Arrival(Source.SET_STATE, 1, bytes(writer.data))])
+    sent = joint_state(names, np.arange(1.0, 7.0), np.zeros(6))
+    engine.take([Arrival(Source.SET_STATE, 1, sent)])
     (state,) = (decode_joint_state(o.data) for o in engine.step() if o.role == 'joint_states')
     assert state.position.tolist() == [1.0, 2.0, 3.0, 4.0, 0.25, -0.5]
 

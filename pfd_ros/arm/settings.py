@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The settings of a run: one frozen table, checked once, written into every recording.
 
-A new setting is a new field of `Settings`: the node declares its parameters from the fields, and
-a replay reads them back from the file, so that both run the same simulation.
+A new setting is a new field of `Settings` or a part of it: the node declares its parameters from
+the fields, and a replay reads them back from the file, so that both run the same simulation.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages about the plant as they travel, and engines that take them, without ROS."""
+"""Requests and messages about the plant as they travel, and engines that take them."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ import numpy as np
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source
+from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import WRENCH
 from pfd_ros.messages.stamped import InertiaMessage, encode_inertia, stamped_encoder
@@ -30,6 +32,15 @@ def judged(engine: Engine, *messages: Message) -> Judgement:
     """Have an engine take messages; return its judgement on the last one."""
     taken = engine.take([Arrival(source, 1, data) for source, data in messages])
     return taken.judgements[-1][1]
+
+
+def verdict(engine: Engine, event: Arrival) -> Verdict:
+    ((_, judgement, _),) = engine.take([event]).judgements
+    return judgement.verdict
+
+
+def asked(name: str, count: int = 1) -> Arrival:
+    return Arrival(Source.REQUEST, 1, encode_request(Request(name, count)))
 
 
 def change(**values: Any) -> Message:

@@ -27,9 +27,11 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 import pfd_core as pfd
+from pfd_core.report.scene_effects import OVER_A_STEP, without
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import COMMANDS, Verdict
+from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.stable_gains import gain_limits
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.node.command_counts import CommandCounts
@@ -71,20 +73,12 @@ class MassKernels:
 
     def __init__(self, arm: Arm) -> None:
         self.scene = arm.scene
-        self.inertia = pfd.compile_kernel(arm.robot, scene=arm.scene, quantity='inertia_matrix')
-        self.energy = pfd.compile_kernel(arm.robot, scene=arm.scene, quantity='energy')
+        asked = replace(arm.settings, outputs=('inertia_matrix', 'energy'))
+        # As on the topics of these names.
+        kernels = model_kernels(asked, arm.robot, arm.scene)
+        self.inertia, self.energy = kernels['inertia_matrix'], kernels['energy']
         # Effects that act over a step have no accelerations.
-        smooth = replace(
-            arm.scene,
-            brakes=False,
-            external_wrench=False,
-            friction=None,
-            static_friction=None,
-            stribeck_velocity=None,
-            joint_limits=None,
-            restitution=0.0,
-            motor_lag=None,
-        )
+        smooth = without(arm.scene, OVER_A_STEP | {'brakes', 'external wrench'})
         self.accelerations = pfd.compile_kernel(
             arm.robot, method=arm.settings.method, scene=smooth, refine=1
         )

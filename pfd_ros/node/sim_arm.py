@@ -8,7 +8,6 @@ It only puts the parts together; the package's docstring has a map of them.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import TimeoutError as LateError
 import threading
 import time
 from typing import Any
@@ -38,8 +37,8 @@ from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.node.workers import Workers
 from pfd_ros.text import cut
 
-# The arm takes events at least twenty times a second.
-ANSWER_SECONDS = 5.0
+# Longest wait for a transition; the arm takes events at least twenty times a second.
+TRANSITION_SECONDS = 5.0
 
 
 class SimArm:
@@ -138,14 +137,13 @@ class SimArm:
             If the arm refuses it, or is so busy that it does not answer: then the request is
             carried out later.
         """
-        answer = self._receiver.ask(Source.REQUEST, encode_request(Request(name)))
-        try:
-            judgement = answer.result(ANSWER_SECONDS)
-        except LateError:
+        request = encode_request(Request(name))
+        judgement = self._receiver.judgement_on(Source.REQUEST, request, TRANSITION_SECONDS)
+        if judgement is None:
             if name == 'activate':
                 # An arm that does not answer now must not begin to move later.
                 self._receiver.ask(Source.REQUEST, encode_request(Request('deactivate')))
-            raise ValueError(f'the arm did not answer within {ANSWER_SECONDS:g} s') from None
+            raise ValueError(f'the arm did not answer within {TRANSITION_SECONDS:g} s')
         if judgement.verdict is not Verdict.ACCEPTED:
             raise ValueError(judgement.detail)
 

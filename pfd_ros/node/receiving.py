@@ -6,9 +6,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, InvalidStateError
+from concurrent.futures import Future
 from concurrent.futures import TimeoutError as LateError
-from contextlib import suppress
 from dataclasses import dataclass, field
 import itertools
 import threading
@@ -165,6 +164,4 @@ class Receiver:
             for number in numbers:
                 answer = self._asked.pop((event.source, number), None)
                 if answer is not None:
-                    # A service that gave up waiting may have cancelled it.
-                    with suppress(InvalidStateError):
-                        answer.set_result(judgement)
+                    answer.set_result(judgement)

@@ -34,7 +34,6 @@ from pfd_ros.arm.events import COMMANDS, Verdict
 from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.stable_gains import gain_limits
 from pfd_ros.messages.convert import NANOSECONDS
-from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.recording.format import ROLE_OF_SOURCE
@@ -95,7 +94,6 @@ class ArmDiagnostics:
     """The tasks of one arm."""
 
     stepper: Stepper
-    counts: CommandCounts
     log: ThrottledLog
     kernels: MassKernels
 
@@ -105,7 +103,7 @@ class ArmDiagnostics:
 
     def _seen(self) -> _Seen:
         stepper, engine = self.stepper, self.stepper.engine
-        verdicts = self.counts.verdicts()
+        verdicts = self.stepper.counts.verdicts()
         commands = {key: count for key, (count, _) in verdicts.items() if key[0] in COMMANDS}
         accepted = sum(n for (_, verdict), n in commands.items() if verdict is Verdict.ACCEPTED)
         return _Seen(
@@ -171,7 +169,7 @@ class ArmDiagnostics:
 
     def _commands(self, last: _Seen, now: _Seen) -> Task:
         seconds = now.seconds - last.seconds
-        age = now.seconds - self.counts.newest if now.accepted else float('nan')
+        age = now.seconds - self.stepper.counts.newest if now.accepted else float('nan')
         deaf = self.log.found('qos') + self.log.found('type')
         values: list[tuple[str, object]] = [
             ('accepted_per_s', f'{(now.accepted - last.accepted) / seconds:.1f}'),
@@ -179,12 +177,12 @@ class ArmDiagnostics:
             ('age_of_newest_s', f'{age:.3f}' if age == age else 'none'),
             ('endpoints_of_other_qos_or_type', deaf),
         ]
-        for (source, verdict), (count, _) in sorted(self.counts.verdicts().items()):
+        for (source, verdict), (count, _) in sorted(self.stepper.counts.verdicts().items()):
             if verdict is not Verdict.ACCEPTED:
                 values.append((f'{ROLE_OF_SOURCE[source]}.{verdict.name.lower()}', count))
         link, actuators = self.stepper.engine.link, self.stepper.engine.actuators
         values += [
-            ('unknown_names', self.counts.unknown()[0]),
+            ('unknown_names', self.stepper.counts.unknown()[0]),
             ('watchdog_trips', link.timeouts),
             ('lost_on_their_way', link.lost),
             ('saturated_steps', actuators.saturated),

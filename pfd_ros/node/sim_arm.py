@@ -104,7 +104,7 @@ class SimArm:
         create_services(node, self._receiver, engine)
         stepper = Stepper(engine, self._receiver, session, publishers, counts)
         self.reporter = Reporter(log, endpoints, stepper, graph)
-        self.diagnostics = ArmDiagnostics(stepper, counts, log, kernels)
+        self.diagnostics = ArmDiagnostics(stepper, log, kernels)
         _warn_about(settings, robot, log)
         self._changes = Changes(self._receiver, engine)
         self._set_parameters = parameters.ParameterChanges(self._changes).set
@@ -179,6 +179,6 @@ def _entities(node: Node) -> Iterator[tuple[str, Any]]:
 
 
 def _warn_about(settings: Settings, robot: Any, log: ThrottledLog) -> None:
-    for name in ('armature', 'damping'):
+    for name in ('armature', 'damping', 'friction'):
         if getattr(settings, name) and not getattr(robot, name).any():
             log.once(name, f'{name} is true, but the model of {cut(robot.name)!r} states none')

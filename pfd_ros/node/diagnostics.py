@@ -29,6 +29,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 import pfd_core as pfd
 from pfd_core.report.scene_effects import OVER_A_STEP, without
 from pfd_ros.arm.arm import Arm
+from pfd_ros.arm.commands import QUIET
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import COMMANDS, Verdict
 from pfd_ros.arm.model_kernels import model_kernels
@@ -113,7 +114,7 @@ class ArmDiagnostics:
             stepper.timer.late,
             stepper.timer.missed,
             accepted,
-            sum(count for count, _ in verdicts.values()) - accepted,
+            sum(n for (_, verdict), (n, _) in verdicts.items() if verdict not in QUIET),
             stepper.session.dropped,
         )
 
@@ -169,12 +170,12 @@ class ArmDiagnostics:
 
     def _commands(self, last: _Seen, now: _Seen) -> Task:
         seconds = now.seconds - last.seconds
-        age = now.seconds - self.stepper.counts.newest if now.accepted else float('nan')
+        age = f'{now.seconds - self.stepper.counts.newest:.3f}' if now.accepted else 'none'
         deaf = self.log.found('qos') + self.log.found('type')
         values: list[tuple[str, object]] = [
             ('accepted_per_s', f'{(now.accepted - last.accepted) / seconds:.1f}'),
             ('accepted', now.accepted),
-            ('age_of_newest_s', f'{age:.3f}' if age == age else 'none'),
+            ('age_of_newest_s', age),
             ('endpoints_of_other_qos_or_type', deaf),
         ]
         for (source, verdict), (count, _) in sorted(self.stepper.counts.verdicts().items()):

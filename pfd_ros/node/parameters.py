@@ -4,7 +4,7 @@
 
 A setting with a number for each joint is a group of parameters, `damping.<joint>`, which is
 declared once the robot is known. A dynamic setting that is set becomes an event of the arm, which
-answers with its verdict; all others are read-only.
+answers with its verdict; no other changes while there is an arm.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ import signal
 from typing import Any
 
 import pytest
-from ros_processes import Peer, Processes, call, next_domain
+from ros_processes import Peer, Processes, call, chosen, next_domain
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.changes import read_changes
@@ -235,12 +235,6 @@ class Plant:
         message.inertia.m = mass
         self._peer.wait(self._loads.get_subscription_count)
         self._loads.publish(message)
-
-
-def chosen(name: str, value: Any) -> Any:
-    from rclpy.parameter import Parameter
-
-    return Parameter(name, value=value)
 
 
 def test_a_node_that_is_configured_again_shows_the_defaults_of_the_new_arm() -> None:

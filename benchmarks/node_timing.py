@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The timing of the node: errors of its period, its share of a core, round trips in lockstep.
 
-    python benchmarks/node_timing.py period [--seconds 20] [--rounds 2] [--rate 1000]
-    python benchmarks/node_timing.py lockstep [--seconds 4] [--rounds 3]
+    python benchmarks/node_timing.py period [--seconds 10] [--rounds 2] [--rate 1000]
+    python benchmarks/node_timing.py lockstep [--seconds 10] [--rounds 2]
 
 `period` compares the node, with and without a recording, with a bare loop of `time.sleep` that
 runs in turn with it, and tells what share of a core each takes. `lockstep` compares the node with
@@ -29,18 +29,9 @@ from typing import Any
 
 import numpy as np
 
-DOMAIN = 98
 NODE_SETTLES = 2.0  # s, without a look at it: discovery, first report
 PATIENCE = 60.0
 NAMES = [f'joint{i}' for i in range(1, 7)]
-
-
-def environment() -> dict[str, str]:
-    """Return the environment of all processes: a domain of their own, on this machine."""
-    return os.environ | {
-        'ROS_DOMAIN_ID': str(DOMAIN),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }
 
 
 # In the processes that are measured
@@ -186,7 +177,7 @@ def ponging() -> None:
 def start(*args: str) -> subprocess.Popen[str]:
     """Start this script in another role."""
     command = [sys.executable, __file__, *args]
-    return subprocess.Popen(command, env=environment(), stdout=subprocess.PIPE, text=True)
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
 
 
 def result(process: subprocess.Popen[str]) -> dict[str, float]:
@@ -268,10 +259,13 @@ def main() -> None:
         parser.add_argument('--rounds', type=int, default=2)
         parser.add_argument('--rate', type=float, default=1000.0)
         chosen = parser.parse_args()
-        if chosen.what == 'period':
-            compare_periods(chosen.seconds, chosen.rounds, chosen.rate)
-        else:
-            compare_round_trips(chosen.seconds, chosen.rounds)
+        from pfd_ros.testing.session import claimed_domain
+
+        with claimed_domain():
+            if chosen.what == 'period':
+                compare_periods(chosen.seconds, chosen.rounds, chosen.rate)
+            else:
+                compare_round_trips(chosen.seconds, chosen.rounds)
 
 
 if __name__ == '__main__':

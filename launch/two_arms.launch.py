@@ -5,11 +5,10 @@
 ros2 launch pfd_ros two_arms.launch.py left:=ur5 right:=panda
 """
 
+from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-
-from launch import LaunchDescription
 
 
 def generate_launch_description() -> LaunchDescription:

@@ -7,12 +7,11 @@ ros2 launch pfd_ros with_state_publisher.launch.py urdf:=arm.urdf
 
 from pathlib import Path
 
+from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
-
-from launch import LaunchContext, LaunchDescription
 
 
 def nodes(context: LaunchContext) -> list[Node]:

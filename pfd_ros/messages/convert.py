@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages to arrays and back: the only file that knows the fields of a message.
+"""Messages to arrays and back: only this file and `stamped` know the fields of a message.
 
 It works on the bytes that travel: the same bytes are published and recorded, and a recording can
 be replayed without ROS.

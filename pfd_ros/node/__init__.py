@@ -16,8 +16,8 @@ Around it:
     parameters       the settings as ROS parameters
     changing         changes of settings and payloads: checked, compiled beside the arm, passed on
     services         pause, step, reset: requests to the arm, answered by their verdicts
-    command_counts   verdicts counted by topic
-    graph_check      other nodes on the topics: foreign types, QoS, a second clock
+    command_counts   verdicts counted by source
+    graph_check      other nodes on the topics: foreign types, QoS, second publishers
     throttled_log    log lines that become rarer while a trouble lasts
     diagnostics      main thread: /diagnostics once a second
     reporting        main thread: log lines once a second, totals, problems at the end
@@ -27,9 +27,9 @@ Around it:
     process          starts and stops ROS, the node and its threads; exit status
     main             signals; the entry point `sim_node`
 
-Threads: main (reporting), the executor, which process starts, stepping, which lifecycle starts
-for each arm, and the recording's own (recording.recorder); those of the middleware beside them.
-The pool of pfd_core is not used: one arm is stepped by one thread. A new topic is a row in
-endpoints, the last but one of the steps that pfd_ros.arm lists; a new parameter is a field of
-arm.settings.
+Threads: main (reporting), signals, the executor, which process starts, stepping, which lifecycle
+starts for each arm, compiling, while a new payload waits for its code (changing), and the
+recording's own (recording.recorder); those of the middleware beside them. The pool of pfd_core is
+not used: one arm is stepped by one thread at a time. A new topic is a row in endpoints, the last
+but one of the steps that pfd_ros.arm lists; a new parameter is a field of arm.settings.
 """

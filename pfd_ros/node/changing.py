@@ -11,7 +11,6 @@ See docs/decisions/0020-changes-while-the-arm-runs.md.
 from __future__ import annotations
 
 from collections.abc import Callable
-from concurrent.futures import TimeoutError as LateError
 from dataclasses import dataclass, field
 import threading
 import time
@@ -27,9 +26,6 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.stamped import decode_inertia
 from pfd_ros.node.receiving import Receiver
 
-# The arm answers within a cycle. The executor's thread waits for it, so not for long: a very slow
-# arm takes the values over later.
-ANSWER_SECONDS = 0.5
 # A payload message has a hundred bytes; a longer one is left to the arm, which refuses it.
 LONGEST_PAYLOAD = 1 << 12
 # Of a flood of payloads the compiler, which slows the stepping thread down, gets a fifth of the
@@ -115,13 +111,9 @@ class Changes:
         return settings
 
     def _pass_on(self, values: dict[str, Any]) -> None:
-        """Pass values on and wait for the verdict, unless the arm is very slow."""
-        answer = self.receiver.ask(Source.PARAMETERS, encode_changes(values))
-        try:
-            judgement = answer.result(ANSWER_SECONDS)
-        except LateError:
-            return
-        if judgement.verdict is not Verdict.ACCEPTED:
+        """Pass values on and wait for the verdict; a very slow arm takes them over later."""
+        judgement = self.receiver.judgement_on(Source.PARAMETERS, encode_changes(values))
+        if judgement is not None and judgement.verdict is not Verdict.ACCEPTED:
             raise ValueError(f'{judgement.verdict.name.lower()}: {judgement.detail}')
 
     def _wait(self, source: Source, values: dict[str, Any], data: bytes) -> None:

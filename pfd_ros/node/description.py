@@ -41,6 +41,7 @@ from pfd_ros.text import one_line
 # As `load_robot` takes it; a larger message is not decoded.
 LARGEST_DESCRIPTION = 1 << 24
 LOOK_SECONDS = 0.1
+_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @dataclass(frozen=True)
@@ -210,6 +211,3 @@ def publish_description(node: Node, model: Model) -> None:
         qos_overriding_options=QoSOverridingOptions.with_default_policies(),
     )
     publisher.publish(String(data=model.text or urdf_of(model.robot)))
-
-
-_LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

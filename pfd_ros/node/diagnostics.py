@@ -27,12 +27,14 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 import pfd_core as pfd
+from pfd_core.report.scene_effects import OVER_A_STEP, without
 from pfd_ros.arm.arm import Arm
+from pfd_ros.arm.commands import QUIET
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import COMMANDS, Verdict
+from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.stable_gains import gain_limits
 from pfd_ros.messages.convert import NANOSECONDS
-from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.recording.format import ROLE_OF_SOURCE
@@ -71,20 +73,12 @@ class MassKernels:
 
     def __init__(self, arm: Arm) -> None:
         self.scene = arm.scene
-        self.inertia = pfd.compile_kernel(arm.robot, scene=arm.scene, quantity='inertia_matrix')
-        self.energy = pfd.compile_kernel(arm.robot, scene=arm.scene, quantity='energy')
+        asked = replace(arm.settings, outputs=('inertia_matrix', 'energy'))
+        # As on the topics of these names.
+        kernels = model_kernels(asked, arm.robot, arm.scene)
+        self.inertia, self.energy = kernels['inertia_matrix'], kernels['energy']
         # Effects that act over a step have no accelerations.
-        smooth = replace(
-            arm.scene,
-            brakes=False,
-            external_wrench=False,
-            friction=None,
-            static_friction=None,
-            stribeck_velocity=None,
-            joint_limits=None,
-            restitution=0.0,
-            motor_lag=None,
-        )
+        smooth = without(arm.scene, OVER_A_STEP | {'brakes', 'external wrench'})
         self.accelerations = pfd.compile_kernel(
             arm.robot, method=arm.settings.method, scene=smooth, refine=1
         )
@@ -101,7 +95,6 @@ class ArmDiagnostics:
     """The tasks of one arm."""
 
     stepper: Stepper
-    counts: CommandCounts
     log: ThrottledLog
     kernels: MassKernels
 
@@ -111,7 +104,7 @@ class ArmDiagnostics:
 
     def _seen(self) -> _Seen:
         stepper, engine = self.stepper, self.stepper.engine
-        verdicts = self.counts.verdicts()
+        verdicts = self.stepper.counts.verdicts()
         commands = {key: count for key, (count, _) in verdicts.items() if key[0] in COMMANDS}
         accepted = sum(n for (_, verdict), n in commands.items() if verdict is Verdict.ACCEPTED)
         return _Seen(
@@ -121,7 +114,7 @@ class ArmDiagnostics:
             stepper.timer.late,
             stepper.timer.missed,
             accepted,
-            sum(count for count, _ in verdicts.values()) - accepted,
+            sum(n for (_, verdict), (n, _) in verdicts.items() if verdict not in QUIET),
             stepper.session.dropped,
         )
 
@@ -177,20 +170,20 @@ class ArmDiagnostics:
 
     def _commands(self, last: _Seen, now: _Seen) -> Task:
         seconds = now.seconds - last.seconds
-        age = now.seconds - self.counts.newest if now.accepted else float('nan')
+        age = f'{now.seconds - self.stepper.counts.newest:.3f}' if now.accepted else 'none'
         deaf = self.log.found('qos') + self.log.found('type')
         values: list[tuple[str, object]] = [
             ('accepted_per_s', f'{(now.accepted - last.accepted) / seconds:.1f}'),
             ('accepted', now.accepted),
-            ('age_of_newest_s', f'{age:.3f}' if age == age else 'none'),
+            ('age_of_newest_s', age),
             ('endpoints_of_other_qos_or_type', deaf),
         ]
-        for (source, verdict), (count, _) in sorted(self.counts.verdicts().items()):
+        for (source, verdict), (count, _) in sorted(self.stepper.counts.verdicts().items()):
             if verdict is not Verdict.ACCEPTED:
                 values.append((f'{ROLE_OF_SOURCE[source]}.{verdict.name.lower()}', count))
         link, actuators = self.stepper.engine.link, self.stepper.engine.actuators
         values += [
-            ('unknown_names', self.counts.unknown()[0]),
+            ('unknown_names', self.stepper.counts.unknown()[0]),
             ('watchdog_trips', link.timeouts),
             ('lost_on_their_way', link.lost),
             ('saturated_steps', actuators.saturated),

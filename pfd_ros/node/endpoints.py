@@ -27,6 +27,7 @@ from std_msgs.msg import Float64MultiArray
 from pfd_ros.arm.events import CLOCK, PAYLOAD_IN_USE, STATES, Source
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.messages import convert
+from pfd_ros.node.parameters import given_names
 
 _CLASSES = {
     convert.JOINT_STATE: JointState,
@@ -136,10 +137,8 @@ def serve_best_effort(node: Node, endpoints: Endpoints, source: Source) -> bool:
     in between is lost.
     """
     old = endpoints.subscriptions[source]
-    # rclpy keeps parameters of the command line and of files here, and nowhere public.
-    given = getattr(node, '_parameter_overrides', {})
     executor = node.executor
-    if executor is None or reliability_parameter(old) in given:
+    if executor is None or reliability_parameter(old) in given_names(node):
         return False
 
     def replace() -> None:

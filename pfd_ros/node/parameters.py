@@ -4,12 +4,12 @@
 
 A setting with a number for each joint is a group of parameters, `damping.<joint>`, which is
 declared once the robot is known. A dynamic setting that is set becomes an event of the arm, which
-answers with its verdict; all others are read-only.
+answers with its verdict; no other changes while there is an arm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from contextlib import suppress
 import dataclasses
 from dataclasses import dataclass
@@ -149,11 +149,16 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, str | bool | int | float) else tuple(value)
 
 
+def given_names(node: Node) -> Collection[str]:
+    """Return the names of the parameters on the command line and in files."""
+    # rclpy keeps them here, and nowhere public.
+    found: Collection[str] = getattr(node, '_parameter_overrides', {})
+    return found
+
+
 def misspelt(node: Node) -> str:
     """Return the parameters the user set that the node does not have, as a list to show."""
-    # rclpy keeps parameters of the command line and of files here, and nowhere public.
-    given = getattr(node, '_parameter_overrides', {})
-    unknown = sorted(name for name in given if not node.has_parameter(name))
+    unknown = sorted(name for name in given_names(node) if not node.has_parameter(name))
     return listed(unknown) if unknown else ''
 
 

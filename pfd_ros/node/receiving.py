@@ -6,8 +6,8 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Future, InvalidStateError
-from contextlib import suppress
+from concurrent.futures import Future
+from concurrent.futures import TimeoutError as LateError
 from dataclasses import dataclass, field
 import itertools
 import threading
@@ -25,6 +25,9 @@ MOST_BYTES = 1 << 25
 LARGEST_MESSAGE = 1 << 22
 # Someone waits for the verdicts on these; no flood of commands takes their place.
 KEPT = frozenset({Source.REQUEST, Source.PARAMETERS})
+# The arm answers within a cycle, and a slow one within some hundredths of a second. The executor's
+# thread waits for it, so not for long: an arm that waits for the disk answers later.
+ANSWER_SECONDS = 0.5
 
 
 @dataclass
@@ -137,6 +140,15 @@ class Receiver:
         self._pass_on(source, sequence, data)
         return answer
 
+    def judgement_on(
+        self, source: Source, data: bytes, seconds: float = ANSWER_SECONDS
+    ) -> Judgement | None:
+        """Return the judgement on a request, None if it does not come in time."""
+        try:
+            return self.ask(source, data).result(seconds)
+        except LateError:
+            return None
+
     def _pass_on(self, source: Source, sequence: int, data: bytes) -> None:
         self.record(ROLE_OF_SOURCE[source], sequence, data)
         self.queue.put(Arrival(source, sequence, data))
@@ -152,6 +164,4 @@ class Receiver:
             for number in numbers:
                 answer = self._asked.pop((event.source, number), None)
                 if answer is not None:
-                    # A service that gave up waiting may have cancelled it.
-                    with suppress(InvalidStateError):
-                        answer.set_result(judgement)
+                    answer.set_result(judgement)

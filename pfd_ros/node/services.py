@@ -10,7 +10,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import TimeoutError as LateError
 from dataclasses import dataclass
 from typing import Any
 
@@ -25,10 +24,6 @@ from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.node.receiving import Receiver
 from pfd_ros.text import one_line
 
-# The arm answers within a cycle, and a slow one within some hundredths of a second. The executor's
-# thread waits for it, so not for long: an arm that waits for the disk does it later.
-ANSWER_SECONDS = 0.5
-
 
 @dataclass(frozen=True)
 class Services:
@@ -39,10 +34,8 @@ class Services:
 
     def request(self, request: Request, response: Any) -> Any:
         """Pass a request to the arm and wait for its verdict."""
-        answer = self.receiver.ask(Source.REQUEST, encode_request(request))
-        try:
-            judgement = answer.result(ANSWER_SECONDS)
-        except LateError:
+        judgement = self.receiver.judgement_on(Source.REQUEST, encode_request(request))
+        if judgement is None:
             response.success, response.message = True, f'{request.name}: at the next step'
             return response
         response.success = judgement.verdict is Verdict.ACCEPTED

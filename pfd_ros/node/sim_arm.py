@@ -8,7 +8,6 @@ It only puts the parts together; the package's docstring has a map of them.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import TimeoutError as LateError
 import threading
 import time
 from typing import Any
@@ -38,8 +37,8 @@ from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.node.workers import Workers
 from pfd_ros.text import cut
 
-# The arm takes events at least twenty times a second.
-ANSWER_SECONDS = 5.0
+# Longest wait for a transition; the arm takes events at least twenty times a second.
+TRANSITION_SECONDS = 5.0
 
 
 class SimArm:
@@ -105,7 +104,7 @@ class SimArm:
         create_services(node, self._receiver, engine)
         stepper = Stepper(engine, self._receiver, session, publishers, counts)
         self.reporter = Reporter(log, endpoints, stepper, graph)
-        self.diagnostics = ArmDiagnostics(stepper, counts, log, kernels)
+        self.diagnostics = ArmDiagnostics(stepper, log, kernels)
         _warn_about(settings, robot, log)
         self._changes = Changes(self._receiver, engine)
         self._set_parameters = parameters.ParameterChanges(self._changes).set
@@ -138,14 +137,13 @@ class SimArm:
             If the arm refuses it, or is so busy that it does not answer: then the request is
             carried out later.
         """
-        answer = self._receiver.ask(Source.REQUEST, encode_request(Request(name)))
-        try:
-            judgement = answer.result(ANSWER_SECONDS)
-        except LateError:
+        request = encode_request(Request(name))
+        judgement = self._receiver.judgement_on(Source.REQUEST, request, TRANSITION_SECONDS)
+        if judgement is None:
             if name == 'activate':
                 # An arm that does not answer now must not begin to move later.
                 self._receiver.ask(Source.REQUEST, encode_request(Request('deactivate')))
-            raise ValueError(f'the arm did not answer within {ANSWER_SECONDS:g} s') from None
+            raise ValueError(f'the arm did not answer within {TRANSITION_SECONDS:g} s')
         if judgement.verdict is not Verdict.ACCEPTED:
             raise ValueError(judgement.detail)
 
@@ -181,6 +179,6 @@ def _entities(node: Node) -> Iterator[tuple[str, Any]]:
 
 
 def _warn_about(settings: Settings, robot: Any, log: ThrottledLog) -> None:
-    for name in ('armature', 'damping'):
+    for name in ('armature', 'damping', 'friction'):
         if getattr(settings, name) and not getattr(robot, name).any():
             log.once(name, f'{name} is true, but the model of {cut(robot.name)!r} states none')

@@ -98,18 +98,6 @@ class Crowd:
         self._peer.close()
 
 
-def _call_parameters(peer: Peer) -> None:
-    from rcl_interfaces.msg import Parameter, ParameterValue
-    from rcl_interfaces.srv import SetParameters
-
-    client = peer.node.create_client(SetParameters, '/sim_arm/set_parameters')
-    if client.service_is_ready():
-        strange = Parameter(name='{0}', value=ParameterValue(type=200))
-        client.call_async(SetParameters.Request(parameters=[strange]))
-    peer.executor.spin_once(timeout_sec=0)
-    peer.node.destroy_client(client)
-
-
 class Leader:
     """A clock that the arm follows, and cannot trust."""
 
@@ -134,10 +122,12 @@ class Caller:
 
     def __init__(self, peer: Peer, chance: random.Random) -> None:
         from lifecycle_msgs.srv import ChangeState
+        from rcl_interfaces.srv import SetParameters
         from std_srvs.srv import SetBool, Trigger
 
         self._peer, self._random = peer, chance
         kinds = {'pause': SetBool, 'step': Trigger, 'reset': Trigger, 'change_state': ChangeState}
+        kinds['set_parameters'] = SetParameters
         self._clients = {
             name: peer.node.create_client(kind, f'/sim_arm/{name}') for name, kind in kinds.items()
         }
@@ -149,10 +139,13 @@ class Caller:
     def call(self) -> None:
         """Call one of them."""
         from lifecycle_msgs.msg import Transition
+        from rcl_interfaces.msg import Parameter, ParameterValue
 
-        name = self._random.choice((*self._clients, 'set_parameters'))
+        name = self._random.choice(tuple(self._clients))
         if name == 'set_parameters':
-            _call_parameters(self._peer)
+            # rclpy's own callback raises for a value of no type.
+            strange = Parameter(name='{0}', value=ParameterValue(type=200))
+            self._call(name, parameters=[strange])
         elif name == 'pause':
             self._call(name, data=self._random.random() < 0.3)
         elif name == 'change_state':

@@ -223,6 +223,13 @@ class Peer:
         self.context.try_shutdown()
 
 
+def chosen(name: str, value: Any) -> Any:
+    """Return a parameter as rclpy has it."""
+    from rclpy.parameter import Parameter
+
+    return Parameter(name, value=value)
+
+
 def call(peer: Peer, kind: Any, name: str, **values: Any) -> Any:
     """Call a service of the node `sim_arm` and return its response."""
     client = peer.node.create_client(kind, f'/sim_arm/{name}')

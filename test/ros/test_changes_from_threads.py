@@ -12,7 +12,7 @@ from typing import Any
 
 from plant_messages import payload
 import pytest
-from ros_processes import PATIENCE
+from ros_processes import PATIENCE, chosen
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
@@ -55,17 +55,10 @@ def made(**settings: Any) -> tuple[Engine, Any, Any]:
     from pfd_ros.node.parameters import ParameterChanges
     from pfd_ros.node.receiving import EventQueue, Receiver
 
-    chosen = Settings(**{'robot': 'planar2', **settings})
-    robot = load_robot(chosen)
-    engine = Engine(chosen, robot)
+    wanted = Settings(**{'robot': 'planar2', **settings})
+    engine = Engine(wanted, load_robot(wanted))
     receiver = Receiver(EventQueue(), lambda *_: None, CommandCounts())
     return engine, receiver, ParameterChanges(Changes(receiver, engine))
-
-
-def chosen(name: str, value: Any) -> Any:
-    from rclpy.parameter import Parameter
-
-    return Parameter(name, value=value)
 
 
 def test_values_that_several_threads_set_all_reach_the_arm_in_one_order() -> None:

@@ -10,6 +10,13 @@ import numpy as np
 import pytest
 from ros_processes import JOINTS, Processes
 
+from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.settings import Settings
+from pfd_ros.node.command_counts import CommandCounts
+from pfd_ros.node.receiving import EventQueue, Receiver
 from pfd_ros.node.step_timer import StepLengths
 
 # Relative error of accelerations of an ordinary arm in float64, far above its rounding.
@@ -27,6 +34,53 @@ def test_lengths_of_steps_are_those_since_the_last_look_and_the_newest_at_most()
         lengths.add(cycle, cycle)
     newest = lengths.newest(5, 3 * StepLengths.COUNT - 1)
     assert newest.tolist() == list(range(2 * StepLengths.COUNT, 3 * StepLengths.COUNT))
+
+
+@pytest.mark.ros
+def test_the_energy_told_is_that_of_the_arm_whatever_its_drives_add() -> None:
+    from pfd_ros.node.diagnostics import MassKernels
+
+    told = []
+    for compensated in (False, True):
+        settings = Settings(
+            robot='planar2',
+            gravity_compensation=compensated,
+            friction=True,
+            joint_limits=True,
+            restitution=0.5,
+            motor_lag=(0.01, 0.01),
+            external_wrench=True,
+        )
+        kernels = MassKernels(Engine(settings, load_robot(settings)).arm)
+        told.append(kernels.energy(np.array([0.3, -0.2]), np.ones(2)).tolist())
+        assert 0.0 <= kernels.error_estimate(*np.ones((3, 2))) < ROUNDING
+    assert told[0] == told[1]
+    assert all(told[0])
+
+
+@pytest.mark.ros
+def test_messages_that_are_rejected_are_a_warning_and_no_others() -> None:
+    from pfd_ros.node.diagnostics import OK, WARN, ArmDiagnostics, MassKernels
+    from pfd_ros.node.log_session import LogSession
+    from pfd_ros.node.stepping import Stepper
+    from pfd_ros.node.throttled_log import ThrottledLog
+
+    settings, counts = Settings(robot='planar2'), CommandCounts()
+    engine, session = Engine(settings, load_robot(settings)), LogSession()
+    receiver = Receiver(EventQueue(), session.record, counts)
+    stepper = Stepper(engine, receiver, session, {}, counts)
+    diagnostics = ArmDiagnostics(stepper, ThrottledLog(None), MassKernels(engine.arm))
+
+    def level(source: Source, verdict: Verdict) -> bytes:
+        counts.add(source, Judgement(verdict, ''))
+        (task,) = (task for task in diagnostics.tasks() if task.name == 'commands')
+        return task.level
+
+    for source in Source:
+        assert level(source, Verdict.ACCEPTED) == OK
+        assert level(source, Verdict.MALFORMED) == WARN
+    # A driver sends it until a controller has claimed the joint.
+    assert level(Source.NAMED, Verdict.ALL_NAN) == OK
 
 
 @pytest.mark.ros

@@ -256,7 +256,7 @@ def test_a_second_clock_of_a_node_of_the_same_name_is_told(processes: Processes)
     one.wait_for_text('publishes /clock too')
 
 
-@pytest.mark.parametrize('name', ['armature', 'damping'])
+@pytest.mark.parametrize('name', ['armature', 'damping', 'friction'])
 def test_a_switch_that_the_model_does_not_fill_is_told(processes: Processes, name: str) -> None:
     urdf = Path(processes.folder / 'plain.urdf')
     urdf.write_text(
@@ -272,5 +272,6 @@ def test_a_switch_that_the_model_does_not_fill_is_told(processes: Processes, nam
 
 
 def test_a_switch_that_the_model_fills_is_nothing_to_tell(processes: Processes) -> None:
-    arm = processes.arm('-p', 'robot:=puma560', '-p', 'armature:=true', '-p', 'damping:=true')
+    switches = ('-p', 'armature:=true', '-p', 'damping:=true', '-p', 'friction:=true')
+    arm = processes.arm('-p', 'robot:=puma560', *switches)
     assert 'states none' not in arm.text()

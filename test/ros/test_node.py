@@ -49,7 +49,7 @@ def test_every_kind_of_command_is_judged_as_the_rules_say(processes: Processes, 
     ]
     arm = processes.arm(
         *('-p', 'recording:=arm.mcap', '-p', 'start_time:=100.0'),
-        *('-p', depths[0], '-p', depths[1], '-p', 'torque_speed:=false'),
+        *('-p', depths[0], '-p', depths[1]),
     )
     peer = peer_of(processes)
     peer.connect()

@@ -9,7 +9,7 @@ import signal
 from typing import Any
 
 import pytest
-from ros_processes import Peer, Processes, next_domain
+from ros_processes import Peer, Processes, call, chosen, next_domain
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.changes import read_changes
@@ -27,20 +27,13 @@ class Client:
     """Calls the parameter services of `sim_arm`."""
 
     def __init__(self, peer: Peer) -> None:
-        from rcl_interfaces import srv
-
-        self._peer, self._types, self._clients = peer, srv, {}
+        self._peer = peer
 
     def call(self, kind: str, **fields: Any) -> Any:
-        service = getattr(self._types, kind)
+        from rcl_interfaces import srv
+
         name = ''.join(f'_{c.lower()}' if c.isupper() else c for c in kind)[1:]
-        if kind not in self._clients:
-            self._clients[kind] = self._peer.node.create_client(service, f'sim_arm/{name}')
-        client = self._clients[kind]
-        self._peer.wait(client.service_is_ready)
-        answer = client.call_async(service.Request(**fields))
-        self._peer.wait(answer.done)
-        return answer.result()
+        return call(self._peer, getattr(srv, kind), name, **fields)
 
     def set(self, *parameters: Any) -> tuple[bool, str]:
         """Set all of some parameters or none; return the success and the reason."""
@@ -137,6 +130,8 @@ def test_a_node_takes_dynamic_parameters_and_refuses_all_else_with_a_reason(
 def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     processes: Processes, peer_of
 ) -> None:
+    from std_srvs.srv import Trigger
+
     (processes.folder / 'given.yaml').write_text(
         '/**:\n  ros__parameters:\n    robot: planar2\n    joints: [elbow, shoulder]\n'
         '    damping:\n      elbow: 0.5\n    friction.shoulder: 0.25\n    armature.elbwo: 1.0\n'
@@ -175,7 +170,7 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     plant.push('tip_link', 0.0, 20.0, 0.0)
     peer.wait(lambda: all(peer.states[-1].velocity))
     plant.push('nowhere', 0.0, 1e9, 0.0)
-    answer = plant.clear()
+    answer = call(peer, Trigger, 'clear_external_wrench')
     assert answer.success
     assert answer.message.startswith('accepted: clear_wrench')
     plant.load('tip_link', 1.5)
@@ -217,16 +212,13 @@ class Plant:
     def __init__(self, peer: Peer) -> None:
         from geometry_msgs.msg import InertiaStamped, WrenchStamped
         from rclpy.qos import DurabilityPolicy, QoSProfile
-        from std_srvs.srv import Trigger
 
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         node = peer.node
         self.payloads: list[Any] = []
         self._peer, self._wrench, self._payload = peer, WrenchStamped, InertiaStamped
-        self._trigger = Trigger
         self._pushes = node.create_publisher(WrenchStamped, 'sim_arm/external_wrench', 1)
         self._loads = node.create_publisher(InertiaStamped, 'sim_arm/payload', latched)
-        self._client = node.create_client(Trigger, 'sim_arm/clear_external_wrench')
         topic = 'sim_arm/payload_in_use'
         node.create_subscription(InertiaStamped, topic, self.payloads.append, latched)
 
@@ -243,18 +235,6 @@ class Plant:
         message.inertia.m = mass
         self._peer.wait(self._loads.get_subscription_count)
         self._loads.publish(message)
-
-    def clear(self) -> Any:
-        self._peer.wait(self._client.service_is_ready)
-        answer = self._client.call_async(self._trigger.Request())
-        self._peer.wait(answer.done)
-        return answer.result()
-
-
-def chosen(name: str, value: Any) -> Any:
-    from rclpy.parameter import Parameter
-
-    return Parameter(name, value=value)
 
 
 def test_a_node_that_is_configured_again_shows_the_defaults_of_the_new_arm() -> None:

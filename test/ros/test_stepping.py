@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The two threads that may step an arm that waits, without ROS: one at a time, and all is done."""
+"""The two threads that may step an arm that waits, without a node: one at a time, all is done."""
 
 from __future__ import annotations
 
@@ -14,6 +14,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from ros_processes import PATIENCE
+
+pytest.importorskip('rclpy')
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.effects import Request
@@ -28,7 +31,6 @@ from pfd_ros.node.receiving import EventQueue, Receiver
 from pfd_ros.node.stepping import Stepper
 from pfd_ros.node.workers import Workers
 
-PATIENCE = 60.0
 NAMES = ('shoulder', 'elbow')
 
 

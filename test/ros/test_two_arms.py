@@ -14,10 +14,8 @@ pytestmark = pytest.mark.ros
 
 
 def test_two_arms_in_two_namespaces_do_not_hear_each_other(processes: Processes, peer_of) -> None:
-    # Light wrists are soon fast.
-    free = ('-p', 'torque_speed:=false')
-    processes.arm('-r', '__ns:=/left', *free, ready=False)
-    right = processes.arm('-r', '__ns:=/right', '-p', 'publish_clock:=false', *free)
+    processes.arm('-r', '__ns:=/left', ready=False)
+    right = processes.arm('-r', '__ns:=/right', '-p', 'publish_clock:=false')
     peers = [peer_of(processes, name) for name in ('left', 'right')]
     for peer in peers:
         peer.connect()

@@ -88,6 +88,8 @@ class LockstepArm:
         self._limits = limits_of(self.robot, self.engine.arm.order)
         self._run = EngineRun(self.engine, open_log(self.engine, self.robot))
         self._ros_args = tuple(ros_args)
+        if self.settings.command_topic:
+            self._ros_args += ('-r', f'~/commands:={self.settings.command_topic}')
         self._exchange: Exchange | None = None
 
     def __enter__(self) -> LockstepArm:

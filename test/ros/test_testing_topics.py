@@ -162,12 +162,21 @@ def test_an_error_in_a_node_ends_the_run(controller_of: Callable[..., Any]) -> N
         arm.spin(0.1, controller_of('named', failing))
 
 
-def test_the_topics_of_the_arm_can_be_remapped(domain: int) -> None:
+@pytest.mark.parametrize(
+    ('settings', 'remapped'),
+    [
+        ({}, ['-r', '~/commands:=/effort_controllers/commands']),
+        ({'command_topic': '/effort_controllers/commands'}, []),
+    ],
+    ids=['remapping', 'setting'],
+)
+def test_the_topics_of_the_arm_can_be_chosen(
+    settings: dict[str, Any], remapped: list[str], domain: int
+) -> None:
     from rclpy.node import Node
     from std_msgs.msg import Float64MultiArray
 
-    remapped = ['-r', '~/commands:=/effort_controllers/commands', '-r', '__ns:=/left']
-    with LockstepArm(**SETTINGS, ros_args=remapped) as arm:
+    with LockstepArm(**SETTINGS, **settings, ros_args=[*remapped, '-r', '__ns:=/left']) as arm:
         node = Node('remapped')
         commands = node.create_publisher(Float64MultiArray, '/effort_controllers/commands', 1)
         from sensor_msgs.msg import JointState

@@ -232,7 +232,7 @@ class LockstepArm:
         self._jump(Source.SET_STATE, state_bytes(self.names, positions, velocities))
 
     def push(self, force: Sequence[float], torque: Sequence[float], frame: str = '') -> None:
-        """Let a force and a torque act on the last link, until the next; not with a reset.
+        """Let a force and a torque act on the last link until the next push, or a reset.
 
         They are expressed in a frame of the last link, default its own, and act at its origin,
         N and N m. The arm needs the setting external_wrench=True; external_wrench_timeout ends

@@ -58,6 +58,8 @@ class ProcessArm:
     ----------
     settings, robot, names
         Settings, robot, and joints in published order, in which all arrays are.
+    process
+        The process.
 
     Raises
     ------

@@ -21,6 +21,7 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     port_limit       a kernel's own mix of operations in a loop: the limit of the processor
     first_results    time to a robot's first result, compiled or from disk
     surroundings     processor, load, versions and date of a measurement
+    speed_robots     robots by name, chainN and denseN among them
     speed            the survey: which robots, works and contenders, and the findings
     speed_tables     tables of ways over robots, and their cells
     speed_pages      the page: its tables and columns, JSON and plot

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Paragraphs, tables and errors as Markdown, for the pages of the hard cases."""
+"""Paragraphs, tables and errors as Markdown."""
 
 from __future__ import annotations
 

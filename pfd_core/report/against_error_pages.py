@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 import json
 from pathlib import Path
 from typing import Any
@@ -29,8 +29,8 @@ from pfd_core.report.work_precision import MotionFacts, RunPoint
 COMMAND = 'pfd report speed --against-error'
 NAME = 'speed-against-error'
 QUANTITIES = quantity_rows.Plan(robots=('ur5', 'panda'), references=8)
-QUICK_QUANTITIES = quantity_rows.Plan(
-    robots=('planar2',), batches=(64,), references=1, pace=against_error.QUICK.pace
+QUICK_QUANTITIES = replace(
+    QUANTITIES, robots=('planar2',), batches=(64,), pace=against_error.QUICK.pace
 )
 INTRODUCTION = """# Speed against error
 

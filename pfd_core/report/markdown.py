@@ -10,7 +10,7 @@ from textwrap import fill
 
 def paragraph(text: str) -> str:
     """Return text in lines of a page's width, and an empty line."""
-    return fill(text, 99, break_on_hyphens=False) + '\n'
+    return fill(text, 99, break_on_hyphens=False, break_long_words=False) + '\n'
 
 
 def header(titles: str) -> list[str]:

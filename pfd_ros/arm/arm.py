@@ -22,6 +22,8 @@ from pfd_ros.text import cut, listed
 
 # More than one is ready only while the arm is slower than the compiler.
 MOST_PREPARED = 4
+# A stamp has 31 bits for its seconds; a day is left for the steps that follow.
+LATEST_NS = (2**31 - 86_400) * NANOSECONDS
 
 
 def load_robot(settings: Settings) -> Any:
@@ -92,8 +94,8 @@ class Arm:
         that led to it, N m or N; a joint on its brake has none.
     step
         Steps that ended in a finite state.
-    failure
-        Why the simulation stopped, '' while it goes on.
+    failure, failures
+        Why the simulation stopped, '' while it goes on; how often it has.
 
     Raises
     ------
@@ -107,6 +109,7 @@ class Arm:
         self.names = tuple(robot.joint_names[i] for i in self.order)
         self.step = 0
         self.failure = ''
+        self.failures = 0
         self.robot = robot
         self._start_ns, self._step_ns = settings.start_ns, settings.step_ns
         # As NumPy indexes with: it would convert a list each time.
@@ -208,13 +211,34 @@ class Arm:
         try:
             self._simulator.step(drive.effort, self.wrench, brakes=drive.braked)
         except (ValueError, ArithmeticError) as error:
-            self.failure = f'step {self.step + 1} failed: {error}'
+            self._fail(f'step {self.step + 1} failed: {error}')
             return
         if self._simulator.status != 'ok':
-            self.failure = f'the state after step {self.step + 1} is not finite'
+            self._fail(f'the state after step {self.step + 1} is not finite')
             return
         self.step += 1
         self._keep_state(drive.effort)
+
+    def _fail(self, why: str) -> None:
+        self.failure = why
+        self.failures += 1
+
+    def revive(self, step: int) -> None:
+        """Let an arm that failed go on from its initial state, at the time of this step.
+
+        Raises
+        ------
+        ValueError
+            If no stamp holds that time: only a damaged recording has such a gap.
+        """
+        if not self.failure:
+            return
+        if self._start_ns + step * self._step_ns > LATEST_NS:
+            raise ValueError(f'a reset after step {step}, for whose time a stamp has no room')
+        self.failure = ''
+        self.step = step
+        self._simulator.reset(q=self.start)
+        self._keep_state(np.zeros(len(self.order)))
 
     def jump(self, changes: Sequence[StateChange | None]) -> None:
         """Do a step that ends in another state: that of these changes, None the initial one."""

@@ -43,6 +43,8 @@ class CommandLink:
         How often it has.
     lost
         Commands that were lost by chance.
+    sent
+        Commands since the start or the last reset, by which chance counts.
 
     Parameters
     ----------
@@ -54,7 +56,7 @@ class CommandLink:
 
     def __init__(self, settings: Settings, order: Sequence[int]) -> None:
         self.timed_out = False
-        self.timeouts = self.lost = 0
+        self.timeouts = self.lost = self.sent = 0
         self._place = np.argsort(order)
         # Drives that are under way, with the cycle in which they arrive; one for a cycle.
         self._line: deque[tuple[int, Drive]] = deque()
@@ -75,23 +77,13 @@ class CommandLink:
         self._heard = math.inf
         self.timed_out = False
 
-    def send(self, command: Command, cycle: int, source: int, sequence: int) -> None:
-        """Send an accepted command, the message of this number of its source.
-
-        Parameters
-        ----------
-        command
-            The command.
-        cycle
-            The cycle in which it acts if it is not late.
-        source, sequence
-            Of the message.
-        """
-        if self._drop:
-            chance = uniform(self._seed, Channel.COMMAND_DROP, sequence, source + 1)[source]
-            if chance < self._drop:
-                self.lost += 1
-                return
+    def send(self, command: Command, cycle: int) -> None:
+        """Send an accepted command, which acts in this cycle if it is not late."""
+        self.sent += 1
+        chance = uniform(self._seed, Channel.COMMAND_DROP, self.sent, 1)[0] if self._drop else 1.0
+        if chance < self._drop:
+            self.lost += 1
+            return
         self._sent = merge(self._sent, command)
         if not self._delay:
             self._arrive(self._sent, cycle)

@@ -109,10 +109,12 @@ class Engine:
     """
 
     def __init__(self, settings: Settings, robot: Any, *, rows: bool = True) -> None:
-        self.robot = robot
         self.arm = Arm(settings, robot)
         self.settings = self.arm.settings
         self.cycles = 0
+        # The cycle of the start or the last reset, from which noise counts.
+        self._begun = 0
+        self._role = ''
         clock = FollowedClock(settings.step_ns) if settings.follows_clock else None
         self.pace = Pace(
             settings.lockstep, settings.autostart, clock, settings.wait_for_controller
@@ -136,7 +138,9 @@ class Engine:
     @property
     def stands(self) -> bool:
         """Whether the next cycle has to wait for an event."""
-        if self.pace.forbids(self.arm.stamp_ns + self.settings.step_ns):
+        # Of an arm that failed simulated time stands still; cycles go on as if it did not.
+        steps = self.cycles + 1 - self.arm.step
+        if self.pace.forbids(self.arm.stamp_ns + steps * self.settings.step_ns):
             return True
         return self.pace.stands and not self.jumps
 
@@ -168,19 +172,19 @@ class Engine:
     def accept(self, event: Arrival) -> Judgement:
         """Judge one message and apply it to the next cycle, without a row."""
         judgement = self.judge(event)
-        self._apply(event.source, event.sequence, judgement)
+        self._apply(event.source, judgement)
         return judgement
 
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
         return self._rules.judge(event)
 
-    def _apply(self, source: Source, sequence: int, judgement: Judgement) -> None:
+    def _apply(self, source: Source, judgement: Judgement) -> None:
         effect = judgement.effect
         if self.pace.lockstep and source in COMMANDS:
             self.pace.answer(judgement.verdict)
         if isinstance(effect, Command):
-            self.link.send(effect, self.cycles + 1, source, sequence)
+            self.link.send(effect, self.cycles + 1)
         elif isinstance(effect, StateChange):
             self.jumps.append(effect)
             self._forget_commands(let_go(self.link.drive))
@@ -192,10 +196,13 @@ class Engine:
             if self.wrench is not None:
                 self.wrench.put(effect, self.settings.external_wrench_timeout)
         elif effect is not None:
+            if effect.name == 'reset':
+                self.arm.revive(self.cycles)
+                self.jumps = [None]
+                self.link.sent = 0
             if effect.name in ('reset', 'deactivate'):
                 self._forget_commands(held(len(self.arm.order)))
             if effect.name == 'reset':
-                self.jumps = [None]
                 self._rules.reset_ns = self._rules.since_ns
             if effect.name in ('reset', 'clear_wrench'):
                 self._clear_wrench()
@@ -207,13 +214,13 @@ class Engine:
         self.actuators.restart()
         self._rules.since_ns = self.arm.stamp_ns + self.settings.step_ns
 
-    def command(self, efforts: np.ndarray, sequence: int) -> Judgement:
+    def command(self, efforts: np.ndarray) -> Judgement:
         """Judge and apply efforts (n,) in published order, as a command without names has them.
 
-        For callers that neither record nor publish the command, of this number: it has no bytes.
+        For callers that neither record nor publish the command: it has no bytes.
         """
         judgement = self._rules.judge_efforts(efforts)
-        self._apply(Source.ARRAY, sequence, judgement)
+        self._apply(Source.ARRAY, judgement)
         return judgement
 
     def _clear_wrench(self) -> None:
@@ -251,6 +258,8 @@ class Engine:
     def advance(self) -> None:
         """Run the next cycle on the events that were taken, without a message of its outputs."""
         self.cycles += 1
+        if self.jumps and self.jumps[0] is None:
+            self._begun = self.cycles
         if not self.arm.failure:
             self._actuate()
         if self.wrench is not None:
@@ -264,7 +273,8 @@ class Engine:
             self.arm.advance(self.applied)
             if self.sensors is not None:
                 self.sensors.sample()
-        self.pace.stepped(published=self._state_role() == STATES)
+        self._role = self._state_role()
+        self.pace.stepped(published=self._role == STATES)
         if self.pace.waits:
             self._rules.since_ns = self.arm.stamp_ns
 
@@ -272,7 +282,7 @@ class Engine:
         """Return the role of this cycle's state, '' if it has none."""
         if self.cycles % self._publish_every:
             return ''
-        dropped = self.sensors is not None and self.sensors.drops(self.cycles)
+        dropped = self.sensors is not None and self.sensors.drops(self.cycles - self._begun)
         return DROPPED_STATES if dropped else STATES
 
     def _actuate(self) -> None:
@@ -294,7 +304,7 @@ class Engine:
         """Return the positions, velocities and efforts that the state of this cycle tells."""
         if self.sensors is None:
             return self.arm.q, self.arm.qd, self.arm.tau
-        return self.sensors.measured(self.cycles)
+        return self.sensors.measured(self.cycles - self._begun)
 
     def present(self) -> list[Output]:
         """Return the state, the outputs beside it and the tick, for readers that missed them.
@@ -320,11 +330,10 @@ class Engine:
     def _add_state_and_tick(self, outputs: list[Output]) -> None:
         """Add the state of this cycle, the outputs beside it, and the clock tick."""
         arm, cycle = self.arm, self.cycles
-        role = self._state_role()
-        if role:
+        if self._role:
             state = self._encoder.encode(arm.stamp_ns, *self.measured())
             number = cycle // self._publish_every
-            outputs.append(Output(role, number, state))
+            outputs.append(Output(self._role, number, state))
             if self._extra is not None:
                 outputs.extend(self._beside_the_state(number))
         if self._clock_every and cycle % self._clock_every == 0:

@@ -12,8 +12,9 @@ of a state is the time of its publication: a driver does not know how old its nu
 and are recorded under a role of their own, so that no reader takes one for a lost message.
 
 A jump of the arm (reset, set_state) is seen at once, whatever the delay. Noise is a function of
-seed, channel and cycle, so a jump leaves it alone. A failed arm stands still, and so does the
-state that its sensors are behind at; their noise goes on.
+seed, channel and cycle, counted from the start or the last reset: what follows a reset is what
+followed the start. A failed arm stands still, and so does the state that its sensors are behind
+at; their noise goes on.
 """
 
 from __future__ import annotations
@@ -73,7 +74,7 @@ class Sensors:
             self.line.append((self._arm.q, self._arm.qd, self._arm.tau))
 
     def measured(self, cycle: int) -> JointArrays:
-        """Return the measured state of a cycle; its arrays are finite."""
+        """Return the measured state of a cycle since the last reset; its arrays are finite."""
         position, velocity, effort = (
             _measured(value, errors, self._seed, channel, cycle)
             for value, errors, channel in zip(self.line[0], self._errors, CHANNELS, strict=True)
@@ -81,7 +82,7 @@ class Sensors:
         return position, velocity, effort
 
     def drops(self, cycle: int) -> bool:
-        """Return whether the state of a cycle is not published."""
+        """Return whether the state of a cycle since the last reset is not published."""
         if not self._drop:
             return False
         return bool(uniform(self._seed, Channel.STATE_DROP, cycle, 1)[0] < self._drop)

@@ -77,9 +77,9 @@ class Reporter:
         tell('reflex', actuators.trips, text, error=True, last=last)
         waited = int(self.stepper.resent * RESEND_SECONDS)
         tell('lockstep', waited, WAITS_TEXT, last=last)
-        failure = self.stepper.engine.arm.failure
-        text = f'failure, simulation stopped: {failure}'
-        tell('failure', int(bool(failure)), text, error=True, last=last)
+        arm = self.stepper.engine.arm
+        text = f'failure, simulation stopped: {arm.failure or "until a reset"}'
+        tell('failure', arm.failures, text, error=True, last=last)
         if not last:
             self._report_lost_clock()
             self.graph.check()

@@ -4,7 +4,8 @@
 
 ~/pause    std_srvs/SetBool    simulated time stands still, or goes on
 ~/step     std_srvs/Trigger    in a pause: the steps of the parameter `step_count`
-~/reset    std_srvs/Trigger    the initial state, held by the brakes; simulated time goes on
+~/reset    std_srvs/Trigger    the initial state, held by the brakes; simulated time goes on, noise
+                               begins again, an arm whose state overflowed is revived
 ~/clear_external_wrench    std_srvs/Trigger    no external wrench from the next step on
 """
 

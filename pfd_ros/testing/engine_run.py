@@ -56,7 +56,7 @@ class EngineRun:
             judgement = self.send(Source.ARRAY, self._encoder.encode(efforts))
             self.advance()
             return judgement
-        judgement = engine.command(efforts, next(self._numbers[Source.ARRAY]))
+        judgement = engine.command(efforts)
         while not engine.pace.waits:
             engine.advance()
             self._check()

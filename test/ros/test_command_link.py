@@ -216,7 +216,7 @@ def test_a_share_of_the_commands_is_lost_by_the_seed() -> None:
     for k in range(1, 2001):
         assert send(engine, efforts(float(k % 9), 0.0), sequence=k) is Verdict.ACCEPTED
     assert engine.link.lost == sum(
-        uniform(7, Channel.COMMAND_DROP, k, 2)[Source.ARRAY] < 0.25 for k in range(1, 2001)
+        uniform(7, Channel.COMMAND_DROP, k, 1)[0] < 0.25 for k in range(1, 2001)
     )
     # Four standard deviations of a binomial distribution.
     assert abs(engine.link.lost - 500) < 4 * np.sqrt(2000 * 0.25 * 0.75)
@@ -237,7 +237,7 @@ def test_a_recording_with_late_and_lost_commands_verifies(tmp_path: Path) -> Non
     settings = {'delay_commands': 0.004, 'drop_commands': 0.3, 'seed': 3}
     states = verified(simulate(300, commands, **settings).save(tmp_path / 'a.mcap'))
     told = [state.effort[0] for state in states]
-    lost = [uniform(3, Channel.COMMAND_DROP, k, 2)[Source.ARRAY] < 0.3 for k in range(1, 298)]
+    lost = [uniform(3, Channel.COMMAND_DROP, k, 1)[0] < 0.3 for k in range(1, 298)]
     wanted, last = [0.0] * 6, 0.0
     for k in range(3, 297):
         last = last if lost[k - 3] else float(k % 5)

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from xml.etree import ElementTree
 
 import numpy as np
+from plant_messages import asked
 import pytest
 from rewriting import GOLDEN
 from ros_processes import example_robot
@@ -139,6 +140,36 @@ def test_a_failed_arm_goes_on_judging_and_counting_and_a_gap_costs_nothing() -> 
         assert engine.run_cycle([command]).outputs == passed.run_cycle([command]).outputs
     passed.stand_still(10**15 - 1)
     assert [output.number for output in passed.run_cycle().outputs] == [10**15 // 2, 10**15]
+
+
+def test_a_reset_lets_an_arm_that_failed_go_on_at_the_time_of_its_cycle() -> None:
+    engine = made(robot='planar2', initial_positions=(0.3, -0.2), effort_limits=False)
+    fresh = made(robot='planar2', initial_positions=(0.3, -0.2), effort_limits=False)
+    run(engine, 1, [array(1e300, 0.0)])
+    while not engine.arm.failure:
+        engine.step()
+    failed = engine.cycles
+    stopped = run(engine, 50)
+    assert stopped.stamp_ns == (failed - 1) * STEP_NS
+    after = run(engine, 1, [asked('reset')])
+    assert (engine.arm.failure, engine.arm.failures) == ('', 1)
+    assert after.stamp_ns == engine.arm.stamp_ns == engine.cycles * STEP_NS
+    assert after.position.tolist() == [0.3, -0.2]
+    assert after.velocity.tolist() == after.effort.tolist() == [0.0, 0.0]
+    one, other = run(engine, 20, [array(1.0, 2.0)]), run(fresh, 20, [array(1.0, 2.0)])
+    assert one.position.tobytes() == other.position.tobytes()
+    assert one.velocity.tobytes() == other.velocity.tobytes()
+    assert one.stamp_ns == engine.cycles * STEP_NS
+
+
+def test_no_gap_is_so_long_that_the_time_after_it_has_no_stamp() -> None:
+    engine = made(robot='planar2', effort_limits=False)
+    run(engine, 1, [array(1e300, 0.0)])
+    while not engine.arm.failure:
+        engine.step()
+    engine.stand_still(10**15)
+    with pytest.raises(ValueError, match='for whose time a stamp has no room'):
+        engine.take([asked('reset')])
 
 
 def test_an_arm_that_moves_cannot_pass_over_cycles() -> None:

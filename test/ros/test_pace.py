@@ -94,6 +94,24 @@ def test_an_arm_that_failed_stands_while_it_is_inactive() -> None:
     assert engine.stands
 
 
+def test_an_arm_that_failed_goes_on_with_its_clock_and_a_reset_revives_it() -> None:
+    engine = following(effort_limits=False, torque_speed=False)
+    engine.take([tick(7_000 * MS), Arrival(Source.ARRAY, 1, efforts(1e300, 1e300))])
+    engine.take([tick(7_050 * MS)])
+    run(engine)
+    assert engine.arm.failure
+    assert engine.cycles == 50
+    engine.take([tick(7_060 * MS)])
+    run(engine)
+    assert engine.cycles == 60
+    # A reset lets time leap to the next tick.
+    engine.take([asked('reset')])
+    assert engine.stands
+    engine.take([tick(7_100 * MS), tick(7_110 * MS)])
+    assert run(engine) == 7_110 * MS
+    assert not engine.arm.failure
+
+
 def test_time_begins_at_the_first_tick_and_steps_go_up_to_each_later_one() -> None:
     engine = following(step_size=0.002)
     assert engine.stands

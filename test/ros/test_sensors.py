@@ -20,7 +20,7 @@ from pfd_ros.arm.events import DROPPED_STATES, STATES, Arrival, Output, Source
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.sensors import quantized, sensors_of
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import JointMessage, decode_joint_state
+from pfd_ros.messages.convert import JointMessage, JointStateEncoder, decode_joint_state
 from pfd_ros.replay.motion import read_motion
 from pfd_ros.replay.verify import DifferenceError, read
 
@@ -129,15 +129,38 @@ def test_a_delay_counts_steps_whatever_is_published() -> None:
     assert table(late, 'position').tolist() == table(true, 'position')[1:18:5].tolist()
 
 
-def test_a_reset_is_seen_at_once_and_noise_goes_on() -> None:
+def test_a_reset_is_seen_at_once() -> None:
     engine = made(delay_state=0.005)
     moving = states(engine, 30, PUSH)
     assert moving[-1].velocity.all()
     after = states(engine, 8, RESET)
     assert table(after, 'position').tolist() == [[0.3, -0.2]] * 8
-    noisy = made(noise_position=1.0)
-    first, again = states(noisy, 10), states(noisy, 10, RESET)
-    assert not (table(first, 'position') == table(again, 'position')).any()
+
+
+def test_an_episode_after_a_reset_is_that_after_the_start_noise_and_losses_included() -> None:
+    engine = made(**{**ALL, 'delay_state': 0.0}, drop_commands=0.5)
+
+    def episode() -> list[tuple[str, list[float], list[float]]]:
+        found = []
+        for k in range(300):
+            for role, _, data in outputs(
+                engine, 1, Arrival(Source.ARRAY, 1, efforts(0.01 * k, 0))
+            ):
+                if role in (STATES, DROPPED_STATES):
+                    state = decode_joint_state(data)
+                    found.append((role, state.position.tolist(), state.velocity.tolist()))
+        return found
+
+    first, lost = episode(), engine.link.lost
+    assert 100 < lost < 200
+    outputs(engine, 1, RESET)
+    assert episode() == first
+    assert engine.link.lost == 2 * lost
+    # A jump is none: its noise goes on.
+    place = np.array([0.3, -0.2])
+    jump = JointStateEncoder(engine.arm.names).encode(0, place, 0 * place, 0 * place)
+    outputs(engine, 1, Arrival(Source.SET_STATE, 1, jump))
+    assert episode() != first
 
 
 @pytest.mark.parametrize(
@@ -258,6 +281,21 @@ def test_a_failed_arm_with_sensors_verifies_through_its_gap(tmp_path: Path) -> N
     made.keep(lambda m: m.topic not in (STATES_TOPIC, '/clock') or m.sequence not in gone)
     cut = read(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
     assert cut.lost['joint_states'] == 20
+
+
+def test_an_arm_that_a_reset_revives_verifies_through_its_gap(tmp_path: Path) -> None:
+    inputs = {
+        5: [efforts(1e300, 0.0)],
+        40: [(Source.REQUEST, encode_request(Request('reset')))],
+        45: [efforts(1.0, 0.5)],
+    }
+    made = simulate(60, inputs, **ALL, effort_limits=False, torque_speed=False)
+    summary = read(made.save(tmp_path / 'log.mcap'), verify=True)
+    assert (summary.complete, summary.stopped_at, summary.steps) == (True, None, 60)
+    gone = {message.sequence for message in made.on(STATES_TOPIC)[5:15]}
+    made.keep(lambda m: m.topic not in (STATES_TOPIC, '/clock') or m.sequence not in gone)
+    cut = read(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
+    assert cut.lost['joint_states'] == 10
 
 
 def test_the_motion_of_a_recording_has_the_true_states(tmp_path: Path) -> None:

@@ -213,13 +213,13 @@ def test_an_arm_that_waits_for_its_controller_does_no_step_before_a_command() ->
     assert engine.stands
     nothing = np.zeros(2)
     # A message that is no command is no answer.
-    assert engine.command(np.full(2, np.nan), 1).verdict is Verdict.NOT_FINITE
+    assert engine.command(np.full(2, np.nan)).verdict is Verdict.NOT_FINITE
     assert engine.stands
-    assert engine.command(nothing, 2).verdict is Verdict.ACCEPTED
+    assert engine.command(nothing).verdict is Verdict.ACCEPTED
     assert not engine.stands
     engine.advance()
     assert engine.stands
-    free = Engine(replace(settings, lockstep=False), engine.robot)
+    free = Engine(replace(settings, lockstep=False), engine.arm.robot)
     assert not free.stands
 
 

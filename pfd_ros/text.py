@@ -27,16 +27,8 @@ def one_line(value: object, limit: int = LINE_LENGTH) -> str:
     return ''.join(c if c.isprintable() else repr(c)[1:-1] for c in line)
 
 
-def listed(names: Collection[str], total: int | None = None) -> str:
-    """Return the text of a list of names: the first few, each cut.
-
-    Parameters
-    ----------
-    names
-        The names.
-    total
-        Number of names, if `names` holds only some of them.
-    """
+def listed(names: Collection[str]) -> str:
+    """Return the text of a list of names: the first few, each cut."""
     shown = [repr(cut(name)) for name in islice(names, NAME_COUNT)]
-    more = (len(names) if total is None else total) - len(shown)
+    more = len(names) - len(shown)
     return f'[{", ".join(shown)}{f", and {more} more" if more > 0 else ""}]'

@@ -173,7 +173,7 @@ def test_quantities_of_the_guide_are_pinocchios() -> None:
     tip = model.nframes - 1
     J = pin.computeFrameJacobian(model, data, q, tip, pin.LOCAL_WORLD_ALIGNED)
     felt = np.linalg.inv(J @ np.linalg.inv(oracle.H(q)) @ J.T)
-    # Twice the condition of an inverse.
+    # An inverse multiplies roundings by the condition.
     assert relative(names['felt'], felt) < DYNAMICS * np.linalg.cond(felt)
 
 

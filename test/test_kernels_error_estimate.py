@@ -70,10 +70,7 @@ def assert_estimates(arm: str, method: str, dtype: str, count: int) -> None:
     assert (estimates[errors >= LOST] >= LOST / FACTOR).all()
 
 
-@pytest.mark.parametrize(
-    'arm',
-    [pytest.param(arm, marks=[pytest.mark.slow] if arm == 'chain_12' else []) for arm in ARMS],
-)
+@pytest.mark.parametrize('arm', ARMS)
 @pytest.mark.slow
 def test_the_estimate_is_within_a_factor_of_three_of_the_error(arm: str) -> None:
     assert_estimates(arm, 'composite_body', 'float64', 8)

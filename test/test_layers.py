@@ -42,7 +42,7 @@ PFD_ROS = {
     'replay': {'text', 'messages', 'arm', 'recording'},
     'node': {'text', 'messages', 'arm', 'recording', 'replay'},
     'testing': {'text', 'messages', 'arm', 'recording', 'replay'},
-    'demo': {'text', 'messages', 'arm', 'recording', 'replay', 'node'},
+    'demo': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'testing'},
     'cli': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'demo'},
 }
 SIMULATION: dict[str, set[str]] = {'contact': set()}

@@ -31,6 +31,7 @@ from pfd_core.report import (
     quantity_tables,
     speed,
     speed_pages,
+    speed_robots,
     textbook,
     work_precision,
 )
@@ -81,7 +82,7 @@ def arm() -> pfd.Robot:
 
 @pytest.fixture(scope='module')
 def measured() -> tuple[list[Row], list[str]]:
-    return quantity_rows.measure([speed.robot('planar2')], TINY)
+    return quantity_rows.measure(TINY)
 
 
 def by_pinocchio(arm: pfd.Robot) -> dict[str, Callable[..., np.ndarray]]:
@@ -151,7 +152,7 @@ def test_all_ways_and_the_reference_of_a_quantity_are_pinocchios(
 def test_casadis_c_gives_pinocchios_quantity(quantity: str, arm: pfd.Robot) -> None:
     pytest.importorskip('casadi')
     if quantity == 'derivatives':
-        arm = speed.robot('chain3')  # Its C is compiled in a second.
+        arm = speed_robots.robot('chain3')  # Its C is compiled in a second.
     states = quantity_kernels.random_states(arm, COUNT)
     peer = quantity_casadi.CasadiQuantity(quantity, arm)
     known = by_pinocchio(arm)[quantity]
@@ -235,7 +236,7 @@ def test_rows_have_times_ratios_and_errors(measured: tuple[list[Row], list[str]]
 
 def test_without_references_there_are_no_errors_and_no_refinement() -> None:
     plan = replace(TINY, quantities=('derivatives',), dtypes=('float64',), references=0)
-    rows, _ = quantity_rows.measure([speed.robot('planar2')], plan)
+    rows, _ = quantity_rows.measure(plan)
     assert rows
     assert all(row.error is None and 'refined' not in row.way for row in rows)
 
@@ -244,7 +245,7 @@ def test_absent_peers_are_left_out_with_the_reason(monkeypatch: pytest.MonkeyPat
     for name in ('casadi', 'pinocchio'):
         monkeypatch.setitem(sys.modules, name, None)
     plan = replace(TINY, quantities=('gravity_torques',), dtypes=('float64',), references=0)
-    rows, left_out = quantity_rows.measure([speed.robot('planar2')], plan)
+    rows, left_out = quantity_rows.measure(plan)
     assert all(row.times is None for row in rows if row.work != port_limit.WORK)
     assert [text.split(':')[0] for text in left_out] == [
         f'{peer}, gravity_torques at planar2' for peer in ('Pinocchio', 'CasADi C')
@@ -254,10 +255,10 @@ def test_absent_peers_are_left_out_with_the_reason(monkeypatch: pytest.MonkeyPat
 
 def test_what_would_be_too_large_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(LeftOutError, match='12 joints'):
-        quantity_kernels.make('linear_step', 'float64', 0, speed.robot('chain13'))
+        quantity_kernels.make('linear_step', 'float64', 0, speed_robots.robot('chain13'))
     monkeypatch.setattr(quantity_rows, 'MOST_NUMBERS', 10)
     plan = replace(TINY, quantities=('gravity_torques',), batches=(5, 6), dtypes=('float64',))
-    rows, _ = quantity_rows.measure([speed.robot('planar2')], replace(plan, peers=()))
+    rows, _ = quantity_rows.measure(replace(plan, peers=()))
     # Two numbers a state.
     assert {row.work for row in rows} == {'call', 'batch of 5', port_limit.WORK}
 
@@ -266,7 +267,7 @@ def test_a_long_text_of_casadi_is_left_out(monkeypatch: pytest.MonkeyPatch) -> N
     pytest.importorskip('casadi')
     monkeypatch.setattr(quantity_casadi, 'MOST_INSTRUCTIONS', 10)
     with pytest.raises(LeftOutError, match=r'instructions|no C compiler'):
-        quantity_casadi.CasadiQuantity('inertia_matrix', speed.robot('chain2'))
+        quantity_casadi.CasadiQuantity('inertia_matrix', speed_robots.robot('chain2'))
 
 
 def test_the_summary_has_our_times_and_their_ratios_to_each_peer() -> None:
@@ -336,7 +337,7 @@ def test_surveys_of_forward_dynamics_measure_the_others_too(
 ) -> None:
     asked = []
     monkeypatch.setattr(
-        quantity_rows, 'measure', lambda arms, plan: asked.append((arms, plan)) or (ROWS, LEFT_OUT)
+        quantity_rows, 'measure', lambda plan: asked.append(plan) or (ROWS, LEFT_OUT)
     )
     plan = replace(speed.QUICK, robots=(), others=TINY)
     found = speed.survey(plan)
@@ -345,9 +346,7 @@ def test_surveys_of_forward_dynamics_measure_the_others_too(
     runs = replace(work_precision.QUICK, motions=())
     both = against_error_pages.survey(nothing, runs, TINY)
     assert (both.quantities, both.left_out) == (ROWS, LEFT_OUT)
-    assert [([arm.name for arm in arms], plan) for arms, plan in asked] == [
-        (['planar2'], TINY)
-    ] * 2
+    assert asked == [TINY] * 2
 
 
 @pytest.mark.parametrize('quick', [False, True])

@@ -25,6 +25,7 @@ from pfd_core.report import (
     speed,
     speed_ours,
     speed_pages,
+    speed_robots,
     textbook,
     timing,
 )
@@ -241,7 +242,7 @@ def test_without_a_compiler_casadi_is_left_out(monkeypatch: pytest.MonkeyPatch) 
     pytest.importorskip('casadi')
     monkeypatch.setattr(shutil, 'which', lambda name: None)
     with pytest.raises(LeftOutError, match='no C compiler'):
-        textbook.Casadi(speed.chain(2))
+        textbook.Casadi(speed_robots.chain(2))
 
 
 @WITH_COMPILER
@@ -249,26 +250,26 @@ def test_what_the_compiler_says_is_told(monkeypatch: pytest.MonkeyPatch) -> None
     pytest.importorskip('casadi')
     monkeypatch.setattr(textbook, 'LOOPS', '#error "broken on purpose"')
     with pytest.raises(LeftOutError, match='broken on purpose'):
-        textbook.Casadi(speed.chain(2))
+        textbook.Casadi(speed_robots.chain(2))
 
 
 def test_a_method_that_would_take_minutes_to_compile_is_left_out() -> None:
     with pytest.raises(LeftOutError, match='12 joints'):
-        speed_ours.make('pcrbm', 'float64', speed.chain(13))
+        speed_ours.make('pcrbm', 'float64', speed_robots.chain(13))
 
 
 def test_a_dense_arm_has_no_zero_and_a_chain_only_right_angles() -> None:
-    dense = speed.robot('dense6')
+    dense = speed_robots.robot('dense6')
     for values in (dense.rotations, dense.translations, dense.centers, dense.inertias):
         assert np.abs(values).min() > 1e-6  # metres, kg m^2: far above rounding
-    chain = speed.robot('chain5')
+    chain = speed_robots.robot('chain5')
     assert chain.n == 5
     assert set(np.unique(chain.rotations)) == {-1.0, 0.0, 1.0}
 
 
 def test_an_unknown_robot_is_refused() -> None:
     with pytest.raises(ValueError, match='chainsaw'):
-        speed.robot('chainsaw')
+        speed_robots.robot('chainsaw')
 
 
 def test_the_pages_hold_every_row(tmp_path: Path) -> None:

@@ -158,11 +158,7 @@ def test_an_arm_under_a_shaking_torque_below_its_friction_does_not_creep() -> No
 
 @pytest.mark.parametrize(
     ('integrator', 'dtype', 'brakes'),
-    [
-        pytest.param('rk4', 'float64', False, marks=pytest.mark.slow),
-        ('rk4', 'float32', True),
-        ('imex2', 'float64', True),
-    ],
+    [('rk4', 'float64', False), ('rk4', 'float32', True), ('imex2', 'float64', True)],
 )
 @pytest.mark.slow
 def test_an_arm_moves_by_the_same_bits_alone_step_by_step_and_beside_others(

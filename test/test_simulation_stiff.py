@@ -40,9 +40,9 @@ def scene_of(damping: float, rotors: bool) -> pfd.Scene:
 @pytest.mark.parametrize(
     ('damping', 'rotors', 'duration'),
     [
-        pytest.param(1e-2, True, 0.2, marks=pytest.mark.slow),
+        (1e-2, True, 0.2),
         (1.0, True, 0.2),
-        pytest.param(1e2, True, 0.2, marks=pytest.mark.slow),
+        (1e2, True, 0.2),
         (1e4, True, 0.05),
         (1e-2, False, 0.2),
         (1.0, False, 0.05),

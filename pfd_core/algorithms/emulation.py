@@ -20,7 +20,7 @@ from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps, check_processors
-from pfd_core.model import Robot, Scene, resolve, scene_inputs
+from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import real_array
 
 
@@ -118,7 +118,7 @@ def emulate(
         If an argument has the wrong shape or type, is unknown, or is not finite.
 
     """
-    scene = Scene() if scene is None else scene
+    scene = given_scene(scene)
     if wrench is not None:
         scene = replace(scene, external_wrench=True)
     program = record_forward_dynamics(resolve(robot, scene), method, 'parallel')

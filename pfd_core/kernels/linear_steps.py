@@ -67,8 +67,8 @@ def compile_linear_step(
     method: str,
     dtype: str,
     refine: int,
-    implicit: float = 0.0,
-    dry: bool = False,
+    implicit: float,
+    dry: bool,
 ) -> Kernel:
     """
     Compile the linearisation of some steps of an integrator, a kernel of q, qd and tau.

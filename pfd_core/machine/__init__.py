@@ -13,7 +13,7 @@ In the order in which a text becomes a program and a result:
     patterns     recurrences (prefix, suffix, affine), totals, sweeps, gather
     packing      partly filled rows of lanes packed onto full rows; packed recurrences
     iteration    a part of a program that is repeated until it has converged
-    program      Program, Instruction, Output; step counts (Steps), utilisation, text form
+    program      Program, Instruction, Output; step counts (Steps), text form
     extension    further instructions behind those of a program, equal expressions once
     derivative   program -> program of its Jacobians or directional derivatives
     emulator     runs a program in lock-step on NumPy or mpmath numbers

@@ -163,8 +163,8 @@ OPERATIONS = {
             tangent=lambda z, a, da: -da,
             adjoint=(lambda z, a, g: -g,),
         ),
-        # One rounding of a b + c. No step counts it: kernels put it in the
-        # place of an addition and a multiplication (pfd_core.kernels.passes.fuse).
+        # One rounding of a b + c. No step counts it: kernels put it in the place of an addition
+        # and a multiplication (pfd_core.kernels.passes.fuse).
         Operation(
             'fma',
             3,

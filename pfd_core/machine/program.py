@@ -141,16 +141,6 @@ class Program:
             totals[cost] += times * math.ceil(lanes / processors)
         return Steps(**totals)
 
-    def utilisation(self, processors: int | None = None, trips: int = 1) -> float:
-        """Return the share of processor-steps of arithmetic that do useful work, 0 to 1."""
-        processors = check_processors(processors, self.lanes)
-        busy = total = 0
-        for (cost, lanes), times in self._work(trips).items():
-            if cost != 'routes':
-                busy += times * lanes
-                total += times * math.ceil(lanes / processors) * processors
-        return busy / total if total else 0.0
-
     def _work(self, trips: int, section: str | None = None) -> Counter[tuple[str, int]]:
         """Return the number of runs of instructions by cost column and number of busy lanes."""
         work: Counter[tuple[str, int]] = Counter()

@@ -55,6 +55,8 @@ def scene_inputs(
     """
 
     def in_batch(name: str, array: NDArray[Any], size: int) -> NDArray[Any]:
+        if batch is not None and array.shape == (*batch, size):
+            return array
         if batch is None or array.shape[-1:] != (size,):
             return fit_shape(name, array, (..., size))
         return fit_shape(name, array, (*batch, size), broadcast=True)

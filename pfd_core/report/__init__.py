@@ -3,6 +3,8 @@
 """
 Tables and plots of `pfd report`, each written by a command that anyone can run.
 
+    markdown         paragraphs and tables of all pages
+
 `pfd report counts` (docs/report/counts.md, .json, .png and array.svg):
 
     paper            claims of the paper: formulas and values of Table 1, sums of its parts
@@ -21,6 +23,7 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     port_limit       a kernel's own mix of operations in a loop: the limit of the processor
     first_results    time to a robot's first result, compiled or from disk
     surroundings     processor, load, versions and date of a measurement
+    speed_robots     robots by name, chainN and denseN among them
     speed            the survey: which robots, works and contenders, and the findings
     speed_tables     tables of ways over robots, and their cells
     speed_pages      the page: its tables and columns, JSON and plot
@@ -49,7 +52,6 @@ with `--quantity NAME` (speed-NAME.md, speed-against-error-NAME.md, .json, .png 
     trajectory_cases     the tables of hard motions and of their runs' bounds (Motion, Check)
     trajectory_references  stored ends of the motions, and how they are computed (Reference)
     trajectory_errors    runs of the motions; formulation stiffness; loops through a hold (Run)
-    markdown             paragraphs and tables
     trajectory_pages     sections of the page: estimates and motions
     hard_case_pages      the page: its tables and columns; writes all files
 

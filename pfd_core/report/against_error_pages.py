@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 import json
 from pathlib import Path
 from typing import Any
@@ -15,14 +15,12 @@ from pfd_core.report import (
     against_error_plots,
     quantity_plot,
     quantity_rows,
+    quantity_tables,
     work_precision,
     work_precision_tables,
 )
-from pfd_core.report import quantity_tables as tables
 from pfd_core.report.against_error import PEERS, CaseFacts, Point
 from pfd_core.report.markdown import cells, header
-from pfd_core.report.quantity_tables import ERRORS, NOTES
-from pfd_core.report.speed import robot
 from pfd_core.report.speed_tables import error_cell, least_and_median, short
 from pfd_core.report.surroundings import surroundings, told
 from pfd_core.report.timing import Row, show_progress
@@ -31,8 +29,8 @@ from pfd_core.report.work_precision import MotionFacts, RunPoint
 COMMAND = 'pfd report speed --against-error'
 NAME = 'speed-against-error'
 QUANTITIES = quantity_rows.Plan(robots=('ur5', 'panda'), references=8)
-QUICK_QUANTITIES = quantity_rows.Plan(
-    robots=('planar2',), batches=(64,), references=1, pace=against_error.QUICK.pace
+QUICK_QUANTITIES = replace(
+    QUANTITIES, robots=('planar2',), batches=(64,), pace=against_error.QUICK.pace
 )
 INTRODUCTION = """# Speed against error
 
@@ -106,8 +104,7 @@ def survey(
         found.runs.extend(runs)
         found.left_out.extend(left_out)
     if quantities is not None:
-        arms = [robot(name) for name in quantities.robots]
-        rows, left_out = quantity_rows.measure(arms, quantities)
+        rows, left_out = quantity_rows.measure(quantities)
         found.quantities.extend(rows)
         found.left_out.extend(left_out)
     show_progress('')
@@ -126,8 +123,9 @@ def markdown(findings: Findings) -> str:
         parts += [*_case_table(case, points, sizes), '']
     parts += work_precision_tables.section(findings.motions, findings.runs)
     if findings.quantities:
-        errors = ERRORS.format(states=QUANTITIES.references)
-        parts += [OTHERS, errors, NOTES, tables.against_error(findings.quantities)]
+        errors = quantity_tables.ERRORS.format(states=QUANTITIES.references)
+        parts += [OTHERS, errors, quantity_tables.NOTES]
+        parts.append(quantity_tables.against_error(findings.quantities))
     parts += ['## Left out\n', *(_grouped(findings.left_out) or ['Nothing.'])]
     return '\n'.join(parts).rstrip() + '\n'
 

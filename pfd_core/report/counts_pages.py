@@ -24,6 +24,7 @@ from pfd_core.report.counts import (
 )
 from pfd_core.report.counts import row as counts_of
 from pfd_core.report.counts_plot import plot
+from pfd_core.report.markdown import cells, header
 
 COMMAND = 'pfd report counts'
 INTRODUCTION = f"""# Step counts of every system
@@ -85,7 +86,7 @@ def _at_printed(rows: Sequence[Row], trips: Sequence[Convergence]) -> list[str]:
             f'most trips of the robots with {PRINTED_AT} joints in "What convergence costs".'
         ),
         '',
-        *_header(
+        *header(
             'system | processors | mult | of these div | add | sqrt | routes | unpacked: mult '
             '| add | routes | busy | speed-up, arithmetic alone / with routes '
             '| efficiency, alone / with routes'
@@ -100,11 +101,6 @@ def _at_printed(rows: Sequence[Row], trips: Sequence[Convergence]) -> list[str]:
     return [*table, '']
 
 
-def _header(titles: str) -> list[str]:
-    """Return the first two lines of a table whose titles are separated by bars."""
-    return [f'| {titles} |', '|---' * (titles.count('|') + 1) + '|']
-
-
 def _range(trips: Sequence[Convergence], system: str, n: int) -> tuple[int, int]:
     """Return the fewest and the most trips to converge of all robots with n joints."""
     found = [one for one in trips if (one.system, one.n) == (system, n)]
@@ -115,14 +111,14 @@ def _counts(one: Row, note: str) -> str:
     """Return a line of the table of one n."""
     s, u = one.steps, one.unpacked
     title = one.title if one.trips is None else f'{one.title}, {one.trips} trips ({note})'
-    cells = [title, one.processors, s.multiplications + s.divisions, s.divisions, s.additions]
-    cells += [s.square_roots, s.routes]
+    found = [title, one.processors, s.multiplications + s.divisions, s.divisions, s.additions]
+    found += [s.square_roots, s.routes]
     if one.units == 1:
-        cells += ['-', '-', '-']
+        found += ['-', '-', '-']
     else:
-        cells += [u.multiplications + u.divisions, u.additions, u.routes]
-    cells += [f'{one.busy:.0%}', _speed_up(one), _efficiency(one)]
-    return '| ' + ' | '.join(map(str, cells)) + ' |'
+        found += [u.multiplications + u.divisions, u.additions, u.routes]
+    found += [f'{one.busy:.0%}', _speed_up(one), _efficiency(one)]
+    return cells(*found)
 
 
 def _speed_up(one: Row) -> str:
@@ -151,7 +147,7 @@ def _beside_the_paper(rows: Sequence[Row], trips: Sequence[Convergence]) -> list
             'routes are in neither.'
         ),
         '',
-        *_header(
+        *header(
             'system | operation | measured | unpacked | formula | printed | sum of its parts '
             '| measured is | remark'
         ),
@@ -194,7 +190,7 @@ def _convergence(trips: Sequence[Convergence]) -> list[str]:
             'uniformN is the chain of N links on which everything else here is counted.'
         ),
         '',
-        *_header(
+        *header(
             'system | robot | n | trips: fewest | median | most | mult | add | routes '
             '| error after n trips: median | largest | at the end: largest'
         ),
@@ -234,10 +230,9 @@ def _grid(rows: Sequence[Row], text) -> list[str]:  # type: ignore[no-untyped-de
     systems = list(dict.fromkeys(row.system for row in rows))
     known = {(row.system, row.n): row for row in rows}
     titles = {row.system: row.title + (', n trips' if row.trips else '') for row in rows}
-    lines = ['', *_header(' | '.join(map(str, ('system', *sizes))))]
+    lines = ['', *header(' | '.join(map(str, ('system', *sizes))))]
     for system in systems:
-        cells = [text(known[system, n]) for n in sizes]
-        lines.append(f'| {titles[system]} | ' + ' | '.join(cells) + ' |')
+        lines.append(cells(titles[system], *(text(known[system, n]) for n in sizes)))
     return [*lines, '']
 
 

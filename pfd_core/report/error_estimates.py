@@ -161,11 +161,11 @@ def row(robot: str, method: str, states: int = STATES) -> Row:
     )
 
 
-def rows(states: int = STATES) -> Iterator[Row]:
+def rows() -> Iterator[Row]:
     """Yield a row for every robot and method."""
     for robot in ROBOTS:
         for method in METHODS:
-            yield row(robot, method, states)
+            yield row(robot, method)
 
 
 def misses(found: Sequence[Row]) -> list[Row]:

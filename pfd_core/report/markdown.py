@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Paragraphs, tables and errors as Markdown, for the pages of the hard cases."""
+"""Paragraphs, tables and errors as Markdown."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from textwrap import fill
 
 def paragraph(text: str) -> str:
     """Return text in lines of a page's width, and an empty line."""
-    return fill(text, 99, break_on_hyphens=False) + '\n'
+    return fill(text, 99, break_on_hyphens=False, break_long_words=False) + '\n'
 
 
 def header(titles: str) -> list[str]:

@@ -20,10 +20,9 @@ ends. No flag lets LLVM reassociate: it can neither drop, merge nor fold an oper
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 import ctypes
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,11 +35,19 @@ from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.passes.schedule import LONGEST
 from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.runtime.jit import compile_ir, host, simd_width
-from pfd_core.report.timing import LeftOutError, Pace, Row, Side, Work, interleave
+from pfd_core.report.quantity_kernels import named
+from pfd_core.report.timing import (
+    MIDDLE_BATCH,
+    LeftOutError,
+    Pace,
+    Row,
+    Side,
+    Work,
+    interleave,
+    show_progress,
+)
 
 WORK = 'port limit'
-# Names of the arguments of a state in a call of a kernel.
-NAMES = ('q', 'qd', 'tau')
 # Operands that all operations share: one number near one, and one near zero.
 SHARED = 2
 # Numbers lie this close to one, and small ones to zero: nothing overflows in millions of turns.
@@ -148,14 +155,33 @@ def numbers(dtype: str, width: int, chains: int) -> NDArray[np.floating]:
     return values.astype(dtype)
 
 
+def of_kernels(
+    kernels: Iterable[tuple[str, Kernel]],
+    works: Iterable[Work],
+    pace: Pace,
+    reasons: dict[str, str],
+) -> Iterator[Row]:
+    """
+    Yield the port limit of named kernels, in the batch whose size is nearest MIDDLE_BATCH.
+
+    What is left out is added to `reasons`.
+    """
+    batches = [work for work in works if work.kind == 'batch']
+    if not batches:
+        return
+    work = min(batches, key=lambda work: abs(work.units - MIDDLE_BATCH))
+    for name, kernel in kernels:
+        show_progress(f'{kernel.robot.name}: port limit of {name}')
+        try:
+            yield measure(kernel, name, work, pace)
+        except LeftOutError as reason:
+            reasons[f'port limit of {name}'] = str(reason)
+
+
 def measure(kernel: Kernel, name: str, work: Work, pace: Pace) -> Row:
     """Return the time of the loop per state of a batch, with the share of the limit as `times`."""
     loop = Loop(kernel, work.units)
-    taken = QUANTITIES[kernel.quantity].arguments
-    given: dict[str, Any] = {
-        key: np.asfortranarray(x).astype(kernel.dtype)
-        for key, x, _ in zip(NAMES, work.arrays, taken, strict=False)
-    }
+    given = named(kernel.quantity, work, np.asfortranarray, kernel.dtype)
     out = kernel(**given)
     sides = [
         Side('kernel', partial(kernel, **given, out=out), lambda: out, reference=True),

@@ -32,6 +32,7 @@ from pfd_core.report.textbook import (
     compiled,
     compiler,
     coordinates,
+    exact,
     function,
     links,
     motion_cross,
@@ -97,7 +98,7 @@ def _poses(casadi: Any, robot: Robot, q: Any) -> list[tuple[Any, Any]]:
         poses.append((R, p))
     tip = robot.frame()
     for turn, shift in (robot.rotations[-1], robot.translations[-1]), tip.placement:
-        R, p = R @ casadi.sparsify(casadi.SX(turn)), p + R @ casadi.sparsify(casadi.SX(shift))
+        R, p = R @ exact(casadi, turn), p + R @ exact(casadi, shift)
     return [*poses, (R, p)]
 
 

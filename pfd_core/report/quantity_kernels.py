@@ -126,7 +126,7 @@ class QuantityKernel:
         return self._calls(work) if work.kind == 'call' else self._batches(work)
 
     def _calls(self, work: Work) -> Iterator[Side]:
-        given = _named(self.quantity, work, np.ascontiguousarray, self.kernel.dtype)
+        given = named(self.quantity, work, np.ascontiguousarray, self.kernel.dtype)
         if self.simulator is not None:
             sim = self.simulator
             yield Side(
@@ -145,7 +145,7 @@ class QuantityKernel:
 
     def _batches(self, work: Work) -> Iterator[Side]:
         for order, laid in (('F', np.asfortranarray), ('C', np.ascontiguousarray)):
-            given = _named(self.quantity, work, laid, self.kernel.dtype)
+            given = named(self.quantity, work, laid, self.kernel.dtype)
             out = self.kernel(**given)
             yield Side(
                 f'{self.name}, {order} order',
@@ -156,15 +156,13 @@ class QuantityKernel:
     def _entries(self, out: NDArray[Any]) -> NDArray[Any]:
         """Return the entries of a quantity from a result of its kernel, (size,) or (B, size)."""
         if self.quantity == 'linear_step':
-            # The kernel may give further columns than those of A and B.
+            # The last column is the state at the end.
             out = out[..., : 3 * self.kernel.robot.n]
         single = out.ndim == len(self.kernel.shape)
         return out.reshape(-1) if single else out.reshape(len(out), -1)
 
 
-def _named(
-    quantity: str, work: Work, laid: Callable[[Array], Array], dtype: str
-) -> dict[str, Any]:
+def named(quantity: str, work: Work, laid: Callable[[Array], Array], dtype: str) -> dict[str, Any]:
     """Return the arguments of a kernel by name, copied in an order and number format."""
     given = (laid(x).astype(dtype) for x in arguments(quantity, work))
     return dict(zip(STATE, given, strict=False))

@@ -18,7 +18,7 @@ from pfd_core.report import port_limit, quantity_plot, quantity_rows, speed_page
 from pfd_core.report.quantity_kernels import QUANTITIES
 from pfd_core.report.quantity_rows import Plan
 from pfd_core.report.quantity_tables import ERRORS, NOTES, against_error, summary
-from pfd_core.report.speed import ARMS, HASTY, SIZES, Findings, robot
+from pfd_core.report.speed import ARMS, HASTY, SIZES, Findings
 from pfd_core.report.speed_tables import difference_cell, grid, limit_cell, time_cell
 from pfd_core.report.surroundings import surroundings, told
 from pfd_core.report.timing import Row
@@ -44,7 +44,7 @@ two times taken shortly after each other, here to the time of Pinocchio in Pytho
 def survey(plan: Plan) -> Findings:
     """Measure the quantities of a plan; progress goes to a terminal's stderr."""
     machine = surroundings()
-    rows, left_out = quantity_rows.measure([robot(name) for name in plan.robots], plan)
+    rows, left_out = quantity_rows.measure(plan)
     return Findings(rows, left_out, machine)
 
 

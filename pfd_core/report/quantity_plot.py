@@ -8,7 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pfd_core.report.against_error_plots import BLACK, BLUE, ORANGE, PURPLE, SKY, VERMILLION, save
-from pfd_core.report.quantity_tables import batch_name, contender, least
+from pfd_core.report.quantity_tables import contender, least
+from pfd_core.report.speed_tables import batch_name
 from pfd_core.report.timing import Row
 
 # Beginning of a contender's name: colour and marker; the first that fits is taken.

@@ -15,12 +15,13 @@ import math
 
 import numpy as np
 
+from pfd_core.kernels.kernel import Kernel
 from pfd_core.model import Robot
 from pfd_core.report import port_limit, quantity_casadi, quantity_kernels, quantity_peers
 from pfd_core.report.hard_cases import ROUNDING
 from pfd_core.report.quantity_kernels import QUANTITIES, QuantityKernel
+from pfd_core.report.speed_robots import robot
 from pfd_core.report.timing import (
-    MIDDLE_BATCH,
     Array,
     Contender,
     LeftOutError,
@@ -48,7 +49,7 @@ class Plan:
     Attributes
     ----------
     robots : tuple of str
-        Names that speed.robot knows.
+        Names that speed_robots.robot knows.
     quantities : tuple of str
         Names in QUANTITIES.
     batches : tuple of int
@@ -73,11 +74,11 @@ class Plan:
     pace: Pace = field(default_factory=Pace)
 
 
-def measure(arms: list[Robot], plan: Plan) -> tuple[list[Row], list[str]]:
-    """Return the rows of the robots of a plan, and the ways that were left out with reasons."""
+def measure(plan: Plan) -> tuple[list[Row], list[str]]:
+    """Return the rows of a plan, and the ways that were left out with reasons."""
     rows: list[Row] = []
     left_out: dict[tuple[str, str], list[str]] = {}
-    for arm in arms:
+    for arm in map(robot, plan.robots):
         states = quantity_kernels.random_states(arm, max(plan.batches))
         for quantity in plan.quantities:
             reasons: dict[str, str] = {}
@@ -98,7 +99,8 @@ def _rows(
         show_progress(f'{arm.name}: reference of {quantity}')
         first = {name: x[: plan.references] for name, x in states.items()}
         known = quantity_kernels.exact(quantity, arm, first)
-    works = list(_works(quantity, states, contenders, plan))
+    kernels = [(c.name, c.kernel) for c in contenders if isinstance(c, QuantityKernel)]
+    works = list(_works(quantity, states, kernels, plan))
     for work in works:
         show_progress(f'{arm.name}: {quantity}, {work.title}')
         sides = [side for contender in contenders for side in contender.sides(work)]
@@ -108,7 +110,7 @@ def _rows(
                 found = np.atleast_2d(side.result())[: len(known)]
                 error = quantity_kernels.largest_error(found, known[: len(found)])
             yield replace(row, quantity=quantity, error=error)
-    for row in _limits(works, contenders, plan, reasons):
+    for row in port_limit.of_kernels(kernels, works, plan.pace, reasons):
         yield replace(row, quantity=quantity)
 
 
@@ -133,31 +135,14 @@ def _contenders(
 
 
 def _works(
-    quantity: str, states: dict[str, Array], contenders: list[Contender], plan: Plan
+    quantity: str, states: dict[str, Array], kernels: list[tuple[str, Kernel]], plan: Plan
 ) -> Iterator[Work]:
-    """Yield a call, and batches whose results are not too large."""
-    own = [c.kernel for c in contenders if isinstance(c, QuantityKernel)]
-    if not own:
+    """Yield a call, and batches whose results are not too large; nothing without kernels."""
+    if not kernels:
         return
+    _, kernel = kernels[0]
     yield quantity_kernels.work_of('call', quantity, states)
     for size in plan.batches:
-        if size * math.prod(own[0].shape) <= MOST_NUMBERS:
+        if size * math.prod(kernel.shape) <= MOST_NUMBERS:
             some = {name: x[:size] for name, x in states.items()}
             yield quantity_kernels.work_of('batch', quantity, some)
-
-
-def _limits(
-    works: list[Work], contenders: list[Contender], plan: Plan, reasons: dict[str, str]
-) -> Iterator[Row]:
-    """Yield the port limit of each kernel, in the batch whose size is nearest MIDDLE_BATCH."""
-    batches = [work for work in works if work.kind == 'batch']
-    if not batches:
-        return
-    work = min(batches, key=lambda work: abs(work.units - MIDDLE_BATCH))
-    for own in contenders:
-        if isinstance(own, QuantityKernel):
-            show_progress(f'port limit of {own.quantity}, {own.name}')
-            try:
-                yield port_limit.measure(own.kernel, own.name, work, plan.pace)
-            except LeftOutError as reason:
-                reasons[f'port limit of {own.name}'] = str(reason)

@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from pfd_core.report import port_limit
 from pfd_core.report.markdown import cells, header
 from pfd_core.report.quantity_kernels import LINEAR_STEP, QUANTITIES
-from pfd_core.report.speed_tables import error_cell, least_and_median, short
-from pfd_core.report.timing import MIDDLE_BATCH, Row
+from pfd_core.report.speed_tables import batch_name, error_cell, least_and_median, short
+from pfd_core.report.timing import Row
 
 # How the figures are to be read, each with the parts of the work that it leaves out.
 NOTES = f"""- *bound* is `kernel.bind(q, ..., out=out)`, which leaves out making and converting
@@ -35,12 +35,6 @@ largest over {states} states whose numbers are those of float32; the robots' num
 the number format, which is a part of the error in float32. *refined* takes derivatives at
 accelerations after one step of refinement, which cost time and leave other roundings as they are.
 """
-
-
-def batch_name(rows: Sequence[Row]) -> str:
-    """Return the name of the batch whose size is nearest MIDDLE_BATCH; empty without batches."""
-    works = {row.work for row in rows if row.work.startswith('batch')}
-    return min(works, key=lambda work: abs(int(work.split()[-1]) - MIDDLE_BATCH), default='')
 
 
 def summary(rows: Sequence[Row]) -> str:

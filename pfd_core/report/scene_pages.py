@@ -10,10 +10,10 @@ import json
 import math
 from pathlib import Path
 import sys
-from textwrap import fill
 from typing import Any
 
 from pfd_core.model import Robot, Scene
+from pfd_core.report.markdown import cells, header, paragraph
 from pfd_core.report.scene_motions import Motion
 from pfd_core.report.scene_needs import TIMED_STEPS, WINDOW, Needs, scene_needs
 from pfd_core.report.scene_plot import plot
@@ -27,20 +27,20 @@ def markdown(needs: Needs) -> str:
     """Return the whole page."""
     parts = [
         f'# The effects that {needs.robot} needs on {needs.trajectory}\n',
-        _paragraph(_origin(needs)),
-        _paragraph(_machine(needs.machine)),
-        *map(_paragraph, _truth(needs)),
+        paragraph(_origin(needs)),
+        paragraph(_machine(needs.machine)),
+        *map(paragraph, _truth(needs)),
         '## Smallest scene\n',
-        *map(_paragraph, _answer(needs)),
+        *map(paragraph, _answer(needs)),
         f'    pfd.{needs.smallest.scene}\n',
         'The file scene.yaml has it for `pfd.load_scene`.\n',
         '## Each effect alone\n',
-        _paragraph(EFFECTS_TEXT.format(steps=min(TIMED_STEPS, needs.steps))),
+        paragraph(EFFECTS_TEXT.format(steps=min(TIMED_STEPS, needs.steps))),
         *_effects(needs),
         '',
-        *map(_paragraph, _off(needs)),
+        *map(paragraph, _off(needs)),
         '## Scenes\n',
-        _paragraph(_searched(needs)),
+        paragraph(_searched(needs)),
         *_scenes(needs),
     ]
     return '\n'.join(parts).rstrip() + '\n'
@@ -116,14 +116,14 @@ def _answer(needs: Needs) -> list[str]:
 
 
 def _effects(needs: Needs) -> list[str]:
-    table = _header(
+    table = header(
         'effect | operations | step without it [ns] | full / without | largest | rms | share '
         '| joint | at [s] | in the smallest scene'
     )
     for row in needs.effects:
         one = row.without
         table.append(
-            _line(
+            cells(
                 row.name,
                 '-' if one.refused else row.operations,
                 '-'
@@ -172,8 +172,8 @@ def _searched(needs: Needs) -> str:
 
 def _scenes(needs: Needs) -> list[str]:
     front = pareto_front(needs.scenes)
-    return _header('effects | operations | largest | rms | within tolerance | best') + [
-        _line(
+    return header('effects | operations | largest | rms | within tolerance | best') + [
+        cells(
             _listed(row.effects),
             row.operations,
             'refused' if row.refused else _error(row.largest),
@@ -183,18 +183,6 @@ def _scenes(needs: Needs) -> list[str]:
         )
         for row in needs.scenes[:MOST_SCENES]
     ]
-
-
-def _paragraph(text: str) -> str:
-    return fill(text, 99, break_on_hyphens=False, break_long_words=False) + '\n'
-
-
-def _header(titles: str) -> list[str]:
-    return [f'| {titles} |', '|---' * (titles.count('|') + 1) + '|']
-
-
-def _line(*cells: object) -> str:
-    return '| ' + ' | '.join(map(str, cells)) + ' |'
 
 
 def _error(value: float) -> str:

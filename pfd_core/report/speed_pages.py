@@ -13,10 +13,12 @@ from typing import Any
 
 from pfd_core.report import port_limit
 from pfd_core.report.first_results import FROM_DISK, PROCESS, WORKS
+from pfd_core.report.markdown import cells, header
 from pfd_core.report.quantity_tables import NOTES, summary
 from pfd_core.report.speed import QUICK, Findings, Survey, survey
 from pfd_core.report.speed_ours import METHODS
 from pfd_core.report.speed_tables import (
+    batch_name,
     difference_cell,
     grid,
     limit_cell,
@@ -111,9 +113,7 @@ def markdown(findings: Findings) -> str:
 
 def _summary(rows: Sequence[Row]) -> str:
     """Return a table of our best speed-up over Pinocchio, robot by robot."""
-    size = max(
-        (row.work for row in rows if row.work.startswith('batch')), key=_near_middle, default=''
-    )
+    size = batch_name(rows)
     ours = tuple(METHODS)
     columns: dict[str, Callable[[Row], bool]] = {
         'call with out=': lambda row: (
@@ -131,17 +131,15 @@ def _summary(rows: Sequence[Row]) -> str:
         'in float64; the last but one is ours in float32 against that. The last column is how '
         'close the fastest kernel in float64 and Fortran order comes to the limit of this '
         f'processor ({size}).\n',
-        '| robot | ' + ' | '.join([*columns, SHARE]) + ' |',
-        '|---' * (len(columns) + 2) + '|',
+        *header(' | '.join(['robot', *columns, SHARE])),
     ]
     for robot in dict.fromkeys(row.robot for row in rows):
         own = [row for row in rows if row.robot == robot and row.way.startswith(ours)]
-        cells = []
+        found = []
         for fits in columns.values():
             best = min(filter(fits, own), key=lambda row: row.minimum, default=None)
-            cells.append('-' if best is None or best.times is None else f'{best.times:.1f}')
-        cells.append(_share(own, size))
-        lines.append(f'| {robot} | ' + ' | '.join(cells) + ' |')
+            found.append('-' if best is None or best.times is None else f'{best.times:.1f}')
+        lines.append(cells(robot, *found, _share(own, size)))
     return '\n'.join([*lines, ''])
 
 
@@ -153,10 +151,6 @@ def _share(own: Sequence[Row], size: str) -> str:
     name = None if best is None else best.way.removesuffix(suffix)
     found = [row for row in own if row.work == port_limit.WORK and row.way == name]
     return f'{found[0].times:.2f}' if found and found[0].times is not None else '-'
-
-
-def _near_middle(work: str) -> int:
-    return -abs(int(work.split()[-1]) - MIDDLE_BATCH)
 
 
 def _largest_differences(rows: Sequence[Row]) -> list[Row]:
@@ -201,9 +195,7 @@ def plot(rows: Sequence[Row], path: Path) -> bool:
         return False
     figure = Figure(figsize=(13, 6.5), layout='constrained')
     FigureCanvasAgg(figure)
-    batches = {row.work for row in rows if row.work.startswith('batch')}
-    size = max(batches, key=_near_middle, default='')
-    for axes, work in zip(figure.subplots(1, 2), ('call', size), strict=True):
+    for axes, work in zip(figure.subplots(1, 2), ('call', batch_name(rows)), strict=True):
         chains = [row for row in rows if row.work == work and row.robot.startswith('chain')]
         axes.set_title(f'chains of n joints: {work}, least time of a state [ns]')
         axes.set_xlabel('joints n')

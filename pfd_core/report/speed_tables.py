@@ -6,7 +6,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from pfd_core.report.timing import Row
+from pfd_core.report.markdown import cells
+from pfd_core.report.timing import MIDDLE_BATCH, Row
 
 
 def grid(rows: Sequence[Row], text: Callable[[Row], str]) -> str:
@@ -15,9 +16,14 @@ def grid(rows: Sequence[Row], text: Callable[[Row], str]) -> str:
     known = {(row.way, row.robot): text(row) for row in rows}
     lines = ['| | ' + ' | '.join(robots) + ' |', '|---' * (len(robots) + 1) + '|']
     for way in dict.fromkeys(row.way for row in rows):
-        cells = [known.get((way, robot), '-') for robot in robots]
-        lines.append(f'| {way} | ' + ' | '.join(cells) + ' |')
+        lines.append(cells(way, *(known.get((way, robot), '-') for robot in robots)))
     return '\n'.join([*lines, ''])
+
+
+def batch_name(rows: Sequence[Row]) -> str:
+    """Return the name of the batch whose size is nearest MIDDLE_BATCH; empty without batches."""
+    works = {row.work for row in rows if row.work.startswith('batch')}
+    return min(works, key=lambda work: abs(int(work.split()[-1]) - MIDDLE_BATCH), default='')
 
 
 def time_cell(row: Row) -> str:

@@ -106,22 +106,22 @@ def links(casadi: Any, robot: Robot, q: Any) -> tuple[list[Any], list[Any], list
     for i, (R, p, center, J) in enumerate(joint_frames(robot)):
         E, r = coordinates(casadi, robot, i, R, p, q[i])
         X.append(_transform(casadi, E, r))
-        S.append(_exact(casadi, np.eye(6)[5 if robot.joint_types[i] == 'prismatic' else 2]))
-        inertia.append(_exact(casadi, _spatial_inertia(float(robot.masses[i]), center, J)))
+        S.append(exact(casadi, np.eye(6)[5 if robot.joint_types[i] == 'prismatic' else 2]))
+        inertia.append(exact(casadi, _spatial_inertia(float(robot.masses[i]), center, J)))
     return X, S, inertia
 
 
 def coordinates(casadi: Any, robot: Robot, i: int, R: Array, p: Array, q: Any) -> tuple[Any, Any]:
     """Return rotation into the frame of joint i, and its origin, from and in the frame before."""
-    E, r = _exact(casadi, R.T), _exact(casadi, p)
+    E, r = exact(casadi, R.T), exact(casadi, p)
     if robot.joint_types[i] == 'prismatic':
-        return E, r + _exact(casadi, R[:, 2]) * q
+        return E, r + exact(casadi, R[:, 2]) * q
     return _turn(casadi, q) @ E, r
 
 
 def at_rest(casadi: Any) -> Any:
     """Return the acceleration of the base that stands for gravity along -z, (6,)."""
-    return _exact(casadi, np.array([0, 0, 0, 0, 0, GRAVITY]))
+    return exact(casadi, np.array([0, 0, 0, 0, 0, GRAVITY]))
 
 
 def function(casadi: Any, arguments: list[Any], result: Any) -> Any:
@@ -129,7 +129,7 @@ def function(casadi: Any, arguments: list[Any], result: Any) -> Any:
     return casadi.Function('arm', arguments, [casadi.cse(casadi.densify(result))])
 
 
-def _exact(casadi: Any, values: Array) -> Any:
+def exact(casadi: Any, values: Array) -> Any:
     """Return numbers as SX whose zeros CasADi knows."""
     return casadi.SX(casadi.sparsify(casadi.DM(values)))
 

@@ -41,7 +41,7 @@ class LeftOutError(Exception):
 @dataclass(frozen=True)
 class Work:
     """
-    The task of every side: accelerations, or the positions after a simulation.
+    The task of every side: accelerations or another quantity, or positions after a simulation.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ class Work:
 
     @property
     def arrays(self) -> tuple[Array, Array, Array]:
-        """Positions, velocities and torques."""
+        """Positions, velocities, and torques or accelerations."""
         return self.q, self.qd, self.tau
 
     @property

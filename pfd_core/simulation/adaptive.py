@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.kernels.compile import compile_kernel
-from pfd_core.model import Robot, Scene, resolve, scene_inputs
+from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, integer, real_array, real_number
 from pfd_core.simulation.embedded_pairs import PAIRS, interpolate
 from pfd_core.simulation.step_control import SMALLEST_RTOL, Steps
@@ -193,7 +193,7 @@ class _Slope:
     ) -> None:
         self.n = robot.n
         self.evaluations = 0
-        scene = Scene() if scene is None else scene
+        scene = given_scene(scene)
         self._torque = _checked_law(tau, self.n) if callable(tau) else _constant_law(tau, self.n)
         inputs = scene_inputs(scene, self.n, 'float64', wrench, brakes)
         self._free = inputs.get('free')

@@ -17,7 +17,7 @@ it, and there is no derivative.
 from __future__ import annotations
 
 from copy import copy
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,8 +32,6 @@ from pfd_core.simulation.integrators import TABLE, record_step
 
 # Two ways to the same state, of a step: roundings of a few hundred operations, relative to it.
 SAME = {'float64': 1e-9, 'float32': 1e-3}
-
-Self = TypeVar('Self')
 
 
 class Simulation(Protocol):

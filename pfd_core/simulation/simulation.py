@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.kernels.codegen.trips import Contact
-from pfd_core.model import Plant, Robot, Scene, resolve, scene_inputs
+from pfd_core.model import Plant, Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, integer, real_array, real_number
 from pfd_core.model.joint_space_checks import check_joint_inertia
 from pfd_core.simulation.contact.modes import PIVOTS
@@ -54,7 +54,7 @@ class Simulation(ABC):
         plant = resolve(robot, scene)
         check_joint_inertia(plant)
         self.robot = robot
-        self.scene = Scene() if scene is None else scene
+        self.scene = given_scene(scene)
         self.step_size = real_number('step_size', step_size)
         if self.step_size <= 0:
             raise ValueError(f'step_size must be above zero seconds, got {self.step_size}')
@@ -152,12 +152,14 @@ class Simulation(ABC):
     @property
     def q(self) -> Array:
         """Joint positions, (n,) or (B, n) [rad or m]; a copy."""
-        return np.array(self._now.arrays['q'])
+        q: Array = self._now.arrays['q'].copy()
+        return q
 
     @property
     def qd(self) -> Array:
         """Joint velocities, (n,) or (B, n) [rad/s or m/s]; a copy."""
-        return np.array(self._now.arrays['qd'])
+        qd: Array = self._now.arrays['qd'].copy()
+        return qd
 
     @property
     def wrapped(self) -> tuple[Array, Array]:

@@ -5,11 +5,11 @@
 From the inputs to the outputs:
 
     setting_fields    the fields of settings: description, range, reading
-    command_settings  the settings of commands, a part of
-    description_settings  those of the model that controllers share, a part of
-    plant_settings    the settings of the simulated plant, another part
-    output_settings   the settings of what is published beside joint_states, and its types
-    sensor_settings   the settings of the sensors, another part of
+    command_settings  the settings of commands; these and the next four are parts of `settings`
+    description_settings  those of the model that controllers share
+    plant_settings    those of the simulated plant
+    output_settings   those of what is published beside joint_states, and its types
+    sensor_settings   those of the sensors
     settings          everything that is not an event: robot, scene, step size, rates
     noise             random numbers as a function of seed, channel and cycle
     scene             the scene of the settings: from a file or from their switches
@@ -36,8 +36,8 @@ From the inputs to the outputs:
     verdict_rows      the messages that tell the verdicts
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
 
-A new input is a Source in `events` and a rule in `judging`. A new output is a role in `events`,
-its numbers in arm.Arm, its bytes in messages.convert, an Output of `engine`, and a row in
-node.endpoints and in recording.format (with always=False: older recordings lack it); stepping and
-recording need no change.
+A new input is a Source in `events`, a rule in `judging`, and a row in node.endpoints and in
+recording.format (with always=False: older recordings lack it). A new output beside the state is a
+row of output_settings.OUTPUTS and a writer in `outputs`, and a row in `model_kernels` if it is a
+quantity of the model. Stepping and recording need no change.
 """

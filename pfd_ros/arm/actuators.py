@@ -15,6 +15,7 @@ See docs/decisions/0019-limits-of-actuators.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -74,8 +75,6 @@ class Actuators:
         self._order = list(order)
         self._place = np.argsort(order)
         self._full, self._speeds = effort_limits(robot), speed_limits(robot)
-        # Index in the model, speed limit and effort limit of each joint, in published order.
-        self._motors = [(i, float(self._speeds[i]), float(self._full[i])) for i in order]
         self._servo: _Servo | None = None
         # The drive of the last cycle, before the limits, where a reflex looks at it.
         self._before: Drive | None = None
@@ -85,10 +84,12 @@ class Actuators:
 
     def set(self, settings: Settings) -> None:
         """Take over settings."""
-        n = len(self._order)
-        self._most = self._full if settings.effort_limits else np.full(n, np.inf)
-        self._least = -self._most
-        self._slow = float(np.min(self._speeds)) if settings.torque_speed else np.inf
+        full, endless = self._full.tolist(), [math.inf] * len(self._order)
+        most = full if settings.effort_limits else endless
+        speeds = self._speeds.tolist() if settings.torque_speed else endless
+        # Index in the model, largest effort, speed up to which the motor has it, and effort of
+        # the motor, of each joint in published order.
+        self._motors = [(i, most[i], speeds[i], full[i]) for i in self._order]
         self._gains = Gains(self._of_joints(settings.servo_p), self._of_joints(settings.servo_d))
         self.gains = self._gains if self._gains.p.any() or self._gains.d.any() else None
         self._servo = None
@@ -120,13 +121,12 @@ class Actuators:
         wanted = drive.effort if drive.position is None else self._followed(drive, q, qd)
         if self._largest_jump < np.inf and self._jumps(Drive(wanted, drive.braked)):
             return held(len(wanted))
-        effort = np.minimum(np.maximum(wanted, self._least), self._most)
-        velocities = qd.tolist()
-        if max(velocities) > self._slow or min(velocities) < -self._slow:
-            self._limit_at_speed(effort, velocities)
-        if effort.tobytes() != wanted.tobytes():
+        efforts = wanted.tolist()
+        limited = self._limited(efforts, qd.tolist())
+        if limited != efforts:
             self.saturated += 1
-        return Drive(effort, drive.braked)
+            wanted = np.array(limited)
+        return Drive(wanted, drive.braked)
 
     def _followed(self, drive: Drive, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Return the efforts of servos on the way to their targets, (n,) in model order."""
@@ -160,17 +160,30 @@ class Actuators:
             )
         return self.tripped
 
-    def _limit_at_speed(self, effort: np.ndarray, velocities: Sequence[float]) -> None:
-        """Cut efforts, (n,) in model order, to those that the motors have at these speeds.
+    def _limited(self, efforts: list[float], velocities: list[float]) -> list[float]:
+        """Return the efforts that motors have at these speeds, in model order.
 
         Beyond its speed limit a motor drives its joint along with less, and with none at twice
         that; it brakes it with all.
+
+        Parameters
+        ----------
+        efforts
+            Those wanted, in model order.
+        velocities
+            Of the joints, in published order.
         """
-        for (i, limit, full), velocity in zip(self._motors, velocities, strict=True):
-            share = 2.0 - abs(velocity) / limit
-            if share < 1.0:
-                most = full * max(share, 0.0)
-                effort[i] = min(effort[i], most) if velocity > 0.0 else max(effort[i], -most)
+        # Lists: for a few joints faster than NumPy.
+        limited = efforts.copy()
+        for (i, most, speed, full), velocity in zip(self._motors, velocities, strict=True):
+            effort = efforts[i]
+            if not -most <= effort <= most:
+                effort = min(max(effort, -most), most)
+            if not -speed <= velocity <= speed:
+                there = full * max(2.0 - abs(velocity) / speed, 0.0)
+                effort = min(effort, there) if velocity > 0.0 else max(effort, -there)
+            limited[i] = effort
+        return limited
 
 
 class _Servo(NamedTuple):

@@ -161,7 +161,7 @@ class Arm:
         self._start_ns = stamp_ns - self.step * self._step_ns
 
     def _compiled(self, settings: Settings) -> Plant:
-        scene = scene_of(settings, self.robot, self.order)
+        scene = scene_of(settings, self.order)
         simulator = pfd.Simulator(self.robot, scene, **simulator_settings(settings))
         return Plant(scene, simulator, model_kernels(settings, self.robot, scene))
 
@@ -187,7 +187,7 @@ class Arm:
         ValueError
             As `prepare`.
         """
-        digest = scene_of(settings, self.robot, self.order).digest
+        digest = scene_of(settings, self.order).digest
         prepared = self._prepared.pop(digest, None)
         if digest == self.scene.digest:
             return None

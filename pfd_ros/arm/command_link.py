@@ -21,7 +21,7 @@ import numpy as np
 
 from pfd_ros.arm.drive import Command, Drive, held, let_go, merge
 from pfd_ros.arm.noise import Channel, uniform
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import Settings, timeout_steps
 
 TIMEOUT_TEXT = (
     'times no command came for command_timeout; a topic-based hardware of ros2_control sends none '
@@ -66,8 +66,7 @@ class CommandLink:
         self._on_timeout = settings.on_timeout
         self._seed, self._drop = settings.seed, settings.drop_commands
         self._delay = settings.command_delay_steps
-        cycles = math.ceil(settings.command_timeout / settings.step_size - 1e-6)
-        self._timeout = cycles if cycles else math.inf
+        self._timeout = timeout_steps(settings.command_timeout, settings.step_size)
 
     def clear(self, drive: Drive) -> None:
         """Forget all commands and begin with a drive; the watchdog waits for the first command."""

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -71,7 +72,7 @@ def merge(drive: Drive, command: Command) -> Drive:
         # The usual case, and a fast one: an effort for each joint, none of which is NaN.
         effort = np.empty(count)
         effort[joints] = command.effort
-        return Drive(effort, np.zeros(count, bool))
+        return Drive(effort, _released(count))
     braked = drive.braked.copy()
     braked[joints] = False
     effort = _merged(drive.effort, joints, command.effort, 0.0)
@@ -82,6 +83,14 @@ def merge(drive: Drive, command: Command) -> Drive:
     position = _merged(last, joints, command.position, np.nan)
     last = none if drive.velocity is None else drive.velocity
     return Drive(effort, braked, position, _merged(last, joints, command.velocity, np.nan))
+
+
+@cache
+def _released(count: int) -> np.ndarray:
+    """Return the brakes of an arm that none of them holds, (n,), for all of its drives."""
+    released = np.zeros(count, bool)
+    released.flags.writeable = False
+    return released
 
 
 def _merged(

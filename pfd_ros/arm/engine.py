@@ -168,19 +168,19 @@ class Engine:
     def accept(self, event: Arrival) -> Judgement:
         """Judge one message and apply it to the next cycle, without a row."""
         judgement = self.judge(event)
-        self._apply(event, judgement)
+        self._apply(event.source, event.sequence, judgement)
         return judgement
 
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
         return self._rules.judge(event)
 
-    def _apply(self, event: Arrival, judgement: Judgement) -> None:
-        source, effect = event.source, judgement.effect
+    def _apply(self, source: Source, sequence: int, judgement: Judgement) -> None:
+        effect = judgement.effect
         if self.pace.lockstep and source in COMMANDS:
             self.pace.answer(judgement.verdict)
         if isinstance(effect, Command):
-            self.link.send(effect, self.cycles + 1, source, event.sequence)
+            self.link.send(effect, self.cycles + 1, source, sequence)
         elif isinstance(effect, StateChange):
             self.jumps.append(effect)
             self._forget_commands(let_go(self.link.drive))
@@ -213,7 +213,7 @@ class Engine:
         For callers that neither record nor publish the command, of this number: it has no bytes.
         """
         judgement = self._rules.judge_efforts(efforts)
-        self._apply(Arrival(Source.ARRAY, sequence, b''), judgement)
+        self._apply(Source.ARRAY, sequence, judgement)
         return judgement
 
     def _clear_wrench(self) -> None:

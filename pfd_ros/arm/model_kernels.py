@@ -30,7 +30,7 @@ def model_kernels(settings: Settings, robot: Any, scene: pfd.Scene) -> Mapping[s
     The wrench on the tip and the gravity torques of the drives are left out of the scene: they
     act on the arm, and its model is asked for.
     """
-    alone = replace(scene, brakes=False, external_wrench=False, gravity_compensation=False)
+    alone = replace(scene, external_wrench=False, gravity_compensation=False)
     return MappingProxyType(
         {
             output: pfd.compile_kernel(robot, scene=alone, quantity=quantity)

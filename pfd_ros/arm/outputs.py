@@ -18,7 +18,7 @@ one. With the joints in published order, H qdd + b = tau + tau_ext, where
 
 These are of the arm with its payload, as if no drive compensated its gravity; drives that do add
 a torque of their own to tau. Dry friction, stops and brakes have no place in that equation. Every
-number is finite: one that overflows is 0. No kernel is compiled in a cycle.
+number is finite: one that overflows is 0. No step compiles a kernel.
 """
 
 from __future__ import annotations

@@ -4,7 +4,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,9 +26,17 @@ PAYLOAD = ('payload_mass', 'payload_center', 'payload_inertia')
 COMPILED = frozenset({'gravity_compensation', *PAYLOAD})
 
 
-def _of_model(name: str) -> Callable[[Any, Any], np.ndarray]:
-    """Return the default of a group: the numbers of the model where its switch is on."""
-    return lambda settings, robot: getattr(robot, name) * float(getattr(settings, name))
+def _of_joints(name: str, text: str) -> Any:
+    """Return a field of numbers for each joint: by default the model's if the switch is on.
+
+    `name` is that of the group of parameters, of the switch, and of the numbers of the model.
+    """
+
+    def default(settings: Any, robot: Any) -> np.ndarray:
+        numbers: np.ndarray = getattr(robot, name) * float(getattr(settings, name))
+        return numbers
+
+    return setting((), text, 0.0, 1e6, name=name, per_joint=True, joint_default=default)
 
 
 @dataclass(frozen=True)
@@ -46,32 +53,14 @@ class PlantSettings:
     restitution: float = setting(
         0.0, 'Share of its velocity that a joint keeps when it bounces off its stop', 0.0, 1.0
     )
-    joint_damping: tuple[float, ...] = setting(
-        (),
-        'Viscous damping of the joint, N m s/rad or N s/m',
-        0.0,
-        1e6,
-        name='damping',
-        per_joint=True,
-        joint_default=_of_model('damping'),
+    joint_damping: tuple[float, ...] = _of_joints(
+        'damping', 'Viscous damping of the joint, N m s/rad or N s/m'
     )
-    joint_friction: tuple[float, ...] = setting(
-        (),
-        'Coulomb friction of the joint, N m or N',
-        0.0,
-        1e6,
-        name='friction',
-        per_joint=True,
-        joint_default=_of_model('friction'),
+    joint_friction: tuple[float, ...] = _of_joints(
+        'friction', 'Coulomb friction of the joint, N m or N'
     )
-    joint_armature: tuple[float, ...] = setting(
-        (),
-        'Rotor inertia of the joint times the square of its gear ratio, kg m^2 or kg',
-        0.0,
-        1e6,
-        name='armature',
-        per_joint=True,
-        joint_default=_of_model('armature'),
+    joint_armature: tuple[float, ...] = _of_joints(
+        'armature', 'Rotor inertia of the joint times the square of its gear ratio, kg m^2 or kg'
     )
     motor_lag: tuple[float, ...] = setting(
         (),

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
-from pfd_ros.arm.setting_fields import joint_values
+from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD, PlantSettings
+from pfd_ros.arm.setting_fields import parameter_name
 from pfd_ros.arm.settings import Settings
 from pfd_ros.text import cut
 
@@ -30,14 +30,14 @@ def with_scene_text(settings: Settings) -> Settings:
     return replace(settings, scene=pfd.scene_to_yaml(pfd.load_scene(settings.scene)))
 
 
-def scene_of(settings: Settings, robot: Any, order: Sequence[int]) -> pfd.Scene:
+def scene_of(settings: Settings, order: Sequence[int]) -> pfd.Scene:
     """Return the scene of an arm, with brakes, since joints are held until they are commanded.
 
     No file is read: the settings may come from a recording.
 
     Parameters
     ----------
-    settings, robot
+    settings
         Of the arm.
     order
         Index in the model of each joint, in published order.
@@ -47,7 +47,7 @@ def scene_of(settings: Settings, robot: Any, order: Sequence[int]) -> pfd.Scene:
     ValueError
         If the text is no scene.
     """
-    scene = _from_text(settings.scene) if settings.scene else _switched(settings, robot, order)
+    scene = _from_text(settings.scene) if settings.scene else _switched(settings, order)
     compensated = settings.gravity_compensation or settings.convention == 'franka'
     return replace(
         scene,
@@ -64,23 +64,19 @@ def _from_text(text: str) -> pfd.Scene:
     return pfd.load_scene(text)
 
 
-def _switched(settings: Settings, robot: Any, order: Sequence[int]) -> pfd.Scene:
+def _switched(settings: Settings, order: Sequence[int]) -> pfd.Scene:
     """Return the scene of the switches and of the numbers for each joint."""
     effects: dict[str, Any] = {
         name: 'model'
         for name in ('damping', 'friction', 'armature', 'joint_limits')
         if getattr(settings, name)
     }
-    groups = {'joint_damping': 'damping', 'joint_friction': 'friction'}
-    groups |= {'joint_armature': 'armature', 'motor_lag': 'motor_lag'}
-    for field in fields(Settings):
-        if field.name in groups and getattr(settings, field.name):
-            values = [0.0] * len(order)
-            for place, value in zip(
-                order, joint_values(field, settings, robot, order), strict=True
-            ):
-                values[place] = value
-            effects[groups[field.name]] = values if any(values) else None
+    for field in fields(PlantSettings):
+        given = getattr(settings, field.name) if field.metadata['per_joint'] else ()
+        if given:
+            values = np.zeros(len(order))
+            values[list(order)] = given
+            effects[parameter_name(field)] = values if values.any() else None
     gravity = settings.gravity if any(settings.gravity) else None
     return pfd.Scene(gravity=gravity, restitution=settings.restitution, **effects)
 

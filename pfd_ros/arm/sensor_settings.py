@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 from pfd_ros.arm.noise import LARGEST_SEED
 from pfd_ros.arm.setting_fields import setting
@@ -15,85 +16,42 @@ MOST = 1e6
 LONGEST_DELAY = 1.0
 
 
+def _error(name: str, text: str) -> Any:
+    """Return the field of a standard deviation or a step: 0 for none."""
+    return setting(0.0, text, 0.0, MOST, name=name, dynamic=True)
+
+
+def _bias(kind: str, unit: str) -> Any:
+    """Return the field of what is added to the numbers of a kind, one for each joint."""
+    text = f'Added to the measured {kind} of each joint, {unit}'
+    return setting((), text, -MOST, MOST, name=f'bias.{kind}', dynamic=True, per_joint=True)
+
+
 @dataclass(frozen=True)
 class SensorSettings:
     """The part of the settings that is about measured states."""
 
     seed: int = setting(0, 'Seed of all noise', 0, LARGEST_SEED)
-    noise_position: float = setting(
-        0.0,
-        'Standard deviation of measured positions, rad or m',
-        0.0,
-        MOST,
-        name='noise.position',
-        dynamic=True,
+    noise_position: float = _error(
+        'noise.position', 'Standard deviation of measured positions, rad or m'
     )
-    noise_velocity: float = setting(
-        0.0,
-        'Standard deviation of measured velocities, rad/s or m/s',
-        0.0,
-        MOST,
-        name='noise.velocity',
-        dynamic=True,
+    noise_velocity: float = _error(
+        'noise.velocity', 'Standard deviation of measured velocities, rad/s or m/s'
     )
-    noise_effort: float = setting(
-        0.0,
-        'Standard deviation of measured efforts, N m or N',
-        0.0,
-        MOST,
-        name='noise.effort',
-        dynamic=True,
+    noise_effort: float = _error(
+        'noise.effort', 'Standard deviation of measured efforts, N m or N'
     )
-    bias_position: tuple[float, ...] = setting(
-        (),
-        'Added to the measured position of each joint, rad or m',
-        -MOST,
-        MOST,
-        name='bias.position',
-        dynamic=True,
-        per_joint=True,
+    bias_position: tuple[float, ...] = _bias('position', 'rad or m')
+    bias_velocity: tuple[float, ...] = _bias('velocity', 'rad/s or m/s')
+    bias_effort: tuple[float, ...] = _bias('effort', 'N m or N')
+    quantization_position: float = _error(
+        'quantization.position', 'Step of the encoders, rad or m; 0 is none'
     )
-    bias_velocity: tuple[float, ...] = setting(
-        (),
-        'Added to the measured velocity of each joint, rad/s or m/s',
-        -MOST,
-        MOST,
-        name='bias.velocity',
-        dynamic=True,
-        per_joint=True,
+    quantization_velocity: float = _error(
+        'quantization.velocity', 'Step of measured velocities, rad/s or m/s; 0 is none'
     )
-    bias_effort: tuple[float, ...] = setting(
-        (),
-        'Added to the measured effort of each joint, N m or N',
-        -MOST,
-        MOST,
-        name='bias.effort',
-        dynamic=True,
-        per_joint=True,
-    )
-    quantization_position: float = setting(
-        0.0,
-        'Step of the encoders, rad or m; 0 is none',
-        0.0,
-        MOST,
-        name='quantization.position',
-        dynamic=True,
-    )
-    quantization_velocity: float = setting(
-        0.0,
-        'Step of measured velocities, rad/s or m/s; 0 is none',
-        0.0,
-        MOST,
-        name='quantization.velocity',
-        dynamic=True,
-    )
-    quantization_effort: float = setting(
-        0.0,
-        'Step of measured efforts, N m or N; 0 is none',
-        0.0,
-        MOST,
-        name='quantization.effort',
-        dynamic=True,
+    quantization_effort: float = _error(
+        'quantization.effort', 'Step of measured efforts, N m or N; 0 is none'
     )
     delay_state: float = setting(
         0.0,

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The settings of a run: one frozen table, checked once, written into every recording.
 
-A new setting is a new field of `Settings`: the node declares its parameters from the fields, and
-a replay reads them back from the file, so that both run the same simulation.
+A new setting is a new field of `Settings` or a part of it: the node declares its parameters from
+the fields, and a replay reads them back from the file, so that both run the same simulation.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from collections.abc import Mapping
 import dataclasses
 from dataclasses import dataclass
 import json
+import math
 from typing import Any
 
 import pfd_core as pfd
@@ -218,6 +219,11 @@ class Settings(
                 f'{self.step_size!r} s; expected a whole number of steps, or 0 for every step'
             )
         return whole
+
+
+def timeout_steps(seconds: float, step_size: float) -> float:
+    """Return the whole steps after which a timeout is over, one at least; 0 s is never: inf."""
+    return max(1, math.ceil(seconds / step_size - WHOLE)) if seconds else math.inf
 
 
 def to_json(settings: Settings) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import WrenchChange
 from pfd_ros.arm.events import Verdict
-from pfd_ros.arm.settings import WHOLE, Settings
+from pfd_ros.arm.settings import Settings, timeout_steps
 from pfd_ros.arm.tip_frames import tip_frame, wrench_at_tip
 from pfd_ros.messages.stamped import WrenchMessage
 
@@ -65,8 +65,7 @@ class ExternalWrench:
     def put(self, change: WrenchChange, timeout: float) -> None:
         """Let a wrench act for so much simulated time, s, or until it is replaced, for 0."""
         self._acting = np.array(change.wrench)
-        steps = max(1, math.ceil(timeout / self._step_size - WHOLE))
-        self._left = steps if timeout else math.inf
+        self._left = timeout_steps(timeout, self._step_size)
 
     def clear(self) -> None:
         """Let none act."""

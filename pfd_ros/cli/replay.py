@@ -81,7 +81,7 @@ def describe(summary: Summary) -> list[str]:
         f'duration   {simulated:.3f} s simulated, {summary.seconds:.3f} s on the clock',
         f'steps      {summary.simulated} of {settings.step_size:g} s',
         f'states     {summary.states}, {summary.rate:.2f} Hz{unpublished}',
-        f'commands   {accepted} accepted, {summary.verdicts.total() - accepted} not',
+        f'inputs     {accepted} accepted, {summary.verdicts.total() - accepted} not',
     ]
     lines += [
         f'           {count} {verdict.name.lower()}'

@@ -17,7 +17,6 @@ from pathlib import Path
 import random
 import secrets
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -29,16 +28,13 @@ import pfd_core as pfd
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.demo.results import show_results
 from pfd_ros.recording.reader import LogError
+from pfd_ros.testing.domains import FIRST, LAST, inhabited
 
 # Finding each other and compiling the robot, with a busy machine in mind.
 START_SECONDS = 60.0
 STOP_SECONDS = 20.0
 POLL_SECONDS = 0.05
 COMMAND_DEPTH = 10
-# Domains up to this one stay clear of the ports that Linux hands out itself. A domain begins
-# with its discovery ports; the first participant takes the one 10 above.
-MOST_DOMAINS = 101
-FIRST_PORT, PORTS_PER_DOMAIN = 7410, 250
 # Variables that choose domain, range, discovery server, peers, transport, security, profiles.
 MIDDLEWARE = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'ZENOH_')
 # Variables of those names that say where the installation is and how it logs.
@@ -81,9 +77,9 @@ def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
 def free_domain(inherited: Mapping[str, str]) -> int:
     """Return a domain at random, neither the inherited one nor one in use on this machine."""
     taken = {0, _domain_of(inherited.get('ROS_DOMAIN_ID', ''))}
-    domains = [domain for domain in range(1, MOST_DOMAINS + 1) if domain not in taken]
+    domains = [domain for domain in range(FIRST, LAST + 1) if domain not in taken]
     random.SystemRandom().shuffle(domains)
-    return next((domain for domain in domains if _is_free(domain)), domains[0])
+    return next((domain for domain in domains if not inhabited(domain)), domains[0])
 
 
 def _domain_of(text: str) -> int:
@@ -91,16 +87,6 @@ def _domain_of(text: str) -> int:
         return int(text)
     except ValueError:
         return 0
-
-
-def _is_free(domain: int) -> bool:
-    """Return whether no participant has the first port of a domain, by the rules of RTPS."""
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        try:
-            probe.bind(('', FIRST_PORT + PORTS_PER_DOMAIN * domain))
-        except OSError:
-            return False
-    return True
 
 
 def free_name(folder: Path) -> Path:

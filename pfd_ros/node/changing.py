@@ -107,7 +107,7 @@ class Changes:
         if not COMPILED.isdisjoint(values):
             if arm.failure:
                 raise ValueError('the simulation has stopped')
-            scene_of(settings, arm.robot, arm.order)
+            scene_of(settings, arm.order)
         return settings
 
     def _pass_on(self, values: dict[str, Any]) -> None:

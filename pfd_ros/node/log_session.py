@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-import json
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +18,7 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.node.endpoints import Endpoints
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, PARAMETERS, REQUESTS, ROLE_OF_SOURCE, EndKey
+from pfd_ros.recording.format import CHANNELS, PARAMETERS, REQUESTS, ROLE_OF_SOURCE
 from pfd_ros.recording.mcap_file import TimeBase, Topic
 from pfd_ros.recording.recorder import LogRecorder
 
@@ -77,19 +76,8 @@ class LogSession:
     def close(self, totals: Callable[[], Mapping[str, Any]]) -> None:
         """Write the queue and the totals of the run, and close the file."""
         recorder = self.recorder
-        if recorder is None:
-            return
-
-        def ending() -> dict[str, str]:
-            topics = [topic.name for topic in recorder.topics]
-            told = {
-                EndKey.TOTALS: totals(),
-                EndKey.RECORDED: dict(zip(topics, recorder.recorded, strict=True)),
-                EndKey.DROPPED: dict(zip(topics, recorder.dropped, strict=True)),
-            }
-            return {name: json.dumps(value) for name, value in told.items()}
-
-        recorder.close(ending)
+        if recorder is not None:
+            recorder.close(lambda: recorder.ending(totals()))
 
 
 def open_session(node: Node, settings: Settings, robot: Any, endpoints: Endpoints) -> LogSession:

@@ -14,11 +14,13 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+import json
 from pathlib import Path
 import threading
 import time
+from typing import Any
 
-from pfd_ros.recording.format import MESSAGE_BYTES, SEQUENCE_MASK
+from pfd_ros.recording.format import MESSAGE_BYTES, SEQUENCE_MASK, EndKey
 from pfd_ros.recording.mcap_file import FileHead, McapFile, Topic
 from pfd_ros.recording.sink import FileGoneError
 from pfd_ros.text import one_line
@@ -192,6 +194,16 @@ class LogRecorder:
         if self._thread.is_alive():
             self._fail(f'the disk did not take it all within {timeout:g} s of closing{_READABLE}')
         self._look_for_death()
+
+    def ending(self, totals: Mapping[str, Any]) -> dict[str, str]:
+        """Return the texts of the last record: these totals of a run, and counts by topic."""
+        names = [topic.name for topic in self.topics]
+        told: dict[str, Any] = {
+            EndKey.TOTALS: totals,
+            EndKey.RECORDED: dict(zip(names, self.recorded, strict=True)),
+            EndKey.DROPPED: dict(zip(names, self.dropped, strict=True)),
+        }
+        return {name: json.dumps(value) for name, value in told.items()}
 
     def _look_for_death(self) -> None:
         # In this order: the thread says that it has finished before it ends.

@@ -30,8 +30,8 @@ from pfd_ros.recording.reader import Log
 from pfd_ros.replay.ordering import PlacedMessage, placed_messages
 from pfd_ros.replay.summary import Summary
 
-# Most commands between their arrival and their row. The node queues 1000 and 32 MB of them for a
-# cycle; the commands that a flood drops stand in the file long before their rows.
+# Most events between their arrival and their row. The node queues 1000 and 32 MB of them for a
+# cycle; those that a flood drops stand in the file long before their rows.
 WAITING_LIMIT = 1 << 16
 WAITING_BYTES = 1 << 26
 
@@ -93,7 +93,7 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
     """
     channels: dict[str, _ChannelCount] = {}
     verdicts: Counter[Verdict] = Counter()
-    waiting = _WaitingCommands()
+    waiting = _WaitingEvents()
     span = [0, 0]
     for count, message in enumerate(placed_messages(log)):
         channel = channels.setdefault(message.role, _ChannelCount())
@@ -101,7 +101,7 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
         if message.role in SOURCE_OF_ROLE:
             waiting.put(message)
         elif message.role == TAKEN:
-            waiting.take(message, channel.found)
+            waiting.take(message)
             verdicts.update(row.verdict for row in message.rows)
         elif message.role == STATES:
             span = [span[0] or message.log_ns, message.log_ns]
@@ -139,8 +139,8 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
     return found
 
 
-class _WaitingCommands:
-    """Sizes of the commands that have not been taken."""
+class _WaitingEvents:
+    """Sizes of the events that have not been taken."""
 
     def __init__(self) -> None:
         self.obstacle = ''
@@ -161,7 +161,7 @@ class _WaitingCommands:
                 f'expected at most {WAITING_LIMIT} of {WAITING_BYTES} bytes'
             )
 
-    def take(self, message: PlacedMessage, found: int) -> None:
+    def take(self, message: PlacedMessage) -> None:
         if message.lost and not self.obstacle:
             self._block(
                 f'lacks {message.lost} records of commands taken before step {message.cycle}: '
@@ -169,7 +169,7 @@ class _WaitingCommands:
             )
         for row in message.rows:
             size = self._sizes.pop((row.source, row.sequence), None)
-            # A command that overflowed did nothing: its payload does not matter.
+            # An event that overflowed did nothing: its payload does not matter.
             if size is None and not self.obstacle and row.verdict is not Verdict.OVERFLOWED:
                 self._block(
                     f'lacks command {row.sequence} of {ROLE_OF_SOURCE[row.source]}, '

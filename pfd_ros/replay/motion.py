@@ -19,13 +19,13 @@ import pfd_core as pfd
 from pfd_core.report.scene_motions import Motion
 from pfd_ros.arm.arm import load_robot, simulator_settings
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import STATES, TAKEN, Arrival, Verdict
+from pfd_ros.arm.events import STATES, TAKEN, Arrival
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.recording.format import SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.inspection import inspect
-from pfd_ros.replay.ordering import PlacedMessage, placed_messages
+from pfd_ros.replay.ordering import Inbox, PlacedMessage, placed_messages
 from pfd_ros.replay.verify import recorded_robot
 from pfd_ros.text import cut, listed
 
@@ -113,8 +113,8 @@ class _Reading:
         Of the arm, from the start to the end.
     locked
         Number of joints in each state that are welded.
-    payloads
-        Events that have come in and not been taken, by source and sequence.
+    inbox
+        Events that have come in and not been taken.
     efforts, braked
         Of each step, in model order.
     states
@@ -125,7 +125,7 @@ class _Reading:
     engine: Engine
     scene: pfd.Scene
     locked: int
-    payloads: dict[tuple[int, int], bytes] = field(default_factory=dict)
+    inbox: Inbox = field(default_factory=Inbox)
     efforts: list[np.ndarray] = field(default_factory=list)
     braked: list[np.ndarray] = field(default_factory=list)
     states: list[tuple[int, np.ndarray, np.ndarray]] = field(default_factory=list)
@@ -135,13 +135,12 @@ class _Reading:
         if message.cycle > steps:
             return
         if message.role in SOURCE_OF_ROLE:
-            self.payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
+            self.inbox.put(message)
         elif message.role == TAKEN:
             self.run_to(message.cycle - 1)
-            for row in message.rows:
-                payload = self.payloads.pop((row.source, row.sequence), b'')
-                if row.verdict is not Verdict.OVERFLOWED:
-                    self.engine.take([Arrival(row.source, row.sequence, payload)])
+            for event in self.inbox.take(message):
+                if isinstance(event, Arrival):
+                    self.engine.accept(event)
         elif message.role == STATES:
             self.run_to(message.cycle)
             state = decode_joint_state(message.data)
@@ -170,7 +169,7 @@ class _Reading:
                     f'its payload or gravity compensation changes before step '
                     f'{self.engine.cycles + 1}: that is no motion of one scene'
                 )
-            self.engine.step()
+            self.engine.advance()
             drive = self.engine.applied
             self.efforts.append(drive.effort)
             self.braked.append(drive.braked)

@@ -4,16 +4,16 @@
 
 The messages of a channel are numbered from 1; numbers may be left out, where the disk was too
 slow, but never repeat or decrease; states that the sensors dropped are numbered with those they
-published. Within a cycle come the verdict rows, of events that overflowed or were judged, the
-state, the outputs beside it, the clock tick. No cycle lies further ahead than the arm can have
-reached at the recorded time: a damaged number would otherwise be simulated through.
+published. Within a cycle come the verdict rows, of events that overflowed or were judged, a new
+payload, the state, the outputs beside it, the clock tick. No cycle lies further ahead than the
+arm can have reached at the recorded time: a damaged number would otherwise be simulated through.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 from pfd_ros.arm.changes import read_changes
@@ -24,6 +24,9 @@ from pfd_ros.arm.events import (
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
+    Arrival,
+    Event,
+    Overflow,
     Source,
     Verdict,
     VerdictRow,
@@ -59,7 +62,7 @@ class PlacedMessage(NamedTuple):
     lost
         Messages of the channel that are missing right before it.
     cycle
-        The cycle it is an output of; 0 for a command, which is an input.
+        The cycle it is an output of; 0 for an input.
     log_ns
         When it was recorded, ns.
     data
@@ -75,6 +78,28 @@ class PlacedMessage(NamedTuple):
     log_ns: int
     data: bytes
     rows: tuple[VerdictRow, ...] = ()
+
+
+@dataclass
+class Inbox:
+    """The inputs of a recording that no verdict row has taken yet."""
+
+    _payloads: dict[tuple[Source, int], bytes] = field(default_factory=dict)
+
+    def put(self, message: PlacedMessage) -> None:
+        """Keep an input."""
+        self._payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
+
+    def take(self, message: PlacedMessage) -> list[Event]:
+        """Return the events that the rows of a message are about, and forget them."""
+        rows = message.rows
+        payloads = [self._payloads.pop((row.source, row.sequence), b'') for row in rows]
+        if rows[0].verdict is Verdict.OVERFLOWED:
+            return [Overflow(rows[0].source, [row.sequence for row in rows])]
+        return [
+            Arrival(row.source, row.sequence, payload)
+            for row, payload in zip(rows, payloads, strict=True)
+        ]
 
 
 def placed_messages(log: Log) -> Iterator[PlacedMessage]:

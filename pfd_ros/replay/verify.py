@@ -2,28 +2,28 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs a recording again and compares every output of the arm, byte for byte.
 
-Needs the file alone, no ROS: it holds settings, robot, the bytes of every command, and the cycle
+Needs the file alone, no ROS: it holds settings, robot, the bytes of every input, and the cycle
 that took it. The file is read twice: first to inspect whether it is whole and possible
 (`inspection.py`), then to feed the engine from it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import TAKEN, Arrival, Event, Overflow, Source, Verdict
+from pfd_ros.arm.events import TAKEN
 from pfd_ros.messages.convert import FLOAT_ARRAY, decode_clock, decode_joint_state
 from pfd_ros.recording.format import CHANNELS, ROBOT, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.differences import difference
 from pfd_ros.replay.inspection import Inspection, inspect
-from pfd_ros.replay.ordering import PlacedMessage, placed_messages
+from pfd_ros.replay.ordering import Inbox, PlacedMessage, placed_messages
 from pfd_ros.replay.summary import Summary
 
 # Share of the progress that the inspection gets when the file is simulated too.
@@ -44,7 +44,7 @@ def read(
     path
         The file; a file that was cut off is read up to the cut.
     verify
-        Run the engine again and compare all verdicts, states and clock ticks.
+        Run the engine again and compare all its outputs, verdicts too.
     progress
         Called now and then with the finished part, 0 to 1.
 
@@ -110,23 +110,23 @@ class _Replay:
 
     Attributes
     ----------
-    payloads
-        Commands that have come in and not been taken, by source and sequence.
+    inbox
+        Events that have come in and not been taken.
     outputs
-        Data of the last cycle's state and tick, by role.
+        Data of the last cycle's outputs but verdict rows, by role.
     """
 
     engine: Engine
-    payloads: dict[tuple[Source, int], bytes] = field(default_factory=dict)
+    inbox: Inbox = field(default_factory=Inbox)
     outputs: dict[str, bytes] = field(default_factory=dict)
 
     def follow(self, message: PlacedMessage) -> None:
         """Take one message: an input, rows that say which cycle took it, or an output."""
         if message.role in SOURCE_OF_ROLE:
-            self.payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
+            self.inbox.put(message)
         elif message.role == TAKEN:
             self._run_to(message.cycle - 1)
-            taken = self.engine.take(list(self._events(message)))
+            taken = self.engine.take(self.inbox.take(message))
             for output in taken.outputs:
                 self._compare(message, output.data)
         else:
@@ -160,15 +160,6 @@ class _Replay:
 
     def _run_cycle(self) -> None:
         self.outputs = {output.role: output.data for output in self.engine.step()}
-
-    def _events(self, message: PlacedMessage) -> Iterator[Event]:
-        """Yield the events that the rows of a message are about."""
-        payloads = [self.payloads.pop((row.source, row.sequence), b'') for row in message.rows]
-        if message.rows[0].verdict is Verdict.OVERFLOWED:
-            yield Overflow(message.rows[0].source, [row.sequence for row in message.rows])
-            return
-        for row, payload in zip(message.rows, payloads, strict=True):
-            yield Arrival(row.source, row.sequence, payload)
 
     def _run_to_stamp(self, message: PlacedMessage) -> None:
         """Run through a gap only if the stamp behind it says that it was run through.

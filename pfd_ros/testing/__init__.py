@@ -10,7 +10,7 @@ From the user to the arm, and back to the user's assertions:
     controller         the call of a controller and the checks of its answer; ControllerError
     engine_run         the engine in lockstep: messages in, outputs out, recorded if asked for
     run_log            the recording of such a run
-    command_bytes      the bytes of commands
+    command_bytes      the bytes of commands without names, and of states to jump to
     metrics            settling time, overshoot, rate of torques: definitions
     trajectory         Trajectory: the arrays of a run, its metrics, and assertions
 

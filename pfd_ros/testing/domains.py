@@ -46,7 +46,7 @@ def own_domain(folder: Path | None = None) -> Iterator[int]:
         if lock is None:
             continue
         try:
-            if not _inhabited(domain):
+            if not inhabited(domain):
                 yield domain
                 return
         finally:
@@ -73,7 +73,7 @@ def _locked(path: Path) -> int | None:
     return descriptor
 
 
-def _inhabited(domain: int) -> bool:
+def inhabited(domain: int) -> bool:
     """Return whether some participant of this host is in a domain."""
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
         try:

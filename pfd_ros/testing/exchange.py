@@ -23,6 +23,8 @@ NAME = 'sim_arm'
 # As those of the node.
 COMMAND_TOPICS = {Source.NAMED: 'joint_commands', Source.ARRAY: '~/commands'}
 STATE_DEPTH, COMMAND_DEPTH, CLOCK_DEPTH = 10, 100, 1
+# Longest wait for an answer, s of wall time, unless the caller says otherwise.
+PATIENCE_SECONDS = 10.0
 # Without an answer the state is sent again after so long. A controller that takes longer over one
 # command and does not stamp it would answer twice.
 RESEND_SECONDS = 2.0

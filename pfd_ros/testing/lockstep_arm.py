@@ -13,7 +13,6 @@ bits, here and over topics (`spin`), run after run.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -24,11 +23,12 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.requests import encode_request
-from pfd_ros.messages.convert import NANOSECONDS
-from pfd_ros.testing.command_bytes import state_bytes, wrench_bytes
+from pfd_ros.messages.convert import NANOSECONDS, WRENCH
+from pfd_ros.messages.stamped import stamped_encoder
+from pfd_ros.testing.command_bytes import state_bytes
 from pfd_ros.testing.controller import Controller, asked, refusal
 from pfd_ros.testing.engine_run import EngineRun
-from pfd_ros.testing.exchange import Exchange, NoAnswerError
+from pfd_ros.testing.exchange import PATIENCE_SECONDS, Exchange, NoAnswerError
 from pfd_ros.testing.lockstep_settings import (
     JointValues,
     RobotSource,
@@ -44,8 +44,6 @@ from pfd_ros.testing.metrics import Array
 from pfd_ros.testing.run_log import open_log
 from pfd_ros.testing.topic_run import TopicRun
 from pfd_ros.testing.trajectory import Rows, Trajectory
-
-PATIENCE_SECONDS = 10.0
 
 
 class LockstepArm:
@@ -90,18 +88,15 @@ class LockstepArm:
         self._limits = limits_of(self.robot, self.engine.arm.order)
         self._run = EngineRun(self.engine, open_log(self.engine, self.robot))
         self._ros_args = tuple(ros_args)
+        if self.settings.command_topic:
+            self._ros_args += ('-r', f'~/commands:={self.settings.command_topic}')
         self._exchange: Exchange | None = None
 
     def __enter__(self) -> LockstepArm:
         """Return the arm."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         """Close the arm."""
         self.close()
 
@@ -237,13 +232,15 @@ class LockstepArm:
         self._jump(Source.SET_STATE, state_bytes(self.names, positions, velocities))
 
     def push(self, force: Sequence[float], torque: Sequence[float], frame: str = '') -> None:
-        """Let a force and a torque act on the last link, until the next; not with a reset.
+        """Let a force and a torque act on the last link until the next push, or a reset.
 
         They are expressed in a frame of the last link, default its own, and act at its origin,
         N and N m. The arm needs the setting external_wrench=True; external_wrench_timeout ends
         them by itself.
         """
-        self._run.demand(Source.WRENCH, wrench_bytes(frame or self.robot.tip, force, torque))
+        wrench = np.array([force, torque], np.float64).ravel()
+        encoder = stamped_encoder(WRENCH, frame or self.robot.tip)
+        self._run.demand(Source.WRENCH, encoder.encode(0, wrench))
 
     def set(self, **values: Any) -> None:
         """Change dynamic settings from the next step on; ValueError if one is refused."""

@@ -30,6 +30,8 @@ LOCKSTEP: Mapping[str, Any] = {
     'lockstep': True,
     'wait_for_controller': True,
     'real_time_factor': 0.0,
+    'autostart': True,
+    'time_source': 'own',
 }
 # Share of a control period by which a time may miss the end of the last one.
 SLACK = 1e-6

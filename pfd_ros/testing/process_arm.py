@@ -11,16 +11,22 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 import time
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 
 from pfd_ros.arm.arm import joint_order
 from pfd_ros.messages.convert import NANOSECONDS, JointMessage, decode_joint_state
-from pfd_ros.testing.command_bytes import StampedEfforts, state_bytes
+from pfd_ros.messages.stamped import effort_encoder
+from pfd_ros.testing.command_bytes import state_bytes
 from pfd_ros.testing.controller import Controller, asked, refusal
-from pfd_ros.testing.exchange import NoAnswerError, bare_node, require_rclpy
+from pfd_ros.testing.exchange import (
+    LOOK_SECONDS,
+    PATIENCE_SECONDS,
+    NoAnswerError,
+    bare_node,
+    require_rclpy,
+)
 from pfd_ros.testing.lockstep_settings import (
     JointValues,
     RobotSource,
@@ -35,11 +41,8 @@ from pfd_ros.testing.node_process import NodeProcess, NodeProcessError, paramete
 from pfd_ros.testing.session import executor_with, spin, take_down
 from pfd_ros.testing.trajectory import Rows, Trajectory
 
-PATIENCE_SECONDS = 10.0
 # For the first state: the process starts, compiles the robot, and is discovered.
 START_SECONDS = 60.0
-# Between two looks at the clock while the executor spins.
-LOOK_SECONDS = 0.1
 STATE_DEPTH, COMMAND_DEPTH = 100, 10
 
 
@@ -55,6 +58,8 @@ class ProcessArm:
     ----------
     settings, robot, names
         Settings, robot, and joints in published order, in which all arrays are.
+    process
+        The process.
 
     Raises
     ------
@@ -73,7 +78,7 @@ class ProcessArm:
         order = joint_order(self.settings.joints, self.robot)
         self.names = tuple(self.robot.joint_names[i] for i in order)
         self._limits = limits_of(self.robot, order)
-        self._encoder = StampedEfforts(self.names)
+        self._encoder = effort_encoder(self.names)
         self._state: JointMessage | None = None
         self._answer = b''
         self._on_new: Callable[[JointMessage], None] | None = None
@@ -94,14 +99,9 @@ class ProcessArm:
         """Return the arm."""
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
         """End the process; a fault of it does not hide an error of the test."""
-        with suppress(*([NodeProcessError] if error is not None else [])):
+        with suppress(*([NodeProcessError] if kind is not None else [])):
             self.close()
 
     def close(self) -> None:

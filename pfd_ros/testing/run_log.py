@@ -5,7 +5,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-import json
 from pathlib import Path
 import time
 from typing import Any
@@ -15,7 +14,7 @@ from pfd_ros.arm.events import TAKEN
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE, EndKey
+from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE
 from pfd_ros.recording.mcap_file import TimeBase, Topic
 from pfd_ros.recording.recorder import LogRecorder
 
@@ -64,26 +63,19 @@ class RunLog:
         RecordingError
             If the file does not hold everything.
         """
-        self.recorder.close(self._ending)
+        self.recorder.close(lambda: self.recorder.ending(self._totals()))
         lost = sum(self.recorder.dropped)
         if self.recorder.error or lost:
             raise RecordingError(self.recorder.error or f'{lost} messages were not recorded')
 
-    def _ending(self) -> dict[str, str]:
-        engine, recorder = self.engine, self.recorder
-        topics = [topic.name for topic in recorder.topics]
-        totals = {
+    def _totals(self) -> dict[str, Any]:
+        engine = self.engine
+        return {
             'steps': engine.arm.step,
             'states': engine.cycles // engine.settings.publish_every,
             'commands_accepted': self.accepted,
             'failure': engine.arm.failure,
         }
-        told: dict[str, Any] = {
-            EndKey.TOTALS: totals,
-            EndKey.RECORDED: dict(zip(topics, recorder.recorded, strict=True)),
-            EndKey.DROPPED: dict(zip(topics, recorder.dropped, strict=True)),
-        }
-        return {name: json.dumps(value) for name, value in told.items()}
 
 
 def open_log(engine: Engine, robot: Any) -> RunLog | None:

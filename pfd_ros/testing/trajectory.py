@@ -180,8 +180,8 @@ class Trajectory:
         bounds = self._per_joint('bound', bound)
         for j in self._columns(joint):
             found = metrics.rates(self.time, self.tau[:, j])
-            k = int(np.argmax(found)) if len(found) else 0
-            if len(found) and not found[k] < bounds[j]:
+            if len(found) and not found.max() < bounds[j]:
+                k = int(np.argmax(found))
                 raise AssertionError(
                     f'effort of joint {self.names[j]!r} changes by {found[k]:.6g} per second at '
                     f't = {self.time[k + 1]:.6g} s, from {self.tau[k, j]:.6g} to '

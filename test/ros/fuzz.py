@@ -4,9 +4,11 @@
 
     python test/ros/fuzz.py --seconds 600 --seed 1
     python test/ros/fuzz.py --seconds 600 --seed 1 --largest 16777216
+    python test/ros/fuzz.py --seconds 600 --seed 1 --follow-clock
 
 Names, shapes, numbers, rates, bytes that are no message, publishers of foreign types, services in
-any order, transitions that do not exist, and parameter calls that make rclpy's own callback raise.
+any order, transitions that do not exist, and parameter calls that make rclpy's own callback raise;
+and, where the arm follows a clock, ticks that go back, leap, or are no ticks.
 Afterwards the node must be alive and its memory flat; it must end with status 0, and its recording
 must verify. Efforts that are accepted stay small: an arm that is torn apart is told, and is no
 success. The messages are those of hostile_traffic.py.
@@ -30,8 +32,8 @@ import tempfile
 import time
 from typing import Any
 
-from hostile_traffic import NAMES, SMALL_BYTES, VERDICTS, Messages
-from ros_processes import JOINTS, Peer, Process, Processes, resident_bytes
+from hostile_traffic import NAMES, SMALL_BYTES, VERDICTS, Messages, Ticks
+from ros_processes import JOINTS, Peer, Process, Processes, resident_bytes, stamp_ns
 
 from pfd_ros.arm.events import Source
 from pfd_ros.replay.summary import Summary
@@ -43,6 +45,10 @@ PROCESS_GROWTH = 16 << 20
 OBJECT_GROWTH, OBJECT_GROWTH_PER_SECOND = 8 << 20, 20 << 10
 WARM_UP = 0.4  # part of the time after which memory should be flat
 SECONDS_PER_CALL = 0.3
+SETTINGS = ('recording:=arm.mcap', 'damping:=true', 'external_wrench:=true')
+FOLLOWS = ('time_source:=clock', 'publish_clock:=false')
+TICK_SECONDS = 0.005
+TICKS_APART = 5  # other messages
 
 
 @dataclass(frozen=True)
@@ -90,6 +96,25 @@ class Crowd:
 
     def close(self) -> None:
         self._peer.close()
+
+
+class Leader:
+    """A clock that the arm follows, and cannot trust."""
+
+    def __init__(self, peer: Peer, chance: random.Random) -> None:
+        from rosgraph_msgs.msg import Clock
+
+        self._peer, self._ticks = peer, Ticks(chance)
+        # rclpy raises at bytes that are no message.
+        own = next(end for end in peer.node.subscriptions if end.topic_name == '/clock')
+        peer.node.destroy_subscription(own)
+        self._publisher = peer.node.create_publisher(Clock, '/clock', 10)
+        # Time goes on while the peer waits for something.
+        peer.node.create_timer(TICK_SECONDS, self.tick)
+
+    def tick(self) -> None:
+        now = stamp_ns(self._peer.states[-1]) if self._peer.states else 0
+        self._publisher.publish(self._ticks.after(now))
 
 
 class Caller:
@@ -154,7 +179,12 @@ def _memory(arm: Process) -> tuple[int, int]:
 
 
 def _flood(
-    arm: Process, peer: Peer, crowd: Crowd, seconds: float, messages: Messages
+    arm: Process,
+    peer: Peer,
+    crowd: Crowd,
+    leader: Leader | None,
+    seconds: float,
+    messages: Messages,
 ) -> tuple[int, tuple[int, int]]:
     """Send until the time is over; return how many messages, and the memory after a while."""
     from geometry_msgs.msg import InertiaStamped, WrenchStamped
@@ -184,6 +214,9 @@ def _flood(
             crowd.change()
         publishers[source].publish(data)
         sent += 1
+        if leader is not None and sent % TICKS_APART == 0:
+            peer.executor.spin_once(timeout_sec=0)
+            leader.tick()
         if sent % 100 == 0:
             assert arm.process.poll() is None, arm.text()[-2000:]
             # From a trickle to as fast as it goes.
@@ -197,17 +230,24 @@ def _flood(
     return sent, warm
 
 
-def fuzz(processes: Processes, seconds: float, seed: int, largest: int) -> Outcome:
+def fuzz(
+    processes: Processes,
+    seconds: float,
+    seed: int,
+    largest: int = SMALL_BYTES,
+    *,
+    follow_clock: bool = False,
+) -> Outcome:
     """Run a node under hostile messages and return the result."""
-    arm = processes.faulty(
-        'traced', '-p', 'recording:=arm.mcap', '-p', 'damping:=true', '-p', 'external_wrench:=true'
-    )
+    settings = [*SETTINGS, *(FOLLOWS if follow_clock else ())]
+    arm = processes.faulty('traced', *(word for x in settings for word in ('-p', x)))
     peer = Peer(processes.domain)
     crowd = Crowd(processes.domain, random.Random(seed))
     try:
+        leader = Leader(peer, random.Random(seed)) if follow_clock else None
         peer.connect()
         arm.wait_for_text('traced ')
-        sent, warm = _flood(arm, peer, crowd, seconds, Messages(seed, largest))
+        sent, warm = _flood(arm, peer, crowd, leader, seconds, Messages(seed, largest))
         # It still does what it is told.
         wanted = [0.25 * k for k in range(len(JOINTS))]
 
@@ -254,11 +294,18 @@ def main() -> int:
     parser.add_argument('--seconds', type=float, default=600.0)
     parser.add_argument('--seed', type=int, default=1)
     parser.add_argument('--largest', type=int, default=SMALL_BYTES, help='bytes of a message')
+    parser.add_argument('--follow-clock', action='store_true', help='ticks are hostile too')
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         processes = Processes(Path(folder))
         try:
-            outcome = fuzz(processes, chosen.seconds, chosen.seed, chosen.largest)
+            outcome = fuzz(
+                processes,
+                chosen.seconds,
+                chosen.seed,
+                chosen.largest,
+                follow_clock=chosen.follow_clock,
+            )
         finally:
             for process in processes.started:
                 print(process.text()[-5000:], file=sys.stderr)

@@ -1,6 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Hostile messages for every topic of a node, at random from a seed; none tears the arm apart."""
+"""Hostile messages for every topic of a node, at random from a seed.
+
+None tears the arm apart, or lets its time leap where no later tick could follow.
+"""
 
 from __future__ import annotations
 
@@ -19,6 +22,7 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.cdr import CdrWriter
+from pfd_ros.messages.convert import decode_clock, encode_clock
 
 # Largest message for which the memory of the whole process is judged.
 SMALL_BYTES = 2048
@@ -41,11 +45,41 @@ NAMES = (
     '..',
 )
 LONGEST_NAME = 1 << 20
+MILLISECOND = 10**6
+# Farther ahead than an arm follows at once, ns; after a reset its time leaps there.
+FARTHEST_TICK = 150_000 * MILLISECOND
 VERDICTS = tuple(set(Verdict) - {Verdict.OVERFLOWED, Verdict.STALE})
 # The sources that are topics of a node with a clock of its own.
 TOPICS = (Source.NAMED, Source.ARRAY, Source.SET_STATE, Source.WRENCH, Source.PAYLOAD)
 # Of puma560, the default.
 TIP = 'flange'
+
+
+class Ticks:
+    """A source of hostile ticks as bytes, for an arm that follows their clock."""
+
+    def __init__(self, chance: random.Random) -> None:
+        self._random = chance
+
+    def after(self, now_ns: int) -> bytes:
+        """Return a tick for an arm at a simulated time: mostly one that it can follow."""
+        kind = self._random.randrange(8)
+        if kind < 5:
+            return encode_clock(now_ns + self._random.randrange(20 * MILLISECOND))
+        if kind == 5:
+            ahead = self._random.choice((-1, 1)) * self._random.randrange(FARTHEST_TICK)
+            return encode_clock(max(now_ns + ahead, 0))
+        tick = bytearray(encode_clock(now_ns))
+        if kind == 6:
+            tick[self._random.randrange(len(tick))] = self._random.randrange(256)
+        else:
+            # The middleware has no room for more than a tick.
+            tick = bytearray(self._random.randbytes(self._random.randrange(4, len(tick) + 1)))
+        try:
+            reached = decode_clock(bytes(tick)) <= now_ns + FARTHEST_TICK
+        except ValueError:
+            reached = True
+        return bytes(tick) if reached else encode_clock(now_ns)
 
 
 class Messages:

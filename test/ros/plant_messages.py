@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Messages about the plant as they travel, and engines that take them, without ROS."""
+"""Requests and messages about the plant as they travel, and engines that take them."""
 
 from __future__ import annotations
 
@@ -12,10 +12,13 @@ import numpy as np
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source
+from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.cdr import CdrWriter
+from pfd_ros.messages.convert import WRENCH
+from pfd_ros.messages.stamped import InertiaMessage, encode_inertia, stamped_encoder
 
 Message = tuple[Source, bytes]
 
@@ -31,17 +34,17 @@ def judged(engine: Engine, *messages: Message) -> Judgement:
     return taken.judgements[-1][1]
 
 
+def verdict(engine: Engine, event: Arrival) -> Verdict:
+    ((_, judgement, _),) = engine.take([event]).judgements
+    return judgement.verdict
+
+
+def asked(name: str, count: int = 1) -> Arrival:
+    return Arrival(Source.REQUEST, 1, encode_request(Request(name, count)))
+
+
 def change(**values: Any) -> Message:
     return Source.PARAMETERS, encode_changes(values)
-
-
-def _stamped(frame: str, numbers: Sequence[float], stamp_ns: int) -> bytes:
-    writer = CdrWriter()
-    writer.int32(stamp_ns // 1_000_000_000)
-    writer.uint32(stamp_ns % 1_000_000_000)
-    writer.string(frame)
-    writer.row(np.array(numbers, float))
-    return bytes(writer.data)
 
 
 def wrench(
@@ -50,7 +53,9 @@ def wrench(
     torque: Sequence[float] = (0.0, 0.0, 0.0),
     stamp_ns: int = 0,
 ) -> Message:
-    return Source.WRENCH, _stamped(frame, [*force, *torque], stamp_ns)
+    return Source.WRENCH, stamped_encoder(WRENCH, frame).encode(
+        stamp_ns, np.array([*force, *torque], float)
+    )
 
 
 def payload(
@@ -60,4 +65,5 @@ def payload(
     inertia: Sequence[float] = (0.0,) * 6,
 ) -> Message:
     """Return the message of a payload; its inertia is (xx, xy, xz, yy, yz, zz)."""
-    return Source.PAYLOAD, _stamped(frame, [mass, *center, *inertia], 0)
+    message = InertiaMessage(0, frame, mass, tuple(center), tuple(inertia))
+    return Source.PAYLOAD, encode_inertia(message)

@@ -69,6 +69,10 @@ class Recording:
     def keep(self, wanted: Callable[[Sent], bool]) -> None:
         self.messages = [m for m in self.messages if wanted(m)]
 
+    def lose(self, gone: list[Sent]) -> None:
+        """Leave some messages out, which are those of `messages` themselves."""
+        self.keep(lambda message: all(message is not each for each in gone))
+
     def recount(self, *, digests: bool = False) -> None:
         """Make the end record count the messages that are in the file now."""
         counts = Counter(m.topic for m in self.messages)

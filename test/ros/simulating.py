@@ -26,6 +26,7 @@ from pfd_ros.arm.events import (
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import cdr
+from pfd_ros.messages.convert import JointMessage, decode_joint_state
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS, END, ROLE_OF_SOURCE
 from pfd_ros.recording.mcap_file import TimeBase
@@ -45,6 +46,11 @@ START_NS = 1_700_000_000_000_000_000
 def rows_of(path: Path) -> list[VerdictRow]:
     """Return the verdict rows of a recording, in their order."""
     return [row for message in placed_messages(Log(path)) for row in message.rows]
+
+
+def states_of(path: Path) -> list[JointMessage]:
+    """Return the published states of a recording."""
+    return [decode_joint_state(e.data) for e in Log(path).entries() if e.role == 'joint_states']
 
 
 def efforts(*values: float) -> bytes:

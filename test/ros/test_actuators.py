@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from simulating import efforts, joint_state, simulate
+from simulating import efforts, joint_state, simulate, states_of
 
 import pfd_core as pfd
 from pfd_ros.arm.actuators import Actuators, effort_limits, speed_limits
@@ -21,9 +21,7 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import JointMessage, decode_joint_state
 from pfd_ros.recording.format import HEAD, HeadKey
-from pfd_ros.recording.reader import Log
 from pfd_ros.replay.verify import DifferenceError, read
 
 # As its file states them: 20 and 10 N m, both at 20 rad/s.
@@ -136,17 +134,11 @@ def test_without_limits_it_ends(settings: dict[str, Any]) -> None:
 
 
 SERVO: dict[str, Any] = {'servo_p': (400.0, 200.0), 'servo_d': (40.0, 10.0)}
-
-
 NAMES = ('shoulder', 'elbow')
 
 
 def targeted(*args: Sequence[Any], **other: Any) -> tuple[Source, bytes]:
     return Source.NAMED, joint_state(*args, **other)
-
-
-def states_of(path: Path) -> list[JointMessage]:
-    return [decode_joint_state(e.data) for e in Log(path).entries() if e.role == 'joint_states']
 
 
 def test_a_servo_gives_the_effort_of_its_law_once_per_cycle_and_its_recording_verifies(

@@ -9,10 +9,10 @@ import random
 from typing import Any
 
 import numpy as np
+from plant_messages import made
 import pytest
-from simulating import efforts, joint_state, rows_of, simulate
+from simulating import efforts, joint_state, rows_of, simulate, states_of
 
-from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
@@ -20,19 +20,13 @@ from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.noise import Channel, uniform
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import JointMessage, decode_joint_state
-from pfd_ros.recording.reader import Log
+from pfd_ros.messages.convert import JointMessage
 from pfd_ros.replay.verify import read
 
 NAMES = ('shoulder', 'elbow')
 NAN = float('nan')
 SERVO: dict[str, Any] = {'servo_p': (400.0, 200.0), 'servo_d': (40.0, 10.0)}
 RESET = encode_request(Request('reset'))
-
-
-def made(**chosen: Any) -> Engine:
-    settings = Settings(**{'robot': 'planar2', **chosen})
-    return Engine(settings, load_robot(settings))
 
 
 def send(engine: Engine, data: bytes, source: Source = Source.ARRAY, sequence: int = 1) -> Verdict:
@@ -51,7 +45,7 @@ def taus(engine: Engine, cycles: int) -> list[list[float]]:
 def verified(path: Path) -> list[JointMessage]:
     """Return the states of a recording that verifies."""
     assert read(path, verify=True).complete
-    return [decode_joint_state(e.data) for e in Log(path).entries() if e.role == 'joint_states']
+    return states_of(path)
 
 
 def test_a_watchdog_waits_for_the_first_command_and_acts_once_after_the_last() -> None:
@@ -73,6 +67,12 @@ def test_a_watchdog_waits_for_the_first_command_and_acts_once_after_the_last() -
     assert not engine.link.timed_out
     assert taus(engine, 7) == [[3.0, 0.5]] * 5 + [[0.0, 0.0]] * 2
     assert engine.link.timeouts == 2
+
+
+def test_the_shortest_timeout_is_one_step() -> None:
+    engine = made(command_timeout=1e-12)
+    send(engine, efforts(1.0, 0.5))
+    assert taus(engine, 2) == [[1.0, 0.5], [0.0, 0.0]]
 
 
 def test_without_a_timeout_the_last_effort_stays() -> None:

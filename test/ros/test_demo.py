@@ -18,6 +18,7 @@ import pfd_core as pfd
 from pfd_ros.demo import processes as demo
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.replay.verify import read
+from pfd_ros.testing.domains import FIRST, LAST, inhabited
 
 if HAS_ROS:
     from sensor_msgs.msg import JointState
@@ -97,7 +98,7 @@ def test_the_processes_inherit_nothing_that_leads_to_another_system() -> None:
 @pytest.mark.parametrize('inherited', [{}, {'ROS_DOMAIN_ID': '7'}, {'ROS_DOMAIN_ID': '{'}])
 def test_the_domain_is_never_the_inherited_one_and_not_always_the_same(inherited: dict) -> None:
     domains = {demo.free_domain(inherited) for _ in range(300)}
-    assert domains <= set(range(1, demo.MOST_DOMAINS + 1))
+    assert domains <= set(range(FIRST, LAST + 1))
     assert int(inherited.get('ROS_DOMAIN_ID', '0').replace('{', '0')) not in domains
     assert len(domains) > 20
 
@@ -106,7 +107,7 @@ def test_the_domain_is_never_the_inherited_one_and_not_always_the_same(inherited
 def test_a_domain_with_a_node_on_it_is_not_free(processes: Processes) -> None:
     # Of a process of its own: participants are numbered by process, and their ports by number.
     processes.arm('-p', 'robot:=planar2')
-    assert not demo._is_free(processes.domain)
+    assert inhabited(processes.domain)
     inherited = {'ROS_DOMAIN_ID': str(1 + processes.domain % 100)}
     assert processes.domain not in {demo.free_domain(inherited) for _ in range(300)}
 

@@ -6,11 +6,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
-from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from rewriting import GOLDEN
 from ros_processes import example_robot
 from simulating import efforts
 
@@ -30,7 +30,6 @@ from pfd_ros.messages.convert import (
 from pfd_ros.recording.format import ROLE_OF_SOURCE, SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Log
 
-GOLDEN = Path(__file__).resolve().parents[1] / 'data' / 'golden_1.mcap'
 STEP_NS = 1_000_000
 NAN = float('nan')
 

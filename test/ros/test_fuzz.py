@@ -11,6 +11,8 @@ from hostile_traffic import SMALL_BYTES, Messages
 import pytest
 from ros_processes import Processes
 
+from pfd_ros.arm.events import Verdict
+
 SECONDS = 6.0
 
 
@@ -26,3 +28,11 @@ def test_hostile_messages_leave_a_node_alive_small_and_verifiable(
     processes: Processes, largest: int
 ) -> None:
     fuzz.check(fuzz.fuzz(processes, SECONDS, seed=1, largest=largest), SECONDS)
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_hostile_ticks_of_a_followed_clock_do_no_harm_either(processes: Processes) -> None:
+    outcome = fuzz.fuzz(processes, SECONDS, seed=1, follow_clock=True)
+    fuzz.check(outcome, SECONDS)
+    assert outcome.summary.verdicts[Verdict.STALE]

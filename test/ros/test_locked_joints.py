@@ -9,15 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from simulating import efforts, simulate
+from simulating import efforts, joint_state, simulate, states_of
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.cdr import CdrWriter
-from pfd_ros.messages.convert import JointStateEncoder, decode_joint_state
-from pfd_ros.recording.reader import Log
+from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.replay.motion import read_motion
 from pfd_ros.replay.verify import DifferenceError, read
 
@@ -32,13 +30,7 @@ def made(**chosen) -> Engine:
 
 
 def joint_command(names: list[str], effort: list[float]) -> Arrival:
-    none = np.zeros(len(names))
-    data = JointStateEncoder(names).encode(0, none, none, np.array(effort))
-    return Arrival(Source.NAMED, 1, data)
-
-
-def states(path: Path) -> list:
-    return [decode_joint_state(e.data) for e in Log(path).entries() if e.role == 'joint_states']
+    return Arrival(Source.NAMED, 1, joint_state(names, effort=effort))
 
 
 def test_locked_joints_are_published_after_the_others_at_rest_where_they_are_locked() -> None:
@@ -102,14 +94,8 @@ def test_names_of_locked_joints_that_are_not_published_stay_unknown() -> None:
 def test_a_state_of_the_arm_can_be_sent_back_with_its_locked_joints() -> None:
     engine = made(**WRIST)
     names = ('joint1', 'joint2', 'joint3', 'joint4', 'joint6', 'joint5')
-    writer = CdrWriter()
-    writer.int32(0)
-    writer.uint32(0)
-    writer.string('')
-    writer.strings(names)
-    for values in (np.arange(1.0, 7.0), np.zeros(6), np.zeros(0)):
-        writer.numbers(values)
-    engine.take([Arrival(Source.SET_STATE, 1, bytes(writer.data))])
+    sent = joint_state(names, np.arange(1.0, 7.0), np.zeros(6))
+    engine.take([Arrival(Source.SET_STATE, 1, sent)])
     (state,) = (decode_joint_state(o.data) for o in engine.step() if o.role == 'joint_states')
     assert state.position.tolist() == [1.0, 2.0, 3.0, 4.0, 0.25, -0.5]
 
@@ -123,7 +109,7 @@ def test_recordings_with_locked_joints_verify_and_have_a_motion(
     assert read(path, verify=True).states == 30
     motion = read_motion(path).motion
     assert np.asarray(motion.q).shape[1] == 4
-    np.testing.assert_array_equal(motion.q[-1], states(path)[28].position[:4])
+    np.testing.assert_array_equal(motion.q[-1], states_of(path)[28].position[:4])
 
 
 def test_sensors_add_nothing_to_locked_joints_and_such_a_recording_verifies(
@@ -133,10 +119,10 @@ def test_sensors_add_nothing_to_locked_joints_and_such_a_recording_verifies(
     made = simulate(30, {3: [efforts(*ONE)]}, robot='puma560', **noise, **WRIST)
     path = made.save(tmp_path / 'a.mcap')
     assert read(path, verify=True).states == 30
-    for state in states(path):
+    for state in states_of(path):
         assert state.position[4:].tolist() == [0.25, -0.5]
         assert state.velocity[4:].tolist() == state.effort[4:].tolist() == [0.0, 0.0]
-    assert states(path)[0].position[:4].all()
+    assert states_of(path)[0].position[:4].all()
     # A motion is that of the arm, not what its sensors say.
     assert not read_motion(path).motion.q[1].any()
 

@@ -142,7 +142,8 @@ def test_a_stopped_reader_that_wants_everything_stops_neither_the_arm_nor_its_cl
     reader.process.kill()
 
 
-def test_names_of_any_kind_are_counted_shown_short_and_change_nothing_else(
+@pytest.mark.slow
+def test_names_of_any_kind_and_number_are_counted_shown_short_and_change_nothing_else(
     processes: Processes, peer_of
 ) -> None:
     # At depth 1 a busy machine would see some replaced by newer ones.
@@ -153,6 +154,10 @@ def test_names_of_any_kind_are_counted_shown_short_and_change_nothing_else(
     for names in (['{'], ['}'], ['{0}', 'joint1'], ['%s%n'], ['a\nb'], ['x' * 1_000_000]):
         peer.command(names, [0.0] * len(names))
         peer.let_pass()
+    many = 100_000
+    peer.command([f'joint{k}' for k in range(7, many)], [0.0] * (many - 7))
+    peer.plain_command([0.0] * many)
+    arm.wait_for_text(f'wrong_size ({many} numbers for 6 joints)')
     peer.plain_command([0.0] * (LARGEST_MESSAGE // 8))
     arm.wait_for_text(f'bytes, expected {LARGEST_MESSAGE} at most')
     peer.command(JOINTS, [1.0] * 6)
@@ -161,4 +166,8 @@ def test_names_of_any_kind_are_counted_shown_short_and_change_nothing_else(
     assert "'{0}'" in arm.text()
     assert max(map(len, arm.text().splitlines())) < 700
     summary = read(processes.folder / 'arm.mcap', verify=True)
-    assert summary.verdicts == {Verdict.UNKNOWN_NAMES: 5, Verdict.ACCEPTED: 2}
+    assert summary.verdicts == {
+        Verdict.UNKNOWN_NAMES: 6,
+        Verdict.WRONG_SIZE: 1,
+        Verdict.ACCEPTED: 2,
+    }

@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 from ros_processes import MILLISECOND, Peer, Processes, call, stamp_ns
-from simulating import rows_of
+from simulating import rows_of, states_of
 
 from pfd_ros.arm.events import Source, Verdict
-from pfd_ros.messages.convert import JointMessage, decode_joint_state
-from pfd_ros.recording.reader import Log
 from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
@@ -120,7 +118,7 @@ def test_pause_step_reset_and_jump_next_to_a_controller_that_goes_on(
     assert summary.verdicts[Verdict.REFUSED] == 1
     # The peer does not get every state; the recording has them.
     assert not summary.missing
-    states = recorded_states(path)
+    states = states_of(path)
     rows = rows_of(path)
     reset = [row.cycle for row in rows if row.source is Source.REQUEST][-1]
     jumped = next(row.cycle for row in rows if row.source is Source.SET_STATE)
@@ -130,11 +128,6 @@ def test_pause_step_reset_and_jump_next_to_a_controller_that_goes_on(
         assert not any(there.velocity)
         # An effort that answered a state before the jump would show at once.
         assert np.abs(after.position - place).max() < 1e-3
-
-
-def recorded_states(path: Path) -> list[JointMessage]:
-    entries = Log(path).entries()
-    return [decode_joint_state(entry.data) for entry in entries if entry.role == 'joint_states']
 
 
 @pytest.mark.slow

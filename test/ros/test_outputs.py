@@ -4,27 +4,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
+from plant_messages import change, judged, wrench
 import pytest
 from rewriting import Recording, Sent
 from simulating import efforts, simulate
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.changes import encode_changes
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import CLOCK, STATES, Arrival, Output, Source
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.outputs import position_and_quaternion
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import convert
-from pfd_ros.messages.stamped import decode_stamped, stamped_encoder
+from pfd_ros.messages.stamped import decode_stamped
 from pfd_ros.recording.reader import LogError
 from pfd_ros.replay.verify import DifferenceError, read
 
@@ -121,19 +120,10 @@ def test_the_model_of_the_true_state_is_that_of_pinocchio() -> None:
     np.testing.assert_allclose(pin.Quaternion(pose[3:]).matrix(), placement.rotation, atol=1e-12)
 
 
-def pushed(wrench: Sequence[float], frame_id: str = 'tool0') -> Arrival:
-    data = stamped_encoder(convert.WRENCH, frame_id).encode(0, np.array(wrench))
-    return Arrival(Source.WRENCH, 1, data)
-
-
-def changed(**values: Any) -> Arrival:
-    return Arrival(Source.PARAMETERS, 1, encode_changes(values))
-
-
 def test_the_outputs_fulfil_the_equation_of_motion_with_a_wrench_on_the_tip() -> None:
     engine = made(damping=True, external_wrench=True)
     k = [3.0, -2.0, 10.0, 0.1, 0.2, -0.3]
-    engine.take([pushed(k)])
+    judged(engine, wrench('tool0', k[:3], k[3:]))
     found = moved(engine)
     expected = Expected(engine)
     base = np.concatenate([expected.pose().rotation @ half for half in np.split(np.array(k), 2)])
@@ -150,7 +140,7 @@ def test_a_payload_that_comes_while_the_arm_runs_is_in_the_model_from_the_next_c
     engine, loaded = made(), made(payload_mass=2.0, payload_center=(0.0, 0.0, 0.1))
     before = moved(engine)
     moved(loaded)
-    engine.take([changed(payload_mass=2.0, payload_center=[0.0, 0.0, 0.1])])
+    judged(engine, change(payload_mass=2.0, payload_center=[0.0, 0.0, 0.1]))
     after = {output.role: output.data for output in engine.step()}
     robot, scene = engine.arm.robot, pfd.Scene(armature='model', payload=engine.arm.scene.payload)
     q = Expected(engine).q
@@ -324,8 +314,8 @@ def test_a_recording_needs_the_channels_of_its_outputs_and_no_others(tmp_path: P
 def test_a_recording_with_a_wrench_and_a_new_payload_verifies(tmp_path: Path) -> None:
     events = {
         5: [efforts(1.0, -0.5)],
-        20: [(Source.WRENCH, pushed([1.0, 2.0, 0.0, 0.0, 0.0, 1.0], 'tip_link').payload)],
-        40: [(Source.PARAMETERS, changed(payload_mass=0.5).payload)],
+        20: [wrench('tip_link', (1.0, 2.0, 0.0), (0.0, 0.0, 1.0))],
+        40: [change(payload_mass=0.5)],
     }
     made = simulate(60, events, outputs=ALL, external_wrench=True, noise_position=0.1)
     read(made.save(tmp_path / 'log.mcap'), verify=True)
@@ -336,7 +326,7 @@ def test_a_recording_with_a_wrench_and_a_new_payload_verifies(tmp_path: Path) ->
 def test_lost_arrays_need_no_stamp(tmp_path: Path) -> None:
     made = recorded()
     gone = made.on('/sim_arm/acceleration')[10:30]
-    made.keep(lambda message: all(message is not each for each in gone))
+    made.lose(gone)
     summary = read(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
     assert summary.lost == {'acceleration': 20}
 
@@ -345,7 +335,7 @@ def test_lost_outputs_are_counted(tmp_path: Path) -> None:
     made = recorded()
     poses = made.on('/sim_arm/tip_pose')
     gone = poses[20:23] + poses[-5:]
-    made.keep(lambda message: all(message is not each for each in gone))
+    made.lose(gone)
     summary = read(made.save(tmp_path / 'cut.mcap', closed=False), verify=True)
     # The last one may belong to a cycle that was cut off.
     assert summary.lost == {'tip_pose': 7}
@@ -356,7 +346,7 @@ def test_lost_outputs_are_counted(tmp_path: Path) -> None:
 def test_an_end_record_with_other_counts_of_outputs_is_refused(tmp_path: Path) -> None:
     made = recorded()
     gone = made.on('/sim_arm/energy')[-2:]
-    made.keep(lambda message: all(message is not each for each in gone))
+    made.lose(gone)
     made.recount(digests=True)
     with pytest.raises(LogError, match='counts 60 states and 58 messages energy'):
         read(made.save(tmp_path / 'log.mcap'))

@@ -4,15 +4,14 @@
 
 from __future__ import annotations
 
+from plant_messages import asked, made, verdict
 import pytest
 from simulating import efforts
 
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.followed_clock import MOST_STEPS_AHEAD
-from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import encode_clock
 
@@ -22,26 +21,12 @@ PUSH = Arrival(Source.ARRAY, 1, efforts(1.0, -0.5))
 JUMP = Arrival(Source.SET_STATE, 1, b'')
 
 
-def made(**chosen) -> Engine:
-    settings = Settings(robot='planar2', **chosen)
-    return Engine(settings, load_robot(settings))
-
-
 def following(**chosen) -> Engine:
     return made(time_source='clock', publish_clock=False, **chosen)
 
 
-def asked(name: str, count: int = 1) -> Arrival:
-    return Arrival(Source.REQUEST, 1, encode_request(Request(name, count)))
-
-
 def tick(stamp_ns: int) -> Arrival:
     return Arrival(Source.TICK, 1, encode_clock(stamp_ns))
-
-
-def verdict(engine: Engine, event: Arrival) -> Verdict:
-    ((_, judgement, _),) = engine.take([event]).judgements
-    return judgement.verdict
 
 
 def run(engine: Engine) -> int:

@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 from plant_messages import change, judged, made, payload
 import pytest
 from ros_processes import example_robot
@@ -60,7 +61,6 @@ def test_a_payload_at_run_time_is_that_from_the_start_in_the_same_state() -> Non
 
 
 def test_a_payload_in_a_carried_frame_moves_the_arm_as_pinocchio_says() -> None:
-    pin = pytest.importorskip('pinocchio')
     path = str(example_robot('ur_description/urdf/ur5_robot.urdf'))
     tau = (1.0, -60.0, -5.0, 0.3, -0.2, 0.1)
     engine = made(robot=path, initial_positions=(0.3, -1.2, 0.9, 0.4, -0.7, 1.1), step_size=1e-4)
@@ -261,7 +261,7 @@ def test_every_effect_of_the_settings_is_in_the_scene() -> None:
         external_wrench=True,
         payload_mass=1.0,
     )
-    found = scene_of(settings, load_robot(settings), tuple(range(6)))
+    found = scene_of(settings, tuple(range(6)))
     assert found == pfd.Scene(
         friction='model',
         joint_limits='model',

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from rewriting import GOLDEN, STATES, TAKEN, Sent, load, rewrite
 from ros_processes import environment
+from simulating import states_of
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.cli import main as command_line
@@ -49,11 +50,7 @@ def test_the_replay_of_a_run_has_the_same_bits(recorded: Path) -> None:
 
 def test_the_run_really_moved_and_was_held_before(recorded: Path) -> None:
     # Otherwise equal bits would prove nothing.
-    states = [
-        decode_joint_state(entry.data)
-        for entry in Log(recorded).entries()
-        if entry.role == 'joint_states'
-    ]
+    states = states_of(recorded)
     assert not any(states[50].velocity)
     assert np.abs(states[-1].position).max() > 1e-3
     # Later the wrist turns at its limit, where its motor has no torque left.
@@ -96,10 +93,7 @@ def test_one_flipped_bit_is_found_and_placed(
     assert status == 1
     assert 'step 123' in told
     assert f', {field}: recorded ' in told
-    joint = Log(recorded)
-    names = decode_joint_state(
-        next(entry.data for entry in joint.entries() if entry.role == 'joint_states')
-    ).names
+    names = states_of(recorded)[0].names
     assert repr(names[5]) in told
     assert told.count('0x') == 2
 

@@ -7,14 +7,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 import json
 
+from plant_messages import asked, verdict
 import pytest
 from simulating import efforts, joint_state
 
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import JointMessage, decode_joint_state, encode_string
 
@@ -28,10 +27,6 @@ def made(**chosen) -> Engine:
     return Engine(settings, load_robot(settings))
 
 
-def asked(name: str, count: int = 1) -> Arrival:
-    return Arrival(Source.REQUEST, 1, encode_request(Request(name, count)))
-
-
 def joint_message(source: Source, names: Sequence[str], *args, **other) -> Arrival:
     return Arrival(source, 1, joint_state(names, *args, **other))
 
@@ -42,11 +37,6 @@ def placed(names: Sequence[str], position: Sequence[float], **other) -> Arrival:
 
 def pushed(stamp_ns: int, effort: float = 1.0) -> Arrival:
     return joint_message(Source.NAMED, ['shoulder'], effort=[effort], stamp_ns=stamp_ns)
-
-
-def verdict(engine: Engine, event: Arrival) -> Verdict:
-    ((_, judgement, _),) = engine.take([event]).judgements
-    return judgement.verdict
 
 
 def state(engine: Engine) -> JointMessage:

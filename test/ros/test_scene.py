@@ -41,7 +41,7 @@ def test_settings_keep_the_text_of_a_scene_file(tmp_path: Path) -> None:
     assert settings.scene == TEXT
     path.unlink()
     assert with_scene_text(settings) == settings
-    found = scene_of(settings, load_robot(settings), (0, 1))
+    found = scene_of(settings, (0, 1))
     assert found.digest == pfd.Scene(**{**vars(SCENE), 'brakes': True}).digest
     assert with_scene_text(Settings()) == Settings()
 

@@ -298,6 +298,8 @@ def test_a_simulation_that_overflows_says_when() -> None:
     [
         ({'lockstep': False}, 'lockstep is False'),
         ({'real_time_factor': 1.0}, 'real_time_factor is 1.0'),
+        ({'autostart': False}, 'autostart is False'),
+        ({'time_source': 'clock', 'publish_clock': False}, "time_source is 'clock'"),
         ({'nonsense': 1}, 'unknown settings'),
         ({'step_size': 'fast'}, 'step_size'),
         ({'robot': 'nobody'}, 'nobody'),

@@ -13,11 +13,9 @@ import sys
 
 from plugin_sessions import install, session
 import pytest
-from ros_processes import HAS_ROS, ROOT
+from ros_processes import ROOT
 
 from pfd_ros.testing.domains import PARTICIPANT_PORT, PORT_BASE, PORT_GAIN, own_domain
-
-needs_ros = pytest.mark.skipif(not HAS_ROS, reason='rclpy is not installed')
 
 
 @pytest.fixture(scope='module')
@@ -65,7 +63,6 @@ def test_falls(sim_arm):
     assert 'trajectory.py' not in text
 
 
-@needs_ros
 @pytest.mark.ros
 def test_rclpy_is_initialised_for_a_test_and_shut_down_after_it(
     site: Path, tmp_path: Path
@@ -96,7 +93,6 @@ def test_left_alone():
     assert '4 passed' in session(site, tmp_path, code)
 
 
-@needs_ros
 @pytest.mark.ros
 def test_workers_have_domains_of_their_own(site: Path, tmp_path: Path) -> None:
     code = """

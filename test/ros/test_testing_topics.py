@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from ros_processes import PATIENCE, ROOT, next_domain
+from test_testing_arm import GOAL, UNCUT, assert_same_bits
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read
@@ -29,10 +30,7 @@ from pfd_ros.testing.trajectory import Trajectory
 
 pytestmark = pytest.mark.ros
 
-GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])
-FIELDS = ('time', 'q', 'qd', 'tau')
 # Efforts as they are commanded: states tell those that act.
-UNCUT = {'effort_limits': False, 'torque_speed': False}
 SETTINGS: dict[str, Any] = {'robot': 'ur5', 'armature': True, **UNCUT}
 
 
@@ -92,13 +90,6 @@ def called(*seconds: float) -> list[Trajectory]:
     """Return the motions under the same controller as a callback."""
     with LockstepArm(**SETTINGS) as arm:
         return [arm.run(law, each) for each in seconds]
-
-
-def assert_same_bits(one: Trajectory, other: Trajectory) -> None:
-    for name in FIELDS:
-        a, b = getattr(one, name), getattr(other, name)
-        assert a.shape == b.shape
-        assert a.tobytes() == b.tobytes(), name
 
 
 @pytest.mark.parametrize('kind', ['named', 'plain'])
@@ -162,12 +153,21 @@ def test_an_error_in_a_node_ends_the_run(controller_of: Callable[..., Any]) -> N
         arm.spin(0.1, controller_of('named', failing))
 
 
-def test_the_topics_of_the_arm_can_be_remapped(domain: int) -> None:
+@pytest.mark.parametrize(
+    ('settings', 'remapped'),
+    [
+        ({}, ['-r', '~/commands:=/effort_controllers/commands']),
+        ({'command_topic': '/effort_controllers/commands'}, []),
+    ],
+    ids=['remapping', 'setting'],
+)
+def test_the_topics_of_the_arm_can_be_chosen(
+    settings: dict[str, Any], remapped: list[str], domain: int
+) -> None:
     from rclpy.node import Node
     from std_msgs.msg import Float64MultiArray
 
-    remapped = ['-r', '~/commands:=/effort_controllers/commands', '-r', '__ns:=/left']
-    with LockstepArm(**SETTINGS, ros_args=remapped) as arm:
+    with LockstepArm(**SETTINGS, **settings, ros_args=[*remapped, '-r', '__ns:=/left']) as arm:
         node = Node('remapped')
         commands = node.create_publisher(Float64MultiArray, '/effort_controllers/commands', 1)
         from sensor_msgs.msg import JointState

@@ -7,6 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 from plant_messages import change, judged, made, wrench
 import pytest
 from ros_processes import example_robot
@@ -49,7 +50,6 @@ TAU = (1.0, -20.0, 5.0, 0.3, -0.2, 0.1)
 
 @pytest.mark.parametrize('frame', ['wrist_3_link', 'tool0', 'ee_link'])
 def test_a_wrench_moves_the_arm_as_pinocchio_says(frame: str) -> None:
-    pin = pytest.importorskip('pinocchio')
     engine, path = ur5(frame)
     simulator = engine.arm._simulator
     model = pin.buildModelFromUrdf(path)

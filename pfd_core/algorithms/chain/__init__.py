@@ -7,7 +7,7 @@ Common start of every algorithm text: inputs, links and the equations of motion.
     base_axes       the chain on n lanes: link constants (Links), pose (Pose), eqs (13), (14)
     link_axes       the chain on one processor, every link in its own axes (Chain, Link)
     gravity         gravity torques of a model at the input q
-    drives          torques of the motors: gravity compensation, limits of torque and speed
+    drives          torques of the motors: gravity compensation, limits, friction of sliding joints
     joint_torques   torques of the joints themselves: damping, springs, rotors
     equations       equations of motion on n lanes: y = tau - bias, rotors, held joints
 """

@@ -137,7 +137,7 @@ def links(recorder: Recorder, robot: Robot, keep_tip: bool) -> Links:
 def pose(recorder: Recorder, chain: Links, q: Lanes) -> Pose:
     """Return the pose of the links at joint positions q [rad or m]."""
     with recorder.section('joint rotation'):
-        R = _joint_rotation(recorder, chain, q)
+        R = _joint_rotation(chain, q)
     with recorder.section('orientation'):
         R = prefix_product(R)
     with recorder.section('link vectors'):
@@ -157,7 +157,7 @@ def wrench_in_base_axes(at: Pose, wrench: LaneArray) -> tuple[LaneArray, LaneArr
         return R @ wrench[:3], R @ wrench[3:]
 
 
-def _joint_rotation(recorder: Recorder, chain: Links, q: Lanes) -> LaneArray:
+def _joint_rotation(chain: Links, q: Lanes) -> LaneArray:
     """Return R_i, (3, 3): Rz(q_i) A_i, and A_i on the lanes of translational joints."""
     A = chain.A
     if not chain.rotational:

@@ -152,13 +152,13 @@ def _sorted(trace: Trace, p: int, n: int, dtype: Any, forward: bool, turn: bool)
     return Factors(L, z if forward else None, x if turn else None, status, trace)
 
 
-def square_matrix(H: ArrayLike, name: str = 'H') -> NDArray[Any]:
+def square_matrix(H: ArrayLike) -> NDArray[Any]:
     """Return a matrix of floats or mpmath numbers; ValueError if it is not (n, n) and finite."""
     matrix = np.asarray(H)
     if matrix.dtype not in (np.dtype(object), np.dtype(np.float32)):
         matrix = matrix.astype(np.float64)
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not len(matrix):
-        raise ValueError(f'{name} must have shape (n, n) with n at least 1, got {matrix.shape}')
+        raise ValueError(f'H must have shape (n, n) with n at least 1, got {matrix.shape}')
     if not np.isfinite(matrix.astype(np.float64)).all():
-        raise ValueError(f'{name} must be finite, got {matrix}')
+        raise ValueError(f'H must be finite, got {matrix}')
     return matrix

@@ -146,9 +146,8 @@ class _Step:
         rows = carried_rows(self._step)
         for part, name in enumerate(rows):
             register = self._step.outputs[name].places[0][0]
-            block = Matrix('%S', self._m)
-            shifted = self._ir.element(self._form.type, '%S', part * self._n * self._m)
-            self._write_tangent(Matrix(shifted, block.columns), self._tangents[register])
+            place = self._ir.element(self._form.type, '%S', part * self._n * self._m)
+            self._write_tangent(Matrix(place, self._m), self._tangents[register])
         for name in rows:
             for k, (register, _) in enumerate(self._step.outputs[name].places):
                 self._form.write(self._ir, Array(f'%{name}'), k, self._values[register][k])

@@ -111,9 +111,9 @@ def outline(ir: str) -> Outline:
     return Outline(disk.digest(ir), EXPORTED.findall(ir))
 
 
-def compile_ir(ir: str, optimisation: Optimisation = USUAL) -> Native:
+def compile_ir(ir: str) -> Native:
     """Return native code of a module of LLVM IR, from disk if it was compiled before."""
-    return compile_outlined(outline(ir), lambda: ir, optimisation)
+    return compile_outlined(outline(ir), lambda: ir)
 
 
 def compile_outlined(

@@ -27,7 +27,7 @@ def test_the_node_moves_the_arm_to_its_goal(sim_arm, node):
 
 
 def test_the_node_works_with_the_arm_as_a_process(sim_arm, node, tmp_path):
-    log = tmp_path / 'run.mcap'  # `pfd replay --verify` and `pfd info` read it
+    log = tmp_path / 'run.mcap'  # `pfd replay --verify` simulates it again
     motion = sim_arm(**UR5, process=True, ros_args=GLUE, recording=log).spin(4.0, node)
     motion.assert_settles(GOAL, within=2e-3, by=3.0)
     assert log.exists()

@@ -63,13 +63,7 @@ def decode_array(data: bytes) -> ArrayMessage:
         If the bytes are no such message.
     """
     reader = CdrReader(data)
-    labels, sizes = [], []
-    for _ in range(reader.length(12)):
-        labels.append(reader.string())
-        sizes.append(reader.uint32())
-        reader.uint32()
-    reader.uint32()
-    return ArrayMessage(tuple(labels), tuple(sizes), reader.numbers('f8'))
+    return ArrayMessage(*_read_layout(reader), reader.numbers('f8'))
 
 
 def decode_joint_state(data: bytes) -> JointMessage:
@@ -96,12 +90,15 @@ def read_time(reader: CdrReader) -> int:
     return reader.int32() * NANOSECONDS + reader.uint32()
 
 
-def _skip_layout(reader: CdrReader) -> None:
+def _read_layout(reader: CdrReader) -> tuple[tuple[str, ...], tuple[int, ...]]:
+    """Return the label and the size of each dimension."""
+    labels, sizes = [], []
     for _ in range(reader.length(12)):
-        reader.string()
-        reader.uint32()
+        labels.append(reader.string())
+        sizes.append(reader.uint32())
         reader.uint32()
     reader.uint32()
+    return tuple(labels), tuple(sizes)
 
 
 def decode_floats(data: bytes) -> np.ndarray:
@@ -111,9 +108,7 @@ def decode_floats(data: bytes) -> np.ndarray:
         count = int.from_bytes(data[len(_NO_LAYOUT) : len(_NO_LAYOUT) + 4], 'little')
         if len(data) == _FIRST_NUMBER + 8 * count:
             return np.frombuffer(data, '<f8', count, _FIRST_NUMBER).astype('f8')
-    reader = CdrReader(data)
-    _skip_layout(reader)
-    return reader.numbers('f8')
+    return decode_array(data).values
 
 
 @lru_cache(maxsize=16)
@@ -149,7 +144,7 @@ def decode_rows(data: bytes, width: int) -> list[list[int]]:
         If the numbers do not fill rows of `width`.
     """
     reader = CdrReader(data)
-    _skip_layout(reader)
+    _read_layout(reader)
     numbers = reader.numbers('u8')
     if len(numbers) % width:
         raise ValueError(f'{len(numbers)} numbers, expected whole rows of {width}')

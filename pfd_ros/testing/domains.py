@@ -22,16 +22,18 @@ PORT_BASE, PORT_GAIN, PARTICIPANT_PORT = 7400, 250, 10
 
 
 @contextmanager
-def own_domain(folder: Path | None = None) -> Iterator[int]:
+def own_domain(folder: Path | None = None, start: int | None = None) -> Iterator[int]:
     """Claim a domain and hold it.
 
-    The search starts from the process id, so that domains are not used again at once. A domain in
-    which a participant already runs, such as the user's own nodes, is passed over.
+    A domain in which a participant already runs, such as the user's own nodes, is passed over.
 
     Parameters
     ----------
     folder
         Of the lock files; default: the one for temporary files.
+    start
+        Where the search starts, any number; default: the process id, so that domains are not used
+        again at once.
 
     Raises
     ------
@@ -39,9 +41,9 @@ def own_domain(folder: Path | None = None) -> Iterator[int]:
         If every domain is taken.
     """
     where = Path(tempfile.gettempdir()) if folder is None else folder
-    count = LAST - FIRST + 1
+    begin, count = os.getpid() if start is None else start, LAST - FIRST + 1
     for step in range(count):
-        domain = FIRST + (os.getpid() + step) % count
+        domain = FIRST + (begin + step) % count
         lock = _locked(where / f'pfd_ros_domain_{domain}.lock')
         if lock is None:
             continue

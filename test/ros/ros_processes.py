@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 import importlib.util
 import itertools
 import os
@@ -16,6 +17,8 @@ import sys
 import time
 from typing import Any
 
+from pfd_ros.testing.domains import own_domain
+
 ROOT = Path(__file__).resolve().parents[2]
 # Longest wait for anything a process should do: discovery alone may take three seconds, and
 # compiling a robot on a busy machine some more. Nothing is measured against it.
@@ -26,20 +29,9 @@ NODE = ('-m', 'pfd_ros.node.main')
 JOINTS = tuple(f'joint{i}' for i in range(1, 7))
 FAULTY = str(Path(__file__).with_name('faulty.py'))
 READER = str(Path(__file__).with_name('reader.py'))
-# Domains of the tests: above the default one, and low enough for its ports on every system.
-FIRST_DOMAIN, DOMAINS = 10, 90
+# Workers of one run have neighbouring process ids; each starts so many domains from the next one.
+APART = 13
 _numbers = itertools.count()
-
-
-def next_domain() -> int:
-    """Return a domain that no other worker of this run uses, nor the tests just before."""
-    worker = os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw')
-    workers = int(os.environ.get('PYTEST_XDIST_WORKER_COUNT', '1'))
-    # Workers share the start, so that their sequences never meet.
-    start = os.getppid() if workers > 1 else os.getpid()
-    each = max(DOMAINS // workers, 1)
-    place = (start + next(_numbers)) % each * workers + int(worker)
-    return FIRST_DOMAIN + place % DOMAINS
 
 
 def example_robot(path: str) -> Path:
@@ -111,7 +103,10 @@ class Processes:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.domain = next_domain()
+        self._claim = ExitStack()
+        # None that another worker or run of tests has, nor that the tests just before had.
+        start = APART * os.getpid() + next(_numbers)
+        self.domain = self._claim.enter_context(own_domain(start=start))
         self.started: list[Process] = []
 
     def python(self, *command: str) -> Process:
@@ -138,6 +133,7 @@ class Processes:
             if started.process.poll() is None:
                 started.process.kill()
                 started.process.wait(PATIENCE)
+        self._claim.close()
 
 
 class Peer:

@@ -9,7 +9,7 @@ import signal
 from typing import Any
 
 import pytest
-from ros_processes import Peer, Processes, call, chosen, next_domain
+from ros_processes import Peer, Processes, call, chosen
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.changes import read_changes
@@ -237,7 +237,9 @@ class Plant:
         self._loads.publish(message)
 
 
-def test_a_node_that_is_configured_again_shows_the_defaults_of_the_new_arm() -> None:
+def test_a_node_that_is_configured_again_shows_the_defaults_of_the_new_arm(
+    processes: Processes,
+) -> None:
     import rclpy
 
     from pfd_ros.node import parameters
@@ -247,7 +249,7 @@ def test_a_node_that_is_configured_again_shows_the_defaults_of_the_new_arm() -> 
     rclpy.init(
         context=context,
         args=['--ros-args', *(part for name in given for part in ('-p', name))],
-        domain_id=next_domain(),
+        domain_id=processes.domain,
     )
     node = rclpy.create_node('again', context=context, start_parameter_services=False)
     try:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ros_processes import PATIENCE, ROOT, next_domain
+from ros_processes import PATIENCE, ROOT
 from test_testing_arm import GOAL, UNCUT, assert_same_bits
 
 from pfd_ros.arm.events import Verdict
@@ -25,7 +25,7 @@ from pfd_ros.testing.exchange import NoAnswerError
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.node_process import NodeProcessError
 from pfd_ros.testing.process_arm import ProcessArm
-from pfd_ros.testing.session import initialised
+from pfd_ros.testing.session import claimed_domain, initialised
 from pfd_ros.testing.trajectory import Trajectory
 
 pytestmark = pytest.mark.ros
@@ -44,11 +44,7 @@ def law(t, q, qd):
 
 @pytest.fixture(scope='module')
 def domain() -> Iterator[int]:
-    # The other tests of this run count their domains, and claim none.
-    found = next_domain()
-    with pytest.MonkeyPatch.context() as patch, initialised(found):
-        patch.setenv('ROS_DOMAIN_ID', str(found))
-        patch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    with claimed_domain() as found, initialised(found):
         yield found
 
 

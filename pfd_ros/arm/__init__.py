@@ -20,6 +20,7 @@ From the inputs to the outputs:
     tip_frames        frames that the last link carries: wrenches and inertias brought to its own
     wrench            the rules for external wrenches, and how long one acts
     requests          the rules for requests (pause, step, reset) and for states to jump to
+    described_robot   the robot that settings name, and what its URDF adds to them
     description       the <ros2_control> block of a URDF: topics, initial positions, followers
     urdf_text         a URDF of a robot that came from elsewhere
     followed_clock    the rules for ticks of another node's clock

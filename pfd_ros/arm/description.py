@@ -14,6 +14,7 @@ from dataclasses import dataclass, field, replace
 import re
 import xml.etree.ElementTree as ElementTree
 
+from pfd_ros.arm.events import STATES, Source
 from pfd_ros.arm.settings import Settings
 from pfd_ros.text import cut, listed
 
@@ -82,6 +83,13 @@ class Description:
     positions: Mapping[str, float] = field(default_factory=dict)
     followers: Mapping[str, Follower] = field(default_factory=dict)
     ragged: frozenset[str] = frozenset()
+
+    @property
+    def topics(self) -> dict[Source | str, str]:
+        """The topics of the hardware, by the source or output of the arm at the other end."""
+        if self.hardware is None:
+            return {}
+        return {Source.NAMED: self.hardware.commands_topic, STATES: self.hardware.states_topic}
 
 
 def read_description(text: str, moving: Collection[str], *, ros2_control: bool) -> Description:

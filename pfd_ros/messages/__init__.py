@@ -7,6 +7,7 @@
     stamped        messages of a header and a fixed count of numbers: pose, wrench, inertia
     definitions    text and hash of a message type, from where ROS installed them
     qos            QoS profiles as rosbag2 writes them
+    topics         topics that a description names, where nobody has remapped them
 
 A new message type is a name in `convert`, and its functions there or in `stamped`.
 """

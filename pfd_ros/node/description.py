@@ -9,10 +9,8 @@ and parameters count before it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 import time
-from typing import Any
 
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -20,21 +18,20 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import String
 
-from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.described_robot import DescribedRobot, described_robot
 from pfd_ros.arm.description import (
     Description,
     differences,
     ragged_trap,
-    read_description,
     silence_trap,
-    with_followers,
     with_initial_values,
 )
 from pfd_ros.arm.description_settings import TOPIC
-from pfd_ros.arm.events import STATES, Source
+from pfd_ros.arm.events import Source
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.urdf_text import urdf_of
 from pfd_ros.messages.convert import decode_string
+from pfd_ros.messages.topics import remapped
 from pfd_ros.node.endpoints import PUBLISHED, SUBSCRIBED
 from pfd_ros.text import one_line
 
@@ -50,19 +47,13 @@ class Model:
 
     Attributes
     ----------
-    settings
-        Those of the parameters, with what its URDF adds.
-    robot
-        As `load_robot` returns it.
-    text
-        Its URDF, '' for a robot from another file.
+    described
+        The robot and its settings.
     topics
         Topic of each source and output that does not have its own name.
     """
 
-    settings: Settings
-    robot: Any
-    text: str
+    described: DescribedRobot
     topics: Mapping[Source | str, str]
 
 
@@ -91,32 +82,16 @@ def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> M
         if settings.publish_description:
             raise ValueError(f'publish_description: the model comes from {TOPIC} already')
         source = wait_for_description(node, settings.description_timeout, stopped)
-    robot = load_robot(replace(settings, robot=source))
-    text = _urdf_text(source)
-    if not text:
-        return Model(settings, robot, text, topics)
-    moving = robot.joint_names
-    description = read_description(text, moving, ros2_control=settings.ros2_control)
-    filled = with_initial_values(settings, moving, description)
-    if filled.locks != settings.locks:
-        robot = load_robot(replace(filled, robot=source))
-    _tell(node, settings, filled, moving, description)
-    topics |= _topics(node, description)
-    return Model(with_followers(filled, description), robot, text, topics)
+    found = described_robot(settings, source)
+    _tell(node, settings, found)
+    topics |= _topics(node, found.description)
+    return Model(found, topics)
 
 
-def _urdf_text(source: str) -> str:
-    """Return the URDF of a robot that was loaded, '' for one from YAML."""
-    if source.lstrip().startswith('<'):
-        return source
-    path = Path(source)
-    return path.read_text('utf-8-sig') if path.suffix in ('.urdf', '.xml') else ''
-
-
-def _tell(
-    node: Node, given: Settings, filled: Settings, moving: Any, description: Description
-) -> None:
+def _tell(node: Node, given: Settings, found: DescribedRobot) -> None:
     """Log which positions come from the description, and where it disagrees."""
+    moving, description = found.robot.joint_names, found.description
+    filled = with_initial_values(given, moving, description)
     for name in ('initial_positions', 'locked_positions'):
         positions = getattr(filled, name)
         if positions != getattr(given, name):
@@ -132,20 +107,15 @@ def _tell(
 
 def _topics(node: Node, description: Description) -> dict[Source | str, str]:
     """Return the topics that the hardware names, but for those that are remapped."""
-    hardware = description.hardware
-    if hardware is None:
-        return {}
     chosen: dict[Source | str, str] = {}
-    for key, own, theirs in (
-        (Source.NAMED, SUBSCRIBED[Source.NAMED][1], hardware.commands_topic),
-        (STATES, PUBLISHED[STATES][1], hardware.states_topic),
-    ):
-        name = node.resolve_topic_name(own)
-        if name == node.resolve_topic_name(own, only_expand=True):
-            chosen[key] = theirs
-            text = f'{own} is {theirs}, from <ros2_control>'
-        else:
+    for end, theirs in description.topics.items():
+        own = (SUBSCRIBED[end] if isinstance(end, Source) else PUBLISHED[end])[1]
+        name = remapped(node, own)
+        if name:
             text = f'{own} is remapped to {name}, <ros2_control> has {theirs}'
+        else:
+            chosen[end] = theirs
+            text = f'{own} is {theirs}, from <ros2_control>'
         node.get_logger().info(one_line(text))
     return chosen
 
@@ -196,8 +166,8 @@ def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]
     return text
 
 
-def publish_description(node: Node, model: Model) -> None:
-    """Publish the URDF of a model once, for every reader that comes.
+def publish_description(node: Node, described: DescribedRobot) -> None:
+    """Publish the URDF of a robot once, for every reader that comes.
 
     Raises
     ------
@@ -210,4 +180,4 @@ def publish_description(node: Node, model: Model) -> None:
         _LATCHED,
         qos_overriding_options=QoSOverridingOptions.with_default_policies(),
     )
-    publisher.publish(String(data=model.text or urdf_of(model.robot)))
+    publisher.publish(String(data=described.text or urdf_of(described.robot)))

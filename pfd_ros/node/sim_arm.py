@@ -79,8 +79,8 @@ class SimArm:
     def _build(self, settings: Settings, log: ThrottledLog, stopped: Callable[[], bool]) -> None:
         node = self._node
         model = load_model(node, settings, stopped)
-        robot = model.robot
-        settings = parameters.declare_joints(node, model.settings, robot)
+        robot = model.described.robot
+        settings = parameters.declare_joints(node, model.described.settings, robot)
         engine = Engine(settings, robot, rows=bool(settings.recording))
         endpoints = create_endpoints(
             node,
@@ -91,7 +91,7 @@ class SimArm:
         )
         self._subscriptions = endpoints.subscriptions
         if settings.publish_description:
-            publish_description(node, model)
+            publish_description(node, model.described)
         counts, kernels = CommandCounts(), MassKernels(engine.arm)
         graph = GraphCheck(node, endpoints, log)
         # After everything that a parameter can make fail: a refused parameter leaves no file.

@@ -9,7 +9,7 @@ executor get them without a system call.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 import importlib
 import time
@@ -17,10 +17,12 @@ from typing import Any, Protocol
 
 from pfd_ros.arm.events import CLOCK, STATES, Output, Source
 from pfd_ros.arm.output_settings import OUTPUTS
+from pfd_ros.messages.topics import topic_of
 from pfd_ros.testing.session import executor_with, import_rclpy, spin, take_down
 
 NAME = 'sim_arm'
 # As those of the node.
+STATE_TOPIC = 'joint_states'
 COMMAND_TOPICS = {Source.NAMED: 'joint_commands', Source.ARRAY: '~/commands'}
 STATE_DEPTH, COMMAND_DEPTH, CLOCK_DEPTH = 10, 100, 1
 # Longest wait for an answer, s of wall time, unless the caller says otherwise.
@@ -58,6 +60,8 @@ class Exchange:
         Of the outputs that are published.
     ros_args
         Of the node, as on a command line: remappings, its namespace.
+    topics
+        Topic of each source and output to which a description gives a name.
 
     Raises
     ------
@@ -65,7 +69,12 @@ class Exchange:
         If rclpy is not initialised.
     """
 
-    def __init__(self, roles: Collection[str], ros_args: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        roles: Collection[str],
+        ros_args: Sequence[str] = (),
+        topics: Mapping[Source | str, str] | None = None,
+    ) -> None:
         require_rclpy()
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from rosgraph_msgs.msg import Clock
@@ -73,9 +82,9 @@ class Exchange:
         from std_msgs.msg import Float64MultiArray
 
         self.node = bare_node(NAME, ros_args)
-        self._publishers = {
-            STATES: self.node.create_publisher(JointState, 'joint_states', STATE_DEPTH)
-        }
+        named = {} if topics is None else topics
+        states = topic_of(self.node, STATE_TOPIC, named.get(STATES, ''))
+        self._publishers = {STATES: self.node.create_publisher(JointState, states, STATE_DEPTH)}
         if CLOCK in roles:
             self._publishers[CLOCK] = self.node.create_publisher(Clock, '/clock', CLOCK_DEPTH)
         for role in sorted(OUTPUTS.keys() & set(roles)):
@@ -87,9 +96,13 @@ class Exchange:
         kinds = {Source.NAMED: JointState, Source.ARRAY: Float64MultiArray}
         self._subscriptions = [
             self.node.create_subscription(
-                kinds[source], topic, partial(self._on_command, source), served, raw=True
+                kinds[source],
+                topic_of(self.node, own, named.get(source, '')),
+                partial(self._on_command, source),
+                served,
+                raw=True,
             )
-            for source, topic in COMMAND_TOPICS.items()
+            for source, own in COMMAND_TOPICS.items()
         ]
         self._arm: Answering | None = None
         self._ended: Any = None

@@ -80,8 +80,8 @@ class LockstepArm:
         ros_args: Sequence[str] = (),
         **settings: Any,
     ) -> None:
-        chosen = lockstep_settings(robot, settings)
-        self.robot = loaded(robot, chosen)
+        self._described = loaded(robot, lockstep_settings(robot, settings))
+        self.robot, chosen = self._described.robot, self._described.settings
         self.engine = Engine(chosen, self.robot, rows=bool(chosen.recording))
         self.settings = self.engine.settings
         self.names = self.engine.arm.names
@@ -198,7 +198,8 @@ class LockstepArm:
         rows = Rows(periods(self.settings, seconds), len(self.names))
         run = TopicRun(self._run, rows)
         if self._exchange is None:
-            self._exchange = Exchange(roles_of(self.settings), self._ros_args)
+            topics = self._described.description.topics
+            self._exchange = Exchange(roles_of(self.settings), self._ros_args, topics)
         try:
             self._exchange.run(run, nodes, patience)
         except NoAnswerError as error:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import pfd_core as pfd
-from pfd_ros.arm.arm import load_robot
+from pfd_ros.arm.described_robot import DescribedRobot, described_robot
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings, from_values
 from pfd_ros.messages.convert import NANOSECONDS
@@ -71,14 +71,13 @@ def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray | np.generic) else value
 
 
-def loaded(robot: RobotSource, settings: Settings) -> pfd.Robot:
+def loaded(robot: RobotSource, settings: Settings) -> DescribedRobot:
     """Return a robot as it is, or the one that the settings name."""
     if not isinstance(robot, pfd.Robot):
-        found: pfd.Robot = load_robot(settings)
-        return found
+        return described_robot(settings, settings.robot)
     if settings.base_link or settings.tip_link or settings.locked:
         raise ValueError('base_link, tip_link and locked say how to load a robot: name a file')
-    return robot
+    return DescribedRobot(robot, settings)
 
 
 def limits_of(robot: pfd.Robot, order: Sequence[int]) -> Limits:

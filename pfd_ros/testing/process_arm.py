@@ -8,21 +8,26 @@ states. Each state waits for its answer, so the motion has the bits of a run in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 import time
 from typing import Any
 
 import numpy as np
 
 from pfd_ros.arm.arm import joint_order
+from pfd_ros.arm.events import STATES, Source
 from pfd_ros.messages.convert import NANOSECONDS, JointMessage, decode_joint_state
 from pfd_ros.messages.stamped import effort_encoder
+from pfd_ros.messages.topics import topic_of
 from pfd_ros.testing.command_bytes import state_bytes
 from pfd_ros.testing.controller import Controller, asked, refusal
 from pfd_ros.testing.exchange import (
+    COMMAND_TOPICS,
     LOOK_SECONDS,
     PATIENCE_SECONDS,
+    STATE_TOPIC,
     NoAnswerError,
     bare_node,
     require_rclpy,
@@ -73,8 +78,9 @@ class ProcessArm:
         self, robot: RobotSource, *, ros_args: Sequence[str] = (), **settings: Any
     ) -> None:
         require_rclpy()
-        self.settings = lockstep_settings(robot, settings)
-        self.robot = loaded(robot, self.settings)
+        given = lockstep_settings(robot, settings)
+        found = loaded(robot, given)
+        self.robot, self.settings = found.robot, found.settings
         order = joint_order(self.settings.joints, self.robot)
         self.names = tuple(self.robot.joint_names[i] for i in order)
         self._limits = limits_of(self.robot, order)
@@ -82,16 +88,19 @@ class ProcessArm:
         self._state: JointMessage | None = None
         self._answer = b''
         self._on_new: Callable[[JointMessage], None] | None = None
-        self._create_node(ros_args)
-        self.process = NodeProcess(parameters_of(self.settings, self.names), ros_args)
+        self._create_node(ros_args, found.description.topics)
+        # The node reads the description itself.
+        self.process = NodeProcess(parameters_of(given, self.names), ros_args)
 
-    def _create_node(self, ros_args: Sequence[str]) -> None:
+    def _create_node(self, ros_args: Sequence[str], topics: Mapping[Source | str, str]) -> None:
         from sensor_msgs.msg import JointState
         from std_srvs.srv import Trigger
 
         self.node = node = bare_node('sim_arm_watch', ros_args)
-        node.create_subscription(JointState, 'joint_states', self._on_state, STATE_DEPTH, raw=True)
-        self._commands = node.create_publisher(JointState, 'joint_commands', COMMAND_DEPTH)
+        states = topic_of(node, STATE_TOPIC, topics.get(STATES, ''))
+        commands = topic_of(node, COMMAND_TOPICS[Source.NAMED], topics.get(Source.NAMED, ''))
+        node.create_subscription(JointState, states, self._on_state, STATE_DEPTH, raw=True)
+        self._commands = node.create_publisher(JointState, commands, COMMAND_DEPTH)
         self._jumps = node.create_publisher(JointState, 'sim_arm/set_state', 1)
         self._resets = node.create_client(Trigger, 'sim_arm/reset')
 
@@ -212,7 +221,15 @@ class ProcessArm:
         self._wait(lambda: self._last_state().stamp_ns > before_ns, PATIENCE_SECONDS, 'a state')
 
     def _on_state(self, data: bytes) -> None:
-        state = decode_joint_state(data)
+        whole, n = decode_joint_state(data), len(self.names)
+        # Locked joints come after those that move.
+        state = replace(
+            whole,
+            names=whole.names[:n],
+            position=whole.position[:n],
+            velocity=whole.velocity[:n],
+            effort=whole.effort[:n],
+        )
         last, self._state = self._state, state
         if last is not None and state.stamp_ns <= last.stamp_ns:
             # Sent again, because its answer was published before the two had found each other.

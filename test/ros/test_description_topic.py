@@ -183,13 +183,13 @@ def test_a_robot_from_elsewhere_is_published_as_urdf(processes: Processes, peer_
 
     one, other = peer_of(processes), peer_of(processes)
     model = load_model(one.node, Settings(robot='puma560'), lambda: False)
-    assert (model.text, model.topics) == ('', {})
-    publish_description(one.node, model)
+    assert (model.described.text, model.topics) == ('', {})
+    publish_description(one.node, model.described)
     texts: list[String] = []
     profile = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
     other.node.create_subscription(String, 'robot_description', texts.append, profile)
     other.wait(lambda: texts)
-    assert pfd.load_robot(texts[0].data).joint_names == model.robot.joint_names
+    assert pfd.load_robot(texts[0].data).joint_names == model.described.robot.joint_names
 
 
 def test_a_node_that_waits_for_its_model_ends_at_a_signal(processes: Processes) -> None:

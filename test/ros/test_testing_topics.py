@@ -13,6 +13,7 @@ import sys
 import time
 from typing import Any
 
+import gripper_arm
 import numpy as np
 import pytest
 from ros_processes import PATIENCE, ROOT
@@ -215,6 +216,39 @@ def test_the_process_moves_with_the_bits_of_the_callback_and_verifies(
     for one, other in zip(found, expected, strict=True):
         assert_same_bits(one, other)
     assert read(path, verify=True).complete
+
+
+@pytest.mark.slow
+def test_initial_values_and_topics_of_a_urdf_count_as_they_do_for_the_node(domain: int) -> None:
+    from rclpy.node import Node
+    from sensor_msgs.msg import JointState
+
+    urdf = gripper_arm.urdf(joint_states_topic='/seen', joint_commands_topic='/told')
+    settings: dict[str, Any] = {'robot': urdf, 'locked': ['finger'], **UNCUT}
+    node = Node('hardware')
+    commands = node.create_publisher(JointState, '/told', 10)
+    names: list[list[str]] = []
+
+    def on_state(state: Any) -> None:
+        names.append(state.name)
+        effort = [0.1 - position for position in state.position]
+        command = JointState(name=state.name, effort=effort)
+        command.header.stamp = state.header.stamp
+        commands.publish(command)
+
+    node.create_subscription(JointState, '/seen', on_state, 10)
+    try:
+        with LockstepArm(**settings) as called, LockstepArm(**settings) as arm:
+            for one in (called, arm):
+                assert one.q.tolist() == list(gripper_arm.START)
+            expected = called.run(lambda t, q, qd: 0.1 - q, 0.1)
+            assert_same_bits(arm.spin(0.1, node), expected)
+            assert names[0] == [*gripper_arm.ARM, *gripper_arm.FINGERS]
+    finally:
+        node.destroy_node()
+    with ProcessArm(**settings) as process:
+        assert process.q.tolist() == list(gripper_arm.START)
+        assert_same_bits(process.run(lambda t, q, qd: 0.1 - q, 0.1), expected)
 
 
 @pytest.mark.slow

@@ -65,7 +65,9 @@ class Settings(
     )
     locked: tuple[str, ...] = setting((), 'Joints to weld, such as those of a gripper')
     locked_positions: tuple[float, ...] = setting(
-        (), 'Where they are welded, rad or m, in the order of `locked`; empty is zero'
+        (),
+        'Where they are welded, rad or m, in the order of `locked`; empty is the initial_value of '
+        '<ros2_control>, or zero',
     )
     step_size: float = setting(0.001, 'Simulated time per step, s', 1e-5, 0.1)
     substeps: int = setting(2, 'Steps of the integrator per step', 1, 100)
@@ -77,7 +79,9 @@ class Settings(
     )
     method: str = setting('auto', 'Forward dynamics', values=('auto', *pfd.METHODS))
     initial_positions: tuple[float, ...] = setting(
-        (), 'Where the joints start, rad or m, in the order of `joints`; empty is zero'
+        (),
+        'Where the joints start, rad or m, in the order of `joints`; empty is the initial_value '
+        'of <ros2_control>, or zero',
     )
     autostart: bool = setting(
         True, 'Be active from the start on, without the transitions of a lifecycle node'

@@ -11,7 +11,7 @@ import numpy as np
 from oracle import ARMS, WRENCH, Oracle, chains, every, jacobi_condition, relative
 import pytest
 from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
-from zoo import Array, random_chain, random_state
+from zoo import Array, random_chain, random_state, without_mass
 
 from pfd_core.algorithms.beyond.divide_and_conquer import record_divide_and_conquer
 from pfd_core.algorithms.beyond.lent_rotors import lent_rotors
@@ -21,20 +21,12 @@ from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES, Recorder
 from pfd_core.machine.vectors import array
-from pfd_core.model import Robot, Scene, load_robot, resolve
+from pfd_core.model import Scene, load_robot, resolve
 
 MASSLESS = ((4, (1,)), (5, (1, 2)), (6, (0, 2, 4)), (8, (1, 2, 5, 6)))
 
 # A power of two times the inertia, added and taken back, leaves its own rounding in the pivots.
 LENT = 1e-13
-
-
-def without_mass(robot: Robot, links: tuple[int, ...]) -> Robot:
-    """Return the robot with the mass and the inertia of some links taken away."""
-    masses, inertias = robot.masses.copy(), robot.inertias.copy()
-    masses[list(links)] = 0.0
-    inertias[list(links)] = 0.0
-    return replace(robot, masses=masses, inertias=inertias)
 
 
 def solution(oracle: Oracle, q: Array, qd: Array, tau: Array) -> Array:

@@ -29,9 +29,8 @@ from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.runtime.jit import Native, simd_width
 from pfd_core.kernels.source import KernelSource, forward, motors, of_text, plant_of, turned_joints
 from pfd_core.machine.program import Program
-from pfd_core.model import Plant, Robot, Scene
+from pfd_core.model import Plant, Robot, Scene, without_step_effects
 from pfd_core.model.checked_numbers import Array
-from pfd_core.model.plant import without_step_effects
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ def _copied(run: Callable[[], Array]) -> Array:
 
 
 class Pinocchio:
-    """Pinocchio's forward dynamics of one robot; rotor inertia is off, as it is on our side."""
+    """Pinocchio's model and dynamics of one robot; rotor inertia is off, as it is on our side."""
 
     def __init__(self, robot: Robot) -> None:
         pin = self.pin = installed('pinocchio')

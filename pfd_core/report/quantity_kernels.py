@@ -31,11 +31,11 @@ from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, resolve
 from pfd_core.report.hard_case_problems import SEED, single
+from pfd_core.report.hard_case_reference import DIGITS
 from pfd_core.report.timing import Array, LeftOutError, Side, Work
 from pfd_core.simulation.linearisation import LinearStep
 from pfd_core.simulation.simulator import Simulator
 
-DIGITS = 50
 # Seconds of a linearised step: 2^-7, so that halves of it are exact.
 LINEAR_STEP = 2.0**-7
 

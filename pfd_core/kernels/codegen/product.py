@@ -211,11 +211,7 @@ class _Product:
 
     def _spread(self, form: Format, number: str) -> str:
         """Return a number of this format in all places of a register."""
-        if form.width == self._form.width:
-            return number
-        one = self._ir.let(f'insertelement {form.type} poison, {form.scalar} {number}, i64 0')
-        mask = f'<{form.width} x i32> zeroinitializer'
-        return self._ir.let(f'shufflevector {form.type} {one}, {form.type} poison, {mask}')
+        return number if form.width == self._form.width else form.spread(self._ir, number)
 
 
 def _tiles(count: int, size: int) -> Iterator[range]:

@@ -133,10 +133,16 @@ class Format:
 
     def splat(self, ir: Function, integer: str) -> str:
         """Return an i64 on all lanes."""
+        return self._on_all_lanes(ir, self.index, f'i64 {integer}', integer)
+
+    def spread(self, ir: Function, number: str) -> str:
+        """Return a number of this format on all lanes."""
+        return self._on_all_lanes(ir, self.type, f'{self.scalar} {number}', number)
+
+    def _on_all_lanes(self, ir: Function, T: str, typed: str, value: str) -> str:
         if self.width == 1:
-            return integer
-        T = self.index
-        one = ir.let(f'insertelement {T} poison, i64 {integer}, i64 0')
+            return value
+        one = ir.let(f'insertelement {T} poison, {typed}, i64 0')
         mask = f'<{self.width} x i32> zeroinitializer'
         return ir.let(f'shufflevector {T} {one}, {T} poison, {mask}')
 

@@ -117,6 +117,7 @@ def test_fifty_digits_equal_central_differences_entry_by_entry(name: str) -> Non
     assert (np.abs(found - wanted) <= DIFFERENCES * (np.abs(wanted) + 1e-3 * largest)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', [*EXACT, 'dense6', 'chain12'])
 def test_a_kernel_has_thirteen_digits_of_the_largest_derivative(name: str) -> None:
     robot, given, wanted = arm(name)

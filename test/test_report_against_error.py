@@ -82,6 +82,7 @@ def test_the_report_has_every_method_and_cases_of_the_table() -> None:
     assert Plan().batches == (1, 4096)
 
 
+@pytest.mark.slow
 def test_every_method_format_and_refinement_has_a_point_for_every_batch(
     points: list[Point],
 ) -> None:

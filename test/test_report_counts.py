@@ -205,6 +205,7 @@ def test_convergence_on_six_joints_costs_more_than_the_paper_prints() -> None:
         assert counts.cells[kind].measured > printed
 
 
+@pytest.mark.slow
 def test_the_pages_in_docs_are_what_the_command_writes_now() -> None:
     data = json.loads((PAGES / 'counts.json').read_text())
     known = {(entry['system'], entry['n']): entry for entry in data['counts']}

@@ -207,6 +207,7 @@ def test_an_error_is_that_of_the_largest_entry_of_the_worst_state() -> None:
     assert quantity_kernels.largest_error(found, wanted) == 0.125
 
 
+@pytest.mark.slow
 def test_every_quantity_has_a_row_for_every_way_and_size(
     measured: tuple[list[Row], list[str]],
 ) -> None:

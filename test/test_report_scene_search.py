@@ -123,6 +123,7 @@ def panda_needs() -> Needs:
     return needs
 
 
+@pytest.mark.slow
 def test_the_pages_hold_the_answer_and_every_scene(panda_needs: Needs, tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
     paths = scene_pages.write(panda_needs, tmp_path / 'new')

@@ -150,6 +150,7 @@ def test_a_chunk_of_several_calls_begins_with_one_that_is_not_counted(
     assert [(row.minimum, row.median) for row in rows] == [(1.0, 1.0)] * 2
 
 
+@pytest.mark.slow
 def test_every_way_gives_what_pinocchio_gives(findings: speed.Findings) -> None:
     compared = [row for row in findings.rows if row.difference is not None]
     assert {row.work for row in compared} == {'call', 'rollout', 'batch of 1', 'batch of 64'}

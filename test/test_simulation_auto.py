@@ -69,6 +69,7 @@ def test_the_fastest_decay_is_hardly_exceeded_in_other_poses(name: str) -> None:
     assert fastest > 0.9 * fastest_decay(plant)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('damping', 'rotors', 'duration'),
     [(d, True, 0.2) for d in (1e-2, 1.0, 30.0, 100.0, 300.0, 1e3)]

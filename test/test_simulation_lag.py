@@ -133,6 +133,7 @@ def test_the_torque_falls_towards_each_new_command() -> None:
     np.testing.assert_array_equal(sim.qd, fresh.qd)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize('integrator', INTEGRATORS)
 def test_steps_rollouts_and_ensembles_give_the_same_bits(integrator: str, dtype: str) -> None:

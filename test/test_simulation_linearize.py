@@ -357,6 +357,7 @@ def test_the_length_of_a_linearised_step_does_not_grow_with_the_joints() -> None
     assert lengths[1] < 2.5 * lengths[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('n', 'make'),
     [

@@ -118,6 +118,7 @@ def test_an_ensemble_moves_by_the_bits_of_a_simulator(dtype: str) -> None:
         np.testing.assert_array_equal(runs.qdd[k], alone.qdd)
 
 
+@pytest.mark.slow
 def test_functions_of_a_long_chain_are_cut_into_parts_of_their_own() -> None:
     n = 18
     robot = random_chain(np.random.default_rng(1), n)

@@ -369,6 +369,7 @@ def anything(draw: random.Random) -> bytes | tuple[Source, bytes]:
     return Source.PARAMETERS, encode_changes({name: changes[name]})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(12))
 def test_any_messages_leave_a_finite_arm_and_a_recording_that_verifies(
     tmp_path: Path, seed: int

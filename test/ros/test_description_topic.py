@@ -140,6 +140,7 @@ def test_the_arm_takes_everything_from_the_topic_and_its_ros2_control(
     assert summary.settings.locks == {'finger': 0.04, 'thumb': -0.04}
 
 
+@pytest.mark.slow
 def test_remappings_and_parameters_count_before_the_ros2_control(
     processes: Processes, peer_of
 ) -> None:

@@ -256,6 +256,7 @@ def test_a_second_clock_of_a_node_of_the_same_name_is_told(processes: Processes)
     one.wait_for_text('publishes /clock too')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['armature', 'damping', 'friction'])
 def test_a_switch_that_the_model_does_not_fill_is_told(processes: Processes, name: str) -> None:
     urdf = Path(processes.folder / 'plain.urdf')
@@ -271,6 +272,7 @@ def test_a_switch_that_the_model_does_not_fill_is_told(processes: Processes, nam
     assert arm.end(signal.SIGINT) == 0
 
 
+@pytest.mark.slow
 def test_a_switch_that_the_model_fills_is_nothing_to_tell(processes: Processes) -> None:
     switches = ('-p', 'armature:=true', '-p', 'damping:=true', '-p', 'friction:=true')
     arm = processes.arm('-p', 'robot:=puma560', *switches)

@@ -86,6 +86,7 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, An
     return dict(zip(['good', *EXPECTED, 'good again'], results, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', EXPECTED)
 def test_a_hostile_file_is_one_line_and_status_1(
     outcomes: dict[str, dict[str, Any]], name: str

@@ -34,6 +34,7 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
     assert "not parameters of this node: ['colour']" in arm.text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('args', 'text'),
     [

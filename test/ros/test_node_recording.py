@@ -73,6 +73,7 @@ def test_a_killed_node_leaves_a_file_that_verifies(processes: Processes, peer_of
     assert summary.verdicts[Verdict.ACCEPTED] > 0
 
 
+@pytest.mark.slow
 def test_a_full_disk_stops_the_recording_and_not_the_arm(processes: Processes, peer_of) -> None:
     arm = processes.arm('-p', 'recording:=arm.mcap')
     # The kernel writes up to this size and then refuses, as a full disk does.
@@ -89,6 +90,7 @@ def test_a_full_disk_stops_the_recording_and_not_the_arm(processes: Processes, p
     assert summary.states > 0
 
 
+@pytest.mark.slow
 def test_a_failed_recording_does_not_stop_an_arm_at_unlimited_speed(
     processes: Processes, peer_of
 ) -> None:

@@ -74,6 +74,7 @@ def test_a_real_recording_is_repeated_too() -> None:
     np.testing.assert_array_equal(full.q[motion.after[1:] - 1], motion.q[1:])
 
 
+@pytest.mark.slow
 def test_the_full_scene_has_what_model_and_settings_state(tmp_path: Path) -> None:
     move = {3: [efforts(*range(6))]}
     run = simulate(5, move, robot='puma560', gravity=(0.0, 1.0, -9.0))
@@ -85,6 +86,7 @@ def test_the_full_scene_has_what_model_and_settings_state(tmp_path: Path) -> Non
     assert full.gravity == (0.0, 1.0, -9.0)
 
 
+@pytest.mark.slow
 def test_the_report_of_a_recording_names_the_effects_it_needs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -35,8 +35,8 @@ from pfd_ros.arm.events import COMMANDS, Verdict
 from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.stable_gains import gain_limits
 from pfd_ros.messages.convert import NANOSECONDS
+from pfd_ros.node.graph_check import GraphCheck
 from pfd_ros.node.stepping import Stepper
-from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.recording.format import ROLE_OF_SOURCE
 from pfd_ros.text import one_line
 
@@ -95,7 +95,7 @@ class ArmDiagnostics:
     """The tasks of one arm."""
 
     stepper: Stepper
-    log: ThrottledLog
+    graph: GraphCheck
     kernels: MassKernels
 
     def __post_init__(self) -> None:
@@ -104,7 +104,7 @@ class ArmDiagnostics:
 
     def _seen(self) -> _Seen:
         stepper, engine = self.stepper, self.stepper.engine
-        verdicts = self.stepper.counts.verdicts()
+        verdicts = self.stepper.receiver.counts.verdicts()
         commands = {key: count for key, (count, _) in verdicts.items() if key[0] in COMMANDS}
         accepted = sum(n for (_, verdict), n in commands.items() if verdict is Verdict.ACCEPTED)
         return _Seen(
@@ -170,20 +170,21 @@ class ArmDiagnostics:
 
     def _commands(self, last: _Seen, now: _Seen) -> Task:
         seconds = now.seconds - last.seconds
-        age = f'{now.seconds - self.stepper.counts.newest:.3f}' if now.accepted else 'none'
-        deaf = self.log.found('qos') + self.log.found('type')
+        counts = self.stepper.receiver.counts
+        age = f'{now.seconds - counts.newest:.3f}' if now.accepted else 'none'
+        deaf = self.graph.deaf
         values: list[tuple[str, object]] = [
             ('accepted_per_s', f'{(now.accepted - last.accepted) / seconds:.1f}'),
             ('accepted', now.accepted),
             ('age_of_newest_s', age),
             ('endpoints_of_other_qos_or_type', deaf),
         ]
-        for (source, verdict), (count, _) in sorted(self.stepper.counts.verdicts().items()):
+        for (source, verdict), (count, _) in sorted(counts.verdicts().items()):
             if verdict is not Verdict.ACCEPTED:
                 values.append((f'{ROLE_OF_SOURCE[source]}.{verdict.name.lower()}', count))
         link, actuators = self.stepper.engine.link, self.stepper.engine.actuators
         values += [
-            ('unknown_names', self.stepper.counts.unknown()[0]),
+            ('unknown_names', counts.unknown()[0]),
             ('watchdog_trips', link.timeouts),
             ('lost_on_their_way', link.lost),
             ('saturated_steps', actuators.saturated),

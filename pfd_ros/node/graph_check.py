@@ -64,6 +64,11 @@ class GraphCheck:
     """Tells once each: no commands, foreign types, incompatible QoS, other publishers.
 
     Best-effort publishers of commands are served from then on. `now` is steady time in s.
+
+    Attributes
+    ----------
+    deaf
+        Endpoints of other nodes that did not fit ours when the graph was last asked.
     """
 
     node: Node
@@ -73,6 +78,7 @@ class GraphCheck:
 
     def __post_init__(self) -> None:
         """Begin to wait for a first publisher."""
+        self.deaf = 0
         self._since = self.now()
         self._commanded = False
         self._nameless_since: dict[tuple[int, ...], float] = {}
@@ -82,6 +88,7 @@ class GraphCheck:
         """Ask the graph and log why a connection cannot work."""
         # Another thread replaces a subscription that is to be best effort.
         subscribed = dict(self.endpoints.subscriptions)
+        self.deaf = 0
         commands = {source: end for source, end in subscribed.items() if source in COMMANDS}
         for source, end in subscribed.items():
             self._check_publishers(source, end)
@@ -139,7 +146,12 @@ class GraphCheck:
         return True
 
     def _check_pair(self, end: Any, info: Any, *, publishing: bool) -> bool:
-        """Return whether an endpoint of another node fits ours; log the reason if it does not."""
+        """Return whether an endpoint of another node fits ours; count and log it if not."""
+        fits = self._fits(end, info, publishing)
+        self.deaf += not fits
+        return fits
+
+    def _fits(self, end: Any, info: Any, publishing: bool) -> bool:
         key, wanted = tuple(info.endpoint_gid), type_name(end)
         does = 'publishes' if publishing else 'subscribes to'
         if info.topic_type != wanted:

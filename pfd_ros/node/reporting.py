@@ -88,7 +88,9 @@ class Reporter:
         """Log that the clock the arm follows has come to an end, as long as it lasts."""
         if self.stepper.engine.pace.clock is None:
             return
-        ticks, _ = self.stepper.counts.verdicts().get((Source.TICK, Verdict.ACCEPTED), (0, ''))
+        ticks, _ = self.stepper.receiver.counts.verdicts().get(
+            (Source.TICK, Verdict.ACCEPTED), (0, '')
+        )
         if ticks != self._ticks:
             self._ticks, self._ticked = ticks, time.monotonic()
         silent = int(time.monotonic() - self._ticked)
@@ -99,18 +101,18 @@ class Reporter:
             self.log.count('clock', self._silent, f'looks, {silent} {text}')
 
     def _report_commands(self, last: bool) -> None:
-        for (source, verdict), (count, detail) in self.stepper.counts.verdicts().items():
+        for (source, verdict), (count, detail) in self.stepper.receiver.counts.verdicts().items():
             if verdict not in QUIET:
                 text = (
                     f'messages on {ROLE_OF_SOURCE[source]} dropped: '
                     f'{verdict.name.lower()} ({detail})'
                 )
                 self.log.count((source, verdict), count, text, error=verdict in ERRORS, last=last)
-        locked = self.stepper.counts.locked()
+        locked = self.stepper.receiver.counts.locked()
         if locked:
             text = f'commands name joints that are locked and do not move: {listed(locked)}'
             self.log.once('locked', text)
-        count, names = self.stepper.counts.unknown()
+        count, names = self.stepper.receiver.counts.unknown()
         self.log.count('unknown', count, f'unknown joint names: {listed(names)}', last=last)
 
     def problems(self) -> list[str]:
@@ -122,7 +124,7 @@ class Reporter:
     def totals(self) -> dict[str, Any]:
         """Return the totals of the run, for the log and for the recording's last record."""
         engine, timer = self.stepper.engine, self.stepper.timer
-        verdicts = self.stepper.counts.verdicts()
+        verdicts = self.stepper.receiver.counts.verdicts()
         accepted = sum(n for (_, v), (n, _) in verdicts.items() if v is Verdict.ACCEPTED)
         return {
             'steps': engine.arm.step,

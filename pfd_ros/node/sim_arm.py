@@ -102,9 +102,9 @@ class SimArm:
         }
         self._receiver = Receiver(EventQueue(), session.record, counts)
         create_services(node, self._receiver, engine)
-        stepper = Stepper(engine, self._receiver, session, publishers, counts)
+        stepper = Stepper(engine, self._receiver, session, publishers)
         self.reporter = Reporter(log, endpoints, stepper, graph)
-        self.diagnostics = ArmDiagnostics(stepper, log, kernels)
+        self.diagnostics = ArmDiagnostics(stepper, graph, kernels)
         _warn_about(settings, robot, log)
         self._changes = Changes(self._receiver, engine)
         self._set_parameters = parameters.ParameterChanges(self._changes).set

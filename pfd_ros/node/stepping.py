@@ -20,7 +20,6 @@ import time
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import NUMBERED_AS_STATES, Output
 from pfd_ros.arm.settings import Settings
-from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.endpoints import NonblockingPublisher
 from pfd_ros.node.log_session import LogSession
 from pfd_ros.node.receiving import Receiver
@@ -57,7 +56,6 @@ class Stepper:
     receiver: Receiver
     session: LogSession
     publishers: Mapping[str, NonblockingPublisher]
-    counts: CommandCounts
     timer: StepTimer = field(init=False)
     states: int = 0
     resent: int = 0
@@ -169,7 +167,7 @@ class Stepper:
         taken = self.engine.take(events)
         self._put_out(taken.outputs)
         for source, judgement, count in taken.judgements:
-            self.counts.add(source, judgement, count)
+            self.receiver.counts.add(source, judgement, count)
         self.receiver.answer(events, [judgement for _, judgement, _ in taken.judgements])
 
     def _put_out(self, outputs: Sequence[Output]) -> None:

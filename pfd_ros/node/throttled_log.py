@@ -55,20 +55,16 @@ class ThrottledLog:
         kind.told = count
         self._log(f'{new} {text}', error)
 
-    def once(self, key: Hashable, text: str, *, error: bool = False) -> None:
+    def once(self, key: Hashable, text: str) -> None:
         """Log a text the first time that its key comes."""
         if key in self._found or len(self._found) > MOST_FINDINGS:
             return
         self._found.add(key)
-        self._log(text, error)
+        self._log(text)
         if len(self._found) > MOST_FINDINGS:
-            self._log('more findings of this kind are not told', error)
+            self._log('more findings of this kind are not told')
 
-    def found(self, kind: str) -> int:
-        """Return how many findings had a key that is a tuple of this kind and others."""
-        return sum(isinstance(key, tuple) and key[0] == kind for key in self._found)
-
-    def _log(self, text: str, error: bool) -> None:
+    def _log(self, text: str, error: bool = False) -> None:
         # Not a conditional call: rclpy wants one severity for one line.
         if error:
             self.logger.error(one_line(text))

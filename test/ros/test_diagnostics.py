@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import signal
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -63,13 +64,12 @@ def test_messages_that_are_rejected_are_a_warning_and_no_others() -> None:
     from pfd_ros.node.diagnostics import OK, WARN, ArmDiagnostics, MassKernels
     from pfd_ros.node.log_session import LogSession
     from pfd_ros.node.stepping import Stepper
-    from pfd_ros.node.throttled_log import ThrottledLog
 
     settings, counts = Settings(robot='planar2'), CommandCounts()
     engine, session = Engine(settings, load_robot(settings)), LogSession()
     receiver = Receiver(EventQueue(), session.record, counts)
-    stepper = Stepper(engine, receiver, session, {}, counts)
-    diagnostics = ArmDiagnostics(stepper, ThrottledLog(None), MassKernels(engine.arm))
+    stepper = Stepper(engine, receiver, session, {})
+    diagnostics = ArmDiagnostics(stepper, SimpleNamespace(deaf=0), MassKernels(engine.arm))
 
     def level(source: Source, verdict: Verdict) -> bytes:
         counts.add(source, Judgement(verdict, ''))
@@ -125,9 +125,11 @@ def test_a_node_tells_how_its_tasks_go(processes: Processes, peer_of) -> None:
     assert (values['open'], values['failed'], values['dropped']) == ('True', 'False', '0')
 
     # A foreign type, a wrong message, a name that is longer than any line.
-    peer.node.create_publisher(String, '/sim_arm/set_state', 1)
+    foreign = peer.node.create_publisher(String, '/sim_arm/set_state', 1)
     peer.wait(lambda: told('commands', 'endpoints_of_other_qos_or_type') == '1')
     assert of('commands')[0] == b'\x01'
+    peer.node.destroy_publisher(foreign)
+    peer.wait(lambda: told('commands', 'endpoints_of_other_qos_or_type') == '0')
     peer.command(JOINTS, [1.0] * 5)
     peer.command(['x' * 100_000, '\n%s{0}'], [1.0, 1.0])
     peer.wait(lambda: told('commands', 'joint_commands.ragged') == '1')

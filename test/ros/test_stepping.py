@@ -52,7 +52,7 @@ class Bench:
         self.engine = Engine(settings, load_robot(settings))
         self.topic, session, counts = Topic(), LogSession(), CommandCounts()
         self.receiver = Receiver(EventQueue(), session.record, counts)
-        self.stepper = Stepper(self.engine, self.receiver, session, {STATES: self.topic}, counts)
+        self.stepper = Stepper(self.engine, self.receiver, session, {STATES: self.topic})
         self.workers = Workers(threading.Event())
         self._encoder = JointStateEncoder(NAMES)
 

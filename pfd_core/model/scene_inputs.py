@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -72,11 +73,22 @@ def scene_inputs(
             'use Scene(external_wrench=True)'
         )
     if scene.brakes:
-        held = np.zeros(n, bool) if brakes is None else _bools('brakes', brakes)
-        inputs['free'] = (~in_batch('brakes', held, n)).astype(dtype)
+        if brakes is None:
+            inputs['free'] = _all_free((*(batch or ()), n), dtype)
+        else:
+            held = in_batch('brakes', _bools('brakes', brakes), n)
+            inputs['free'] = (~held).astype(dtype)
     elif brakes is not None:
         raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
     return inputs
+
+
+@lru_cache(maxsize=16)
+def _all_free(shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
+    """Return the input of joints that all move; read-only."""
+    free = np.ones(shape, dtype)
+    free.flags.writeable = False
+    return free
 
 
 def _bools(name: str, value: ArrayLike) -> NDArray[np.bool_]:

@@ -14,7 +14,9 @@ give the same bits, step by step or in one rollout.
 
 from __future__ import annotations
 
-from functools import partial
+from collections.abc import Callable, Mapping
+from functools import cached_property, partial
+from operator import itemgetter
 import time
 
 import numpy as np
@@ -109,9 +111,7 @@ class Simulator(Simulation):
         """
         row = real_array('tau', tau, self.dtype, (self.robot.n,), joints=self.robot.joint_names)
         following = self._following(row, self._scene_inputs(wrench, brakes))
-        # Native code writes the rows of this step's state over that state: the same numbers.
-        states = (following.at[name] for name in self._native.written)
-        self._advance(following, 1, following.at['tau'], *states)
+        self._advance(following, 1, self._addresses_in(following.at))
 
     def rollout(
         self, taus: ArrayLike, wrench: ArrayLike | None = None, *, brakes: ArrayLike | None = None
@@ -167,8 +167,10 @@ class Simulator(Simulation):
             count = min(count, len(rows) - done)
             begin = time.perf_counter()
             following = self._following(rows[done + count - 1], inputs)
-            here = (address + done * rows.strides[0] for address in addresses)
-            finite = self._advance(following, count, *here)
+            tau, *written = (address + done * rows.strides[0] for address in addresses)
+            at = following.at
+            beside = (at[name] for name in (*self._inputs, *self._native.rows))
+            finite = self._advance(following, count, (at['q'], at['qd'], tau, *beside, *written))
             finite_steps += finite if finite_steps == done else 0
             done += count
             spent = max(time.perf_counter() - begin, 1e-9)
@@ -183,16 +185,22 @@ class Simulator(Simulation):
             following.arrays[name][:] = value
         return following
 
-    def _advance(self, following: StateBuffer, steps: int, taus: int, *states: int) -> int:
+    @cached_property
+    def _addresses_in(self) -> Callable[[Mapping[str, int]], tuple[int, ...]]:
+        """The addresses with which native code does one step of a buffer, by name."""
+        native = self._native
+        # It writes the rows of the step's state over that state: the same numbers.
+        names = ['q', 'qd', 'tau', *self._inputs, *native.rows, *native.written]
+        return itemgetter(*names)
+
+    def _advance(self, following: StateBuffer, steps: int, addresses: tuple[int, ...]) -> int:
         """
         Run native code on a buffer, and make its state the valid one.
 
-        Torques are read from, and rows of the states written to, these addresses. Returns after
-        how many steps the state was finite.
+        The addresses are those of its state, of the torques, of inputs and further rows, and of
+        the states that it writes. Returns after how many steps the state was finite.
         """
-        at, native = following.at, self._native
-        beside = [at[name] for name in (*self._inputs, *native.rows)]
-        finite = native.run(steps, self.substeps, at['q'], at['qd'], taus, *beside, *states)
+        finite = self._native.run(steps, self.substeps, *addresses)
         following.steps += steps
         if finite < steps:
             following.status = 'not_finite'

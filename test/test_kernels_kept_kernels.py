@@ -121,6 +121,7 @@ def test_a_damaged_file_is_made_again(folder: Path, emitted: list[str], damage: 
     assert contents(folder) == sound
 
 
+@pytest.mark.slow
 def test_every_robot_scene_method_and_precision_is_kept_apart(
     folder: Path, emitted: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

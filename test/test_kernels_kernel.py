@@ -282,6 +282,7 @@ def test_threads_share_a_kernel() -> None:
         np.testing.assert_array_equal(out, expected)
 
 
+@pytest.mark.slow
 def test_inverse_dynamics_gives_the_torques_back() -> None:
     rng = np.random.default_rng(5)
     for n in (1, 4, 6):

@@ -169,6 +169,7 @@ def test_two_steps_leave_the_last_digits_in_every_case(method: str) -> None:
         assert errors.max() <= LAST_DIGITS * ROUNDING['float64'], name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('name', HARD)
 def test_the_estimate_is_the_error_the_answer_had(name: str, method: str) -> None:

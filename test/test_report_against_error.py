@@ -215,6 +215,7 @@ def test_the_report_in_the_documentation_has_every_case_method_and_integrator() 
         assert set(ways) >= {*work_precision.TABLE, work_precision.ADAPTIVE}
 
 
+@pytest.mark.slow
 def test_the_same_numbers_give_the_same_picture(tmp_path: Path) -> None:
     runs = replace(PAGES, cases=[], points=[])
     first, second = (write(runs, tmp_path / name) for name in ('one', 'two'))

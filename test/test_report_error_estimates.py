@@ -31,6 +31,7 @@ def assert_estimates(found: Row) -> None:
         assert found.shown
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('robot', ROBOTS)
 def test_estimates_are_within_a_factor_of_three_of_errors_in_a_few_states(robot: str) -> None:
     assert_estimates(row(robot, 'composite_body', 5))

@@ -146,6 +146,7 @@ def test_the_pages_hold_the_answer_and_every_scene(panda_needs: Needs, tmp_path:
     assert data['step_times']['full minimum'] > 0
 
 
+@pytest.mark.slow
 def test_the_plot_is_the_same_in_every_run(panda_needs: Needs, tmp_path: Path) -> None:
     pytest.importorskip('matplotlib')
     one, other = (scene_pages.write(panda_needs, tmp_path / name)[-1] for name in 'ab')

@@ -204,6 +204,7 @@ def test_an_arm_moves_by_the_same_bits_alone_step_by_step_and_beside_others(
     np.testing.assert_array_equal(stepped.qdd, run.qdd[-1])
 
 
+@pytest.mark.slow
 def test_the_order_is_four_while_sliding_and_above_two_through_reversals_and_stops() -> None:
     rng = np.random.default_rng(1)
     robot, n = random_chain(rng, 3, 0.0), 3

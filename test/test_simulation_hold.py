@@ -58,6 +58,7 @@ def test_a_sampled_loop_is_the_closed_form_of_the_hold(
         np.testing.assert_allclose([q, qd], state, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('damped', [False, True])
 @pytest.mark.parametrize('integrator', TABLE)
 def test_an_arm_is_stable_just_below_the_limit_of_its_lightest_direction(

@@ -137,6 +137,7 @@ def check_demo(folder: Path, process: subprocess.Popen[str]) -> str:
     return told
 
 
+@pytest.mark.slow
 @pytest.mark.ros
 def test_the_demo_proves_itself_and_no_live_arm_hears_of_it(
     processes: Processes, peer_of, tmp_path: Path

@@ -99,6 +99,7 @@ def test_settings_of_the_guide_are_settings_of_the_node() -> None:
     assert names <= set(Settings.__dataclass_fields__)
 
 
+@pytest.mark.slow
 @pytest.mark.ros
 def test_ros2_control_needs_no_remapping(processes: Processes, peer_of) -> None:
     arm = start(processes, 'recording:=run.mcap')

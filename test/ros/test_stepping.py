@@ -87,7 +87,8 @@ class Bench:
         states = self.topic.states
         self.wait(lambda: states)
         self.answer(states[-1])
-        self.wait(lambda: self.engine.stands)
+        # It stands before the state it waits with is published.
+        self.wait(lambda: self.engine.stands and stamp(states[-1]) == self.engine.arm.stamp_ns)
         answered = [states[-1]]
         while len(answered) < count:
             self.answer(answered[-1])

@@ -13,6 +13,7 @@ from ros_processes import JOINTS, Processes
 pytestmark = pytest.mark.ros
 
 
+@pytest.mark.slow
 def test_two_arms_in_two_namespaces_do_not_hear_each_other(processes: Processes, peer_of) -> None:
     processes.arm('-r', '__ns:=/left', ready=False)
     right = processes.arm('-r', '__ns:=/right', '-p', 'publish_clock:=false')

@@ -8,7 +8,7 @@ and the same events in the same cycles give the same bytes. One cycle is
     events that came since the cycle before   ->   a verdict on each, in the order of the events
     accepted commands                         ->   the drive of the joints
     drive                                     ->   one step of the arm, or a jump to another state
-    outputs                                   ->   verdict rows, state, what is asked beside, clock
+    outputs     ->   verdict rows, a new payload, state, what is asked beside, clock
 
 `take` does the first half and `step` the second: while the arm stands (a pause, or lockstep
 without an answer to the last state), events are taken and no cycle runs. A caller that

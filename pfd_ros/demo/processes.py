@@ -9,12 +9,10 @@ the environment that leads to another system.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import itertools
 import json
 import os
 from pathlib import Path
-import random
 import secrets
 import signal
 import subprocess
@@ -28,65 +26,13 @@ import pfd_core as pfd
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.demo.results import show_results
 from pfd_ros.recording.reader import LogError
-from pfd_ros.testing.domains import FIRST, LAST, inhabited
+from pfd_ros.testing.domains import FIRST, LAST, environment, own_domain
 
 # Finding each other and compiling the robot, with a busy machine in mind.
 START_SECONDS = 60.0
 STOP_SECONDS = 20.0
 POLL_SECONDS = 0.05
 COMMAND_DEPTH = 10
-# Variables that choose domain, range, discovery server, peers, transport, security, profiles.
-MIDDLEWARE = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'ZENOH_')
-# Variables of those names that say where the installation is and how it logs.
-HARMLESS = frozenset(
-    {
-        'ROS_DISTRO',
-        'ROS_VERSION',
-        'ROS_PYTHON_VERSION',
-        'ROS_ETC_DIR',
-        'ROS_HOME',
-        'ROS_LOG_DIR',
-        'RMW_IMPLEMENTATION',
-    }
-)
-
-
-def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
-    """Return the environment of the two processes: nothing that leads to another system.
-
-    Parameters
-    ----------
-    inherited
-        The environment of this process.
-    domain
-        The ROS domain they get.
-    """
-    chosen = {
-        name: value
-        for name, value in inherited.items()
-        if name in HARMLESS or not name.startswith(MIDDLEWARE)
-    }
-    return chosen | {
-        'ROS_DOMAIN_ID': str(domain),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        # Fast DDS would take a profile from the folder it is started in.
-        'SKIP_DEFAULT_XML_FILE': '1',
-    }
-
-
-def free_domain(inherited: Mapping[str, str]) -> int:
-    """Return a domain at random, neither the inherited one nor one in use on this machine."""
-    taken = {0, _domain_of(inherited.get('ROS_DOMAIN_ID', ''))}
-    domains = [domain for domain in range(FIRST, LAST + 1) if domain not in taken]
-    random.SystemRandom().shuffle(domains)
-    return next((domain for domain in domains if not inhabited(domain)), domains[0])
-
-
-def _domain_of(text: str) -> int:
-    try:
-        return int(text)
-    except ValueError:
-        return 0
 
 
 def free_name(folder: Path) -> Path:
@@ -156,7 +102,12 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
         yaml.safe_dump({'/**': {'ros__parameters': parameters}}), encoding='utf-8'
     )
     print(f'{robot_name}: arm and controller for {seconds:g} s, recorded to {base}.mcap')
-    report, problems = _run_processes(robot_name, seconds, base, namespace)
+    # Not the one that the environment names: an arm may be on its way to it.
+    avoided = os.environ.get('ROS_DOMAIN_ID', '')
+    start = secrets.randbelow(LAST - FIRST + 1)
+    with own_domain(start=start, avoided=avoided) as domain:
+        env = environment(os.environ, domain)
+        report, problems = _run_processes(robot_name, seconds, base, namespace, env)
     if report is not None:
         try:
             problems += show_results(base, robot, report)
@@ -170,10 +121,9 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
 
 
 def _run_processes(
-    robot_name: str, seconds: float, base: Path, namespace: str
+    robot_name: str, seconds: float, base: Path, namespace: str, env: dict[str, str]
 ) -> tuple[dict[str, Any] | None, list[str]]:
     """Run both processes; return the controller's report on itself and the problems."""
-    env = environment(os.environ, free_domain(os.environ))
     # /clock is the one topic that a namespace leaves alone.
     names = ['--ros-args', '-r', f'__ns:={namespace}', '-r', '/clock:=clock']
     arm_output, output = (Path(f'{base}.{name}.txt') for name in ('sim_arm', 'controller'))

@@ -8,7 +8,7 @@ ports of the range that the system gives to outgoing connections.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 import fcntl
 import os
@@ -19,10 +19,50 @@ import tempfile
 FIRST, LAST = 1, 101
 # Port of the discovery of a domain's first participant (DDSI-RTPS 2.3, 9.6.1).
 PORT_BASE, PORT_GAIN, PARTICIPANT_PORT = 7400, 250, 10
+# Variables that choose domain, range, discovery server, peers, transport, security, profiles.
+MIDDLEWARE = ('ROS_', 'RMW_', 'FASTRTPS_', 'FASTDDS_', 'CYCLONEDDS_', 'ZENOH_')
+# Variables of those names that say where the installation is and how it logs and checks.
+HARMLESS = frozenset(
+    {
+        'ROS_DISTRO',
+        'ROS_VERSION',
+        'ROS_PYTHON_VERSION',
+        'ROS_PYTHON_CHECK_FIELDS',
+        'ROS_ETC_DIR',
+        'ROS_HOME',
+        'ROS_LOG_DIR',
+        'RMW_IMPLEMENTATION',
+    }
+)
+
+
+def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
+    """Return the environment of processes on a domain: nothing that leads to another system.
+
+    Parameters
+    ----------
+    inherited
+        The environment of this process.
+    domain
+        The ROS domain they get.
+    """
+    chosen = {
+        name: value
+        for name, value in inherited.items()
+        if name in HARMLESS or not name.startswith(MIDDLEWARE)
+    }
+    return chosen | {
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        # Fast DDS would take a profile from the folder it is started in.
+        'SKIP_DEFAULT_XML_FILE': '1',
+    }
 
 
 @contextmanager
-def own_domain(folder: Path | None = None, start: int | None = None) -> Iterator[int]:
+def own_domain(
+    folder: Path | None = None, start: int | None = None, avoided: str = ''
+) -> Iterator[int]:
     """Claim a domain and hold it.
 
     A domain in which a participant already runs, such as the user's own nodes, is passed over.
@@ -34,6 +74,8 @@ def own_domain(folder: Path | None = None, start: int | None = None) -> Iterator
     start
         Where the search starts, any number; default: the process id, so that domains are not used
         again at once.
+    avoided
+        A domain that is passed over, as text.
 
     Raises
     ------
@@ -44,6 +86,8 @@ def own_domain(folder: Path | None = None, start: int | None = None) -> Iterator
     begin, count = os.getpid() if start is None else start, LAST - FIRST + 1
     for step in range(count):
         domain = FIRST + (begin + step) % count
+        if str(domain) == avoided:
+            continue
         lock = _locked(where / f'pfd_ros_domain_{domain}.lock')
         if lock is None:
             continue

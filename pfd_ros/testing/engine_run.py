@@ -75,7 +75,7 @@ class EngineRun:
         return judgement
 
     def demand(self, source: Source, data: bytes) -> None:
-        """Do the same; ValueError if the arm does not accept the message."""
+        """Send a message; ValueError if the arm does not accept it."""
         judgement = self.send(source, data)
         if judgement.verdict is not Verdict.ACCEPTED:
             raise ValueError(f'{judgement.verdict.name.lower()}: {judgement.detail}')

@@ -13,12 +13,13 @@ from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 import importlib
 import time
-from typing import Any, Protocol
+from typing import Any
 
 from pfd_ros.arm.events import CLOCK, STATES, Output, Source
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.messages.topics import topic_of
 from pfd_ros.testing.session import executor_with, import_rclpy, spin, take_down
+from pfd_ros.testing.topic_run import TopicRun
 
 NAME = 'sim_arm'
 # As those of the node.
@@ -36,19 +37,6 @@ LOOK_SECONDS = 0.1
 
 class NoAnswerError(Exception):
     """Nobody answered a state."""
-
-
-class Answering(Protocol):
-    """The arm, as far as topics need it."""
-
-    def answer(self, source: Source, data: bytes) -> Sequence[Output] | None:
-        """Take a command; return the messages up to the next state, None at the end of the run.
-
-        There are no messages if the last state still waits for its answer.
-        """
-
-    def present(self) -> Sequence[Output]:
-        """Return the last state and clock tick again."""
 
 
 class Exchange:
@@ -104,11 +92,11 @@ class Exchange:
             )
             for source, own in COMMAND_TOPICS.items()
         ]
-        self._arm: Answering | None = None
+        self._arm: TopicRun | None = None
         self._ended: Any = None
         self._heard = 0.0
 
-    def run(self, arm: Answering, nodes: Sequence[Any], patience: float) -> None:
+    def run(self, arm: TopicRun, nodes: Sequence[Any], patience: float) -> None:
         """Exchange states for commands until the arm ends the run.
 
         Parameters

@@ -4,16 +4,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 import importlib
 import os
 from typing import Any
 import warnings
 
-from pfd_ros.testing.domains import own_domain
+from pfd_ros.testing.domains import environment, own_domain
 
-DOMAIN, RANGE = 'ROS_DOMAIN_ID', 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 # The last one otherwise comes with a user's first publisher.
 _MODULES = ('rclpy', 'rclpy.signals', 'rosidl_generator_py')
 # By rclpy's context; one at most.
@@ -96,17 +95,23 @@ def current_domain() -> int | None:
 @contextmanager
 def claimed_domain() -> Iterator[int]:
     """Claim a domain; the environment tells it to the processes that are started meanwhile."""
-    before = {name: os.environ.get(name) for name in (DOMAIN, RANGE)}
     with own_domain() as domain:
-        os.environ |= {DOMAIN: str(domain), RANGE: 'LOCALHOST'}
+        before, chosen = dict(os.environ), environment(os.environ, domain)
+        changed = {name for name, _ in before.items() ^ chosen.items()}
+        _take_over(chosen, changed)
         try:
             yield domain
         finally:
-            for name, value in before.items():
-                if value is None:
-                    os.environ.pop(name, None)
-                else:
-                    os.environ[name] = value
+            _take_over(before, changed)
+
+
+def _take_over(variables: Mapping[str, str], names: Collection[str]) -> None:
+    """Give some variables of the environment the values that they have among others, or none."""
+    for name in names:
+        if name in variables:
+            os.environ[name] = variables[name]
+        else:
+            os.environ.pop(name, None)
 
 
 @contextmanager

@@ -32,7 +32,10 @@ class TopicRun:
     refused: Judgement | None = None
 
     def answer(self, source: Source, data: bytes) -> Sequence[Output] | None:
-        """Take a command; return the messages up to the next state, None at the end of the run."""
+        """Take a command; return the messages up to the next state, None at the end of the run.
+
+        There are no messages if the last state still waits for its answer.
+        """
         run, engine, rows = self.run, self.run.engine, self.rows
         time, (q, qd, _) = run.time, engine.measured()
         judgement = run.send(source, data)

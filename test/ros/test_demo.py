@@ -18,7 +18,8 @@ import pfd_core as pfd
 from pfd_ros.demo import processes as demo
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.replay.verify import read
-from pfd_ros.testing.domains import FIRST, LAST, inhabited
+from pfd_ros.testing import domains
+from pfd_ros.testing.domains import FIRST, LAST, own_domain
 
 if HAS_ROS:
     from sensor_msgs.msg import JointState
@@ -87,7 +88,7 @@ HOSTILE = {
 
 def test_the_processes_inherit_nothing_that_leads_to_another_system() -> None:
     kept = {'PATH': '/bin', 'ROS_DISTRO': 'jazzy', 'ROS_LOG_DIR': 'logs', 'AMENT_PREFIX_PATH': 'a'}
-    chosen = demo.environment(HOSTILE | kept | {'ROS_DOMAIN_ID': '7'}, 42)
+    chosen = domains.environment(HOSTILE | kept | {'ROS_DOMAIN_ID': '7'}, 42)
     assert chosen == kept | {
         'ROS_DOMAIN_ID': '42',
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
@@ -95,21 +96,20 @@ def test_the_processes_inherit_nothing_that_leads_to_another_system() -> None:
     }
 
 
-@pytest.mark.parametrize('inherited', [{}, {'ROS_DOMAIN_ID': '7'}, {'ROS_DOMAIN_ID': '{'}])
-def test_the_domain_is_never_the_inherited_one_and_not_always_the_same(inherited: dict) -> None:
-    domains = {demo.free_domain(inherited) for _ in range(300)}
-    assert domains <= set(range(FIRST, LAST + 1))
-    assert int(inherited.get('ROS_DOMAIN_ID', '0').replace('{', '0')) not in domains
-    assert len(domains) > 20
+def test_a_domain_to_avoid_is_none_that_is_claimed(tmp_path: Path) -> None:
+    for start in range(FIRST, LAST + 1):
+        with own_domain(tmp_path, start=start, avoided='7') as domain:
+            assert domain != 7
+    with own_domain(tmp_path, start=3, avoided='{') as domain:
+        assert FIRST <= domain <= LAST
 
 
 @pytest.mark.ros
-def test_a_domain_with_a_node_on_it_is_not_free(processes: Processes) -> None:
+def test_a_domain_with_a_node_on_it_is_not_claimed(processes: Processes, tmp_path: Path) -> None:
     # Of a process of its own: participants are numbered by process, and their ports by number.
     processes.arm('-p', 'robot:=planar2')
-    assert inhabited(processes.domain)
-    inherited = {'ROS_DOMAIN_ID': str(1 + processes.domain % 100)}
-    assert processes.domain not in {demo.free_domain(inherited) for _ in range(300)}
+    with own_domain(tmp_path, start=processes.domain - FIRST) as domain:
+        assert domain != processes.domain
 
 
 def start_demo(folder: Path, domain: int) -> subprocess.Popen[str]:

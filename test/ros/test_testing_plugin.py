@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+import os
 from pathlib import Path
 import shutil
 import socket
@@ -16,6 +17,7 @@ import pytest
 from ros_processes import ROOT
 
 from pfd_ros.testing.domains import PARTICIPANT_PORT, PORT_BASE, PORT_GAIN, own_domain
+from pfd_ros.testing.session import claimed_domain
 
 
 @pytest.fixture(scope='module')
@@ -111,6 +113,21 @@ def test_domain(ros_domain, number, worker_id):
     assert len({path.read_text() for path in found}) == 2
 """
     assert '2 passed' in session(site, tmp_path, code, ['-n', '2'])
+
+
+def test_a_claimed_domain_leads_to_no_other_system_and_leaves_the_environment_as_it_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    hostile = {'ROS_DISCOVERY_SERVER': 'x', 'ROS_STATIC_PEERS': 'x', 'FASTDDS_STATISTICS': 'x'}
+    for name, value in {**hostile, 'ROS_DOMAIN_ID': '7', 'ROS_LOG_DIR': 'logs'}.items():
+        monkeypatch.setenv(name, value)
+    before = dict(os.environ)
+    with claimed_domain() as domain:
+        assert os.environ['ROS_DOMAIN_ID'] == str(domain)
+        assert os.environ['ROS_LOG_DIR'] == 'logs'
+        assert hostile.keys().isdisjoint(os.environ)
+        monkeypatch.setenv('ANOTHER', 'set meanwhile')
+    assert dict(os.environ) == before | {'ANOTHER': 'set meanwhile'}
 
 
 def test_a_claimed_domain_is_passed_over_and_free_again_after_its_process(tmp_path: Path) -> None:

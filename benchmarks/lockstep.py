@@ -6,8 +6,9 @@ Print the control steps per second of an arm in lockstep, beside bare loops of t
     python benchmarks/lockstep.py [seconds]
 
 A UR5 with its rotors, two substeps a step, under the same PD controller. Rounds of all cases take
-turns within one run, and each case tells the best and the median of its rounds: other work on the
-machine slows all of them alike, so the ratios to the bare loops say more than the rates.
+turns within one run, each after one that is not timed, and each case tells the best and the median
+of its rounds: other work on the machine slows all of them alike, so the ratios to the bare loops say
+more than the rates.
 
     simulator     Simulator.step and the positions and velocities, nothing else
     callback      the whole arm: engine, verdicts, checks of the answer, rows of the motion
@@ -174,6 +175,8 @@ def main(seconds: float) -> None:
         begun = perf_counter()
         while perf_counter() - begun < seconds:
             for name, loop in loops.items():
+                # The case before has left nothing of this one in the caches.
+                loop()
                 before = perf_counter()
                 loop()
                 times[name].append((perf_counter() - before) / STEPS)

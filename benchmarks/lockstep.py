@@ -7,8 +7,8 @@ Print the control steps per second of an arm in lockstep, beside bare loops of t
 
 A UR5 with its rotors, two substeps a step, under the same PD controller. Rounds of all cases take
 turns within one run, each after one that is not timed, and each case tells the best and the median
-of its rounds: other work on the machine slows all of them alike, so the ratios to the bare loops say
-more than the rates.
+of its rounds: other work on the machine slows all of them alike, so the ratios to the bare loops
+say more than the rates.
 
     simulator     Simulator.step and the positions and velocities, nothing else
     callback      the whole arm: engine, verdicts, checks of the answer, rows of the motion

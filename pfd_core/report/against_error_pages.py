@@ -13,6 +13,7 @@ from typing import Any
 from pfd_core.report import (
     against_error,
     against_error_plots,
+    port_limit,
     quantity_plot,
     quantity_rows,
     quantity_tables,
@@ -126,7 +127,9 @@ def markdown(findings: Findings) -> str:
         errors = quantity_tables.ERRORS.format(states=QUANTITIES.references)
         parts += [OTHERS, errors, quantity_tables.NOTES]
         parts.append(quantity_tables.against_error(findings.quantities))
-    parts += ['## Left out\n', *(_grouped(findings.left_out) or ['Nothing.'])]
+    # The page has no shares of the port limit, which come with the rows of quantities.
+    left_out = [text for text in findings.left_out if not text.startswith(port_limit.WORK)]
+    parts += ['## Left out\n', *(_grouped(left_out) or ['Nothing.'])]
     return '\n'.join(parts).rstrip() + '\n'
 
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from pfd_core.report import port_limit, quantity_plot, quantity_rows, speed_pages
 from pfd_core.report.quantity_kernels import QUANTITIES
 from pfd_core.report.quantity_rows import Plan
-from pfd_core.report.quantity_tables import ERRORS, NOTES, against_error, summary
+from pfd_core.report.quantity_tables import ERRORS, NOTES, PORT_LIMIT_NOTE, against_error, summary
 from pfd_core.report.speed import ARMS, HASTY, SIZES, Findings
 from pfd_core.report.speed_tables import difference_cell, grid, limit_cell, time_cell
 from pfd_core.report.surroundings import surroundings, told
@@ -60,7 +60,7 @@ def markdown(findings: Findings, quantity: str, references: int = 0) -> str:
         call=QUANTITIES[quantity].call or f"`compile_kernel(robot, quantity='{quantity}')`",
         result=QUANTITIES[quantity].title,
     )
-    parts = [page + NOTES, '## Beside the peers\n', summary(rows)]
+    parts = [page + NOTES + PORT_LIMIT_NOTE, '## Beside the peers\n', summary(rows)]
     if references:
         parts += ['## Time and error\n', ERRORS.format(states=references), against_error(rows)]
     else:

@@ -27,6 +27,8 @@ NOTES = f"""- *bound* is `kernel.bind(q, ..., out=out)`, which leaves out making
   call of `buffer()`, which leaves out copying the arguments in, and there is no linearised step.
 - *linear_step* is [A B] of a step of {LINEAR_STEP * 1e3:.3g} ms of classical Runge-Kutta;
   `simulator.linearize` checks its arguments, which *bound* leaves out.
+"""
+PORT_LIMIT_NOTE = """\
 - The share of the port limit leaves out loads and stores: d qdd / d(q, qd, tau) of six joints
   writes 864 bytes a state. A linearised step has none, since it calls functions in a loop.
 """

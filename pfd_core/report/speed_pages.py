@@ -14,7 +14,7 @@ from typing import Any
 from pfd_core.report import port_limit
 from pfd_core.report.first_results import FROM_DISK, PROCESS, WORKS
 from pfd_core.report.markdown import cells, header
-from pfd_core.report.quantity_tables import NOTES, summary
+from pfd_core.report.quantity_tables import NOTES, PORT_LIMIT_NOTE, summary
 from pfd_core.report.speed import QUICK, Findings, Survey, survey
 from pfd_core.report.speed_ours import METHODS
 from pfd_core.report.speed_tables import (
@@ -72,7 +72,7 @@ OTHERS = f"""A short table: one number format, and a call and one batch alone; a
 sizes of a quantity are those of `{COMMAND} --quantity NAME`. Minimum / median of the time per
 state, and how many times faster that is than Pinocchio in Python and than CasADi's C.
 
-{NOTES}"""
+{NOTES}{PORT_LIMIT_NOTE}"""
 
 
 def markdown(findings: Findings) -> str:

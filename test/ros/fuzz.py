@@ -41,6 +41,9 @@ from pfd_ros.replay.verify import read
 
 # Buffers and pools that are still being filled after the warm-up.
 PROCESS_GROWTH = 16 << 20
+# A tick may ask for 100 000 steps at once: they fill the recording's queue and its buffers, which
+# the system does not get back.
+BURST_GROWTH = 64 << 20
 # A message or two on its way to the disk when it is looked at, and the index of the recording.
 OBJECT_GROWTH, OBJECT_GROWTH_PER_SECOND = 8 << 20, 20 << 10
 WARM_UP = 0.4  # part of the time after which memory should be flat
@@ -57,6 +60,7 @@ class Outcome:
 
     sent: int
     largest: int
+    follows_clock: bool
     process_bytes: tuple[int, int]
     object_bytes: tuple[int, int]
     status: int
@@ -265,6 +269,7 @@ def fuzz(
     return Outcome(
         sent,
         largest,
+        follow_clock,
         (warm[0], end[0]),
         (warm[1], end[1]),
         status,
@@ -281,7 +286,8 @@ def check(outcome: Outcome, seconds: float) -> None:
     warm, end = outcome.object_bytes
     assert end - warm < OBJECT_GROWTH + OBJECT_GROWTH_PER_SECOND * seconds, outcome
     warm, end = outcome.process_bytes
-    assert end - warm < PROCESS_GROWTH or outcome.largest > SMALL_BYTES, outcome
+    most = PROCESS_GROWTH + BURST_GROWTH * outcome.follows_clock
+    assert end - warm < most or outcome.largest > SMALL_BYTES, outcome
     # Some forty kinds of line, at first each second and then each minute, and rclpy's traces.
     assert outcome.log_bytes < 500_000 + 2000 * seconds
     for verdict in VERDICTS:

@@ -60,26 +60,37 @@ class Ticks:
 
     def __init__(self, chance: random.Random) -> None:
         self._random = chance
+        # Its latest tick that an arm may have followed: there time goes on.
+        self._now_ns = 0
 
-    def after(self, now_ns: int) -> bytes:
-        """Return a tick for an arm at a simulated time: mostly one that it can follow."""
-        kind = self._random.randrange(8)
-        if kind < 5:
-            return encode_clock(now_ns + self._random.randrange(20 * MILLISECOND))
-        if kind == 5:
-            ahead = self._random.choice((-1, 1)) * self._random.randrange(FARTHEST_TICK)
-            return encode_clock(max(now_ns + ahead, 0))
-        tick = bytearray(encode_clock(now_ns))
-        if kind == 6:
+    def after(self, reached_ns: int) -> bytes:
+        """Return a tick for an arm that has reached a simulated time: mostly one that fits."""
+        self._now_ns = max(self._now_ns, reached_ns)
+        kind = self._random.randrange(100)
+        if kind < 60:
+            return encode_clock(self._now_ns + self._random.randrange(20 * MILLISECOND))
+        if kind < 75:
+            return encode_clock(max(self._now_ns - self._random.randrange(FARTHEST_TICK), 0))
+        tick = bytearray(encode_clock(self._now_ns))
+        if kind == 75:
+            tick = bytearray(encode_clock(self._now_ns + self._random.randrange(FARTHEST_TICK)))
+        elif kind < 90:
             tick[self._random.randrange(len(tick))] = self._random.randrange(256)
         else:
             # The middleware has no room for more than a tick.
             tick = bytearray(self._random.randbytes(self._random.randrange(4, len(tick) + 1)))
+        return bytes(tick) if self._can_follow(bytes(tick)) else encode_clock(self._now_ns)
+
+    def _can_follow(self, tick: bytes) -> bool:
+        """Return whether later ticks can follow one, and take note of it."""
         try:
-            reached = decode_clock(bytes(tick)) <= now_ns + FARTHEST_TICK
+            stamp_ns = decode_clock(tick)
         except ValueError:
-            reached = True
-        return bytes(tick) if reached else encode_clock(now_ns)
+            return True
+        if stamp_ns > self._now_ns + FARTHEST_TICK:
+            return False
+        self._now_ns = max(self._now_ns, stamp_ns)
+        return True
 
 
 class Messages:

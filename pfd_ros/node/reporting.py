@@ -98,7 +98,7 @@ class Reporter:
         text = f's after the last tick on {topic}: simulated time stands'
         if silent >= LOST_CLOCK_SECONDS:
             self._silent += 1
-            self.log.count('clock', self._silent, f'looks, {silent} {text}')
+            self.log.count('clock', self._silent, f'looks in vain, {silent} {text}')
 
     def _report_commands(self, last: bool) -> None:
         for (source, verdict), (count, detail) in self.stepper.receiver.counts.verdicts().items():

@@ -197,16 +197,21 @@ class Engine:
                 self.wrench.put(effect, self.settings.external_wrench_timeout)
         elif effect is not None:
             if effect.name == 'reset':
-                self.arm.revive(self.cycles)
-                self.jumps = [None]
-                self.link.sent = 0
-            if effect.name in ('reset', 'deactivate'):
+                self._reset()
+            elif effect.name == 'deactivate':
                 self._forget_commands(held(len(self.arm.order)))
-            if effect.name == 'reset':
-                self._rules.reset_ns = self._rules.since_ns
-            if effect.name in ('reset', 'clear_wrench'):
+            elif effect.name == 'clear_wrench':
                 self._clear_wrench()
             self.pace.request(effect)
+
+    def _reset(self) -> None:
+        """Let the next step end in the initial state, without anything from before."""
+        self.arm.revive(self.cycles)
+        self.jumps = [None]
+        self.link.sent = 0
+        self._forget_commands(held(len(self.arm.order)))
+        self._rules.reset_ns = self._rules.since_ns
+        self._clear_wrench()
 
     def _forget_commands(self, drive: Drive) -> None:
         """Go on with a drive, and without all commands from before the next step."""

@@ -5,8 +5,8 @@
 Wall time and thread order reach the arm only as events. Everything else follows from the
 settings, the events and the number of the cycle, so a recording of the events proves a run.
 
-A new kind of input is a new `Source`, with its rule in `judging.py`. It needs no
-queue, no numbering and no row of its own: an `Arrival` and a `VerdictRow` hold every kind.
+A new kind of input is a new `Source`, with its rule in `judging.py`. It needs no queue, no
+numbering and no row of its own: an `Arrival` and a `VerdictRow` hold every kind.
 """
 
 from __future__ import annotations

@@ -79,8 +79,8 @@ def own_domain(
 
     Raises
     ------
-    RuntimeError
-        If every domain is taken.
+    OSError
+        If every domain is taken, or no lock can be had.
     """
     where = Path(tempfile.gettempdir()) if folder is None else folder
     begin, count = os.getpid() if start is None else start, LAST - FIRST + 1
@@ -97,7 +97,7 @@ def own_domain(
                 return
         finally:
             os.close(lock)
-    raise RuntimeError(f'all ROS domains from {FIRST} to {LAST} are taken, by locks in {where}')
+    raise OSError(f'all ROS domains from {FIRST} to {LAST} are taken, by locks in {where}')
 
 
 def _locked(path: Path) -> int | None:

@@ -23,7 +23,7 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.requests import encode_request
-from pfd_ros.messages.convert import NANOSECONDS, WRENCH
+from pfd_ros.messages.convert import WRENCH
 from pfd_ros.messages.stamped import stamped_encoder
 from pfd_ros.testing.command_bytes import state_bytes
 from pfd_ros.testing.controller import Controller, asked, refusal
@@ -80,13 +80,14 @@ class LockstepArm:
         ros_args: Sequence[str] = (),
         **settings: Any,
     ) -> None:
-        self._described = loaded(robot, lockstep_settings(robot, settings))
-        self.robot, chosen = self._described.robot, self._described.settings
+        found = loaded(robot, lockstep_settings(robot, settings))
+        self.robot, chosen = found.robot, found.settings
         self.engine = Engine(chosen, self.robot, rows=bool(chosen.recording))
         self.settings = self.engine.settings
         self.names = self.engine.arm.names
         self._limits = limits_of(self.robot, self.engine.arm.order)
         self._run = EngineRun(self.engine, open_log(self.engine, self.robot))
+        self._topics = found.description.topics
         self._ros_args = tuple(ros_args)
         if self.settings.command_topic:
             self._ros_args += ('-r', f'~/commands:={self.settings.command_topic}')
@@ -157,10 +158,10 @@ class LockstepArm:
             If `seconds` is not above zero and finite.
         """
         rows = Rows(periods(self.settings, seconds), len(self.names))
-        engine, names, start_ns = self.engine, self.names, self.settings.start_ns
+        engine, names = self.engine, self.names
         command = self._run.command
         for k in range(len(rows.time)):
-            t = rows.time[k] = (engine.arm.stamp_ns - start_ns) / NANOSECONDS
+            t = rows.time[k] = self.time
             q, qd, _ = engine.measured()
             rows.q[k], rows.qd[k] = q, qd
             efforts = asked(controller, names, t, q.copy(), qd.copy())
@@ -198,8 +199,7 @@ class LockstepArm:
         rows = Rows(periods(self.settings, seconds), len(self.names))
         run = TopicRun(self._run, rows)
         if self._exchange is None:
-            topics = self._described.description.topics
-            self._exchange = Exchange(roles_of(self.settings), self._ros_args, topics)
+            self._exchange = Exchange(roles_of(self.settings), self._ros_args, self._topics)
         try:
             self._exchange.run(run, nodes, patience)
         except NoAnswerError as error:

@@ -15,6 +15,7 @@ import pytest
 from ros_processes import HAS_ROS, PATIENCE, Processes, environment
 
 import pfd_core as pfd
+from pfd_ros.cli.main import main
 from pfd_ros.demo import processes as demo
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.replay.verify import read
@@ -102,6 +103,17 @@ def test_a_domain_to_avoid_is_none_that_is_claimed(tmp_path: Path) -> None:
             assert domain != 7
     with own_domain(tmp_path, start=3, avoided='{') as domain:
         assert FIRST <= domain <= LAST
+
+
+@pytest.mark.ros
+def test_without_a_free_domain_the_demo_ends_with_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(domains, '_locked', lambda path: None)
+    assert main(['demo', '--out', str(tmp_path)]) == 1
+    told = capsys.readouterr().err
+    assert told.count('\n') == 1
+    assert 'all ROS domains from 1 to 101 are taken' in told
 
 
 @pytest.mark.ros

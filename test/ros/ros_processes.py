@@ -17,7 +17,7 @@ import sys
 import time
 from typing import Any
 
-from pfd_ros.testing.domains import own_domain
+from pfd_ros.testing import domains
 
 ROOT = Path(__file__).resolve().parents[2]
 # Longest wait for anything a process should do: discovery alone may take three seconds, and
@@ -57,9 +57,7 @@ def resident_bytes(pid: int) -> int:
 
 def environment(domain: int) -> dict[str, str]:
     path = [os.environ.get('PYTHONPATH', ''), str(ROOT)]
-    return os.environ | {
-        'ROS_DOMAIN_ID': str(domain),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    return domains.environment(os.environ, domain) | {
         'ROS_PYTHON_CHECK_FIELDS': '1',
         'PYTHONPATH': os.pathsep.join(part for part in path if part),
     }
@@ -106,7 +104,7 @@ class Processes:
         self._claim = ExitStack()
         # None that another worker or run of tests has, nor that the tests just before had.
         start = APART * os.getpid() + next(_numbers)
-        self.domain = self._claim.enter_context(own_domain(start=start))
+        self.domain = self._claim.enter_context(domains.own_domain(start=start))
         self.started: list[Process] = []
 
     def python(self, *command: str) -> Process:

@@ -5,6 +5,7 @@ Parallel forward dynamics after Lee and Chang (1987): counted, emulated and comp
 
 The packages stand in the order in which data flow; each imports only from those above it.
 
+    forking       locks that are held when the process is forked
     model         Robot, a serial chain, and Scene, the effects that act on it; loading
     machine       the emulated parallel computer: operations, programs, lanes, the emulator
     algorithms    the dynamics, each algorithm as one text that records a program

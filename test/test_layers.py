@@ -19,12 +19,13 @@ ROOT = Path(__file__).resolve().parent.parent
 # Each package or room, and the others that it may import; `machine` knows no robots. Modules that
 # lie directly in a package with rooms may import all its rooms, and no room imports them.
 PFD_CORE = {
-    'model': set(),
-    'machine': set(),
-    'algorithms': {'model', 'machine'},
-    'kernels': {'model', 'machine', 'algorithms'},
-    'simulation': {'model', 'machine', 'algorithms', 'kernels'},
-    'report': {'model', 'machine', 'algorithms', 'kernels', 'simulation'},
+    'forking': set(),
+    'model': {'forking'},
+    'machine': {'forking'},
+    'algorithms': {'forking', 'model', 'machine'},
+    'kernels': {'forking', 'model', 'machine', 'algorithms'},
+    'simulation': {'forking', 'model', 'machine', 'algorithms', 'kernels'},
+    'report': {'forking', 'model', 'machine', 'algorithms', 'kernels', 'simulation'},
 }
 ALGORITHMS = {
     'chain': set(),

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pfd_core.algorithms.paper.pcrbm_array import SECTION
 from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
 from pfd_core.algorithms.programs import record_forward_dynamics
+from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps, check_processors
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
@@ -66,7 +67,8 @@ class Run:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         if isinstance(self.qdd, tuple):
-            import mpmath
+            with no_fork:
+                import mpmath
 
             shape, parts = self.qdd
             qdd = np.empty(len(parts), dtype=object)

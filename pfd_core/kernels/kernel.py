@@ -16,12 +16,13 @@ call is checked and converted by pfd_core.kernels.arguments.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import cached_property, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pfd_core.forking import cached_property
 from pfd_core.kernels.arguments import (
     as_rows,
     check_result,

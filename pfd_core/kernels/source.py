@@ -12,11 +12,9 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
-from functools import cache, cached_property
+from functools import cache
 import gc
 import math
-import os
-import threading
 from typing import Any
 
 from pfd_core.algorithms.acceleration_derivatives import record_derivatives
@@ -25,6 +23,7 @@ from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.paper.pcgm import TOLERANCE
 from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.algorithms.refinement import record_refined
+from pfd_core.forking import cached_property, no_fork
 from pfd_core.kernels.codegen.module import kernel_module, product_module
 from pfd_core.kernels.codegen.spelling import arguments
 from pfd_core.kernels.passes.pipeline import Stages, joined, lower, operations
@@ -48,13 +47,6 @@ from pfd_core.model.frames import known_frame
 # Iterative methods stop when their residual has fallen to the rounding of the number format.
 TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
 DTYPES = tuple(TOLERANCES)
-_recording = threading.RLock()
-if hasattr(os, 'register_at_fork'):
-    os.register_at_fork(
-        before=_recording.acquire,
-        after_in_parent=_recording.release,
-        after_in_child=_recording.release,
-    )
 
 
 class KernelSource:
@@ -296,7 +288,7 @@ def _uncollected() -> Iterator[None]:
     The collector is common to all threads, so threads record in turn, and no process forks
     meanwhile.
     """
-    with _recording:
+    with no_fork:
         running = gc.isenabled()
         gc.disable()
         try:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.forking import no_fork
 from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Instruction, Program
 
@@ -192,7 +193,8 @@ class _Mpmath:
 
     def __init__(self, digits: int) -> None:
         try:
-            import mpmath
+            with no_fork:
+                import mpmath
         except ImportError as error:
             raise ImportError(
                 f'digits={digits} computes with mpmath, which is not installed: '

@@ -23,6 +23,7 @@ import re
 from typing import Any
 
 import numpy as np
+from numpy.ma import MaskedArray
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.model.error_text import quote
@@ -228,7 +229,7 @@ def _lost_by_conversion(value: object) -> str:
         if _PLAIN.issuperset(map(type, value)):
             return ''
         return next(filter(None, map(_lost_by_conversion, value)), '')
-    if isinstance(value, np.ma.MaskedArray):
+    if isinstance(value, MaskedArray):
         return 'a masked array: fill its gaps'
     if isinstance(value, (bool, np.bool_)):
         return f'bool {value}'

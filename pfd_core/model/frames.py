@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 import hashlib
 from types import MappingProxyType
 
 import numpy as np
 
+from pfd_core.forking import cached_property
 from pfd_core.model.checked_numbers import LARGEST, integer, real_array
 from pfd_core.model.error_text import quote, quote_all
 from pfd_core.model.frozen_arrays import FrozenArrays, frozen

@@ -16,13 +16,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
-from functools import cached_property, partial
+from functools import partial
 import hashlib
 import warnings
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.forking import cached_property
 from pfd_core.model.checked_numbers import LARGEST, real_array
 from pfd_core.model.error_text import quote
 from pfd_core.model.frames import Frame, known_frame, with_ends

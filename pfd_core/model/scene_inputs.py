@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.ma import MaskedArray
 from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.model.checked_numbers import fit_shape, real_array
@@ -94,7 +95,7 @@ def _all_free(shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
 def _bools(name: str, value: ArrayLike) -> NDArray[np.bool_]:
     """Return an array of bool; ValueError for numbers, as 1 could mean a joint that moves."""
     try:
-        array = np.asarray(None if isinstance(value, np.ma.MaskedArray) else value)
+        array = np.asarray(None if isinstance(value, MaskedArray) else value)
     except (TypeError, ValueError, RuntimeError):
         array = np.asarray(None)
     if array.dtype != bool:

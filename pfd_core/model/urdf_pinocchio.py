@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.forking import no_fork
 from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import Array, Body, Placement, axis_rotation, product
 from pfd_core.model.urdf_chain import Chain
@@ -50,7 +51,8 @@ def check_with_pinocchio(
 
     """
     # Pinocchio takes a second to import, and only URDFs need it.
-    import pinocchio
+    with no_fork:
+        import pinocchio
 
     joints = {joint.name: f'joint{k}' for k, joint in enumerate(chain.below)}
     links = {link: f'link{k}' for k, link in enumerate(chain.carriers)}
@@ -60,7 +62,8 @@ def check_with_pinocchio(
     except ValueError as error:
         problem = quote(str(error))[1:-1]
         raise ValueError(f'{quote(urdf.name)}: Pinocchio cannot load it: {problem}') from error
-    model = _reduced(model, {joints[name]: at for name, at in locked.items() if name in joints})
+    positions = {joints[name]: at for name, at in locked.items() if name in joints}
+    model = _reduced(pinocchio, model, positions)
     indices = [model.getJointId(joints[joint.name]) for joint in chain.joints]
     start, end = (
         _pair(model.frames[model.getFrameId(links[link], pinocchio.FrameType.BODY)].placement)
@@ -133,10 +136,8 @@ def _limits_of(model: Any, index: int, joint: Joint) -> Array:
     return finite
 
 
-def _reduced(model: Any, locked: Mapping[str, float]) -> Any:
+def _reduced(pinocchio: Any, model: Any, locked: Mapping[str, float]) -> Any:
     """Return Pinocchio's model with joints welded at their positions."""
-    import pinocchio
-
     positions = pinocchio.neutral(model)
     for name, angle in locked.items():
         joint = model.joints[model.getJointId(name)]

@@ -20,11 +20,11 @@ a second reference by another method with steps of at most LONGEST seconds.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.forking import cached_property
 from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
 from pfd_core.report.peers import joint_frames
 from pfd_core.simulation.adaptive import integrate

@@ -7,12 +7,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from copy import deepcopy
-from functools import cached_property
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.forking import cached_property
 from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.model import Plant, Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, integer, real_array, real_number

@@ -15,13 +15,14 @@ give the same bits, step by step or in one rollout.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import cached_property, partial
+from functools import partial
 from operator import itemgetter
 import time
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.forking import cached_property
 from pfd_core.kernels.simulations import Rollout, compile_rollout
 from pfd_core.model.checked_numbers import Array, real_array
 from pfd_core.simulation.simulation import Simulation

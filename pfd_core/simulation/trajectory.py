@@ -6,9 +6,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
+from pfd_core.forking import cached_property
 from pfd_core.model.checked_numbers import Array
 
 

@@ -31,7 +31,6 @@ from pathlib import Path
 import re
 import stat
 import sys
-import tempfile
 import time
 
 VARIABLE = 'PFD_CACHE'
@@ -51,9 +50,9 @@ UNFINISHED = 'unfinished-'
 # Names of files that the cache wrote itself; no other file is ever removed.
 OWN = re.compile(rf'[0-9a-f]{{64}}{re.escape(SUFFIX)}|{UNFINISHED}.*{re.escape(SUFFIX)}')
 # A FIFO, whose opening would block, and a link, which may lead anywhere, are not opened.
-READING = os.O_RDONLY | sum(
-    getattr(os, name, 0) for name in ('O_NOFOLLOW', 'O_NONBLOCK', 'O_CLOEXEC', 'O_BINARY')
-)
+PLAIN = sum(getattr(os, name, 0) for name in ('O_NOFOLLOW', 'O_NONBLOCK', 'O_CLOEXEC', 'O_BINARY'))
+READING = os.O_RDONLY | PLAIN
+WRITING = os.O_WRONLY | os.O_CREAT | os.O_EXCL | PLAIN
 # Largest difference between the clocks of a disk and of this machine; also the age at which
 # an unfinished file must be a remainder of a killed process.
 HOUR = 3600 * 10**9  # [ns]
@@ -178,7 +177,8 @@ def _contents(path: Path) -> bytes | None:
 
 def _write_whole(path: Path, data: bytes) -> None:
     """Write a file so that no process ever sees it half written."""
-    handle, unfinished = tempfile.mkstemp(SUFFIX, UNFINISHED, path.parent)
+    unfinished = path.parent / f'{UNFINISHED}{os.urandom(8).hex()}{SUFFIX}'
+    handle = os.open(unfinished, WRITING, 0o600)
     try:
         with os.fdopen(handle, 'wb') as file:
             file.write(data)

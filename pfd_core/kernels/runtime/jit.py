@@ -13,10 +13,9 @@ A fresh object and one from disk are linked into the process in the same way.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cache
-import os
 import re
 import time
 from typing import Any
@@ -24,6 +23,7 @@ from typing import Any
 import llvmlite
 import llvmlite.binding as llvm
 
+from pfd_core.forking import hold_at_fork
 from pfd_core.kernels.runtime import disk_cache as disk
 
 # The definition of a function that a module exports.
@@ -258,10 +258,5 @@ def _load(code: bytes, functions: Sequence[str], target: Target) -> Any:
     return builder.link(linker, 'kernel')
 
 
-# A process forks between two calls of LLVM, never during one: the child has no thread that would
-# release llvmlite's lock.
-_lock = getattr(llvm.ffi.lib, '_lock', None)
-if _lock is not None and hasattr(os, 'register_at_fork'):
-    os.register_at_fork(
-        before=_lock.__enter__, after_in_parent=_lock.__exit__, after_in_child=_lock.__exit__
-    )
+# A process forks between two calls of LLVM, never during one.
+hold_at_fork(getattr(llvm.ffi.lib, '_lock', nullcontext()))

@@ -23,7 +23,7 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import suppress
 import ctypes
 from dataclasses import dataclass
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from itertools import pairwise
 import os
 from typing import Any
@@ -31,6 +31,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.forking import cached_property
 from pfd_core.kernels.runtime.jit import Native
 from pfd_core.model.checked_numbers import integer
 

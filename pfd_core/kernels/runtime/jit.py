@@ -225,7 +225,13 @@ def _optimise(module: Any, machine: Any, optimisation: Optimisation) -> None:
     options.slp_vectorization = optimisation.slp_vectorization
     options.loop_vectorization = optimisation.loop_vectorization
     builder = llvm.create_pass_builder(machine, options)
-    builder.getModulePassManager().run(module, builder)
+    passes = builder.getModulePassManager()
+    passes.run(module, builder)
+    # llvmlite 0.50 frees no pass manager: the empty method of ObjectRef hides its own.
+    hidden = getattr(super(llvm.ffi.ObjectRef, passes), '_dispose', None)
+    if hidden is not None:
+        hidden()
+        passes.detach()
 
 
 def _load_entry(code: bytes, functions: Sequence[str], target: Target) -> Any:

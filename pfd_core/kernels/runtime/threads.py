@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from pfd_core.forking import cached_property
 from pfd_core.kernels.runtime.jit import Native
+from pfd_core.kernels.runtime.processors import available
 from pfd_core.model.checked_numbers import integer
 
 # Up to this work the caller computes a batch alone: half of it takes as long as a worker needs to
@@ -51,9 +52,7 @@ BATCH = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)
 @cache
 def cores() -> int:
     """Return the number of cores that this process may use when it is first asked."""
-    if hasattr(os, 'sched_getaffinity'):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+    return available()
 
 
 def _new_pool() -> ThreadPoolExecutor:

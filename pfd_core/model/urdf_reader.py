@@ -9,8 +9,11 @@ a number, an element or a name that breaks the format is an error that names its
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import lru_cache
+from itertools import islice
 import math
 import re
 from typing import Any
@@ -26,12 +29,52 @@ RIGHT_ANGLE_SLACK = 1e-8
 MOVING = ('revolute', 'continuous', 'prismatic')
 NOT_A_CHAIN = ('floating', 'planar')
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+BOUNDS, LARGEST_VALUES, LOSSES = (
+    ('lower', 'upper'),
+    ('velocity', 'effort'),
+    ('damping', 'friction'),
+)
+# Attributes and children, which are read, of each element that is read.
+KNOWN: Mapping[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    'robot': (('name',), ('link', 'joint', 'transmission')),
+    'link': (('name',), ('inertial',)),
+    'inertial': ((), ('origin', 'mass', 'inertia')),
+    'origin': (('xyz', 'rpy'), ()),
+    'mass': (('value',), ()),
+    'inertia': (INERTIA_KEYS, ()),
+    'joint': (
+        ('name', 'type'),
+        ('origin', 'parent', 'child', 'axis', 'limit', 'dynamics', 'mimic'),
+    ),
+    'parent': (('link',), ()),
+    'child': (('link',), ()),
+    'axis': (('xyz',), ()),
+    'limit': ((*BOUNDS, *LARGEST_VALUES), ()),
+    'dynamics': (LOSSES, ()),
+    'mimic': (('joint', 'multiplier', 'offset'), ()),
+}
+# Names of the format and of other tools that are not read here, and are no misspelt ones.
+FOREIGN = frozenset(
+    (
+        'visual',
+        'collision',
+        'material',
+        'gazebo',
+        'ros2_control',
+        'safety_controller',
+        'calibration',
+    )
+)
+# Least similarity of a near miss (difflib), of short names, as `xzy`, and of longer ones.
+SIMILAR, SHORT = (0.6, 0.75), 4
 
 # Published URDFs have up to 1 MB and some 150 links, and nest 6 deep. Pinocchio's parser takes
 # 4 kB of stack for each link of a chain: 500 fit into a quarter of a thread's stack.
 MOST_CHARACTERS = 16 * 2**20
 MOST_ELEMENTS = 200_000
 MOST_LINKS = 500
+# Longest name that is compared with the known ones, most of these, and most lines about them.
+LONGEST_NAME, MOST_COMPARED, MOST_WARNINGS = 40, 10_000, 20
 DEEPEST = 50
 
 Triple = tuple[float, float, float]
@@ -99,12 +142,17 @@ class Joint:
 
 @dataclass(frozen=True)
 class Description:
-    """A URDF: by name its links, with <inertial> or None, joints, and armature [kg m^2, kg]."""
+    """
+    A URDF: by name its links, with <inertial> or None, joints, and armature [kg m^2, kg].
+
+    `misspelt` has a line about each element and attribute whose name resembles a known one.
+    """
 
     name: str
     links: Mapping[str, Inertial | None]
     joints: Mapping[str, Joint]
     armature: Mapping[str, float]
+    misspelt: tuple[str, ...] = ()
 
 
 def read_urdf(text: str, slack: float = RIGHT_ANGLE_SLACK) -> Description:
@@ -140,7 +188,46 @@ def read_urdf(text: str, slack: float = RIGHT_ANGLE_SLACK) -> Description:
         name = _name(element, joints)
         joints[name] = _joint(element, name, slack)
     armature = urdf_rotor_inertias(root, joints)
-    return Description(root.get('name') or 'robot', links, joints, armature)
+    return Description(root.get('name') or 'robot', links, joints, armature, _misspelt(root))
+
+
+def _misspelt(root: ElementTree.Element) -> tuple[str, ...]:
+    """Return a line about each name that is not read and resembles a name that is."""
+    lines = []
+    for place, mark, name, known in islice(_unknown(root), MOST_COMPARED):
+        likely = _resembled(name, known)
+        if likely:
+            shown = quote(name)[1:-1]
+            lines.append(
+                f'{place} has {mark.format(shown)}, which is not read: is {mark.format(likely)} '
+                'meant?'
+            )
+    return tuple(lines[:MOST_WARNINGS])
+
+
+def _unknown(
+    element: ElementTree.Element, outer: str = ''
+) -> Iterator[tuple[str, str, str, tuple[str, ...]]]:
+    """Yield place, kind and name of attributes and elements that are not read, and those read."""
+    attributes, children = KNOWN[element.tag]
+    name = element.get('name')
+    place = f'{outer}<{element.tag}{"" if name is None else f" name={quote(name)}"}>'
+    unread = [key for key in element.attrib if key not in attributes]
+    yield from ((place, 'an attribute {}', key, attributes) for key in unread)
+    for child in element:
+        if child.tag not in children:
+            yield place, 'an element <{}>', child.tag, children
+        elif child.tag in KNOWN:
+            yield from _unknown(child, f'{place} ')
+
+
+@lru_cache(1024)
+def _resembled(name: str, known: tuple[str, ...]) -> str:
+    """Return the known name that a name resembles, or ''; names of other tools have a prefix."""
+    if name in FOREIGN or ':' in name or '}' in name:
+        return ''
+    similar = SIMILAR[len(name) > SHORT]
+    return next(iter(get_close_matches(name.lower()[:LONGEST_NAME], known, 1, similar)), '')
 
 
 class _Builder(ElementTree.TreeBuilder):
@@ -158,6 +245,12 @@ class _Builder(ElementTree.TreeBuilder):
         """Open an element."""
         self.depth += 1
         self.count += 1
+        space, _, name = tag.rpartition('}')
+        if 'xacro' in space:
+            raise ValueError(
+                f'the URDF has <xacro:{quote(name)[1:-1]}>, which is not expanded: run '
+                '`xacro FILE > robot.urdf` first'
+            )
         if self.depth > DEEPEST or self.count > MOST_ELEMENTS:
             raise ValueError(
                 f'the URDF has more than {MOST_ELEMENTS} elements or nests them more than '
@@ -289,12 +382,12 @@ def _limits(element: ElementTree.Element, kind: str, label: str) -> Limits:
     found: dict[str, float] = {}
     if limit is not None:
         # The format gives 0 to a bound that is left out; the other two must be there.
-        ends = {key: _number(limit, key, label, 0.0) for key in ('lower', 'upper')}
+        ends = {key: _number(limit, key, label, 0.0) for key in BOUNDS}
         found = ends if kind in ('revolute', 'prismatic') else {}
-        found |= {key: _number(limit, key, label) for key in ('velocity', 'effort')}
+        found |= {key: _number(limit, key, label) for key in LARGEST_VALUES}
     if dynamics is not None:
-        found |= {key: _number(dynamics, key, label, 0.0) for key in ('damping', 'friction')}
+        found |= {key: _number(dynamics, key, label, 0.0) for key in LOSSES}
     for key, value in found.items():
-        if value < 0 and key not in ('lower', 'upper'):
+        if value < 0 and key not in BOUNDS:
             raise ValueError(f'<{key}> of {label} must not be negative, got {value}')
     return Limits(**found)

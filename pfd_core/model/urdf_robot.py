@@ -82,10 +82,13 @@ def robot_from_urdf(
     -----
     PhysicsWarning
         If a link between two moving joints has no <inertial>, and so no mass, or a revolute or
-        prismatic joint has no <limit>, and so may move without bound.
+        prismatic joint has no <limit>, and so may move without bound, or an element or attribute
+        has a name that resembles a known one, as `xyzs` does.
 
     """
     urdf = read_urdf(text, real_number('right_angle', right_angle, largest=LARGEST))
+    for line in urdf.misspelt:
+        warnings.warn(line, PhysicsWarning, stacklevel=3)
     given = locked_positions({} if locked is None else locked)
     at = with_followers(urdf, given)
     chain = find_chain(urdf, base, tip, at)

@@ -33,6 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(given: argparse.Namespace) -> int:
     """Read a recording, replay it if asked to, and print the result.
 
+    The status is 1 if messages are missing from a recording that is to be verified.
+
     Raises
     ------
     LogError
@@ -43,6 +45,12 @@ def run(given: argparse.Namespace) -> int:
     summary = read(given.log, verify=given.verify, progress=progress_on(sys.stderr))
     for line in describe(summary):
         print(line)
+    if given.verify and summary.dropped:
+        print(
+            f'FAILED: {summary.dropped} messages were not recorded, the disk was too slow; the '
+            f'{summary.states} recorded states are equal, every bit{_end(summary)}'
+        )
+        return 1
     if given.verify:
         print(f'verified: {summary.states} states, every bit equal{_end(summary)}')
     return 0

@@ -64,14 +64,20 @@ class LogSession:
         return sum(self.recorder.dropped)
 
     def problems(self) -> list[str]:
-        """Return why a replay of the whole run is not possible."""
+        """Return why the recording is not that of the whole run."""
         if self.recorder is None:
             return []
         if self.recorder.failed:
             return ['the recording does not hold everything']
+        if not self.dropped:
+            return []
         topics = zip(self.recorder.topics, self.recorder.dropped, strict=True)
-        lost = sum(count for topic, count in topics if topic.vital)
-        return [f'the recording lacks {lost} messages that a replay needs'] if lost else []
+        vital = sum(count for topic, count in topics if topic.vital)
+        needed = f', {vital} of which a replay needs' if vital else ''
+        return [
+            f'the recording lacks {self.dropped} messages{needed}: the disk was too slow; record '
+            'to a faster one or fewer outputs'
+        ]
 
     def close(self, totals: Callable[[], Mapping[str, Any]]) -> None:
         """Write the queue and the totals of the run, and close the file."""

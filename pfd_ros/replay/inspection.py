@@ -124,6 +124,7 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
             states=states.found,
             unpublished=unpublished.found,
             lost={role: channel.lost for role, channel in channels.items() if channel.lost},
+            dropped=sum(channel.lost for channel in channels.values()),
             verdicts=verdicts,
             waiting=len(waiting),
             first_ns=span[0],
@@ -207,6 +208,7 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
             raise ValueError('it was closed without the end record of the node')
         _add_lost_ends(found.summary, channels)
         return
+    found.summary.dropped = sum(ending.dropped.values())
     published = {role: n + ending.dropped[role] for role, n in ending.recorded.items()}
     states = _count_states(published)
     for role, channel in channels.items():

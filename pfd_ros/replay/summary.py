@@ -26,6 +26,8 @@ class Summary:
     # Of the recorded ones, dropped by the sensors.
     unpublished: int = 0
     lost: dict[str, int] = field(default_factory=dict)
+    # Messages of the run that never came to the disk, the end of a cut-off file apart.
+    dropped: int = 0
     verdicts: Counter[Verdict] = field(default_factory=Counter)
     waiting: int = 0
     first_ns: int = 0

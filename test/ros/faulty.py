@@ -170,6 +170,18 @@ def put_in(fault: str) -> None:
     elif fault == 'exit_hangs':
         process.END_SECONDS = 2
         threading.Thread(target=hang_in_c).start()
+    elif fault == 'slow_disk':
+        from pfd_ros.recording.recorder import LogRecorder
+        from pfd_ros.recording.sink import Sink
+
+        real_init, real_flush = LogRecorder.__init__, Sink.flush
+
+        def flush(sink) -> None:
+            time.sleep(0.5)
+            real_flush(sink)
+
+        LogRecorder.__init__ = lambda *args: real_init(*args, limit=100)
+        Sink.flush = flush
     elif fault == 'recorder_failed':
         from pfd_ros.recording.recorder import LogRecorder
 

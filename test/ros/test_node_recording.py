@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import json
+import re
 import resource
 import signal
 import time
@@ -15,6 +16,7 @@ from ros_processes import JOINTS, PATIENCE, Processes
 from simulating import rows_of
 
 from pfd_ros.arm.events import Verdict
+from pfd_ros.cli import main as command_line
 from pfd_ros.node.receiving import MOST_MESSAGES
 from pfd_ros.replay.verify import read
 
@@ -133,3 +135,17 @@ def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
     verdicts = [row.verdict for row in rows]
     assert verdicts[:100] == [Verdict.OVERFLOWED] * 100
     assert set(verdicts[100:]) == {Verdict.ACCEPTED}
+
+
+def test_a_run_whose_disk_was_too_slow_for_the_recording_ends_with_status_1(
+    processes: Processes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arm = processes.faulty('slow_disk', *('-p', 'recording:=arm.mcap'))
+    arm.wait_for_text('messages not recorded: the disk is too slow')
+    assert arm.end(signal.SIGINT) == 1, arm.text()
+    (line,) = (line for line in arm.text().splitlines() if 'the recording lacks' in line)
+    assert re.search(r'lacks \d+ messages.*: the disk was too slow; record to a faster', line)
+    path = processes.folder / 'arm.mcap'
+    assert read(path).dropped > 0
+    assert command_line.main(['replay', str(path), '--verify']) == 1
+    assert 'FAILED' in capsys.readouterr().out

@@ -154,16 +154,19 @@ def test_lost_states_are_counted_and_the_others_still_equal(
     assert 'missing    40 states' in capsys.readouterr().out
 
 
-def test_states_that_the_node_says_it_dropped_are_missing_and_no_damage(
-    recorded: Path, tmp_path: Path
+def test_a_recording_that_lacks_states_for_a_slow_disk_is_no_damage_but_fails_to_verify(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     slow = load(recorded)
     last = slow.on(STATES)[-1].sequence
     slow.keep(lambda m: m.topic != STATES or m.sequence not in (*range(50, 90), last))
     slow.recount(digests=True)
     slow.edit(END, 'dropped', lambda dropped: dropped.update({STATES: 41}))
-    summary = read(slow.save(tmp_path / 'a.mcap'), verify=True)
-    assert (summary.missing, summary.states) == (41, last - 41)
+    path = slow.save(tmp_path / 'a.mcap')
+    summary = read(path, verify=True)
+    assert (summary.missing, summary.dropped, summary.states) == (41, 41, last - 41)
+    assert command_line.main(['replay', str(path), '--verify']) == 1
+    assert 'FAILED: 41 messages were not recorded' in capsys.readouterr().out
 
 
 def test_a_cut_off_recording_verifies_up_to_the_cut(

@@ -105,11 +105,11 @@ def test_fifty_digits_of_two_methods_agree() -> None:
     ('options', 'message'),
     [
         ({'method': 'aba'}, "method must be one of .* got 'aba'"),
-        ({'processors': 0}, 'processors must be at least 1, got 0'),
+        ({'processors': 0}, 'processors must be an integer of at least 1, got 0'),
         ({'q': np.zeros(3)}, r'q must have shape \(2,\) or \(B, 2\), got \(3,\)'),
         ({'tau': [np.nan, 0.0]}, 'tau must be finite'),
         ({'wrench': np.zeros(5)}, r'wrench must have shape \(6,\) or \(B, 6\), got \(5,\)'),
-        ({'dtype': 'float16'}, "'float64' or 'float32', got 'float16'"),
+        ({'dtype': 'float16'}, "dtype must be one of .* got 'float16'"),
         ({'scene': pfd.Scene(external_wrench=True)}, 'the call needs wrench='),
     ],
 )

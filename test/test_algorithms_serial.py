@@ -241,7 +241,7 @@ def test_one_processor_has_one_schedule(method: str) -> None:
     assert FORWARD[method](plant, 'parallel') == record(method, plant)
     with pytest.raises(ValueError, match='schedule must be one of'):
         FORWARD[method](plant, 'both')
-    with pytest.raises(ValueError, match='processors must be at least 1, got 0'):
+    with pytest.raises(ValueError, match='processors must be an integer of at least 1, got 0'):
         record(method, plant).count(processors=0)
 
 

@@ -211,5 +211,5 @@ def test_a_bad_matrix_is_named(function: Any, H: Any, message: str) -> None:
 def test_sizes_and_processors_below_one_are_refused() -> None:
     with pytest.raises(ValueError, match='n must be at least 1, got 0'):
         set_ordering(0)
-    with pytest.raises(ValueError, match='processors must be at least 1, got 0'):
+    with pytest.raises(ValueError, match='processors must be an integer of at least 1, got 0'):
         set_ordering(4, 0)

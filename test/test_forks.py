@@ -20,7 +20,8 @@ from pfd_core.forking import cached_property
 SCRIPT = Path(__file__).with_name('process_that_forks.py')
 PACKAGE = Path(pfd.__file__).parent
 # Standard names that hold a lock while they call back or import.
-LOCKED = frozenset('cached_property mkstemp Lock RLock Condition Semaphore Event Barrier'.split())
+LOCKED = {'cached_property', 'mkstemp', 'Barrier', 'Condition', 'Event', 'Semaphore'}
+LOCKED |= {'Lock', 'RLock'}
 # Modules that are imported at first use, while no process can be forked, and what these import.
 LATE = {
     'kernels': {'pinocchio', 'coal'},

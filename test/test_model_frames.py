@@ -122,7 +122,7 @@ def test_a_file_may_name_frames() -> None:
         ('  grip: {link: 1, size: 2}', "frame 'grip' has an unknown key 'size'"),
         ('  grip: {link: 0.5}', "link of frame 'grip' must be a whole number, got 0.5"),
         ('  grip: {link: -1}', 'link of a frame must be an integer of at least 0, got -1'),
-        ('  grip: {link: 2}', "'arm': frame 'grip' must be a Frame on a link from 0 to 1"),
+        ('  grip: {link: 2}', "'arm': frames['grip'] must be a Frame on a link from 0 to 1"),
         ('  grip: {link: 1, translation: [0, 0]}', "translation in frame 'grip' must have shape"),
     ],
 )

@@ -7,6 +7,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 import re
+import subprocess
+import sys
+import zipfile
 
 import numpy as np
 from oracle import Oracle
@@ -15,6 +18,7 @@ import pytest
 from tolerances import DYNAMICS
 from zoo import ODD_ARM, random_chain, random_state, to_pinocchio
 
+import pfd_core as pfd
 from pfd_core.model import Robot, known_robots, load_robot, lock, robot_to_yaml
 from pfd_core.model.loading import LARGEST_FILE
 
@@ -388,3 +392,28 @@ def test_a_urdf_file_remembers_its_path(tmp_path: Path) -> None:
 def test_base_and_tip_cannot_be_chosen_in_yaml() -> None:
     with pytest.raises(ValueError, match="tip='wrist' cannot be chosen for 'ur5'"):
         load_robot('ur5', tip='wrist')
+
+
+def test_robots_are_known_by_name_in_an_installation_in_a_zip_file(tmp_path: Path) -> None:
+    root = Path(pfd.__file__).resolve().parent.parent
+    archive = tmp_path / 'site.zip'
+    with zipfile.ZipFile(archive, 'w') as file:
+        for path in (root / 'pfd_core').rglob('*.py'):
+            file.write(path, path.relative_to(root))
+        for path in (root / 'config').rglob('*.yaml'):
+            file.write(path, Path('pfd_core') / path.relative_to(root))
+    script = (
+        'import pfd_core as pfd; assert ".zip" in pfd.__file__; '
+        'print(*pfd.known_robots(), *(pfd.load_robot(name).digest for name in pfd.known_robots()))'
+    )
+    found = subprocess.run(
+        [sys.executable, '-c', script],
+        cwd=tmp_path,
+        env=os.environ | {'PYTHONPATH': str(archive)},
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=200,
+    )
+    names = pfd.known_robots()
+    assert found.stdout.split() == [*names, *(pfd.load_robot(name).digest for name in names)]

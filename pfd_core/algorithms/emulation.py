@@ -22,7 +22,10 @@ from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps, check_processors
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
-from pfd_core.model.checked_numbers import real_array
+from pfd_core.model.checked_numbers import DTYPES, choice, common_shape, integer, real_array
+
+# mpmath computes with more digits, but for hours.
+MOST_DIGITS = 10_000
 
 
 @dataclass(frozen=True)
@@ -120,6 +123,11 @@ def emulate(
         If an argument has the wrong shape or type, is unknown, or is not finite.
 
     """
+    choice('dtype', dtype, DTYPES)
+    if digits is not None:
+        digits = integer('digits', digits, 1, MOST_DIGITS)
+    if processors is not None:
+        processors = integer('processors', processors, 1)
     scene = given_scene(scene)
     if wrench is not None:
         scene = replace(scene, external_wrench=True)
@@ -129,7 +137,6 @@ def emulate(
     if wrench is not None:
         given['wrench'] = wrench  # with digits, a fraction stays exact
     inputs = _checked(program, given, digits)
-    check_processors(processors, program.lanes)
     result = run(program, inputs, dtype, digits)
     trips = _trips(result)
     return Run(
@@ -190,7 +197,7 @@ def _checked(program: Program, given: dict[str, ArrayLike], digits: int | None) 
     for name, size in program.inputs.items():
         array = real_array(name, given[name], 'float64', (..., size))
         arrays[name] = np.asarray(given[name], dtype=object) if digits else array
-    shape = np.broadcast_shapes(*(array.shape[:-1] for array in arrays.values()))
+    shape = common_shape(arrays)
     return {
         name: np.broadcast_to(array, (*shape, array.shape[-1])) for name, array in arrays.items()
     }

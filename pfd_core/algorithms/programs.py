@@ -44,6 +44,7 @@ from pfd_core.algorithms.serial.walker_orin import (
 )
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, check_instant
+from pfd_core.model.checked_numbers import choice
 
 
 def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
@@ -115,8 +116,7 @@ def record_forward_dynamics(
     effects that act over a step of time.
     """
     check_instant(plant)
-    if method not in FORWARD:
-        raise ValueError(f'method must be one of {METHODS}, got {method!r}')
+    choice('method', method, FORWARD)
     if tolerance is None or method not in ITERATIVE:
         return FORWARD[method](plant, schedule)
     return FORWARD[method](plant, schedule, tolerance=tolerance)

@@ -76,18 +76,6 @@ def _labels(own: Sequence[str]) -> list[str]:
     return [*own, *('q', 'qd', 'tau')[len(own) :]]
 
 
-def common_shape(arrays: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
-    """Return the batch shape that arrays are broadcast to; ValueError if there is none."""
-    own = {value.shape[:-1] for value in arrays.values()}
-    if len(own) == 1:
-        return own.pop()
-    try:
-        return np.broadcast_shapes(*own)
-    except ValueError as error:
-        shapes = ', '.join(f'{name} {value.shape}' for name, value in arrays.items())
-        raise ValueError(f'the arguments must agree in their batch, got {shapes}') from error
-
-
 def as_rows(value: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:
     """Return an input broadcast to a batch shape, with one row for each state."""
     if len(shape) == 1 and value.ndim == 2 and value.shape[:1] == shape:

@@ -69,7 +69,10 @@ def forward_dynamics(
 
     """
     scene = _with_wrench(scene, wrench)
-    kernel = _forward_kernel(robot, scene, method, dtype, refine)
+    try:
+        kernel = _forward_kernel(robot, scene, method, dtype, refine)
+    except TypeError:  # an unhashable argument, which compile_kernel names
+        kernel = compile_kernel(robot, method=method, scene=scene, dtype=dtype, refine=refine)
     return kernel(q, qd, tau, wrench, brakes=brakes)
 
 
@@ -86,7 +89,11 @@ def inverse_dynamics(
     """Return the torques, (..., n), that accelerations need; arguments as forward_dynamics."""
     # Torques are computed from accelerations: brakes play no part.
     scene = replace(_with_wrench(scene, wrench), brakes=False)
-    return _inverse_kernel(robot, scene, dtype)(q, qd, qdd, wrench)
+    try:
+        kernel = _inverse_kernel(robot, scene, dtype)
+    except TypeError:
+        kernel = compile_kernel(robot, scene=scene, dtype=dtype, quantity='inverse_dynamics')
+    return kernel(q, qd, qdd, wrench)
 
 
 @lru_cache(CACHED_KERNELS, typed=True)

@@ -27,7 +27,6 @@ from pfd_core.kernels.arguments import (
     as_rows,
     check_result,
     checked,
-    common_shape,
     new_result,
     rows_in_place,
     state_arguments,
@@ -37,7 +36,10 @@ from pfd_core.kernels.runtime.threads import BatchWork, block_size, run, thread_
 from pfd_core.kernels.source import KernelSource, turned_joints
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene
-from pfd_core.model.checked_numbers import check_finite
+from pfd_core.model.checked_numbers import check_finite, common_shape
+
+# The default, which a call finds without a comparison.
+ONE_THREAD = 1
 
 
 class Kernel:
@@ -161,7 +163,7 @@ class Kernel:
         if (
             brakes is None
             and (qd is None, tau is None, wrench is None) == self._absent
-            and (threads == 1 or self._one_thread_suffices(q, threads))
+            and (threads is ONE_THREAD or self._one_thread_suffices(q, threads))
         ):
             given = _given(q, qd, tau, wrench)
             if isinstance(q, np.ndarray) and q.ndim == 2:

@@ -42,11 +42,11 @@ from pfd_core.kernels.runtime.json_cache import T, get_or_compute
 from pfd_core.kernels.stack import check_stack
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, given_scene, resolve
+from pfd_core.model.checked_numbers import DTYPES, choice
 from pfd_core.model.frames import known_frame
 
 # Iterative methods stop when their residual has fallen to the rounding of the number format.
 TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
-DTYPES = tuple(TOLERANCES)
 
 
 class KernelSource:
@@ -229,8 +229,7 @@ def motors(plant: Plant, dtype: str) -> KernelSource:
 
 def plant_of(robot: Robot, scene: Scene | None, dtype: str) -> tuple[Plant, Scene]:
     """Return the robot in its scene, and the scene; ValueError if they do not fit."""
-    if dtype not in DTYPES:
-        raise ValueError(f'dtype must be one of {DTYPES}, got {dtype!r}')
+    choice('dtype', dtype, DTYPES)
     scene = given_scene(scene)
     return resolve(robot, scene), scene
 

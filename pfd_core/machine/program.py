@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 import math
+import operator
 from typing import Any, NamedTuple
 
 from pfd_core.machine.operations import COSTS, OPERATIONS
@@ -136,6 +137,9 @@ class Program:
 
         """
         processors = check_processors(processors, self.lanes)
+        trips = _integer('trips', trips, 0)
+        if section is not None and not isinstance(section, str):
+            raise ValueError(f'section must be a name or None, got {section!r:.100}')
         totals = dict.fromkeys(COSTS, 0)
         for (cost, lanes), times in self._work(trips, section).items():
             totals[cost] += times * math.ceil(lanes / processors)
@@ -176,11 +180,17 @@ def busy_lanes(instruction: Instruction) -> int:
 
 def check_processors(processors: int | None, lanes: int) -> int:
     """Return a valid number of processors; ValueError if it is below 1."""
-    if processors is None:
-        return lanes
-    if processors < 1:
-        raise ValueError(f'processors must be at least 1, got {processors}')
-    return processors
+    return lanes if processors is None else _integer('processors', processors, 1)
+
+
+def _integer(name: str, value: int, least: int) -> int:
+    try:
+        found = operator.index(value)
+    except TypeError:
+        found = least - 1
+    if found < least:
+        raise ValueError(f'{name} must be an integer of at least {least}, got {value!r:.100}')
+    return found
 
 
 def _show(data: Any) -> str:

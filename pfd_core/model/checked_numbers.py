@@ -6,16 +6,18 @@ The one reader of numbers that users give: real numbers and integers, or a Value
     real_array          real numbers as an array of a format and a shape
     real_number         one of them as a float
     number_from_text    one of them from decimal digits
-    integer             an integer with a lower bound
+    integer             an integer within bounds
+    choice              one of some names
     check_finite        refuses NaN, infinities and numbers above a bound
     fit_shape           an array of a shape, or broadcast to it
+    common_shape        the batch shape of several arrays
 
 Every error names the argument, states the expectation and quotes the value.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 import math
 import numbers
 import operator
@@ -34,7 +36,10 @@ Shape = tuple[Any, ...]
 
 # Nothing about a robot is larger, and products of three such numbers are still finite.
 LARGEST = 1e100
-_NATIVE = {name: np.dtype(name) for name in ('float64', 'float32')}
+# The largest integer that native code and the shape of an array take.
+LARGEST_INTEGER = 2**63 - 1
+DTYPES = ('float64', 'float32')
+_NATIVE = {name: np.dtype(name) for name in DTYPES}
 # Kinds of NumPy's types whose values are real numbers: integers with and without sign, floats.
 _REAL_KINDS = frozenset('iuf')
 # Elements of a list that NumPy converts without losing a mask, units or a bool.
@@ -136,17 +141,26 @@ def number_from_text(name: str, text: str, *, infinite: bool = False) -> float:
     return real_number(name, value, largest=math.inf if infinite else LARGEST)
 
 
-def integer(name: str, value: object, least: int) -> int:
-    """Return an integer, NumPy's too; ValueError if it is none, a bool or below `least`."""
+def integer(name: str, value: object, least: int, most: float = LARGEST_INTEGER) -> int:
+    """Return an integer, NumPy's too; ValueError for anything else, a bool or out of bounds."""
     try:
         if isinstance(value, (bool, np.bool_)):
             raise TypeError
         found = operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         found = least - 1
-    if found < least:
-        raise ValueError(f'{name} must be an integer of at least {least}, got {quote(value)}')
+    if found < least or found > most:
+        bounds = f'from {least} to {most}' if found > most else f'of at least {least}'
+        raise ValueError(f'{name} must be an integer {bounds}, got {quote(value)}')
     return found
+
+
+def choice(name: str, value: object, choices: Iterable[str]) -> str:
+    """Return one of some names; ValueError for any other value, also one of another type."""
+    names = tuple(choices)
+    if not isinstance(value, str) or value not in names:
+        raise ValueError(f'{name} must be one of {names}, got {quote(value)}')
+    return value
 
 
 def check_finite(
@@ -200,6 +214,18 @@ def fit_shape(name: str, array: Array, shape: Shape, broadcast: bool = False) ->
         raise ValueError(f'{name} must be a number, got an array of shape {array.shape}')
     text = ' or '.join(map(str, wanted)).replace("'", '')
     raise ValueError(f'{name} must have shape {text}, got {array.shape}')
+
+
+def common_shape(arrays: Mapping[str, NDArray[Any]]) -> tuple[int, ...]:
+    """Return the batch shape that arrays are broadcast to; ValueError if there is none."""
+    own = {value.shape[:-1] for value in arrays.values()}
+    if len(own) == 1:
+        return own.pop()
+    try:
+        return np.broadcast_shapes(*own)
+    except ValueError as error:
+        shapes = ', '.join(f'{name} {value.shape}' for name, value in arrays.items())
+        raise ValueError(f'the arguments must agree in their batch, got {shapes}') from error
 
 
 def _converted(name: str, value: ArrayLike, dtype: str, wanted: str) -> Array:

@@ -84,7 +84,7 @@ def with_ends(
     for name, frame in frames.items():
         if not isinstance(name, str) or not isinstance(frame, Frame) or frame.link > n:
             raise ValueError(
-                f'{quote(robot)}: frame {quote(name)} must be a Frame on a link from 0 to {n}, '
+                f'{quote(robot)}: frames[{quote(name)}] must be a Frame on a link from 0 to {n}, '
                 f'got {quote(frame)}'
             )
     ends = {base: Frame(0, np.eye(3), np.zeros(3)), tip: Frame(n, np.eye(3), np.zeros(3))}

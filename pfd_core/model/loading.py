@@ -11,8 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 import errno
+from importlib.resources import files
 from os import PathLike, fspath
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot import Robot
@@ -23,9 +25,15 @@ from pfd_core.model.urdf_robot import robot_from_urdf
 from pfd_core.model.yaml_robot import robot_from_yaml
 from pfd_core.model.yaml_scene import scene_from_yaml
 
-PACKAGE = Path(__file__).resolve().parent.parent
-# Installed, the configuration lies in the package; in a checkout, beside it.
-FOLDERS = (PACKAGE / 'config' / 'robots', PACKAGE.parent / 'config' / 'robots')
+if TYPE_CHECKING:
+    from importlib.abc import Traversable
+
+PACKAGE = files('pfd_core')
+# Installed, also in a zip file, the configuration lies in the package; in a checkout, beside it.
+FOLDERS: tuple[Traversable, ...] = (
+    PACKAGE / 'config' / 'robots',
+    Path(str(PACKAGE)).parent / 'config' / 'robots',
+)
 # The largest URDF in circulation has 1 MB.
 LARGEST_FILE = 16 * 2**20
 URDF, YAML = ('.urdf', '.xml'), ('.yaml', '.yml')
@@ -77,6 +85,9 @@ def load_robot(
         and is taken as massless, or a joint has no <limit> and is taken as unlimited.
 
     """
+    for role, name in (('base', base), ('tip', tip)):
+        if name is not None and not isinstance(name, str):
+            raise ValueError(f'{role} must be the name of a link or None, got {quote(name)}')
     text, origin, is_urdf = _read(source)
     if is_urdf:
         return robot_from_urdf(
@@ -110,7 +121,7 @@ def load_scene(source: str | PathLike[str]) -> Scene:
     """
     if isinstance(source, str) and '\n' in source:
         return scene_from_yaml(source, 'YAML text')
-    if not isinstance(source, (str, PathLike)) or not isinstance(fspath(source), str):
+    if not _is_path(source):
         raise ValueError(f'source must be a path or text, got {quote(source)}')
     path = Path(source)
     if not _is_there(path):
@@ -126,8 +137,9 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
         if '\n' in source:
             return source, 'YAML text', False
         if source in _robot_files():
-            return _file(_robot_files()[source])
-    elif not isinstance(source, PathLike) or not isinstance(fspath(source), str):
+            known = _robot_files()[source]
+            return known.read_text('utf-8'), str(known), False
+    if not _is_path(source):
         raise ValueError(f'source must be a name, a path or text, got {quote(source)}')
     path = Path(source)
     if (
@@ -140,6 +152,12 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
             'the path of a .urdf or .yaml file'
         )
     return _file(path)
+
+
+def _is_path(source: object) -> bool:
+    """Return whether a value can be the path of a file."""
+    text = fspath(source) if isinstance(source, (str, PathLike)) else ''
+    return isinstance(text, str) and bool(text)
 
 
 def _is_there(path: Path) -> bool:
@@ -180,9 +198,13 @@ def _content(path: Path) -> bytes:
     return content
 
 
-def _robot_files() -> dict[str, Path]:
+def _robot_files() -> dict[str, Traversable]:
     """Return the files of config/robots by the name of the robot."""
     for folder in FOLDERS:
         if folder.is_dir():
-            return {path.stem: path for path in folder.glob('*.yaml')}
+            return {
+                file.name.removesuffix('.yaml'): file
+                for file in folder.iterdir()
+                if file.name.endswith('.yaml')
+            }
     return {}

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from functools import partial
 import hashlib
@@ -186,6 +187,12 @@ class Robot(FrozenArrays):
         return f'<Robot {self.name!r}, n={self.n}: {joints}>'
 
 
+def check_robot(robot: object) -> None:
+    """Raise ValueError for anything but a Robot."""
+    if not isinstance(robot, Robot):
+        raise ValueError(f'robot must be a Robot, got {quote(robot)}; load_robot() makes one')
+
+
 def link_label(robot: Robot, index: int) -> str:
     """Return the name of link index + 1 in error messages."""
     joint = quote(robot.joint_names[index])
@@ -201,8 +208,11 @@ def _shapes(n: int) -> dict[str, tuple[int, ...]]:
 
 
 def _names(key: str, value: Iterable[str]) -> tuple[str, ...]:
-    names = () if isinstance(value, str) else tuple(value)
-    if isinstance(value, str) or not all(isinstance(name, str) for name in names):
+    names = None
+    if not isinstance(value, str):
+        with suppress(TypeError):  # not iterable
+            names = tuple(value)
+    if names is None or not all(isinstance(name, str) for name in names):
         raise ValueError(f'{key} must be a tuple of texts, got {quote(value)}')
     return names
 
@@ -224,11 +234,11 @@ def _check_joints(robot: Robot) -> None:
     if not isinstance(robot.name, str) or not robot.name:
         raise ValueError(f'a robot needs a name, got {quote(robot.name)}')
     if robot.n == 0:
-        raise ValueError(f'{quote(robot.name)} has no moving joint; a chain needs at least one')
+        raise ValueError(f'{quote(robot.name)} has no moving joint: joint_names is empty')
     if len(robot.joint_types) != robot.n:
         raise ValueError(
-            f'{quote(robot.name)}: joint_types must have {robot.n} entries, one for each joint, '
-            f'got {len(robot.joint_types)}'
+            f'{quote(robot.name)}: joint_types must have {robot.n} entries, '
+            f'one for each of joint_names, got {len(robot.joint_types)}'
         )
     for key in ('base', 'tip', 'source'):
         if not isinstance(getattr(robot, key), str):

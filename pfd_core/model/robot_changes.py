@@ -26,7 +26,7 @@ from pfd_core.model.geometry import (
     snapped,
 )
 from pfd_core.model.rigid_body_checks import check_inertia
-from pfd_core.model.robot import JOINT_FIELDS, LINK_FIELDS, Robot
+from pfd_core.model.robot import JOINT_FIELDS, LINK_FIELDS, Robot, check_robot
 
 
 @dataclass(frozen=True)
@@ -69,6 +69,9 @@ class Payload:
 
 def with_payload(robot: Robot, payload: Payload) -> Robot:
     """Return the robot with a payload welded to its last link."""
+    check_robot(robot)
+    if not isinstance(payload, Payload):
+        raise ValueError(f'payload must be a Payload, got {quote(payload)}')
     body = (payload.mass, np.asarray(payload.center), np.asarray(payload.inertia))
     changed = {key: getattr(robot, key).copy() for key in ('masses', 'centers', 'inertias')}
     _set_body(changed, robot.n - 1, merged(_body(robot, robot.n - 1), body))
@@ -93,6 +96,7 @@ def lock(robot: Robot, positions: Mapping[str, float]) -> Robot:
         joint, or no joint would move.
 
     """
+    check_robot(robot)
     at = locked_positions(positions)
     for name, position in at.items():
         if name not in robot.joint_names:

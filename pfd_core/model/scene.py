@@ -167,11 +167,15 @@ class Scene:
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write the scene to a YAML file, which `load_scene` reads as an equal scene."""
+        if not isinstance(path, (str, PathLike)):
+            raise TypeError(f'path must be a str or a PathLike, got {quote(path)}')
         Path(path).write_text(scene_to_yaml(self), encoding='utf-8')
 
 
 def scene_to_yaml(scene: Scene) -> str:
     """Return a scene as YAML: its gravity, and the fields that differ from their defaults."""
+    if not isinstance(scene, Scene):
+        raise ValueError(f'scene must be a Scene, got {quote(scene)}')
     return yaml_text(_document(scene))
 
 

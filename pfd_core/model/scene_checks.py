@@ -80,7 +80,7 @@ def joint_limits(value: Any) -> tuple[tuple[float, ...], ...] | str | None:
     """Return None, "model" or a tuple of pairs."""
     if value is None or (isinstance(value, str) and value == MODEL):
         return value
-    if _length(value) is None:
+    if isinstance(value, np.dtype) or _length(value) is None:
         raise ValueError(
             f'joint_limits must be None, {MODEL!r} or a lower and an upper limit a joint, got '
             f'{quote(value)}'
@@ -103,7 +103,7 @@ def torque_speed(value: Any) -> tuple[tuple[tuple[float, ...], ...] | None, ...]
     """Return None, "model", or for each joint None or its table as a tuple of pairs."""
     if value is None or (isinstance(value, str) and value == MODEL):
         return value
-    if _length(value) is None:
+    if isinstance(value, np.dtype) or _length(value) is None:
         raise ValueError(
             f'torque_speed must be None, {MODEL!r} or one table a joint with rows (speed, torque),'
             f' got {quote(value)}'

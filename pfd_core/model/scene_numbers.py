@@ -16,7 +16,7 @@ import numpy as np
 from pfd_core.model.error_text import quote, quote_all
 from pfd_core.model.geometry import Array, product
 from pfd_core.model.plant import Plant
-from pfd_core.model.robot import Robot
+from pfd_core.model.robot import Robot, check_robot
 from pfd_core.model.robot_changes import with_payload
 from pfd_core.model.scene import PER_JOINT, Scene
 from pfd_core.model.scene_checks import MODEL
@@ -53,8 +53,7 @@ def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
         friction, or stops between which a joint cannot move.
 
     """
-    if not isinstance(robot, Robot):
-        raise ValueError(f'robot must be a Robot, got {quote(robot)}; load_robot() makes one')
+    check_robot(robot)
     scene = given_scene(scene)
     values = {key: _values(robot, scene, key) for key in PER_JOINT}
     gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)

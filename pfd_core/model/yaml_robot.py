@@ -48,7 +48,8 @@ from pfd_core.model.geometry import (
     symmetric,
     welded_frames,
 )
-from pfd_core.model.robot import JOINT_FIELDS, LIMIT_FIELDS, Robot
+from pfd_core.model.robot import JOINT_FIELDS, LIMIT_FIELDS, Robot, check_robot
+from pfd_core.model.scene_checks import switch
 from pfd_core.model.yaml_reader import read_yaml, table, yaml_text
 
 ELEMENTS = {'xx': (0, 0), 'yy': (1, 1), 'zz': (2, 2), 'xy': (0, 1), 'yz': (1, 2), 'xz': (0, 2)}
@@ -65,6 +66,8 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
 
     Frames other than those of base and tip are written if asked for: they change no motion.
     """
+    check_robot(robot)
+    frames = switch('frames', frames)
     joints = []
     for i, name in enumerate(robot.joint_names):
         joint = {

@@ -25,7 +25,8 @@ from numpy.typing import ArrayLike
 
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
-from pfd_core.model.checked_numbers import Array, integer, real_array, real_number
+from pfd_core.model.checked_numbers import Array, choice, integer, real_array, real_number
+from pfd_core.model.scene_checks import switch
 from pfd_core.simulation.embedded_pairs import PAIRS, interpolate
 from pfd_core.simulation.step_control import SMALLEST_RTOL, Steps
 from pfd_core.simulation.trajectory import Trajectory
@@ -149,8 +150,7 @@ def integrate(
 
     """
     resolve(robot, scene)  # ValueError for a wrong robot or scene
-    if integrator not in PAIRS:
-        raise ValueError(f'integrator must be one of {tuple(PAIRS)}, got {integrator!r}')
+    choice('integrator', integrator, PAIRS)
     duration = _above_zero('duration', duration)
     longest = min(duration, _above_zero('longest_step', longest_step, finite=False))
     tolerances = _above_zero('atol', atol), real_number('rtol', rtol)
@@ -159,7 +159,7 @@ def integrate(
     max_steps = integer('max_steps', max_steps, 1)
     slope = _Slope(robot, scene, tau, wrench, brakes, method, refine)
     start = slope.start(q, qd)
-    steps = Steps(PAIRS[integrator], slope, start, tolerances, bool(dense))
+    steps = Steps(PAIRS[integrator], slope, start, tolerances, switch('dense', dense))
     # Overflow is a status of the run.
     with np.errstate(over='ignore', invalid='ignore'):
         status = steps.run(duration, longest, max_steps)

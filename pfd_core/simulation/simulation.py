@@ -15,8 +15,10 @@ from numpy.typing import ArrayLike
 from pfd_core.forking import cached_property
 from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.model import Plant, Robot, Scene, given_scene, resolve, scene_inputs
-from pfd_core.model.checked_numbers import Array, integer, real_array, real_number
+from pfd_core.model.checked_numbers import DTYPES, Array, choice, integer, real_array, real_number
+from pfd_core.model.error_text import quote
 from pfd_core.model.joint_space_checks import check_joint_inertia
+from pfd_core.model.scene_checks import switch
 from pfd_core.simulation.contact.modes import PIVOTS
 from pfd_core.simulation.contact.schemes import RK4, imex2
 from pfd_core.simulation.contact.texts import contact_texts, has_contact
@@ -59,10 +61,14 @@ class Simulation(ABC):
         if self.step_size <= 0:
             raise ValueError(f'step_size must be above zero seconds, got {self.step_size}')
         self.substeps = integer('substeps', substeps, 1)
-        self.dtype = dtype
+        self.dtype = choice('dtype', dtype, DTYPES)
         check_springs(plant, self.step_size, self.substeps)
         self.integrator = chosen(integrator, plant, self.step_size / self.substeps)
-        self.compensated = positions_grow(robot, dtype) if compensated is None else compensated
+        self.compensated = (
+            positions_grow(robot, dtype)
+            if compensated is None
+            else switch('compensated', compensated)
+        )
         self._options = {'method': method, 'refine': refine}
         self._native = self._compile()
         # Inputs beside the torque, in the order of the native code.
@@ -221,7 +227,14 @@ class Simulation(ABC):
         Take over state and time of another simulation of the same robot, in any scene.
 
         Parts of the state that only this simulation has, such as those of an effect, become zero.
+        ValueError for a simulation of another robot or of another number of arms.
         """
+        if not isinstance(other, Simulation):
+            raise ValueError(f'other must be a Simulator or an Ensemble, got {quote(other)}')
+        if (other.robot, other.batch) != (self.robot, self.batch):
+            raise ValueError(
+                f'other must be a simulation of {_described(self)}, got one of {_described(other)}'
+            )
         following = self._buffers[1 - self._turn]
         following.clear(start=other.time)
         for name, target in following.arrays.items():
@@ -303,3 +316,10 @@ class Simulation(ABC):
     ) -> dict[str, Array]:
         """Return the inputs that the scene asks for, checked and the same for all steps."""
         return scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes, self.batch)
+
+
+def _described(simulation: Simulation) -> str:
+    """Return robot and number of arms of a simulation, for errors."""
+    robot = simulation.robot
+    arms = f'{simulation.batch[0]} arms' if simulation.batch else 'one arm'
+    return f'{arms}, robot {quote(robot.name)} ({robot.n} joints, digest {robot.digest[:8]})'

@@ -28,6 +28,8 @@ from pfd_core.model import Plant
 from pfd_core.model.checked_numbers import integer
 
 FEW_JOINTS, MANY_JOINTS = 'composite_body', 'grouped_articulated_body'
+# Steps of refinement; the second one hardly finds a digit to mend, and each adds its code.
+REFINE_AT_MOST = 16
 # The longest chain that always takes FEW_JOINTS, and the shortest that always takes MANY_JOINTS.
 SHORT, LONG = 7, 16
 # Largest h_ii / d_i that composite bodies are refined with: a tenth of u^-1/2 in float64.
@@ -38,7 +40,7 @@ POSES = 16
 
 def choose(plant: Plant, method: str, refine: int) -> str:
     """Return the method to record for a name in METHODS or 'auto'; ValueError for other names."""
-    integer('refine', refine, 0)
+    integer('refine', refine, 0, REFINE_AT_MOST)
     if method != 'auto' and method not in METHODS:
         raise ValueError(f"method must be 'auto' or one of {METHODS}, got {method!r}")
     if method != 'auto':

@@ -6,7 +6,7 @@ The one reader of numbers that users give: real numbers and integers, or a Value
     real_array          real numbers as an array of a format and a shape
     real_number         one of them as a float
     number_from_text    one of them from decimal digits
-    integer             an integer with a lower bound
+    integer             an integer within bounds
     check_finite        refuses NaN, infinities and numbers above a bound
     fit_shape           an array of a shape, or broadcast to it
 
@@ -33,6 +33,8 @@ Shape = tuple[Any, ...]
 
 # Nothing about a robot is larger, and products of three such numbers are still finite.
 LARGEST = 1e100
+# The largest integer that native code and the shape of an array take.
+LARGEST_INTEGER = 2**63 - 1
 _NATIVE = {name: np.dtype(name) for name in ('float64', 'float32')}
 # Kinds of NumPy's types whose values are real numbers: integers with and without sign, floats.
 _REAL_KINDS = frozenset('iuf')
@@ -135,16 +137,17 @@ def number_from_text(name: str, text: str, *, infinite: bool = False) -> float:
     return real_number(name, value, largest=math.inf if infinite else LARGEST)
 
 
-def integer(name: str, value: object, least: int) -> int:
-    """Return an integer, NumPy's too; ValueError if it is none, a bool or below `least`."""
+def integer(name: str, value: object, least: int, most: float = LARGEST_INTEGER) -> int:
+    """Return an integer, NumPy's too; ValueError for anything else, a bool or out of bounds."""
     try:
         if isinstance(value, (bool, np.bool_)):
             raise TypeError
         found = operator.index(value)  # type: ignore[arg-type]
     except TypeError:
         found = least - 1
-    if found < least:
-        raise ValueError(f'{name} must be an integer of at least {least}, got {quote(value)}')
+    if found < least or found > most:
+        bounds = f'from {least} to {most}' if found > most else f'of at least {least}'
+        raise ValueError(f'{name} must be an integer {bounds}, got {quote(value)}')
     return found
 
 

@@ -23,7 +23,7 @@ from pfd_core.simulation.contact.modes import PIVOTS
 from pfd_core.simulation.contact.schemes import RK4, imex2
 from pfd_core.simulation.contact.texts import contact_texts, has_contact
 from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
-from pfd_core.simulation.linearisation import LinearStep
+from pfd_core.simulation.linearisation import Linearization, LinearStep
 from pfd_core.simulation.rows import LaggedTorque, decays
 from pfd_core.simulation.state_buffer import StateBuffer
 from pfd_core.simulation.stiffness import check_springs, chosen
@@ -265,12 +265,14 @@ class Simulation(ABC):
         wrench: ArrayLike | None = None,
         *,
         brakes: ArrayLike | None = None,
-    ) -> tuple[Array, Array]:
+    ) -> Linearization:
         """
         Return A and B of one step: d x' / d x and d x' / d tau, x = (q, qd), exact to rounding.
 
-        The state of the simulation plays no part. In a scene with a motor lag the torques of the
-        motors follow qd in x; they are taken to have reached tau.
+        `A, B = simulation.linearize(q, qd, tau)`; the `status` of the result says of each joint
+        whether they are derivatives in both directions. The state of the simulation plays no part.
+        In a scene with a motor lag the torques of the motors follow qd in x; they are taken to
+        have reached tau.
 
         Parameters
         ----------
@@ -282,8 +284,9 @@ class Simulation(ABC):
 
         Returns
         -------
-        tuple of numpy.ndarray
-            A, (2n, 2n) or (B, 2n, 2n), and B, (2n, n) or (B, 2n, n); 3n where motors lag.
+        Linearization
+            The pair of A, (2n, 2n) or (B, 2n, 2n), and B, (2n, n) or (B, 2n, n), 3n where motors
+            lag, with the status of each joint: 'moving', 'held' or 'one_sided'.
 
         Raises
         ------

@@ -26,7 +26,7 @@ from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, re
 from pfd_core.simulation.linearisation import Linearization, LinearStep
 from pfd_core.simulation.rows import LaggedTorque, decays
 from pfd_core.simulation.state_buffer import StateBuffer
-from pfd_core.simulation.stiffness import check_springs, chosen
+from pfd_core.simulation.stiffness import check_damping, check_springs, chosen
 from pfd_core.simulation.turns import check_angles, positions_grow, split_turns
 
 # A step of more substeps than this is better cut into several.
@@ -70,6 +70,7 @@ class Simulation(ABC):
         self.compensated = positions_grow(robot, dtype) if compensated is None else compensated
         self._options = {'method': method, 'refine': refine}
         self._load_native()
+        check_damping(plant, self.integrator, self.step_size / self.substeps, dtype)
         # Inputs beside the torque, in the order of the native code.
         self._inputs = ('wrench',) * self.scene.external_wrench + ('free',) * self.scene.brakes
         shapes = self._shapes()

@@ -43,6 +43,7 @@ from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
 from pfd_core.simulation.ensemble import Ensemble
 from pfd_core.simulation.feedback import Feedback, StateFeedback
 from pfd_core.simulation.integrators import INTEGRATORS
+from pfd_core.simulation.linearisation import Linearization
 from pfd_core.simulation.simulator import Simulator
 from pfd_core.simulation.trajectory import Trajectory
 
@@ -58,6 +59,7 @@ __all__ = [
     'Ensemble',
     'Feedback',
     'Kernel',
+    'Linearization',
     'Payload',
     'PhysicsWarning',
     'Program',

@@ -174,6 +174,24 @@ def test_six_trips_which_do_not_converge_stay_below_the_papers_count() -> None:
 CG_BASELINE = {'float64': 1e-14, 'float32': 5e-6}
 
 
+@pytest.mark.parametrize('method', ['pcgm', 'walker_orin_4'])
+def test_in_single_precision_the_iteration_ends_at_the_rounding_of_single_precision(
+    method: str,
+) -> None:
+    robot = pfd.load_robot('ur5')
+    q, qd, tau = np.random.default_rng(12).uniform(-1, 1, (3, 16, robot.n)).astype(np.float32)
+    exact = pfd.emulate(robot, q, qd, tau, digits=50).qdd.astype(float)
+    single = pfd.emulate(robot, q, qd, tau, method=method, dtype='float32')
+    # The stop of double precision, 2^29 times as small, is beyond the rounding of these numbers.
+    program = FORWARD[method](resolve(robot), 'parallel')
+    beyond = run(program, {'q': q, 'qd': qd, 'tau': tau}, 'float32')['trips'].max()
+    assert single.status == 'ok'
+    assert single.iterations is not None
+    assert single.iterations < beyond
+    errors = np.abs(single.qdd - exact).max(1) / np.abs(exact).max(1)
+    assert errors.max() <= CG_BASELINE['float32']
+
+
 @pytest.mark.parametrize('name', ARMS)
 def test_real_arms_converge_in_twice_as_many_trips_as_joints(name: str) -> None:
     robot = pfd.load_robot(name)

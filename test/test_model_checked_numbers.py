@@ -172,6 +172,13 @@ def test_what_is_no_integer_is_refused_by_name(name: str, value: object) -> None
         INTEGERS[name](value)
 
 
+def test_an_integer_above_its_bound_is_refused_with_both_bounds() -> None:
+    with pytest.raises(ValueError, match='size must be an integer from 1 to 9, got 10'):
+        integer('size', 10, 1, 9)
+    with pytest.raises(ValueError, match=f'size must be an integer from 1 to {2**63 - 1}, got'):
+        integer('size', 2**63, 1)
+
+
 def test_an_integer_is_returned_as_pythons() -> None:
     assert type(integer('size', np.int32(3), 1)) is int
 

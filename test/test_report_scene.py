@@ -219,4 +219,9 @@ def test_a_scene_that_cannot_be_simulated_is_never_the_answer(tmp_path: Path) ->
     page, data, *_ = scene_pages.write(needs, tmp_path)
     assert f'Refused without armature: {armature.without.refused}' in page.read_text()
     assert '| armature | ' in page.read_text()
+    text = ' '.join(page.read_text().split())
+    reason = ' '.join(armature.without.refused.split())
+    assert 'subsets of the 2 effects were tried. The simulation refused 2 of 4 scenes: ' in text
+    assert f': {reason} (2). *best*' in text
+    assert 'were simulated' not in text
     assert json.loads(data.read_text())['effects'][-1]['without']['largest'] is None

@@ -301,10 +301,16 @@ def test_the_state_handed_out_is_a_copy() -> None:
         ({'step_size': np.nan}, 'step_size must be finite, got nan'),
         ({'substeps': 0}, 'substeps must be an integer of at least 1, got 0'),
         ({'substeps': 1.5}, 'substeps must be an integer of at least 1, got 1.5'),
+        (
+            {'substeps': 2**64 + 2},
+            'substeps must be an integer from 1 to 100000, got 18446744073709551618',
+        ),
+        ({'substeps': 10**8}, 'substeps must be an integer from 1 to 100000, got 100000000'),
         ({'integrator': 'euler'}, "integrator must be one of .* got 'euler'"),
         ({'method': 'aba'}, "method must be 'auto' or one of .* got 'aba'"),
         ({'dtype': 'float16'}, "dtype must be one of .* got 'float16'"),
         ({'refine': 0.5}, 'refine must be an integer of at least 0, got 0.5'),
+        ({'refine': 2**64}, 'refine must be an integer from 0 to 16, got 18446744073709551616'),
     ],
 )
 def test_bad_settings_are_named(options, message: str) -> None:  # type: ignore[no-untyped-def]

@@ -18,6 +18,8 @@ from pfd_core.simulation import ensemble
 STEPS = 7
 # A law sampled every millisecond against its own steady state after twenty time constants.
 SETTLED = 1e-8
+# Roundings of 2000 sums.
+SUMMED = 1e-12
 
 
 def sequences(n: int, size: int, dtype: str = 'float64') -> tuple[np.ndarray, ...]:
@@ -150,6 +152,28 @@ def test_a_diagonal_of_gains_is_the_law_joint_by_joint() -> None:
     np.testing.assert_array_equal(whole.q, alone.q)
 
 
+def test_a_slide_of_unit_mass_whose_program_has_no_operations_is_simulated() -> None:
+    robot = pfd.Robot(
+        name='slide',
+        joint_names=('x',),
+        joint_types=('prismatic',),
+        rotations=np.eye(3)[None],
+        translations=np.zeros((1, 3)),
+        masses=np.array([1.0]),
+        centers=np.zeros((1, 3)),
+        inertias=np.zeros((1, 3, 3)),
+    )
+    scene = pfd.Scene(gravity=None)
+    assert not sum(pfd.compile_kernel(robot, scene=scene).operations['compiled'].values())
+    taus = np.full((1000, 1), 3.0)
+    one = pfd.Simulator(robot, scene).rollout(taus)
+    many = pfd.Ensemble(robot, 4, scene).rollout(taus)
+    wanted = 1.5 * one.time[:, np.newaxis] ** 2
+    np.testing.assert_allclose(one.q, wanted, rtol=SUMMED, atol=0)
+    for b in range(4):
+        assert_same(many, b, one)
+
+
 def test_a_lifted_mass_comes_to_rest_where_the_law_carries_its_weight() -> None:
     robot = pfd.Robot(
         name='lift',
@@ -259,6 +283,9 @@ ZEROS = np.zeros((5, 2))
             'wrench was given, but the scene has external_wrench=False',
         ),
         ({'taus': ZEROS, 'brakes': [True, False]}, 'brakes were given, but the scene has none'),
+        ({'steps': 2**64 + 2}, 'steps must be an integer from 0 to 1000000000000, got 1844674407'),
+        ({'steps': 10**12}, '3 arms at 1000000000000 times take 144000 GB, but this machine has'),
+        ({'steps': 1, 'every': 2**64}, 'every must be an integer from 1 to 9223372036854775807'),
         ({'taus': [['a', 'b']]}, 'taus must be an array of numbers'),
     ],
 )
@@ -273,6 +300,11 @@ def test_bad_arguments_are_named(options, message: str) -> None:  # type: ignore
     [
         ({'size': 0}, 'size must be an integer of at least 1, got 0'),
         ({'size': 2, 'substeps': 0}, 'substeps must be an integer of at least 1, got 0'),
+        ({'size': 2**40}, 'size=1099511627776 arms take 140737 GB, but this machine has'),
+        (
+            {'size': 2, 'substeps': 2**64 + 2},
+            'substeps must be an integer from 1 to 100000, got 18446744073709551618',
+        ),
         ({'size': 2, 'step_size': -1.0}, 'step_size must be above zero seconds, got -1.0'),
         ({'size': 2, 'integrator': 'euler'}, "integrator must be one of .* got 'euler'"),
     ],
@@ -313,7 +345,7 @@ def test_the_bits_do_not_depend_on_the_pieces(
     q, qd, taus = sequences(2, 19)
     law = pfd.StateFeedback(np.ones((2, 4)), taus / 10)
     found = []
-    for most in (threads.MAX_BLOCK_WORK, 1, 3 * many._work):
+    for most in (threads.MAX_BLOCK_WORK, 1, 3 * many._step_work):
         monkeypatch.setattr(ensemble, 'MAX_BLOCK_WORK', most)
         many.reset(q, qd)
         runs = many.rollout(taus, feedback=law, every=every)
@@ -329,7 +361,7 @@ def test_an_interrupted_rollout_leaves_time_and_states_together(
     many = pfd.Ensemble(pfd.load_robot('planar2'), 40)
     _, _, taus = sequences(2, 40)
     whole = many.rollout(taus)
-    monkeypatch.setattr(ensemble, 'MAX_BLOCK_WORK', 2 * many._work)
+    monkeypatch.setattr(ensemble, 'MAX_BLOCK_WORK', 2 * many._step_work)
     monkeypatch.setattr(threads, 'MAX_BLOCK_WORK', 1)
     blocks = itertools.count()
 

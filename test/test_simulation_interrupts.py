@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.simulation import simulator
+from pfd_core.simulation import simulation, simulator
 
 EVERYTHING = pfd.Scene(external_wrench=True, brakes=True)
 WRENCH = np.arange(6) / 7
@@ -168,6 +168,72 @@ def interrupt(seed: int, times: int) -> None:
 @pytest.mark.parametrize('seed', range(2))
 def test_a_simulation_goes_on_where_it_was_interrupted(seed: int) -> None:
     interrupt(seed, 5)
+
+
+ENDLESS = """
+import os, signal, sys, threading
+import numpy as np
+import pfd_core as pfd
+from pfd_core.simulation import simulation
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+simulation.SUBSTEPS_AT_MOST = substeps = 2**61
+robot = pfd.load_robot('planar2')
+scene = {'smooth': pfd.Scene(), 'friction': pfd.Scene(friction=[0.1, 0.1])}[sys.argv[1]]
+for sim in (
+    pfd.Simulator(robot, scene, substeps=substeps),
+    pfd.Ensemble(robot, 100, scene, substeps=substeps),
+):
+    before = sim.q.tobytes(), sim.qd.tobytes(), sim.time
+    for call in (
+        lambda: sim.step([1.0, 1.0]) if sim.batch == () else sim.rollout(steps=3, threads=2),
+        lambda: sim.rollout(np.ones((3, 2))),
+    ):
+        threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)).start()
+        try:
+            call()
+            sys.exit('it was not interrupted')
+        except KeyboardInterrupt:
+            pass
+        assert before == (sim.q.tobytes(), sim.qd.tobytes(), sim.time)
+print('interrupted')
+"""
+# Seconds in which Python starts and code is compiled, however busy the machine.
+PATIENCE = 120
+
+
+@pytest.mark.parametrize('scene', ['smooth', 'friction'])
+def test_a_step_of_endless_substeps_is_interrupted_and_leaves_the_state_before_it(
+    scene: str,
+) -> None:
+    done = subprocess.run(
+        [sys.executable, '-c', ENDLESS, scene],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE,
+        check=False,
+    )
+    assert done.stdout == 'interrupted\n', done.stderr
+
+
+@pytest.mark.parametrize('integrator', ['rk4', 'velocity_verlet'])
+def test_a_long_step_that_nobody_interrupts_gives_the_bits_of_short_ones(
+    integrator: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    robot = pfd.load_robot('planar2')
+    taus = np.random.default_rng(3).normal(size=(20, 2))
+
+    def run() -> list[bytes]:
+        one = pfd.Simulator(robot, integrator=integrator)
+        many = pfd.Ensemble(robot, 5, integrator=integrator)
+        one.step(taus[0])
+        one.rollout(taus)
+        many.rollout(taus, threads=2)
+        return [x.tobytes() for sim in (one, many) for x in (sim.q, sim.qd, sim.qdd)]
+
+    wanted = run()
+    monkeypatch.setattr(simulation, 'MAX_BLOCK_WORK', 0)
+    assert run() == wanted
 
 
 @pytest.mark.slow

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from copy import deepcopy
 from dataclasses import replace
 import pickle
 from typing import Any
@@ -27,6 +28,10 @@ from pfd_core.simulation.integrators import IMEX_DIAGONAL, TABLE, System, record
 EXACT = 1e-13
 # Of Pinocchio's derivatives, and central differences of a step in float64: u^(2/3) and its scale.
 PINOCCHIO, DIFFERENCES = 1e-9, 1e-6
+# One-sided differences with changes of 1e-7: the second derivative, and roundings over the change.
+ONE_SIDED = 1e-5
+# Differences of imex2 beside an event, in steps [s]: its position within a step is of first order.
+CHORDS = 5.0
 H = 2e-3
 DIGITS = 50
 # Step of the central differences in 50 digits: their error is its square.
@@ -276,6 +281,134 @@ def test_friction_of_sliding_joints_has_a_slope_and_resting_ones_are_held(
     moving = [0, 2, *([4] if 'motor_lag' in effects else []), len(A)]
     wanted = differences(sim, [q, qd, tau])[:, moving]
     np.testing.assert_allclose(np.hstack([A, B])[:, moving], wanted, rtol=0, atol=DIFFERENCES)
+
+
+ELBOW_STOPS = [[-np.inf, np.inf], [0.3, 2.0]]
+# A two-link arm whose elbow rests at 0.3 rad, and torques at the elbow beside gravity's 2.26 N m.
+# The changes of the elbow's position and velocity by which A and B are derivatives, the status,
+# the scene, and the torque.
+RESTING: dict[str, tuple[str, str, str, pfd.Scene, float]] = {
+    'friction that can hold twice the load': (
+        '+-',
+        '+-',
+        'held',
+        pfd.Scene(friction=[0.0, 20.0]),
+        10.0,
+    ),
+    'friction that falls with the speed': (
+        '+-',
+        '+-',
+        'held',
+        pfd.Scene(friction=[0.0, 2.0], static_friction=[0.0, 20.0], stribeck_velocity=[1.0, 1.0]),
+        10.0,
+    ),
+    'friction that falls at once below the load': (
+        '+-',
+        '-',
+        'one_sided',
+        pfd.Scene(friction=[0.0, 2.0], static_friction=[0.0, 20.0]),
+        10.0,
+    ),
+    'a stop without restitution': (
+        '-',
+        '+-',
+        'one_sided',
+        pfd.Scene(joint_limits=ELBOW_STOPS),
+        -40.0,
+    ),
+    'a stop with restitution': (
+        '-',
+        '+-',
+        'one_sided',
+        pfd.Scene(joint_limits=ELBOW_STOPS, restitution=0.5),
+        -40.0,
+    ),
+    'friction at a stop': (
+        '+-',
+        '+-',
+        'held',
+        pfd.Scene(friction=[0.0, 20.0], joint_limits=ELBOW_STOPS),
+        10.0,
+    ),
+    'a stop that carries nothing': (
+        '+-',
+        '-',
+        'one_sided',
+        pfd.Scene(gravity=None, joint_limits=ELBOW_STOPS),
+        0.0,
+    ),
+}
+
+
+@pytest.mark.parametrize('case', RESTING)
+def test_columns_of_a_held_joint_are_the_derivatives_of_the_step(case: str) -> None:
+    *directions, status, scene, load = RESTING[case]
+    sim = pfd.Simulator(pfd.load_robot('planar2'), scene, integrator='rk4')
+    q = np.array([0.1, 0.3])
+    qd = np.array([0.5 if load else 0.0, 0.0])
+    gravity = pfd.Scene(gravity=scene.gravity)
+    balance = pfd.compile_kernel(sim.robot, scene=gravity, quantity='gravity_torques')(q)
+    tau = balance + np.array([0.0, load])
+    found = sim.linearize(q, qd, tau)
+    assert found.status.tolist() == ['moving', status]
+
+    def end(x: np.ndarray) -> np.ndarray:
+        sim.reset(x[:2], x[2:])
+        sim.step(tau)
+        return np.concatenate([sim.q, sim.qd])
+
+    x = np.concatenate([q, qd])
+    assert abs(found.A[2, 3]) > 0.1
+    for column, signs in zip((1, 3), directions, strict=True):
+        for sign, change in (('+', 1e-7), ('-', -1e-7)):
+            shift = change * np.eye(4)[column]
+            slope = (end(x + shift) - end(x)) / change
+            apart = np.abs(slope - found.A[:, column]).max()
+            assert (apart <= ONE_SIDED) == (sign in signs), (column, sign, slope)
+
+
+@pytest.mark.parametrize('integrator', ['rk4', 'imex2'])
+def test_the_velocity_of_a_held_wrist_moves_a_whole_arm_by_its_momentum(integrator: str) -> None:
+    robot = pfd.load_robot('ur5')
+    friction = [2.0, 50.0, 2.0, 20.0, 2.0, 20.0]
+    scene = pfd.Scene(damping=[1.0] * 6, friction=friction, armature='model')
+    q = np.array([0.3, -1.0, 0.8, 0.2, 0.5, -0.4])
+    qd = np.array([0.5, 0.0, -0.6, 0.0, 0.4, 0.0])
+    sim = pfd.Simulator(robot, scene, integrator=integrator)
+    tau = pfd.compile_kernel(robot, scene=scene, quantity='gravity_torques')(q)
+    found = sim.linearize(q, qd, tau)
+    assert found.status.tolist() == ['moving', 'held'] * 3
+    wanted = differences(sim, [q, qd, tau])[:, [7, 9, 11]]
+    assert np.abs(wanted[6:]).max() > 0.1
+    tolerance = DIFFERENCES if integrator == 'rk4' else CHORDS * sim.step_size / sim.substeps
+    columns = found.A[:, [7, 9, 11]]
+    np.testing.assert_allclose(columns, wanted, rtol=0, atol=tolerance * np.abs(wanted).max())
+
+
+def test_a_linearisation_is_a_pair_that_can_be_copied_and_pickled() -> None:
+    many = pfd.Ensemble(pfd.load_robot('planar2'), 3, ROUGHLY)
+    q, qd = np.full((3, 2), 0.2), np.array([(0.5, 0.5), (0.5, 0.0), (0.6, -0.4)])
+    found = many.linearize(q, qd, [(1.0, 0.1)] * 3)
+    assert isinstance(found, pfd.Linearization)
+    assert found.status.tolist() == [
+        ['moving', 'moving'],
+        # Gravity needs more than the friction of a sliding elbow, 0.3 N m.
+        ['moving', 'one_sided'],
+        ['moving', 'moving'],
+    ]
+    for one in (found, pickle.loads(pickle.dumps(found)), deepcopy(found)):
+        A, B = one
+        assert (A is one.A, B is one.B) == (True, True)
+        np.testing.assert_array_equal(A, found.A)
+        np.testing.assert_array_equal(B, found.B)
+        np.testing.assert_array_equal(one.status, found.status)
+
+
+def test_braked_joints_of_a_smooth_arm_have_the_status_held() -> None:
+    sim = pfd.Simulator(pfd.load_robot('planar2'), pfd.Scene(brakes=True))
+    at = state(2)
+    assert sim.linearize(*at).status.tolist() == ['moving', 'moving']
+    assert sim.linearize(*at, brakes=[False, True]).status.tolist() == ['moving', 'held']
 
 
 @pytest.mark.parametrize(

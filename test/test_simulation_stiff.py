@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
-from zoo import random_chain, to_pinocchio
+from zoo import joint, link, random_chain, to_pinocchio, urdf
 
 import pfd_core as pfd
 from pfd_core.kernels.passes.schedule import LONGEST
@@ -137,3 +137,38 @@ def test_a_step_makes_its_evaluations_and_solves_only_with_damping(name: str) ->
         instructions = record_step(integrator, 2, 1e-3, damping).instructions
         calls = sum(instruction.op == 'call' for instruction in instructions)
         assert calls == integrator.evaluations + solutions
+
+
+# Roundings of a few substeps, beside the terms of a stage that are h lambda times as large.
+STEADY = 4.0
+
+
+@pytest.mark.parametrize(('dtype', 'most'), [('float64', 9e13), ('float32', 1.6e5)])
+@pytest.mark.parametrize('inertia', [1e-12, 0.5])
+def test_damping_is_as_accurate_as_the_number_format_carries_and_refused_beyond(
+    inertia: float, dtype: str, most: float
+) -> None:
+    # A rod about its axis: I qdd = tau - d qd, tau / d in steady state.
+    J = f'{inertia} {inertia} {inertia} 0 0 0'
+    text = urdf(
+        'rod', link('base'), link('arm', 1.0, J=J), joint('axis', 'continuous', 'base', 'arm')
+    )
+    robot, h = pfd.load_robot(text), 1e-3
+
+    def sim(stiffness: float) -> pfd.Simulator:
+        scene = pfd.Scene(gravity=None, damping=[stiffness * inertia / h])
+        return pfd.Simulator(
+            robot, scene, step_size=h, substeps=1, integrator='imex2', dtype=dtype
+        )
+
+    for stiffness in (1e5, most / 10, most):
+        arm = sim(stiffness)
+        bound = STEADY * float(np.finfo(dtype).eps) / 2 * stiffness
+        for tau in np.linspace(0.3, 3.0, 20).astype(dtype):
+            arm.reset()
+            arm.rollout(np.full((4, 1), tau))
+            steady = float(tau) / (stiffness * inertia / h)
+            assert abs(float(arm.qd[0]) - steady) <= bound * steady
+    for stiffness in (1.2 * most, 1e24):
+        with pytest.raises(ValueError, match=r'damping of the scene decays .* keep two digits'):
+            sim(stiffness)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.algorithms.paper.pcrbm_array import SECTION
 from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
-from pfd_core.algorithms.programs import record_forward_dynamics
+from pfd_core.algorithms.programs import TOLERANCES, record_forward_dynamics
 from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps, check_processors
@@ -113,7 +113,7 @@ def emulate(
     processors : int, optional
         Default n.
     dtype : {'float64', 'float32'}
-        Numbers of the machine.
+        Numbers of the machine. An iterative method stops at the rounding of this format.
     digits : int, optional
         Compute with mpmath numbers of this many decimal digits instead.
 
@@ -131,7 +131,9 @@ def emulate(
     scene = given_scene(scene)
     if wrench is not None:
         scene = replace(scene, external_wrench=True)
-    program = record_forward_dynamics(resolve(robot, scene), method, 'parallel')
+    # In mpmath numbers, of any digits, the residual falls as far as in double precision.
+    tolerance = TOLERANCES.get('float64' if digits else dtype)
+    program = record_forward_dynamics(resolve(robot, scene), method, 'parallel', tolerance)
     given: dict[str, ArrayLike] = {'q': q, 'qd': qd, 'tau': tau}
     given |= scene_inputs(scene, robot.n, 'float64', wrench, brakes)
     if wrench is not None:

@@ -32,7 +32,7 @@ from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
 from pfd_core.algorithms.grouped.articulated_body import record_grouped_articulated_body
 from pfd_core.algorithms.grouped.composite_body import record_composite_body
 from pfd_core.algorithms.paper.newton_euler import newton_euler
-from pfd_core.algorithms.paper.pcgm import record_pcgm
+from pfd_core.algorithms.paper.pcgm import TOLERANCE, record_pcgm
 from pfd_core.algorithms.paper.pcrbm import inertia_matrix, record_pcrbm
 from pfd_core.algorithms.paper.pcrbm_array import record_pcrbm_array
 from pfd_core.algorithms.serial.articulated_body import record_articulated_body
@@ -102,6 +102,8 @@ SERIAL = (
 )
 # Methods with a repeated part, whose outputs are also `trips` and `converged`.
 ITERATIVE = ('walker_orin_4', 'pcgm')
+# They stop when their residual has fallen to the rounding of the number format.
+TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
 
 
 def record_forward_dynamics(

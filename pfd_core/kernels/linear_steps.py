@@ -3,6 +3,9 @@
 """
 Linearised steps: A and B of a step of a simulation, as a kernel of q, qd and tau.
 
+    compile_linear_step    A and B
+    compile_in_motion      the accelerations of joints that are in motion or held
+
 The derivatives of the accelerations are those of pfd_core.algorithms.acceleration_derivatives, at
 each stage of the integrator; native code multiplies them up (codegen.linear_step).
 """
@@ -20,7 +23,13 @@ from pfd_core.kernels.codegen.module import linear_module
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.runtime.jit import Optimisation
 from pfd_core.kernels.simulations import plants
-from pfd_core.kernels.source import KernelSource, ProductSource, derivatives, plant_of
+from pfd_core.kernels.source import (
+    KernelSource,
+    ProductSource,
+    derivatives,
+    forward,
+    plant_of,
+)
 from pfd_core.kernels.stack import check_stack
 from pfd_core.machine.program import Program
 from pfd_core.model import Robot, Scene, in_motion, without_step_effects
@@ -101,6 +110,21 @@ def compile_linear_step(
         scene = replace(scene, brakes=True)
     source = LinearSource(step, substeps, sources)
     return Kernel(robot, scene, method, dtype, source, recreate, quantity='linear_step')
+
+
+def compile_in_motion(robot: Robot, scene: Scene) -> Kernel:
+    """
+    Compile the accelerations of joints that stay in motion, or are held by brakes.
+
+    A kernel of q, qd and tau in float64, for scenes with dry friction or stops: friction is a
+    torque that depends on the velocity, 0 at rest, and stops are out of reach.
+    """
+    plant, _ = plant_of(robot, scene, 'float64')
+    plant = in_motion(plant)
+    method = choose(plant, 'auto', 0)
+    source = forward(plant, method, 0, 'float64')
+    recreate = partial(compile_in_motion, robot, scene)
+    return Kernel(robot, replace(scene, brakes=True), method, 'float64', source, recreate)
 
 
 def _matrices(step: Program) -> int:

@@ -92,7 +92,7 @@ def compile_rollout(
     inputs: list[Any] = [ctypes.c_void_p] * len(sources.signature.inputs)
     rows, out = further_rows(step_program), written(step_program)
     states: list[Any] = [ctypes.c_void_p] * len((*rows, *out))
-    run = ctypes.CFUNCTYPE(integer, integer, integer, *inputs, *states)
+    run = ctypes.CFUNCTYPE(integer, integer, ctypes.c_void_p, *inputs, *states)
     accelerate = ctypes.CFUNCTYPE(None, integer, *inputs, ctypes.c_void_p)
     calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
     return Rollout(

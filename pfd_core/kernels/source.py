@@ -20,7 +20,7 @@ from typing import Any
 from pfd_core.algorithms.acceleration_derivatives import record_derivatives
 from pfd_core.algorithms.chain.drives import record_motor_torques
 from pfd_core.algorithms.convergence import with_nan_unless_converged
-from pfd_core.algorithms.paper.pcgm import TOLERANCE
+from pfd_core.algorithms.programs import TOLERANCES
 from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.forking import cached_property, no_fork
@@ -44,9 +44,6 @@ from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, given_scene, resolve
 from pfd_core.model.checked_numbers import DTYPES, choice
 from pfd_core.model.frames import known_frame
-
-# Iterative methods stop when their residual has fallen to the rounding of the number format.
-TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
 
 
 class KernelSource:

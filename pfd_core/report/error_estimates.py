@@ -17,11 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.algorithms.programs import record_forward_dynamics
+from pfd_core.algorithms.programs import TOLERANCES, record_forward_dynamics
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.passes.pipeline import lower
-from pfd_core.kernels.source import TOLERANCES
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant, load_robot

@@ -16,12 +16,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.algorithms.programs import METHODS
+from pfd_core.algorithms.programs import METHODS, TOLERANCES
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.kernels.passes.sincos import expand_sines
-from pfd_core.kernels.source import TOLERANCES
 from pfd_core.machine.emulator import run
 from pfd_core.model import Plant
 from pfd_core.report.error_estimates import errors_before, estimated

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 import json
@@ -14,6 +15,7 @@ from typing import Any
 
 from pfd_core.model import Robot, Scene
 from pfd_core.report.markdown import cells, header, paragraph
+from pfd_core.report.scene_errors import SceneRow
 from pfd_core.report.scene_motions import Motion
 from pfd_core.report.scene_needs import TIMED_STEPS, WINDOW, Needs, scene_needs
 from pfd_core.report.scene_plot import plot
@@ -155,7 +157,9 @@ def _off(needs: Needs) -> list[str]:
 
 
 def _searched(needs: Needs) -> str:
-    how = f'All subsets of the {len(needs.effects)} effects were simulated.'
+    refused = [row for row in needs.scenes if row.refused]
+    done = 'tried' if refused else 'simulated'
+    how = f'All subsets of the {len(needs.effects)} effects were {done}.'
     if not needs.exhaustive:
         how = (
             f'Of more than {MOST_EXHAUSTED} effects not all subsets were simulated: effects were '
@@ -163,11 +167,22 @@ def _searched(needs: Needs) -> str:
             'first, until none could be left out any more. A smaller scene, in which effects '
             'cancel each other, may have been missed.'
         )
+    if refused:
+        how += (
+            f' The simulation refused {len(refused)} of {len(needs.scenes)} scenes: '
+            f'{_reasons(refused)}.'
+        )
     cut = f' The first {MOST_SCENES}; the JSON has all.' if needs.scenes[MOST_SCENES:] else ''
     return (
         f'{how} *best* marks those than which none is both as cheap in operations and as '
         f'accurate; time is left out of that.{cut}'
     )
+
+
+def _reasons(refused: Sequence[SceneRow]) -> str:
+    """Return why scenes were refused, each reason once, with the number of scenes."""
+    counts = Counter(row.refused for row in refused)
+    return '; '.join(f'{reason} ({count})' for reason, count in counts.items())
 
 
 def _scenes(needs: Needs) -> list[str]:

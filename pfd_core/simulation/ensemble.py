@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
+import math
 import os
 from typing import Any
 
@@ -28,11 +29,20 @@ from pfd_core.kernels.codegen.step import REPORT
 from pfd_core.kernels.runtime.threads import MAX_BLOCK_WORK, block_size, run, thread_count
 from pfd_core.kernels.simulations import NativeEnsemble, compile_ensemble
 from pfd_core.model import Robot, Scene
-from pfd_core.model.checked_numbers import Array, fit_shape, integer, real_array
+from pfd_core.model.checked_numbers import (
+    LARGEST_INTEGER,
+    Array,
+    fit_shape,
+    integer,
+    real_array,
+)
 from pfd_core.simulation.feedback import Law, law_arrays
 from pfd_core.simulation.integrators import TABLE
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.trajectory import Trajectory
+
+# The times of the steps are exact up to here, and NumPy has shapes for arrays of as many rows.
+STEPS_AT_MOST = 10**12
 
 
 class Ensemble(Simulation):
@@ -63,13 +73,14 @@ class Ensemble(Simulation):
     def __init__(
         self, robot: Robot, size: int, scene: Scene | None = None, **settings: Any
     ) -> None:
-        self.size = integer('size', size, 1)
+        self.size = integer('size', size, 1, math.inf)
         self.batch = (self.size,)
         super().__init__(robot, scene, **settings)
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         names = (*REPORT, *self._native.rows)
-        _check_memory(self.size, 2 * len(names) * self.robot.n * np.dtype(self.dtype).itemsize)
+        each = 2 * len(names) * self.robot.n * np.dtype(self.dtype).itemsize
+        _check_memory(f'size={self.size} arms', self.size * each)
         return dict.fromkeys(names, (self.size, self.robot.n))
 
     @property
@@ -96,7 +107,7 @@ class Ensemble(Simulation):
         taus : array_like
             Torques of each step [N m or N], (steps, n) or (B, steps, n); default zero.
         steps : int
-            Number of steps; needed without torques.
+            Number of steps, at most 10^12; needed without torques.
         feedback : Feedback or StateFeedback
             A law that adds to the torques; default none.
         wrench : array_like
@@ -117,15 +128,18 @@ class Ensemble(Simulation):
         threads = thread_count(threads)
         taus, steps = self._torques(taus, steps)
         every = integer('every', every, 1)
+        shape = self.size, steps // every, self.robot.n
+        written = len(REPORT) * math.prod(shape) * np.dtype(self.dtype).itemsize
+        _check_memory(f'states of {self.size} arms at {steps // every} times', written)
         law, followed = law_arrays(feedback, self.size, steps, self.robot.n, self.dtype)
         given = {'tau': taus, **self._scene_inputs(wrench, brakes), **followed}
-        shape = self.size, steps // every, self.robot.n
         # One block: the C library would give the pages of three back when the caller drops them,
         # and the next rollout would take a third longer.
         states = dict(zip(REPORT, np.empty((len(REPORT), *shape), self.dtype), strict=True))
         finite_steps = np.zeros(self.size, np.int64)
         begin = self._now.steps
-        for first, count, interval in pieces(steps, every, max(MAX_BLOCK_WORK // self._work, 1)):
+        most = max(MAX_BLOCK_WORK // self._step_work, 1)
+        for first, count, interval in pieces(steps, every, most):
             rows = slice(first // every, (first + count) // every)
             arrays = {
                 name: array[:, first : first + count] if array.ndim == 3 else array
@@ -143,11 +157,10 @@ class Ensemble(Simulation):
         self.rollout(tau[:, np.newaxis], wrench=wrench, brakes=brakes)
 
     @property
-    def _work(self) -> int:
-        """Operations of one step of a register of arms, with damping."""
+    def _step_work(self) -> int:
         integrator = TABLE[self.integrator]
         evaluations = 1 + self.substeps * (integrator.evaluations + integrator.solutions)
-        return self._native.work * evaluations
+        return max(self._native.work, 1) * evaluations
 
     def _advance(
         self, arrays: dict[str, Array], plan: tuple[int, int, int], threads: int
@@ -165,10 +178,17 @@ class Ensemble(Simulation):
         names = (*SLOTS, *self._native.rows)
         table = np.array([_table_row(arrays.get(name)) for name in names], np.int64)
         finite = np.zeros(self.size, np.int64)
-        settings = (self.size - 1, steps, self.substeps, every, law)
-        work = partial(_run_block, self._native, settings, table, finite, arrays)
-        block = block_size(self.size, threads, self._native.width, self._work * steps)
-        run(work, self.size, block, threads)
+        block = block_size(self.size, threads, self._native.width, self._step_work * steps)
+
+        def advance(count: int) -> None:
+            settings = (self.size - 1, steps, count, every, law)
+            work = partial(_run_block, self._native, settings, table, finite, arrays)
+            run(work, self.size, block, threads)
+
+        if self._long:
+            self._interruptibly(advance)
+        else:
+            advance(self._count_at)
         following.steps += steps
         if (finite < steps).any():
             following.status = 'not_finite'
@@ -176,13 +196,13 @@ class Ensemble(Simulation):
         return finite
 
     def _torques(self, taus: ArrayLike | None, steps: int | None) -> tuple[Array, int]:
-        """Return the torques, (B, steps, n), and the number of steps."""
-        steps = None if steps is None else integer('steps', steps, 0)
+        """Return the torques, (B, steps, n) or the same of all steps, (B, n), and the steps."""
+        steps = None if steps is None else integer('steps', steps, 0, STEPS_AT_MOST)
         n = self.robot.n
         if taus is None:
             if steps is None:
                 raise ValueError('steps is needed where taus does not say how many there are')
-            return np.broadcast_to(np.zeros(n, self.dtype), (self.size, steps, n)), steps
+            return np.broadcast_to(np.zeros(n, self.dtype), (self.size, n)), steps
         array = real_array('taus', taus, self.dtype, joints=self.robot.joint_names)
         if array.ndim not in (2, 3):
             raise ValueError(
@@ -230,15 +250,15 @@ def _run_block(
     return 0
 
 
-def _check_memory(size: int, each: int) -> None:
-    """Raise ValueError for more arms than the memory holds: an allocation might succeed."""
+def _check_memory(what: str, needed: int) -> None:
+    """Raise ValueError for more bytes than the memory has: an allocation might succeed."""
+    there = LARGEST_INTEGER
     if hasattr(os, 'sysconf'):
         there = os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES')
-        if size * each > there:
-            raise ValueError(
-                f'size={size} arms take {size * each // 10**9} GB, but this machine has '
-                f'{there // 10**9} GB'
-            )
+    if needed > there:
+        raise ValueError(
+            f'{what} take {needed // 10**9} GB, but this machine has {there // 10**9} GB'
+        )
 
 
 def _table_row(array: Array | None) -> tuple[int, int, int, int]:

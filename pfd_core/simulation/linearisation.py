@@ -12,24 +12,38 @@ Dry friction and stops. As long as no joint comes to rest, breaks loose or reach
 is that of a smooth arm: joints at rest are held by brakes, and the friction of the others depends
 on their velocities alone. Both arms take the step; if their ends differ, an event has fallen into
 it, and there is no derivative.
+
+Velocities of held joints. A joint h that is held, and is given a small velocity d, comes to rest
+again after a time that is proportional to d. The momentum of the joints M in motion does not
+change in this time but by the forces that act anyway, H_MM dqd_M + H_Mh dqd_h = 0, so that
+
+    dqd_M = H_MM^-1 H_Mh d
+
+wherever the force comes from that stops the joint. The column of A by qd_h is that of the arm in
+motion by qd_M, times H_MM^-1 H_Mh. Friction and stops bring all held joints back to rest if each
+of their torques lies within the bounds of sliding friction; a joint at a bound may break loose.
 """
 
 from __future__ import annotations
 
 from copy import copy
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.kernel import Kernel
-from pfd_core.kernels.linear_steps import compile_linear_step
+from pfd_core.kernels.linear_steps import compile_in_motion, compile_linear_step
 from pfd_core.model import Plant, Robot, Scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, real_array
 from pfd_core.model.error_text import quote
 from pfd_core.simulation.contact.texts import has_contact
 from pfd_core.simulation.integrators import TABLE, record_step
 
+# What Linearization.status says of a joint.
+MOVING, HELD, ONE_SIDED = 'moving', 'held', 'one_sided'
 # Two ways to the same state, of a step: roundings of a few hundred operations, relative to it.
 SAME = {'float64': 1e-9, 'float32': 1e-3}
 
@@ -68,11 +82,55 @@ class Simulation(Protocol):
         """Advance the state by one step."""
 
 
+class Linearization(tuple[Array, Array]):
+    """
+    A and B of a step, x' = A x + B tau, and of which joints they are one-sided.
+
+    It is the pair of both: `A, B = simulator.linearize(q, qd, tau)`.
+
+    Attributes
+    ----------
+    A, B : numpy.ndarray
+        As Simulator.linearize returns them.
+    status : numpy.ndarray of str
+        One of each joint, (n,) or (B, n):
+
+        'moving'       A and B are derivatives by its position, velocity and torque
+        'held'         they are, too; friction or a brake holds the joint in place for the step
+        'one_sided'    the joint is held, and they are derivatives only by changes after which it
+                       is held again where it is: not by a position away from the stop at which it
+                       rests, nor by a velocity or a torque with which it would leave the stop or
+                       break loose
+
+    """
+
+    status: Array
+
+    def __new__(cls, A: Array, B: Array, status: Array) -> Linearization:
+        """Return the pair of A and B with the status of each joint."""
+        own = super().__new__(cls, (A, B))
+        own.status = status
+        return own
+
+    def __getnewargs__(self) -> tuple[Array, Array, Array]:
+        return self.A, self.B, self.status
+
+    @property
+    def A(self) -> Array:
+        """The derivative d x' / d x, (2n, 2n) or (B, 2n, 2n); 3n where motors lag."""
+        return self[0]
+
+    @property
+    def B(self) -> Array:
+        """The derivative d x' / d tau, (2n, n) or (B, 2n, n); 3n rows where motors lag."""
+        return self[1]
+
+
 class LinearStep:
     """The linearised step of a simulation, with its settings; it keeps none of its state."""
 
     def __init__(self, simulation: Simulation) -> None:
-        robot, scene = simulation.robot, simulation.scene
+        self._robot, self._scene = robot, scene = simulation.robot, simulation.scene
         self._dry = has_contact(resolve(robot, scene))
         self.kernel = _kernel(robot, scene, self._dry, **simulation.settings)
 
@@ -82,14 +140,16 @@ class LinearStep:
         state: dict[str, ArrayLike],
         wrench: ArrayLike | None,
         brakes: ArrayLike | None,
-    ) -> tuple[Array, Array]:
+    ) -> Linearization:
         """Return A and B; `state` are q, qd and tau; all as for Simulation.linearize."""
         if self._dry:
             return self._without_events(simulation, state, wrench, brakes)
         q, qd, tau = state.values()
         S = self.kernel(q, qd, tau, wrench, brakes=brakes)
         rows = S.shape[-2]
-        return S[..., :rows], S[..., rows:-1]
+        shape = (*S.shape[:-2], simulation.robot.n)
+        held = np.zeros(shape, bool) if brakes is None else np.broadcast_to(brakes, shape)
+        return Linearization(S[..., :rows], S[..., rows:-1], _status(held))
 
     def _without_events(
         self,
@@ -97,7 +157,7 @@ class LinearStep:
         state: dict[str, ArrayLike],
         wrench: ArrayLike | None,
         brakes: ArrayLike | None,
-    ) -> tuple[Array, Array]:
+    ) -> Linearization:
         """Return A and B in a scene with dry friction or stops; ValueError for events."""
         q, qd, tau = (_checked(simulation, *item) for item in state.items())
         own = (simulation.scene, q.shape[-1], simulation.dtype)
@@ -105,12 +165,30 @@ class LinearStep:
         braked = inputs.get('free', np.ones_like(q)) == 0
         begin = q, np.where(braked, 0.0, qd)
         end = _end_of_step(simulation, *begin, tau, wrench, brakes)
-        held = braked | _resting(simulation, begin, end)
+        resting = _resting(simulation, begin, end)
+        held = braked | resting
         S = self.kernel(q, qd, tau, wrench, brakes=held)
         rows, n = S.shape[-2], q.shape[-1]
         smooth = S[..., :n, -1], S[..., n : 2 * n, -1]
         _check_no_event(simulation, held, begin, end, smooth)
-        return S[..., :rows], S[..., rows:-1]
+        A, status = S[..., :rows].copy(), _status(held)
+        if resting.any():
+            H = self._inertia(q)
+            for k in np.ndindex(simulation.batch):
+                _add_velocity_columns(A[k], H[k], resting[k], ~held[k])
+            at = q, begin[1], tau, inputs.get('wrench')
+            released, still = (self._in_motion(*at, brakes=b) for b in (braked, held))
+            reaction = np.einsum('...ij,...j', H, still - released)
+            status[_one_sided(simulation, q, resting, reaction)] = ONE_SIDED
+        return Linearization(A, S[..., rows:-1], status)
+
+    @cached_property
+    def _inertia(self) -> Kernel:
+        return compile_kernel(self._robot, scene=self._scene, quantity='inertia_matrix')
+
+    @cached_property
+    def _in_motion(self) -> Kernel:
+        return compile_in_motion(self._robot, self._scene)
 
 
 def _kernel(
@@ -170,6 +248,43 @@ def _resting(
         holds |= (begin[0] <= lower) | (begin[0] >= upper)
     resting: Array = holds & (begin[1] == 0) & (end[1] == 0)
     return resting
+
+
+def _status(held: Array) -> Array:
+    """Return the status of joints of which none is one-sided."""
+    status: Array = np.where(held, HELD, MOVING).astype(f'U{len(ONE_SIDED)}')
+    return status
+
+
+def _add_velocity_columns(A: Array, H: Array, resting: Array, moves: Array) -> None:
+    """Write the columns of A by the velocities of resting joints, from those that move."""
+    n = len(H)
+    velocities, held = n + np.flatnonzero(moves), np.flatnonzero(resting)
+    impulse = np.linalg.solve(H[np.ix_(moves, moves)], H[np.ix_(moves, resting)])
+    A[:, n + held] = A[:, velocities] @ impulse
+
+
+def _one_sided(simulation: Simulation, q: Array, resting: Array, reaction: Array) -> Array:
+    """
+    Return the resting joints, (..., n), that some change does not leave held where they are.
+
+    `reaction` are the torques, (..., n), of friction and stops that hold them.
+    """
+    plant = resolve(simulation.robot, simulation.scene)
+    zeros = np.zeros(simulation.robot.n)
+    friction = zeros if plant.friction is None else plant.friction
+    if plant.stribeck_velocity is not None and plant.static_friction is not None:
+        friction = plant.static_friction
+    at_lower = at_upper = np.zeros_like(resting)
+    if plant.joint_limits is not None:
+        lower, upper = _stops(plant, simulation.dtype)
+        at_lower, at_upper = resting & (q <= lower), resting & (q >= upper)
+    bound = friction - SAME['float64'] * (1 + np.abs(reaction))
+    above, below = resting & (reaction >= bound), resting & (reaction <= -bound)
+    loose = (above & ~at_lower) | (below & ~at_upper)
+    # A joint that breaks loose may take others along.
+    result: Array = above | below | (resting & loose.any(axis=-1, keepdims=True))
+    return result
 
 
 def _stops(plant: Plant, dtype: str) -> Array:

@@ -7,6 +7,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from copy import deepcopy
+from ctypes import addressof, c_int64
+from functools import partial
 from typing import Any, ClassVar, TypeVar
 
 import numpy as np
@@ -14,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from pfd_core.forking import cached_property
 from pfd_core.kernels.codegen.trips import Contact
+from pfd_core.kernels.runtime.threads import MAX_BLOCK_WORK, run_until_stopped
 from pfd_core.model import Plant, Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import DTYPES, Array, choice, integer, real_array, real_number
 from pfd_core.model.error_text import quote
@@ -23,12 +26,15 @@ from pfd_core.simulation.contact.modes import PIVOTS
 from pfd_core.simulation.contact.schemes import RK4, imex2
 from pfd_core.simulation.contact.texts import contact_texts, has_contact
 from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
-from pfd_core.simulation.linearisation import LinearStep
+from pfd_core.simulation.linearisation import Linearization, LinearStep
 from pfd_core.simulation.rows import LaggedTorque, decays
 from pfd_core.simulation.state_buffer import StateBuffer
-from pfd_core.simulation.stiffness import check_springs, chosen
+from pfd_core.simulation.stiffness import check_damping, check_springs, chosen
 from pfd_core.simulation.turns import check_angles, positions_grow, split_turns
 
+# A step of more substeps than this is better cut into several.
+SUBSTEPS_AT_MOST = 100_000
+T = TypeVar('T')
 Self = TypeVar('Self', bound='Simulation')
 
 
@@ -60,7 +66,7 @@ class Simulation(ABC):
         self.step_size = real_number('step_size', step_size)
         if self.step_size <= 0:
             raise ValueError(f'step_size must be above zero seconds, got {self.step_size}')
-        self.substeps = integer('substeps', substeps, 1)
+        self.substeps = integer('substeps', substeps, 1, SUBSTEPS_AT_MOST)
         self.dtype = choice('dtype', dtype, DTYPES)
         check_springs(plant, self.step_size, self.substeps)
         self.integrator = chosen(integrator, plant, self.step_size / self.substeps)
@@ -70,7 +76,8 @@ class Simulation(ABC):
             else switch('compensated', compensated)
         )
         self._options = {'method': method, 'refine': refine}
-        self._native = self._compile()
+        self._load_native()
+        check_damping(plant, self.integrator, self.step_size / self.substeps, dtype)
         # Inputs beside the torque, in the order of the native code.
         self._inputs = ('wrench',) * self.scene.external_wrench + ('free',) * self.scene.brakes
         shapes = self._shapes()
@@ -81,6 +88,28 @@ class Simulation(ABC):
     @abstractmethod
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         """Return the arrays of a state buffer by name: the rows of the state, and others."""
+
+    def _load_native(self) -> None:
+        """Set what belongs to this process: native code, and the number that it counts to."""
+        self._native = self._compile()
+        self._count = c_int64(self.substeps)
+        self._count_at = addressof(self._count)
+        self._long = self._step_work > MAX_BLOCK_WORK
+
+    @property
+    @abstractmethod
+    def _step_work(self) -> int:
+        """Operations of one step, on vector registers in an ensemble; at least 1."""
+
+    def _interruptibly(self, call: Callable[[int], T]) -> T:
+        """
+        Return the result of native code with long steps, given the address of `substeps`.
+
+        It runs in a thread, so that a KeyboardInterrupt ends a step between two substeps.
+        """
+        count = c_int64(self.substeps)
+        stop = partial(setattr, count, 'value', 0)
+        return run_until_stopped(partial(call, addressof(count)), stop)
 
     def _compile(self) -> Any:
         """Return the native code of these settings."""
@@ -122,11 +151,12 @@ class Simulation(ABC):
         return Contact(texts, scheme.stages, h, implicit * h, PIVOTS * self.robot.n)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {name: value for name, value in self.__dict__.items() if name != '_native'}
+        own = ('_native', '_count', '_count_at', '_long')
+        return {name: value for name, value in self.__dict__.items() if name not in own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__ |= state
-        self._native = self._compile()
+        self._load_native()
 
     def __copy__(self: Self) -> Self:
         # Robot, scene and code never change.
@@ -250,12 +280,14 @@ class Simulation(ABC):
         wrench: ArrayLike | None = None,
         *,
         brakes: ArrayLike | None = None,
-    ) -> tuple[Array, Array]:
+    ) -> Linearization:
         """
         Return A and B of one step: d x' / d x and d x' / d tau, x = (q, qd), exact to rounding.
 
-        The state of the simulation plays no part. In a scene with a motor lag the torques of the
-        motors follow qd in x; they are taken to have reached tau.
+        `A, B = simulation.linearize(q, qd, tau)`; the `status` of the result says of each joint
+        whether they are derivatives in both directions. The state of the simulation plays no part.
+        In a scene with a motor lag the torques of the motors follow qd in x; they are taken to
+        have reached tau.
 
         Parameters
         ----------
@@ -267,8 +299,9 @@ class Simulation(ABC):
 
         Returns
         -------
-        tuple of numpy.ndarray
-            A, (2n, 2n) or (B, 2n, 2n), and B, (2n, n) or (B, 2n, n); 3n where motors lag.
+        Linearization
+            The pair of A, (2n, 2n) or (B, 2n, 2n), and B, (2n, n) or (B, 2n, n), 3n where motors
+            lag, with the status of each joint: 'moving', 'held' or 'one_sided'.
 
         Raises
         ------

@@ -31,7 +31,7 @@ from pfd_core.simulation.trajectory import Trajectory
 
 # A rollout runs in pieces, between which Python looks for signals. A piece may take this many
 # seconds, by the time that the one before took; the first has this many operations, a loop's
-# counted once. A step is never cut.
+# counted once. A step is never cut, but for an interrupt.
 PIECE_SECONDS = 0.05
 FIRST_OPERATIONS = 1_000_000
 
@@ -49,7 +49,7 @@ class Simulator(Simulation):
     step_size : float
         Seconds per step, for which the torque is held.
     substeps : int
-        Steps of the integrator in one step.
+        Steps of the integrator in one step, from 1 to 100 000.
     integrator : str
         A name in pfd_core.INTEGRATORS; 'auto' takes 'imex2' where damping is strong, see
         pfd_core.simulation.stiffness, and else 'rk4'. The attribute `integrator` says which.
@@ -99,6 +99,9 @@ class Simulator(Simulation):
     ) -> None:
         """
         Advance the state by one step.
+
+        A KeyboardInterrupt ends a step of many substeps, too; state and time are then those before
+        the step.
 
         Parameters
         ----------
@@ -159,11 +162,15 @@ class Simulator(Simulation):
         """Advance the state by one step."""
         self.step(tau, wrench, brakes=brakes)
 
+    @property
+    def _step_work(self) -> int:
+        return max(self._native.work, 1) * self.substeps
+
     def _run_pieces(self, rows: Array, inputs: dict[str, Array], states: list[Array]) -> int:
         """Take a step for each row of torques; return after how many the state was finite."""
         addresses = [array.ctypes.data for array in (rows, *states)]
         done = finite_steps = 0
-        count = max(1, FIRST_OPERATIONS // (self._native.work * self.substeps))
+        count = max(1, FIRST_OPERATIONS // self._step_work)
         while done < len(rows):
             count = min(count, len(rows) - done)
             begin = time.perf_counter()
@@ -201,7 +208,11 @@ class Simulator(Simulation):
         The addresses are those of its state, of the torques, of inputs and further rows, and of
         the states that it writes. Returns after how many steps the state was finite.
         """
-        finite = self._native.run(steps, self.substeps, *addresses)
+        run = self._native.run
+        if self._long:
+            finite = self._interruptibly(lambda count: run(steps, count, *addresses))
+        else:
+            finite = run(steps, self._count_at, *addresses)
         following.steps += steps
         if finite < steps:
             following.status = 'not_finite'

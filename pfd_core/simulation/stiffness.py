@@ -15,13 +15,15 @@ import numpy as np
 
 from pfd_core.model import Plant, Robot
 from pfd_core.model.checked_numbers import Array, choice
-from pfd_core.simulation.integrators import INTEGRATORS
+from pfd_core.simulation.integrators import INTEGRATORS, TABLE
 
 # h lambda from which on 'auto' stands for the implicit integrator.
 STIFF = 0.5
 # Part of a swing [rad] that a step may be: above it a spring that is hit in between two steps
 # gives back more energy than it took.
 SPRING = 0.2
+# Largest relative error of a velocity that implicit damping may leave.
+LOST = 1e-2
 # Poses of an arm, and elements of all their joint-space inertias in a long chain.
 POSES = 64
 ELEMENTS = 100_000
@@ -32,6 +34,26 @@ def chosen(name: str, plant: Plant, h: float) -> str:
     if choice('integrator', name, INTEGRATORS) != 'auto':
         return name
     return 'imex2' if h * fastest_decay(plant) > STIFF else 'rk4'
+
+
+def check_damping(plant: Plant, integrator: str, h: float, dtype: str) -> None:
+    """
+    Raise ValueError where an implicit step of h [s] loses the digits of a damped velocity.
+
+    A stage is v = w - c h (H + c h D)^-1 D w, whose terms are h lambda times as large as v where
+    the damping carries the torque: the relative error of v is up to u h lambda.
+    """
+    if not TABLE[integrator].implicit or plant.damping is None:
+        return
+    rate = fastest_decay(plant)
+    u = float(np.finfo(dtype).eps) / 2
+    largest = LOST / (u * h)
+    if largest < rate < np.inf:
+        raise ValueError(
+            f'damping of the scene decays with {rate:.3g} 1/s, in steps of {h:.3g} s and {dtype} '
+            f'at most {largest:.3g} 1/s keep two digits of a velocity: less damping, shorter '
+            'steps, rotors or a brake are needed'
+        )
 
 
 def check_springs(plant: Plant, step_size: float, substeps: int) -> None:

@@ -56,7 +56,7 @@ SLOTS = (
 )
 # Parameters of @arms besides its first arm.
 COMMON = (
-    *('i64 %last', 'i64 %steps', 'i64 %substeps', 'i64 %every', 'i64 %law', 'ptr %table'),
+    *('i64 %last', 'i64 %steps', 'ptr %substeps', 'i64 %every', 'i64 %law', 'ptr %table'),
     'ptr %finite_steps',
 )
 # Parameters of @ensemble, which runs the arms `first` to `until` - 1.
@@ -84,8 +84,8 @@ def arms(program: Program, dynamics: Program, form: Format) -> str:
 
     It runs arms b to b + width - 1, of which those beyond `last` repeat it. `table` holds one row
     for each of SLOTS and of the further rows of the state; each `every`-th state is written, with
-    its acceleration. `finite_steps`, one number per arm, receives the number of steps after which
-    the arm's state was finite.
+    its acceleration. `substeps` points to the number of calls of @step in a step. `finite_steps`,
+    one number per arm, receives the number of steps after which the arm's state was finite.
     """
     n, W = dynamics.inputs['q'], form.width
     ir = Function(f'define internal void @arms({", ".join(("i64 %b", *COMMON))})')

@@ -33,17 +33,17 @@ def rollout(program: Program, dynamics: Program, form: Format) -> str:
     """
     Return `i64 @rollout(steps, substeps, q, qd, taus, extra..., further..., out...)`.
 
-    Each of `steps` steps takes one row of `taus` for `substeps` calls of @step, and writes the
-    motion that it ends with, and the torque, if that is a row of its own. `further` are the other
-    rows of the state. Braked joints are brought to rest first. The result is the number of steps
-    after which the state was finite.
+    Each of `steps` steps takes one row of `taus` for as many calls of @step as `substeps` points
+    to, and writes the motion that it ends with, and the torque, if that is a row of its own.
+    `further` are the other rows of the state. Braked joints are brought to rest first. The result
+    is the number of steps after which the state was finite.
     """
     n, T = program.lanes, form.type
     names = (*MOTION, *extra_arguments(dynamics), *further_rows(program))
     arrays = {name: f'%{name}' for name in names}
     given = [*({**arrays, 'tau': '%taus'}).values()]
     given += [f'%out.{name}' for name in written(program)]
-    ir = Function(f'define i64 @rollout(i64 %steps, i64 %substeps, {pointers(given)})')
+    ir = Function(f'define i64 @rollout(i64 %steps, ptr %substeps, {pointers(given)})')
     arrays['qdd'] = ir.array(T, n)
     finite_steps = Variable(form.index, 'zeroinitializer')
     with ir.loop('%steps', finite_steps) as t:

@@ -34,6 +34,8 @@ REPORT = (*MOTION, 'qdd')
 # Inputs that a `call` hands over, by the name of its function; the step holds the others. The
 # torque is handed over where it changes within a step.
 HANDED = {'qdd': (*MOTION, 'tau'), 'undamped': (*MOTION, 'tau'), 'solve': ('q', 'tau')}
+# A loop that its condition ends.
+ENDLESS = 2**63 - 1
 # The row of the state that is the torque, where motors lag behind the commanded one.
 MOTOR_TORQUE = 'tau_motor'
 
@@ -149,12 +151,21 @@ def evaluate_at(
 def take_steps(
     ir: Function, substeps: str, program: Program, dynamics: Program, arrays: Mapping[str, str]
 ) -> None:
-    """Advance a state by a number of steps under one torque."""
+    """
+    Advance a state by a number of steps under one torque.
+
+    The number is read from memory, at the address `substeps`, after each step: a caller in another
+    thread ends the loop by writing 0.
+    """
     if begins_with_acceleration(program):
         evaluate_at_end(ir, program, dynamics, arrays)
-    with ir.loop(substeps):
+    more = Variable('i1', 'true')
+    with ir.loop(ENDLESS, condition=more) as k:
         names = _arguments(program, dynamics)
         ir.call('void', 'step', pointers(arrays[name] for name in names))
+        count = ir.let(f'load volatile i64, ptr {substeps}')
+        taken = ir.let(f'add i64 {k}, 1')
+        more.value = ir.let(f'icmp ult i64 {taken}, {count}')
 
 
 def zero_braked_velocities(ir: Function, arrays: Mapping[str, str], n: int, form: Format) -> None:

@@ -25,8 +25,9 @@ import ctypes
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import pairwise
+import math
 import os
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +36,8 @@ from pfd_core.forking import cached_property
 from pfd_core.kernels.runtime.jit import Native
 from pfd_core.kernels.runtime.processors import available
 from pfd_core.model.checked_numbers import integer
+
+T = TypeVar('T')
 
 # Up to this work the caller computes a batch alone: half of it takes as long as a worker needs to
 # wake up and bring the arrays into the cache of its core.
@@ -75,7 +78,7 @@ if hasattr(os, 'register_at_fork'):
 
 def thread_count(threads: object) -> int:
     """Return a checked number of threads; 0 is one per core, ValueError for less."""
-    return min(integer('threads', threads, 0) or cores(), cores())
+    return min(integer('threads', threads, 0, math.inf) or cores(), cores())
 
 
 def block_size(count: int, threads: int, width: int, operations: int) -> int:
@@ -155,6 +158,22 @@ def run(work: Callable[[int, int], int], count: int, block: int, threads: int) -
     for worker in begun:
         flags |= worker.result()
     return flags
+
+
+def run_until_stopped(call: Callable[[], T], stop: Callable[[], None]) -> T:
+    """
+    Return the result of a long call, which runs in a thread while the caller waits.
+
+    On an exception in the caller (KeyboardInterrupt), `stop` makes the call end early; the
+    exception is passed on after that.
+    """
+    with ThreadPoolExecutor(1, thread_name_prefix='pfd') as thread:
+        result = thread.submit(call)
+        try:
+            return result.result()
+        except BaseException:
+            stop()
+            raise
 
 
 def _submitted(task: Callable[[], int]) -> list[Future[int]]:

@@ -54,7 +54,7 @@ class Judge:
                 )
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
-                return judge_state(message, self._index, self.since_ns, self._locked)
+                return judge_state(message, self._index, self._locked)
             if source is Source.PARAMETERS:
                 return judge_changes(convert.decode_string(payload), self._arm)
             if source is Source.TICK:

@@ -12,7 +12,9 @@ configure     makes the arm. A model that does not load, or a recording that exi
               the log and a failed transition; the node stays unconfigured.
 activate      lets the arm step: a request, which is recorded as those of services are.
 deactivate    puts every brake on; simulated time stands still from then on.
-cleanup       closes the recording and forgets the arm; the next configure makes a new one.
+cleanup       closes the recording and forgets the arm; the next configure makes a new one, whose
+              simulated time begins where that of the last one ended, so that /clock never goes
+              back.
 shutdown      does the same and ends the process.
 An error      that nobody expected is told, and the arm is cleaned up: unconfigured, exit status 1.
 
@@ -84,6 +86,8 @@ class SimArmNode(LifecycleNode):
         # Held by a transition, and by the main thread while it reports or closes.
         self._lock = threading.Lock()
         self._closed = False
+        # Simulated time that the arms so far have reached.
+        self._reached_ns = 0
         self._error: Exception | None = None
         self._problems: list[str] = []
         self._log = ThrottledLog(self.get_logger())
@@ -157,7 +161,9 @@ class SimArmNode(LifecycleNode):
 
     def _configure(self) -> None:
         settings = replace(parameters.read(self), autostart=self._starting)
-        self.arm = SimArm(self, settings, self._log, self._workers.stop.is_set)
+        self.arm = SimArm(
+            self, settings, self._log, self._workers.stop.is_set, self._reached_ns
+        )
         # Now that the joints are known, too.
         misspelt = parameters.misspelt(self)
         if misspelt:
@@ -190,6 +196,7 @@ class SimArmNode(LifecycleNode):
         workers = self._workers
         arm.stop_stepping()
         ended = arm.thread is None or workers.join(arm.thread, END_SECONDS)
+        self._reached_ns = max(self._reached_ns, arm.stepper.engine.arm.stamp_ns)
         workers.guard('closing the recording', arm.close_recording, always)
         workers.guard('reporting', lambda: arm.reporter.report(last=True), always)
         self._problems += arm.reporter.problems()

@@ -44,7 +44,8 @@ TRANSITION_SECONDS = 5.0
 class SimArm:
     """An arm, its topics, services and recording, and the thread that steps it.
 
-    `stopped` ends the wait for a model that comes over a topic.
+    `stopped` ends the wait for a model that comes over a topic; `reached_ns` is the simulated
+    time of the arm before, which the own clock of this one continues.
 
     Attributes
     ----------
@@ -62,7 +63,12 @@ class SimArm:
     """
 
     def __init__(
-        self, node: Node, settings: Settings, log: ThrottledLog, stopped: Callable[[], bool]
+        self,
+        node: Node,
+        settings: Settings,
+        log: ThrottledLog,
+        stopped: Callable[[], bool],
+        reached_ns: int = 0,
     ) -> None:
         self._node = node
         self._told = threading.Event()
@@ -70,7 +76,8 @@ class SimArm:
         self._subscriptions: Mapping[Source, Any] = {}
         before = set(_entities(node))
         try:
-            self._build(with_scene_text(settings.at_time_of_day(time.time())), log, stopped)
+            timed = settings.at_time_of_day(time.time()).continued_from(reached_ns)
+            self._build(with_scene_text(timed), log, stopped)
         finally:
             self._entities = [entity for entity in _entities(node) if entity not in before]
             if not hasattr(self, 'stepper'):

@@ -161,9 +161,7 @@ class SimArmNode(LifecycleNode):
 
     def _configure(self) -> None:
         settings = replace(parameters.read(self), autostart=self._starting)
-        self.arm = SimArm(
-            self, settings, self._log, self._workers.stop.is_set, self._reached_ns
-        )
+        self.arm = SimArm(self, settings, self._log, self._workers.stop.is_set, self._reached_ns)
         # Now that the joints are known, too.
         misspelt = parameters.misspelt(self)
         if misspelt:

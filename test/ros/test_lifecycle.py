@@ -10,7 +10,7 @@ import time
 from typing import Any
 
 import pytest
-from ros_processes import JOINTS, MILLISECOND, PATIENCE, Peer, Processes, call, stamp_ns
+from ros_processes import JOINTS, PATIENCE, Peer, Processes, call, stamp_ns
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read

@@ -133,3 +133,17 @@ def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
     verdicts = [row.verdict for row in rows]
     assert verdicts[:100] == [Verdict.OVERFLOWED] * 100
     assert set(verdicts[100:]) == {Verdict.ACCEPTED}
+
+
+def test_a_recording_that_is_truncated_while_it_is_written_ends_the_run_with_a_line_and_status_1(
+    processes: Processes,
+) -> None:
+    arm = processes.arm('-p', 'recording:=arm.mcap')
+    wait_for_steps(processes)
+    # As the option copytruncate of a log rotation does.
+    with (processes.folder / 'arm.mcap').open('r+b') as stream:
+        stream.truncate(0)
+    arm.wait_for_text('arm.mcap was truncated from')
+    assert arm.end(signal.SIGINT) == 1
+    assert arm.text().count('recording stopped: arm.mcap was truncated') == 1
+    assert not (processes.folder / 'arm.mcap').stat().st_size

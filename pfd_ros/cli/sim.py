@@ -19,4 +19,4 @@ def run(given: argparse.Namespace) -> int:
     from pfd_ros.node import main as node
 
     robot = [] if given.robot is None else ['--ros-args', '-p', f'robot:={given.robot}', '--']
-    return node.main([*robot, *given.ros_args])
+    return node.main([*robot, *given.ros_args], given.stop)

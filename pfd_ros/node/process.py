@@ -52,10 +52,10 @@ def run(args: list[str], stop: threading.Event) -> int:
     args
         Command line without the program's name.
     stop
-        Set by a signal, and by the node itself when it cannot go on.
+        Set by a signal, perhaps before the node starts, and by the node when it cannot continue.
     """
     try:
-        return _run(args, stop)
+        return 0 if stop.is_set() else _run(args, stop)
     except MISTAKES as error:
         print(f'{NAME}: {one_line(error)}', file=sys.stderr)
         return 1

@@ -31,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 import gc
 import threading
 from typing import Any
@@ -42,7 +43,7 @@ from pfd_ros.node.diagnostics import ERROR, OK, DiagnosticsPublisher, Task
 from pfd_ros.node.sim_arm import SimArm
 from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.node.workers import Workers, described
-from pfd_ros.text import one_line
+from pfd_ros.text import cut, one_line
 
 NAME = 'sim_arm'
 # For each thread to end, and for ROS and the interpreter to go down.
@@ -65,6 +66,8 @@ class SimArmNode(LifecycleNode):
         The configured arm, or None.
     callback_failures
         Number of callbacks that raised: a fault, but no reason to let the arm go deaf.
+    rejected_transitions
+        Number of requests for a transition that the state does not have.
     hung
         Whether a thread of an arm did not end, and may still use ROS.
 
@@ -78,9 +81,9 @@ class SimArmNode(LifecycleNode):
         super().__init__(NAME, start_parameter_services=False)
         parameters.StrictParameterService(self)
         self.arm: SimArm | None = None
-        self.callback_failures = 0
+        self.callback_failures = self.rejected_transitions = 0
         self.hung = False
-        self._newest_failure = ''
+        self._newest_failure = self._newest_rejection = ''
         self._workers = workers
         self._mistakes = mistakes
         # Held by a transition, and by the main thread while it reports or closes.
@@ -207,8 +210,29 @@ class SimArmNode(LifecycleNode):
     def _guard_services(self) -> None:
         """Answer each request, though its callback raises: rclpy's own do for some requests."""
         for service in self.services:
-            if not isinstance(service.callback, _Guarded):
-                service.callback = _Guarded(service.callback, self.callback_failed)
+            if isinstance(service.callback, _Guarded):
+                continue
+            if service.service_name.endswith('/change_state'):
+                service.callback = partial(self._change_state, service.callback)
+            service.callback = _Guarded(service.callback, self.callback_failed)
+
+    def _change_state(self, change: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+        """Answer `~/change_state`; rcl would log two errors of its own for what is refused here.
+
+        As rclpy has it, a label that is not empty counts, and the id does not.
+        """
+        asked = request.transition
+        machine = self._state_machine
+        possible = {label: number for number, label, *_ in machine.available_transitions}
+        if asked.label in possible or (not asked.label and asked.id in possible.values()):
+            return change(request, response)
+        name = repr(cut(asked.label)) if asked.label else asked.id
+        state = machine.current_state[1]
+        choices = ', '.join(f'{label} ({number})' for label, number in possible.items())
+        self.rejected_transitions += 1
+        self._newest_rejection = f'{name} is not possible when {state}; possible: {choices}'
+        response.success = False
+        return response
 
     def callback_failed(self, error: Exception) -> None:
         """Count a callback that raised."""
@@ -235,6 +259,8 @@ class SimArmNode(LifecycleNode):
     def _report_callbacks(self, *, last: bool = False) -> None:
         text = f'callbacks failed, the newest by {self._newest_failure}'
         self._log.count('callbacks', self.callback_failures, text, error=True, last=last)
+        text = f'transitions rejected, most recently: {self._newest_rejection}'
+        self._log.count('transitions', self.rejected_transitions, text, last=last)
 
     def close(self) -> None:
         """End the arm, after the transition that may be on its way; none follows."""

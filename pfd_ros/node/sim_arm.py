@@ -100,7 +100,7 @@ class SimArm:
         if settings.publish_description:
             publish_description(node, model.described)
         counts, kernels = CommandCounts(), MassKernels(engine.arm)
-        graph = GraphCheck(node, endpoints, log)
+        graph = GraphCheck(node, endpoints, log, counts=counts)
         # After everything that a parameter can make fail: a refused parameter leaves no file.
         session = open_session(node, engine.settings, robot, endpoints)
         publishers = {

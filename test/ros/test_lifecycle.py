@@ -29,6 +29,13 @@ def change(peer: Peer, label: str) -> bool:
     )
 
 
+def change_by_number(peer: Peer, number: int) -> bool:
+    from lifecycle_msgs.msg import Transition
+    from lifecycle_msgs.srv import ChangeState
+
+    return bool(call(peer, ChangeState, 'change_state', transition=Transition(id=number)).success)
+
+
 def state(peer: Peer) -> str:
     from lifecycle_msgs.srv import GetState
 
@@ -54,7 +61,15 @@ def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, 
     assert "configure failed: unknown robot 'r2d2'" in node.text()
     assert not change(peer, 'activate')
     assert not change(peer, '%s{0}')
+    for number in (200, 255, 4):
+        assert not change_by_number(peer, number)
     assert state(peer) == 'unconfigured'
+    node.wait_for_text(
+        '4 is not possible when unconfigured; possible: configure (1), shutdown (5)'
+    )
+    # One error is ours: that of the model. rcl has no word.
+    assert node.text().count('[ERROR]') == 1, node.text()
+    assert 'rcl_lifecycle' not in node.text()
     assert not (processes.folder / 'a.mcap').exists()
 
     assert set_text(peer, 'robot', 'puma560').successful

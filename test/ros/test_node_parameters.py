@@ -9,7 +9,7 @@ import signal
 
 import numpy as np
 import pytest
-from ros_processes import MILLISECOND, Processes, example_robot, stamp_ns
+from ros_processes import MILLISECOND, PATIENCE, Processes, call, example_robot, stamp_ns
 
 from pfd_ros.replay.verify import read
 
@@ -39,7 +39,11 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
     ('args', 'text'),
     [
         (('-p', 'step_size:=5.0'), 'step_size out of range'),
-        (('-p', 'step_size:=1'), "'step_size' to '1' of type 'INTEGER', expecting type 'DOUBLE'"),
+        (('-p', 'step_size:=1'), 'step_size takes floating-point numbers: write 1.0'),
+        (('-p', 'gravity:=[0, 0, -9]'), 'gravity takes floating-point numbers: write [0.0, 0.0, '),
+        (('-p', 'damping.joint1:=1'), 'damping.joint1 takes floating-point numbers: write 1.0'),
+        (('-p', 'locked:=a'), "'locked' to 'a' of type 'STRING'"),
+        (('robot:=ur5',), "'robot:=ur5' needs -p before it"),
         (('-p', 'robot:=r2d2'), 'r2d2'),
         (('-p', 'publish_rate:=300.0'), 'publish_rate is 300.0 Hz'),
         (('-p', 'recording:=there.mcap'), 'there.mcap exists and is never written over'),
@@ -80,6 +84,46 @@ def test_a_bad_parameter_is_named_and_the_status_is_1(
     assert text in lines[0]
     assert len(lines[0]) < 700
     assert (processes.folder / 'there.mcap').read_bytes() == b'dear'
+
+
+@pytest.mark.parametrize(
+    ('args', 'text'),
+    [
+        (('robot:=ur5',), "sim_arm: 'robot:=ur5' needs --ros-args -p before it"),
+        (('--ros-args', 'robot:=ur5'), "sim_arm: 'robot:=ur5' needs -p before it"),
+        (('ur5',), "sim_arm: unknown arguments ['ur5']; parameters follow --ros-args -p"),
+    ],
+)
+@pytest.mark.parametrize('start', [('pfd_ros.node.main',), ('pfd_ros.cli.main', 'sim')])
+def test_a_parameter_without_its_option_is_named_with_the_cure(
+    processes: Processes, start: tuple[str, ...], args: tuple[str, ...], text: str
+) -> None:
+    process = processes.python('-m', *start, *args)
+    assert process.process.wait(PATIENCE) == 1
+    assert process.text() == f'{text}\n'
+
+
+def test_an_integer_for_a_number_is_refused_with_the_way_to_write_it(
+    processes: Processes, peer_of
+) -> None:
+    from rcl_interfaces.msg import Parameter, ParameterValue
+    from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+
+    arm = processes.arm('-p', 'robot:=planar2')
+    peer = peer_of(processes)
+    peer.connect()
+    integer = [Parameter(name='real_time_factor', value=ParameterValue(type=2, integer_value=500))]
+    integers = [
+        Parameter(name='payload.center', value=ParameterValue(type=7, integer_array_value=[0, -1]))
+    ]
+    wanted = 'real_time_factor takes floating-point numbers: write 500.0'
+    (result,) = call(peer, SetParameters, 'set_parameters', parameters=integer).results
+    assert (result.successful, result.reason) == (False, wanted)
+    (result,) = call(peer, SetParameters, 'set_parameters', parameters=integers).results
+    assert result.reason == 'payload.center takes floating-point numbers: write [0.0, -1.0]'
+    answer = call(peer, SetParametersAtomically, 'set_parameters_atomically', parameters=integer)
+    assert (answer.result.successful, answer.result.reason) == (False, wanted)
+    assert arm.end(signal.SIGINT) == 0
 
 
 @pytest.mark.slow

@@ -168,7 +168,7 @@ class SimArmNode(LifecycleNode):
         # Now that the joints are known, too.
         misspelt = parameters.misspelt(self)
         if misspelt:
-            self._log.once('misspelt', f'not parameters of this node: {misspelt}; misspelt?')
+            self._log.once('misspelt', f'unknown parameters ignored: {misspelt}')
         self._guard_services()
         # Start-up garbage is looked at once, not again and again while the arm runs.
         gc.unfreeze()
@@ -201,7 +201,7 @@ class SimArmNode(LifecycleNode):
         workers.guard('closing the recording', arm.close_recording, always)
         workers.guard('reporting', lambda: arm.reporter.report(last=True), always)
         self._problems += arm.reporter.problems()
-        self.get_logger().info(f'stopped: {arm.reporter.totals()}')
+        self.get_logger().info(one_line(arm.reporter.summary()))
         if not ended:
             # It may still use what would be destroyed.
             self.hung = True
@@ -257,7 +257,7 @@ class SimArmNode(LifecycleNode):
             self._lock.release()
 
     def _report_callbacks(self, *, last: bool = False) -> None:
-        text = f'callbacks failed, the newest by {self._newest_failure}'
+        text = f'callbacks failed, most recently by {self._newest_failure}'
         self._log.count('callbacks', self.callback_failures, text, error=True, last=last)
         text = f'transitions rejected, most recently: {self._newest_rejection}'
         self._log.count('transitions', self.rejected_transitions, text, last=last)

@@ -37,6 +37,7 @@ from pfd_ros.text import NAME_COUNT, cut, listed, one_line
 _KINDS = {
     'str': Parameter.Type.STRING,
     'bool': Parameter.Type.BOOL,
+    'bool | str': Parameter.Type.NOT_SET,
     'int': Parameter.Type.INTEGER,
     'float': Parameter.Type.DOUBLE,
     'tuple[str, ...]': Parameter.Type.STRING_ARRAY,
@@ -51,6 +52,7 @@ def _descriptor(field: dataclasses.Field[Any], *, fixed: bool = True) -> Paramet
         description=field.metadata['text'],
         additional_constraints=f'one of {list(values)}' if values else '',
         read_only=fixed and not field.metadata['dynamic'],
+        dynamic_typing=_KINDS[str(field.type)] is Parameter.Type.NOT_SET,
     )
     if field.metadata['range'] is not None:
         least, most = field.metadata['range']

@@ -18,9 +18,11 @@ from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.outputs import roles_of
+from pfd_ros.arm.plant_settings import ESTIMATED
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.speeding import estimate_text
 from pfd_ros.node import parameters
 from pfd_ros.node.changing import Changes
 from pfd_ros.node.command_counts import CommandCounts
@@ -186,6 +188,11 @@ def _entities(node: Node) -> Iterator[tuple[str, Any]]:
 
 
 def _warn_about(settings: Settings, robot: Any, log: ThrottledLog) -> None:
+    if settings.armature == ESTIMATED:
+        log.info(estimate_text(robot))
     for name in ('armature', 'damping', 'friction'):
-        if getattr(settings, name) and not getattr(robot, name).any():
-            log.once(name, f'{name} is true, but the model of {cut(robot.name)!r} states none')
+        if getattr(settings, name) is True and not getattr(robot, name).any():
+            cure = f'; try armature:={ESTIMATED}' if name == 'armature' else ''
+            log.once(
+                name, f'{name} is true, but the model of {cut(robot.name)!r} states none{cure}'
+            )

@@ -74,7 +74,7 @@ def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, 
 
     assert set_text(peer, 'robot', 'puma560').successful
     assert change(peer, 'configure')
-    node.wait_for_text('6 joints, held')
+    node.wait_for_text('brakes hold all 6 joints')
     refused = set_text(peer, 'robot', 'ur5')
     assert not refused.successful
     assert "['robot'] cannot change until cleanup" in refused.reason

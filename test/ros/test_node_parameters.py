@@ -14,6 +14,7 @@ from ros_processes import MILLISECOND, PATIENCE, Processes, call, example_robot,
 from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
+PANDA = example_robot('panda_description/urdf/panda.urdf')
 
 
 def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None:
@@ -31,7 +32,7 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
     steps = np.diff([stamp_ns(state) for state in peer.states])
     assert all(step % (10 * MILLISECOND) == 0 and step > 0 for step in steps)
     assert arm.end(signal.SIGINT) == 0
-    assert "not parameters of this node: ['colour']" in arm.text()
+    assert "unknown parameters ignored: ['colour']" in arm.text()
 
 
 @pytest.mark.slow
@@ -44,6 +45,10 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
         (('-p', 'damping.joint1:=1'), 'damping.joint1 takes floating-point numbers: write 1.0'),
         (('-p', 'locked:=a'), "'locked' to 'a' of type 'STRING'"),
         (('robot:=ur5',), "'robot:=ur5' needs -p before it"),
+        (
+            ('-p', f'robot:={PANDA}'),
+            'of the node: write -p locked:=[panda_finger_joint1,panda_finger_joint2]',
+        ),
         (('-p', 'robot:=r2d2'), 'r2d2'),
         (('-p', 'publish_rate:=300.0'), 'publish_rate is 300.0 Hz'),
         (('-p', 'recording:=there.mcap'), 'there.mcap exists and is never written over'),
@@ -131,7 +136,7 @@ def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
     processes: Processes, peer_of
 ) -> None:
     arm = processes.arm(
-        *('-p', f'robot:={example_robot("panda_description/urdf/panda.urdf")}'),
+        *('-p', f'robot:={PANDA}'),
         *('-p', 'locked:=[panda_finger_joint1, panda_finger_joint2]'),
         *('-p', 'locked_positions:=[0.01, 0.02]'),
         *('-p', 'recording:=arm.mcap'),
@@ -145,11 +150,11 @@ def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
     assert list(peer.states[-1].name) == [*arm_joints, *fingers]
     assert peer.states[-1].position[7:].tolist() == [0.01, 0.02]
     peer.command(fingers, [1.0] * 2)
-    arm.wait_for_text(f'commands name joints that are locked and do not move: {fingers}')
-    arm.wait_for_text('1 messages on joint_commands dropped: refused (locked: ')
+    arm.wait_for_text(f'commands for locked joints have no effect: {fingers}')
+    arm.wait_for_text('1 messages on /joint_commands rejected: refused (locked: ')
     assert arm.end(signal.SIGINT) == 0, arm.text()
     summary = read(processes.folder / 'arm.mcap', verify=True)
     assert summary.settings is not None
     assert summary.settings.locks == {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}
-    assert arm.text().count('are locked and do not move') == 1
+    assert arm.text().count('for locked joints have no effect') == 1
     assert 'unknown' not in arm.text()

@@ -127,7 +127,7 @@ def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
     peer.wait(lambda: peer.states and any(peer.states[-1].effort))
     assert peer.states[-1].effort.tolist() == [1e-6 * (count - 1)] * 6
     assert arm.end(signal.SIGINT) == 0, arm.text()
-    assert 'messages on commands dropped: overflowed' in arm.text()
+    assert 'messages on /sim_arm/commands rejected: overflowed' in arm.text()
     rows = rows_of(processes.folder / 'arm.mcap')
     assert [row.sequence for row in rows] == list(range(1, count + 1))
     verdicts = [row.verdict for row in rows]

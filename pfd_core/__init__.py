@@ -26,10 +26,13 @@ from pfd_core.kernels.functions import forward_dynamics, inverse_dynamics
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import (
+    SPIN_UP_TIME,
     Payload,
     PhysicsWarning,
     Robot,
     Scene,
+    TreeError,
+    estimated_armature,
     known_robots,
     load_robot,
     load_scene,
@@ -55,6 +58,7 @@ except PackageNotFoundError:  # a checkout that was never installed
 __all__ = [
     'INTEGRATORS',
     'METHODS',
+    'SPIN_UP_TIME',
     'AdaptiveTrajectory',
     'Ensemble',
     'Feedback',
@@ -70,9 +74,11 @@ __all__ = [
     'StateFeedback',
     'Steps',
     'Trajectory',
+    'TreeError',
     '__version__',
     'compile_kernel',
     'emulate',
+    'estimated_armature',
     'forward_dynamics',
     'integrate',
     'inverse_dynamics',

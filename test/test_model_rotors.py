@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from pathlib import Path
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -11,6 +14,7 @@ from test_model_urdf import example
 from zoo import FORK
 
 import pfd_core as pfd
+from pfd_core.model.rotors import SPIN_UP_TIME
 
 DRAKE = '<robot xmlns:drake="http://drake.mit.edu" '
 FINGERS = {'left_finger': 0.0, 'right_finger': 0.0}
@@ -110,3 +114,62 @@ def test_an_arm_with_rotors_moves_as_in_pinocchio() -> None:
     found = pfd.forward_dynamics(robot, q, qd, tau, scene=pfd.Scene(armature='model'))
     expected = pin.aba(model, model.createData(), q, qd, tau)
     np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('name', 'least', 'most'),
+    [
+        # The 13 joints that the rule is fitted to, by their geometric mean.
+        ('panda', 0.33, 1.3),
+        ('puma560', 1.1, 3.6),
+        # A simulation's choice for every joint, which is not measured.
+        ('ur5', 0.059, 0.33),
+    ],
+)
+def test_estimated_rotors_are_off_by_the_stated_factors(
+    name: str, least: float, most: float
+) -> None:
+    robot = pfd.load_robot(name)
+    without = dataclasses.replace(robot, armature=np.zeros(robot.n))
+    ratio = robot.armature / pfd.estimated_armature(without)
+    assert (least <= ratio).all()
+    assert (ratio <= most).all()
+
+
+def test_the_time_of_the_estimate_is_the_mean_over_known_rotors() -> None:
+    robots = [pfd.load_robot(name) for name in ('panda', 'puma560')]
+    times = [r.armature * r.velocity_limit / r.effort_limit for r in robots]
+    mean = np.exp(np.log(np.concatenate(times)).mean())
+    # Stated with two digits.
+    assert f'{mean:.2g}' == f'{SPIN_UP_TIME:g}'
+
+
+def test_an_estimate_keeps_the_rotors_that_a_model_states_and_needs_both_limits() -> None:
+    robot = dataclasses.replace(
+        pfd.load_robot('ur5'),
+        armature=np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0]),
+        effort_limit=np.array([150.0, np.inf, 0.0, 28.0, 28.0, 28.0]),
+        velocity_limit=np.array([3.0, 3.0, 3.0, 0.0, np.inf, 3.5]),
+    )
+    expected = [0.5, 0.0, 0.0, 0.0, 0.0, SPIN_UP_TIME * 8.0]
+    np.testing.assert_allclose(pfd.estimated_armature(robot), expected, rtol=1e-15)
+
+
+def test_a_scene_with_estimated_rotors_has_the_accelerations_of_one_with_their_numbers(
+    tmp_path: Path,
+) -> None:
+    robot = pfd.load_robot('ur5')
+    robot = dataclasses.replace(robot, armature=np.zeros(robot.n))
+    scene = pfd.Scene(armature='estimated')
+    scene.save(tmp_path / 'scene.yaml')
+    assert pfd.load_scene(tmp_path / 'scene.yaml') == scene
+    state = np.random.default_rng(5).normal(size=(3, robot.n))
+    named, numbers = (
+        pfd.compile_kernel(robot, scene=pfd.Scene(armature=armature))(*state)
+        for armature in ('estimated', pfd.estimated_armature(robot))
+    )
+    assert named.tobytes() == numbers.tobytes()
+    with pytest.raises(ValueError, match="damping must be None, 'model' or one number a joint"):
+        pfd.Scene(damping='estimated')
+    with pytest.raises(ValueError, match="armature must be None, 'model', 'estimated' or one"):
+        pfd.Scene(armature='guessed')

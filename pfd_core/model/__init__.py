@@ -37,20 +37,24 @@ from pfd_core.model.loading import known_robots, load_robot, load_scene
 from pfd_core.model.plant import Plant, check_instant, in_motion, without_step_effects
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.robot_changes import Payload, lock, with_payload
-from pfd_core.model.rotors import reflected_inertia
+from pfd_core.model.rotors import SPIN_UP_TIME, estimated_armature, reflected_inertia
 from pfd_core.model.scene import Scene, scene_to_yaml
 from pfd_core.model.scene_inputs import scene_inputs
 from pfd_core.model.scene_numbers import given_scene, resolve
+from pfd_core.model.urdf_chain import TreeError
 from pfd_core.model.yaml_robot import robot_to_yaml
 
 __all__ = [
+    'SPIN_UP_TIME',
     'Frame',
     'Payload',
     'PhysicsWarning',
     'Plant',
     'Robot',
     'Scene',
+    'TreeError',
     'check_instant',
+    'estimated_armature',
     'given_scene',
     'in_motion',
     'known_robots',

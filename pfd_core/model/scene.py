@@ -38,7 +38,7 @@ from pfd_core.model.yaml_reader import yaml_text
 # Fields of Scene with one number a joint.
 PER_JOINT: Mapping[str, Rule] = {
     'damping': Rule('damping'),
-    'armature': Rule('armature'),
+    'armature': Rule('armature', estimated=True),
     'friction': Rule('friction'),
     'static_friction': Rule(),
     'stribeck_velocity': Rule(above=True),
@@ -69,9 +69,10 @@ class Scene:
         Acceleration of free fall, (3,) [m/s^2], in the frame of the base link.
     damping : None, "model" or array_like
         Viscous friction of the joints, (n,) [N m s/rad]; "model" for the robot's own.
-    armature : None, "model" or array_like
+    armature : None, "model", "estimated" or array_like
         Rotor inertia seen at the joints, (n,) [kg m^2]: that of the rotor times the square of
-        the gear ratio; "model" for the robot's own.
+        the gear ratio; "model" for the robot's own; "estimated" for an estimate by
+        `estimated_armature` at joints whose model states none.
     payload : Payload or None
         A body held by the last link.
     external_wrench : bool

@@ -22,6 +22,7 @@ from pfd_core.model.checked_numbers import LARGEST, Array, real_array, real_numb
 from pfd_core.model.error_text import quote
 
 MODEL = 'model'
+ESTIMATED = 'estimated'
 
 
 class Rule(NamedTuple):
@@ -31,6 +32,7 @@ class Rule(NamedTuple):
     least: float = 0.0
     above: bool = False  # whether the least number is excluded
     infinite: bool = False  # whether infinity is allowed, for a joint without a limit
+    estimated: bool = False  # whether "estimated" stands for numbers from the robot's limits
 
 
 def switch(key: str, value: Any) -> bool:
@@ -41,13 +43,14 @@ def switch(key: str, value: Any) -> bool:
 
 
 def per_joint(key: str, value: Any, rule: Rule) -> tuple[float, ...] | str | None:
-    """Return a field as None, "model" or a tuple with one number a joint."""
-    model = f', {MODEL!r}' if rule.model else ''
-    if value is None or (rule.model and isinstance(value, str) and value == MODEL):
-        return None if value is None else MODEL
+    """Return a field as None, "model", "estimated" or a tuple with one number a joint."""
+    words = [MODEL] * bool(rule.model) + [ESTIMATED] * rule.estimated
+    if value is None or (isinstance(value, str) and value in words):
+        return value
     length = _length(value)
     if length is None:
-        raise ValueError(f'{key} must be None{model} or one number a joint, got {quote(value)}')
+        choices = ''.join(f', {word!r}' for word in words)
+        raise ValueError(f'{key} must be None{choices} or one number a joint, got {quote(value)}')
     array = _numbers(key, value, (length,), rule.infinite)
     if rule.above and (array <= rule.least).any():
         raise ValueError(f'{key} must be above {rule.least:g}, got {quote(array.tolist())}')

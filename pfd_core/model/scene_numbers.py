@@ -18,8 +18,9 @@ from pfd_core.model.geometry import Array, product
 from pfd_core.model.plant import Plant
 from pfd_core.model.robot import Robot, check_robot
 from pfd_core.model.robot_changes import with_payload
+from pfd_core.model.rotors import estimated_armature
 from pfd_core.model.scene import PER_JOINT, Scene
-from pfd_core.model.scene_checks import MODEL
+from pfd_core.model.scene_checks import ESTIMATED, MODEL
 
 # The share of its velocity limit up to which a motor of the model gives its full effort: the limit
 # of a drive is no step, across which its controller would jump back and forth.
@@ -85,6 +86,8 @@ def _values(robot: Robot, scene: Scene, key: str) -> Array | None:
     if value == MODEL:
         numbers: Array = getattr(robot, PER_JOINT[key].model or key)
         return numbers
+    if value == ESTIMATED:
+        return estimated_armature(robot)
     _check_count(robot, key, value)
     return np.asarray(value, dtype=np.float64)
 

@@ -8,11 +8,27 @@ Trees, loops and unsupported joints are refused here, by the name of the joint.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from pfd_core.model.error_text import MOST_NAMES, quote, quote_all
 from pfd_core.model.urdf_reader import MOVING, NOT_A_CHAIN, Description, Joint
+
+
+class TreeError(ValueError):
+    """
+    A URDF is a tree, not a chain.
+
+    Attributes
+    ----------
+    joints : sequence of str
+        The joints that make it a chain if they are locked.
+
+    """
+
+    def __init__(self, text: str, joints: Sequence[str] = ()) -> None:
+        super().__init__(text)
+        self.joints = joints
 
 
 @dataclass(frozen=True)
@@ -191,11 +207,12 @@ def _last_link(
     before = {id(carriers[joint.parent]) for joint in moving}
     ends = [joint for joint in moving if id(joint) not in before]
     if len(ends) > 1:
-        raise ValueError(
+        raise TreeError(
             f'{quote(urdf.name)} is a tree, not a chain: it ends in joints '
             f'{quote_all(j.name for j in ends)}; choose one end with tip={quote(ends[0].child)} '
             '(and a base, if the ends part at a link that should stand still), or '
-            f'{_how_to_lock(ends)}'
+            f'{_how_to_lock(ends)}',
+            _movable(ends),
         )
     return ends[0].child
 
@@ -219,9 +236,10 @@ def _refuse_branches(
             )
     others = [joint for joint in moving if on_chain[joint.name] and joint.name not in own]
     if others:
-        raise ValueError(
+        raise TreeError(
             f'{quote(urdf.name)} is a tree, not a chain: {quote_all(j.name for j in others)} also '
-            f'move what {quote(chain[0].name)} carries to {quote(tip)}; {_how_to_lock(others)}'
+            f'move what {quote(chain[0].name)} carries to {quote(tip)}; {_how_to_lock(others)}',
+            _movable(others),
         )
 
 
@@ -261,7 +279,11 @@ def _check_kind(joint: Joint) -> None:
         )
 
 
+def _movable(joints: Iterable[Joint]) -> list[str]:
+    return [joint.name for joint in joints if joint.kind in MOVING]
+
+
 def _how_to_lock(joints: Iterable[Joint]) -> str:
-    names = [joint.name for joint in joints if joint.kind in MOVING]
+    names = _movable(joints)
     pairs = ', '.join(f'{quote(name)}: 0.0' for name in names[:MOST_NAMES])
     return f'lock them, locked={{{pairs}{", ..." if len(names) > MOST_NAMES else ""}}}'

@@ -18,10 +18,11 @@ from pfd_core.model.checked_numbers import number_from_text
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot_changes import Payload
 from pfd_core.model.scene import Scene
-from pfd_core.model.scene_checks import MODEL
+from pfd_core.model.scene_checks import ESTIMATED, MODEL
 from pfd_core.model.yaml_reader import read_yaml, table
 
-WORDS = {'null': None, 'true': True, 'True': True, 'false': False, 'False': False, MODEL: MODEL}
+WORDS: dict[str, Any] = {'null': None, 'true': True, 'True': True, 'false': False, 'False': False}
+WORDS |= {word: word for word in (MODEL, ESTIMATED)}
 SCENE, PAYLOAD = (tuple(item.name for item in fields(part)) for part in (Scene, Payload))
 
 

@@ -29,6 +29,7 @@ From the inputs to the outputs:
     actuators         from commands to the efforts that act: servos, limits of the motors
     model_kernels     the native code of the outputs that are quantities of the model
     arm               the simulated arm: robot, brakes, simulator, failure
+    speeding          joints beyond their velocity limits, and the cure
     changes           the rules for settings that change while the arm runs: new payloads, gains
     sensors           the true state -> the measured one, which joint_states tell
     outputs           what is published beside joint_states: model, tip, energy, true state

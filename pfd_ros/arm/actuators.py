@@ -59,6 +59,13 @@ class Actuators:
         Whether a reflex has braked all joints, until `restart`.
     trips, reflex
         How often it has, and why it did last.
+    speeds
+        Speed up to which each motor has its full effort, (n,) in model order, rad/s or m/s.
+    fast_cycles
+        Cycles in which a joint was beyond its velocity limit.
+    peaks
+        Largest speed of each joint beyond its limit so far, as a multiple of the limit, in
+        published order; 0 for a joint that was never beyond.
 
     Parameters
     ----------
@@ -69,12 +76,13 @@ class Actuators:
     """
 
     def __init__(self, settings: Settings, robot: Any, order: Sequence[int]) -> None:
-        self.saturated = self.trips = 0
+        self.saturated = self.trips = self.fast_cycles = 0
+        self.peaks = [0.0] * len(order)
         self.reflex = ''
         self._names = robot.joint_names
         self._order = list(order)
         self._place = np.argsort(order)
-        self._full, self._speeds = effort_limits(robot), speed_limits(robot)
+        self._full, self.speeds = effort_limits(robot), speed_limits(robot)
         self._servo: _Servo | None = None
         # The drive of the last cycle, before the limits, where a reflex looks at it.
         self._before: Drive | None = None
@@ -86,7 +94,8 @@ class Actuators:
         """Take over settings."""
         full, endless = self._full.tolist(), [math.inf] * len(self._order)
         most = full if settings.effort_limits else endless
-        speeds = self._speeds.tolist() if settings.torque_speed else endless
+        speeds = self.speeds.tolist()
+        self._torque_speed = settings.torque_speed
         # Index in the model, largest effort, speed up to which the motor has it, and effort of
         # the motor, of each joint in published order.
         self._motors = [(i, most[i], speeds[i], full[i]) for i in self._order]
@@ -175,14 +184,22 @@ class Actuators:
         """
         # Lists: for a few joints faster than NumPy.
         limited = efforts.copy()
+        fast = False
         for (i, most, speed, full), velocity in zip(self._motors, velocities, strict=True):
             effort = efforts[i]
             if not -most <= effort <= most:
                 effort = min(max(effort, -most), most)
-            if not -speed <= velocity <= speed:
+            if -speed <= velocity <= speed:
+                limited[i] = effort
+                continue
+            fast = True
+            place = self._place[i]
+            self.peaks[place] = max(self.peaks[place], abs(velocity) / speed)
+            if self._torque_speed:
                 there = full * max(2.0 - abs(velocity) / speed, 0.0)
                 effort = min(effort, there) if velocity > 0.0 else max(effort, -there)
             limited[i] = effort
+        self.fast_cycles += fast
         return limited
 
 

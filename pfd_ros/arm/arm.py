@@ -22,18 +22,30 @@ from pfd_ros.text import cut, listed
 
 # More than one is ready only while the arm is slower than the compiler.
 MOST_PREPARED = 4
+# Joints in the cure for a tree.
+MOST_TO_LOCK = 16
 # A stamp has 31 bits for its seconds; a day is left for the steps that follow.
 LATEST_NS = (2**31 - 86_400) * NANOSECONDS
 
 
 def load_robot(settings: Settings) -> Any:
-    """Return the robot that the settings name."""
-    return pfd.load_robot(
-        settings.robot,
-        base=settings.base_link or None,
-        tip=settings.tip_link or None,
-        locked=settings.locks or None,
-    )
+    """Return the robot that the settings name.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be loaded; for a tree the text says which parameter makes it a chain.
+    """
+    try:
+        return pfd.load_robot(
+            settings.robot,
+            base=settings.base_link or None,
+            tip=settings.tip_link or None,
+            locked=settings.locks or None,
+        )
+    except pfd.TreeError as error:
+        names = ','.join([*settings.locked, *error.joints][:MOST_TO_LOCK])
+        raise ValueError(f'{error}; of the node: write -p locked:=[{names}]') from error
 
 
 def simulator_settings(settings: Settings) -> dict[str, Any]:

@@ -23,11 +23,24 @@ from pfd_ros.arm.drive import Command, Drive, held, let_go, merge
 from pfd_ros.arm.noise import Channel, uniform
 from pfd_ros.arm.settings import Settings, timeout_steps
 
-TIMEOUT_TEXT = (
-    'times no command came for command_timeout; a topic-based hardware of ros2_control sends none '
-    'while its command equals the state: give it '
-    '<param name="trigger_joint_command_threshold">-1</param>'
+# What the watchdog does, by `on_timeout`.
+TIMEOUT_ACTIONS = {
+    'brake': 'brakes on',
+    'zero': 'zero efforts',
+    'hold': 'servos hold the position',
+}
+TIMEOUT_CURE = (
+    'a topic-based hardware of ros2_control sends none while its command equals the state: give '
+    'it <param name="trigger_joint_command_threshold">-1</param>'
 )
+
+
+def timeout_text(settings: Settings) -> str:
+    """Return the line about a watchdog that has acted."""
+    return (
+        f'no command for {settings.command_timeout:g} s (command_timeout): '
+        f'{TIMEOUT_ACTIONS[settings.on_timeout]}; {TIMEOUT_CURE}'
+    )
 
 
 class CommandLink:

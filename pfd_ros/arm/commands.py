@@ -64,7 +64,7 @@ class Judgement(NamedTuple):
     )
 
 
-def named_values_rule(message: JointMessage, since_ns: int) -> Judgement | None:
+def named_values_rule(message: JointMessage, since_ns: int | None = None) -> Judgement | None:
     """Return the judgement on a message by joint name that breaks a rule for its arrays.
 
     Parameters
@@ -73,7 +73,7 @@ def named_values_rule(message: JointMessage, since_ns: int) -> Judgement | None:
         The message.
     since_ns
         Simulated time of the last start, reset or jump; messages stamped before it are
-        left-overs. Stamp 0 means now.
+        left-overs. Stamp 0 means now. None accepts any stamp.
     """
     names = message.names
     for kind, values in kinds_of(message).items():
@@ -84,7 +84,7 @@ def named_values_rule(message: JointMessage, since_ns: int) -> Judgement | None:
         # The terms of a finite sum are finite; for a few joints faster than NumPy.
         if not math.isfinite(sum(values.tolist())) and np.isinf(values).any():
             return Judgement(Verdict.INFINITE, f'{kind} holds an infinity')
-    if message.stamp_ns != 0 and message.stamp_ns < since_ns:
+    if since_ns is not None and 0 != message.stamp_ns < since_ns:
         return Judgement(
             Verdict.STALE, f'stamp {message.stamp_ns} ns, expected {since_ns} ns or later'
         )

@@ -136,6 +136,11 @@ class Engine:
         )
 
     @property
+    def newest_command_ns(self) -> int | None:
+        """Stamp of the newest command by name, accepted or not, ns; None before the first."""
+        return self._rules.newest_ns
+
+    @property
     def stands(self) -> bool:
         """Whether the next cycle has to wait for an event."""
         # Of an arm that failed simulated time stands still; cycles go on as if it did not.

@@ -28,6 +28,8 @@ class Judge:
     since_ns
         Simulated time before which stamped commands are left-overs: of the start, the last reset
         or jump, or the state that a command in lockstep must answer.
+    newest_ns
+        Stamp of the newest command by name, whether accepted or not; None before the first.
     reset_ns
         Simulated time of the start or the last reset, before which wrenches are left-overs.
     """
@@ -35,6 +37,7 @@ class Judge:
     def __init__(self, arm: Arm, pace: Pace, actuators: Actuators) -> None:
         self._arm, self._pace, self._actuators = arm, pace, actuators
         self.since_ns = self.reset_ns = arm.settings.start_ns
+        self.newest_ns: int | None = None
         self._index = {name: i for i, name in enumerate(arm.robot.joint_names)}
         self._order = np.array(arm.order)
         self._locked = arm.settings.published_locks
@@ -49,12 +52,13 @@ class Judge:
                 return self.judge_efforts(convert.decode_floats(payload))
             if source is Source.NAMED:
                 message, gains = convert.decode_joint_state(payload), self._actuators.gains
+                self.newest_ns = message.stamp_ns
                 return self._unless_tripped(
                     judge_named(message, self._index, self.since_ns, gains, self._locked)
                 )
             if source is Source.SET_STATE:
                 message = convert.decode_joint_state(payload)
-                return judge_state(message, self._index, self.since_ns, self._locked)
+                return judge_state(message, self._index, self._locked)
             if source is Source.PARAMETERS:
                 return judge_changes(convert.decode_string(payload), self._arm)
             if source is Source.TICK:

@@ -16,6 +16,8 @@ from pfd_ros.arm.setting_fields import setting
 LARGEST_MASS, LARGEST_CENTER, LARGEST_INERTIA = 1e5, 1e3, 1e6
 # A flat body reaches the bound of the triangle rule; this is far above its rounding.
 TRIANGLE_TOLERANCE = 1e-9
+# A value of `armature`, as of Scene.
+ESTIMATED = 'estimated'
 # Fields that a scene file stands for.
 EFFECTS = (
     *('gravity', 'damping', 'friction', 'armature', 'joint_limits', 'restitution'),
@@ -33,7 +35,10 @@ def _of_joints(name: str, text: str) -> Any:
     """
 
     def default(settings: Any, robot: Any) -> np.ndarray:
-        numbers: np.ndarray = getattr(robot, name) * float(getattr(settings, name))
+        switch = getattr(settings, name)
+        if switch == ESTIMATED:
+            return pfd.estimated_armature(robot)
+        numbers: np.ndarray = getattr(robot, name) * float(switch)
         return numbers
 
     return setting((), text, 0.0, 1e6, name=name, per_joint=True, joint_default=default)
@@ -48,7 +53,12 @@ class PlantSettings:
     )
     damping: bool = setting(False, 'Viscous damping of the joints as the model states it')
     friction: bool = setting(False, 'Coulomb friction of the joints as the model states it')
-    armature: bool = setting(False, 'Rotor inertia of the joints as the model states it')
+    armature: bool | str = setting(
+        False,
+        'Rotor inertia of the joints: true as the model states it; estimated as the model states '
+        'it, and from effort and velocity limits where it states none',
+        values=(False, True, ESTIMATED),
+    )
     joint_limits: bool = setting(False, 'Stops at the position limits of the model')
     restitution: float = setting(
         0.0, 'Share of its velocity that a joint keeps when it bounces off its stop', 0.0, 1.0

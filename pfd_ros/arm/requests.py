@@ -63,24 +63,22 @@ def judge_request(text: str, pace: Pace) -> Judgement:
 
 
 def judge_state(
-    message: JointMessage,
-    index: Mapping[str, int],
-    since_ns: int,
-    locked: Collection[str] = (),
+    message: JointMessage, index: Mapping[str, int], locked: Collection[str] = ()
 ) -> Judgement:
     """Judge a state to jump to; see `commands.judge_named` for the parameters.
 
     NaN, and an array that is empty, leave a position as it is; a velocity is zero then. Locked
-    joints stay where they are: a state of joint_states can be sent back as it came.
+    joints stay where they are. The efforts and the stamp are those of the moment that the state
+    was measured, and have no effect: a message of joint_states can be sent back as it came.
     """
     if not message.names:
         return Judgement(Verdict.NO_NAMES, 'no joint names')
-    broken = named_values_rule(message, since_ns)
+    broken = named_values_rule(message)
     if broken is not None:
         return broken
-    if not len(message.position) or len(message.effort):
+    if not len(message.position):
         return Judgement(
-            Verdict.MALFORMED, 'expected a position, and perhaps a velocity, for each joint'
+            Verdict.MALFORMED, 'no positions; expected a position for each joint that is named'
         )
     velocity = message.velocity if len(message.velocity) else np.zeros(len(message.names))
     strange = [name for name in message.names if name not in index and name not in locked]

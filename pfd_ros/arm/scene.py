@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD, PlantSettings
+from pfd_ros.arm.plant_settings import COMPILED, ESTIMATED, PAYLOAD, PlantSettings
 from pfd_ros.arm.setting_fields import parameter_name
 from pfd_ros.arm.settings import Settings
 from pfd_ros.text import cut
@@ -71,6 +71,8 @@ def _switched(settings: Settings, order: Sequence[int]) -> pfd.Scene:
         for name in ('damping', 'friction', 'armature', 'joint_limits')
         if getattr(settings, name)
     }
+    if settings.armature == ESTIMATED:
+        effects['armature'] = ESTIMATED
     for field in fields(PlantSettings):
         given = getattr(settings, field.name) if field.metadata['per_joint'] else ()
         if given:

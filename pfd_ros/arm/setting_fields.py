@@ -25,7 +25,7 @@ def setting(
     most: float | None = None,
     *,
     name: str = '',
-    values: tuple[str, ...] = (),
+    values: tuple[str | bool, ...] = (),
     dynamic: bool = False,
     per_joint: bool = False,
     joint_default: Callable[[Any, Any], np.ndarray] | None = None,
@@ -43,7 +43,7 @@ def setting(
     name
         The name of the parameter, where it is not that of the field, such as 'noise.position'.
     values
-        The texts it may be, if it may not be any.
+        The values it may have, if it may not have any.
     dynamic
         Whether it may change while the arm runs, by an event.
     per_joint
@@ -132,6 +132,7 @@ def joint_values(
 _ACCEPTED: dict[str, tuple[Any, str]] = {
     'str': ((str,), 'text'),
     'bool': ((bool,), 'true or false'),
+    'bool | str': ((bool, str), 'true, false or text'),
     'int': ((int,), 'a whole number'),
     'float': ((int, float), 'a number'),
     'tuple': ((list, tuple), 'a list'),
@@ -148,14 +149,14 @@ def typed(name: str, value: Any, annotation: str) -> Any:
     """
     kind, _, rest = annotation.partition('[')
     types, expected = _ACCEPTED[kind]
-    if not isinstance(value, types) or (isinstance(value, bool) and kind != 'bool'):
+    if not isinstance(value, types) or (isinstance(value, bool) and bool not in types):
         shown = cut(repr(value) if isinstance(value, str | int | float) else type(value).__name__)
         raise ValueError(f'{name} is {shown}, expected {expected}')
     if kind == 'tuple':
         if len(value) > MOST_VALUES:
             raise ValueError(f'{name} holds {len(value)} values, expected {MOST_VALUES} at most')
         return tuple(typed(name, entry, rest.partition(',')[0]) for entry in value)
-    if kind == 'str' and (len(value) > LONGEST_TEXT or '\0' in value):
+    if isinstance(value, str) and (len(value) > LONGEST_TEXT or '\0' in value):
         raise ValueError(
             f'{name} is {cut(value)!r}, expected {LONGEST_TEXT} characters at most and no NUL'
         )

@@ -168,6 +168,15 @@ class Settings(
             return self
         return dataclasses.replace(self, start_time=int(seconds * 1000) / 1000)
 
+    def continued_from(self, stamp_ns: int) -> Settings:
+        """Return settings with simulated time that does not begin before a stamp, ns."""
+        if self.follows_clock or self.start_ns >= stamp_ns:
+            return self
+        start = stamp_ns / NANOSECONDS
+        while round(start * NANOSECONDS) < stamp_ns:
+            start = math.nextafter(start, math.inf)
+        return dataclasses.replace(self, start_time=start)
+
     @property
     def step_ns(self) -> int:
         """Simulated time per step in nanoseconds."""

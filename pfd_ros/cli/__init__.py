@@ -9,5 +9,5 @@
     report    pfd report: counts, speed, hard cases, a scene
     robots    pfd robots
 
-A new command is a module with `HELP`, `add_arguments` and `run`, and a place in `main.COMMANDS`.
+A new command is a module with `HELP`, `add_arguments` and `run`, and a place in `main._commands`.
 """

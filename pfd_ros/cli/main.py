@@ -1,6 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the command that the arguments name; errors become one line and an exit status."""
+"""Runs the command that the arguments name; errors become one line and an exit status.
+
+Commands are imported by `main`, not with this module: a signal during these imports, which take
+a second, ends `pfd sim` like one that comes later.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +13,10 @@ from collections.abc import Sequence
 import importlib.util
 import os
 import sys
+import threading
+from typing import Any
 
-from pfd_ros.cli import demo, replay, report, robots, sim
+from pfd_ros.node.main import stop_on_signals
 from pfd_ros.text import one_line
 
 # Exit status of a program that Ctrl-C ended, as shells have it.
@@ -21,17 +27,22 @@ NO_ROS = (
 )
 
 
-# In the order of `pfd --help`; none imports rclpy before it runs.
-COMMANDS = {'demo': demo, 'sim': sim, 'replay': replay, 'report': report, 'robots': robots}
 NEED_ROS = {'demo', 'sim'}
 
 
-def _parser() -> argparse.ArgumentParser:
+def _commands() -> dict[str, Any]:
+    """Return the commands in the order of `pfd --help`; none imports rclpy before it runs."""
+    from pfd_ros.cli import demo, replay, report, robots, sim
+
+    return {'demo': demo, 'sim': sim, 'replay': replay, 'report': report, 'robots': robots}
+
+
+def _parser(commands: dict[str, Any]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog='pfd', description='A stand-in robot arm: torques in, simulated joint states out.'
     )
     subparsers = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for name, command in COMMANDS.items():
+    for name, command in commands.items():
         command.add_arguments(subparsers.add_parser(name, help=command.HELP))
     return parser
 
@@ -39,10 +50,19 @@ def _parser() -> argparse.ArgumentParser:
 def main(args: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status: 0 only if it did what was asked."""
     words = list(sys.argv[1:] if args is None else args)
+    try:
+        return _run(words, stop_on_signals() if words[:1] == ['sim'] else None)
+    except KeyboardInterrupt:
+        _give_up_output()
+        return INTERRUPTED
+
+
+def _run(words: list[str], stop: threading.Event | None) -> int:
+    commands = _commands()
     # These arguments are for ROS, and argparse would not understand them.
     cut = words.index('--ros-args') if '--ros-args' in words else len(words)
-    given = _parser().parse_args(words[:cut])
-    given.ros_args = words[cut:]
+    given = _parser(commands).parse_args(words[:cut])
+    given.ros_args, given.stop = words[cut:], stop
     if given.ros_args and given.command != 'sim':
         print(f'pfd: {given.command} takes no --ros-args', file=sys.stderr)
         return 2
@@ -50,7 +70,7 @@ def main(args: Sequence[str] | None = None) -> int:
         print(f'pfd: {NO_ROS}', file=sys.stderr)
         return 1
     try:
-        status: int = COMMANDS[given.command].run(given)
+        status: int = commands[given.command].run(given)
         # Here, while a full disk or a closed pipe can still be reported.
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -59,9 +79,6 @@ def main(args: Sequence[str] | None = None) -> int:
         if sys.stderr is not None:
             print(one_line(f'pfd {given.command}: {error}'), file=sys.stderr)
         return 1
-    except KeyboardInterrupt:
-        _give_up_output()
-        return INTERRUPTED
     return status
 
 

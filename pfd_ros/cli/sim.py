@@ -12,6 +12,8 @@ HELP = 'the node; takes --ros-args as every ROS 2 node does'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the robot; all else is for ROS."""
     parser.add_argument('--robot', help='robot to simulate, the same as -p robot:=...')
+    # The node knows what is wrong with these.
+    parser.add_argument('words', nargs='*', help=argparse.SUPPRESS)
 
 
 def run(given: argparse.Namespace) -> int:
@@ -19,4 +21,4 @@ def run(given: argparse.Namespace) -> int:
     from pfd_ros.node import main as node
 
     robot = [] if given.robot is None else ['--ros-args', '-p', f'robot:={given.robot}', '--']
-    return node.main([*robot, *given.ros_args])
+    return node.main([*given.words, *robot, *given.ros_args], given.stop)

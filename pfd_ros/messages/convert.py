@@ -86,8 +86,17 @@ def decode_joint_state(data: bytes) -> JointMessage:
 
 
 def read_time(reader: CdrReader) -> int:
-    """Return a builtin_interfaces/Time in nanoseconds."""
-    return reader.int32() * NANOSECONDS + reader.uint32()
+    """Return a builtin_interfaces/Time in nanoseconds: every stamp from outside is read here.
+
+    Raises
+    ------
+    ValueError
+        If the nanoseconds are a second or more.
+    """
+    seconds, nanoseconds = reader.int32(), reader.uint32()
+    if nanoseconds >= NANOSECONDS:
+        raise ValueError(f'nanosec of a time is {nanoseconds}, expected 0 to {NANOSECONDS - 1}')
+    return seconds * NANOSECONDS + nanoseconds
 
 
 def _read_layout(reader: CdrReader) -> tuple[tuple[str, ...], tuple[int, ...]]:

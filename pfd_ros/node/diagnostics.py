@@ -6,8 +6,9 @@ One status for each task, as REP 107 has it:
 
     lifecycle      the state of the node
     stepping       real-time factor, time of a step, overruns
-    commands       rate, age, rejections by cause, publishers that are not heard, watchdog, reflex
-    simulation     integrator, method, its error, energy, the largest stable gains of a PD loop
+    commands       rate, age, rejections by cause, mismatched publishers, watchdog, reflex
+    simulation     joints beyond their velocity limits, integrator, method, its error, energy, the
+                   largest stable gains of a PD loop
     recording      open, failed, waiting, dropped
 
 A new value is a pair of texts in the function of its task.
@@ -33,6 +34,7 @@ from pfd_ros.arm.commands import QUIET
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import COMMANDS, Verdict
 from pfd_ros.arm.model_kernels import model_kernels
+from pfd_ros.arm.speeding import speeding
 from pfd_ros.arm.stable_gains import gain_limits
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.node.graph_check import GraphCheck
@@ -65,6 +67,7 @@ class _Seen(NamedTuple):
     missed: int
     accepted: int
     rejected: int
+    fast: int
     not_recorded: int
 
 
@@ -115,6 +118,7 @@ class ArmDiagnostics:
             stepper.timer.missed,
             accepted,
             sum(n for (_, verdict), (n, _) in verdicts.items() if verdict not in QUIET),
+            engine.actuators.fast_cycles,
             stepper.session.dropped,
         )
 
@@ -125,7 +129,7 @@ class ArmDiagnostics:
         return [
             self._stepping(last, now),
             self._commands(last, now),
-            self._simulation(),
+            self._simulation(last, now),
             self._recording(last, now),
         ]
 
@@ -155,7 +159,7 @@ class ArmDiagnostics:
         if engine.arm.failure:
             return Task('stepping', ERROR, engine.arm.failure, values)
         if now.missed > last.missed:
-            return Task('stepping', WARN, 'periods missed: this machine is too slow', values)
+            return Task('stepping', WARN, 'steps late: a busy machine or a blocked reader', values)
         if engine.stands:
             return Task('stepping', OK, self._why_it_stands(engine), values)
         return Task('stepping', OK, 'steps', values)
@@ -191,16 +195,16 @@ class ArmDiagnostics:
             ('reflex_trips', actuators.trips),
         ]
         if actuators.tripped:
-            return Task('commands', ERROR, f'a reflex holds the arm: {actuators.reflex}', values)
+            return Task('commands', ERROR, f'brakes on after a reflex: {actuators.reflex}', values)
         if link.timed_out:
-            return Task('commands', WARN, 'the watchdog has tripped: no command in time', values)
+            return Task('commands', WARN, 'no command for command_timeout', values)
         if now.rejected > last.rejected:
             return Task('commands', WARN, 'messages rejected', values)
         if deaf:
-            return Task('commands', WARN, 'another node is not heard, or does not hear', values)
-        return Task('commands', OK, 'heard' if now.accepted else 'none so far', values)
+            return Task('commands', WARN, 'QoS or type mismatch with another node', values)
+        return Task('commands', OK, 'received' if now.accepted else 'none so far', values)
 
-    def _simulation(self) -> Task:
+    def _simulation(self, last: _Seen, now: _Seen) -> Task:
         engine = self.stepper.engine
         settings, arm = engine.settings, engine.arm
         q, qd, tau = np.empty((3, len(arm.order)))
@@ -212,10 +216,14 @@ class ArmDiagnostics:
         kinetic, potential = self.kernels.energy(q, qd)
         # The controller reads each published state.
         period = settings.publish_every * settings.step_ns / NANOSECONDS
+        level, message = (ERROR, arm.failure) if arm.failure else (OK, 'runs')
+        speed = speeding(arm, engine.actuators)
+        if speed is not None and now.fast > last.fast and not arm.failure:
+            level, message = WARN, f'beyond its velocity limit: {speed.text}'
         return Task(
             'simulation',
-            ERROR if arm.failure else OK,
-            arm.failure or 'goes on',
+            level,
+            message,
             [
                 ('robot', settings.robot),
                 ('integrator', settings.integrator),
@@ -224,6 +232,8 @@ class ArmDiagnostics:
                 ('error_estimate', f'{self.kernels.error_estimate(q, qd, tau):.2g}'),
                 ('kinetic_energy_J', f'{kinetic:.6g}'),
                 ('potential_energy_J', f'{potential:.6g}'),
+                ('largest_speed_over_limit', 0.0 if speed is None else f'{speed.ratio:.4g}'),
+                ('cycles_beyond_velocity_limits', now.fast),
                 ('control_period_s', period),
                 *_largest_gains(self.kernels.inertia(q), period, list(arm.order)),
             ],
@@ -233,7 +243,7 @@ class ArmDiagnostics:
         session = self.stepper.session
         recorder = session.recorder
         if recorder is None:
-            return Task('recording', OK, 'none is asked for', [('open', False)])
+            return Task('recording', OK, 'not requested', [('open', False)])
         values: list[tuple[str, object]] = [
             ('open', not recorder.failed),
             ('file', self.stepper.engine.settings.recording),
@@ -246,7 +256,7 @@ class ArmDiagnostics:
             return Task('recording', ERROR, recorder.error, values)
         if now.not_recorded > last.not_recorded:
             return Task('recording', WARN, 'the disk is too slow', values)
-        return Task('recording', OK, 'goes on', values)
+        return Task('recording', OK, 'runs', values)
 
 
 def _largest_gains(

@@ -27,7 +27,7 @@ from std_msgs.msg import Float64MultiArray
 from pfd_ros.arm.events import CLOCK, PAYLOAD_IN_USE, STATES, Source
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.messages import convert
-from pfd_ros.node.parameters import given_names
+from pfd_ros.node.parameters import given_parameters
 
 _CLASSES = {
     convert.JOINT_STATE: JointState,
@@ -138,7 +138,7 @@ def serve_best_effort(node: Node, endpoints: Endpoints, source: Source) -> bool:
     """
     old = endpoints.subscriptions[source]
     executor = node.executor
-    if executor is None or reliability_parameter(old) in given_names(node):
+    if executor is None or reliability_parameter(old) in given_parameters(node):
         return False
 
     def replace() -> None:

@@ -9,7 +9,7 @@ to be trusted to an experimental executor, and come without the name of the othe
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 import time
 from typing import Any
@@ -26,6 +26,7 @@ from rclpy.qos import (
 )
 
 from pfd_ros.arm.events import CLOCK, COMMANDS, STATES, Source
+from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.node.endpoints import (
     Endpoints,
     relaxed,
@@ -63,7 +64,8 @@ def _who(info: Any) -> str:
 class GraphCheck:
     """Tells once each: no commands, foreign types, incompatible QoS, other publishers.
 
-    Best-effort publishers of commands are served from then on. `now` is steady time in s.
+    Best-effort publishers of commands are served from then on. `now` is steady time in s; a
+    message in `counts` proves that there was a publisher, though it may be gone already.
 
     Attributes
     ----------
@@ -75,6 +77,7 @@ class GraphCheck:
     endpoints: Endpoints
     log: ThrottledLog
     now: Callable[[], float] = time.monotonic
+    counts: CommandCounts = field(default_factory=CommandCounts)
 
     def __post_init__(self) -> None:
         """Begin to wait for a first publisher."""
@@ -92,12 +95,13 @@ class GraphCheck:
         commands = {source: end for source, end in subscribed.items() if source in COMMANDS}
         for source, end in subscribed.items():
             self._check_publishers(source, end)
+        self._commanded |= any(source in COMMANDS for source, _ in self.counts.verdicts())
         if not self._commanded and self.now() - self._since > PATIENCE_SECONDS:
             ends = commands.values()
             topics = ' or '.join(f'{end.topic_name} ({type_name(end)})' for end in ends)
             self.log.once(
                 'nobody',
-                f'after {PATIENCE_SECONDS:g} s nobody publishes commands on {topics}; '
+                f'no publisher of commands on {topics} for {PATIENCE_SECONDS:g} s: '
                 'check topic names, remappings and ROS_DOMAIN_ID of the controller',
             )
         states = self.endpoints.publishers[STATES]
@@ -158,7 +162,7 @@ class GraphCheck:
             self.log.once(
                 ('type', key),
                 f'{_who(info)} {does} {cut(info.topic_type)!r} on {end.topic_name}, which has the '
-                f'type {wanted}: nothing of it arrives{self._other_topic(info, publishing)}',
+                f'type {wanted}: no messages are received{self._other_topic(info, publishing)}',
             )
             return False
         own, theirs = _effective(end.qos_profile), info.qos_profile
@@ -167,7 +171,7 @@ class GraphCheck:
             self.log.once(
                 ('qos', key),
                 f'{_who(info)} {does} {end.topic_name} with incompatible QoS ({reason.strip()}): '
-                f'nothing of it arrives; {_cure(end, info, publishing)}',
+                f'no messages are received; {_cure(end, info, publishing)}',
             )
         return fits
 

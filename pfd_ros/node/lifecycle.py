@@ -12,7 +12,9 @@ configure     makes the arm. A model that does not load, or a recording that exi
               the log and a failed transition; the node stays unconfigured.
 activate      lets the arm step: a request, which is recorded as those of services are.
 deactivate    puts every brake on; simulated time stands still from then on.
-cleanup       closes the recording and forgets the arm; the next configure makes a new one.
+cleanup       closes the recording and forgets the arm; the next configure makes a new one, whose
+              simulated time begins where that of the last one ended, so that /clock never goes
+              back.
 shutdown      does the same and ends the process.
 An error      that nobody expected is told, and the arm is cleaned up: unconfigured, exit status 1.
 
@@ -29,6 +31,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 import gc
 import threading
 from typing import Any
@@ -40,7 +43,7 @@ from pfd_ros.node.diagnostics import ERROR, OK, DiagnosticsPublisher, Task
 from pfd_ros.node.sim_arm import SimArm
 from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.node.workers import Workers, described
-from pfd_ros.text import one_line
+from pfd_ros.text import cut, one_line
 
 NAME = 'sim_arm'
 # For each thread to end, and for ROS and the interpreter to go down.
@@ -63,6 +66,8 @@ class SimArmNode(LifecycleNode):
         The configured arm, or None.
     callback_failures
         Number of callbacks that raised: a fault, but no reason to let the arm go deaf.
+    rejected_transitions
+        Number of requests for a transition that the state does not have.
     hung
         Whether a thread of an arm did not end, and may still use ROS.
 
@@ -76,14 +81,16 @@ class SimArmNode(LifecycleNode):
         super().__init__(NAME, start_parameter_services=False)
         parameters.StrictParameterService(self)
         self.arm: SimArm | None = None
-        self.callback_failures = 0
+        self.callback_failures = self.rejected_transitions = 0
         self.hung = False
-        self._newest_failure = ''
+        self._newest_failure = self._newest_rejection = ''
         self._workers = workers
         self._mistakes = mistakes
         # Held by a transition, and by the main thread while it reports or closes.
         self._lock = threading.Lock()
         self._closed = False
+        # Simulated time that the arms so far have reached.
+        self._reached_ns = 0
         self._error: Exception | None = None
         self._problems: list[str] = []
         self._log = ThrottledLog(self.get_logger())
@@ -157,11 +164,11 @@ class SimArmNode(LifecycleNode):
 
     def _configure(self) -> None:
         settings = replace(parameters.read(self), autostart=self._starting)
-        self.arm = SimArm(self, settings, self._log, self._workers.stop.is_set)
+        self.arm = SimArm(self, settings, self._log, self._workers.stop.is_set, self._reached_ns)
         # Now that the joints are known, too.
         misspelt = parameters.misspelt(self)
         if misspelt:
-            self._log.once('misspelt', f'not parameters of this node: {misspelt}; misspelt?')
+            self._log.once('misspelt', f'unknown parameters ignored: {misspelt}')
         self._guard_services()
         # Start-up garbage is looked at once, not again and again while the arm runs.
         gc.unfreeze()
@@ -190,10 +197,11 @@ class SimArmNode(LifecycleNode):
         workers = self._workers
         arm.stop_stepping()
         ended = arm.thread is None or workers.join(arm.thread, END_SECONDS)
+        self._reached_ns = max(self._reached_ns, arm.stepper.engine.arm.stamp_ns)
         workers.guard('closing the recording', arm.close_recording, always)
         workers.guard('reporting', lambda: arm.reporter.report(last=True), always)
         self._problems += arm.reporter.problems()
-        self.get_logger().info(f'stopped: {arm.reporter.totals()}')
+        self.get_logger().info(one_line(arm.reporter.summary()))
         if not ended:
             # It may still use what would be destroyed.
             self.hung = True
@@ -202,8 +210,29 @@ class SimArmNode(LifecycleNode):
     def _guard_services(self) -> None:
         """Answer each request, though its callback raises: rclpy's own do for some requests."""
         for service in self.services:
-            if not isinstance(service.callback, _Guarded):
-                service.callback = _Guarded(service.callback, self.callback_failed)
+            if isinstance(service.callback, _Guarded):
+                continue
+            if service.service_name.endswith('/change_state'):
+                service.callback = partial(self._change_state, service.callback)
+            service.callback = _Guarded(service.callback, self.callback_failed)
+
+    def _change_state(self, change: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+        """Answer `~/change_state`; rcl would log two errors of its own for what is refused here.
+
+        As rclpy has it, a label that is not empty counts, and the id does not.
+        """
+        asked = request.transition
+        machine = self._state_machine
+        possible = {label: number for number, label, *_ in machine.available_transitions}
+        if asked.label in possible or (not asked.label and asked.id in possible.values()):
+            return change(request, response)
+        name = repr(cut(asked.label)) if asked.label else asked.id
+        state = machine.current_state[1]
+        choices = ', '.join(f'{label} ({number})' for label, number in possible.items())
+        self.rejected_transitions += 1
+        self._newest_rejection = f'{name} is not possible when {state}; possible: {choices}'
+        response.success = False
+        return response
 
     def callback_failed(self, error: Exception) -> None:
         """Count a callback that raised."""
@@ -228,8 +257,10 @@ class SimArmNode(LifecycleNode):
             self._lock.release()
 
     def _report_callbacks(self, *, last: bool = False) -> None:
-        text = f'callbacks failed, the newest by {self._newest_failure}'
+        text = f'callbacks failed, most recently by {self._newest_failure}'
         self._log.count('callbacks', self.callback_failures, text, error=True, last=last)
+        text = f'transitions rejected, most recently: {self._newest_rejection}'
+        self._log.count('transitions', self.rejected_transitions, text, last=last)
 
     def close(self) -> None:
         """End the arm, after the transition that may be on its way; none follows."""

@@ -24,11 +24,12 @@ GRACE_SECONDS = 1.0
 STATUS_BASE = 128
 
 
-def _count_signals(stop: threading.Event) -> None:
-    """Set `stop` at the first signal and end the process at the third.
+def stop_on_signals() -> threading.Event:
+    """Return an event that the first signal sets; the third ends the process.
 
-    On a thread of its own: a main thread that hangs in C runs no handler.
+    Signals are counted on a separate thread: a main thread that hangs in C runs no handler.
     """
+    stop = threading.Event()
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
@@ -48,18 +49,21 @@ def _count_signals(stop: threading.Event) -> None:
         os._exit(STATUS_BASE + number)
 
     threading.Thread(target=count, name='signals', daemon=True).start()
+    return stop
 
 
-def main(args: list[str] | None = None) -> int:
+def main(args: list[str] | None = None, stop: threading.Event | None = None) -> int:
     """Run the node until SIGINT, SIGTERM or SIGHUP; return its exit status.
 
     Parameters
     ----------
     args
         Command line without the program's name; None takes the process's own.
+    stop
+        From `stop_on_signals`, if the caller has called it already.
     """
-    stop = threading.Event()
-    _count_signals(stop)
+    if stop is None:
+        stop = stop_on_signals()
     try:
         from pfd_ros.node.process import run
 

@@ -9,10 +9,11 @@ answers with its verdict; no other changes while there is an arm.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 import dataclasses
 from dataclasses import dataclass
+from difflib import get_close_matches
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -30,12 +31,13 @@ from pfd_ros.arm.arm import joint_order
 from pfd_ros.arm.setting_fields import joint_values, parameter_name, typed
 from pfd_ros.arm.settings import Settings, from_values
 from pfd_ros.node.changing import Changes
-from pfd_ros.text import listed, one_line
+from pfd_ros.text import NAME_COUNT, cut, listed, one_line
 
 # By the annotation of the field: an empty tuple does not have the type of its elements.
 _KINDS = {
     'str': Parameter.Type.STRING,
     'bool': Parameter.Type.BOOL,
+    'bool | str': Parameter.Type.NOT_SET,
     'int': Parameter.Type.INTEGER,
     'float': Parameter.Type.DOUBLE,
     'tuple[str, ...]': Parameter.Type.STRING_ARRAY,
@@ -50,6 +52,7 @@ def _descriptor(field: dataclasses.Field[Any], *, fixed: bool = True) -> Paramet
         description=field.metadata['text'],
         additional_constraints=f'one of {list(values)}' if values else '',
         read_only=fixed and not field.metadata['dynamic'],
+        dynamic_typing=_KINDS[str(field.type)] is Parameter.Type.NOT_SET,
     )
     if field.metadata['range'] is not None:
         least, most = field.metadata['range']
@@ -70,7 +73,7 @@ def declare(node: Node) -> bool:
 
     Raises
     ------
-    rclpy.exceptions.ParameterException
+    ValueError, rclpy.exceptions.ParameterException
         If a value has the wrong type or lies outside its range.
     """
     fields = {f.name: f for f in dataclasses.fields(Settings) if f not in _PER_JOINT}
@@ -81,9 +84,11 @@ def declare(node: Node) -> bool:
         kind = _KINDS[str(field.type)]
         # Without a default value an empty array has no type; the type alone has no default.
         given = kind if isinstance(field.default, tuple) and not field.default else field.default
-        node.declare_parameter(
+        _declare(
+            node,
             parameter_name(field),
             list(given) if isinstance(given, tuple) else given,
+            kind,
             _descriptor(field, fixed=autostart),
         )
     return autostart
@@ -125,7 +130,8 @@ def declare_joints(node: Node, settings: Settings, robot: Any) -> Settings:
         names = [joint_parameter(field, robot.joint_names[i]) for i in order]
         for name, default in zip(names, defaults, strict=True):
             if not node.has_parameter(name):
-                node.declare_parameter(name, default, _descriptor(field, fixed=fixed))
+                kind = Parameter.Type.DOUBLE
+                _declare(node, name, default, kind, _descriptor(field, fixed=fixed))
         values = tuple(node.get_parameter(name).value for name in names)
         if values != defaults:
             chosen[field.name] = values
@@ -149,17 +155,21 @@ def _plain(value: Any) -> Any:
     return value if isinstance(value, str | bool | int | float) else tuple(value)
 
 
-def given_names(node: Node) -> Collection[str]:
-    """Return the names of the parameters on the command line and in files."""
+def given_parameters(node: Node) -> Mapping[str, Parameter]:
+    """Return the parameters on the command line and in files, by name."""
     # rclpy keeps them here, and nowhere public.
-    found: Collection[str] = getattr(node, '_parameter_overrides', {})
+    found: Mapping[str, Parameter] = getattr(node, '_parameter_overrides', {})
     return found
 
 
 def misspelt(node: Node) -> str:
     """Return the parameters the user set that the node does not have, as a list to show."""
-    unknown = sorted(name for name in given_names(node) if not node.has_parameter(name))
-    return listed(unknown) if unknown else ''
+    unknown = sorted(name for name in given_parameters(node) if not node.has_parameter(name))
+    known = sorted(node.get_parameters_by_prefix(''))
+    near = [get_close_matches(cut(name), known, 1) for name in unknown[:NAME_COUNT]]
+    meant = sorted({match for matches in near for match in matches})
+    hint = f'; similar names: {listed(meant)}' if meant else ''
+    return f'{listed(unknown)}{hint}' if unknown else ''
 
 
 @dataclass
@@ -216,22 +226,67 @@ class ParameterChanges:
 class StrictParameterService(ParameterService):
     """The parameter services; a value of no type is refused, where rclpy's own raise.
 
+    The reason for an integer that is refused says how to write it as a floating-point number.
     It overrides callbacks of rclpy (Jazzy) that have no public name.
     """
+
+    def __init__(self, node: Node) -> None:
+        super().__init__(node)
+        self._own_node = node
 
     def _set_parameters_callback(self, request: Any, response: Any) -> Any:
         refused = _untyped(request.parameters)
         if refused is None:
-            return super()._set_parameters_callback(request, response)
+            response = super()._set_parameters_callback(request, response)
+            for message, result in zip(request.parameters, response.results, strict=True):
+                self._explain(result, [message])
+            return response
         response.results = [refused] * len(request.parameters)
         return response
 
     def _set_parameters_atomically_callback(self, request: Any, response: Any) -> Any:
         refused = _untyped(request.parameters)
         if refused is None:
-            return super()._set_parameters_atomically_callback(request, response)
+            response = super()._set_parameters_atomically_callback(request, response)
+            self._explain(response.result, request.parameters)
+            return response
         response.result = refused
         return response
+
+    def _explain(self, result: SetParametersResult, messages: Sequence[Any]) -> None:
+        """Replace the reason of a refusal if an integer is the cause."""
+        if result.successful:
+            return
+        for message in messages:
+            if self._own_node.has_parameter(message.name):
+                declared = Parameter.Type(self._own_node.describe_parameter(message.name).type)
+                result.reason = (
+                    _integer_trouble(Parameter.from_parameter_msg(message), declared)
+                    or result.reason
+                )
+
+
+def _integer_trouble(given: Parameter, declared: Parameter.Type) -> str:
+    """Return how to write a parameter whose integers must be floating-point numbers, or ''."""
+    kinds = given.type_, declared
+    if kinds == (Parameter.Type.INTEGER, Parameter.Type.DOUBLE):
+        written = f'{given.value}.0'
+    elif kinds == (Parameter.Type.INTEGER_ARRAY, Parameter.Type.DOUBLE_ARRAY):
+        written = f'[{", ".join(f"{value}.0" for value in given.value)}]'
+    else:
+        return ''
+    return one_line(f'{cut(given.name)} takes floating-point numbers: write {cut(written)}')
+
+
+def _declare(
+    node: Node, name: str, given: Any, kind: Parameter.Type, descriptor: ParameterDescriptor
+) -> None:
+    """Declare a parameter with a default value, or with its type alone."""
+    chosen = given_parameters(node).get(name)
+    trouble = '' if chosen is None else _integer_trouble(chosen, kind)
+    if trouble:
+        raise ValueError(trouble)
+    node.declare_parameter(name, given, descriptor)
 
 
 def _untyped(parameters: Sequence[Any]) -> SetParametersResult | None:

@@ -10,6 +10,7 @@ See docs/decisions/0003-executor-and-stepping-thread.md and 0009-a-node-that-goe
 from __future__ import annotations
 
 import os
+import re
 import signal
 import sys
 import threading
@@ -26,13 +27,16 @@ from rclpy.utilities import remove_ros_args, try_shutdown
 
 from pfd_ros.node.lifecycle import END_SECONDS, NAME, SimArmNode
 from pfd_ros.node.workers import Workers
-from pfd_ros.text import listed, one_line
+from pfd_ros.text import cut, listed, one_line
 
 REPORT_SECONDS = 1.0
 # In these wheels spin() without a timeout never runs a callback; this is three years.
 FOREVER_SECONDS = 1e8
 # Callbacks that may fail before the node gives up: rclpy logs each one at length.
 MOST_FAILURES = 1000
+# A parameter, a remapping or a log level, and the options that take one.
+RULE = re.compile(r'[^-\s=]\S*?:=')
+TAKE_RULES = frozenset({'-p', '--param', '-r', '--remap', '--log-level'})
 # Errors of rclpy and this package for a wrong argument, parameter or file.
 MISTAKES = (
     ValueError,
@@ -52,10 +56,10 @@ def run(args: list[str], stop: threading.Event) -> int:
     args
         Command line without the program's name.
     stop
-        Set by a signal, and by the node itself when it cannot go on.
+        Set by a signal, perhaps before the node starts, and by the node when it cannot continue.
     """
     try:
-        return _run(args, stop)
+        return 0 if stop.is_set() else _run(args, stop)
     except MISTAKES as error:
         print(f'{NAME}: {one_line(error)}', file=sys.stderr)
         return 1
@@ -74,9 +78,7 @@ def _limit_the_rest() -> None:
 
 
 def _run(args: list[str], stop: threading.Event) -> int:
-    extra = remove_ros_args([NAME, *args])[1:]
-    if extra:
-        raise ValueError(f'unknown arguments {listed(extra)}; parameters follow --ros-args -p')
+    _check_arguments(args)
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     workers = Workers(stop)
     node = SimArmNode(workers, MISTAKES)
@@ -100,6 +102,20 @@ def _run(args: list[str], stop: threading.Event) -> int:
     _limit_the_rest()
     node.destroy_node()
     return 1 if problems else 0
+
+
+def _check_arguments(args: list[str]) -> None:
+    """Raise ValueError for arguments that the node does not have, and rules without an option.
+
+    rcl takes `robot:=ur5` for a remapping of a topic, and the robot would be another one.
+    """
+    for before, argument in zip(['', *args], args, strict=False):
+        if RULE.match(argument) and before not in TAKE_RULES:
+            prefix = '-p' if '--ros-args' in args else '--ros-args -p'
+            raise ValueError(f'{cut(argument)!r} needs {prefix} before it')
+    extra = remove_ros_args([NAME, *args])[1:]
+    if extra:
+        raise ValueError(f'unknown arguments {listed(extra)}; parameters follow --ros-args -p')
 
 
 def _report(node: SimArmNode, stop: threading.Event) -> None:

@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 import time
 from typing import Any
 
-from pfd_ros.arm.command_link import TIMEOUT_TEXT
+from pfd_ros.arm.command_link import timeout_text
 from pfd_ros.arm.commands import ERRORS, QUIET
 from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.arm.speeding import speeding
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.node.endpoints import Endpoints, type_name
 from pfd_ros.node.graph_check import GraphCheck
@@ -19,11 +20,6 @@ from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.recording.format import ROLE_OF_SOURCE
 from pfd_ros.text import cut, listed
 
-# Behind a number of seconds.
-WAITS_TEXT = (
-    's in lockstep without a command that has the stamp of the last state, a later one or none; '
-    'does the controller run at publish_rate, and by a clock of that clock_rate?'
-)
 # A clock may be slow, and discovery takes up to three seconds.
 LOST_CLOCK_SECONDS = 5
 
@@ -55,34 +51,55 @@ class Reporter:
             f'{plain.topic_name} ({type_name(plain)}: efforts in this order: {order})'
         )
         self.log.info(f'publishes {published}')
-        self.log.info(f'{cut(engine.settings.robot)}: {len(engine.arm.names)} joints, held')
+        self.log.info(
+            f'{cut(engine.settings.robot)}: brakes hold all {len(engine.arm.names)} joints until '
+            f'the first command; simulated time starts at {engine.arm.stamp_ns / NANOSECONDS:g} s'
+        )
 
     def report(self, *, last: bool = False) -> None:
         """Log the troubles since the last call, and look at the other nodes unless it ends."""
-        tell = self.log.count
+        tell, event = self.log.count, self.log.event
         self._report_commands(last)
-        missed = self.stepper.timer.missed
-        tell('missed', missed, 'periods missed: this machine is too slow', last=last)
+        text = (
+            'steps late: a busy machine or a blocked reader; '
+            'lower real_time_factor or publish_rate'
+        )
+        tell('missed', self.stepper.timer.missed, text, last=last)
         for publisher in self.stepper.publishers.values():
             text = (
-                f'messages not published on {publisher.topic}, '
-                f'a reader takes none: {publisher.detail}'
+                f'messages not published on {publisher.topic}: a reader with history keep_all '
+                f'does not take them ({publisher.detail})'
             )
             tell(publisher.topic, publisher.refused, text, last=last)
-        text = 'messages not recorded: the disk is too slow'
+        text = 'messages not recorded: the disk is too slow; use another disk or fewer outputs'
         tell('recorder', self.stepper.session.dropped, text, last=last)
-        link, actuators = self.stepper.engine.link, self.stepper.engine.actuators
-        tell('timeouts', link.timeouts, TIMEOUT_TEXT, last=last)
-        text = f'times a reflex braked all joints: {actuators.reflex}'
-        tell('reflex', actuators.trips, text, error=True, last=last)
-        waited = int(self.stepper.resent * RESEND_SECONDS)
-        tell('lockstep', waited, WAITS_TEXT, last=last)
-        arm = self.stepper.engine.arm
-        text = f'failure, simulation stopped: {arm.failure or "until a reset"}'
-        tell('failure', arm.failures, text, error=True, last=last)
+        engine = self.stepper.engine
+        link, actuators, arm = engine.link, engine.actuators, engine.arm
+        event('timeouts', link.timeouts, timeout_text(engine.settings), last=last)
+        text = f'reflex, brakes on: {actuators.reflex}'
+        event('reflex', actuators.trips, text, error=True, last=last)
+        text = f'simulation stopped: {arm.failure or "until a reset"}; call ~/reset to start again'
+        event('failure', arm.failures, text, error=True, last=last)
+        self._report_lockstep(last)
+        speed = speeding(arm, actuators)
+        if speed is not None:
+            self.log.once(('speed', speed.runaway), speed.text)
         if not last:
             self._report_lost_clock()
             self.graph.check()
+
+    def _report_lockstep(self, last: bool) -> None:
+        """Log how long a state waits for its command."""
+        engine = self.stepper.engine
+        waited = int(self.stepper.resent * RESEND_SECONDS)
+        stamp_ns = engine.newest_command_ns
+        newest = 'none' if stamp_ns is None else f't = {stamp_ns / NANOSECONDS:.9g} s'
+        text = (
+            f's of waiting for the command to the state at t = '
+            f'{engine.arm.stamp_ns / NANOSECONDS:.9g} s, last stamp received: {newest}; '
+            'does the controller run at publish_rate, and by this /clock?'
+        )
+        self.log.count('lockstep', waited, text, last=last)
 
     def _report_lost_clock(self) -> None:
         """Log that the clock the arm follows has come to an end, as long as it lasts."""
@@ -95,30 +112,33 @@ class Reporter:
             self._ticks, self._ticked = ticks, time.monotonic()
         silent = int(time.monotonic() - self._ticked)
         topic = self.endpoints.subscriptions[Source.TICK].topic_name
-        text = f's after the last tick on {topic}: simulated time stands'
         if silent >= LOST_CLOCK_SECONDS:
             self._silent += 1
-            self.log.count('clock', self._silent, f'looks in vain, {silent} {text}')
+            text = f'no {topic} for {silent} s: simulation paused until it resumes'
+            # Each look is counted, so that the line comes again, more rarely, while it lasts.
+            self.log.repeated('clock', self._silent, text)
 
     def _report_commands(self, last: bool) -> None:
         for (source, verdict), (count, detail) in self.stepper.receiver.counts.verdicts().items():
             if verdict not in QUIET:
-                text = (
-                    f'messages on {ROLE_OF_SOURCE[source]} dropped: '
-                    f'{verdict.name.lower()} ({detail})'
-                )
+                end = self.endpoints.subscriptions.get(source)
+                where = ROLE_OF_SOURCE[source] if end is None else end.topic_name
+                text = f'messages on {where} rejected: {verdict.name.lower()} ({detail})'
                 self.log.count((source, verdict), count, text, error=verdict in ERRORS, last=last)
         locked = self.stepper.receiver.counts.locked()
         if locked:
-            text = f'commands name joints that are locked and do not move: {listed(locked)}'
+            text = f'commands for locked joints have no effect: {listed(locked)}'
             self.log.once('locked', text)
         count, names = self.stepper.receiver.counts.unknown()
-        self.log.count('unknown', count, f'unknown joint names: {listed(names)}', last=last)
+        if names:
+            known = listed(self.stepper.engine.arm.names)
+            text = f'unknown joints in messages ignored: {listed(names)}; this arm has {known}'
+            self.log.count('unknown', count, text, last=last)
 
     def problems(self) -> list[str]:
         """Return why the run was no success, though it came to its end."""
         failed = bool(self.stepper.engine.arm.failure)
-        found = ['the simulation did not go on to the end'] if failed else []
+        found = ['the simulation failed before the end'] if failed else []
         return found + self.stepper.session.problems()
 
     def totals(self) -> dict[str, Any]:
@@ -137,3 +157,15 @@ class Reporter:
             'missed_periods': timer.missed,
             'failure': engine.arm.failure,
         }
+
+    def summary(self) -> str:
+        """Return the totals of the run as a sentence."""
+        found = self.totals()
+        failure = f'; failure: {found["failure"]}' if found['failure'] else ''
+        return (
+            f'stopped after {found["simulated_seconds"]:.9g} s of simulated time: '
+            f'{found["states"]} states published, {found["not_published"]} messages not '
+            f'published, {found["commands_accepted"]} messages accepted, '
+            f'{found["commands_dropped"]} rejected, '
+            f'{found["late_steps"]} of {found["steps"]} steps late{failure}'
+        )

@@ -18,9 +18,11 @@ from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.outputs import roles_of
+from pfd_ros.arm.plant_settings import ESTIMATED
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.speeding import estimate_text
 from pfd_ros.node import parameters
 from pfd_ros.node.changing import Changes
 from pfd_ros.node.command_counts import CommandCounts
@@ -44,7 +46,8 @@ TRANSITION_SECONDS = 5.0
 class SimArm:
     """An arm, its topics, services and recording, and the thread that steps it.
 
-    `stopped` ends the wait for a model that comes over a topic.
+    `stopped` ends the wait for a model that comes over a topic; `reached_ns` is the simulated
+    time of the arm before, which the own clock of this one continues.
 
     Attributes
     ----------
@@ -62,7 +65,12 @@ class SimArm:
     """
 
     def __init__(
-        self, node: Node, settings: Settings, log: ThrottledLog, stopped: Callable[[], bool]
+        self,
+        node: Node,
+        settings: Settings,
+        log: ThrottledLog,
+        stopped: Callable[[], bool],
+        reached_ns: int = 0,
     ) -> None:
         self._node = node
         self._told = threading.Event()
@@ -70,7 +78,8 @@ class SimArm:
         self._subscriptions: Mapping[Source, Any] = {}
         before = set(_entities(node))
         try:
-            self._build(with_scene_text(settings.at_time_of_day(time.time())), log, stopped)
+            timed = settings.at_time_of_day(time.time()).continued_from(reached_ns)
+            self._build(with_scene_text(timed), log, stopped)
         finally:
             self._entities = [entity for entity in _entities(node) if entity not in before]
             if not hasattr(self, 'stepper'):
@@ -93,7 +102,7 @@ class SimArm:
         if settings.publish_description:
             publish_description(node, model.described)
         counts, kernels = CommandCounts(), MassKernels(engine.arm)
-        graph = GraphCheck(node, endpoints, log)
+        graph = GraphCheck(node, endpoints, log, counts=counts)
         # After everything that a parameter can make fail: a refused parameter leaves no file.
         session = open_session(node, engine.settings, robot, endpoints)
         publishers = {
@@ -179,6 +188,11 @@ def _entities(node: Node) -> Iterator[tuple[str, Any]]:
 
 
 def _warn_about(settings: Settings, robot: Any, log: ThrottledLog) -> None:
+    if settings.armature == ESTIMATED:
+        log.info(estimate_text(robot))
     for name in ('armature', 'damping', 'friction'):
-        if getattr(settings, name) and not getattr(robot, name).any():
-            log.once(name, f'{name} is true, but the model of {cut(robot.name)!r} states none')
+        if getattr(settings, name) is True and not getattr(robot, name).any():
+            cure = f'; try armature:={ESTIMATED}' if name == 'armature' else ''
+            log.once(
+                name, f'{name} is true, but the model of {cut(robot.name)!r} states none{cure}'
+            )

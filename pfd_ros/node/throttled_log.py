@@ -45,15 +45,34 @@ class ThrottledLog:
         The keys must come from a set that is known beforehand. With `last` the line is not put
         off: there is no later.
         """
+        new = self._grown(key, count, last)
+        if new:
+            self._log(f'{new} {text}', error)
+
+    def repeated(self, key: Hashable, count: int, text: str) -> None:
+        """Log a text whenever `count` would, without a number."""
+        if self._grown(key, count, last=False):
+            self._log(text)
+
+    def event(
+        self, key: Hashable, count: int, text: str, *, error: bool = False, last: bool = False
+    ) -> None:
+        """Log a text if a count of events has grown, as `count` does, without the number 1."""
+        new = self._grown(key, count, last)
+        if new:
+            self._log(text if new == 1 else f'{text} ({new} times)', error)
+
+    def _grown(self, key: Hashable, count: int, last: bool) -> int:
+        """Return by how much a count has grown since its last line; 0 if none is due."""
         kind = self._kinds.setdefault(key, _Kind())
         new, now = count - kind.told, self.clock()
         if new <= 0 or (now < kind.due and not last):
-            return
+            return 0
         quiet = now - kind.due > kind.interval
         kind.interval = SHORTEST_SECONDS if quiet else min(2 * kind.interval, LONGEST_SECONDS)
         kind.due = now + kind.interval
         kind.told = count
-        self._log(f'{new} {text}', error)
+        return new
 
     def once(self, key: Hashable, text: str) -> None:
         """Log a text the first time that its key comes."""
@@ -62,7 +81,7 @@ class ThrottledLog:
         self._found.add(key)
         self._log(text)
         if len(self._found) > MOST_FINDINGS:
-            self._log('more findings of this kind are not told')
+            self._log('further findings of this kind are not logged')
 
     def _log(self, text: str, error: bool = False) -> None:
         # Not a conditional call: rclpy wants one severity for one line.

@@ -22,7 +22,7 @@ from typing import Any
 
 from pfd_ros.recording.format import MESSAGE_BYTES, SEQUENCE_MASK, EndKey
 from pfd_ros.recording.mcap_file import FileHead, McapFile, Topic
-from pfd_ros.recording.sink import FileGoneError
+from pfd_ros.recording.sink import FileLostError
 from pfd_ros.text import one_line
 
 # Waking per message would double the cost; longer drains hold the interpreter too long.
@@ -286,7 +286,7 @@ class LogRecorder:
 def _line(error: BaseException) -> str:
     """Return one line about the end of a recording."""
     text = one_line(error, 300)
-    if isinstance(error, FileGoneError):
+    if isinstance(error, FileLostError):
         return text
     known = isinstance(error, OSError)
     return (text if known else f'{type(error).__name__}: {text}') + _READABLE

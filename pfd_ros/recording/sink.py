@@ -13,15 +13,20 @@ from pathlib import Path
 _SHOWN = 200
 
 
-class FileGoneError(OSError):
-    """The file has lost its name: it was removed, moved or replaced."""
+# The end of the line about a file that another program has changed.
+CURE = 'while it was written; keep log rotation and other programs away from recordings'
+
+
+class FileLostError(OSError):
+    """Another program has removed, moved, replaced, truncated or changed the file."""
 
 
 class Sink:
     """A new file, written in whole flushes.
 
     Nothing reaches the disk between flushes; a flush that fails is taken back, so that all
-    flushes before it stay readable. Never writes over a file.
+    flushes before it stay readable. Never writes over a file, and appends only: of a file that is
+    truncated from outside the part that is left stays readable.
 
     Raises
     ------
@@ -37,7 +42,8 @@ class Sink:
         self._waiting = bytearray()
         self._written = 0
         self._name = _shown(path)
-        flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, 'O_CLOEXEC', 0)
+        # Appending, a truncation shows in the size for ever; at an offset it would leave a hole.
+        flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | getattr(os, 'O_CLOEXEC', 0)
         try:
             # The process may change its folder.
             self._path = os.path.abspath(path)
@@ -61,7 +67,16 @@ class Sink:
         return self._written + len(self._waiting)
 
     def flush(self) -> None:
-        """Hand everything to the operating system, or nothing; OSError if it refuses."""
+        """Hand everything to the operating system, or nothing.
+
+        Raises
+        ------
+        FileLostError
+            If another program has changed the size of the file.
+        OSError
+            If the system refuses.
+        """
+        self._check_size()
         data, self._waiting = self._waiting, bytearray()
         done = 0
         try:
@@ -74,7 +89,8 @@ class Sink:
         except BaseException as error:
             # A disk that refuses this too leaves a torn end, which readers leave out.
             with suppress(OSError):
-                os.ftruncate(self._file, self._written)
+                if os.fstat(self._file).st_size > self._written:
+                    os.ftruncate(self._file, self._written)
             if isinstance(error, OSError):
                 raise self._refusal(error) from error
             raise
@@ -85,18 +101,31 @@ class Sink:
 
         Raises
         ------
-        FileGoneError
-            If the file was removed, moved or replaced.
+        FileLostError
+            If another program has removed, moved, replaced, truncated or changed the file.
         OSError
             If the disk refuses.
         """
+        self._check_size()
         try:
             getattr(os, 'fdatasync', os.fsync)(self._file)
             gone = self._loss()
         except OSError as error:
             raise self._refusal(error) from error
         if gone:
-            raise FileGoneError(f'{self._name} was {gone} while it was written')
+            raise FileLostError(f'{self._name} was {gone} {CURE}')
+
+    def _check_size(self) -> None:
+        """Raise FileLostError if the file does not have the bytes that were written to it."""
+        try:
+            size = os.fstat(self._file).st_size
+        except OSError as error:
+            raise self._refusal(error) from error
+        if size != self._written:
+            how = 'truncated' if size < self._written else 'changed'
+            raise FileLostError(
+                f'{self._name} was {how} from {self._written} to {size} bytes {CURE}'
+            )
 
     def close(self) -> None:
         """Close the file; bytes that were not flushed are lost."""

@@ -123,7 +123,7 @@ class Processes:
         # States tell the efforts that were sent, however fast a free joint turns by then.
         process = self.python(*command, '--ros-args', '-p', 'torque_speed:=false', *ros_args)
         if ready:
-            process.wait_for_text('joints, held')
+            process.wait_for_text('until the first command')
         return process
 
     def close(self) -> None:

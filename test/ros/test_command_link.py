@@ -14,6 +14,7 @@ import pytest
 from simulating import efforts, joint_state, rows_of, simulate, states_of
 
 from pfd_ros.arm.changes import encode_changes
+from pfd_ros.arm.command_link import timeout_text
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
@@ -395,3 +396,14 @@ def test_any_messages_leave_a_finite_arm_and_a_recording_that_verifies(
     for state in states:
         assert np.isfinite([state.position, state.velocity]).all()
         assert (np.abs(state.effort) <= limits).all()
+
+
+@pytest.mark.parametrize(
+    ('action', 'end'),
+    [('brake', 'brakes on'), ('zero', 'zero efforts'), ('hold', 'servos hold the position')],
+)
+def test_the_line_of_the_watchdog_says_what_it_did(action: str, end: str) -> None:
+    gains = (1.0,) * 6 if action == 'hold' else ()
+    settings = Settings(command_timeout=0.5, on_timeout=action, servo_p=gains)
+    line = timeout_text(settings)
+    assert line.startswith(f'no command for 0.5 s (command_timeout): {end}; a topic-based')

@@ -14,7 +14,8 @@ from types import SimpleNamespace
 import pytest
 from ros_processes import JOINTS, Process, Processes
 
-from pfd_ros.arm.events import Source
+from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.recording.reader import Log
 from pfd_ros.replay.verify import read
@@ -53,7 +54,9 @@ class Graph:
         return []
 
 
-def checked(publishers: dict[str, list[SimpleNamespace]], seconds: Sequence[float]) -> list[str]:
+def checked(
+    publishers: dict[str, list[SimpleNamespace]], seconds: Sequence[float], **options: object
+) -> list[str]:
     """Return the lines about a graph that is checked at these times."""
     from rclpy.qos import QoSProfile
     from sensor_msgs.msg import JointState
@@ -70,9 +73,8 @@ def checked(publishers: dict[str, list[SimpleNamespace]], seconds: Sequence[floa
     graph.publishers = publishers
     log = ThrottledLog(SimpleNamespace(warning=lines.append))
     now = [0.0]
-    check = GraphCheck(
-        graph, Endpoints({'joint_states': states}, {Source.NAMED: end}), log, lambda: now[0]
-    )
+    ends = Endpoints({'joint_states': states}, {Source.NAMED: end})
+    check = GraphCheck(graph, ends, log, lambda: now[0], **options)
     for now[0] in seconds:
         check.check()
     return lines
@@ -82,8 +84,20 @@ def test_an_arm_that_nobody_commands_says_so_once() -> None:
     assert checked({}, [1.0, 4.9]) == []
     (line,) = checked({}, [1.0, 5.1, 6.0, 100.0])
     assert line.startswith(
-        'after 5 s nobody publishes commands on /topic (sensor_msgs/msg/JointState); '
+        'no publisher of commands on /topic (sensor_msgs/msg/JointState) for 5 s: check topic '
     )
+
+
+@pytest.mark.parametrize('verdict', [Verdict.ACCEPTED, Verdict.STALE])
+def test_a_command_of_a_publisher_that_is_gone_is_enough(verdict: Verdict) -> None:
+    # `ros2 topic pub --once`: between two looks at the graph it came and went.
+    from pfd_ros.node.command_counts import CommandCounts
+
+    counts = CommandCounts()
+    counts.add(Source.SET_STATE, Judgement(Verdict.ACCEPTED))
+    assert len(checked({}, [1.0, 100.0], counts=counts)) == 1
+    counts.add(Source.NAMED, Judgement(verdict))
+    assert checked({}, [1.0, 100.0], counts=counts) == []
 
 
 def other_end(number: int, type_name: str, node_name: str) -> SimpleNamespace:
@@ -149,7 +163,7 @@ def test_a_good_peer_is_nothing_to_tell(processes: Processes, peer_of) -> None:
     assert '[ERROR]' not in arm.text()
     # Only the machine may be too slow.
     warned = [line for line in arm.text().splitlines() if '[WARN]' in line]
-    assert all('periods missed' in line for line in warned), arm.text()
+    assert all('steps late' in line for line in warned), arm.text()
 
 
 def test_a_publisher_of_another_type_is_named_with_the_topic_that_takes_it(
@@ -163,11 +177,11 @@ def test_a_publisher_of_another_type_is_named_with_the_topic_that_takes_it(
     peer.node.create_publisher(Float64MultiArray, '/joint_commands', 10)
     arm.wait_for_text(
         "node '/other/peer' publishes 'std_msgs/msg/Float64MultiArray' on /joint_commands, "
-        'which has the type sensor_msgs/msg/JointState: nothing of it arrives; '
+        'which has the type sensor_msgs/msg/JointState: no messages are received; '
         '/sim_arm/commands takes that type'
     )
     wait_for_reports(arm)
-    assert arm.text().count('nothing of it arrives') == 1
+    assert arm.text().count('no messages are received') == 1
 
 
 def test_a_best_effort_publisher_is_served_and_no_message_is_taken_twice(

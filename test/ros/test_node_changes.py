@@ -156,7 +156,10 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
         assert client.get(name).double_value == value
     told = client.describe('damping.elbow')
     assert (told.read_only, told.name) == (True, 'damping.elbow')
-    assert "not parameters of this node: ['armature.elbwo']; misspelt?" in arm.text()
+    assert (
+        "unknown parameters ignored: ['armature.elbwo']; similar names: ['armature.elbow']"
+        in arm.text()
+    )
     plant = Plant(peer)
     peer.connect()
     # Latched: its subscriber came late.

@@ -37,6 +37,7 @@ def test_a_servo_holds_after_the_last_command_and_a_reflex_is_told(
     peer.let_pass(100)
     assert np.any(peer.states[-1].effort)
     # It names the parameter of the stock hardware that is silent while nothing changes.
+    arm.wait_for_text('no command for 0.2 s (command_timeout): servos hold the position; ')
     arm.wait_for_text('trigger_joint_command_threshold')
     peer.let_pass(1500)
     held = np.array(peer.states[-1].position)
@@ -45,7 +46,7 @@ def test_a_servo_holds_after_the_last_command_and_a_reflex_is_told(
     np.testing.assert_allclose(peer.states[-1].position, held, atol=1e-4)
     # 180 N m from one step to the next, where 50 are allowed.
     peer.command(JOINTS, [0.0, -180.0, 0.0, 0.0, 0.0, 0.0])
-    arm.wait_for_text("braked all joints: the effort of 'joint2' jumped by")
+    arm.wait_for_text("reflex, brakes on: the effort of 'joint2' jumped by")
     peer.let_pass()
     assert not np.any(peer.states[-1].effort)
     assert not np.any(peer.states[-1].velocity)

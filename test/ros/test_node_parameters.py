@@ -9,11 +9,12 @@ import signal
 
 import numpy as np
 import pytest
-from ros_processes import MILLISECOND, Processes, example_robot, stamp_ns
+from ros_processes import MILLISECOND, PATIENCE, Processes, call, example_robot, stamp_ns
 
 from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
+PANDA = example_robot('panda_description/urdf/panda.urdf')
 
 
 def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None:
@@ -31,7 +32,7 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
     steps = np.diff([stamp_ns(state) for state in peer.states])
     assert all(step % (10 * MILLISECOND) == 0 and step > 0 for step in steps)
     assert arm.end(signal.SIGINT) == 0
-    assert "not parameters of this node: ['colour']" in arm.text()
+    assert "unknown parameters ignored: ['colour']" in arm.text()
 
 
 @pytest.mark.slow
@@ -39,7 +40,15 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
     ('args', 'text'),
     [
         (('-p', 'step_size:=5.0'), 'step_size out of range'),
-        (('-p', 'step_size:=1'), "'step_size' to '1' of type 'INTEGER', expecting type 'DOUBLE'"),
+        (('-p', 'step_size:=1'), 'step_size takes floating-point numbers: write 1.0'),
+        (('-p', 'gravity:=[0, 0, -9]'), 'gravity takes floating-point numbers: write [0.0, 0.0, '),
+        (('-p', 'damping.joint1:=1'), 'damping.joint1 takes floating-point numbers: write 1.0'),
+        (('-p', 'locked:=a'), "'locked' to 'a' of type 'STRING'"),
+        (('robot:=ur5',), "'robot:=ur5' needs -p before it"),
+        (
+            ('-p', f'robot:={PANDA}'),
+            'of the node: write -p locked:=[panda_finger_joint1,panda_finger_joint2]',
+        ),
         (('-p', 'robot:=r2d2'), 'r2d2'),
         (('-p', 'publish_rate:=300.0'), 'publish_rate is 300.0 Hz'),
         (('-p', 'recording:=there.mcap'), 'there.mcap exists and is never written over'),
@@ -82,12 +91,52 @@ def test_a_bad_parameter_is_named_and_the_status_is_1(
     assert (processes.folder / 'there.mcap').read_bytes() == b'dear'
 
 
+@pytest.mark.parametrize(
+    ('args', 'text'),
+    [
+        (('robot:=ur5',), "sim_arm: 'robot:=ur5' needs --ros-args -p before it"),
+        (('--ros-args', 'robot:=ur5'), "sim_arm: 'robot:=ur5' needs -p before it"),
+        (('ur5',), "sim_arm: unknown arguments ['ur5']; parameters follow --ros-args -p"),
+    ],
+)
+@pytest.mark.parametrize('start', [('pfd_ros.node.main',), ('pfd_ros.cli.main', 'sim')])
+def test_a_parameter_without_its_option_is_named_with_the_cure(
+    processes: Processes, start: tuple[str, ...], args: tuple[str, ...], text: str
+) -> None:
+    process = processes.python('-m', *start, *args)
+    assert process.process.wait(PATIENCE) == 1
+    assert process.text() == f'{text}\n'
+
+
+def test_an_integer_for_a_number_is_refused_with_the_way_to_write_it(
+    processes: Processes, peer_of
+) -> None:
+    from rcl_interfaces.msg import Parameter, ParameterValue
+    from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+
+    arm = processes.arm('-p', 'robot:=planar2')
+    peer = peer_of(processes)
+    peer.connect()
+    integer = [Parameter(name='real_time_factor', value=ParameterValue(type=2, integer_value=500))]
+    integers = [
+        Parameter(name='payload.center', value=ParameterValue(type=7, integer_array_value=[0, -1]))
+    ]
+    wanted = 'real_time_factor takes floating-point numbers: write 500.0'
+    (result,) = call(peer, SetParameters, 'set_parameters', parameters=integer).results
+    assert (result.successful, result.reason) == (False, wanted)
+    (result,) = call(peer, SetParameters, 'set_parameters', parameters=integers).results
+    assert result.reason == 'payload.center takes floating-point numbers: write [0.0, -1.0]'
+    answer = call(peer, SetParametersAtomically, 'set_parameters_atomically', parameters=integer)
+    assert (answer.result.successful, answer.result.reason) == (False, wanted)
+    assert arm.end(signal.SIGINT) == 0
+
+
 @pytest.mark.slow
 def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
     processes: Processes, peer_of
 ) -> None:
     arm = processes.arm(
-        *('-p', f'robot:={example_robot("panda_description/urdf/panda.urdf")}'),
+        *('-p', f'robot:={PANDA}'),
         *('-p', 'locked:=[panda_finger_joint1, panda_finger_joint2]'),
         *('-p', 'locked_positions:=[0.01, 0.02]'),
         *('-p', 'recording:=arm.mcap'),
@@ -101,11 +150,11 @@ def test_an_arm_with_a_locked_gripper_runs_and_its_recording_verifies(
     assert list(peer.states[-1].name) == [*arm_joints, *fingers]
     assert peer.states[-1].position[7:].tolist() == [0.01, 0.02]
     peer.command(fingers, [1.0] * 2)
-    arm.wait_for_text(f'commands name joints that are locked and do not move: {fingers}')
-    arm.wait_for_text('1 messages on joint_commands dropped: refused (locked: ')
+    arm.wait_for_text(f'commands for locked joints have no effect: {fingers}')
+    arm.wait_for_text('1 messages on /joint_commands rejected: refused (locked: ')
     assert arm.end(signal.SIGINT) == 0, arm.text()
     summary = read(processes.folder / 'arm.mcap', verify=True)
     assert summary.settings is not None
     assert summary.settings.locks == {'panda_finger_joint1': 0.01, 'panda_finger_joint2': 0.02}
-    assert arm.text().count('are locked and do not move') == 1
+    assert arm.text().count('for locked joints have no effect') == 1
     assert 'unknown' not in arm.text()

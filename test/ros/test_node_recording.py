@@ -129,7 +129,7 @@ def test_what_came_too_fast_drops_the_oldest_and_is_recorded(
     peer.wait(lambda: peer.states and any(peer.states[-1].effort))
     assert peer.states[-1].effort.tolist() == [1e-6 * (count - 1)] * 6
     assert arm.end(signal.SIGINT) == 0, arm.text()
-    assert 'messages on commands dropped: overflowed' in arm.text()
+    assert 'messages on /sim_arm/commands rejected: overflowed' in arm.text()
     rows = rows_of(processes.folder / 'arm.mcap')
     assert [row.sequence for row in rows] == list(range(1, count + 1))
     verdicts = [row.verdict for row in rows]
@@ -149,3 +149,17 @@ def test_a_run_whose_disk_was_too_slow_for_the_recording_ends_with_status_1(
     assert read(path).dropped > 0
     assert command_line.main(['replay', str(path), '--verify']) == 1
     assert 'FAILED' in capsys.readouterr().out
+
+
+def test_a_recording_that_is_truncated_while_it_is_written_ends_the_run_with_a_line_and_status_1(
+    processes: Processes,
+) -> None:
+    arm = processes.arm('-p', 'recording:=arm.mcap')
+    wait_for_steps(processes)
+    # As the option copytruncate of a log rotation does.
+    with (processes.folder / 'arm.mcap').open('r+b') as stream:
+        stream.truncate(0)
+    arm.wait_for_text('arm.mcap was truncated from')
+    assert arm.end(signal.SIGINT) == 1
+    assert arm.text().count('recording stopped: arm.mcap was truncated') == 1
+    assert not (processes.folder / 'arm.mcap').stat().st_size

@@ -4,6 +4,9 @@
 
 from __future__ import annotations
 
+import math
+import struct
+
 from plant_messages import asked, made, verdict
 import pytest
 from simulating import efforts
@@ -163,7 +166,11 @@ def test_an_arm_that_stood_does_not_rush_after_its_clock(names: tuple[str, str])
 
 
 @pytest.mark.parametrize(
-    'data', [b'', b'\0\1\0\0', b'\0\1\0\0\5\0\0\0', bytes(12)[:11], b'?' * 12]
+    'data',
+    [
+        *(b'', b'\0\1\0\0', b'\0\1\0\0\5\0\0\0', bytes(12)[:11], b'?' * 12),
+        *(b'\0\1\0\0' + struct.pack('<iI', 1, ns) for ns in (1_000_000_000, 4_294_967_295)),
+    ],
 )
 def test_bytes_that_are_no_tick_change_nothing(data: bytes) -> None:
     engine = following()
@@ -200,3 +207,15 @@ def test_the_time_of_day_is_resolved_before_an_arm_is_made() -> None:
     # A float of that size has steps of 256 ns.
     assert resolved.start_ns == 1_795_000_000_123_000_000 // 256 * 256
     assert Settings(start_time=3.0).at_time_of_day(5.0).start_time == 3.0
+
+
+@pytest.mark.parametrize('stamp_ns', [1, 30_000_000, 1_795_000_000_123_456_789])
+def test_time_that_continues_begins_at_the_stamp_or_at_the_next_float_after_it(
+    stamp_ns: int,
+) -> None:
+    start = Settings().continued_from(stamp_ns).start_time
+    assert round(start * 1_000_000_000) >= stamp_ns
+    assert round(math.nextafter(start, 0.0) * 1_000_000_000) <= stamp_ns
+    assert Settings(start_time=2e9).continued_from(stamp_ns).start_time == 2e9
+    clock = Settings(time_source='clock', publish_clock=False)
+    assert clock.continued_from(stamp_ns) is clock

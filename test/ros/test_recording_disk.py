@@ -280,7 +280,48 @@ def test_a_file_that_loses_its_name_is_a_failure(
     if not closing:
         wait_for(lambda: recorder.failed)
     recorder.close()
-    assert reports == [f'recording stopped: {path} was {loss} while it was written']
+    (line,) = reports
+    assert line.startswith(f'recording stopped: {path} was {loss} while it was written; keep log')
+
+
+@pytest.mark.parametrize('closing', [False, True], ids=['running', 'closing'])
+@pytest.mark.parametrize('part', [0.0, 0.9])
+def test_a_file_that_is_truncated_is_a_failure_and_keeps_what_is_left(
+    part: float, closing: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recording, 'SYNC_SECONDS', 1e9)
+    path = tmp_path / 'a.mcap'
+    recorder, reports = running(path)
+    whole = path.read_bytes()
+    size = int(part * len(whole))
+    os.truncate(path, size)
+    if not closing:
+        fail_after(recorder, 20)
+    recorder.close()
+    (line,) = reports
+    assert f'{path} was truncated from {len(whole)} to {size} bytes while it was written' in line
+    assert recorder.failed
+    assert path.read_bytes() == whole[:size]
+
+
+def test_a_file_that_is_truncated_during_a_write_is_a_failure_at_the_next_flush(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sink = Sink(tmp_path / 'a.mcap')
+    sink.write(bytes(1000))
+    sink.flush()
+    real = os.write
+
+    def write(file: int, data: memoryview) -> int:
+        os.truncate(tmp_path / 'a.mcap', 10)
+        return real(file, data)
+
+    monkeypatch.setattr(os, 'write', write)
+    sink.write(bytes(500))
+    sink.flush()
+    with pytest.raises(OSError, match='was truncated from 1500 to 510 bytes'):
+        sink.flush()
+    sink.close()
 
 
 def test_a_relative_name_outlives_a_change_of_the_folder(

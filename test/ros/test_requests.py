@@ -108,6 +108,23 @@ def test_a_jump_is_exactly_the_given_state_and_lets_go_of_the_last_efforts() -> 
     assert not after.effort.any()
 
 
+def test_a_state_of_joint_states_is_sent_back_as_it_came_with_its_efforts_and_its_stamp() -> None:
+    engine = made()
+    engine.run_cycle([PUSH])
+    (saved,) = (output.data for output in engine.step() if output.role == 'joint_states')
+    before = decode_joint_state(saved)
+    assert before.effort.all()
+    for _ in range(3):
+        # Also after a jump and a reset, which are later than its stamp.
+        engine.take([asked('reset')])
+        state(engine)
+        assert verdict(engine, Arrival(Source.SET_STATE, 1, saved)) is Verdict.ACCEPTED
+        there = state(engine)
+        assert there.position.tobytes() == before.position.tobytes()
+        assert there.velocity.tobytes() == before.velocity.tobytes()
+        assert not there.effort.any()
+
+
 def test_a_jump_of_one_joint_keeps_the_others_and_their_brakes() -> None:
     engine = made()
     engine.take([placed(['elbow'], [0.7])])
@@ -143,7 +160,8 @@ def test_a_pause_lets_a_jump_through() -> None:
         (placed(['elbow', 'elbow'], [1.0, 2.0]), Verdict.DUPLICATE_NAMES),
         (placed(['elbow'], [NAN]), Verdict.ALL_NAN),
         (placed(['elbow'], []), Verdict.MALFORMED),
-        (placed(['elbow'], [1.0], effort=[1.0]), Verdict.MALFORMED),
+        (placed(['elbow'], [1.0], effort=[1.0, 2.0]), Verdict.RAGGED),
+        (placed(['elbow'], [], effort=[1.0]), Verdict.MALFORMED),
     ],
 )
 def test_a_state_that_is_refused_changes_nothing(event: Arrival, wanted: Verdict) -> None:

@@ -4,11 +4,15 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 import signal
+import subprocess
+import sys
 import time
 
 import pytest
-from ros_processes import FAULTY, PATIENCE, Processes
+from ros_processes import FAULTY, PATIENCE, Process, Processes
 
 INT, TERM, HUP = signal.SIGINT, signal.SIGTERM, signal.SIGHUP
 STATUS_BASE = 128  # of a shell, for a process that a signal ended
@@ -102,4 +106,71 @@ def test_what_hangs_after_the_recording_is_closed_is_ended_by_an_alarm(
 ) -> None:
     arm = processes.faulty(fault)
     assert arm.end(INT) in (-signal.SIGALRM, 1)
-    assert 'stopped: {' in arm.text()
+    assert ' s of simulated time: ' in arm.text()
+
+
+# Ways to start the node, without the arguments for ROS.
+STARTS = (('-m', 'pfd_ros.cli.main', 'sim'), ('-m', 'pfd_ros.node.main'))
+# Processes that start at the same time.
+AT_ONCE = 4
+
+
+def wait_for_handlers(process: Process) -> None:
+    """Wait until a process handles SIGHUP and SIGTERM, which Python by itself does not."""
+    wanted = sum(1 << number - 1 for number in (INT, TERM, HUP))
+    deadline = time.monotonic() + PATIENCE
+    while True:
+        status = Path(f'/proc/{process.process.pid}/status').read_text(encoding='ascii')
+        caught = int(next(line for line in status.splitlines() if 'SigCgt' in line).split()[1], 16)
+        if caught & wanted == wanted:
+            return
+        assert process.process.poll() is None, process.text()
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+
+
+def check_early_signals(processes: Processes, count: int) -> None:
+    """Start the node so often, with a signal after a delay of 0 to 3 s each."""
+
+    def once(k: int) -> None:
+        process = processes.python(*STARTS[k % len(STARTS)], '--ros-args', '-p', 'robot:=planar2')
+        wait_for_handlers(process)
+        time.sleep(3.0 * k / count)
+        assert process.end((INT, TERM, HUP)[k % 3]) == 0, process.text()
+        text = process.text()
+        assert 'Traceback' not in text
+        assert all(line.startswith('[INFO]') for line in text.splitlines()), text
+
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        list(pool.map(once, range(count)))
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_a_signal_while_the_node_starts_ends_it_like_a_later_one(processes: Processes) -> None:
+    check_early_signals(processes, 12)
+
+
+@pytest.mark.ros
+@pytest.mark.long
+@pytest.mark.slow
+def test_hundreds_of_signals_at_any_moment_of_the_first_seconds_end_the_node_cleanly(
+    processes: Processes,
+) -> None:
+    check_early_signals(processes, 240)
+
+
+def test_the_handlers_of_signals_come_before_every_import_that_takes_long() -> None:
+    # What `pfd sim` has imported by then: nothing but the standard library and these.
+    code = (
+        'import sys, pfd_ros.cli.main, pfd_ros.node.main\n'
+        "print(*sorted(m for m in sys.modules if m.partition('.')[0] in"
+        " ('pfd_ros', 'pfd_core', 'numpy', 'rclpy', 'llvmlite', 'mcap', 'yaml')))\n"
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code], capture_output=True, text=True, check=True, timeout=PATIENCE
+    )
+    assert done.stdout.split() == [
+        *('pfd_ros', 'pfd_ros.cli', 'pfd_ros.cli.main', 'pfd_ros.node', 'pfd_ros.node.main'),
+        'pfd_ros.text',
+    ]

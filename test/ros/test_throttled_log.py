@@ -69,7 +69,7 @@ def test_findings_are_told_once_each_and_not_without_end() -> None:
     for k in range(1000):
         log.once(k % 500, f'found {k}')
     assert len(logger) == MOST_FINDINGS + 2
-    assert logger[-1][1] == 'more findings of this kind are not told'
+    assert logger[-1][1] == 'further findings of this kind are not logged'
     # What is counted is of a kind known beforehand, and told all the same.
     log.count('failure', 1, 'failure', error=True)
     assert logger[-1] == ('error', '1 failure')
@@ -83,3 +83,21 @@ def test_foreign_text_is_shown_short_and_on_one_line() -> None:
     assert one_line('a\n  b\x1b[31m\0c') == r'a b\x1b[31m\x00c'
     assert re.fullmatch(r'x+\.\.\. \(1000000 characters\) \.\.\.x+', one_line('x' * 1_000_000))
     assert len(one_line('x' * 1_000_000)) < 600
+
+
+def test_an_event_is_a_line_without_a_number_unless_it_came_more_than_once() -> None:
+    log, logger, time = made()
+    log.event('a', 1, 'brakes on')
+    time.now = 100.0
+    log.event('a', 1, 'brakes on')
+    log.event('a', 4, 'brakes on', error=True)
+    assert logger == [('warning', 'brakes on'), ('error', 'brakes on (3 times)')]
+
+
+def test_a_lasting_trouble_is_repeated_ever_more_rarely_without_a_number() -> None:
+    log, logger, time = made()
+    for second in range(100):
+        time.now = float(second)
+        log.repeated('a', second + 1, 'no clock')
+    assert set(logger) == {('warning', 'no clock')}
+    assert 5 <= len(logger) <= 9

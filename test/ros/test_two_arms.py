@@ -47,7 +47,7 @@ def test_topics_of_a_urdf_follow_the_namespace_unless_they_are_absolute(
         'reports_often',
         *(*args, '-r', '__ns:=/right', '-p', 'publish_clock:=false', '-p', override),
     )
-    left.wait_for_text('joints, held')
+    left.wait_for_text('until the first command')
     assert 'takes commands on /left/commands (' in left.text()
     assert 'takes commands on /right/commands (' in right.text()
     # A mistake: one absolute topic for the states of both.

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
 import random
 import struct
@@ -13,7 +14,7 @@ import numpy as np
 import pytest
 
 from pfd_ros.messages import convert
-from pfd_ros.messages.stamped import decode_stamped, effort_encoder, stamped_encoder
+from pfd_ros.messages.stamped import NUMBERS, decode_stamped, effort_encoder, stamped_encoder
 
 STAMP = 12_345_678_901
 TAKEN = ('step', 'source', 'sequence', 'verdict')
@@ -228,3 +229,26 @@ def test_garbage_is_refused_with_a_value_error_and_nothing_else() -> None:
                 decode(data)
                 read += 1
     assert 500 < read < 6000
+
+
+@pytest.mark.parametrize('nanoseconds', [1_000_000_000, 2**32 - 1])
+def test_a_time_with_a_second_or_more_of_nanoseconds_is_refused_in_every_message(
+    nanoseconds: int,
+) -> None:
+    messages = {
+        convert.decode_clock: convert.encode_clock(STAMP),
+        convert.decode_joint_state: convert.JointStateEncoder(['a']).encode(
+            STAMP, *np.zeros((3, 1))
+        ),
+        **{
+            functools.partial(decode_stamped, kind=kind): stamped_encoder(kind, 'base').encode(
+                STAMP, np.zeros(len(NUMBERS[kind]))
+            )
+            for kind in NUMBERS
+        },
+    }
+    for decode, data in messages.items():
+        decode(data)
+        strange = data[:8] + struct.pack('<I', nanoseconds) + data[12:]
+        with pytest.raises(ValueError, match=f'nanosec of a time is {nanoseconds}, expected 0 to'):
+            decode(strange)

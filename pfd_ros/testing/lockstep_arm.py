@@ -33,6 +33,7 @@ from pfd_ros.testing.lockstep_settings import (
     JointValues,
     RobotSource,
     by_joint,
+    check_names,
     limits_of,
     loaded,
     lockstep_settings,
@@ -116,7 +117,7 @@ class LockstepArm:
 
     @property
     def time(self) -> float:
-        """Simulated time since the arm's start, s; stamps are `start_time` later."""
+        """The stamp of the last state, s of simulated time; the first is `start_time`, 1 ms."""
         return self._run.time
 
     @property
@@ -140,9 +141,9 @@ class LockstepArm:
         Parameters
         ----------
         controller
-            Called as controller(t, q, qd) at the start of each control period, with the simulated
-            time since the arm's start [s] and the last state (n,); returns efforts (n,), which
-            are held for the period.
+            Called as controller(t, q, qd) at the start of each control period, with the stamp [s]
+            and the values (n,) of the last state; returns efforts (n,), which are held for the
+            period.
         seconds
             Simulated time. The last row of the motion is one control period before its end, where
             another run begins.
@@ -245,6 +246,7 @@ class LockstepArm:
 
     def set(self, **values: Any) -> None:
         """Change dynamic settings from the next step on; ValueError if one is refused."""
+        check_names(values)
         self._run.demand(Source.PARAMETERS, encode_changes(plain_values(values)))
         self.settings = self.engine.settings
 

@@ -128,8 +128,8 @@ class ProcessArm:
 
     @property
     def time(self) -> float:
-        """Simulated time of the last state since the arm's start, s."""
-        return self._seconds(self._last_state())
+        """The stamp of the last state, s of simulated time."""
+        return self._last_state().stamp_ns / NANOSECONDS
 
     @property
     def q(self) -> Array:
@@ -147,9 +147,6 @@ class ProcessArm:
         assert self._state is not None
         return self._state
 
-    def _seconds(self, state: JointMessage) -> float:
-        return (state.stamp_ns - self.settings.start_ns) / NANOSECONDS
-
     def run(
         self, controller: Controller, seconds: float, *, patience: float = PATIENCE_SECONDS
     ) -> Trajectory:
@@ -159,7 +156,7 @@ class ProcessArm:
         def answer(state: JointMessage) -> bool:
             if rows.count == len(rows.time):
                 return True
-            k, t = rows.count, self._seconds(state)
+            k, t = rows.count, state.stamp_ns / NANOSECONDS
             rows.time[k], rows.q[k], rows.qd[k] = t, state.position, state.velocity
             q, qd = np.array(state.position), np.array(state.velocity)
             efforts = rows.tau[k] = asked(controller, self.names, t, q, qd)
@@ -188,7 +185,7 @@ class ProcessArm:
             if k == len(rows.time):
                 return True
             rows.time[k], rows.q[k], rows.qd[k] = (
-                self._seconds(state),
+                state.stamp_ns / NANOSECONDS,
                 state.position,
                 state.velocity,
             )

@@ -54,7 +54,8 @@ class Trajectory:
     Attributes
     ----------
     time
-        Simulated time since the arm's start (N,), s. It goes on from run to run.
+        Stamps of the states (N,), s of simulated time: above zero, as zero is no time to ROS. It
+        goes on from run to run.
     q, qd
         Positions and velocities as `joint_states` tells them, (N, n).
     tau

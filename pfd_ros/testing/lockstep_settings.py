@@ -20,7 +20,7 @@ from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings, from_values
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.testing.metrics import Array
-from pfd_ros.testing.trajectory import Limits
+from pfd_ros.testing.trajectory import Limits, Rows
 from pfd_ros.text import cut
 
 # A name, a path, a URDF, or the robot itself.
@@ -109,6 +109,11 @@ def limits_of(robot: pfd.Robot, order: Sequence[int]) -> Limits:
 def period_of(settings: Settings) -> float:
     """Return the control period, s: from one state to the next."""
     return settings.publish_every * settings.step_ns / NANOSECONDS
+
+
+def rows_of(settings: Settings, seconds: float, joints: int) -> Rows:
+    """Return empty rows for a run of so many seconds; ValueError as `periods`."""
+    return Rows(periods(settings, seconds), joints, period_of(settings))
 
 
 def periods(settings: Settings, seconds: float) -> int:

@@ -22,7 +22,7 @@ from test_testing_arm import GOAL, UNCUT, assert_same_bits
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read
 from pfd_ros.testing.controller import ControllerError
-from pfd_ros.testing.exchange import NoAnswerError
+from pfd_ros.testing.controllers import NoAnswerError
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.node_process import NodeProcessError
 from pfd_ros.testing.process_arm import ProcessArm
@@ -134,11 +134,13 @@ def test_a_silent_system_is_an_error_that_says_who_is_missing(
 ) -> None:
     alone = LockstepArm(**SETTINGS, ros_args=['-r', '__ns:=/alone'])
     with alone, pytest.raises(NoAnswerError, match='nobody subscribes to /alone/joint_states'):
-        alone.spin(0.1, patience=0.2)
+        alone.spin(0.1, start_patience=0.2)
     with LockstepArm(**SETTINGS) as arm:
         node = controller_of('named', lambda q, qd: np.full(6, np.inf))
-        with pytest.raises(NoAnswerError, match=r'the last command was infinite: effort'):
-            arm.spin(0.1, node, patience=0.3)
+        with pytest.raises(
+            NoAnswerError, match=r'the last command was rejected, infinite: effort'
+        ):
+            arm.spin(0.1, node, patience=0.3, allow_rejected={'infinite'})
         assert arm.time == 0.001
 
 
@@ -146,8 +148,10 @@ def test_an_error_in_a_node_ends_the_run(controller_of: Callable[..., Any]) -> N
     def failing(q, qd):
         raise KeyError('gains')
 
-    with LockstepArm(**SETTINGS) as arm, pytest.raises(KeyError, match='gains'):
+    text = r"a node raised at t = 0\.001 s, after 0 answers: KeyError: 'gains'"
+    with LockstepArm(**SETTINGS) as arm, pytest.raises(ControllerError, match=text) as found:
         arm.spin(0.1, controller_of('named', failing))
+    assert isinstance(found.value.__cause__, KeyError)
 
 
 @pytest.mark.parametrize(

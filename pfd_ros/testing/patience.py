@@ -26,6 +26,8 @@ START_PATIENCE_SECONDS = 20.0
 RESEND_SECONDS = 1.0
 # Between two looks at what the main thread does.
 LOOK_SECONDS = 0.05
+# Share of the patience in which the watching thread must have run, too.
+WATCHED = 0.4
 # Ignored by default, so that one that comes late does no harm, and used by few.
 SIGNAL = signal.SIGURG
 # Of a stack, in the text of an error.
@@ -75,13 +77,14 @@ class Watch:
         Where the controller blocked, as a traceback has it; '' if it did not.
     """
 
-    __slots__ = ('_before', '_blocked', '_patience', 'since', 'stack')
+    __slots__ = ('_before', '_blocked', '_looked', '_looks', '_patience', 'since', 'stack')
 
     def __init__(self, patience: float) -> None:
         if not patience > 0.0:
             raise ValueError(f'patience is {patience!r}, expected above zero, s')
         self._patience = patience
-        self.since = self._blocked = 0.0
+        self.since = self._blocked = self._looked = 0.0
+        self._looks = 0
         self.stack = ''
         self._before: Any = None
 
@@ -109,7 +112,13 @@ class Watch:
     def look(self) -> None:
         """Interrupt a controller that takes too long; the thread that watches calls it."""
         since = self.since
-        if not since or time.perf_counter() - since <= self._patience:
+        self._looks = self._looks + 1 if since == self._looked else 0
+        self._looked = since
+        waited = time.perf_counter() - since
+        if not since or waited <= self._patience:
+            return
+        # A machine that stood still has let the controller do nothing either.
+        if self._looks * LOOK_SECONDS < WATCHED * self._patience:
             return
         main = threading.main_thread().ident
         assert main is not None

@@ -166,7 +166,7 @@ def symptoms(
     ]
     if hits:
         told.append(f'first {min(hits)[1]}')
-    return '; '.join(told)
+    return '; '.join(told) or 'no oscillation, no limit reached'
 
 
 def _wave_text(waves: Oscillation, rate: float, growth: float, seconds: float) -> str:

@@ -35,6 +35,8 @@ SECONDS = 3.0
 # Commands before a fault that comes at once.
 BEFORE = 100
 LATE_STEPS = 5
+# Of a message, in the table.
+MOST = 200
 UR5: dict[str, Any] = {'robot': 'ur5', 'armature': True, 'gravity_compensation': True}
 # t, q, qd -> efforts, None for no answer.
 Law = Callable[[float, np.ndarray, np.ndarray], Any]
@@ -166,12 +168,13 @@ def told(text: str) -> str:
     shown = [line for line in lines if 'elbow_joint:' in line] or lines[:1]
     if 'it is here' in text or 'ends:' in text:
         shown.append(lines[-1])
-    return (
+    line = (
         re.sub(r' \(pid \d+\)', '', ' '.join(shown))
         .replace(sys.executable, 'python')
         .replace(str(Path(__file__).resolve().parent) + os.sep, '')
         .replace('|', r'\|')
     )
+    return line if len(line) <= MOST else f'{line[:MOST]}...'
 
 
 def main() -> None:

@@ -15,7 +15,7 @@ from typing import Any
 from controller_faults import FAULTS, UR5, WAYS, command_of, failure_of, node_of, pd
 import numpy as np
 import pytest
-from ros_processes import PATIENCE
+from ros_processes import PATIENCE, ROOT
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.testing.controller import ControllerError
@@ -342,6 +342,14 @@ EXPECTED = {
     'never publishes': r'returned None at t = 0\.001 s|never published a command',
     'stops after 100 commands': r'returned None at t = 0\.101 s|stopped after 100 answers',
 }
+
+
+def test_the_table_of_the_guide_has_each_fault_in_each_way_with_its_text() -> None:
+    page = (ROOT / 'docs' / 'guides' / 'testing-a-controller.md').read_text(encoding='utf-8')
+    for fault in FAULTS:
+        for way in WAYS:
+            (text,) = re.findall(rf'^\| {fault} \| {way} \| [0-9.]+ \| (.*) \|$', page, re.M)
+            assert re.search(EXPECTED[fault], text), text
 
 
 @pytest.mark.ros

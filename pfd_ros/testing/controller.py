@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_ros.testing.metrics import Array
+from pfd_ros.testing.patience import Watch
 from pfd_ros.text import one_line
 
 FLOAT = np.dtype(np.float64)
@@ -19,7 +20,7 @@ Controller: TypeAlias = Callable[[float, Array, Array], ArrayLike]
 
 
 class ControllerError(Exception):
-    """A controller that raised, or whose answer is not a finite effort for each joint."""
+    """A controller that raised, blocks, or answers anything but a finite effort for each joint."""
 
 
 def asked(controller: Controller, names: Sequence[str], t: float, q: Array, qd: Array) -> Array:
@@ -56,6 +57,20 @@ def _converted(answer: Any, names: Sequence[str], t: float) -> Array:
             f'the controller returned {one_line(repr(answer), 200)}{shape} at t = {t:.6g} s, '
             f'{expected}'
         ) from None
+
+
+def blocked(watch: Watch, patience: float, t: float, answers: int) -> ControllerError:
+    """Return the error about a controller that blocks at a state, after so many answers."""
+    return ControllerError(
+        f'the controller blocks: no answer for {patience:g} s to the state at t = {t:.6g} s, '
+        f'after {answers} answers; it is here:\n{watch.stack}'
+    )
+
+
+def raised(error: Exception, t: float, answers: int) -> ControllerError:
+    """Return the error about a node that raised at a state, after so many answers."""
+    text = one_line(f'{type(error).__name__}: {error}')
+    return ControllerError(f'a node raised at t = {t:.6g} s, after {answers} answers: {text}')
 
 
 def refusal(efforts: Array, names: Sequence[str], t: float, detail: str) -> ControllerError:

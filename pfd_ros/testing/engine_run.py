@@ -45,9 +45,8 @@ class EngineRun:
 
     @property
     def time(self) -> float:
-        """Simulated time since the arm's start, s."""
-        start_ns = self.engine.settings.start_ns
-        return (self.engine.arm.stamp_ns - start_ns) / NANOSECONDS
+        """The stamp of the last state, s of simulated time."""
+        return self.engine.arm.stamp_ns / NANOSECONDS
 
     def command(self, efforts: Array) -> Judgement:
         """Command efforts (n,), published order; if they are accepted, go on to the next state."""

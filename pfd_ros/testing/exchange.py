@@ -18,6 +18,10 @@ from typing import Any
 from pfd_ros.arm.events import CLOCK, STATES, Output, Source
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.messages.topics import topic_of
+from pfd_ros.testing.controller import blocked, raised
+from pfd_ros.testing.controllers import Controllers, split
+from pfd_ros.testing.patience import BlockedError, Waits, Watch
+from pfd_ros.testing.rejections import RejectedError
 from pfd_ros.testing.session import executor_with, import_rclpy, spin, take_down
 from pfd_ros.testing.topic_run import TopicRun
 
@@ -26,17 +30,10 @@ NAME = 'sim_arm'
 STATE_TOPIC = 'joint_states'
 COMMAND_TOPICS = {Source.NAMED: 'joint_commands', Source.ARRAY: '~/commands'}
 STATE_DEPTH, COMMAND_DEPTH, CLOCK_DEPTH = 10, 100, 1
-# Longest wait for an answer, s of wall time, unless the caller says otherwise.
-PATIENCE_SECONDS = 10.0
-# Without an answer the state is sent again after so long. A controller that takes longer over one
-# command and does not stamp it would answer twice.
-RESEND_SECONDS = 2.0
+# After the answer to a state that was sent again, its repetitions may come for so long, s.
+REPEAT_SECONDS = 0.2
 # Between two looks at the clock while the executor spins; a signal waits as long.
 LOOK_SECONDS = 0.1
-
-
-class NoAnswerError(Exception):
-    """Nobody answered a state."""
 
 
 class Exchange:
@@ -93,73 +90,133 @@ class Exchange:
             for source, own in COMMAND_TOPICS.items()
         ]
         self._arm: TopicRun | None = None
-        self._ended: Any = None
-        self._heard = 0.0
+        # When the run began, when its last state was published, since when it has readers who
+        # can answer, and when it was sent for the last time, again or not.
+        self._begun = self._published = self._since = self._sent = 0.0
+        self._again = False
+        self._fault: Exception | None = None
+        # The answer to a state that was sent again, and when it came.
+        self._first: tuple[Source, bytes, float] | None = None
 
-    def run(self, arm: TopicRun, nodes: Sequence[Any], patience: float) -> None:
+    def run(self, arm: TopicRun, controllers: Sequence[Any], waits: Waits) -> None:
         """Exchange states for commands until the arm ends the run.
 
         Parameters
         ----------
         arm
             The arm.
-        nodes
-            Nodes of the user whose callbacks should run meanwhile.
-        patience
-            Longest wait for an answer, s of wall time.
+        controllers
+            Nodes of the user whose callbacks should run meanwhile, and ControllerProcess objects.
+        waits
+            How long to wait for them.
 
         Raises
         ------
         NoAnswerError
-            If nobody answers for so long.
+            If nobody answers for so long, or a process ended.
+        ControllerError
+            If a node blocks, or the arm rejects a command.
         """
         from rclpy.task import Future
 
+        nodes, processes = split(controllers)
         executor = executor_with([self.node, *nodes])
-        self._wait_for_controller(executor, patience)
-        self._arm, self._ended = arm, Future()
+        self._ended, self._first, self._fault = Future(), None, None
+        start = waits.start_of(nodes, processes)
+        topics = [end.topic_name for end in self._subscriptions]
+        states, own = self._publishers[STATES].topic_name, {self.node.get_fully_qualified_name()}
+        self._controllers = Controllers(self.node, states, topics, nodes, processes, own)
         try:
-            self._publish(arm.present())
-            self._heard = sent = time.monotonic()
-            while not self._ended.done():
-                spin(executor, LOOK_SECONDS, self._ended)
-                now = time.monotonic()
-                if now - self._heard > patience:
-                    raise NoAnswerError(f'no answer to a state for {patience:g} s')
-                if now - max(self._heard, sent) > RESEND_SECONDS:
-                    sent = now
-                    self._publish(arm.present())
+            with Watch(waits.patience) as self._watch:
+                self._begun = time.perf_counter()
+                while not self._ended.done():
+                    if not arm.answers:
+                        self._begin(arm, start)
+                    self._spin(executor, LOOK_SECONDS if self._arm else LOOK_SECONDS / 10)
+                    if self._fault is not None:
+                        raise self._fault
+                    self._look(arm, waits)
+        except BlockedError:
+            raise blocked(self._watch, waits.patience, arm.time, arm.answers) from None
         finally:
             self._arm = None
 
-    def _wait_for_controller(self, executor: Any, patience: float) -> None:
-        """Wait until somebody hears the arm and somebody publishes commands."""
-        deadline = time.monotonic() + patience
-        node = self.node
-        while True:
-            heard = any(end.get_subscription_count() for end in self._publishers.values())
-            topics = [end.topic_name for end in self._subscriptions]
-            if heard and any(node.count_publishers(topic) for topic in topics):
-                return
-            if time.monotonic() > deadline:
-                missing = (
-                    f'publishes commands on {" or ".join(topics)}'
-                    if heard
-                    else f'subscribes to {self._publishers[STATES].topic_name}'
-                )
-                raise NoAnswerError(f'after {patience:g} s nobody {missing}')
-            spin(executor, LOOK_SECONDS / 10)
+    def _begin(self, arm: TopicRun, start: float) -> None:
+        """Publish the first state once somebody reads it and somebody publishes commands."""
+        found, now = self._controllers, time.perf_counter()
+        heard = any(end.get_subscription_count() for end in self._publishers.values())
+        if heard and found.publishers() and self._arm is None:
+            self._arm = arm
+            self._publish_state(arm.present())
+        if not (heard and found.found()):
+            self._since = now
+            found.check(None, 0)
+            if now - self._begun > start:
+                raise found.absence(start)
+
+    def _spin(self, executor: Any, seconds: float) -> None:
+        self._watch.since = time.perf_counter()
+        try:
+            spin(executor, seconds, self._ended)
+        except Exception as error:
+            arm = self._arm
+            raise raised(error, *((arm.time, arm.answers) if arm else (0.0, 0))) from error
+        self._watch.since = 0.0
+
+    def _look(self, arm: TopicRun, waits: Waits) -> None:
+        """Raise NoAnswerError if the answer does not come; send the state again before that."""
+        if self._arm is None:
+            return
+        now, answers = time.perf_counter(), arm.answers
+        if self._first is not None and now - self._first[2] > REPEAT_SECONDS:
+            first, self._first = self._first, None
+            self._answer(arm, *first)
+        self._controllers.check(arm.time, answers)
+        waited = now - self._since
+        if waited > waits.patience:
+            raise self._controllers.silence(arm.time, answers, waited, arm.rejected)
+        if now - self._sent > waits.resend:
+            self._sent, self._again = now, True
+            arm.repeats += 1
+            self._publish(arm.present())
 
     def _on_command(self, source: Source, data: bytes) -> None:
-        arm = self._arm
+        arm, now = self._arm, time.perf_counter()
         if arm is None or self._ended.done():
             return
-        outputs = arm.answer(source, data)
+        if not self._again:
+            self._answer(arm, source, data, now)
+        elif self._first is None:
+            # A state that was sent again has more than one answer: the next state comes later.
+            self._first = source, data, now
+        else:
+            arm.repeats -= 1
+
+    def _answer(self, arm: TopicRun, source: Source, data: bytes, now: float) -> None:
+        # Meanwhile it is the arm's turn.
+        self._watch.since = 0.0
+        try:
+            self._go_on(arm, source, data, now)
+        except Exception as error:
+            self._fault = error
+            self._ended.set_result(None)
+        self._watch.since = time.perf_counter()
+
+    def _go_on(self, arm: TopicRun, source: Source, data: bytes, now: float) -> None:
+        try:
+            outputs = arm.answer(source, data, now - self._published)
+        except RejectedError as error:
+            topic = self._controllers.commands[list(COMMAND_TOPICS).index(source)]
+            raise self._controllers.rejected(topic, arm.time, arm.answers, error) from None
         if outputs is None:
             self._ended.set_result(None)
         elif outputs:
-            self._heard = time.monotonic()
-            self._publish(outputs)
+            self._publish_state(outputs)
+
+    def _publish_state(self, outputs: Sequence[Output]) -> None:
+        self._published = self._since = self._sent = time.perf_counter()
+        self._again = False
+        self._publish(outputs)
 
     def _publish(self, outputs: Sequence[Output]) -> None:
         for role, _, data in outputs:

@@ -12,7 +12,8 @@ bits, here and over topics (`spin`), run after run.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -26,24 +27,33 @@ from pfd_ros.arm.requests import encode_request
 from pfd_ros.messages.convert import WRENCH
 from pfd_ros.messages.stamped import stamped_encoder
 from pfd_ros.testing.command_bytes import state_bytes
-from pfd_ros.testing.controller import Controller, asked, refusal
+from pfd_ros.testing.controller import Controller, asked, blocked, refusal
 from pfd_ros.testing.engine_run import EngineRun
-from pfd_ros.testing.exchange import PATIENCE_SECONDS, Exchange, NoAnswerError
+from pfd_ros.testing.exchange import Exchange
 from pfd_ros.testing.lockstep_settings import (
     JointValues,
     RobotSource,
     by_joint,
+    check_names,
     limits_of,
     loaded,
     lockstep_settings,
     period_of,
-    periods,
     plain_values,
+    rows_of,
 )
 from pfd_ros.testing.metrics import Array
+from pfd_ros.testing.patience import (
+    PATIENCE_SECONDS,
+    START_PATIENCE_SECONDS,
+    BlockedError,
+    Waits,
+    Watch,
+)
+from pfd_ros.testing.rejections import checked_reasons
 from pfd_ros.testing.run_log import open_log
 from pfd_ros.testing.topic_run import TopicRun
-from pfd_ros.testing.trajectory import Rows, Trajectory
+from pfd_ros.testing.trajectory import Trajectory
 
 
 class LockstepArm:
@@ -116,7 +126,7 @@ class LockstepArm:
 
     @property
     def time(self) -> float:
-        """Simulated time since the arm's start, s; stamps are `start_time` later."""
+        """The stamp of the last state, s of simulated time; the first is `start_time`, 1 ms."""
         return self._run.time
 
     @property
@@ -134,45 +144,64 @@ class LockstepArm:
         """Velocities as the last state tells them, (n,), rad/s or m/s; a copy."""
         return np.array(self.engine.measured()[1])
 
-    def run(self, controller: Controller, seconds: float) -> Trajectory:
+    def run(
+        self, controller: Controller, seconds: float, *, patience: float = PATIENCE_SECONDS
+    ) -> Trajectory:
         """Let a controller drive the arm; return its motion.
 
         Parameters
         ----------
         controller
-            Called as controller(t, q, qd) at the start of each control period, with the simulated
-            time since the arm's start [s] and the last state (n,); returns efforts (n,), which
-            are held for the period.
+            Called as controller(t, q, qd) at the start of each control period, with the stamp [s]
+            and the values (n,) of the last state; returns efforts (n,), which are held for the
+            period.
         seconds
             Simulated time. The last row of the motion is one control period before its end, where
             another run begins.
+        patience
+            Longest wall time of one call, s; infinite to stop in a debugger. It is kept in the
+            main thread, and ends whatever Python waits for.
 
         Raises
         ------
         ControllerError
-            If the controller raises, or returns anything but a finite effort for each joint. The
-            arm stays in the state that the controller was given.
+            If the controller raises, blocks, or returns anything but a finite effort for each
+            joint. The arm stays in the state that the controller was given.
         ArmError
             If the state does not stay finite.
         ValueError
             If `seconds` is not above zero and finite.
         """
-        rows = Rows(periods(self.settings, seconds), len(self.names))
+        rows = rows_of(self.settings, seconds, len(self.names))
         engine, names = self.engine, self.names
         command = self._run.command
-        for k in range(len(rows.time)):
-            t = rows.time[k] = self.time
-            q, qd, _ = engine.measured()
-            rows.q[k], rows.qd[k] = q, qd
-            efforts = asked(controller, names, t, q.copy(), qd.copy())
-            rows.tau[k] = efforts
-            judgement = command(efforts)
-            if judgement.verdict is not Verdict.ACCEPTED:
-                raise refusal(efforts, names, t, judgement.detail)
+        with Watch(patience) as watch:
+            for k in range(len(rows.time)):
+                t = rows.time[k] = self.time
+                q, qd, _ = engine.measured()
+                rows.q[k], rows.qd[k] = q, qd
+                begun = watch.since = perf_counter()
+                try:
+                    efforts = asked(controller, names, t, q.copy(), qd.copy())
+                    watch.since = 0.0
+                except BlockedError:
+                    raise blocked(watch, patience, t, k) from None
+                rows.compute_time[k] = perf_counter() - begun
+                rows.tau[k] = efforts
+                judgement = command(efforts)
+                if judgement.verdict is not Verdict.ACCEPTED:
+                    raise refusal(efforts, names, t, judgement.detail)
         rows.count = len(rows.time)
         return rows.trajectory(names, self._limits)
 
-    def spin(self, seconds: float, *nodes: Any, patience: float = PATIENCE_SECONDS) -> Trajectory:
+    def spin(
+        self,
+        seconds: float,
+        *controllers: Any,
+        patience: float = PATIENCE_SECONDS,
+        start_patience: float = START_PATIENCE_SECONDS,
+        allow_rejected: Collection[str] = (),
+    ) -> Trajectory:
         """Let a ROS node drive the arm over topics; return its motion.
 
         The arm publishes a state and its clock tick, and goes on when a command answers: one with
@@ -183,31 +212,32 @@ class LockstepArm:
         ----------
         seconds
             As for `run`.
-        nodes
-            rclpy nodes of this process whose callbacks are to run meanwhile. Nodes elsewhere in
+        controllers
+            rclpy nodes of this process whose callbacks are to run meanwhile, and controllers that
+            the fixture `controller_process` started, whose end ends the run. Nodes elsewhere in
             the domain need no mention.
         patience
             Longest wait for an answer, s of wall time.
+        start_patience
+            Longest wait until a controller in another process has started, s of wall time.
+        allow_rejected
+            Reasons for which the arm may reject commands, of pfd_ros.testing.rejections.REASONS.
+            'all_nan' also stands for NaN by name for some joints, 'unknown_names' for some names.
 
         Raises
         ------
-        pfd_ros.testing.exchange.NoAnswerError
-            If a state gets no answer.
+        ControllerError
+            If the arm rejects a command for another reason, or a node of this process blocks.
+        pfd_ros.testing.controllers.NoAnswerError
+            If a state gets no answer, or a process ended.
         ArmError
             If the state does not stay finite.
         """
-        rows = Rows(periods(self.settings, seconds), len(self.names))
-        run = TopicRun(self._run, rows)
+        rows = rows_of(self.settings, seconds, len(self.names))
+        run = TopicRun(self._run, rows, checked_reasons(allow_rejected))
         if self._exchange is None:
             self._exchange = Exchange(roles_of(self.settings), self._ros_args, self._topics)
-        try:
-            self._exchange.run(run, nodes, patience)
-        except NoAnswerError as error:
-            if run.refused is None:
-                raise
-            verdict = run.refused.verdict.name.lower()
-            text = f'{error}; the last command was {verdict}: {run.refused.detail}'
-            raise NoAnswerError(text) from None
+        self._exchange.run(run, controllers, Waits(patience, start_patience))
         return run.rows.trajectory(self.names, self._limits)
 
     def reset(self) -> None:
@@ -245,6 +275,7 @@ class LockstepArm:
 
     def set(self, **values: Any) -> None:
         """Change dynamic settings from the next step on; ValueError if one is refused."""
+        check_names(values)
         self._run.demand(Source.PARAMETERS, encode_changes(plain_values(values)))
         self.settings = self.engine.settings
 

@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields, replace
+from difflib import get_close_matches
 import math
 import os
 from typing import Any, TypeAlias
@@ -19,7 +20,8 @@ from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings, from_values
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.testing.metrics import Array
-from pfd_ros.testing.trajectory import Limits
+from pfd_ros.testing.trajectory import Limits, Rows
+from pfd_ros.text import cut
 
 # A name, a path, a URDF, or the robot itself.
 RobotSource: TypeAlias = str | os.PathLike[str] | pfd.Robot
@@ -35,6 +37,8 @@ LOCKSTEP: Mapping[str, Any] = {
 }
 # Share of a control period by which a time may miss the end of the last one.
 SLACK = 1e-6
+# Least similarity (difflib's ratio) of a misspelt setting to the one that is suggested.
+ALIKE = 0.7
 
 
 def lockstep_settings(robot: RobotSource, given: Mapping[str, Any]) -> Settings:
@@ -45,6 +49,7 @@ def lockstep_settings(robot: RobotSource, given: Mapping[str, Any]) -> Settings:
     ValueError
         If a value is refused, or takes the arm out of lockstep.
     """
+    check_names(given)
     fixed = sorted(name for name, value in LOCKSTEP.items() if given.get(name, value) != value)
     if fixed:
         raise ValueError(f'{fixed[0]} is {given[fixed[0]]!r}, but a test is in lockstep')
@@ -55,6 +60,16 @@ def lockstep_settings(robot: RobotSource, given: Mapping[str, Any]) -> Settings:
         # Zero means 'no time' to ROS.
         settings = replace(settings, start_time=settings.step_size)
     return with_scene_text(settings)
+
+
+def check_names(names: Iterable[str]) -> None:
+    """Raise ValueError at the first name that is no setting; the text has the most similar one."""
+    known = [field.name for field in fields(Settings)]
+    for name in names:
+        if name not in known:
+            near = get_close_matches(name.replace('.', '_'), known, n=1, cutoff=ALIKE)
+            hint = f'did you mean {near[0]!r}?' if near else 'config/sim_arm.yaml has them all'
+            raise ValueError(f'unknown setting {cut(name)!r}: {hint}')
 
 
 def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
@@ -94,6 +109,11 @@ def limits_of(robot: pfd.Robot, order: Sequence[int]) -> Limits:
 def period_of(settings: Settings) -> float:
     """Return the control period, s: from one state to the next."""
     return settings.publish_every * settings.step_ns / NANOSECONDS
+
+
+def rows_of(settings: Settings, seconds: float, joints: int) -> Rows:
+    """Return empty rows for a run of so many seconds; ValueError as `periods`."""
+    return Rows(periods(settings, seconds), joints, period_of(settings))
 
 
 def periods(settings: Settings, seconds: float) -> int:

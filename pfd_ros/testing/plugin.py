@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The pytest plugin: the fixtures `sim_arm` and `ros_domain`.
+"""The pytest plugin: the fixtures `sim_arm`, `ros_domain` and `controller_process`.
 
 pytest loads it in every session of an environment in which this package is installed, so nothing
 but pytest is imported before a test uses a fixture. Each worker of pytest-xdist is a process, and
@@ -36,6 +36,19 @@ def sim_arm(request: pytest.FixtureRequest) -> Iterator[Callable[..., Any]]:
             return arms.enter_context(LockstepArm(robot, **settings))
 
         yield make
+
+
+@pytest.fixture
+def controller_process(ros_domain: int) -> Iterator[Callable[..., Any]]:
+    """Return a function that starts a controller: controller_process([sys.executable, 'node.py']).
+
+    `spin` takes what it returns, and shows how the process ended and the end of its output. It
+    runs in the domain of the test, and ends with it.
+    """
+    from pfd_ros.testing.controller_process import ControllerProcess
+
+    with ExitStack() as processes:
+        yield lambda command: processes.enter_context(ControllerProcess(command))
 
 
 @pytest.fixture

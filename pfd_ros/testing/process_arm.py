@@ -8,7 +8,8 @@ states. Each state waits for its answer, so the motion has the bits of a run in 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 import time
@@ -17,18 +18,18 @@ from typing import Any
 import numpy as np
 
 from pfd_ros.arm.arm import joint_order
-from pfd_ros.arm.events import STATES, Source
+from pfd_ros.arm.events import COMMANDS, STATES, Source
 from pfd_ros.messages.convert import NANOSECONDS, JointMessage, decode_joint_state
 from pfd_ros.messages.stamped import effort_encoder
-from pfd_ros.messages.topics import topic_of
+from pfd_ros.messages.topics import remapped, topic_of
+from pfd_ros.recording.format import ROLE_OF_SOURCE
 from pfd_ros.testing.command_bytes import state_bytes
-from pfd_ros.testing.controller import Controller, asked, refusal
+from pfd_ros.testing.controller import Controller, ControllerError, asked, blocked, raised, refusal
+from pfd_ros.testing.controllers import Controllers, NoAnswerError, split
 from pfd_ros.testing.exchange import (
     COMMAND_TOPICS,
     LOOK_SECONDS,
-    PATIENCE_SECONDS,
     STATE_TOPIC,
-    NoAnswerError,
     bare_node,
     require_rclpy,
 )
@@ -39,15 +40,27 @@ from pfd_ros.testing.lockstep_settings import (
     limits_of,
     loaded,
     lockstep_settings,
-    periods,
+    rows_of,
 )
 from pfd_ros.testing.metrics import Array
 from pfd_ros.testing.node_process import NodeProcess, NodeProcessError, parameters_of
+from pfd_ros.testing.patience import (
+    PATIENCE_SECONDS,
+    START_PATIENCE_SECONDS,
+    BlockedError,
+    Waits,
+    Watch,
+)
+from pfd_ros.testing.rejections import REASONS, STALE, checked_reasons
 from pfd_ros.testing.session import executor_with, spin, take_down
 from pfd_ros.testing.trajectory import Rows, Trajectory
 
 # For the first state: the process starts, compiles the robot, and is discovered.
 START_SECONDS = 60.0
+# For an answer to a request, s.
+REQUEST_SECONDS = 10.0
+# Of the diagnostics of the node, which come once a second; a busy machine may be late.
+DIAGNOSTICS_SECONDS = 10.0
 STATE_DEPTH, COMMAND_DEPTH = 100, 10
 
 
@@ -88,17 +101,32 @@ class ProcessArm:
         self._state: JointMessage | None = None
         self._answer = b''
         self._on_new: Callable[[JointMessage], None] | None = None
+        # What the node has counted so far, the simulated time of that, and what spin has judged.
+        self._counted: Counter[str] = Counter()
+        self._counted_at = 0.0
+        self._judged: Counter[str] = Counter()
         self._create_node(ros_args, found.description.topics)
         # The node reads the description itself.
         self.process = NodeProcess(parameters_of(given, self.names), ros_args)
 
     def _create_node(self, ros_args: Sequence[str], topics: Mapping[Source | str, str]) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray
+        from rclpy.experimental.events_executor import EventsExecutor
         from sensor_msgs.msg import JointState
         from std_srvs.srv import Trigger
 
         self.node = node = bare_node('sim_arm_watch', ros_args)
         states = topic_of(node, STATE_TOPIC, topics.get(STATES, ''))
         commands = topic_of(node, COMMAND_TOPICS[Source.NAMED], topics.get(Source.NAMED, ''))
+        # Remappings of the arm's private name hold for this node's private name.
+        array = remapped(node, COMMAND_TOPICS[Source.ARRAY]) or topics.get(Source.ARRAY, '')
+        array = array or self.settings.command_topic or 'sim_arm/commands'
+        self._topics = [node.resolve_topic_name(name) for name in (states, commands, array)]
+        # With an executor of its own: the controllers do not run while it waits.
+        self._reader = bare_node('sim_arm_reader', ros_args)
+        self._reader.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self._readers_executor = EventsExecutor()
+        self._readers_executor.add_node(self._reader)
         node.create_subscription(JointState, states, self._on_state, STATE_DEPTH, raw=True)
         self._commands = node.create_publisher(JointState, commands, COMMAND_DEPTH)
         self._jumps = node.create_publisher(JointState, 'sim_arm/set_state', 1)
@@ -124,12 +152,14 @@ class ProcessArm:
         try:
             self.process.close()
         finally:
+            self._readers_executor.shutdown()
+            take_down(self._reader)
             take_down(self.node)
 
     @property
     def time(self) -> float:
-        """Simulated time of the last state since the arm's start, s."""
-        return self._seconds(self._last_state())
+        """The stamp of the last state, s of simulated time."""
+        return self._last_state().stamp_ns / NANOSECONDS
 
     @property
     def q(self) -> Array:
@@ -147,22 +177,20 @@ class ProcessArm:
         assert self._state is not None
         return self._state
 
-    def _seconds(self, state: JointMessage) -> float:
-        return (state.stamp_ns - self.settings.start_ns) / NANOSECONDS
-
     def run(
         self, controller: Controller, seconds: float, *, patience: float = PATIENCE_SECONDS
     ) -> Trajectory:
         """Let a controller of this process drive the arm; see LockstepArm.run."""
-        rows = Rows(periods(self.settings, seconds), len(self.names))
+        rows = rows_of(self.settings, seconds, len(self.names))
 
         def answer(state: JointMessage) -> bool:
             if rows.count == len(rows.time):
                 return True
-            k, t = rows.count, self._seconds(state)
+            k, t, begun = rows.count, state.stamp_ns / NANOSECONDS, time.perf_counter()
             rows.time[k], rows.q[k], rows.qd[k] = t, state.position, state.velocity
             q, qd = np.array(state.position), np.array(state.velocity)
             efforts = rows.tau[k] = asked(controller, self.names, t, q, qd)
+            rows.compute_time[k] = time.perf_counter() - begun
             if not np.isfinite(efforts).all():
                 raise refusal(efforts, self.names, t, '')
             rows.count += 1
@@ -170,32 +198,48 @@ class ProcessArm:
             self._commands.publish(self._answer)
             return False
 
-        self._follow(answer, (), patience)
+        self._follow(answer, rows, (), Waits(patience))
         return rows.trajectory(self.names, self._limits)
 
-    def spin(self, seconds: float, *nodes: Any, patience: float = PATIENCE_SECONDS) -> Trajectory:
+    def spin(
+        self,
+        seconds: float,
+        *controllers: Any,
+        patience: float = PATIENCE_SECONDS,
+        start_patience: float = START_PATIENCE_SECONDS,
+        allow_rejected: Collection[str] = (),
+    ) -> Trajectory:
         """Watch while ROS nodes, of this process or others, drive the arm; see LockstepArm.spin.
 
-        An arm that nodes of other processes drive does not wait for the next call.
+        An arm that nodes of other processes drive does not wait for the next call. Which commands
+        it rejected is read in its diagnostics, which come once a second: the end of the run waits
+        for them.
         """
-        rows = Rows(periods(self.settings, seconds), len(self.names))
+        rows, allowed = (
+            rows_of(self.settings, seconds, len(self.names)),
+            checked_reasons(allow_rejected),
+        )
         self._answer = b''
+        came = 0.0
 
         def watch(state: JointMessage) -> bool:
-            k = rows.count
+            nonlocal came
+            k, before, came = rows.count, came, time.perf_counter()
             if k:
-                rows.tau[k - 1] = state.effort
+                rows.tau[k - 1], rows.compute_time[k - 1] = state.effort, came - before
             if k == len(rows.time):
                 return True
             rows.time[k], rows.q[k], rows.qd[k] = (
-                self._seconds(state),
+                state.stamp_ns / NANOSECONDS,
                 state.position,
                 state.velocity,
             )
             rows.count += 1
             return False
 
-        self._follow(watch, nodes, patience)
+        self._follow(watch, rows, controllers, Waits(patience, start_patience), allowed)
+        self._read_counts(DIAGNOSTICS_SECONDS)
+        self._judge_counts(rows.count, allowed)
         return rows.trajectory(self.names, self._limits)
 
     def reset(self) -> None:
@@ -203,7 +247,7 @@ class ProcessArm:
         from std_srvs.srv import Trigger
 
         before = self._last_state().stamp_ns
-        self._wait(self._resets.service_is_ready, PATIENCE_SECONDS, 'the service reset')
+        self._wait(self._resets.service_is_ready, REQUEST_SECONDS, 'the service reset')
         self._resets.call_async(Trigger.Request())
         self._wait_for_jump(before)
 
@@ -212,13 +256,13 @@ class ProcessArm:
         before = self._last_state().stamp_ns
         positions = by_joint(self.names, 'q', q)
         velocities = by_joint(self.names, 'qd', {} if qd is None else qd)
-        self._wait(self._jumps.get_subscription_count, PATIENCE_SECONDS, 'a reader of set_state')
+        self._wait(self._jumps.get_subscription_count, REQUEST_SECONDS, 'a reader of set_state')
         self._jumps.publish(state_bytes(self.names, positions, velocities))
         self._wait_for_jump(before)
 
     def _wait_for_jump(self, before_ns: int) -> None:
         self._answer = b''
-        self._wait(lambda: self._last_state().stamp_ns > before_ns, PATIENCE_SECONDS, 'a state')
+        self._wait(lambda: self._last_state().stamp_ns > before_ns, REQUEST_SECONDS, 'a state')
 
     def _on_state(self, data: bytes) -> None:
         whole, n = decode_joint_state(data), len(self.names)
@@ -239,29 +283,109 @@ class ProcessArm:
         elif self._on_new is not None:
             self._on_new(state)
 
+    def _on_diagnostics(self, message: Any) -> None:
+        name = f'{self.node.get_namespace().rstrip("/")}/sim_arm'.lstrip('/')
+        found = {
+            status.name: {pair.key: pair.value for pair in status.values}
+            for status in message.status
+        }
+        stepping, commands = (found.get(f'{name}: {task}') for task in ('stepping', 'commands'))
+        if stepping is None or commands is None:
+            return
+        counts = Counter({'unknown_names': int(commands['unknown_names'])})
+        for role in (ROLE_OF_SOURCE[source] for source in COMMANDS):
+            for reason in REASONS:
+                counts[reason] += int(commands.get(f'{role}.{reason}', 0))
+        # The second answer to a state that the node sent again is no fault.
+        counts[STALE] = max(0, counts[STALE] - int(stepping['states_sent_again']))
+        self._counted, self._counted_at = counts, float(stepping['simulated_time_s'])
+
+    def _read_counts(self, seconds: float) -> None:
+        """Read the diagnostics up to the last state; NoAnswerError if they take longer."""
+        end, deadline = self.time, time.monotonic() + seconds
+        while self._counted_at < end:
+            self.process.check()
+            if time.monotonic() > deadline:
+                raise NoAnswerError(f'waited {seconds:g} s for the diagnostics of the node')
+            self._readers_executor.spin_once(timeout_sec=LOOK_SECONDS)
+
+    def _judge_counts(self, answers: int, allowed: Collection[str]) -> None:
+        """Raise ControllerError if the node has counted rejections that are not allowed."""
+        new, self._judged = self._counted - self._judged, self._counted
+        told = ', '.join(
+            f'{reason} ({n} times)' for reason, n in new.items() if reason not in allowed
+        )
+        if told:
+            raise ControllerError(
+                f'the arm rejected commands until t = {self._counted_at:.6g} s, after {answers} '
+                f'answers: {told}; the log of the node has the numbers'
+            )
+
     def _follow(
-        self, take: Callable[[JointMessage], bool], nodes: Sequence[Any], patience: float
+        self,
+        take: Callable[[JointMessage], bool],
+        rows: Rows,
+        controllers: Sequence[Any],
+        waits: Waits,
+        allowed: Collection[str] | None = None,
     ) -> None:
-        """Have each new state taken, from the last one on, until `take` says that it is enough."""
+        """Have each new state taken, from the last one on, until `take` says that it is enough.
+
+        Where reasons are `allowed`, nodes drive the arm.
+        """
         from rclpy.task import Future
 
-        first, ended, heard = self._last_state(), Future(), time.monotonic()
+        nodes, processes = split(controllers)
+        first, ended, heard = self._last_state(), Future(), time.perf_counter()
+        executor = executor_with([self.node, *nodes])
+        own = {self.node.get_fully_qualified_name()}
+        states, *topics = self._topics
+        found = Controllers(self.node, states, topics, nodes, processes, own)
+
+        def spin_once(seconds: float) -> None:
+            watch.since = time.perf_counter()
+            try:
+                spin(executor, seconds, ended)
+            except ControllerError:
+                raise
+            except Exception as error:
+                raise raised(error, self.time, answers()) from error
+            watch.since = 0.0
+            self.process.check()
 
         def on_new(state: JointMessage) -> None:
             nonlocal heard
-            heard = time.monotonic()
+            heard = watch.since = time.perf_counter()
             if not ended.done() and take(state):
                 ended.set_result(None)
 
-        executor = executor_with([self.node, *nodes])
+        def answers() -> int:
+            return rows.count if allowed is None else rows.count - 1
+
         self._on_new = on_new
         try:
-            on_new(first)
-            while not ended.done():
-                spin(executor, LOOK_SECONDS, ended)
-                self.process.check()
-                if time.monotonic() - heard > patience:
-                    raise NoAnswerError(f'no answer to a state for {patience:g} s')
+            with Watch(waits.patience) as watch:
+                on_new(first)
+                start, begun = waits.start_of(nodes, processes), time.perf_counter()
+                while not ended.done():
+                    if allowed is not None and not answers():
+                        there = found.readers() and found.found()
+                        if not there:
+                            heard = time.perf_counter()
+                            if heard - begun > start:
+                                raise found.absence(start)
+                    spin_once(LOOK_SECONDS)
+                    if ended.done():
+                        break
+                    if allowed is not None:
+                        self._readers_executor.spin_once(timeout_sec=0.0)
+                        self._judge_counts(answers(), allowed)
+                    found.check(self.time, answers())
+                    waited = time.perf_counter() - heard
+                    if waited > waits.patience:
+                        raise found.silence(self.time, answers(), waited)
+        except BlockedError:
+            raise blocked(watch, waits.patience, self.time, answers()) from None
         finally:
             self._on_new = None
 

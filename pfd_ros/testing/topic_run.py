@@ -7,9 +7,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.events import Output, Source
 from pfd_ros.testing.engine_run import EngineRun
+from pfd_ros.testing.rejections import STALE, RejectedError, rejection
 from pfd_ros.testing.trajectory import Rows
 
 
@@ -23,29 +23,61 @@ class TopicRun:
         The engine and its recording.
     rows
         The motion so far.
-    refused
-        The verdict on the last command, if it was no answer to its state.
+    allowed
+        Reasons for which a command may be rejected.
+    rejected
+        Why the last command was rejected, '' if it was not.
+    repeats
+        How often a state was sent again: so many stale commands are no fault.
     """
 
     run: EngineRun
     rows: Rows
-    refused: Judgement | None = None
+    allowed: frozenset[str] = frozenset()
+    rejected: str = ''
+    repeats: int = 0
 
-    def answer(self, source: Source, data: bytes) -> Sequence[Output] | None:
+    @property
+    def time(self) -> float:
+        """The stamp of the last state, s of simulated time."""
+        return self.run.time
+
+    @property
+    def answers(self) -> int:
+        """Number of states that were answered."""
+        return self.rows.count
+
+    def answer(self, source: Source, data: bytes, seconds: float) -> Sequence[Output] | None:
         """Take a command; return the messages up to the next state, None at the end of the run.
 
         There are no messages if the last state still waits for its answer.
+
+        Parameters
+        ----------
+        source, data
+            The command.
+        seconds
+            Wall time since the state was published.
+
+        Raises
+        ------
+        RejectedError
+            If it is rejected for a reason that is not allowed; the arm stays in its state.
         """
         run, engine, rows = self.run, self.run.engine, self.rows
         time, (q, qd, _) = run.time, engine.measured()
         judgement = run.send(source, data)
+        found = rejection(source, data, judgement, engine.arm.names, engine.arm.robot.joint_names)
+        self.rejected = '' if found is None else str(found)
+        if found is not None and found.reason not in self.allowed:
+            if found.reason != STALE or not self.repeats:
+                raise RejectedError(str(found))
+            self.repeats -= 1
         if engine.pace.waits:
-            self.refused = judgement
             return ()
-        self.refused = None
         outputs = run.advance()
         k = rows.count
-        rows.time[k] = time
+        rows.time[k], rows.compute_time[k] = time, seconds
         rows.q[k], rows.qd[k], rows.tau[k] = q, qd, engine.measured()[2]
         rows.count += 1
         return None if rows.count == len(rows.time) else outputs

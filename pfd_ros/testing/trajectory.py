@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+import math
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from pfd_ros.testing import metrics
 from pfd_ros.testing.metrics import Array
+from pfd_ros.testing.symptoms import symptoms
 
 # One joint by name, several, or all.
 Joints: TypeAlias = str | Sequence[str] | None
@@ -45,6 +47,25 @@ class LimitHit(NamedTuple):
         )
 
 
+class ComputationTime(NamedTuple):
+    """Wall time that a controller takes for a command, s, and its control period, s.
+
+    `motion.compute_time` states what it includes; `p99` is the 99th percentile.
+    """
+
+    median: float
+    p99: float
+    longest: float
+    period: float
+
+    def __str__(self) -> str:
+        told = (
+            f'{name} {1e3 * seconds:.3g} ms ({100 * seconds / self.period:.3g} %)'
+            for name, seconds in zip(self._fields, self[:3], strict=False)
+        )
+        return f'{", ".join(told)} of the control period of {1e3 * self.period:.4g} ms'
+
+
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """A run: in row k the state that the controller was given, and its answer.
@@ -54,7 +75,8 @@ class Trajectory:
     Attributes
     ----------
     time
-        Simulated time since the arm's start (N,), s. It goes on from run to run.
+        Stamps of the states (N,), s of simulated time: above zero, as zero is no time to ROS. It
+        goes on from run to run.
     q, qd
         Positions and velocities as `joint_states` tells them, (N, n).
     tau
@@ -64,6 +86,14 @@ class Trajectory:
         Joints of the columns, in published order.
     limits
         Those of the robot's model.
+    compute_time
+        Wall time that the controller took for each command (N,), s. Of a callback: the call alone.
+        Over topics: from the publication of the state to the arrival of the command, which
+        includes the transport of both messages and the executor. Of an arm in another process
+        that nodes drive: from one state to the next, which includes the step of the arm too.
+        Empty if nothing was measured.
+    period
+        The control period, s of simulated time.
     """
 
     time: Array
@@ -72,6 +102,8 @@ class Trajectory:
     tau: Array
     names: tuple[str, ...]
     limits: Limits = field(repr=False)
+    compute_time: Array = field(default_factory=lambda: np.empty(0), repr=False)
+    period: float = math.nan
 
     def index(self, joint: str) -> int:
         """Return the column of a joint."""
@@ -108,23 +140,61 @@ class Trajectory:
             return np.zeros(len(self.names))
         return np.array([metrics.rates(self.time, tau).max() for tau in self.tau.T])
 
+    def computation_time(self) -> ComputationTime:
+        """Return median, 99th percentile and maximum of `compute_time`; ValueError without one."""
+        if not len(self.compute_time):
+            raise ValueError('compute_time is empty: nothing was measured')
+        median, p99, longest = np.percentile(self.compute_time, (50, 99, 100)).tolist()
+        return ComputationTime(median, p99, longest, self.period)
+
     def limits_hit(self) -> list[LimitHit]:
         """Return the first sample at or beyond each limit, in the order of time."""
         return sorted(self._hits(), key=lambda hit: hit.time)
 
     def _hits(self) -> Iterator[LimitHit]:
-        lower, upper, velocity, effort = self.limits
-        for kind, values, least, most in (
-            ('position', self.q, lower, upper),
-            ('velocity', self.qd, -velocity, velocity),
-            ('effort', self.tau, -effort, effort),
-        ):
-            for j, joint in enumerate(self.names):
-                k = metrics.first_beyond(values[:, j], least[j], most[j])
+        for j, joint in enumerate(self.names):
+            for kind, values, least, most in self._bounds(j):
+                k = metrics.first_beyond(values, least, most)
                 if k is not None:
-                    value = float(values[k, j])
-                    bound = float(least[j] if value <= least[j] else most[j])
+                    value = float(values[k])
+                    bound = least if value <= least else most
                     yield LimitHit(joint, kind, float(self.time[k]), value, bound)
+
+    def _bounds(self, j: int) -> list[tuple[str, Array, float, float]]:
+        """Return the name of each limit of a joint, what it bounds, and the bounds."""
+        lower, upper, velocity, effort = (float(limit[j]) for limit in self.limits)
+        return [
+            ('position', self.q[:, j], lower, upper),
+            ('velocity', self.qd[:, j], -velocity, velocity),
+            ('effort', self.tau[:, j], -effort, effort),
+        ]
+
+    def symptoms(self, target: ArrayLike | None = None, joint: Joints = None) -> list[str]:
+        """Return what happened to each joint, one line each, as failed assertions tell it.
+
+        Oscillation with frequency and growth, divergence, or a steady offset from the target; the
+        share of the time at the torque limit; the first sample beyond a limit. `target` is as for
+        settling_time. pfd_ros.testing.symptoms defines the measures.
+        """
+        goals = None if target is None else self._per_joint('target', target)
+        return [
+            f'{self.names[j]}: '
+            + symptoms(
+                self.time,
+                self.q[:, j],
+                self.qd[:, j],
+                self.tau[:, j],
+                target=None if goals is None else float(goals[j]),
+                limits=self._bounds(j),
+                period=self.period,
+            )
+            for j in self._columns(joint)
+        ]
+
+    def _told(self, target: ArrayLike | None, columns: Sequence[int]) -> str:
+        """Return the symptoms of some joints, for the text of a failed assertion."""
+        lines = self.symptoms(target, [self.names[j] for j in columns])
+        return ''.join(f'\n  {line}' for line in lines)
 
     def assert_settles(
         self, target: ArrayLike, *, within: float, by: float, joint: Joints = None
@@ -141,15 +211,16 @@ class Trajectory:
                 f'by is {by:.6g} s, expected at most the {self.time[-1] - self.time[0]:.6g} s '
                 'of the trajectory'
             )
-        for j in self._columns(joint):
-            error = np.where(late, np.abs(self.q[:, j] - goals[j]), 0.0)
-            k = int(np.argmax(~(error <= within)))
-            if not error[k] <= within:
-                raise AssertionError(
-                    f'joint {self.names[j]!r} is {error[k]:.6g} from its target {goals[j]:.6g} at '
-                    f't = {self.time[k]:.6g} s, expected within {within:.6g} from '
-                    f't = {self.time[0] + by:.6g} s on'
-                )
+        errors = np.where(late[:, np.newaxis], np.abs(self.q - goals), 0.0)
+        outside = [j for j in self._columns(joint) if not (errors[:, j] <= within).all()]
+        if outside:
+            j = outside[0]
+            k = int(np.argmax(~(errors[:, j] <= within)))
+            raise AssertionError(
+                f'joint {self.names[j]!r} is {errors[k, j]:.6g} from its target {goals[j]:.6g} at '
+                f't = {self.time[k]:.6g} s, expected within {within:.6g} from '
+                f't = {self.time[0] + by:.6g} s on{self._told(target, outside)}'
+            )
 
     def assert_overshoot_below(
         self, bound: float, target: ArrayLike, *, joint: Joints = None
@@ -172,6 +243,7 @@ class Trajectory:
                     f'joint {self.names[j]!r} is at {self.q[k, j]:.6g} at '
                     f't = {self.time[k]:.6g} s, {100 * shares[j]:.4g} % of its step beyond the '
                     f'target {goals[j]:.6g}, expected below {100 * bound:.4g} %'
+                    f'{self._told(target, [j])}'
                 )
 
     def assert_torque_rate_below(self, bound: ArrayLike, *, joint: Joints = None) -> None:
@@ -186,7 +258,26 @@ class Trajectory:
                     f'effort of joint {self.names[j]!r} changes by {found[k]:.6g} per second at '
                     f't = {self.time[k + 1]:.6g} s, from {self.tau[k, j]:.6g} to '
                     f'{self.tau[k + 1, j]:.6g}, expected below {bounds[j]:.6g} per second'
+                    f'{self._told(None, [j])}'
                 )
+
+    def assert_computes_within(self, seconds: float, *, quantile: float = 0.99) -> None:
+        """Assert that a share `quantile` of the commands takes at most `seconds` of wall time.
+
+        The simulated arm waits for its controller; a real one does not. A busy machine makes all
+        times longer: leave a margin.
+        """
+        __tracebackhide__ = True
+        if not 0.0 <= quantile <= 1.0:
+            raise ValueError(f'quantile is {quantile!r}, expected 0 to 1')
+        told, found = self.computation_time(), float(np.quantile(self.compute_time, quantile))
+        if not found <= seconds:
+            k = int(np.argmax(self.compute_time))
+            raise AssertionError(
+                f'the controller takes {1e3 * found:.4g} ms for a command (quantile '
+                f'{quantile:g}), expected at most {1e3 * seconds:.4g} ms; {told}; longest at '
+                f't = {self.time[k]:.6g} s'
+            )
 
     def assert_no_limit_hit(self) -> None:
         """Assert that no position, velocity or effort reaches a limit of the robot's model."""
@@ -194,7 +285,9 @@ class Trajectory:
         hits = self.limits_hit()
         shown = '; '.join(str(hit) for hit in hits[:MOST_LISTED])
         if hits:
-            raise AssertionError(f'{shown}{"; ..." if len(hits) > MOST_LISTED else ""}')
+            joints = sorted({self.index(hit.joint) for hit in hits[:MOST_LISTED]})
+            more = '; ...' if len(hits) > MOST_LISTED else ''
+            raise AssertionError(f'{shown}{more}{self._told(None, joints)}')
 
     def _columns(self, joint: Joints) -> list[int]:
         if joint is None:
@@ -216,13 +309,15 @@ class Trajectory:
 class Rows:
     """The rows of a trajectory while it grows."""
 
-    def __init__(self, count: int, joints: int) -> None:
-        self.count = 0
-        self.time = np.empty(count)
+    def __init__(self, count: int, joints: int, period: float) -> None:
+        self.count, self.period = 0, period
+        self.time, self.compute_time = np.empty(count), np.empty(count)
         self.q, self.qd, self.tau = (np.empty((count, joints)) for _ in range(3))
 
     def trajectory(self, names: tuple[str, ...], limits: Limits) -> Trajectory:
         """Return the rows so far."""
         rows = slice(self.count)
-        time, q, qd, tau = (np.array(x[rows]) for x in (self.time, self.q, self.qd, self.tau))
-        return Trajectory(time, q, qd, tau, names, limits)
+        time, q, qd, tau, spent = (
+            np.array(x[rows]) for x in (self.time, self.q, self.qd, self.tau, self.compute_time)
+        )
+        return Trajectory(time, q, qd, tau, names, limits, spent, self.period)

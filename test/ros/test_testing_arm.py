@@ -24,6 +24,8 @@ from pfd_ros.testing.trajectory import Trajectory
 
 GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])
 FIELDS = ('time', 'q', 'qd', 'tau')
+# The stamp of the first state, s: zero is no time to ROS.
+START = 0.001
 needs_definitions = pytest.mark.skipif(
     not HAS_DEFINITIONS, reason='no message definitions installed'
 )
@@ -64,7 +66,7 @@ def test_the_arm_moves_as_the_simulator_under_the_same_efforts() -> None:
         assert (found.qd[k] == sim.qd).all()
         sim.step(found.tau[k])
     assert (arm.q == sim.q).all()
-    assert arm.time == 0.2
+    assert arm.time == START + 0.2
 
 
 def test_a_run_goes_on_where_the_one_before_ended() -> None:
@@ -157,7 +159,7 @@ def test_a_controller_at_a_lower_rate_holds_its_efforts_between_its_calls() -> N
     arm = ur5(publish_rate=200.0)
     assert arm.period == pytest.approx(0.005)
     found = arm.run(pd, 0.1)
-    assert found.time == pytest.approx(np.arange(20) * 0.005)
+    assert found.time == pytest.approx(START + np.arange(20) * 0.005)
     sim = pfd.Simulator(arm.robot, pfd.Scene(armature='model', brakes=True))
     for k in range(20):
         assert (found.q[k] == sim.q).all()
@@ -186,8 +188,8 @@ def test_set_state_and_reset_put_the_arm_exactly_there_while_time_goes_on() -> N
     arm.reset()
     assert (arm.q == GOAL).all()
     assert not arm.qd.any()
-    assert arm.time == pytest.approx(0.013)
-    assert arm.run(pd, 0.001).time[0] == pytest.approx(0.013)
+    assert arm.time == pytest.approx(START + 0.013)
+    assert arm.run(pd, 0.001).time[0] == pytest.approx(START + 0.013)
 
 
 @pytest.mark.parametrize(
@@ -204,7 +206,7 @@ def test_a_state_that_the_arm_refuses_is_an_error_and_changes_nothing(q, text: s
     with pytest.raises(ValueError, match=text):
         arm.set_state(q)
     assert not arm.q.any()
-    assert arm.time == 0.0
+    assert arm.time == START
 
 
 def test_an_arm_that_waits_for_its_controller_does_no_step_before_a_command() -> None:
@@ -300,7 +302,9 @@ def test_a_simulation_that_overflows_says_when() -> None:
         ({'real_time_factor': 1.0}, 'real_time_factor is 1.0'),
         ({'autostart': False}, 'autostart is False'),
         ({'time_source': 'clock', 'publish_clock': False}, "time_source is 'clock'"),
-        ({'nonsense': 1}, 'unknown settings'),
+        ({'nonsense': 1}, "unknown setting 'nonsense': config/sim_arm.yaml has them all"),
+        ({'armatur': True}, "unknown setting 'armatur': did you mean 'armature'"),
+        ({'noise.position': 1e-4}, "unknown setting 'noise.position': did you mean 'noise_pos"),
         ({'step_size': 'fast'}, 'step_size'),
         ({'robot': 'nobody'}, 'nobody'),
     ],

@@ -22,7 +22,7 @@ from test_testing_arm import GOAL, UNCUT, assert_same_bits
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read
 from pfd_ros.testing.controller import ControllerError
-from pfd_ros.testing.exchange import NoAnswerError
+from pfd_ros.testing.controllers import NoAnswerError
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.node_process import NodeProcessError
 from pfd_ros.testing.process_arm import ProcessArm
@@ -134,20 +134,24 @@ def test_a_silent_system_is_an_error_that_says_who_is_missing(
 ) -> None:
     alone = LockstepArm(**SETTINGS, ros_args=['-r', '__ns:=/alone'])
     with alone, pytest.raises(NoAnswerError, match='nobody subscribes to /alone/joint_states'):
-        alone.spin(0.1, patience=0.2)
+        alone.spin(0.1, start_patience=0.2)
     with LockstepArm(**SETTINGS) as arm:
         node = controller_of('named', lambda q, qd: np.full(6, np.inf))
-        with pytest.raises(NoAnswerError, match=r'the last command was infinite: effort'):
-            arm.spin(0.1, node, patience=0.3)
-        assert arm.time == 0.0
+        with pytest.raises(
+            NoAnswerError, match=r'the last command was rejected, infinite: effort'
+        ):
+            arm.spin(0.1, node, patience=0.3, allow_rejected={'infinite'})
+        assert arm.time == 0.001
 
 
 def test_an_error_in_a_node_ends_the_run(controller_of: Callable[..., Any]) -> None:
     def failing(q, qd):
         raise KeyError('gains')
 
-    with LockstepArm(**SETTINGS) as arm, pytest.raises(KeyError, match='gains'):
+    text = r"a node raised at t = 0\.001 s, after 0 answers: KeyError: 'gains'"
+    with LockstepArm(**SETTINGS) as arm, pytest.raises(ControllerError, match=text) as found:
         arm.spin(0.1, controller_of('named', failing))
+    assert isinstance(found.value.__cause__, KeyError)
 
 
 @pytest.mark.parametrize(
@@ -190,6 +194,26 @@ def test_the_first_stamp_and_tick_are_above_zero(controller_of: Callable[..., An
     with LockstepArm(**SETTINGS) as arm:
         arm.spin(0.005, node)
     assert ticks == [1_000_000, 2_000_000, 3_000_000, 4_000_000, 5_000_000]
+
+
+def test_a_callback_gets_the_time_that_a_node_reads_in_the_stamp(
+    controller_of: Callable[..., Any],
+) -> None:
+    from sensor_msgs.msg import JointState
+
+    node, stamps, times = controller_of(), [], []
+    node.create_subscription(
+        JointState,
+        'joint_states',
+        lambda state: stamps.append(state.header.stamp.sec + 1e-9 * state.header.stamp.nanosec),
+        10,
+    )
+    with LockstepArm(**SETTINGS) as arm:
+        motion = arm.spin(0.005, node)
+    with LockstepArm(**SETTINGS) as arm:
+        arm.run(lambda t, q, qd: times.append(t) or law(t, q, qd), 0.005)
+    assert times == pytest.approx([0.001, 0.002, 0.003, 0.004, 0.005])
+    assert stamps == times == motion.time.tolist()
 
 
 def test_the_process_moves_with_the_bits_of_the_callback_and_verifies(

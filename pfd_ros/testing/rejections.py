@@ -1,0 +1,97 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Why the arm rejected a command: the reasons that it counts, by name, and their text."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from difflib import get_close_matches
+from typing import NamedTuple
+
+import numpy as np
+
+from pfd_ros.arm.commands import Judgement, kinds_of
+from pfd_ros.arm.drive import Command
+from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.messages.convert import decode_floats, decode_joint_state
+from pfd_ros.text import listed
+
+# The names that `allow_rejected` takes, and the diagnostics of the node count.
+REASONS = tuple(verdict.name.lower() for verdict in Verdict if verdict is not Verdict.ACCEPTED)
+STALE = Verdict.STALE.name.lower()
+# Whose text has the joints and numbers.
+NOT_FINITE = frozenset({Verdict.INFINITE, Verdict.NOT_FINITE})
+
+
+class Rejection(NamedTuple):
+    """The name of a reason, and the names and numbers that broke the rule."""
+
+    reason: str
+    detail: str
+
+    def __str__(self) -> str:
+        return f'{self.reason}: {self.detail}'
+
+
+class RejectedError(Exception):
+    """A rejection that the test does not allow."""
+
+
+def checked_reasons(given: Collection[str]) -> frozenset[str]:
+    """Return the reasons that a test allows; ValueError if one is not known."""
+    if isinstance(given, str):
+        given = {given}
+    for name in given:
+        if name not in REASONS:
+            near = get_close_matches(str(name), REASONS, n=1)
+            hint = f'did you mean {near[0]!r}?' if near else f'expected some of {list(REASONS)}'
+            raise ValueError(f'allow_rejected has {name!r}: {hint}')
+    return frozenset(given)
+
+
+def rejection(
+    source: Source, data: bytes, judgement: Judgement, names: Sequence[str], model: Sequence[str]
+) -> Rejection | None:
+    """Return why the arm left out a command or a part of it, None if it took the whole.
+
+    The arm accepts a message by joint name that holds a number for one of its joints. Names that
+    it does not have and joints that get NaN stay without a command: a part is rejected.
+
+    Parameters
+    ----------
+    source, data, judgement
+        The command, and the judgement on it.
+    names, model
+        The joints in published order, and in the order of the model.
+    """
+    if judgement.verdict is not Verdict.ACCEPTED:
+        detail = judgement.detail
+        if judgement.verdict in NOT_FINITE:
+            detail = _not_finite(source, data, names)
+        return Rejection(judgement.verdict.name.lower(), detail)
+    if judgement.unknown_count:
+        detail = f'{listed(judgement.unknown)} of {judgement.unknown_count} unknown joints'
+        return Rejection(Verdict.UNKNOWN_NAMES.name.lower(), detail)
+    effect = judgement.effect
+    if isinstance(effect, Command) and source is Source.NAMED and len(effect.joints) < len(names):
+        driven = {model[j] for j in effect.joints}
+        named = decode_joint_state(data).names
+        left = [name for name in named if name in names and name not in driven]
+        if left:
+            return Rejection(Verdict.ALL_NAN.name.lower(), f'NaN for {listed(left)}')
+    return None
+
+
+def _not_finite(source: Source, data: bytes, names: Sequence[str]) -> str:
+    """Return the numbers of a command that are not finite, with their joints."""
+    if source is Source.ARRAY:
+        kinds = {'effort': decode_floats(data)}
+    else:
+        message = decode_joint_state(data)
+        names, kinds = message.names, kinds_of(message)
+    wrong = [
+        f'{kind} of joint {names[j]!r} is {values[j]}'
+        for kind, values in kinds.items()
+        for j in np.flatnonzero(~np.isfinite(values)).tolist()
+    ]
+    return f'{", ".join(wrong[:3])}{", ..." if len(wrong) > 3 else ""}'

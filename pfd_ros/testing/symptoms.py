@@ -1,0 +1,179 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""What happened to a joint that missed its target: measures of its motion, and one line of text.
+
+All take samples of one joint, once a control period. With the error e = q - target:
+
+    oscillation    the turning points of a signal, each reversal above a share REVERSAL of the
+                   largest: frequency (turns - 1) / (2 (t_last - t_first)), amplitude of the last
+                   period, and growth, the slope of log amplitude over time by least squares
+    divergence     the slope of log |qd| over time by least squares, if the joint moves away from
+                   its target, e qd > 0, in a share MOSTLY of the samples
+    offset         the mean of e over the last share TAIL, if e changes there by less than a share
+                   STEADY of it
+    saturation     the share of the samples at or beyond the torque limit
+
+Growth and divergence are those before the first sample at the torque limit, if there are enough.
+A turning point is right to half a control period, and so are the times between two of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from pfd_ros.testing.metrics import Array, first_beyond
+
+# Least reversal of a turn, as a share of the largest in the motion: noise is smaller.
+REVERSAL = 0.05
+# Fewest turns of an oscillation: two periods. A step has two.
+FEWEST_TURNS = 5
+# Of a divergence: its fewest samples, and the share of them that move away.
+FEWEST_SAMPLES = 5
+MOSTLY = 0.9
+# Share of the samples at the end of a motion, and most change of a steady error there.
+TAIL = 0.1
+STEADY = 0.1
+# Growth or decay of an amplitude by less than this, in log, is none.
+LEVEL = 1.0
+
+
+class Oscillation(NamedTuple):
+    """Frequency [Hz], amplitude at the end in the unit of the signal, and its growth [1/s]."""
+
+    frequency: float
+    amplitude: float
+    growth: float
+
+
+def turns(values: Array) -> list[int]:
+    """Return the samples at which a signal turns, in the order of time."""
+    span = float(np.ptp(values))
+    least = REVERSAL * span
+    found: list[int] = []
+    if span == 0.0:
+        return found
+    low = high = 0
+    rising = 0
+    for k, value in enumerate(values.tolist()):
+        high = k if value > values[high] else high
+        low = k if value < values[low] else low
+        if rising >= 0 and values[high] - value > least:
+            found.append(high)
+            rising, low = -1, k
+        elif rising <= 0 and value - values[low] > least:
+            found.append(low)
+            rising, high = 1, k
+    # A motion begins at its first sample, and does not turn there.
+    return found[found[:1] == [0] :]
+
+
+def oscillation(time: Array, values: Array) -> Oscillation | None:
+    """Return the oscillation of a signal, None without two periods of it."""
+    found = turns(values)
+    if len(found) < FEWEST_TURNS:
+        return None
+    at, heights = time[found], values[found]
+    halves = np.abs(np.diff(heights)) / 2
+    frequency = (len(found) - 1) / (2 * (at[-1] - at[0]))
+    middle = (at[:-1] + at[1:]) / 2
+    growth = float(np.polyfit(middle - middle[0], np.log(halves), 1)[0])
+    return Oscillation(float(frequency), float(halves[-2:].mean()), growth)
+
+
+def divergence(time: Array, error: Array, qd: Array) -> float | None:
+    """Return the rate at which a joint leaves its target, 1/s; None if it does not."""
+    moving = np.flatnonzero(qd)
+    if len(moving) < FEWEST_SAMPLES or np.mean(error[moving] * qd[moving] > 0.0) < MOSTLY:
+        return None
+    growth = float(np.polyfit(time[moving] - time[0], np.log(np.abs(qd[moving])), 1)[0])
+    return growth if growth > 0.0 else None
+
+
+def offset(error: Array) -> float | None:
+    """Return the mean error at the end of a motion, None if it changes there."""
+    tail = error[-max(2, math.ceil(TAIL * len(error))) :]
+    mean = float(tail.mean())
+    return mean if np.ptp(tail) < STEADY * abs(mean) else None
+
+
+def saturation(tau: Array, limit: float) -> float:
+    """Return the share of the samples at or beyond the torque limit."""
+    return float(np.mean(np.abs(tau) >= limit))
+
+
+def symptoms(
+    time: Array,
+    q: Array,
+    qd: Array,
+    tau: Array,
+    *,
+    target: float | None,
+    limits: Sequence[tuple[str, Array, float, float]],
+    period: float,
+) -> str:
+    """Return what happened to one joint, on one line.
+
+    Parameters
+    ----------
+    time, q, qd, tau
+        Its samples, (N,).
+    target
+        Where it should rest, None if nowhere.
+    limits
+        Of each limit its name, the samples that it bounds, and the bounds.
+    period
+        The control period, s.
+    """
+    seconds = float(time[-1] - time[0])
+    effort = next(bounds for bounds in limits if bounds[0] == 'effort')
+    first_full = first_beyond(effort[1], *effort[2:])
+    # A saturated motion has lost the rates of the loop.
+    free = slice(first_full)
+    error = None if target is None else q - target
+    rest = None if error is None else offset(error)
+    leaving = None if error is None else divergence(time[free], error[free], qd[free])
+    waves, early = oscillation(time, qd), oscillation(time[free], qd[free])
+    told = []
+    if rest is not None and (waves is None or waves.amplitude < STEADY * np.abs(qd).max()):
+        told.append(
+            f'rests {abs(rest):.4g} {"above" if rest > 0 else "below"} its target with a torque '
+            f'of {tau[-1]:.4g}'
+        )
+    elif leaving is not None and early is None:
+        told.append(f'moves away from its target, growing by {leaving:.3g} /s')
+    elif waves is not None:
+        growth, length = waves.growth, seconds
+        if early is not None and first_full is not None:
+            growth, length = early.growth, float(time[first_full] - time[0])
+        told.append(_wave_text(waves, 1.0 / period, growth, length))
+    elif error is not None:
+        away = error[-1] * qd[-1] > 0.0
+        told.append(
+            f'still moves {"away from" if away else "to"} its target at {abs(qd[-1]):.3g} /s'
+        )
+    share = saturation(tau, effort[3])
+    if share:
+        told.append(f'at the torque limit {effort[3]:.4g} for {100 * share:.3g} % of the time')
+    hits = [
+        (k, f'{kind} {values[k]:.4g} beyond its limit {bound:.4g} at t = {time[k]:.6g} s')
+        for kind, values, lower, upper in limits
+        if (k := first_beyond(values, lower, upper)) is not None
+        for bound in [lower if values[k] <= lower else upper]
+    ]
+    if hits:
+        told.append(f'first {min(hits)[1]}')
+    return '; '.join(told) or 'no oscillation, no limit reached'
+
+
+def _wave_text(waves: Oscillation, rate: float, growth: float, seconds: float) -> str:
+    change = 'steady'
+    if abs(growth) * seconds > LEVEL:
+        change = f'{"growing" if growth > 0 else "decaying"} by {abs(growth):.3g} /s'
+    return (
+        f'oscillates at {waves.frequency:.4g} Hz ({waves.frequency / rate:.2g} of the control '
+        f'rate), velocity amplitude {waves.amplitude:.3g}, {change}'
+    )

@@ -34,8 +34,10 @@ from pfd_core.model import (
     load_scene,
     lock,
     reflected_inertia,
+    robot_to_urdf,
     robot_to_yaml,
     scene_to_yaml,
+    urdf_of,
     with_payload,
 )
 from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
@@ -78,7 +80,9 @@ __all__ = [
     'load_scene',
     'lock',
     'reflected_inertia',
+    'robot_to_urdf',
     'robot_to_yaml',
     'scene_to_yaml',
+    'urdf_of',
     'with_payload',
 ]

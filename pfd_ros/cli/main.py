@@ -10,7 +10,7 @@ import importlib.util
 import os
 import sys
 
-from pfd_ros.cli import demo, replay, report, robots, sim
+from pfd_ros.cli import demo, replay, report, robots, sim, urdf
 from pfd_ros.text import one_line
 
 # Exit status of a program that Ctrl-C ended, as shells have it.
@@ -22,7 +22,14 @@ NO_ROS = (
 
 
 # In the order of `pfd --help`; none imports rclpy before it runs.
-COMMANDS = {'demo': demo, 'sim': sim, 'replay': replay, 'report': report, 'robots': robots}
+COMMANDS = {
+    'demo': demo,
+    'sim': sim,
+    'replay': replay,
+    'report': report,
+    'robots': robots,
+    'urdf': urdf,
+}
 NEED_ROS = {'demo', 'sim'}
 
 

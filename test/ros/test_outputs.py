@@ -120,6 +120,19 @@ def test_the_model_of_the_true_state_is_that_of_pinocchio() -> None:
     np.testing.assert_allclose(pin.Quaternion(pose[3:]).matrix(), placement.rotation, atol=1e-12)
 
 
+def test_torques_come_as_joint_states_and_as_plain_arrays() -> None:
+    names = ('external_torques', 'bias_torques', 'gravity_torques')
+    both = (*names, *(f'{name}_array' for name in names))
+    engine = made(external_wrench=True, outputs=both)
+    judged(engine, wrench('tool0', [3.0, -2.0, 10.0], [0.1, 0.2, -0.3]))
+    found = moved(engine)
+    for name in names:
+        plain = convert.decode_array(found[f'{name}_array'])
+        assert plain.sizes == (6,)
+        assert plain.values.tolist() == decoded(name, found[name]).tolist()
+        assert np.abs(plain.values).max() > 0
+
+
 def test_the_outputs_fulfil_the_equation_of_motion_with_a_wrench_on_the_tip() -> None:
     engine = made(damping=True, external_wrench=True)
     k = [3.0, -2.0, 10.0, 0.1, 0.2, -0.3]

@@ -19,7 +19,7 @@ The names below are the public ones.
 from importlib.metadata import PackageNotFoundError, version
 
 from pfd_core.algorithms.emulation import Run, emulate
-from pfd_core.algorithms.programs import METHODS
+from pfd_core.algorithms.programs import METHODS, PAYLOAD_METHODS
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.functions import forward_dynamics, inverse_dynamics
 from pfd_core.kernels.kernel import Kernel
@@ -55,6 +55,7 @@ except PackageNotFoundError:  # a checkout that was never installed
 __all__ = [
     'INTEGRATORS',
     'METHODS',
+    'PAYLOAD_METHODS',
     'AdaptiveTrajectory',
     'Ensemble',
     'Feedback',

@@ -22,6 +22,7 @@ from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps, check_processors
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import real_array
+from pfd_core.model.scene_checks import INPUT
 
 
 @dataclass(frozen=True)
@@ -121,6 +122,8 @@ def emulate(
     scene = given_scene(scene)
     if wrench is not None:
         scene = replace(scene, external_wrench=True)
+    if scene.payload == INPUT:
+        raise ValueError(f'emulate takes a scene with a Payload or None, got payload={INPUT!r}')
     program = record_forward_dynamics(resolve(robot, scene), method, 'parallel')
     given: dict[str, ArrayLike] = {'q': q, 'qd': qd, 'tau': tau}
     given |= scene_inputs(scene, robot.n, 'float64', wrench, brakes)

@@ -86,7 +86,10 @@ class ExtraOutputs:
         """Return a function without arguments that evaluates the kernel of an output."""
         kernel = self.arm.kernels[output]
         out = np.zeros(kernel.shape)
-        bound: Callable[[], np.ndarray] = kernel.bind(q, qd, out=out, wrench=wrench)
+        # Quantities without bodies have no payload.
+        takes = kernel.scene.payload is not None
+        payload = self.arm.plant.payload_input if takes else {}
+        bound: Callable[[], np.ndarray] = kernel.bind(q, qd, out=out, wrench=wrench, **payload)
         return bound
 
     def stamped(self, encoder: StampedEncoder, value: Callable[[], np.ndarray]) -> Writer:

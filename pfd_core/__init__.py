@@ -20,7 +20,7 @@ The names below are the public ones.
 from importlib.metadata import PackageNotFoundError, version
 
 from pfd_core.algorithms.emulation import Run, emulate
-from pfd_core.algorithms.programs import METHODS
+from pfd_core.algorithms.programs import METHODS, PAYLOAD_METHODS
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.functions import forward_dynamics, inverse_dynamics
 from pfd_core.kernels.kernel import Kernel
@@ -38,8 +38,10 @@ from pfd_core.model import (
     load_scene,
     lock,
     reflected_inertia,
+    robot_to_urdf,
     robot_to_yaml,
     scene_to_yaml,
+    urdf_of,
     with_payload,
 )
 from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
@@ -58,6 +60,7 @@ except PackageNotFoundError:  # a checkout that was never installed
 __all__ = [
     'INTEGRATORS',
     'METHODS',
+    'PAYLOAD_METHODS',
     'SPIN_UP_TIME',
     'AdaptiveTrajectory',
     'Ensemble',
@@ -87,7 +90,9 @@ __all__ = [
     'load_scene',
     'lock',
     'reflected_inertia',
+    'robot_to_urdf',
     'robot_to_yaml',
     'scene_to_yaml',
+    'urdf_of',
     'with_payload',
 ]

@@ -261,7 +261,7 @@ def test_a_plant_cannot_change(robot: Robot) -> None:
         ({'gravity': (0, 0, 10**400)}, 'gravity must fit float64'),
         ({'gravity': np.array([0, 0, 1j])}, 'gravity must be an array of numbers'),
         ({'damping': np.ma.array([1.0, 2.0], mask=[1, 0])}, 'damping must be .* a masked array'),
-        ({'payload': 2.0}, 'payload must be a Payload or None, got 2.0'),
+        ({'payload': 2.0}, "payload must be a Payload, 'input' or None, got 2.0"),
         ({'brakes': 'yes'}, "brakes must be True or False, got 'yes'"),
         ({'external_wrench': 1}, 'external_wrench must be True or False, got 1'),
         ({'friction': 0.1}, "friction must be None, 'model' or one number a joint, got 0.1"),

@@ -23,6 +23,7 @@ from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps, check_processors
 from pfd_core.model import Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import DTYPES, choice, common_shape, integer, real_array
+from pfd_core.model.scene_checks import INPUT
 
 # mpmath computes with more digits, but for hours.
 MOST_DIGITS = 10_000
@@ -131,6 +132,8 @@ def emulate(
     scene = given_scene(scene)
     if wrench is not None:
         scene = replace(scene, external_wrench=True)
+    if scene.payload == INPUT:
+        raise ValueError(f'emulate takes a scene with a Payload or None, got payload={INPUT!r}')
     # In mpmath numbers, of any digits, the residual falls as far as in double precision.
     tolerance = TOLERANCES.get('float64' if digits else dtype)
     program = record_forward_dynamics(resolve(robot, scene), method, 'parallel', tolerance)

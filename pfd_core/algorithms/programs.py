@@ -54,6 +54,7 @@ def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
     Brakes and limits of the drives play no part.
     """
     check_instant(plant)
+    _check_payload(plant, 'inverse_dynamics')
     recorder, chain, at = chain_on_lanes(plant, schedule)
     qd, qdd = input_row(recorder, 'qd'), input_row(recorder, 'qdd')
     tau = torques(plant, chain, at, qd, qdd, newton_euler)
@@ -64,6 +65,7 @@ def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
 def record_terms(plant: Plant, schedule: str) -> Program:
     """Return the program of H, (n, n), and of the bias, (n,), from q and qd."""
     check_instant(plant)
+    _check_payload(plant, 'terms')
     recorder, chain, at = chain_on_lanes(plant, schedule)
     bias = torques(plant, chain, at, input_row(recorder, 'qd'), None, newton_euler)
     rows = inertia_matrix(recorder, chain, at, armature(recorder, plant))
@@ -100,6 +102,8 @@ SERIAL = (
     'composite_body',
     'grouped_articulated_body',
 )
+# Methods that take a payload as an input.
+PAYLOAD_METHODS = ('composite_body', 'grouped_articulated_body')
 # Methods with a repeated part, whose outputs are also `trips` and `converged`.
 ITERATIVE = ('walker_orin_4', 'pcgm')
 # They stop when their residual has fallen to the rounding of the number format.
@@ -119,6 +123,16 @@ def record_forward_dynamics(
     """
     check_instant(plant)
     choice('method', method, FORWARD)
+    _check_payload(plant, method)
     if tolerance is None or method not in ITERATIVE:
         return FORWARD[method](plant, schedule)
     return FORWARD[method](plant, schedule, tolerance=tolerance)
+
+
+def _check_payload(plant: Plant, method: str) -> None:
+    """Raise ValueError for a payload as an input of a method that has none."""
+    if plant.payload_input and method not in PAYLOAD_METHODS:
+        raise ValueError(
+            f"a scene with payload='input' needs one of the methods {PAYLOAD_METHODS}, "
+            f'got {method!r}'
+        )

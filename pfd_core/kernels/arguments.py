@@ -15,11 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.model import Robot, Scene, scene_inputs
+from pfd_core.algorithms.grouped.payload_input import payload_inputs
+from pfd_core.model import Payload, Robot, Scene, scene_inputs
 from pfd_core.model.checked_numbers import real_array
 
 # Inputs that a scene asks for, by name in a call and in a program.
-SCENE_INPUTS = ('wrench', 'free')
+SCENE_INPUTS = ('wrench', 'free', 'payload')
 
 
 def state_arguments(names: Sequence[str]) -> tuple[str, ...]:
@@ -35,6 +36,7 @@ def checked(
     state: Sequence[ArrayLike | None],
     wrench: ArrayLike | None,
     brakes: ArrayLike | None,
+    payload: Payload | None,
 ) -> dict[str, NDArray[Any]]:
     """
     Return the inputs of a kernel as arrays, in its order; they may not be finite yet.
@@ -47,7 +49,7 @@ def checked(
         Elements of each input.
     state : sequence of array_like or None
         q, qd and the third argument of the call.
-    wrench, brakes : array_like or None
+    wrench, brakes, payload
         As given to the call.
 
     Raises
@@ -65,6 +67,7 @@ def checked(
         )
         raise ValueError(f'the kernel takes {", ".join(own)}, got {got or "none of them"}')
     given |= scene_inputs(scene, robot.n, dtype, wrench, brakes)
+    given |= payload_inputs(robot, scene, dtype, payload)
     return {
         name: real_array(name, given[name], dtype, (..., size), finite=False)
         for name, size in sizes.items()

@@ -18,6 +18,8 @@ LARGEST_LOSS a refined kernel is made of articulated bodies, which subtract no s
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from pfd_core.algorithms.programs import METHODS, record_forward_dynamics, record_terms
@@ -78,7 +80,8 @@ def _loses_much(plant: Plant) -> bool:
     the outcome is the same on every machine.
     """
     n = plant.robot.n
-    program = record_terms(plant, 'parallel')
+    # A payload is unknown where it is an input.
+    program = record_terms(replace(plant, payload_input=False), 'parallel')
     # H depends on q alone; the program's other inputs are for the bias.
     inputs = {name: np.zeros((POSES, size)) for name, size in program.inputs.items()}
     inputs['q'] = np.pi * np.sin(np.outer(np.arange(POSES), np.arange(1, n + 1)))

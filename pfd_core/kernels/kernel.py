@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pfd_core.algorithms.grouped.payload_input import payload_inputs
 from pfd_core.forking import cached_property
 from pfd_core.kernels.arguments import (
     as_rows,
@@ -35,7 +36,7 @@ from pfd_core.kernels.entries import Entries
 from pfd_core.kernels.runtime.threads import BatchWork, block_size, run, thread_count
 from pfd_core.kernels.source import KernelSource, turned_joints
 from pfd_core.machine.program import Program
-from pfd_core.model import Robot, Scene
+from pfd_core.model import Payload, Robot, Scene
 from pfd_core.model.checked_numbers import check_finite, common_shape
 
 # The default, which a call finds without a comparison.
@@ -89,6 +90,7 @@ class Kernel:
         state = state_arguments(self._names)
         # Arguments that a call leaves out, of qd, the third one and the wrench.
         self._absent = (len(state) < 2, len(state) < 3, 'wrench' not in self._names)
+        self._takes_payload = 'payload' in self._names
         self._code = Entries(source, dtype, turned_joints(robot))
         self._single_entry = self._code.single_entry
 
@@ -126,6 +128,7 @@ class Kernel:
         out: NDArray[Any] | None = None,
         *,
         brakes: ArrayLike | None = None,
+        payload: Payload | None = None,
         threads: int = 1,
     ) -> NDArray[Any]:
         """
@@ -145,6 +148,9 @@ class Kernel:
             Receives the result.
         brakes : array_like of bool
             Joints that are held, (n,) or (B, n), default none; only if the scene has brakes.
+        payload : Payload, optional
+            The body that the last link holds, default none; only if the scene has
+            payload="input".
         threads : int
             Threads that share a batch, at most; 0 is one per core. The bits are the same.
 
@@ -162,18 +168,21 @@ class Kernel:
         """
         if (
             brakes is None
+            and (payload is None or self._takes_payload)
             and (qd is None, tau is None, wrench is None) == self._absent
             and (threads is ONE_THREAD or self._one_thread_suffices(q, threads))
         ):
             given = _given(q, qd, tau, wrench)
+            if self._takes_payload:
+                given += self._numbers_of(payload)
             if isinstance(q, np.ndarray) and q.ndim == 2:
-                result = self._call_batch_entry(q, given, out)
+                result = None if self._takes_payload else self._call_batch_entry(q, given, out)
             else:
                 target = np.empty(self.shape, self.dtype) if out is None else out
                 result = self._single_entry(*given, target)
             if result is not None:
                 return result  # type: ignore[no-any-return]
-        return self._evaluate_checked((q, qd, tau), wrench, out, brakes, threads)
+        return self._evaluate_checked((q, qd, tau), wrench, out, brakes, payload, threads)
 
     def error_estimate(
         self,
@@ -183,6 +192,7 @@ class Kernel:
         wrench: ArrayLike | None = None,
         *,
         brakes: ArrayLike | None = None,
+        payload: Payload | None = None,
     ) -> tuple[NDArray[Any], NDArray[Any]]:
         """
         Return qdd, the same bits as a call gives, and its relative error before the last step.
@@ -192,7 +202,7 @@ class Kernel:
         the rounding of the number format it says no more than that; it is infinite where a pivot
         is not above zero or the answer not finite.
         """
-        both = self._with_error(q, qd, tau, wrench, brakes=brakes)
+        both = self._with_error(q, qd, tau, wrench, brakes=brakes, payload=payload)
         return both[..., :-1], both[..., -1]
 
     @cached_property
@@ -206,6 +216,9 @@ class Kernel:
                 'the kernel has no error estimate: compile it with refine=1 or more, got refine=0'
             )
         return self._make_with_error()
+
+    def _numbers_of(self, payload: Payload | None) -> tuple[NDArray[Any], ...]:
+        return tuple(payload_inputs(self.robot, self.scene, self.dtype, payload).values())
 
     def _one_thread_suffices(self, q: ArrayLike, threads: int) -> bool:
         """Return whether states are too few for two threads; ValueError for a wrong number."""
@@ -250,6 +263,7 @@ class Kernel:
         wrench: NDArray[Any] | None = None,
         *,
         brakes: NDArray[np.bool_] | None = None,
+        payload: Payload | None = None,
         threads: int = 1,
     ) -> Callable[[], NDArray[Any]]:
         """
@@ -266,10 +280,15 @@ class Kernel:
                 raise ValueError(
                     f'{name} must be an array of {self.dtype} to be bound, got {found}'
                 )
-        self(q, qd, tau, wrench, out, brakes=brakes, threads=threads)
+        whole = partial(
+            self, q, qd, tau, wrench, out, brakes=brakes, payload=payload, threads=threads
+        )
+        whole()
+        if self._takes_payload:
+            given += self._numbers_of(payload)
         if self._single_entry(*given, out) is not None:
             return partial(self._code.bound, *given, out)
-        return partial(self, q, qd, tau, wrench, out, brakes=brakes, threads=threads)
+        return whole
 
     def _evaluate_checked(
         self,
@@ -277,12 +296,13 @@ class Kernel:
         wrench: ArrayLike | None,
         out: NDArray[Any] | None,
         brakes: ArrayLike | None,
+        payload: Payload | None,
         threads: int,
     ) -> NDArray[Any]:
         """Evaluate after converting and checking every argument."""
         threads = thread_count(threads)
         sizes = self._source.inputs
-        arrays = checked(self.robot, self.scene, self.dtype, sizes, state, wrench, brakes)
+        arrays = checked(self.robot, self.scene, self.dtype, sizes, state, wrench, brakes, payload)
         batch = common_shape(arrays)
         shape = (*batch, *self.shape)
         if out is not None:

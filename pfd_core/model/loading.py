@@ -22,6 +22,7 @@ from pfd_core.model.robot_changes import lock
 from pfd_core.model.scene import Scene
 from pfd_core.model.urdf_reader import RIGHT_ANGLE_SLACK
 from pfd_core.model.urdf_robot import robot_from_urdf
+from pfd_core.model.urdf_writer import robot_to_urdf
 from pfd_core.model.yaml_robot import robot_from_yaml
 from pfd_core.model.yaml_scene import scene_from_yaml
 
@@ -101,6 +102,25 @@ def load_robot(
                 f'holds one chain, from {quote(robot.base)} to {quote(robot.tip)}'
             )
     return robot if locked is None else lock(robot, locked)
+
+
+def urdf_of(source: str | PathLike[str]) -> str:
+    """
+    Return the URDF of a robot: that of a URDF as it is, that of any other robot converted.
+
+    Parameters
+    ----------
+    source : str or path
+        As for `load_robot`, which reads the same robot from the URDF, to rounding.
+
+    Raises
+    ------
+    ValueError
+        As `load_robot`; the elements of a URDF are not checked.
+
+    """
+    text, origin, is_urdf = _read(source)
+    return text if is_urdf else robot_to_urdf(robot_from_yaml(text, source=origin))
 
 
 def load_scene(source: str | PathLike[str]) -> Scene:

@@ -43,13 +43,13 @@ class Plant(FrozenArrays):
     Attributes
     ----------
     robot : Robot
-        The chain, with the payload welded on.
+        The chain, with the payload welded on; without one that is an input.
     gravity : ndarray
         (3,) [m/s^2], in the axes of frame 0; zeros without gravity.
     damping, armature : ndarray or None
         (n,) [N m s/rad, N s/m] and [kg m^2, kg].
-    external_wrench, brakes : bool
-        Whether a wrench on the last link, and joints held at run time, are inputs.
+    external_wrench, brakes, payload_input : bool
+        Whether a wrench on the last link, joints held at run time, and a payload are inputs.
     friction, static_friction : ndarray or None
         (n,) [N m, N]: Coulomb friction, and the larger or equal friction at rest; both or none.
     stribeck_velocity : ndarray or None
@@ -82,6 +82,7 @@ class Plant(FrozenArrays):
     armature: Array | None = None
     external_wrench: bool = False
     brakes: bool = False
+    payload_input: bool = False
     friction: Array | None = None
     static_friction: Array | None = None
     stribeck_velocity: Array | None = None

@@ -26,8 +26,10 @@ from pfd_core.model.checked_numbers import LARGEST, real_array
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot_changes import Payload
 from pfd_core.model.scene_checks import (
+    INPUT,
     Rule,
     joint_limits,
+    payload,
     per_joint,
     restitution,
     switch,
@@ -73,8 +75,9 @@ class Scene:
         Rotor inertia seen at the joints, (n,) [kg m^2]: that of the rotor times the square of
         the gear ratio; "model" for the robot's own; "estimated" for an estimate by
         `estimated_armature` at joints whose model states none.
-    payload : Payload or None
-        A body held by the last link.
+    payload : Payload, "input" or None
+        A body held by the last link; "input" for one that is given at run time, so that another
+        payload needs no other code.
     external_wrench : bool
         Whether a force and a moment on the last link are an input.
     brakes : bool
@@ -124,7 +127,7 @@ class Scene:
     gravity: ArrayLike | None = (0.0, 0.0, -9.81)
     damping: ArrayLike | str | None = None
     armature: ArrayLike | str | None = None
-    payload: Payload | None = None
+    payload: Payload | str | None = None
     external_wrench: bool = False
     brakes: bool = False
     friction: ArrayLike | str | None = None
@@ -146,8 +149,7 @@ class Scene:
         if self.gravity is not None:
             gravity = real_array('gravity', self.gravity, shape=(3,), largest=LARGEST)
             checked['gravity'] = tuple((gravity + 0.0).tolist())
-        if self.payload is not None and not isinstance(self.payload, Payload):
-            raise ValueError(f'payload must be a Payload or None, got {quote(self.payload)}')
+        checked['payload'] = payload(self.payload)
         for key in ('external_wrench', 'brakes'):
             checked[key] = switch(key, getattr(self, key))
         checked['joint_limits'] = joint_limits(self.joint_limits)
@@ -197,6 +199,11 @@ def _compensation(value: Any) -> bool | Scene:
         raise ValueError(
             'the scene of gravity_compensation may have gravity and a payload, nothing else: '
             f'it has {others[0]}'
+        )
+    if value.payload == INPUT:
+        raise ValueError(
+            'the scene of gravity_compensation must have a Payload or None as payload, '
+            f'got {INPUT!r}'
         )
     return value
 

@@ -4,6 +4,7 @@
 The fields of a scene as users give them -> None, "model", bool, float and tuples of floats.
 
     switch          True or False
+    payload         a Payload, or "input" for one that is given at run time
     per_joint       one number a joint, by a Rule
     joint_limits    a lower and an upper limit a joint
     restitution     one number, or one a joint
@@ -20,9 +21,11 @@ import numpy as np
 
 from pfd_core.model.checked_numbers import LARGEST, Array, real_array, real_number
 from pfd_core.model.error_text import quote
+from pfd_core.model.robot_changes import Payload
 
 MODEL = 'model'
 ESTIMATED = 'estimated'
+INPUT = 'input'
 
 
 class Rule(NamedTuple):
@@ -40,6 +43,15 @@ def switch(key: str, value: Any) -> bool:
     if not isinstance(value, (bool, np.bool_)):
         raise ValueError(f'{key} must be True or False, got {quote(value)}')
     return bool(value)
+
+
+def payload(value: Any) -> Payload | str | None:
+    """Return the payload of a scene as None, a Payload or "input"."""
+    if value is None or isinstance(value, Payload):
+        return value
+    if isinstance(value, str) and value == INPUT:
+        return INPUT
+    raise ValueError(f'payload must be a Payload, {INPUT!r} or None, got {quote(value)}')
 
 
 def per_joint(key: str, value: Any, rule: Rule) -> tuple[float, ...] | str | None:

@@ -17,10 +17,10 @@ from pfd_core.model.error_text import quote, quote_all
 from pfd_core.model.geometry import Array, product
 from pfd_core.model.plant import Plant
 from pfd_core.model.robot import Robot, check_robot
-from pfd_core.model.robot_changes import with_payload
+from pfd_core.model.robot_changes import Payload, with_payload
 from pfd_core.model.rotors import estimated_armature
 from pfd_core.model.scene import PER_JOINT, Scene
-from pfd_core.model.scene_checks import ESTIMATED, MODEL
+from pfd_core.model.scene_checks import ESTIMATED, INPUT, MODEL
 
 # The share of its velocity limit up to which a motor of the model gives its full effort: the limit
 # of a drive is no step, across which its controller would jump back and forth.
@@ -60,12 +60,13 @@ def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
     gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
     limits = _joint_limits(robot, scene)
     plant = Plant(
-        robot=robot if scene.payload is None else with_payload(robot, scene.payload),
+        robot=with_payload(robot, scene.payload) if isinstance(scene.payload, Payload) else robot,
         gravity=product(robot.base_rotation.T, gravity),
         damping=_unless_zero(values['damping']),
         armature=_unless_zero(values['armature']),
         external_wrench=scene.external_wrench,
         brakes=scene.brakes,
+        payload_input=scene.payload == INPUT,
         **_friction(robot, values),
         joint_limits=limits,
         restitution=None if limits is None else _restitution(robot, scene),
@@ -203,7 +204,7 @@ def _without_compensated_gravity(plant: Plant) -> Plant:
     model = plant.gravity_compensation
     if model is None or plant.effort_limits is not None or plant.torque_speed is not None:
         return plant
-    if model.robot != plant.robot or (model.gravity != plant.gravity).any():
+    if plant.payload_input or model.robot != plant.robot or (model.gravity != plant.gravity).any():
         return plant
     return replace(plant, gravity=np.zeros(3), gravity_compensation=None)
 

@@ -16,6 +16,7 @@ from functools import lru_cache
 from itertools import islice
 import math
 import re
+import sys
 from typing import Any
 import xml.etree.ElementTree as ElementTree
 
@@ -28,6 +29,8 @@ from pfd_core.model.rotors import urdf_rotor_inertias
 RIGHT_ANGLE_SLACK = 1e-8
 MOVING = ('revolute', 'continuous', 'prismatic')
 NOT_A_CHAIN = ('floating', 'planar')
+# A limit of this size is none: pfd_core.model.urdf_writer has no other number for it.
+LARGEST_LIMIT = sys.float_info.max
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 BOUNDS, LARGEST_VALUES, LOSSES = (
     ('lower', 'upper'),
@@ -303,7 +306,10 @@ def _number(
         return silent
     if text is None:
         raise ValueError(f'{where} must be a number, got none')
-    return number_from_text(where, text, infinite=element.tag == 'limit')
+    number = number_from_text(where, text, infinite=element.tag == 'limit')
+    if element.tag == 'limit' and abs(number) == LARGEST_LIMIT:
+        return math.copysign(math.inf, number)
+    return number
 
 
 def _triple(

@@ -4,8 +4,8 @@
 Scenes from YAML: a table of the fields of Scene, read strictly.
 
 `null` is None, `true` and `false` are truth values, `model` is the robot's own, all else numbers
-and lists of numbers; `payload` is a table of the fields of Payload, and `gravity_compensation`
-may be a table of a scene. `pfd_core.model.scene.scene_to_yaml` writes it.
+and lists of numbers; `payload` is `input` or a table of the fields of Payload, and
+`gravity_compensation` may be a table of a scene. `pfd_core.model.scene.scene_to_yaml` writes it.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from pfd_core.model.checked_numbers import number_from_text
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot_changes import Payload
 from pfd_core.model.scene import Scene
-from pfd_core.model.scene_checks import ESTIMATED, MODEL
+from pfd_core.model.scene_checks import ESTIMATED, INPUT, MODEL
 from pfd_core.model.yaml_reader import read_yaml, table
 
 WORDS: dict[str, Any] = {'null': None, 'true': True, 'True': True, 'false': False, 'False': False}
-WORDS |= {word: word for word in (MODEL, ESTIMATED)}
+WORDS |= {word: word for word in (MODEL, ESTIMATED, INPUT)}
 SCENE, PAYLOAD = (tuple(item.name for item in fields(part)) for part in (Scene, Payload))
 
 

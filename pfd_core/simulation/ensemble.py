@@ -28,7 +28,7 @@ from pfd_core.kernels.codegen.arms import SLOTS
 from pfd_core.kernels.codegen.step import REPORT
 from pfd_core.kernels.runtime.threads import MAX_BLOCK_WORK, block_size, run, thread_count
 from pfd_core.kernels.simulations import NativeEnsemble, compile_ensemble
-from pfd_core.model import Robot, Scene
+from pfd_core.model import Robot, Scene, given_scene
 from pfd_core.model.checked_numbers import (
     LARGEST_INTEGER,
     Array,
@@ -36,6 +36,7 @@ from pfd_core.model.checked_numbers import (
     integer,
     real_array,
 )
+from pfd_core.model.scene_checks import INPUT
 from pfd_core.simulation.feedback import Law, law_arrays
 from pfd_core.simulation.integrators import TABLE
 from pfd_core.simulation.simulation import Simulation
@@ -73,6 +74,10 @@ class Ensemble(Simulation):
     def __init__(
         self, robot: Robot, size: int, scene: Scene | None = None, **settings: Any
     ) -> None:
+        if given_scene(scene).payload == INPUT:
+            raise ValueError(
+                f'an Ensemble takes a scene with a Payload or None, got payload={INPUT!r}'
+            )
         self.size = integer('size', size, 1, math.inf)
         self.batch = (self.size,)
         super().__init__(robot, scene, **settings)

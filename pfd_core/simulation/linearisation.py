@@ -27,12 +27,12 @@ of their torques lies within the bounds of sliding friction; a joint at a bound 
 from __future__ import annotations
 
 from copy import copy
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.forking import cached_property
 from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.linear_steps import compile_in_motion, compile_linear_step

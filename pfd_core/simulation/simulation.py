@@ -21,7 +21,7 @@ from pfd_core.model import Plant, Robot, Scene, given_scene, resolve, scene_inpu
 from pfd_core.model.checked_numbers import DTYPES, Array, choice, integer, real_array, real_number
 from pfd_core.model.error_text import quote
 from pfd_core.model.joint_space_checks import check_joint_inertia
-from pfd_core.model.scene_checks import switch
+from pfd_core.model.scene_checks import INPUT, switch
 from pfd_core.simulation.contact.modes import PIVOTS
 from pfd_core.simulation.contact.schemes import RK4, imex2
 from pfd_core.simulation.contact.texts import contact_texts, has_contact
@@ -60,7 +60,8 @@ class Simulation(ABC):
         compensated: bool | None = None,
     ) -> None:
         plant = resolve(robot, scene)
-        check_joint_inertia(plant)
+        if not plant.payload_input:
+            check_joint_inertia(plant)
         self.robot = robot
         self.scene = given_scene(scene)
         self.step_size = real_number('step_size', step_size)
@@ -68,7 +69,8 @@ class Simulation(ABC):
             raise ValueError(f'step_size must be above zero seconds, got {self.step_size}')
         self.substeps = integer('substeps', substeps, 1, SUBSTEPS_AT_MOST)
         self.dtype = choice('dtype', dtype, DTYPES)
-        check_springs(plant, self.step_size, self.substeps)
+        if not plant.payload_input:
+            check_springs(plant, self.step_size, self.substeps)
         self.integrator = chosen(integrator, plant, self.step_size / self.substeps)
         self.compensated = (
             positions_grow(robot, dtype)
@@ -80,6 +82,7 @@ class Simulation(ABC):
         check_damping(plant, self.integrator, self.step_size / self.substeps, dtype)
         # Inputs beside the torque, in the order of the native code.
         self._inputs = ('wrench',) * self.scene.external_wrench + ('free',) * self.scene.brakes
+        self._inputs += ('payload',) * plant.payload_input
         shapes = self._shapes()
         # The valid state lies in the buffer to which `_turn` points; native code uses the other.
         self._buffers = StateBuffer(shapes, dtype), StateBuffer(shapes, dtype)
@@ -310,6 +313,10 @@ class Simulation(ABC):
             its stop within the step, which has no derivative then.
 
         """
+        if self.scene.payload == INPUT:
+            raise ValueError(
+                f'linearize takes a scene with a Payload or None, got payload={INPUT!r}'
+            )
         state = {'q': q, 'qd': qd, 'tau': tau}
         return self._linear_step.matrices(self, state, wrench, brakes)
 

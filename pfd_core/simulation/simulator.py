@@ -15,18 +15,24 @@ give the same bits, step by step or in one rollout.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from functools import partial
+from dataclasses import replace
+from functools import lru_cache, partial
 from operator import itemgetter
 import time
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.algorithms.grouped.payload_input import KEPT, payload_inputs, payload_numbers
 from pfd_core.forking import cached_property
 from pfd_core.kernels.simulations import Rollout, compile_rollout
+from pfd_core.model import Payload, Robot, Scene, resolve
 from pfd_core.model.checked_numbers import Array, real_array
+from pfd_core.model.joint_space_checks import check_joint_inertia
+from pfd_core.model.scene_checks import INPUT
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.state_buffer import StateBuffer
+from pfd_core.simulation.stiffness import check_springs
 from pfd_core.simulation.trajectory import Trajectory
 
 # A rollout runs in pieces, between which Python looks for signals. A piece may take this many
@@ -71,12 +77,20 @@ class Simulator(Simulation):
     """
 
     _native: Rollout
+    # The last payload that a step was given, and its numbers.
+    _carried: tuple[Payload | None, Array] | None = None
     _compiler = staticmethod(compile_rollout)
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         # Beside the state, the inputs of the last step, which `qdd` needs.
         rows = ('q', 'qd', *self._native.rows, 'tau', 'free')
-        return {**dict.fromkeys(rows, (self.robot.n,)), 'wrench': (6,)}
+        shapes: dict[str, tuple[int, ...]] = {
+            **dict.fromkeys(rows, (self.robot.n,)),
+            'wrench': (6,),
+        }
+        if self.scene.payload == INPUT:
+            shapes['payload'] = payload_numbers(self.robot, None).shape
+        return shapes
 
     @property
     def qdd(self) -> Array:
@@ -94,8 +108,32 @@ class Simulator(Simulation):
         qdd: Array = _accelerations(self._native, q, qd, tau, inputs)[0]
         return qdd
 
+    def prepare_payload(self, payload: Payload | None) -> None:
+        """
+        Check a payload for `step`, and compute its parameters ahead, on any thread.
+
+        The first step with another payload does the same.
+
+        Raises
+        ------
+        ValueError
+            If the arm cannot be simulated with the payload, or the scene takes none.
+
+        """
+        self._numbers_of(payload)
+
+    def _numbers_of(self, payload: Payload | None) -> Array:
+        return _payload_input(
+            self.robot, self.scene, self.dtype, self.step_size, self.substeps, payload
+        )
+
     def step(
-        self, tau: ArrayLike, wrench: ArrayLike | None = None, *, brakes: ArrayLike | None = None
+        self,
+        tau: ArrayLike,
+        wrench: ArrayLike | None = None,
+        *,
+        brakes: ArrayLike | None = None,
+        payload: Payload | None = None,
     ) -> None:
         """
         Advance the state by one step.
@@ -111,14 +149,22 @@ class Simulator(Simulation):
             Force and moment on the last link, (6,); exactly if the scene has one.
         brakes : array_like of bool
             Joints that stay where they are, (n,); only if the scene has brakes, default none.
+        payload : Payload
+            The body that the last link holds, default none; only if the scene has
+            payload="input".
 
         """
         row = real_array('tau', tau, self.dtype, (self.robot.n,), joints=self.robot.joint_names)
-        following = self._following(row, self._scene_inputs(wrench, brakes))
+        following = self._following(row, self._all_inputs(wrench, brakes, payload))
         self._advance(following, 1, self._addresses_in(following.at))
 
     def rollout(
-        self, taus: ArrayLike, wrench: ArrayLike | None = None, *, brakes: ArrayLike | None = None
+        self,
+        taus: ArrayLike,
+        wrench: ArrayLike | None = None,
+        *,
+        brakes: ArrayLike | None = None,
+        payload: Payload | None = None,
     ) -> Trajectory:
         """
         Advance the state by one step for each row of torques.
@@ -130,7 +176,7 @@ class Simulator(Simulation):
         ----------
         taus : array_like
             (steps, n) [N m or N].
-        wrench, brakes
+        wrench, brakes, payload
             As for `step`, the same for all steps.
 
         Returns
@@ -143,7 +189,8 @@ class Simulator(Simulation):
         rows = real_array(
             'taus', taus, self.dtype, ('steps', self.robot.n), joints=self.robot.joint_names
         ).copy(order='C')
-        inputs = {name: x.copy() for name, x in self._scene_inputs(wrench, brakes).items()}
+        given = self._all_inputs(wrench, brakes, payload)
+        inputs = {name: x.copy() for name, x in given.items()}
         before = self._now.steps
         states = {name: np.empty_like(rows) for name in self._native.written}
         finite_steps = self._run_pieces(rows, inputs, [*states.values()])
@@ -165,6 +212,17 @@ class Simulator(Simulation):
     @property
     def _step_work(self) -> int:
         return max(self._native.work, 1) * self.substeps
+
+    def _all_inputs(
+        self, wrench: ArrayLike | None, brakes: ArrayLike | None, payload: Payload | None
+    ) -> dict[str, Array]:
+        """Return the inputs of the scene and the payload."""
+        inputs = self._scene_inputs(wrench, brakes)
+        if payload is not None or self.scene.payload == INPUT:
+            if self._carried is None or self._carried[0] is not payload:
+                self._carried = payload, self._numbers_of(payload)
+            inputs['payload'] = self._carried[1]
+        return inputs
 
     def _run_pieces(self, rows: Array, inputs: dict[str, Array], states: list[Array]) -> int:
         """Take a step for each row of torques; return after how many the state was finite."""
@@ -218,6 +276,38 @@ class Simulator(Simulation):
             following.status = 'not_finite'
         self._turn ^= 1
         return finite
+
+
+@lru_cache(KEPT)
+def _payload_input(
+    robot: Robot,
+    scene: Scene,
+    dtype: str,
+    step_size: float,
+    substeps: int,
+    payload: Payload | None,
+) -> Array:
+    """Return the numbers of a payload in native code; ValueError if it cannot be simulated."""
+    (numbers,) = payload_inputs(robot, scene, dtype, payload).values()
+    if not _moves_alone(robot, scene, step_size, substeps):
+        _check(robot, replace(scene, payload=payload), step_size, substeps)
+    return numbers
+
+
+@lru_cache(KEPT)
+def _moves_alone(robot: Robot, scene: Scene, step_size: float, substeps: int) -> bool:
+    """Return whether the arm can be simulated without payload, and so with any."""
+    try:
+        _check(robot, replace(scene, payload=None), step_size, substeps)
+    except ValueError:
+        return False
+    return True
+
+
+def _check(robot: Robot, scene: Scene, step_size: float, substeps: int) -> None:
+    plant = resolve(robot, scene)
+    check_joint_inertia(plant)
+    check_springs(plant, step_size, substeps)
 
 
 def _accelerations(

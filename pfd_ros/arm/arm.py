@@ -14,16 +14,18 @@ import pfd_core as pfd
 from pfd_ros.arm.drive import Drive
 from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.model_kernels import model_kernels
-from pfd_ros.arm.scene import scene_of
+from pfd_ros.arm.plant_settings import INPUT, payload_changes
+from pfd_ros.arm.scene import payload_of, scene_of
 from pfd_ros.arm.setting_fields import check_joint_counts
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import cut, listed
 
-# More than one is ready only while the arm is slower than the compiler.
-MOST_PREPARED = 4
 # Joints in the cure for a tree.
 MOST_TO_LOCK = 16
+# With payloads as an input: with the payload at the start or another one, with gravity
+# compensation or without. A plant is freed while another one is compiled, not in a step.
+MOST_COMPILED = 4
 # A stamp has 31 bits for its seconds; a day is left for the steps that follow.
 LATEST_NS = (2**31 - 86_400) * NANOSECONDS
 
@@ -77,12 +79,26 @@ def joint_order(wanted: Sequence[str], robot: Any) -> tuple[int, ...]:
     return tuple(names.index(name) for name in wanted)
 
 
-class Plant(NamedTuple):
-    """A scene, and the native code that simulates the robot in it and that of the outputs."""
+class Compiled(NamedTuple):
+    """Native code: the scene it was compiled for, the simulator, and the outputs' kernels."""
 
     scene: pfd.Scene
     simulator: Any
     kernels: Mapping[str, Any]
+
+
+class Plant(NamedTuple):
+    """A scene, and the native code that simulates the robot in it."""
+
+    scene: pfd.Scene
+    compiled: Compiled
+
+    @property
+    def payload_input(self) -> dict[str, pfd.Payload | None]:
+        """The payload as an argument of native code that takes it as an input, else nothing."""
+        if self.compiled.scene.payload != INPUT:
+            return {}
+        return {'payload': payload_of(self.scene)}
 
 
 class Arm:
@@ -92,8 +108,8 @@ class Arm:
     ----------
     settings
         Those given, with the names that 'auto' stood for; events change the dynamic ones.
-    robot, scene, kernels
-        The robot, the effects that act on it, and the native code of the outputs by name.
+    robot, plant
+        The robot, the effects that act on it, and their native code.
     wrench
         Force and moment on the last link in the next step, (6,) in its frame; None in a scene
         without an external wrench.
@@ -126,14 +142,16 @@ class Arm:
         self._start_ns, self._step_ns = settings.start_ns, settings.step_ns
         # As NumPy indexes with: it would convert a list each time.
         self._columns = np.array(self.order, np.intp)
-        self.scene, self._simulator, self.kernels = self._compiled(settings)
+        first = scene_of(settings, self.order)
+        # Native code by the digest of the scene it was compiled for.
+        self._compiled: dict[str, Compiled] = {}
+        self._take_over(Plant(first, self._native(settings, first)))
         self.wrench = np.zeros(6) if self.scene.external_wrench else None
-        # Plants that were compiled before an event asks for them, by the digest of their scene.
-        self._prepared: dict[str, Plant] = {}
-        # Freed by the next `prepare`: that takes a millisecond, which a step does not have.
-        self._replaced: Any = None
+        # The payload at the start is a constant of the native code.
+        self._first_payload = first.payload
         self.settings = replace(
             settings,
+            payload_changes=payload_changes(settings.payload_changes, self._simulator.method),
             integrator=self._simulator.integrator,
             method=self._simulator.method,
             position_sums='compensated' if self._simulator.compensated else 'plain',
@@ -175,46 +193,71 @@ class Arm:
         """Let simulated time go on from there, without a step."""
         self._start_ns = stamp_ns - self.step * self._step_ns
 
-    def _compiled(self, settings: Settings) -> Plant:
-        scene = scene_of(settings, self.order)
-        simulator = pfd.Simulator(self.robot, scene, **simulator_settings(settings))
-        return Plant(scene, simulator, model_kernels(settings, self.robot, scene))
+    @property
+    def scene(self) -> pfd.Scene:
+        """The effects that act on the robot, with its payload."""
+        return self.plant.scene
+
+    @property
+    def kernels(self) -> Mapping[str, Any]:
+        """The native code of the outputs by name."""
+        return self.plant.compiled.kernels
+
+    def _take_over(self, plant: Plant) -> None:
+        self.plant = plant
+        self._simulator = plant.compiled.simulator
+        self._payload_input = plant.payload_input
+
+    def _plant(self, settings: Settings) -> Plant:
+        """Return the plant of settings, compiled now if it was not before."""
+        scene = compiled = scene_of(settings, self.order)
+        if settings.payload_changes == INPUT and scene.payload != self._first_payload:
+            compiled = replace(scene, payload=INPUT)
+        plant = Plant(scene, self._native(settings, compiled))
+        if plant.payload_input:
+            plant.compiled.simulator.prepare_payload(scene.payload)
+        return plant
+
+    def _native(self, settings: Settings, scene: pfd.Scene) -> Compiled:
+        found = self._compiled.get(scene.digest)
+        if found is None:
+            simulator = pfd.Simulator(self.robot, scene, **simulator_settings(settings))
+            found = Compiled(scene, simulator, model_kernels(settings, self.robot, scene))
+            while len(self._compiled) >= MOST_COMPILED:
+                self._compiled.pop(next(iter(self._compiled)), None)
+            self._compiled[scene.digest] = found
+        return found
 
     def prepare(self, settings: Settings) -> None:
         """Compile the plant of other settings ahead, on any thread: it may take a second.
+
+        A payload that is an input takes a tenth of a millisecond, but for the first.
 
         Raises
         ------
         ValueError
             If the settings do not go with the robot.
         """
-        self._replaced = None
-        plant = self._compiled(settings)
-        while len(self._prepared) >= MOST_PREPARED:
-            self._prepared.pop(next(iter(self._prepared)), None)
-        self._prepared[plant.scene.digest] = plant
+        self._plant(settings)
 
     def plant_of(self, settings: Settings) -> Plant | None:
-        """Return the plant of other settings: prepared or compiled now; None if it is the same.
+        """Return the plant of other settings, compiled before or now; None if it is the same.
 
         Raises
         ------
         ValueError
             As `prepare`.
         """
-        digest = scene_of(settings, self.order).digest
-        prepared = self._prepared.pop(digest, None)
-        if digest == self.scene.digest:
-            return None
-        return prepared or self._compiled(settings)
+        same = scene_of(settings, self.order).digest == self.scene.digest
+        return None if same else self._plant(settings)
 
     def change(self, settings: Settings, plant: Plant | None) -> None:
         """Take over other settings, and the state into another plant if there is one."""
         self.settings = settings
         if plant is not None:
-            plant.simulator.take_state(self._simulator)
-            self._replaced = self._simulator
-            self.scene, self._simulator, self.kernels = plant
+            if plant.compiled is not self.plant.compiled:
+                plant.compiled.simulator.take_state(self._simulator)
+            self._take_over(plant)
 
     def advance(self, drive: Drive) -> None:
         """Do one step; after a failure the arm stands still and keeps its last finite state."""
@@ -223,7 +266,7 @@ class Arm:
         # Without brakes a step takes less time than with all of them off.
         braked = drive.braked if any(drive.braked.tolist()) else None
         try:
-            self._simulator.step(drive.effort, self.wrench, brakes=braked)
+            self._simulator.step(drive.effort, self.wrench, brakes=braked, **self._payload_input)
         except (ValueError, ArithmeticError) as error:
             self._fail(f'step {self.step + 1} failed: {error}')
             return

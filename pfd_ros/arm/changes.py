@@ -20,7 +20,7 @@ from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import SettingsChange
 from pfd_ros.arm.events import PAYLOAD_IN_USE, Output, Verdict
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
-from pfd_ros.arm.scene import payload_numbers, with_own_effects
+from pfd_ros.arm.scene import payload_numbers, payload_of, with_own_effects
 from pfd_ros.arm.setting_fields import check_joint_counts, typed
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.tip_frames import body_at_tip, tip_frame
@@ -130,7 +130,7 @@ class PayloadEcho:
 
     def output(self) -> Output | None:
         """Return the message about a payload that was not told yet, after a step."""
-        payload = self._arm.scene.payload
+        payload = payload_of(self._arm.scene)
         if payload is self._told or payload == self._told or self._arm.failure:
             return None
         self._told, self._count = payload, self._count + 1

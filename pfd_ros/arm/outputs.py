@@ -16,6 +16,9 @@ one. With the joints in published order, H qdd + b = tau + tau_ext, where
     tip_wrench        k on the tip, in its axes
     energy            kinetic and potential, J, and the power of tau, W
 
+The three torques come as JointState, with names and stamp, and under the same name with _array as
+Float64MultiArray: a topic of ROS 2 has one type.
+
 These are of the arm with its payload, as if no drive compensated its gravity; drives that do add
 a torque of their own to tau. Dry friction, stops and brakes have no place in that equation. Every
 number is finite: one that overflows is 0. No step compiles a kernel.
@@ -24,6 +27,7 @@ number is finite: one that overflows is 0. No step compiles a kernel.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 import math
 from typing import TypeAlias
 
@@ -38,6 +42,8 @@ from pfd_ros.messages.stamped import StampedEncoder, effort_encoder, stamped_enc
 
 TWIST_AXES = ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
 ENERGIES = ('kinetic', 'potential', 'power')
+# End of the names of efforts that are published as plain numbers, too.
+AS_ARRAY = '_array'
 Writer: TypeAlias = Callable[[], bytes]
 
 
@@ -80,15 +86,20 @@ class ExtraOutputs:
         """Return a function without arguments that evaluates the kernel of an output."""
         kernel = self.arm.kernels[output]
         out = np.zeros(kernel.shape)
-        bound: Callable[[], np.ndarray] = kernel.bind(q, qd, out=out, wrench=wrench)
+        # Quantities without bodies have no payload.
+        takes = kernel.scene.payload is not None
+        payload = self.arm.plant.payload_input if takes else {}
+        bound: Callable[[], np.ndarray] = kernel.bind(q, qd, out=out, wrench=wrench, **payload)
         return bound
 
     def stamped(self, encoder: StampedEncoder, value: Callable[[], np.ndarray]) -> Writer:
         """Return the function that writes a message with a stamp."""
         return lambda: encoder.encode(self.arm.stamp_ns, _finite(value()))
 
-    def efforts(self, value: Callable[[], np.ndarray]) -> Writer:
+    def efforts(self, value: Callable[[], np.ndarray], as_array: bool = False) -> Writer:
         """Return the function that writes efforts, from their values in model order."""
+        if as_array:
+            return _array([('joint', self.arm.names)], lambda: value()[self.columns])
         encoder = effort_encoder(self.arm.names, self.frame_id)
         return self.stamped(encoder, lambda: value()[self.columns])
 
@@ -112,8 +123,9 @@ def _acceleration(given: ExtraOutputs) -> Writer:
     return _array([('joint', given.arm.names)], lambda: given.arm.acceleration)
 
 
-def _external_torques(given: ExtraOutputs) -> Writer:
-    return given.efforts(given.bound('external_torques', given.q, wrench=given.wrench))
+def _external_torques(given: ExtraOutputs, form: str = '') -> Writer:
+    value = given.bound(f'external_torques{form}', given.q, wrench=given.wrench)
+    return given.efforts(value, bool(form))
 
 
 def _inertia_matrix(given: ExtraOutputs) -> Writer:
@@ -122,12 +134,12 @@ def _inertia_matrix(given: ExtraOutputs) -> Writer:
     return _array(layout, lambda: evaluate()[order])
 
 
-def _bias_torques(given: ExtraOutputs) -> Writer:
-    return given.efforts(given.bound('bias_torques', given.q, given.qd))
+def _bias_torques(given: ExtraOutputs, form: str = '') -> Writer:
+    return given.efforts(given.bound(f'bias_torques{form}', given.q, given.qd), bool(form))
 
 
-def _gravity_torques(given: ExtraOutputs) -> Writer:
-    return given.efforts(given.bound('gravity_torques', given.q))
+def _gravity_torques(given: ExtraOutputs, form: str = '') -> Writer:
+    return given.efforts(given.bound(f'gravity_torques{form}', given.q), bool(form))
 
 
 def _tip_jacobian(given: ExtraOutputs) -> Writer:
@@ -159,6 +171,9 @@ _WRITERS: dict[str, Callable[[ExtraOutputs], Writer]] = {
     'inertia_matrix': _inertia_matrix,
     'bias_torques': _bias_torques,
     'gravity_torques': _gravity_torques,
+    'external_torques_array': partial(_external_torques, form=AS_ARRAY),
+    'bias_torques_array': partial(_bias_torques, form=AS_ARRAY),
+    'gravity_torques_array': partial(_gravity_torques, form=AS_ARRAY),
     'tip_jacobian': _tip_jacobian,
     'tip_pose': _tip_pose,
     'tip_wrench': _tip_wrench,

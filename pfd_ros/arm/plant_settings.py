@@ -26,6 +26,27 @@ EFFECTS = (
 # Fields that other values need other native code for.
 PAYLOAD = ('payload_mass', 'payload_center', 'payload_inertia')
 COMPILED = frozenset({'gravity_compensation', *PAYLOAD})
+# Values of `payload_changes`.
+INPUT, CONSTANT = 'input', 'constant'
+PAYLOAD_CHANGES = ('auto', INPUT, CONSTANT)
+
+
+def payload_changes(wanted: str, method: str) -> str:
+    """Return what `payload_changes` stands for with a method of forward dynamics.
+
+    Raises
+    ------
+    ValueError
+        If the method takes no payload as an input.
+    """
+    if wanted == 'auto':
+        return INPUT if method in pfd.PAYLOAD_METHODS else CONSTANT
+    if wanted == INPUT and method not in pfd.PAYLOAD_METHODS:
+        raise ValueError(
+            f'payload_changes is {INPUT!r}, but {method} takes no payload as an input: '
+            f'use {CONSTANT!r}, or one of the methods {list(pfd.PAYLOAD_METHODS)}'
+        )
+    return wanted
 
 
 def _of_joints(name: str, text: str) -> Any:
@@ -109,6 +130,12 @@ class PlantSettings:
         LARGEST_INERTIA,
         name='payload.inertia',
         dynamic=True,
+    )
+    payload_changes: str = setting(
+        'auto',
+        'A payload that changes while the arm runs: input of the compiled step, constant of a new '
+        'one, or auto, which is input where the method permits it',
+        values=PAYLOAD_CHANGES,
     )
     external_wrench: bool = setting(
         False, 'Take forces and moments on the last link from ~/external_wrench'

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.plant_settings import COMPILED, ESTIMATED, PAYLOAD, PlantSettings
+from pfd_ros.arm.plant_settings import COMPILED, ESTIMATED, INPUT, PAYLOAD, PlantSettings
 from pfd_ros.arm.setting_fields import parameter_name
 from pfd_ros.arm.settings import Settings
 from pfd_ros.text import cut
@@ -61,7 +61,13 @@ def scene_of(settings: Settings, order: Sequence[int]) -> pfd.Scene:
 def _from_text(text: str) -> pfd.Scene:
     if '\n' not in text:
         raise ValueError(f'scene is {cut(repr(text))}, expected the text of a scene')
-    return pfd.load_scene(text)
+    scene = pfd.load_scene(text)
+    if scene.payload == INPUT:
+        raise ValueError(
+            f'payload of the scene is {INPUT!r}, expected a table of mass, center and inertia: '
+            'a payload at run time comes from ~/payload or the parameters payload.*'
+        )
+    return scene
 
 
 def _switched(settings: Settings, order: Sequence[int]) -> pfd.Scene:
@@ -92,10 +98,17 @@ def with_own_effects(settings: Settings, changed: Collection[str]) -> Settings:
     if 'gravity_compensation' in changed:
         scene = replace(scene, gravity_compensation=False)
     if not set(PAYLOAD).isdisjoint(changed):
-        if scene.payload is not None and settings.payload is None:
-            own |= zip(PAYLOAD, payload_numbers(scene.payload), strict=True)
+        payload = payload_of(scene)
+        if payload is not None and settings.payload is None:
+            own |= zip(PAYLOAD, payload_numbers(payload), strict=True)
         scene = replace(scene, payload=None)
     return replace(settings, **own, scene=pfd.scene_to_yaml(scene))
+
+
+def payload_of(scene: pfd.Scene) -> pfd.Payload | None:
+    """Return the payload of an arm's scene, which is never an input."""
+    assert not isinstance(scene.payload, str)
+    return scene.payload
 
 
 def payload_numbers(payload: pfd.Payload) -> tuple[float, tuple[float, ...], tuple[float, ...]]:

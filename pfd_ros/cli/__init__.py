@@ -8,6 +8,7 @@
     replay    pfd replay: a recording verified, with its summary
     report    pfd report: counts, speed, hard cases, a scene
     robots    pfd robots
+    urdf      pfd urdf: the URDF of a robot
 
 A new command is a module with `HELP`, `add_arguments` and `run`, and a place in `main._commands`.
 """

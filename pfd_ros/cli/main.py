@@ -32,9 +32,16 @@ NEED_ROS = {'demo', 'sim'}
 
 def _commands() -> dict[str, Any]:
     """Return the commands in the order of `pfd --help`; none imports rclpy before it runs."""
-    from pfd_ros.cli import demo, replay, report, robots, sim
+    from pfd_ros.cli import demo, replay, report, robots, sim, urdf
 
-    return {'demo': demo, 'sim': sim, 'replay': replay, 'report': report, 'robots': robots}
+    return {
+        'demo': demo,
+        'sim': sim,
+        'replay': replay,
+        'report': report,
+        'robots': robots,
+        'urdf': urdf,
+    }
 
 
 def _parser(commands: dict[str, Any]) -> argparse.ArgumentParser:

@@ -15,6 +15,7 @@ Around it:
     description      the model from a file or a topic, and published; topics of its <ros2_control>
     parameters       the settings as ROS parameters
     changing         changes of settings and payloads: checked, compiled beside the arm, passed on
+    compile_report   log lines about a first start, which compiles for seconds
     services         pause, step, reset: requests to the arm, answered by their verdicts
     command_counts   verdicts counted by source
     graph_check      other nodes on the topics: foreign types, QoS, second publishers

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Changes of the arm's settings on their way to it: checked, compiled beside it, in order.
 
-A new payload needs other native code, which takes some tenths of a second to compile. A thread
+A first payload needs other native code, which takes some tenths of a second to compile. A thread
 does it before the event reaches the arm, so that neither the stepping thread nor the executor's
 waits for it; of the changes that come meanwhile the newest count.
 See docs/decisions/0020-changes-while-the-arm-runs.md.

@@ -16,10 +16,10 @@ A new value is a pair of texts in the function of its task.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 import time
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
@@ -75,22 +75,25 @@ class MassKernels:
     """Inertia matrix, energy and accelerations of an arm in one scene, compiled."""
 
     def __init__(self, arm: Arm) -> None:
-        self.scene = arm.scene
+        self.scene = arm.plant.compiled.scene
         asked = replace(arm.settings, outputs=('inertia_matrix', 'energy'))
         # As on the topics of these names.
-        kernels = model_kernels(asked, arm.robot, arm.scene)
+        kernels = model_kernels(asked, arm.robot, self.scene)
         self.inertia, self.energy = kernels['inertia_matrix'], kernels['energy']
         # Effects that act over a step have no accelerations.
-        smooth = without(arm.scene, OVER_A_STEP | {'brakes', 'external wrench'})
+        smooth = without(self.scene, OVER_A_STEP | {'brakes', 'external wrench'})
         self.accelerations = pfd.compile_kernel(
             arm.robot, method=arm.settings.method, scene=smooth, refine=1
         )
         # Compiled now, and not beside a stepping thread.
-        self.error_estimate(*np.zeros((3, arm.robot.n)))
+        zero = np.zeros(arm.robot.n)
+        self.error_estimate(zero, zero, zero, {})
 
-    def error_estimate(self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray) -> float:
+    def error_estimate(
+        self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, payload: Mapping[str, Any]
+    ) -> float:
         """Return the relative error of accelerations by the method in use, without refinement."""
-        return float(self.accelerations.error_estimate(q, qd, tau)[1])
+        return float(self.accelerations.error_estimate(q, qd, tau, **payload)[1])
 
 
 @dataclass
@@ -210,10 +213,12 @@ class ArmDiagnostics:
         q, qd, tau = np.empty((3, len(arm.order)))
         for row, values in zip((q, qd, tau), (arm.q, arm.qd, arm.tau), strict=True):
             row[list(arm.order)] = values
-        if self.kernels.scene is not arm.scene:
-            # Another payload, which the stepping thread has compiled its own kernels for.
+        plant = arm.plant
+        if self.kernels.scene is not plant.compiled.scene:
+            # Another scene, which the stepping thread has compiled its own kernels for.
             self.kernels = MassKernels(arm)
-        kinetic, potential = self.kernels.energy(q, qd)
+        payload = plant.payload_input
+        kinetic, potential = self.kernels.energy(q, qd, **payload)
         # The controller reads each published state.
         period = settings.publish_every * settings.step_ns / NANOSECONDS
         level, message = (ERROR, arm.failure) if arm.failure else (OK, 'runs')
@@ -229,13 +234,13 @@ class ArmDiagnostics:
                 ('integrator', settings.integrator),
                 ('method', settings.method),
                 ('position_sums', settings.position_sums),
-                ('error_estimate', f'{self.kernels.error_estimate(q, qd, tau):.2g}'),
+                ('error_estimate', f'{self.kernels.error_estimate(q, qd, tau, payload):.2g}'),
                 ('kinetic_energy_J', f'{kinetic:.6g}'),
                 ('potential_energy_J', f'{potential:.6g}'),
                 ('largest_speed_over_limit', 0.0 if speed is None else f'{speed.ratio:.4g}'),
                 ('cycles_beyond_velocity_limits', now.fast),
                 ('control_period_s', period),
-                *_largest_gains(self.kernels.inertia(q), period, list(arm.order)),
+                *_largest_gains(self.kernels.inertia(q, **payload), period, list(arm.order)),
             ],
         )
 

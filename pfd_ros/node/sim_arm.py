@@ -26,6 +26,7 @@ from pfd_ros.arm.speeding import estimate_text
 from pfd_ros.node import parameters
 from pfd_ros.node.changing import Changes
 from pfd_ros.node.command_counts import CommandCounts
+from pfd_ros.node.compile_report import compile_report
 from pfd_ros.node.description import load_model, publish_description
 from pfd_ros.node.diagnostics import ArmDiagnostics, MassKernels
 from pfd_ros.node.endpoints import NonblockingPublisher, create_endpoints
@@ -90,7 +91,9 @@ class SimArm:
         model = load_model(node, settings, stopped)
         robot = model.described.robot
         settings = parameters.declare_joints(node, model.described.settings, robot)
-        engine = Engine(settings, robot, rows=bool(settings.recording))
+        with compile_report(node.get_logger().info, robot.name):
+            engine = Engine(settings, robot, rows=bool(settings.recording))
+            kernels = MassKernels(engine.arm)
         endpoints = create_endpoints(
             node,
             roles=roles_of(settings),
@@ -101,7 +104,7 @@ class SimArm:
         self._subscriptions = endpoints.subscriptions
         if settings.publish_description:
             publish_description(node, model.described)
-        counts, kernels = CommandCounts(), MassKernels(engine.arm)
+        counts = CommandCounts()
         graph = GraphCheck(node, endpoints, log, counts=counts)
         # After everything that a parameter can make fail: a refused parameter leaves no file.
         session = open_session(node, engine.settings, robot, endpoints)

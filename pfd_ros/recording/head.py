@@ -28,6 +28,7 @@ COUNT_LIMIT = 1 << 53
 FIRST_VERSIONS = {
     'integrator': 'rk4',
     'position_sums': 'plain',
+    'payload_changes': 'constant',
     'effort_limits': False,
     'torque_speed': False,
     'publish_locked': False,

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -22,12 +23,16 @@ from pfd_ros.arm.scene import scene_of
 from pfd_ros.arm.setting_fields import joint_values
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.stamped import decode_inertia, encode_inertia
+from pfd_ros.node.diagnostics import MassKernels
+from pfd_ros.recording.format import HEAD, HeadKey
 from pfd_ros.replay.motion import read_motion
-from pfd_ros.replay.verify import read
+from pfd_ros.replay.verify import DifferenceError, read
 
 PUSH = Source.ARRAY, efforts(1.0, -0.5)
 TIP = 'tip_link'
 CENTER, INERTIA = (0.1, -0.02, 0.05), (0.02, 0.001, -0.002, 0.03, 0.003, 0.025)
+# Twenty steps of numbers below ten, in another order of operations.
+ROUNDING = 1e-13
 BODY = {'payload_mass': 2.5, 'payload_center': CENTER, 'payload_inertia': INERTIA}
 
 
@@ -56,7 +61,9 @@ def test_a_payload_at_run_time_is_that_from_the_start_in_the_same_state() -> Non
     for one in (engine, other, unloaded):
         for _ in range(20):
             one.step()
-    assert bits(engine) == bits(other)
+    # The one is an input of the compiled step, the other a constant.
+    np.testing.assert_allclose(engine.arm.q, other.arm.q, rtol=0, atol=ROUNDING)
+    np.testing.assert_allclose(engine.arm.qd, other.arm.qd, rtol=0, atol=ROUNDING)
     assert np.abs(engine.arm.qd - unloaded.arm.qd).max() > 1e-3
 
 
@@ -178,17 +185,88 @@ def test_changes_replace_the_effects_of_a_scene_file() -> None:
 def test_a_prepared_plant_is_the_one_compiled_at_the_event() -> None:
     engine, other = moving(), moving()
     engine.arm.prepare(Settings(**{**vars(engine.settings), **BODY}))
-    (plant,) = engine.arm._prepared.values()
+    _, native = engine.arm._compiled.values()
     judged(engine, change(**BODY))
-    assert engine.arm._simulator is plant.simulator
+    assert engine.arm.plant.compiled is native
     judged(other, change(**BODY))
     for one in (engine, other):
         for _ in range(20):
             one.step()
     assert bits(engine) == bits(other)
+
+
+def test_payloads_as_constants_are_compiled_for_each_and_few_are_kept(emitted: list[str]) -> None:
+    engine = moving(payload_changes='constant')
+    first = len(emitted)
     for mass in range(1, 7):
         engine.arm.prepare(Settings(**{**vars(engine.settings), 'payload_mass': float(mass)}))
-    assert len(engine.arm._prepared) <= 4
+    assert len(emitted) >= first + 6
+    assert len(engine.arm._compiled) <= 4
+
+
+def test_only_the_first_of_many_payloads_compiles_code(emitted: list[str]) -> None:
+    outputs = ('acceleration', 'inertia_matrix', 'gravity_torques', 'energy', 'tip_pose')
+    engine = moving(outputs=outputs)
+    judged(engine, payload(TIP, 1.0), change(gravity_compensation=True))
+    judged(engine, change(gravity_compensation=False))
+    native = len(emitted)
+    for k in range(100):
+        judged(engine, payload(TIP, 0.01 * k, (0.1, 0.001 * k, 0.0), INERTIA))
+        judged(engine, change(gravity_compensation=bool(k % 2)))
+        engine.step()
+    assert len(emitted) == native
+    assert engine.arm.scene.payload.mass == 0.99
+
+
+def test_outputs_and_diagnostics_see_a_payload_that_is_an_input() -> None:
+    outputs = ('inertia_matrix', 'bias_torques', 'gravity_torques', 'energy', 'acceleration')
+    engine, other = moving(outputs=outputs), moving(outputs=outputs, payload_changes='constant')
+    masses = MassKernels(engine.arm)
+    for one in (engine, other):
+        judged(one, payload(TIP, 2.5, CENTER, INERTIA))
+        one.step()
+    for name in ('inertia_matrix', 'bias_torques', 'gravity_torques', 'energy', 'acceleration'):
+        found, wanted = (dict(one._extra.messages())[name] for one in (engine, other))
+        size = 8 * (4 if name == 'inertia_matrix' else 2)
+        a, b = (np.frombuffer(data[-size:]) for data in (found, wanted))
+        np.testing.assert_allclose(a, b, rtol=1e-12, err_msg=name)
+    assert masses.scene is not engine.arm.plant.compiled.scene
+    masses = MassKernels(engine.arm)
+    wanted = MassKernels(other.arm)
+    given = engine.arm.plant.payload_input
+    q = engine.arm.q
+    np.testing.assert_allclose(masses.inertia(q, **given), wanted.inertia(q), rtol=1e-12)
+    assert 0 < masses.error_estimate(q, q, q, given) < 1e-12
+
+
+def test_a_recording_from_before_payloads_were_inputs_has_the_same_bits(tmp_path: Path) -> None:
+    def without(values: dict[str, Any]) -> None:
+        del values['payload_changes']
+
+    torques = efforts(9.0, -8.0, 7.0, -1.0, 0.5, 0.3)
+    events = {2: [torques, payload('flange', 1.5, (0.1, 0.02, 0.03), INERTIA)]}
+    paths = []
+    for form in ('constant', 'input'):
+        recording = simulate(30, events, robot='puma560', payload_changes=form)
+        recording.edit(HEAD, HeadKey.SETTINGS, without)
+        paths.append(recording.save(tmp_path / f'{form}.mcap'))
+    assert read(paths[0], verify=True).complete
+    # The setting does matter.
+    with pytest.raises(DifferenceError):
+        read(paths[1], verify=True)
+
+
+def test_a_method_that_takes_no_payload_as_an_input_compiles_it_as_a_constant() -> None:
+    engine = moving(method='pcrbm')
+    assert engine.settings.payload_changes == 'constant'
+    assert judged(engine, payload(TIP, 1.0)).verdict is Verdict.ACCEPTED
+    with pytest.raises(ValueError, match="'input', but pcrbm takes no payload as an input"):
+        made(method='pcrbm', payload_changes='input')
+
+
+def test_a_scene_file_gives_the_node_a_payload_of_numbers() -> None:
+    with pytest.raises(ValueError, match="payload of the scene is 'input', expected a table"):
+        made(scene=pfd.scene_to_yaml(pfd.Scene(payload='input')))
 
 
 def test_a_recording_with_payloads_verifies(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@
 Serial methods at their cheapest, with grouped inertial parameters; kernels are made of them.
 
     links              parameters of a chain in joint axes, as given and grouped, as numbers
+    payload_input      the parameters that a payload changes, as inputs
     newton_euler       the chain at q, the motion of its links, and y = tau - bias
     inverse_dynamics   tau and bias, with grouped parameters
     gravity            gravity torques and potential energy, from first moments

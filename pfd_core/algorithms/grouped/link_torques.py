@@ -21,6 +21,7 @@ from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.algorithms.chain.joint_torques import plus_joint_torques
 from pfd_core.algorithms.grouped.links import centered_links
 from pfd_core.algorithms.grouped.newton_euler import axes_at, joint_torques, moment, motions
+from pfd_core.algorithms.grouped.payload_input import last_body
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
 from pfd_core.machine.vectors import UPPER, constants, cross
@@ -38,9 +39,13 @@ def record_link_torques(plant: Plant) -> Program:
         forces = []
         moving = motions(recorder, plant, axes, qd, qdd)
         for link, motion in zip(numbers, moving, strict=True):
-            center = constants(recorder, link.center)
-            J = constants(recorder, [link.J[k] for k in UPPER])
-            f = recorder.constant(link.m) * (motion.a + motion.spin @ center)
+            if plant.payload_input and link is numbers[-1]:
+                m, center, J = last_body(recorder, plant.robot)
+            else:
+                center = constants(recorder, link.center)
+                J = constants(recorder, [link.J[k] for k in UPPER])
+                m = recorder.constant(link.m)
+            f = m * (motion.a + motion.spin @ center)
             forces.append((f, moment(motion, J) + cross(center, f)))
         tau = joint_torques(recorder, plant, axes, tip, forces)
         tau = plus_joint_torques(plant, tau, qd, qdd)

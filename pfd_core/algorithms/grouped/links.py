@@ -125,7 +125,7 @@ def grouped_links(plant: Plant) -> tuple[list[GroupedLink], Tip]:
     links = [_about_the_origin(link) for link in centered]
     for i in range(len(links) - 1, 0, -1):
         links[i], moved = _split(links[i])
-        links[i - 1] = _added(links[i - 1], _outward(links[i], moved))
+        links[i - 1] = _added(links[i - 1], to_previous_axes(links[i], moved))
     return links, tip
 
 
@@ -160,7 +160,7 @@ def centered_links(plant: Plant) -> tuple[list[CenteredLink], Tip]:
 
 
 def _about_the_origin(link: CenteredLink) -> GroupedLink:
-    inertia = link.J + link.m * _moments(link.center, link.center)
+    inertia = link.J + link.m * moments(link.center, link.center)
     h = link.m * link.center
     return GroupedLink(link.slides, link.start, link.twist, link.p, link.end, link.m, h, inertia)
 
@@ -177,7 +177,7 @@ def _slide(offset: Array, tilt: tuple[float, float]) -> float:
 def _split(link: GroupedLink) -> tuple[GroupedLink, Body]:
     """Return the rest of a link, and the part that moves with the link before it as well."""
     if link.slides:
-        J = link.inertia - (_moments(link.h, link.h) / link.m if link.m else 0.0)
+        J = link.inertia - (moments(link.h, link.h) / link.m if link.m else 0.0)
         return replace(link, inertia=link.inertia - J), (0.0, np.zeros(3), J)
     yy = float(link.inertia[1, 1])
     inertia = link.inertia - np.diag([yy, yy, 0.0])
@@ -186,7 +186,7 @@ def _split(link: GroupedLink) -> tuple[GroupedLink, Body]:
     return rest, (link.m, np.array([0.0, 0.0, link.h[2]]), np.diag([yy, yy, 0.0]))
 
 
-def _outward(link: GroupedLink, body: Body) -> Body:
+def to_previous_axes(link: JointAxes, body: Body) -> Body:
     """Return a body of B_i that does not depend on q_i, in axes B_(i-1)."""
     m, h, inertia = body
     R = rotation_x(*link.twist)
@@ -194,7 +194,7 @@ def _outward(link: GroupedLink, body: Body) -> Body:
         R = product(R, rotation_z(*link.start))
     h = product(R, h)
     inertia = product(R, inertia, R.T)
-    shift = _moments(link.p, h) + _moments(h, link.p) + m * _moments(link.p, link.p)
+    shift = moments(link.p, h) + moments(h, link.p) + m * moments(link.p, link.p)
     return m, h + m * link.p, inertia + shift
 
 
@@ -203,7 +203,7 @@ def _added(link: GroupedLink, body: Body) -> GroupedLink:
     return replace(link, m=link.m + m, h=link.h + h, inertia=link.inertia + inertia)
 
 
-def _moments(a: Array, b: Array) -> Array:
+def moments(a: Array, b: Array) -> Array:
     """Return a.b 1 - b a' (3, 3): the inertia of a point at a for the first moment b."""
     dot = math.fsum((a * b).tolist())
     return dot * np.eye(3) - np.multiply.outer(b, a)

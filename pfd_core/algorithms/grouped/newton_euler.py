@@ -20,7 +20,7 @@ One register holds one number; everything of link i is in axes B_i.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from pfd_core.algorithms.chain.drives import motor_torques
@@ -28,6 +28,7 @@ from pfd_core.algorithms.chain.interface import input_list, wrench_input
 from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
 from pfd_core.algorithms.chain.link_axes import planar
 from pfd_core.algorithms.grouped.links import GroupedLink, JointAxes, Tip, grouped_links
+from pfd_core.algorithms.grouped.payload_input import with_payload_input
 from pfd_core.machine.lanes import cos, sin
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import UPPER, array, constants, cross
@@ -98,7 +99,17 @@ def links_at(recorder: Recorder, plant: Plant, q: Sequence[Lanes]) -> tuple[list
     """Return the links of a plant at the input q, base to tip, and the pose of frame n."""
     numbers, tip = grouped_links(plant)
     with recorder.section('rotations'):
-        return [_link(recorder, *pair) for pair in zip(numbers, q, strict=True)], tip
+        links = [_link(recorder, *pair) for pair in zip(numbers, q, strict=True)]
+    return (_with_payload(recorder, plant, links) if plant.payload_input else links), tip
+
+
+def _with_payload(recorder: Recorder, plant: Plant, links: Sequence[Link]) -> list[Link]:
+    """Return links whose parameters are inputs as far as a payload changes them."""
+    bodies = with_payload_input(recorder, plant.robot, [[x.m, *x.h, *x.inertia] for x in links])
+    return [
+        replace(link, m=body[0], h=array(body[1:4]), inertia=array(body[4:]))
+        for link, body in zip(links, bodies, strict=True)
+    ]
 
 
 def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:

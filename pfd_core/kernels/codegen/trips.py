@@ -26,7 +26,7 @@ from dataclasses import dataclass, field
 from pfd_core.kernels.codegen.body import body, procedure
 from pfd_core.kernels.codegen.calls import Calls
 from pfd_core.kernels.codegen.evaluate import evaluate, wrap_row
-from pfd_core.kernels.codegen.spelling import Format
+from pfd_core.kernels.codegen.spelling import Format, arguments
 from pfd_core.kernels.codegen.step import MOTION, REPORT
 from pfd_core.machine.program import Program
 
@@ -166,9 +166,15 @@ def _hold(contact: Contact, extra: Sequence[str], form: Format) -> str:
     return trips.text
 
 
+def _compress_arguments(contact: Contact) -> tuple[str, ...]:
+    """Return the arrays of @compress."""
+    payload = 'payload' in arguments(contact.dynamics['_solve'])
+    return ('q', 'qd', 'unlocked', 'hits', *(('payload',) if payload else ()), *COMPRESSED)
+
+
 def _compress(contact: Contact, form: Format) -> str:
     """Return @compress."""
-    given = ('q', 'qd', 'unlocked', 'hits', *COMPRESSED)
+    given = _compress_arguments(contact)
     trips = _calls('define internal void @compress', given, contact, form)
     trips.fill('zero', 0.0)
 
@@ -208,7 +214,7 @@ def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: 
             with trips.ir.when(trips.any('watch')):
                 trips.run('hits')
                 with trips.ir.when(trips.any('hits')):
-                    _impact(trips)
+                    _impact(trips, contact)
         if lags:
             trips.run('lag')
         trips.call('hold', hold)
@@ -246,12 +252,12 @@ def _unlock(trips: Calls, extra: Sequence[str]) -> None:
         trips.fill('unlocked', 1.0)
 
 
-def _impact(trips: Calls) -> None:
+def _impact(trips: Calls, contact: Contact) -> None:
     """Write the velocities after an impact to qd."""
-    trips.call('compress', ('q', 'qd', 'unlocked', 'hits', *COMPRESSED))
+    trips.call('compress', _compress_arguments(contact))
     trips.run('impulses')
     trips.evaluate('_solve', 'returned', qd='zero', tau='thrown', free='unlocked')
     trips.run('restitution')
     with trips.ir.when(trips.any('hits')):
-        trips.call('compress', ('q', 'qd', 'unlocked', 'hits', *COMPRESSED))
+        trips.call('compress', _compress_arguments(contact))
         trips.run('inelastic')

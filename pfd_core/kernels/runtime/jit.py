@@ -16,6 +16,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import cache
+import logging
 import re
 import time
 from typing import Any
@@ -26,6 +27,8 @@ import llvmlite.binding as llvm
 from pfd_core.forking import hold_at_fork
 from pfd_core.kernels.runtime import disk_cache as disk
 
+# A record for each module that the compiler is run on.
+COMPILE_LOG = logging.getLogger('pfd_core.compile')
 # The definition of a function that a module exports.
 EXPORTED = re.compile(r'^define (?!internal )[^@\n]*@([\w.]+)\(', re.MULTILINE)
 # Bytes of an object that depend on its target alone, by its first four bytes: ELF (up
@@ -126,6 +129,7 @@ def compile_outlined(
     entry = disk.read(name)
     library = None if entry is None else _load_entry(entry, known.functions, target)
     if library is None:
+        COMPILE_LOG.info('compiling %s', ', '.join(known.functions))
         code = emit(text(), target, optimisation)
         disk.write(name, code)
         library = _load(code, known.functions, target)

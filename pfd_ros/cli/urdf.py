@@ -1,0 +1,29 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd urdf`: the URDF of a robot, for programs that read no other format."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+
+import pfd_core as pfd
+
+HELP = 'the URDF of a robot'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the robot and the file."""
+    parser.add_argument('robot', help='a name that `pfd robots` lists, or a .urdf or .yaml file')
+    parser.add_argument('--out', type=Path, metavar='FILE', help='write it here, not to stdout')
+
+
+def run(given: argparse.Namespace) -> int:
+    """Print the URDF, or write it to a file."""
+    text = pfd.urdf_of(given.robot)
+    if given.out is None:
+        sys.stdout.write(text)
+    else:
+        given.out.write_text(text, encoding='utf-8')
+    return 0

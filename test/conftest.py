@@ -14,11 +14,37 @@ import pytest
 
 from pfd_core.kernels.runtime import disk_cache as cache
 from pfd_core.kernels.runtime import jit as engine
-from pfd_core.kernels.runtime import json_cache
+from pfd_core.kernels.runtime import json_cache, processor
 
 # Objects between two collections, and collections of one generation between those of the next: a
 # recording makes hundreds of thousands of objects that live on.
 COLLECTED = (50_000, 20, 50)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Let all kernels of a run be compiled for another processor."""
+    parser.addoption(
+        '--target-cpu',
+        metavar='NAME',
+        help=f'compile for another processor, such as x86-64-v3; sets {processor.VARIABLE}',
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Choose the processor, also for workers and for the processes that tests start."""
+    cpu = config.getoption('--target-cpu')
+    if cpu is not None:
+        os.environ[processor.VARIABLE] = cpu
+    try:
+        processor.current()
+    except ValueError as error:
+        raise pytest.UsageError(str(error)) from None
+
+
+def pytest_report_header() -> str | None:
+    """Say which processor it is where it is not this machine's."""
+    cpu = processor.current().cpu
+    return None if cpu == processor.host().cpu else f'kernels are compiled for {cpu}'
 
 
 def pytest_collection_finish() -> None:

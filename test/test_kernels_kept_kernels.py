@@ -24,6 +24,7 @@ from zoo import random_chain, random_state
 import pfd_core as pfd
 from pfd_core.kernels.runtime import disk_cache as cache
 from pfd_core.kernels.runtime import jit as engine
+from pfd_core.kernels.runtime import processor
 
 CHILD = """
 import json, sys, time
@@ -183,7 +184,7 @@ def test_the_name_of_an_object_depends_on_all_that_decides_it(
     assert key(IR, HOST, usual) == names[-1]
 
 
-HERE = engine.host().triple
+HERE = processor.host().triple
 FOREIGN = ('x86_64' if HERE.startswith('aarch64') else 'aarch64') + '-unknown-linux-gnu'
 
 

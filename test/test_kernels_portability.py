@@ -24,6 +24,7 @@ from pfd_core.kernels.codegen.module import kernel_module, module
 from pfd_core.kernels.codegen.spelling import Format, arguments
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.runtime import jit as engine
+from pfd_core.kernels.runtime import processor
 from pfd_core.kernels.runtime.jit import Target, emit, simd_width
 from pfd_core.kernels.source import turned_joints
 from pfd_core.model import Robot
@@ -175,24 +176,6 @@ def test_arm_and_this_processor_give_the_same_bits(
     assert done.stdout.split() == wanted * 2
 
 
-def test_every_processor_of_this_kind_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = random_chain(np.random.default_rng(5), 3)
-    *arrays, _ = states(robot, 'float64')
-    here = engine.host()
-    # The least that there is, which has no fused multiply-add in x86-64, and this one.
-    targets = [Target(here.triple), here]
-    if {'+avx2', '+fma'} <= set(here.features.split(',')):
-        targets.append(Target(here.triple, 'haswell', '+avx,+avx2,+fma'))
-    found = []
-    for target in targets:
-        monkeypatch.setattr(engine, 'host', lambda target=target: target)
-        kernel = pfd.compile_kernel(robot)
-        found.append([kernel(*arrays), *(kernel(*rows) for rows in zip(*arrays, strict=True))])
-    for together, *singles in found:
-        assert together.tobytes() == found[0][0].tobytes()
-        assert np.array(singles).tobytes() == together.tobytes()
-
-
 @pytest.mark.parametrize(
     ('target', 'widths'),
     [
@@ -214,14 +197,14 @@ def test_a_processor_that_llvm_cannot_ask_is_known_by_its_name(
         raise RuntimeError('failed to get host cpu features')
 
     monkeypatch.setattr(llvm, 'get_host_cpu_features', unknown)
-    engine.host.cache_clear()
-    assert engine.host() == Target(llvm.get_process_triple(), llvm.get_host_cpu_name(), '')
-    engine.host.cache_clear()
+    processor.host.cache_clear()
+    assert processor.host() == Target(llvm.get_process_triple(), llvm.get_host_cpu_name(), '')
+    processor.host.cache_clear()
 
 
 def test_text_that_is_no_module_is_refused() -> None:
     with pytest.raises(RuntimeError, match='expected value token'):
-        emit('define double @f(double %x) { ret double }', engine.host())
+        emit('define double @f(double %x) { ret double }', processor.host())
 
 
 def test_what_a_processor_lacks_is_found_in_the_c_library(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -230,8 +213,8 @@ def test_what_a_processor_lacks_is_found_in_the_c_library(monkeypatch: pytest.Mo
         'define double @f(double %x, double %y, double %z) {\n'
         '  %r = call double @llvm.fma.f64(double %x, double %y, double %z)\n  ret double %r\n}'
     )
-    least = Target(engine.host().triple)
-    monkeypatch.setattr(engine, 'host', lambda: least)
+    least = Target(processor.host().triple)
+    monkeypatch.setattr(processor, 'current', lambda: least)
     native = engine.compile_ir(ir)
     number = ctypes.c_double
     fma = ctypes.CFUNCTYPE(number, number, number, number)(native.address('f'))

@@ -1,84 +1,205 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The number of threads follows the affinity of the process and the quotas of its cgroups."""
+"""Code for other processors: which can run here, and the same bits from all of them."""
 
 from __future__ import annotations
 
-import os
+from collections.abc import Iterator
+from fractions import Fraction
 from pathlib import Path
+import re
+import subprocess
+import sys
 
+import numpy as np
 import pytest
+from test_machine_fused import cancelling, everywhere, native, rounded
+from zoo import random_state
 
-from pfd_core.kernels.runtime import processors
-from pfd_core.kernels.runtime.processors import available
+import pfd_core as pfd
+from pfd_core.kernels.codegen.module import kernel_module
+from pfd_core.kernels.runtime import jit, processor
+from pfd_core.kernels.source import turned_joints
 
-QUOTA = 'sys/fs/cgroup/cpu,cpuacct{}/cpu.cfs_quota_us'
-PERIOD = 'sys/fs/cgroup/cpu,cpuacct{}/cpu.cfs_period_us'
-V1 = '4:cpu,cpuacct:/docker/a\n3:cpuset:/docker/a\n'
+ROOT = Path(__file__).parents[1]
+# States in a vector register of float64, as the manuals of the processors say.
+WIDTHS = {
+    'x86-64-v2': 2,
+    'x86-64-v3': 4,
+    'x86-64-v4': 8,
+    'skylake-avx512': 8,
+    'sapphirerapids': 8,
+    'znver4': 8,
+}
+X86 = processor.host().triple.startswith('x86_64')
+HERE = processor.host().cpu
+on_x86 = pytest.mark.skipif(not X86, reason='the processors are of x86-64')
+RUNNABLE = [cpu for cpu in WIDTHS if X86 and not processor.missing_features(cpu)]
+# The files whose tests run code for every processor.
+TESTED = ('test_kernels_*.py', 'test_simulation*.py', 'test_brakes.py', 'test_codegen_product.py')
+LIFETIME = 3600  # [s]
+# Objects of Linux, macOS and Windows.
+OBJECT = re.compile(rb'\x7fELF|\xcf\xfa\xed\xfe|\x64\x86')
 
 
-@pytest.mark.parametrize(
-    ('files', 'expected'),
-    [
-        ({}, 8),
-        ({'proc/self/cgroup': '0::/'}, 8),
-        ({'proc/self/cgroup': '0::/', 'sys/fs/cgroup/cpu.max': 'max 100000'}, 8),
-        ({'proc/self/cgroup': '0::/', 'sys/fs/cgroup/cpu.max': '200000 100000'}, 2),
-        ({'proc/self/cgroup': '0::/', 'sys/fs/cgroup/cpu.max': '150000 100000'}, 2),
-        ({'proc/self/cgroup': '0::/', 'sys/fs/cgroup/cpu.max': '1000 100000'}, 1),
-        ({'proc/self/cgroup': '0::/', 'sys/fs/cgroup/cpu.max': '6400000 100000'}, 8),
-        ({'proc/self/cgroup': '0::/', 'sys/fs/cgroup/cpu.max': 'not a number'}, 8),
-        (
-            {
-                'proc/self/cgroup': '0::/user.slice/job.scope\n',
-                'sys/fs/cgroup/user.slice/job.scope/cpu.max': '500000 100000\n',
-                'sys/fs/cgroup/user.slice/cpu.max': '300000 100000\n',
-            },
-            3,
-        ),
-        # A container that sees the path outside, and its own group as the root.
-        ({'proc/self/cgroup': '0::/../out', 'sys/fs/cgroup/cpu.max': '400000 100000'}, 4),
-        ({'proc/self/cgroup': V1, QUOTA.format('/docker/a'): '-1'}, 8),
-        (
-            {
-                'proc/self/cgroup': V1,
-                QUOTA.format('/docker/a'): '-1\n',
-                PERIOD.format('/docker/a'): '100000\n',
-                QUOTA.format('/docker'): '250000\n',
-                PERIOD.format('/docker'): '100000\n',
-            },
-            3,
-        ),
-        (
-            {
-                'proc/self/cgroup': V1,
-                'sys/fs/cgroup/cpu/cpu.cfs_quota_us': '100000',
-                'sys/fs/cgroup/cpu/cpu.cfs_period_us': '50000',
-            },
-            2,
-        ),
-    ],
-)
-def test_the_smallest_quota_of_all_cgroups_bounds_the_processors(
-    files: dict[str, str], expected: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.fixture
+def features(monkeypatch: pytest.MonkeyPatch) -> Iterator[dict[str, bool]]:
+    """Return the features of this machine, which a test may change."""
+    found = processor._features_of_machine()
+    monkeypatch.setattr(processor, '_features_of_machine', lambda: found)
+    yield found
+    processor.named.cache_clear()
+    processor.host.cache_clear()
+
+
+def test_a_processor_that_llvm_does_not_know_is_an_error_that_names_the_variable(
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(processors, '_from_affinity', lambda: 8)
-    for name, text in files.items():
-        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
-        (tmp_path / name).write_text(text)
-    assert available(tmp_path) == expected
+    for name in ('x86-64-v9', 'a"b', '+avx'):
+        monkeypatch.setenv('PFD_TARGET_CPU', name)
+        with pytest.raises(ValueError, match=r'^PFD_TARGET_CPU must name a processor that LLVM'):
+            pfd.compile_kernel(pfd.load_robot('planar2'))
 
 
-@pytest.mark.skipif(not hasattr(os, 'sched_setaffinity'), reason='needs affinities')
-def test_the_affinity_of_the_process_bounds_the_processors() -> None:
-    before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(before)})
-    try:
-        assert available() == 1
-    finally:
-        os.sched_setaffinity(0, before)
+def test_without_a_name_the_code_is_for_this_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ('', ' '):
+        monkeypatch.setenv('PFD_TARGET_CPU', name)
+        assert processor.current() == processor.host()
+    monkeypatch.delenv('PFD_TARGET_CPU')
+    assert processor.current() == processor.host()
 
 
-def test_python_may_be_given_fewer_processors(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(os, 'process_cpu_count', lambda: 3, raising=False)
-    assert processors._from_affinity() == 3
+@on_x86
+@pytest.mark.parametrize(('cpu', 'width'), WIDTHS.items())
+def test_a_kernel_compiles_for_processors_that_this_machine_may_not_be(
+    cpu: str, width: int
+) -> None:
+    target = processor.named(cpu)
+    assert jit.simd_width('float64', target) == width
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
+    ir = kernel_module(kernel.program, 'float64', width, turned_joints(kernel.robot))
+    assert OBJECT.match(jit.emit(ir, target))
+
+
+@on_x86
+def test_a_processor_with_instructions_that_this_machine_lacks_is_refused(
+    features: dict[str, bool], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    features.update(avx512f=False, fma=False, avx2=True)
+    monkeypatch.setenv('PFD_TARGET_CPU', 'x86-64-v4')
+    expected = rf'\({re.escape(HERE)}\), got .x86-64-v4., which needs .*avx512f.*, fma$'
+    with pytest.raises(ValueError, match=expected):
+        pfd.compile_kernel(pfd.load_robot('planar2'))
+
+
+@on_x86
+def test_features_that_no_code_of_ours_uses_do_not_matter(features: dict[str, bool]) -> None:
+    features.update(dict.fromkeys(features, True))
+    features.update(sgx=False, mwaitx=False)
+    features['amx-tile'] = False
+    assert processor.missing_features('sapphirerapids') == []
+    features['avx512fp16'] = False
+    assert processor.missing_features('sapphirerapids') == ['avx512fp16']
+
+
+@on_x86
+def test_every_processor_has_its_own_objects_in_the_cache() -> None:
+    targets = [processor.host(), *map(processor.named, WIDTHS)]
+    keys = {jit.object_key('0' * 64, target, jit.USUAL) for target in targets}
+    assert len(keys) == len(targets)
+
+
+def results() -> dict[str, bytes]:
+    """Return the bits of kernels, quantities, rollouts and an ensemble."""
+    rng = np.random.default_rng(19)
+    found = {}
+    for name, method, refine, dtype in (
+        ('puma560', 'auto', 1, 'float64'),
+        ('planar2', 'grouped_articulated_body', 0, 'float32'),
+        ('planar2', 'pcgm', 0, 'float64'),
+    ):
+        robot = pfd.load_robot(name)
+        states = [random_state(rng, robot.n) for _ in range(19)]
+        q, qd, tau = (np.array([row[k] for row in states], dtype) for k in range(3))
+        q[2] *= 1e30
+        kernel = pfd.compile_kernel(robot, method=method, refine=refine, dtype=dtype)
+        found[method] = kernel(q, qd, tau).tobytes()
+        found[f'{method}, one state'] = kernel(q[3], qd[3], tau[3]).tobytes()
+    H = pfd.compile_kernel(robot, quantity='inertia_matrix')
+    found['inertia_matrix'] = H(rng.normal(size=(5, 2))).tobytes()
+    limits = np.tile([-0.4, 0.4], (2, 1))
+    scene = pfd.Scene(friction=np.full(2, 0.2), joint_limits=limits, restitution=0.4)
+    for integrator, effects in (('rk4', scene), ('velocity_verlet', None)):
+        simulator = pfd.Simulator(robot, effects, integrator=integrator)
+        trajectory = simulator.rollout(np.tile([5.0, -2.0], (400, 1)))
+        found[integrator] = trajectory.q.tobytes() + trajectory.qd.tobytes()
+    together = pfd.Ensemble(robot, 11, scene)
+    together.reset(np.linspace(-0.3, 0.3, 22).reshape(11, 2), np.zeros((11, 2)))
+    states = together.rollout(np.full((11, 40, 2), 3.0))
+    found['ensemble'] = states.q.tobytes() + states.qd.tobytes()
+    return found
+
+
+@on_x86
+@pytest.mark.slow
+def test_every_processor_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('PFD_CACHE', '')
+    wanted = results()
+    # The least of x86-64 has no fused multiply-add: the C library computes it.
+    for cpu in ('x86-64', *RUNNABLE):
+        monkeypatch.setenv('PFD_TARGET_CPU', cpu)
+        assert results() == wanted, cpu
+
+
+@on_x86
+@pytest.mark.parametrize('dtype', ['float64', 'float32'])
+def test_a_multiply_add_is_rounded_once_on_a_processor_without_one(
+    dtype: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv('PFD_TARGET_CPU', 'x86-64-v2')
+    assert '+fma' not in processor.current().features.split(',')
+    function = native(dtype)
+    for kind in (cancelling, everywhere):
+        for a, b, c in zip(*kind(dtype, 300, np.random.default_rng(3)), strict=True):
+            exact = Fraction(float(a)) * Fraction(float(b)) + Fraction(float(c))
+            assert function(a, b, c) == rounded(exact, dtype)
+
+
+def files(patterns: tuple[str, ...]) -> list[str]:
+    return sorted(str(path) for pattern in patterns for path in (ROOT / 'test').glob(pattern))
+
+
+@on_x86
+@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.timeout(LIFETIME)
+@pytest.mark.parametrize('cpu', RUNNABLE)
+def test_the_tests_of_kernels_and_simulation_pass_for_every_processor(
+    cpu: str, tmp_path: Path
+) -> None:
+    assert processor.named(cpu) != processor.host()
+    command = (sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider')
+    temporary = f'--basetemp={tmp_path / "tests"}'
+    done = subprocess.run(
+        [*command, temporary, f'--target-cpu={cpu}', *files(TESTED)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=LIFETIME,
+    )
+    assert done.returncode == 0, done.stdout[-10_000:]
+    assert f'compiled for {cpu}' in done.stdout
+
+
+@on_x86
+def test_the_option_of_the_tests_refuses_a_processor_that_cannot_be(tmp_path: Path) -> None:
+    command = (sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider')
+    done = subprocess.run(
+        [*command, '--target-cpu=x86-64-v9', '--collect-only', files(('test_brakes.py',))[0]],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=LIFETIME,
+    )
+    assert done.returncode == pytest.ExitCode.USAGE_ERROR
+    assert 'ERROR: PFD_TARGET_CPU must name a processor that LLVM' in done.stderr

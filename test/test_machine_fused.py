@@ -8,11 +8,11 @@ import ctypes
 from fractions import Fraction
 import math
 
-import llvmlite.binding as llvm
 import mpmath
 import numpy as np
 import pytest
 
+from pfd_core.kernels.runtime.jit import compile_ir
 from pfd_core.machine.emulator import run
 from pfd_core.machine.fused import REACH, fused
 from pfd_core.machine.program import Instruction, Output, Program
@@ -97,17 +97,10 @@ def native(dtype: str) -> ctypes._FuncPointer:
         f'define {t} @f({t} %a, {t} %b, {t} %c) {{\n'
         f'%r = call {t} @llvm.fma.{suffix}({t} %a, {t} %b, {t} %c)\nret {t} %r }}'
     )
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    target = llvm.Target.from_default_triple()
-    machine = target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten()
-    )
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(ir), machine)
-    engine.finalize_object()
+    code = compile_ir(ir)
     number = {'double': ctypes.c_double, 'float': ctypes.c_float}[t]
-    function = ctypes.CFUNCTYPE(number, number, number, number)(engine.get_function_address('f'))
-    function.engine = engine
+    function = ctypes.CFUNCTYPE(number, number, number, number)(code.address('f'))
+    function.code = code
     return function
 
 

@@ -84,7 +84,7 @@ def test_the_compiler_leaves_every_operation_of_the_loop_as_it_is(
     target: Target, chains: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     counts = dict(kernel_of('ur5', 'composite_body', 0).operations['compiled'])
-    monkeypatch.setattr(port_limit, 'host', lambda: target)
+    monkeypatch.setattr(port_limit, 'current', lambda: target)
     assert port_limit.accumulators() == chains
     form = Format('float64', target.vector_bits // 64)
     machine = jit._machine(target, jit.USUAL)

@@ -34,7 +34,8 @@ from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.passes.schedule import LONGEST
 from pfd_core.kernels.quantities import QUANTITIES
-from pfd_core.kernels.runtime.jit import compile_ir, host, simd_width
+from pfd_core.kernels.runtime.jit import compile_ir, simd_width
+from pfd_core.kernels.runtime.processor import current
 from pfd_core.report.quantity_kernels import named
 from pfd_core.report.timing import (
     MIDDLE_BATCH,
@@ -69,7 +70,7 @@ OPERANDS = {
 
 def accumulators() -> int:
     """Return how many accumulators this processor has registers for, with the shared operands."""
-    target = host()
+    target = current()
     registers = 16 if target.triple.startswith('x86_64') and target.vector_bits < 512 else 32
     return min(ENOUGH, registers - SHARED - SCRATCH)
 

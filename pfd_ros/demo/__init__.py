@@ -7,5 +7,6 @@ In the order of a run:
     motion        the motion that the controller should follow
     controller    the controller, a ROS 2 node: computed torque
     processes     both nodes as two processes on a ROS domain of their own: `run_demo`
+    bare_timer    a timer loop alongside the arm: the rate that the machine allows
     results       from the recording: rate, jitter, tracking, losses, replay, plot
 """

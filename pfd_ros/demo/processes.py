@@ -23,6 +23,8 @@ from typing import Any
 import yaml
 
 import pfd_core as pfd
+from pfd_ros.arm.settings import Settings
+from pfd_ros.demo.bare_timer import bare_timer
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.demo.results import show_results
 from pfd_ros.recording.reader import LogError
@@ -33,6 +35,8 @@ START_SECONDS = 60.0
 STOP_SECONDS = 20.0
 POLL_SECONDS = 0.05
 COMMAND_DEPTH = 10
+# The period of the arm's steps, by default.
+STEP_SECONDS = Settings().step_size
 
 
 def free_name(folder: Path) -> Path:
@@ -107,10 +111,11 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
     start = secrets.randbelow(LAST - FIRST + 1)
     with own_domain(start=start, avoided=avoided) as domain:
         env = environment(os.environ, domain)
-        report, problems = _run_processes(robot_name, seconds, base, namespace, env)
+        with bare_timer(STEP_SECONDS) as woke:
+            report, problems = _run_processes(robot_name, seconds, base, namespace, env)
     if report is not None:
         try:
-            problems += show_results(base, robot, report)
+            problems += show_results(base, robot, report, woke, STEP_SECONDS)
         except (LogError, OSError) as error:
             problems.append(str(error))
     for problem in problems:

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from pfd_ros.demo.bare_timer import missing_share
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.messages.convert import NANOSECONDS, decode_joint_state
 from pfd_ros.recording.reader import Log
@@ -53,7 +55,9 @@ def read_states(path: Path) -> States:
     )
 
 
-def show_results(base: Path, robot: Any, report: Mapping[str, int]) -> list[str]:
+def show_results(
+    base: Path, robot: Any, report: Mapping[str, int], woke: array[int], period: float
+) -> list[str]:
     """Print the results, write the plot and return the problems.
 
     Parameters
@@ -65,6 +69,8 @@ def show_results(base: Path, robot: Any, report: Mapping[str, int]) -> list[str]
     report
         Of the controller on itself: `sent` commands, motion from `start_ns` to `end_ns` of
         simulated time.
+    woke, period
+        When a bare timer loop woke alongside the arm, and its period, s.
 
     Raises
     ------
@@ -79,7 +85,7 @@ def show_results(base: Path, robot: Any, report: Mapping[str, int]) -> list[str]
     moving = (states.stamp_ns >= report['start_ns']) & (states.stamp_ns < report['end_ns'])
     t = (states.stamp_ns[moving] - report['start_ns']) / NANOSECONDS
     wanted, shown = motion.at(t)[0], states.position[moving]
-    problems = _show_rate(states)
+    problems = _show_rate(states, woke, period)
     problems += _show_tracking(states.names, wanted, shown)
     sent, recorded = report['sent'], states.messages['joint_commands']
     print(
@@ -92,7 +98,7 @@ def show_results(base: Path, robot: Any, report: Mapping[str, int]) -> list[str]
     return problems
 
 
-def _show_rate(states: States) -> list[str]:
+def _show_rate(states: States, woke: array[int], timer_period: float) -> list[str]:
     period = (states.stamp_ns[-1] - states.stamp_ns[0]) / (len(states.stamp_ns) - 1) / 1e6
     steps = np.diff(states.logged_ns) / 1e6
     off = abs(steps.mean() / period - 1)
@@ -104,7 +110,35 @@ def _show_rate(states: States) -> list[str]:
         f'jitter     of the period: p50 {np.percentile(jitter, 50):.0f} us, '
         f'p99 {np.percentile(jitter, 99):.0f} us, max {jitter.max():.0f} us'
     )
-    return [] if off <= RATE_TOLERANCE else [f'the rate is {off:.1%} off']
+    first, last = int(states.logged_ns[0]), int(states.logged_ns[-1])
+    remark, problems = rate_verdict(off, missing_share(woke, first, last, timer_period))
+    if remark:
+        print(remark)
+    return problems
+
+
+def rate_verdict(off: float, bare_off: float) -> tuple[str, list[str]]:
+    """
+    Return a remark about the rate, and the problems.
+
+    Parameters
+    ----------
+    off
+        Relative error of the arm's mean period.
+    bare_off
+        The share of its periods that a bare timer loop lost at the same time.
+    """
+    if off <= RATE_TOLERANCE:
+        return '', []
+    if bare_off > RATE_TOLERANCE:
+        return (
+            f'           this machine is too busy: a bare timer loop lost {bare_off:.1%} of its '
+            'periods at the same time'
+        ), []
+    return '', [
+        f'the rate is {off:.1%} off; a bare timer loop lost {bare_off:.1%} of its periods at the '
+        'same time'
+    ]
 
 
 def _show_tracking(names: tuple[str, ...], wanted: np.ndarray, shown: np.ndarray) -> list[str]:

@@ -4,11 +4,13 @@
 
 from __future__ import annotations
 
+from array import array
 import contextlib
 from pathlib import Path
 import re
 import subprocess
 import sys
+import threading
 
 import numpy as np
 import pytest
@@ -17,7 +19,9 @@ from ros_processes import HAS_ROS, PATIENCE, Processes, environment
 import pfd_core as pfd
 from pfd_ros.cli.main import main
 from pfd_ros.demo import processes as demo
+from pfd_ros.demo.bare_timer import bare_timer, missing_share
 from pfd_ros.demo.motion import motion_of
+from pfd_ros.demo.results import rate_verdict
 from pfd_ros.replay.verify import read
 from pfd_ros.testing import domains
 from pfd_ros.testing.domains import FIRST, LAST, own_domain
@@ -69,6 +73,46 @@ def test_an_unknown_robot_is_named_before_anything_starts(tmp_path: Path) -> Non
     with pytest.raises(ValueError, match='r2d2'):
         demo.run_demo('r2d2', 1.0, tmp_path / 'out')
     assert not (tmp_path / 'out').exists()
+
+
+def test_a_rate_that_a_bare_timer_misses_too_is_the_machines_and_no_failure() -> None:
+    assert rate_verdict(0.459, 0.2) == (
+        '           this machine is too busy: a bare timer loop lost 20.0% of its periods at the '
+        'same time',
+        [],
+    )
+
+
+def test_a_rate_that_a_bare_timer_keeps_is_a_failure() -> None:
+    remark, (problem,) = rate_verdict(0.459, 0.004)
+    assert not remark
+    expected = 'the rate is 45.9% off; a bare timer loop lost 0.4% of its periods at the same time'
+    assert problem == expected
+
+
+def test_a_rate_that_is_kept_needs_no_excuse() -> None:
+    for bare_off in (0.0, 0.5):
+        assert rate_verdict(0.01, bare_off) == ('', [])
+
+
+def test_the_periods_that_a_bare_timer_lost_are_those_between_two_times() -> None:
+    # Each millisecond for half a second, then each other one.
+    woke = array('q', [*range(0, 500_000_000, 10**6), *range(500_000_000, 10**9, 2 * 10**6)])
+    assert missing_share(woke, 0, 10**9, 0.001) == pytest.approx(0.25)
+    assert missing_share(woke, 100_000_000, 399_999_999, 0.001) == pytest.approx(0.0)
+    assert missing_share(woke, 600_000_000, 799_999_999, 0.001) == pytest.approx(0.5)
+    assert missing_share(array('q'), 0, 10**9, 0.001) == 1.0
+    assert missing_share(array('q'), 5, 5, 0.001) == 0.0
+
+
+def test_a_bare_timer_wakes_until_it_is_left() -> None:
+    with bare_timer(1e-4) as woke:
+        while len(woke) < 20:
+            threading.Event().wait(0.001)
+    count = len(woke)
+    assert sorted(woke) == list(woke)
+    assert all(thread.name != 'bare timer' for thread in threading.enumerate())
+    assert len(woke) == count
 
 
 HOSTILE = {

@@ -26,6 +26,8 @@ import llvmlite.binding as llvm
 
 from pfd_core.forking import hold_at_fork
 from pfd_core.kernels.runtime import disk_cache as disk
+from pfd_core.kernels.runtime import processor
+from pfd_core.kernels.runtime.processor import Target
 
 # A record for each module that the compiler is run on.
 COMPILE_LOG = logging.getLogger('pfd_core.compile')
@@ -57,21 +59,6 @@ class Native:
     def address(self, name: str) -> int:
         """Return the address of a function."""
         return int(self.library[name])
-
-
-@dataclass(frozen=True)
-class Target:
-    """A processor to compile for, as LLVM describes it."""
-
-    triple: str  # architecture, vendor and system
-    cpu: str = ''  # name of the processor
-    features: str = ''  # its extensions
-
-    @property
-    def vector_bits(self) -> int:
-        """Bits in one vector register: AVX-512, AVX, or NEON and SSE2."""
-        on = set(self.features.split(','))
-        return 512 if '+avx512f' in on else 256 if '+avx' in on else 128
 
 
 @dataclass(frozen=True)
@@ -124,7 +111,7 @@ def compile_outlined(
 ) -> Native:
     """Return native code of a module whose text is written only if its object is not on disk."""
     start = time.perf_counter()
-    target = host()
+    target = processor.current()
     name = object_key(known.digest, target, optimisation)
     entry = disk.read(name)
     library = None if entry is None else _load_entry(entry, known.functions, target)
@@ -178,26 +165,9 @@ def add_symbol(name: str, address: int) -> None:
 
 
 def simd_width(dtype: str, target: Target | None = None) -> int:
-    """Return how many numbers one vector register of a processor, by default this one, holds."""
-    bits = (host() if target is None else target).vector_bits
+    """Return how many numbers one vector register holds; by default, of the current target."""
+    bits = (processor.current() if target is None else target).vector_bits
     return bits // (64 if dtype == 'float64' else 32)
-
-
-@cache
-def host() -> Target:
-    """Return the processor of this machine."""
-    features = _features()
-    if features.get('avx512f'):
-        features['prefer-256-bit'] = False
-    flat = ','.join(f'{"+" if on else "-"}{name}' for name, on in sorted(features.items()))
-    return Target(llvm.get_process_triple(), llvm.get_host_cpu_name(), flat)
-
-
-def _features() -> dict[str, bool]:
-    try:
-        return dict(llvm.get_host_cpu_features())
-    except RuntimeError:  # LLVM cannot query every processor; the name is enough then
-        return {}
 
 
 @cache

@@ -19,6 +19,10 @@ from pfd_core.machine.emulator import run
 from pfd_core.model import resolve
 
 BRAKES = pfd.Scene(brakes=True)
+# A time in which no state changes but by impulses.
+INSTANT = 1e-15
+# Rounding of impulses, for chains whose H has a condition of 1e3 or less.
+IMPULSE = 1e-11
 HELD = np.array([True, False, True])
 
 
@@ -138,6 +142,54 @@ def test_each_state_of_a_batch_has_brakes_of_its_own() -> None:
     for k in np.ndindex(2, 3):
         alone = pfd.emulate(robot, q[k], qd[k], tau[k], scene=BRAKES, brakes=brakes[k]).qdd
         np.testing.assert_array_equal(together[k], alone)
+
+
+CLOSED = {
+    'plain': {},
+    'limits of the drives': {'effort_limits': [0.1] * 3, 'damping': [1.0] * 3},
+    'friction': {'friction': [1.0] * 3},
+    'stops': {'joint_limits': [[-9.0, 9.0]] * 3},
+}
+
+
+@pytest.mark.parametrize('effects', CLOSED)
+def test_a_brake_that_closes_on_a_moving_joint_acts_on_the_others_by_its_impulse(
+    effects: str,
+) -> None:
+    rng = np.random.default_rng(5)
+    robot = random_chain(rng, 3, 0.3)
+    scene = pfd.Scene(brakes=True, **CLOSED[effects])
+    q, qd = rng.normal(size=(2, 3))
+    H = Oracle(robot).H(q)
+    arm = pfd.Simulator(robot, scene, step_size=INSTANT, substeps=1)
+    arms = pfd.Ensemble(robot, 5, scene, step_size=INSTANT, substeps=1)
+    for held in (np.array(held) for held in product([False, True], repeat=3)):
+        for sim in (arm, arms):
+            sim.reset(q, qd)
+            sim.take_step(np.zeros((*sim.batch, 3)), None, held)
+            for found in sim.qd.reshape(-1, 3):
+                assert (found[held] == 0.0).all()
+                # The momentum that belongs to each free joint stays.
+                left = H @ (found - qd)
+                assert np.abs(left[~held]).max(initial=0.0) < IMPULSE * np.abs(H @ qd).max()
+
+
+def test_the_impulse_of_a_brake_throws_a_joint_into_its_stop_and_the_stop_holds_it() -> None:
+    robot = pfd.load_robot('planar2')
+    scene = pfd.Scene(gravity=None, brakes=True, joint_limits=[[-1.0, 0.0], [-9.0, 9.0]])
+    sim = pfd.Simulator(robot, scene, step_size=INSTANT, substeps=1)
+    for sign, at_stop in ((1.0, True), (-1.0, False)):
+        sim.reset([0.0, 0.3], [0.0, sign])
+        sim.step(np.zeros(2), brakes=[False, True])
+        H = Oracle(robot).H(np.array([0.0, 0.3]))
+        wanted = 0.0 if at_stop else sign * H[0, 1] / H[0, 0]
+        np.testing.assert_allclose(sim.qd, [wanted, 0.0], rtol=IMPULSE, atol=0)
+
+
+def test_a_step_with_a_brake_that_closes_in_motion_has_no_derivative() -> None:
+    sim = pfd.Simulator(pfd.load_robot('planar2'), BRAKES)
+    with pytest.raises(ValueError, match=r'a brake closes on joint .* in motion'):
+        sim.linearize([0, 0], [0, 1], [0, 0], brakes=[False, True])
 
 
 CALLS = {

@@ -22,6 +22,7 @@ from zoo import joint, link, urdf
 
 import pfd_core as pfd
 from pfd_core.kernels.codegen.module import ensemble_module, kernel_module, rollout_module
+from pfd_core.kernels.simulations import impulses
 from pfd_core.kernels.source import forward, plant_of, turned_joints
 from pfd_core.simulation.integrators import TABLE, record_step
 
@@ -45,10 +46,14 @@ def modules() -> Iterator[tuple[str, str]]:
     dynamics = forward(plant, 'composite_body', 0, 'float64').program
     step = record_step(TABLE['velocity_verlet'], robot.n, 2.0**-10)
     angles = turned_joints(robot)
+    others = {
+        name: source.program
+        for name, source in impulses(plant, 'composite_body', 'float64', 0).items()
+    }
     yield 'kernel', kernel_module(dynamics, 'float64', 1, angles)
-    yield 'rollout', rollout_module(step, dynamics, 'float64', angles)
+    yield 'rollout', rollout_module(step, dynamics, 'float64', angles, others)
     yield 'batch', kernel_module(dynamics, 'float64', WIDTH, angles)
-    yield 'ensemble', ensemble_module(step, dynamics, 'float64', WIDTH, angles)
+    yield 'ensemble', ensemble_module(step, dynamics, 'float64', WIDTH, angles, others)
 
 
 @cache

@@ -233,11 +233,23 @@ def _sources(
     method = choose(plant, method, refine)
     if contact is not None:
         return _contact_sources(plant, method, dtype, refine, contact)
-    main, *others = (
+    main, *stiff = (
         (name, forward(own, method, refine, dtype)) for name, own in plants(plant, implicit)
     )
-    settings = f' implicit {implicit.hex()}' if others else ''
-    return _Sources(method, main[1], settings, dict(others), main[1].inputs, dtype)
+    settings = f' implicit {implicit.hex()}' if stiff else ''
+    others = dict(stiff)
+    if plant.brakes:
+        others |= impulses(plant, method, dtype, refine)
+    return _Sources(method, main[1], settings, others, main[1].inputs, dtype)
+
+
+def impulses(plant: Plant, method: str, dtype: str, refine: int) -> dict[str, KernelSource]:
+    """Return the sources of `momentum`, H qdd, and `inertial`, H^-1 tau of the free joints."""
+    still = _at_rest(without_drives(plant))
+    return {
+        'momentum': of_text(replace(still, brakes=False), 'inverse_dynamics', dtype),
+        'inertial': forward(replace(still, brakes=True), method, refine, dtype),
+    }
 
 
 def plants(plant: Plant, implicit: float) -> Iterator[tuple[str, Plant]]:
@@ -262,9 +274,9 @@ def _contact_sources(
     held = replace(plant, brakes=True)
     main = forward(held, method, refine, dtype)
     others |= {'_held': main, '_inverse': of_text(plant, 'inverse_dynamics', dtype)}
-    if 'hits' in contact.texts:
-        others['_momentum'] = of_text(_at_rest(plant), 'inverse_dynamics', dtype)
-        others['_solve'] = forward(_at_rest(held), method, refine, dtype)
+    if 'hits' in contact.texts or brakes:
+        found = impulses(plant, method, dtype, refine)
+        others |= {f'_{name}': source for name, source in found.items()}
     if heavier is not None:
         stiff = replace(_at_rest(held), armature=heavier)
         others['_stiff'] = forward(stiff, method, refine, dtype)

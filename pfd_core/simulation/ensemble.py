@@ -154,7 +154,7 @@ class Ensemble(Simulation):
             finite_steps[finite_steps == first] += finite[finite_steps == first]
         now = self._now
         time = now.start + self.step_size * np.arange(begin + every, now.steps + 1, every)
-        status = 'ok' if (finite_steps == steps).all() else 'not_finite'
+        status = 'ok' if (finite_steps == steps).all() else self._why_not_finite(now)
         return Trajectory(time, states['q'], states['qd'], states['qdd'], status, finite_steps)
 
     def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
@@ -196,7 +196,7 @@ class Ensemble(Simulation):
             advance(self._count_at)
         following.steps += steps
         if (finite < steps).any():
-            following.status = 'not_finite'
+            following.status = self._why_not_finite(following)
         self._turn ^= 1
         return finite
 

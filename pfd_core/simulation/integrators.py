@@ -23,7 +23,7 @@ from typing import Any
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model.checked_numbers import Array
-from pfd_core.simulation.rows import CompensatedSum, LaggedTorque
+from pfd_core.simulation.rows import CompensatedSum, LaggedTorque, UnfinishedStep
 
 State = tuple[Any, ...]
 
@@ -161,12 +161,14 @@ def record_step(
     *,
     compensated: bool = False,
     motor_lag: Array | None = None,
+    events: bool = False,
 ) -> Program:
     """
     Return the program of one step on n lanes, for a scene with a damping (n,) or none.
 
     It calls the function `qdd`; where damping is implicit, `undamped` and `solve` instead. Rows
-    are added for positions with `compensated` sums and for motors with a lag (n,) [s].
+    are added for positions with `compensated` sums, for motors with a lag (n,) [s], and for steps
+    that are cut at `events`, which may be too many.
     """
     recorder = Recorder(n)
     carried = {part: recorder.input(part, range(n)) for part in integrator.carried}
@@ -187,7 +189,8 @@ def record_step(
     if torque is not None and torque.jumps and 'qdd' in carried:
         carried['qdd'] = accelerations(carried['q'], carried['qd'], 0)
     end = dict(zip(carried, integrator.step(system, h, *carried.values()), strict=True))
-    end |= {row.name: row.end() for row in (low, torque) if row is not None}
+    unfinished = UnfinishedStep(recorder) if events else None
+    end |= {row.name: row.end() for row in (low, torque, unfinished) if row is not None}
     for name, value in end.items():
         recorder.output(name, (n,), [(value, lane) for lane in range(n)])
     return recorder.program()

@@ -131,6 +131,7 @@ class LinearStep:
 
     def __init__(self, simulation: Simulation) -> None:
         self._robot, self._scene = robot, scene = simulation.robot, simulation.scene
+        self._names = robot.joint_names
         self._dry = has_contact(resolve(robot, scene))
         self.kernel = _kernel(robot, scene, self._dry, **simulation.settings)
 
@@ -189,6 +190,26 @@ class LinearStep:
     @cached_property
     def _in_motion(self) -> Kernel:
         return compile_in_motion(self._robot, self._scene)
+
+    def add_brakes(self, A: Array, q: ArrayLike, qd: ArrayLike, brakes: ArrayLike) -> None:
+        """
+        Write the columns of A by the velocities of braked joints, which move others by an impulse.
+
+        The brakes stop a velocity d of joints b, and dqd_f = H_ff^-1 H_fb d is that of the others.
+        """
+        H = self._inertia(q)
+        n = H.shape[-1]
+        braked = np.broadcast_to(brakes, H.shape[:-1])
+        if (braked & (np.asarray(qd) != 0)).any():
+            *_, joint = np.argwhere(braked & (np.asarray(qd) != 0))[0].tolist()
+            raise ValueError(
+                f'a brake closes on joint {quote(self._names[joint])} in motion: an impact, whose '
+                'step has no derivative here; qd of a braked joint must be 0'
+            )
+        for k in np.ndindex(braked.shape[:-1]):
+            held, free = np.flatnonzero(braked[k]), np.flatnonzero(~braked[k])
+            impulse = np.linalg.solve(H[k][np.ix_(free, free)], H[k][np.ix_(free, held)])
+            A[k][:, n + held] = A[k][:, n + free] @ impulse
 
 
 def _kernel(

@@ -5,6 +5,7 @@ Rows of the state beside q and qd: parts of an arm that have a state of their ow
 
     q_low        rounding errors of the positions, for sums that keep them
     tau_motor    torques of motors that follow their command with a lag
+    unfinished   1 once a step had too many events
 
 A row is a class here, which reads the row at the beginning of a step and returns it at the end,
 and a line of integrators.record_step. It begins at zero; all else that a simulation does with its
@@ -93,6 +94,19 @@ class LaggedTorque:
     def end(self) -> Any:
         """Return the torque at the end of the step."""
         return self(1)
+
+
+class UnfinishedStep:
+    """Flags of arms with a step of too many events, which the native step sets."""
+
+    name = 'unfinished'
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._flags: Any = recorder.input(self.name, range(recorder.lanes))
+
+    def end(self) -> Any:
+        """Return the flags, as they are."""
+        return self._flags
 
 
 def decays(lag: Array, time: float) -> Array:

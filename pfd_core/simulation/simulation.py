@@ -22,12 +22,13 @@ from pfd_core.model.checked_numbers import DTYPES, Array, choice, integer, real_
 from pfd_core.model.error_text import quote
 from pfd_core.model.joint_space_checks import check_joint_inertia
 from pfd_core.model.scene_checks import INPUT, switch
+from pfd_core.simulation.contact.events import MOST_TRIPS
 from pfd_core.simulation.contact.modes import PIVOTS
 from pfd_core.simulation.contact.schemes import RK4, imex2
 from pfd_core.simulation.contact.texts import contact_texts, has_contact
 from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
 from pfd_core.simulation.linearisation import Linearization, LinearStep
-from pfd_core.simulation.rows import LaggedTorque, decays
+from pfd_core.simulation.rows import LaggedTorque, UnfinishedStep, decays
 from pfd_core.simulation.state_buffer import StateBuffer
 from pfd_core.simulation.stiffness import check_damping, check_springs, chosen
 from pfd_core.simulation.turns import check_angles, positions_grow, split_turns
@@ -125,6 +126,7 @@ class Simulation(ABC):
             plant.damping,
             compensated=self.compensated,
             motor_lag=plant.motor_lag,
+            events=has_contact(plant),
         )
         return self._compiler(
             self.robot,
@@ -151,7 +153,8 @@ class Simulation(ABC):
         if plant.motor_lag is not None:
             exact = decays(plant.motor_lag, scheme.middle * h), decays(plant.motor_lag, h)
         texts = contact_texts(plant, scheme, self.dtype, h, self.compensated, exact)
-        return Contact(texts, scheme.stages, h, implicit * h, PIVOTS * self.robot.n)
+        pivots = PIVOTS * self.robot.n
+        return Contact(texts, scheme.stages, h, implicit * h, pivots, MOST_TRIPS)
 
     def __getstate__(self) -> dict[str, Any]:
         own = ('_native', '_count', '_count_at', '_long')
@@ -220,7 +223,12 @@ class Simulation(ABC):
 
     @property
     def status(self) -> str:
-        """'ok', or 'not_finite' once a state has overflowed; `reset` clears it."""
+        """
+        'ok', or why the state is not a number; `reset` clears it.
+
+        'not_finite' once a state has overflowed, 'too_many_events' once a step had more impacts
+        and reversals of joints than pfd_core.simulation.contact.events.MOST_TRIPS.
+        """
         return self._now.status
 
     def reset(
@@ -309,8 +317,9 @@ class Simulation(ABC):
         Raises
         ------
         ValueError
-            If an argument is not one of these, or a joint comes to rest, breaks loose or reaches
-            its stop within the step, which has no derivative then.
+            If an argument is not one of these, a brake closes on a joint in motion, or a joint
+            comes to rest, breaks loose or reaches its stop within the step, which has no
+            derivative then.
 
         """
         if self.scene.payload == INPUT:
@@ -318,7 +327,10 @@ class Simulation(ABC):
                 f'linearize takes a scene with a Payload or None, got payload={INPUT!r}'
             )
         state = {'q': q, 'qd': qd, 'tau': tau}
-        return self._linear_step.matrices(self, state, wrench, brakes)
+        found = self._linear_step.matrices(self, state, wrench, brakes)
+        if brakes is not None:
+            self._linear_step.add_brakes(found[0], q, qd, brakes)
+        return found
 
     @cached_property
     def _linear_step(self) -> LinearStep:
@@ -339,6 +351,12 @@ class Simulation(ABC):
             'compensated': self.compensated,
             **self._options,
         }
+
+    def _why_not_finite(self, buffer: StateBuffer) -> str:
+        """Return the status of a state that is not a number."""
+        unfinished = buffer.arrays.get(UnfinishedStep.name)
+        gave_up = unfinished is not None and bool(unfinished.any())
+        return 'too_many_events' if gave_up else 'not_finite'
 
     @property
     def _now(self) -> StateBuffer:

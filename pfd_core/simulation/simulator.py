@@ -201,7 +201,7 @@ class Simulator(Simulation):
             q=q,
             qd=qd,
             _qdd=partial(_accelerations, self._native, q, qd, tau, [*inputs.values()]),
-            status='ok' if finite_steps == len(rows) else 'not_finite',
+            status='ok' if finite_steps == len(rows) else self._why_not_finite(self._now),
             finite_steps=finite_steps,
         )
 
@@ -273,7 +273,7 @@ class Simulator(Simulation):
             finite = run(steps, self._count_at, *addresses)
         following.steps += steps
         if finite < steps:
-            following.status = 'not_finite'
+            following.status = self._why_not_finite(following)
         self._turn ^= 1
         return finite
 

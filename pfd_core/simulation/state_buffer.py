@@ -33,7 +33,7 @@ class StateBuffer:
     steps : int
         Steps since.
     status : str
-        'ok', or 'not_finite' once a state has overflowed.
+        'ok', or 'not_finite' or 'too_many_events', see Simulation.status.
 
     """
 

@@ -26,7 +26,8 @@ class Trajectory:
     _qdd : numpy.ndarray or callable
         `qdd`, or the function that computes it.
     status : str
-        'ok', or 'not_finite' if a state overflowed.
+        'ok', 'not_finite' if a state overflowed, or 'too_many_events' if a step had more impacts
+        and reversals than pfd_core.simulation.contact.events.MOST_TRIPS.
     finite_steps : int or numpy.ndarray
         Steps from the first on after which the state was finite; (B,) for B arms.
 

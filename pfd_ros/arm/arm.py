@@ -271,7 +271,10 @@ class Arm:
             self._fail(f'step {self.step + 1} failed: {error}')
             return
         if self._simulator.status != 'ok':
-            self._fail(f'the state after step {self.step + 1} is not finite')
+            if self._simulator.status == 'too_many_events':
+                self._fail(f'step {self.step + 1} has too many impacts and reversals of joints')
+            else:
+                self._fail(f'the state after step {self.step + 1} is not finite')
             return
         self.step += 1
         self._keep_state(drive.effort)

@@ -108,6 +108,123 @@ after7:
   ret void
 }
 
+define internal void @body_momentum(ptr %q, ptr %qd, ptr %qdd, ptr %out) {
+entry:
+  %v1 = load <4 x double>, ptr %qdd, align 8
+  %v2 = getelementptr <4 x double>, ptr %q, i64 1
+  %v3 = load <4 x double>, ptr %v2, align 8
+  %v4 = fmul <4 x double> %v1, %v3
+  %v5 = load <4 x double>, ptr %qd, align 8
+  %v6 = getelementptr <4 x double>, ptr %qd, i64 1
+  %v7 = load <4 x double>, ptr %v6, align 8
+  %v8 = fmul <4 x double> %v5, %v7
+  %v9 = call <4 x double> @llvm.fma.v4f64(<4 x double> splat (double 0x4000000000000000), <4 x double> %v8, <4 x double> %v4)
+  %v10 = fmul <4 x double> splat (double 0x3FF9000000000000), %v1
+  %v11 = fmul <4 x double> %v5, %v5
+  %v12 = call <4 x double> @llvm.fma.v4f64(<4 x double> splat (double 0x3FF4000000000000), <4 x double> %v9, <4 x double> %v10)
+  %v13 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v1, <4 x double> splat (double 0x3FF4000000000000), <4 x double> %v9)
+  %v14 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v3, <4 x double> %v13, <4 x double> %v12)
+  %v15 = fneg <4 x double> %v11
+  %v16 = getelementptr <4 x double>, ptr %qdd, i64 1
+  %v17 = load <4 x double>, ptr %v16, align 8
+  %v18 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v15, <4 x double> %v3, <4 x double> %v17)
+  %v19 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v15, <4 x double> splat (double 0x3FF4000000000000), <4 x double> %v18)
+  %v20 = call <4 x double> @llvm.fma.v4f64(<4 x double> splat (double 0x4004000000000000), <4 x double> %v1, <4 x double> %v14)
+  store <4 x double> %v20, ptr %out, align 8
+  %v21 = getelementptr <4 x double>, ptr %out, i64 1
+  store <4 x double> %v19, ptr %v21, align 8
+  ret void
+}
+
+define internal void @body_inertial(ptr %q, ptr %qd, ptr %tau, ptr %free, ptr %out) {
+entry:
+  %v1 = getelementptr <4 x double>, ptr %q, i64 1
+  %v2 = load <4 x double>, ptr %v1, align 8
+  %v3 = fsub <4 x double> splat (double 0xC004000000000000), %v2
+  %v4 = load <4 x double>, ptr %qd, align 8
+  %v5 = fmul <4 x double> %v4, %v4
+  %v6 = getelementptr <4 x double>, ptr %qd, i64 1
+  %v7 = load <4 x double>, ptr %v6, align 8
+  %v8 = fmul <4 x double> %v4, %v7
+  %v9 = fneg <4 x double> %v2
+  %v10 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v9, <4 x double> %v3, <4 x double> splat (double 0x3FF9000000000000))
+  %v11 = fmul <4 x double> %v5, splat (double 0x3FF4000000000000)
+  %v12 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v5, <4 x double> %v2, <4 x double> %v11)
+  %v13 = fadd <4 x double> splat (double 0x4004000000000000), %v10
+  %v14 = fmul <4 x double> splat (double 0x4000000000000000), %v8
+  %v15 = fmul <4 x double> splat (double 0x4004000000000000), %v8
+  %v16 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v2, <4 x double> %v14, <4 x double> %v15)
+  %v17 = fdiv <4 x double> splat (double 0x3FF0000000000000), %v13
+  %v18 = getelementptr <4 x double>, ptr %tau, i64 1
+  %v19 = load <4 x double>, ptr %v18, align 8
+  %v20 = fadd <4 x double> %v19, %v12
+  %v21 = getelementptr <4 x double>, ptr %free, i64 1
+  %v22 = load <4 x double>, ptr %v21, align 8
+  %v23 = fcmp ogt <4 x double> %v22, splat (double 0x0000000000000000)
+  %v24 = select <4 x i1> %v23, <4 x double> splat (double 0x3FF0000000000000), <4 x double> splat (double 0x0000000000000000)
+  %v25 = fmul <4 x double> %v20, %v24
+  %v26 = load <4 x double>, ptr %tau, align 8
+  %v27 = fsub <4 x double> %v26, %v16
+  %v28 = fcmp ogt <4 x double> %v22, splat (double 0x0000000000000000)
+  %v29 = select <4 x i1> %v28, <4 x double> %v25, <4 x double> splat (double 0x0000000000000000)
+  %v30 = load <4 x double>, ptr %free, align 8
+  %v31 = fcmp ogt <4 x double> %v30, splat (double 0x0000000000000000)
+  %v32 = select <4 x i1> %v31, <4 x double> %v17, <4 x double> splat (double 0x0000000000000000)
+  %v33 = fmul <4 x double> %v27, %v32
+  %v34 = fcmp ogt <4 x double> %v30, splat (double 0x0000000000000000)
+  %v35 = select <4 x i1> %v34, <4 x double> %v33, <4 x double> splat (double 0x0000000000000000)
+  store <4 x double> %v35, ptr %out, align 8
+  %v36 = getelementptr <4 x double>, ptr %out, i64 1
+  store <4 x double> %v29, ptr %v36, align 8
+  ret void
+}
+
+define void @evaluate_momentum(ptr %q, ptr %qd, ptr %qdd, ptr %out) {
+entry:
+  %a1 = alloca [2 x <4 x double>], align 64
+  %v2 = load <4 x double>, ptr %q, align 8
+  %v3 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v2, <4 x double> %v2, <4 x double> splat (double 0x0000000000000000))
+  %v4 = fcmp ugt <4 x double> %v3, splat (double 0x4202A05F20000000)
+  %v5 = call i1 @llvm.vector.reduce.or.v4i1(<4 x i1> %v4)
+  br i1 %v5, label %then6, label %after7, !prof !0
+then6:
+  %v8 = load <4 x double>, ptr %q, align 8
+  store <4 x double> %v8, ptr %a1, align 8
+  call void @wrap_row(ptr %a1)
+  %v9 = getelementptr <4 x double>, ptr %q, i64 1
+  %v10 = load <4 x double>, ptr %v9, align 8
+  %v11 = getelementptr <4 x double>, ptr %a1, i64 1
+  store <4 x double> %v10, ptr %v11, align 8
+  br label %after7
+after7:
+  %v12 = phi ptr [ %a1, %then6 ], [ %q, %entry ]
+  call void @body_momentum(ptr %v12, ptr %qd, ptr %qdd, ptr %out)
+  ret void
+}
+
+define void @evaluate_inertial(ptr %q, ptr %qd, ptr %tau, ptr %free, ptr %out) {
+entry:
+  %a1 = alloca [2 x <4 x double>], align 64
+  %v2 = load <4 x double>, ptr %q, align 8
+  %v3 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v2, <4 x double> %v2, <4 x double> splat (double 0x0000000000000000))
+  %v4 = fcmp ugt <4 x double> %v3, splat (double 0x4202A05F20000000)
+  %v5 = call i1 @llvm.vector.reduce.or.v4i1(<4 x i1> %v4)
+  br i1 %v5, label %then6, label %after7, !prof !0
+then6:
+  %v8 = load <4 x double>, ptr %q, align 8
+  store <4 x double> %v8, ptr %a1, align 8
+  call void @wrap_row(ptr %a1)
+  %v9 = getelementptr <4 x double>, ptr %q, i64 1
+  %v10 = load <4 x double>, ptr %v9, align 8
+  %v11 = getelementptr <4 x double>, ptr %a1, i64 1
+  store <4 x double> %v10, ptr %v11, align 8
+  br label %after7
+after7:
+  %v12 = phi ptr [ %a1, %then6 ], [ %q, %entry ]
+  call void @body_inertial(ptr %v12, ptr %qd, ptr %tau, ptr %free, ptr %out)
+  ret void
+}
+
 define internal void @step(ptr %q, ptr %qd, ptr %qdd, ptr %tau, ptr %free) {
 entry:
   %a1 = alloca [2 x <4 x double>], align 64
@@ -162,6 +279,55 @@ entry:
   ret void
 }
 
+define internal void @brake(ptr %q, ptr %qd, ptr %free) {
+entry:
+  %a17 = alloca [2 x <4 x double>], align 64
+  %a18 = alloca [2 x <4 x double>], align 64
+  %a19 = alloca [2 x <4 x double>], align 64
+  %v1 = load <4 x double>, ptr %free, align 8
+  %v2 = load <4 x double>, ptr %qd, align 8
+  %v3 = fcmp ole <4 x double> %v1, splat (double 0x0000000000000000)
+  %v4 = fcmp une <4 x double> %v2, splat (double 0x0000000000000000)
+  %v5 = and <4 x i1> %v3, %v4
+  %v6 = getelementptr <4 x double>, ptr %free, i64 1
+  %v7 = load <4 x double>, ptr %v6, align 8
+  %v8 = getelementptr <4 x double>, ptr %qd, i64 1
+  %v9 = load <4 x double>, ptr %v8, align 8
+  %v10 = fcmp ole <4 x double> %v7, splat (double 0x0000000000000000)
+  %v11 = fcmp une <4 x double> %v9, splat (double 0x0000000000000000)
+  %v12 = and <4 x i1> %v10, %v11
+  %v13 = or <4 x i1> %v5, %v12
+  %v14 = call i1 @llvm.vector.reduce.or.v4i1(<4 x i1> %v13)
+  br i1 %v14, label %then15, label %after16, !prof !0
+then15:
+  store <4 x double> splat (double 0x0000000000000000), ptr %a17, align 8
+  %v20 = getelementptr <4 x double>, ptr %a17, i64 1
+  store <4 x double> splat (double 0x0000000000000000), ptr %v20, align 8
+  call void @evaluate_momentum(ptr %q, ptr %a17, ptr %qd, ptr %a18)
+  call void @evaluate_inertial(ptr %q, ptr %a17, ptr %a18, ptr %free, ptr %a19)
+  %v21 = load <4 x double>, ptr %free, align 8
+  %v22 = load <4 x double>, ptr %qd, align 8
+  %v23 = load <4 x double>, ptr %a19, align 8
+  %v24 = fcmp ogt <4 x double> %v21, splat (double 0x0000000000000000)
+  %v25 = select <4 x i1> %v24, <4 x double> %v23, <4 x double> splat (double 0x0000000000000000)
+  %v26 = select <4 x i1> %v13, <4 x double> %v25, <4 x double> %v22
+  store <4 x double> %v26, ptr %qd, align 8
+  %v27 = getelementptr <4 x double>, ptr %free, i64 1
+  %v28 = load <4 x double>, ptr %v27, align 8
+  %v29 = getelementptr <4 x double>, ptr %qd, i64 1
+  %v30 = load <4 x double>, ptr %v29, align 8
+  %v31 = getelementptr <4 x double>, ptr %a19, i64 1
+  %v32 = load <4 x double>, ptr %v31, align 8
+  %v33 = fcmp ogt <4 x double> %v28, splat (double 0x0000000000000000)
+  %v34 = select <4 x i1> %v33, <4 x double> %v32, <4 x double> splat (double 0x0000000000000000)
+  %v35 = select <4 x i1> %v13, <4 x double> %v34, <4 x double> %v30
+  %v36 = getelementptr <4 x double>, ptr %qd, i64 1
+  store <4 x double> %v35, ptr %v36, align 8
+  br label %after16
+after16:
+  ret void
+}
+
 define internal void @whole_state(ptr %tau, ptr %error, ptr %gain, i64 %arm, i64 %column, i64 %b, i64 %last) {
 entry:
   %v1 = sub i64 %last, %b
@@ -203,7 +369,7 @@ done31:
   ret void
 }
 
-define internal void @arms(i64 %b, i64 %last, i64 %steps, i64 %substeps, i64 %every, i64 %law, ptr %table, ptr %finite_steps) {
+define internal void @arms(i64 %b, i64 %last, i64 %steps, ptr %substeps, i64 %every, i64 %law, ptr %table, ptr %finite_steps) {
 entry:
   %a11 = alloca [2 x <4 x double>], align 64
   %a20 = alloca [2 x <4 x double>], align 64
@@ -216,7 +382,7 @@ entry:
   %a91 = alloca [2 x <4 x double>], align 64
   %a100 = alloca [2 x <4 x double>], align 64
   %a182 = alloca [4 x <4 x double>], align 64
-  %a244 = alloca [4 x i64], align 64
+  %a237 = alloca [4 x i64], align 64
   %v1 = add i64 %b, 3
   %v2 = icmp ule i64 %v1, %last
   %v3 = getelementptr i64, ptr %table, i64 0
@@ -344,10 +510,10 @@ after127:
   %v128 = sub i64 %steps, 1
   br label %loop129
 loop129:
-  %v130 = phi i64 [ 0, %after127 ], [ %v241, %after228 ]
-  %v131 = phi i64 [ 0, %after127 ], [ %v238, %after228 ]
-  %v132 = phi i64 [ 1, %after127 ], [ %v240, %after228 ]
-  %v133 = phi <4 x i64> [ zeroinitializer, %after127 ], [ %v223, %after228 ]
+  %v130 = phi i64 [ 0, %after127 ], [ %v234, %after221 ]
+  %v131 = phi i64 [ 0, %after127 ], [ %v231, %after221 ]
+  %v132 = phi i64 [ 1, %after127 ], [ %v233, %after221 ]
+  %v133 = phi <4 x i64> [ zeroinitializer, %after127 ], [ %v216, %after221 ]
   %v134 = mul i64 %v130, %v37
   %v135 = getelementptr i8, ptr %v34, i64 %v134
   call void @copy_in(i1 false, ptr %a38, ptr %v135, i64 %v35, i64 %v36, i64 %b, i64 %last, i1 %v2, i64 2)
@@ -417,107 +583,99 @@ then180:
 after181:
   br label %after138
 after138:
-  %v188 = load <4 x double>, ptr %a56, align 8
-  %v189 = load <4 x double>, ptr %a20, align 8
-  %v190 = fcmp ogt <4 x double> %v188, splat (double 0x0000000000000000)
-  %v191 = select <4 x i1> %v190, <4 x double> %v189, <4 x double> splat (double 0x0000000000000000)
-  store <4 x double> %v191, ptr %a20, align 8
-  %v192 = getelementptr <4 x double>, ptr %a56, i64 1
-  %v193 = load <4 x double>, ptr %v192, align 8
-  %v194 = getelementptr <4 x double>, ptr %a20, i64 1
-  %v195 = load <4 x double>, ptr %v194, align 8
-  %v196 = fcmp ogt <4 x double> %v193, splat (double 0x0000000000000000)
-  %v197 = select <4 x i1> %v196, <4 x double> %v195, <4 x double> splat (double 0x0000000000000000)
-  %v198 = getelementptr <4 x double>, ptr %a20, i64 1
-  store <4 x double> %v197, ptr %v198, align 8
+  call void @brake(ptr %a11, ptr %a20, ptr %a56)
   call void @evaluate(ptr %a11, ptr %a20, ptr %a38, ptr %a56, ptr %a29)
-  br label %loop199
-loop199:
-  %v200 = phi i64 [ 0, %after138 ], [ %v201, %loop199 ]
+  br label %loop188
+loop188:
+  %v189 = phi i64 [ 0, %after138 ], [ %v193, %loop188 ]
   call void @step(ptr %a11, ptr %a20, ptr %a29, ptr %a38, ptr %a56)
-  %v201 = add i64 %v200, 1
-  %v202 = icmp ult i64 %v201, %substeps
-  br i1 %v202, label %loop199, label %done203
-done203:
-  %v204 = load <4 x double>, ptr %a11, align 8
-  %v205 = getelementptr <4 x double>, ptr %a11, i64 1
-  %v206 = load <4 x double>, ptr %v205, align 8
-  %v207 = load <4 x double>, ptr %a20, align 8
-  %v208 = getelementptr <4 x double>, ptr %a20, i64 1
-  %v209 = load <4 x double>, ptr %v208, align 8
-  %v210 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v204, <4 x double> splat (double 0x0000000000000000), <4 x double> splat (double 0x0000000000000000))
-  %v211 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v206, <4 x double> splat (double 0x0000000000000000), <4 x double> splat (double 0x0000000000000000))
-  %v212 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v207, <4 x double> splat (double 0x0000000000000000), <4 x double> splat (double 0x0000000000000000))
-  %v213 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v209, <4 x double> splat (double 0x0000000000000000), <4 x double> splat (double 0x0000000000000000))
-  %v214 = fadd <4 x double> %v210, %v211
-  %v215 = fadd <4 x double> %v212, %v213
-  %v216 = fadd <4 x double> %v214, %v215
-  %v217 = fcmp ord <4 x double> %v216, %v216
-  %v218 = insertelement <4 x i64> poison, i64 %v130, i64 0
-  %v219 = shufflevector <4 x i64> %v218, <4 x i64> poison, <4 x i32> zeroinitializer
-  %v220 = icmp eq <4 x i64> %v133, %v219
-  %v221 = and <4 x i1> %v220, %v217
-  %v222 = zext <4 x i1> %v221 to <4 x i64>
-  %v223 = add <4 x i64> %v133, %v222
-  %v224 = icmp eq i64 %v132, %every
-  %v225 = icmp eq i64 %v130, %v128
-  %v226 = or i1 %v224, %v225
-  br i1 %v226, label %then227, label %after228
-then227:
+  %v190 = load volatile i64, ptr %substeps
+  %v191 = add i64 %v189, 1
+  %v192 = icmp ult i64 %v191, %v190
+  %v193 = add i64 %v189, 1
+  %v194 = icmp ult i64 %v193, 9223372036854775807
+  %v195 = and i1 %v192, %v194
+  br i1 %v195, label %loop188, label %done196
+done196:
+  %v197 = load <4 x double>, ptr %a11, align 8
+  %v198 = getelementptr <4 x double>, ptr %a11, i64 1
+  %v199 = load <4 x double>, ptr %v198, align 8
+  %v200 = load <4 x double>, ptr %a20, align 8
+  %v201 = getelementptr <4 x double>, ptr %a20, i64 1
+  %v202 = load <4 x double>, ptr %v201, align 8
+  %v203 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v197, <4 x double> splat (double 0x0000000000000000), <4 x double> splat (double 0x0000000000000000))
+  %v204 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v199, <4 x double> splat (double 0x0000000000000000), <4 x double> splat (double 0x0000000000000000))
+  %v205 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v200, <4 x double> splat (double 0x0000000000000000), <4 x double> splat (double 0x0000000000000000))
+  %v206 = call <4 x double> @llvm.fma.v4f64(<4 x double> %v202, <4 x double> splat (double 0x0000000000000000), <4 x double> splat (double 0x0000000000000000))
+  %v207 = fadd <4 x double> %v203, %v204
+  %v208 = fadd <4 x double> %v205, %v206
+  %v209 = fadd <4 x double> %v207, %v208
+  %v210 = fcmp ord <4 x double> %v209, %v209
+  %v211 = insertelement <4 x i64> poison, i64 %v130, i64 0
+  %v212 = shufflevector <4 x i64> %v211, <4 x i64> poison, <4 x i32> zeroinitializer
+  %v213 = icmp eq <4 x i64> %v133, %v212
+  %v214 = and <4 x i1> %v213, %v210
+  %v215 = zext <4 x i1> %v214 to <4 x i64>
+  %v216 = add <4 x i64> %v133, %v215
+  %v217 = icmp eq i64 %v132, %every
+  %v218 = icmp eq i64 %v130, %v128
+  %v219 = or i1 %v217, %v218
+  br i1 %v219, label %then220, label %after221
+then220:
   call void @evaluate(ptr %a11, ptr %a20, ptr %a38, ptr %a56, ptr %a29)
-  br i1 %v224, label %then229, label %after230
-then229:
-  %v231 = mul i64 %v131, %v108
-  %v232 = getelementptr i8, ptr %v105, i64 %v231
-  call void @copy_out(i1 false, ptr %a11, ptr %v232, i64 %v106, i64 %v107, i64 %b, i64 %last, i1 %v2, i64 2)
-  %v233 = mul i64 %v131, %v116
-  %v234 = getelementptr i8, ptr %v113, i64 %v233
-  call void @copy_out(i1 false, ptr %a20, ptr %v234, i64 %v114, i64 %v115, i64 %b, i64 %last, i1 %v2, i64 2)
-  %v235 = mul i64 %v131, %v124
-  %v236 = getelementptr i8, ptr %v121, i64 %v235
-  call void @copy_out(i1 false, ptr %a29, ptr %v236, i64 %v122, i64 %v123, i64 %b, i64 %last, i1 %v2, i64 2)
-  br label %after230
-after230:
-  br label %after228
-after228:
-  %v237 = zext i1 %v224 to i64
-  %v238 = add i64 %v131, %v237
-  %v239 = add i64 %v132, 1
-  %v240 = select i1 %v224, i64 1, i64 %v239
-  %v241 = add i64 %v130, 1
-  %v242 = icmp ult i64 %v241, %steps
-  br i1 %v242, label %loop129, label %done243
-done243:
+  br i1 %v217, label %then222, label %after223
+then222:
+  %v224 = mul i64 %v131, %v108
+  %v225 = getelementptr i8, ptr %v105, i64 %v224
+  call void @copy_out(i1 false, ptr %a11, ptr %v225, i64 %v106, i64 %v107, i64 %b, i64 %last, i1 %v2, i64 2)
+  %v226 = mul i64 %v131, %v116
+  %v227 = getelementptr i8, ptr %v113, i64 %v226
+  call void @copy_out(i1 false, ptr %a20, ptr %v227, i64 %v114, i64 %v115, i64 %b, i64 %last, i1 %v2, i64 2)
+  %v228 = mul i64 %v131, %v124
+  %v229 = getelementptr i8, ptr %v121, i64 %v228
+  call void @copy_out(i1 false, ptr %a29, ptr %v229, i64 %v122, i64 %v123, i64 %b, i64 %last, i1 %v2, i64 2)
+  br label %after223
+after223:
+  br label %after221
+after221:
+  %v230 = zext i1 %v217 to i64
+  %v231 = add i64 %v131, %v230
+  %v232 = add i64 %v132, 1
+  %v233 = select i1 %v217, i64 1, i64 %v232
+  %v234 = add i64 %v130, 1
+  %v235 = icmp ult i64 %v234, %steps
+  br i1 %v235, label %loop129, label %done236
+done236:
   call void @copy_out(i1 false, ptr %a11, ptr %v7, i64 %v8, i64 %v9, i64 %b, i64 %last, i1 %v2, i64 2)
   call void @copy_out(i1 false, ptr %a20, ptr %v16, i64 %v17, i64 %v18, i64 %b, i64 %last, i1 %v2, i64 2)
   call void @copy_out(i1 false, ptr %a29, ptr %v25, i64 %v26, i64 %v27, i64 %b, i64 %last, i1 %v2, i64 2)
-  store <4 x i64> %v223, ptr %a244, align 8
-  br label %loop245
-loop245:
-  %v246 = phi i64 [ 0, %done243 ], [ %v254, %after250 ]
-  %v247 = add i64 %b, %v246
-  %v248 = icmp ule i64 %v247, %last
-  br i1 %v248, label %then249, label %after250
-then249:
-  %v251 = getelementptr i64, ptr %a244, i64 %v246
-  %v252 = load i64, ptr %v251
-  %v253 = getelementptr i64, ptr %finite_steps, i64 %v247
-  store i64 %v252, ptr %v253
-  br label %after250
-after250:
-  %v254 = add i64 %v246, 1
-  %v255 = icmp ult i64 %v254, 4
-  br i1 %v255, label %loop245, label %done256
-done256:
+  store <4 x i64> %v216, ptr %a237, align 8
+  br label %loop238
+loop238:
+  %v239 = phi i64 [ 0, %done236 ], [ %v247, %after243 ]
+  %v240 = add i64 %b, %v239
+  %v241 = icmp ule i64 %v240, %last
+  br i1 %v241, label %then242, label %after243
+then242:
+  %v244 = getelementptr i64, ptr %a237, i64 %v239
+  %v245 = load i64, ptr %v244
+  %v246 = getelementptr i64, ptr %finite_steps, i64 %v240
+  store i64 %v245, ptr %v246
+  br label %after243
+after243:
+  %v247 = add i64 %v239, 1
+  %v248 = icmp ult i64 %v247, 4
+  br i1 %v248, label %loop238, label %done249
+done249:
   ret void
 }
 
-define void @ensemble(i64 %first, i64 %until, i64 %last, i64 %steps, i64 %substeps, i64 %every, i64 %law, ptr %table, ptr %finite_steps) {
+define void @ensemble(i64 %first, i64 %until, i64 %last, i64 %steps, ptr %substeps, i64 %every, i64 %law, ptr %table, ptr %finite_steps) {
 entry:
   br label %loop1
 loop1:
   %v2 = phi i64 [ %first, %entry ], [ %v3, %loop1 ]
-  call void @arms(i64 %v2, i64 %last, i64 %steps, i64 %substeps, i64 %every, i64 %law, ptr %table, ptr %finite_steps)
+  call void @arms(i64 %v2, i64 %last, i64 %steps, ptr %substeps, i64 %every, i64 %law, ptr %table, ptr %finite_steps)
   %v3 = add i64 %v2, 4
   %v4 = icmp ult i64 %v3, %until
   br i1 %v4, label %loop1, label %done5

@@ -33,12 +33,12 @@ from pfd_core.kernels.codegen.spelling import Array, Format
 from pfd_core.kernels.codegen.step import (
     MOTION,
     REPORT,
+    close_brakes,
     count_finite,
     evaluate_at_end,
     extra_arguments,
     further_rows,
     take_steps,
-    zero_braked_velocities,
 )
 from pfd_core.machine.program import Program
 
@@ -107,7 +107,7 @@ def arms(program: Program, dynamics: Program, form: Format) -> str:
     with ir.loop('%steps', row, wait, finite_steps) as t:
         _torque(ir, slots, t, joints, block, form)
         if 'free' in constant:
-            zero_braked_velocities(ir, arrays, n, form)
+            close_brakes(ir, arrays)
         take_steps(ir, '%substeps', program, dynamics, arrays)
         count_finite(ir, finite_steps, t, arrays, n, form)
         due = ir.let(f'icmp eq i64 {wait}, %every')

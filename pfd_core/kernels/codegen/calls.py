@@ -17,7 +17,7 @@ from pfd_core.kernels.codegen.spelling import Array, Format, arguments
 from pfd_core.machine.program import Program
 
 # Arrays of one number for each arm; all others have one for each joint.
-SINGLE = ('watch', 'busy', 'hits', 'event', 'rest', 'rest.end')
+SINGLE = ('watch', 'busy', 'hits', 'still', 'again', 'event', 'rest', 'rest.end')
 
 
 class Calls:

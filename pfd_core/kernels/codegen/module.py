@@ -27,7 +27,7 @@ from pfd_core.kernels.codegen.product import factors_body, jacobian, product, ve
 from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir
 from pfd_core.kernels.codegen.rollout import accelerations, rollout
 from pfd_core.kernels.codegen.spelling import Format
-from pfd_core.kernels.codegen.step import extra_arguments, further_rows, step
+from pfd_core.kernels.codegen.step import brake, extra_arguments, further_rows, step
 from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.kernels.codegen.wrap import WRAP_ANGLE_IR
 from pfd_core.machine.program import Program
@@ -153,13 +153,16 @@ def _simulation(
     if contact is not None:
         further, extra = further_rows(step_program), extra_arguments(dynamics)
         functions = contact.functions(further, extra, form, angles)
-        return module([*functions, *loops], form, angles)
+        impulses = {name[1:]: program for name, program in contact.dynamics.items()}
+        brakes = [brake(impulses, form)] if 'free' in extra else []
+        return module([*functions, *brakes, *loops], form, angles)
     parts = [
         body(dynamics, form),
         evaluate(dynamics, form, angles),
         *(body(program, form, f'_{name}') for name, program in others.items()),
         *(evaluate(program, form, angles, f'_{name}') for name, program in others.items()),
         step(step_program, dynamics, form, others),
+        *([brake(others, form)] if 'free' in dynamics.inputs else []),
         *loops,
     ]
     return module(parts, form, angles)

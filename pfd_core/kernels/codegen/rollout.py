@@ -17,6 +17,7 @@ from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.spelling import Array, Format
 from pfd_core.kernels.codegen.step import (
     MOTION,
+    close_brakes,
     count_finite,
     evaluate_at,
     extra_arguments,
@@ -24,7 +25,6 @@ from pfd_core.kernels.codegen.step import (
     pointers,
     take_steps,
     torque_row,
-    zero_braked_velocities,
 )
 from pfd_core.machine.program import Program
 
@@ -50,7 +50,7 @@ def rollout(program: Program, dynamics: Program, form: Format) -> str:
         row = ir.let(f'mul i64 {t}, {n}')
         arrays['tau'] = ir.element(T, '%taus', row)
         if 'free' in arrays:
-            zero_braked_velocities(ir, arrays, n, form)
+            close_brakes(ir, arrays)
         take_steps(ir, '%substeps', program, dynamics, arrays)
         motion = count_finite(ir, finite_steps, t, arrays, n, form)
         for name in written(program):

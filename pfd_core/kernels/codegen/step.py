@@ -168,12 +168,51 @@ def take_steps(
         more.value = ir.let(f'icmp ult i64 {taken}, {count}')
 
 
-def zero_braked_velocities(ir: Function, arrays: Mapping[str, str], n: int, form: Format) -> None:
-    """Set the velocity of each joint to zero whose element of `free` is zero."""
+def brake(dynamics: Mapping[str, Program], form: Format) -> str:
+    """
+    Return `void @brake(q, qd, free)`: it brings braked joints to rest, by impulses of the brakes.
+
+    A payload that is an input is its fourth argument.
+
+    H v = H qd + p, v = 0 and p any where a joint is braked, p = 0 elsewhere. An arm whose braked
+    joints are at rest keeps its velocities. `dynamics` are the lowered programs of
+    @evaluate_momentum, H qdd, and @evaluate_inertial, H^-1 tau of the free joints.
+    """
+    given = ['q', 'qd', 'free', *(['payload'] * ('payload' in arguments(dynamics['inertial'])))]
+    ir = Function(f'define internal void @brake({pointers(f"%{name}" for name in given)})')
+    n, T = dynamics['inertial'].inputs['q'], form.type
+    moves = ''
     for k in range(n):
-        free, velocity = (form.read(ir, Array(arrays[name]), k) for name in ('free', 'qd'))
-        moves = ir.let(f'fcmp ogt {form.type} {free}, {form.zero}')
-        form.write(ir, Array(arrays['qd']), k, form.select(ir, moves, velocity, form.zero))
+        free, velocity = (form.read(ir, Array(name), k) for name in ('%free', '%qd'))
+        braked = ir.let(f'fcmp ole {T} {free}, {form.zero}')
+        moving = ir.let(f'fcmp une {T} {velocity}, {form.zero}')
+        flag = ir.let(f'and {form.flag} {braked}, {moving}')
+        moves = ir.let(f'or {form.flag} {moves}, {flag}') if moves else flag
+    with ir.when(form.any(ir, moves), rarely=True):
+        still, load, after = (ir.array(T, n) for _ in range(3))
+        for k in range(n):
+            form.write(ir, Array(still), k, form.zero)
+        places = {**{name: f'%{name}' for name in given}, 'qd': still}
+        for name, own, result in (
+            ('momentum', {'qdd': '%qd'}, load),
+            ('inertial', {'tau': load}, after),
+        ):
+            found = {**places, **own}
+            names = arguments(dynamics[name])
+            ir.call('void', f'evaluate_{name}', pointers([*(found[x] for x in names), result]))
+        for k in range(n):
+            free, old, new = (form.read(ir, Array(x), k) for x in ('%free', '%qd', after))
+            goes = ir.let(f'fcmp ogt {T} {free}, {form.zero}')
+            new = form.select(ir, goes, new, form.zero)
+            form.write(ir, Array('%qd'), k, form.select(ir, moves, new, old))
+    ir.ret()
+    return str(ir)
+
+
+def close_brakes(ir: Function, arrays: Mapping[str, str]) -> None:
+    """Bring braked joints to rest before a step."""
+    given = [name for name in ('q', 'qd', 'free', 'payload') if name in arrays]
+    ir.call('void', 'brake', pointers(arrays[name] for name in given))
 
 
 def count_finite(

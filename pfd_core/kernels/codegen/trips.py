@@ -14,7 +14,7 @@ concerns few states runs only if it concerns one of the `width` arms; it leaves 
 are, so that an arm moves by the same bits alone and beside any others.
 
 The dynamics are @evaluate_held, in which held joints are an input, @evaluate_inverse,
-@evaluate_momentum (H qdd), @evaluate_solve (H^-1 tau), @evaluate_stiff ((H + c h D)^-1 tau) and
+@evaluate_momentum (H qdd), @evaluate_inertial (H^-1 tau), @evaluate_stiff ((H + c h D)^-1 tau) and
 @evaluate_motor, the torques of the motors.
 """
 
@@ -67,9 +67,12 @@ class Contact:
         stages without it.
     pivots : int
         Largest number of changes of the set of held joints.
+    trips : int
+        Largest number of trips in a step.
     dynamics : dict
         Lowered programs of the dynamics, under the suffix of their @evaluate: _held, _inverse,
-        with stops _momentum and _solve, for implicit stages _stiff, for drives _motor.
+        with stops or brakes _momentum and _inertial, for implicit stages _stiff, for drives
+        _motor.
 
     """
 
@@ -78,13 +81,14 @@ class Contact:
     h: float
     implicit: float
     pivots: int
+    trips: int
     dynamics: Mapping[str, Program] = field(default_factory=dict)
 
     @property
     def key(self) -> str:
         """All that decides the functions besides the dynamics."""
         texts = '\n'.join(f'{name}\n{program}' for name, program in self.texts.items())
-        settings = f'{self.h.hex()} {self.implicit.hex()} {self.pivots} {self.stages}'
+        settings = f'{self.h.hex()} {self.implicit.hex()} {self.pivots} {self.trips} {self.stages}'
         return f'contact {settings}\n{texts}'
 
     def quiet_step(self) -> tuple[list[str], list[str]]:
@@ -135,14 +139,17 @@ def _calls(head: str, given: Sequence[str], contact: Contact, form: Format) -> C
     return Calls(head, given, contact.texts, contact.dynamics, form)
 
 
-def _hold_arguments(extra: Sequence[str]) -> tuple[str, ...]:
+def _hold_arguments(contact: Contact, extra: Sequence[str]) -> tuple[str, ...]:
     """Return the arrays of @hold."""
-    return ('q', 'qd', 'watch', 'unlocked', *(name for name in extra if name != 'free'), *HELD)
+    own = [name for name in ['sticks'] if name in contact.texts['modes'].inputs]
+    given = [name for name in extra if name != 'free']
+    return ('q', 'qd', 'watch', 'unlocked', *own, *given, *HELD)
 
 
 def _hold(contact: Contact, extra: Sequence[str], form: Format) -> str:
     """Return @hold."""
-    trips = _calls('define internal void @hold', _hold_arguments(extra), contact, form)
+    names = _hold_arguments(contact, extra)
+    trips = _calls('define internal void @hold', names, contact, form)
 
     drive = trips.motor('q', 'qd', 'tau')
     if 'drive' in contact.texts:
@@ -166,10 +173,10 @@ def _hold(contact: Contact, extra: Sequence[str], form: Format) -> str:
     return trips.text
 
 
-def _compress_arguments(contact: Contact) -> tuple[str, ...]:
-    """Return the arrays of @compress."""
-    payload = 'payload' in arguments(contact.dynamics['_solve'])
-    return ('q', 'qd', 'unlocked', 'hits', *(('payload',) if payload else ()), *COMPRESSED)
+def _compress_arguments(contact: Contact, hits: str = 'hits', suffix: str = '') -> list[str]:
+    """Return the arrays of @compress; its results are written to arrays with a suffix."""
+    payload = ['payload'] * ('payload' in arguments(contact.dynamics['_inertial']))
+    return ['q', 'qd', 'unlocked', hits, *payload, *(f'{name}{suffix}' for name in COMPRESSED)]
 
 
 def _compress(contact: Contact, form: Format) -> str:
@@ -179,7 +186,7 @@ def _compress(contact: Contact, form: Format) -> str:
     trips.fill('zero', 0.0)
 
     def solve() -> None:
-        trips.evaluate('_solve', 'x', qd='zero', tau='load', free='moving')
+        trips.evaluate('_inertial', 'x', qd='zero', tau='load', free='moving')
 
     trips.evaluate('_momentum', 'load', qd='zero', qdd='qd')
     trips.run('compression')
@@ -200,23 +207,21 @@ def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: 
     torques = {} if lags else dict.fromkeys(TORQUES, 'tau')
     hold = [
         torques.get('tau.begin', 'tau.begin') if name == 'tau' else name
-        for name in _hold_arguments(extra)
+        for name in _hold_arguments(contact, extra)
     ]
-    n = trips.size('q')
+    trips.fill('sticks', 0.0)
     trips.fill('rest', contact.h)
-    trips.fill('tripped', 0.0)
     trips.fill('zero', 0.0)
     _unlock(trips, extra)
-    # Each joint has at most two events, and a step at most one end.
-    with trips.while_any('rest', 2 * n + 1):
+    with trips.while_any('rest', contact.trips):
         trips.run('watch')
+        if lags:
+            trips.run('lag')
         if 'hits' in contact.texts:
             with trips.ir.when(trips.any('watch')):
                 trips.run('hits')
                 with trips.ir.when(trips.any('hits')):
-                    _impact(trips, contact)
-        if lags:
-            trips.run('lag')
+                    _impact(trips, contact, hold)
         trips.call('hold', hold)
         for stage in contact.stages:
             if stage.text:
@@ -232,6 +237,8 @@ def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: 
         if lags:
             trips.run('follow')
         trips.run('commit')
+    with trips.ir.when(trips.any('rest'), rarely=True):
+        trips.run('unfinished')
     return trips.text
 
 
@@ -240,7 +247,8 @@ def _evaluate(contact: Contact, extra: Sequence[str], form: Format) -> str:
     trips = _calls('define void @evaluate', (*MOTION, *extra, 'qdd'), contact, form)
     _unlock(trips, extra)
     trips.run('watch')
-    trips.call('hold', _hold_arguments(extra))
+    trips.fill('sticks', 0.0)
+    trips.call('hold', _hold_arguments(contact, extra))
     return trips.text
 
 
@@ -252,12 +260,17 @@ def _unlock(trips: Calls, extra: Sequence[str]) -> None:
         trips.fill('unlocked', 1.0)
 
 
-def _impact(trips: Calls, contact: Contact) -> None:
-    """Write the velocities after an impact to qd."""
+def _impact(trips: Calls, contact: Contact, hold: Sequence[str]) -> None:
+    """Write the velocities after an impact to qd; `hold` are the arrays of @hold."""
     trips.call('compress', _compress_arguments(contact))
     trips.run('impulses')
-    trips.evaluate('_solve', 'returned', qd='zero', tau='thrown', free='unlocked')
-    trips.run('restitution')
-    with trips.ir.when(trips.any('hits')):
-        trips.call('compress', _compress_arguments(contact))
-        trips.run('inelastic')
+    trips.copy('qd', 'before')
+    # Each pass takes the restitution from one joint at least, but the last.
+    with trips.while_any('again', trips.size('q') + 1):
+        trips.evaluate('_inertial', 'returned', qd='zero', tau='thrown', free='unlocked')
+        trips.run('restitution')
+        with trips.ir.when(trips.any('still')):
+            trips.call('compress', _compress_arguments(contact, 'still', '.still'))
+            trips.run('inelastic', x='x.still', hits='still')
+        trips.call('hold', hold)
+        trips.run('settling')

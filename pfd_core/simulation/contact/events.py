@@ -6,10 +6,10 @@ Events: the end of a trip, and the trip cut at the earliest event in it.
 The modes of the joints are fixed over a trip, whose length is the rest of the step. If a sliding
 joint reverses in it, or a joint passes its stop, the trip is cut at the earliest such event, found
 on the polynomials of pfd_core.simulation.contact.schemes. At the event the velocity is 0.0, or the
-position the stop, exactly. A joint with a second event in one step is locked until the step ends
-(an impact brings it to rest), so that a step has at most 2 n + 1 trips, also of a joint that
-bounces without end.
+position the stop, exactly. A step has as many trips as it has events, up to MOST_TRIPS. Beyond
+that it is given up: the velocities become NaN, and the row `unfinished` of the state is set.
 
+A joint that turns within a trip may have been beyond its stop: the polynomial's minimum decides.
 A joint that begins at rest or at its stop has a root at t = 0, which is divided out.
 
 One register holds one number; flags are 1 or 0.
@@ -21,25 +21,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-import numpy as np
-
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.machine.iteration import iterate
-from pfd_core.machine.lanes import absolute, where
+from pfd_core.machine.lanes import absolute, sqrt, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
 from pfd_core.simulation.contact.modes import (
     any_of,
+    at_stops,
     both,
     either,
-    first_equal,
     inside_stops,
+    negated,
+    rough_joints,
     sign_of,
     smallest,
 )
 from pfd_core.simulation.contact.schemes import Cubic, Scheme
 
+# Largest number of trips in a step. A joint that bounces to the least height
+# (pfd_core.simulation.contact.impacts) under 800 rad/s^2 without loss has this many in 1 ms.
+MOST_TRIPS = 10_000
 # Trips of Newton's method in a bracket; bisection alone would need 53.
 ROOT_TRIPS = 60
 # Part of a trip within which an event is found: a few units of rounding.
@@ -52,7 +55,7 @@ def record_end(plant: Plant, scheme: Scheme) -> Program:
 
     Inputs are q, qd, the stages, direction and, (1,), rest. Outputs are q.end = q + dq, dq,
     qd.end, stopped, zeros, and, (1,), rest.end = 0 and `event`: whether a joint may have reversed
-    or passed its stop.
+    or passed its stop. A joint with stops that turns may have.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
@@ -60,8 +63,12 @@ def record_end(plant: Plant, scheme: Scheme) -> Program:
     dq, qd_end = scheme.end(recorder, n)
     q_end = [x + d for x, d in zip(q, dq, strict=True)]
     zero = recorder.constant(0.0)
-    reversals = [event for event in _events(plant, recorder, q) if event.stop is None]
+    events = _events(plant, recorder, q)
+    reversals = [event for event in events if event.stop is None]
     margins = [event.at(q_end, qd_end) for event in reversals] + inside_stops(plant, q_end)
+    turning = {event.joint for event in events} - {event.joint for event in reversals}
+    qd = input_list(recorder, 'qd', n)
+    margins += [qd[i] * qd_end[i] for i in sorted(turning)]
     return program_with_outputs(
         recorder,
         **{'q.end': q_end, 'qd.end': qd_end, 'rest.end': [zero]},
@@ -75,43 +82,62 @@ def record_cut(plant: Plant, scheme: Scheme, dtype: str) -> Program:
     """
     Return the program that cuts a trip at its earliest event.
 
-    Inputs are those of `record_end`, its results, unlocked, and tripped, flags of the joints with
-    an event in this step. Outputs are the results for the shorter trip, `stopped` flags of joints
-    at their stop, unlocked and tripped.
+    Inputs are those of `record_end` and its results. Outputs are the results for the shorter trip,
+    and `stopped`, flags of the joints that have reached their stop. With `scheme.sticks` there are
+    flags `sticks`: a trip in which a joint reverses that was at rest, or passes a stop at which it
+    was at rest, begins again with that joint held.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
     q = input_list(recorder, 'q', n)
     (r,) = input_list(recorder, 'rest', 1)
-    names = ('q.end', 'qd.end', 'dq', 'unlocked', 'tripped')
-    q_end, qd_end, dq, unlocked, tripped = (input_list(recorder, name, n) for name in names)
-    position, velocity = scheme.output(recorder, n)
+    q_end, qd_end, dq = (input_list(recorder, name, n) for name in ('q.end', 'qd.end', 'dq'))
+    position, velocity = scheme.output(recorder, n, list(map(either, *at_stops(plant, q))))
     events = _events(plant, recorder, q)
-    passed = [sign_of(-e.at(q_end, qd_end)) for e in events]
+    qd = input_list(recorder, 'qd', n)
+    at_rest = [negated(absolute(v)) for v in qd]
+    passed, ends, functions, at_once = [], [], [], []
+    for e in events:
+        c = e.polynomial(position, velocity)
+        beyond = sign_of(-e.at(q_end, qd_end))
+        if e.stop is None:
+            passed.append(beyond)
+            ends.append(recorder.constant(1.0))
+        else:
+            turn, lowest = _minimum(c)
+            inner = both(turn, sign_of(-_value(c, lowest)))
+            passed.append(either(beyond, inner))
+            ends.append(where(inner, lowest, 1.0))
+        # At rest at its stop, a joint has a double root.
+        functions.append(_deflated(_deflated(c)))
+        at_once.append(both(passed[-1], both(at_rest[e.joint], negated(absolute(c[0])))))
     event = any_of(passed)
-    functions = [_deflated(e.polynomial(position, velocity)) for e in events]
-    roots = _roots(functions, passed, ROOT_TOLERANCE[dtype])
+    roots = _roots(functions, passed, ends, ROOT_TOLERANCE[dtype])
     times = [where(flag, root, 2.0) for flag, root in zip(passed, roots, strict=True)]
-    t = times[0]
-    for other in times[1:]:
-        t = where(t - other, other, t)
-    first = [both(event, flag) for flag in first_equal(times, t)]
+    if scheme.sticks:
+        times = [where(flag, 0.0, time) for flag, time in zip(at_once, times, strict=True)]
+    t = smallest(times)
+    first = [both(flag, negated(time - t)) for flag, time in zip(passed, times, strict=True)]
 
     cut_q = [_value(position[i], t) for i in range(n)]
     cut_qd = [_value(velocity[i], t) for i in range(n)]
     cut_dq = [_change(c, t) for c in position]
-    mine, stopped = ([recorder.constant(0.0)] * n for _ in range(2))
+    stopped = [recorder.constant(0.0)] * n
     for flag, e in zip(first, events, strict=True):
         i = e.joint
-        mine[i] = either(mine[i], flag)
         if e.stop is None:
             cut_qd[i] = where(flag, 0.0, cut_qd[i])
         else:
             cut_q[i] = where(flag, e.stop, cut_q[i])
             stopped[i] = either(stopped[i], flag)
-    pinned = list(map(both, mine, tripped))
+    sticking: dict[str, list[Lanes]] = {}
+    if scheme.sticks:
+        sticking['sticks'] = input_list(recorder, 'sticks', n)
+        for flag, e in zip(map(both, first, at_once), events, strict=True):
+            sticking['sticks'][e.joint] = either(sticking['sticks'][e.joint], flag)
     return program_with_outputs(
         recorder,
+        **sticking,
         **{
             'q.end': [where(event, cut_q[i], q_end[i]) for i in range(n)],
             'qd.end': [where(event, cut_qd[i], qd_end[i]) for i in range(n)],
@@ -119,8 +145,6 @@ def record_cut(plant: Plant, scheme: Scheme, dtype: str) -> Program:
         },
         dq=[where(event, cut_dq[i], dq[i]) for i in range(n)],
         stopped=stopped,
-        unlocked=[where(pinned[i], 0.0, unlocked[i]) for i in range(n)],
-        tripped=list(map(either, tripped, mine)),
     )
 
 
@@ -163,6 +187,22 @@ def record_commit(n: int, compensated: bool, lagging: bool) -> Program:
     )
 
 
+def record_unfinished(n: int) -> Program:
+    """
+    Return the program of a step that had too many events; inputs are qd, unfinished and rest.
+
+    Outputs are qd, NaN, and unfinished, 1, for an arm with a rest of its step left.
+    """
+    recorder = Recorder(1, 'sequential')
+    qd, unfinished = (input_list(recorder, name, n) for name in ('qd', 'unfinished'))
+    (rest,) = input_list(recorder, 'rest', 1)
+    return program_with_outputs(
+        recorder,
+        qd=[where(rest, math.nan, v) for v in qd],
+        unfinished=[where(rest, 1.0, flag) for flag in unfinished],
+    )
+
+
 @dataclass(frozen=True)
 class _Event:
     """A function of a joint's position or velocity that is below zero after the event."""
@@ -191,7 +231,7 @@ def _events(plant: Plant, recorder: Recorder, q: Sequence[Lanes]) -> list[_Event
     events = []
     if plant.friction is not None:
         direction = input_list(recorder, 'direction', len(q))
-        events = [_Event(i, direction[i], None) for i in np.flatnonzero(plant.friction).tolist()]
+        events = [_Event(i, direction[i], None) for i in rough_joints(plant)]
     for i, (lower, upper) in enumerate([] if plant.joint_limits is None else plant.joint_limits):
         # A joint beyond its stop must not move further.
         if math.isfinite(lower):
@@ -207,6 +247,13 @@ def _deflated(c: Cubic) -> Cubic:
     return [where(absolute(c[0]), own, other) for own, other in zip(c, shifted, strict=True)]
 
 
+def _minimum(c: Cubic) -> tuple[Lanes, Lanes]:
+    """Return whether a polynomial falls at 0 and rises at 1, and the place of the minimum then."""
+    rises = c[1] + (2.0 * c[2] + 3.0 * c[3])
+    root = sqrt(c[2] * c[2] - 3.0 * (c[1] * c[3]))
+    return both(sign_of(-c[1]), sign_of(rises)), -c[1] / (c[2] + root)
+
+
 def _value(c: Cubic, t: Lanes) -> Lanes:
     result: Lanes = c[0] + _change(c, t)
     return result
@@ -217,9 +264,14 @@ def _change(c: Cubic, t: Lanes) -> Lanes:
     return result
 
 
-def _roots(functions: Sequence[Cubic], passed: Sequence[Lanes], tolerance: float) -> list[Lanes]:
+def _roots(
+    functions: Sequence[Cubic],
+    passed: Sequence[Lanes],
+    ends: Sequence[Lanes],
+    tolerance: float,
+) -> list[Lanes]:
     """
-    Return a root in [0, 1] of each function that is below zero at 1; the others do not matter.
+    Return a root in [0, end] of each function that is below zero at its end, as `passed` says.
 
     Newton's method; where it leaves the bracket, the middle of the bracket.
     """
@@ -243,6 +295,6 @@ def _roots(functions: Sequence[Cubic], passed: Sequence[Lanes], tolerance: float
             following += [left, right, new]
         return tuple(following), furthest
 
-    start = tuple(x for _ in range(count) for x in (zero, one, one))
+    start = tuple(x for end in ends for x in (zero, end, end))
     state, _ = iterate(trip, start, one, ROOT_TRIPS, one * tolerance)
     return [state[3 * k + 2] for k in range(count)]

@@ -7,13 +7,19 @@ Impacts at joint stops: velocities jump, positions stay.
     restitution   v = v0 + alpha H^-1 E p,  E = diag(restitution)
     alpha         min(1, sqrt(p' H^-1 p / (E p)' H^-1 E p))
     again         where a joint still moves into its stop: compression of v, E = 0
+    settling      a joint that would bounce below LEAST_HEIGHT takes e = 0, and all again from v0
 
 Compression is the problem of pfd_core.simulation.contact.modes with the joints at stops as
-candidates; a locked joint that moves comes to rest; dry friction, whose torque is bounded, has no
-impulse. After it v0' p = 0, so that the
+candidates, those at rest there, too: a stop only pushes, and another joint's impact may throw a
+joint off it. Dry friction, whose torque is bounded, has no impulse. After it v0' p = 0: the
 kinetic energy falls by p' H^-1 p / 2 and rises again by alpha^2 (E p)' H^-1 E p / 2: bounded by
-alpha, an impact never adds energy, whatever the coefficients (Poisson's law alone does). Locked
+alpha, an impact never adds energy, whatever the coefficients (Poisson's law alone does). Braked
 joints take no part: H^-1 is that of the others.
+
+A joint that bounces with e < 1 comes to rest after infinitely many bounces in a finite time. A
+bounce with the velocity v and the acceleration a into the stop has the height v^2 / (2 |a|). Below
+LEAST_HEIGHT it does not happen: the joint ends the impact at its stop, at rest, where the stop
+holds it from then on.
 
 The steps are programs, between which the native code evaluates H x and H^-1 x.
 
@@ -40,15 +46,37 @@ from pfd_core.simulation.contact.modes import (
     sign_of,
 )
 
+# Height of the lowest bounce [rad or m]. It is a few thousand roundings of a position of order
+# one, and no sensor of a joint resolves it. What is left of the bounces under the acceleration a
+# takes less than 2 sqrt(2 LEAST_HEIGHT / a) / (1 - e): 0.03 ms at e = 0.97 under gravity.
+LEAST_HEIGHT = 1e-12
+# A joint is put onto its stop where it has passed it by rounding alone: by so many roundings of
+# the stop's position, or LEAST_HEIGHT.
+ROUNDINGS = 4
 
-def record_hits(plant: Plant) -> Program:
-    """Return the program of `hits`, (1,): whether any joint moves into its stop, or is locked."""
+
+def record_hits(plant: Plant, dtype: str) -> Program:
+    """
+    Return the program of `hits`, (1,): whether any joint moves into its stop.
+
+    An arm without a rest of its step waits for the next one, whatever arms run with it. Output q,
+    (n,), has joints on their stops that have passed them by rounding.
+    """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
-    q, qd, unlocked = (input_list(recorder, name, n) for name in ('q', 'qd', 'unlocked'))
-    into = into_stops(plant, q, qd)
-    stops = [where(unlocked[i], into[i], sign_of(absolute(qd[i]))) for i in range(n)]
-    return program_with_outputs(recorder, hits=[any_of(stops)])
+    q, qd = (input_list(recorder, name, n) for name in ('q', 'qd'))
+    (rest,) = input_list(recorder, 'rest', 1)
+    into = [both(rest, flag) for flag in into_stops(plant, q, qd)]
+    assert plant.joint_limits is not None
+    on_stops = list(q)
+    for i, limits in enumerate(plant.joint_limits.tolist()):
+        for stop in filter(math.isfinite, limits):
+            near = max(
+                LEAST_HEIGHT, ROUNDINGS * float(np.spacing(np.dtype(dtype).type(abs(stop))))
+            )
+            touches = both(into[i], sign_of(near - absolute(q[i] - stop)))
+            on_stops[i] = where(touches, stop, on_stops[i])
+    return program_with_outputs(recorder, q=on_stops, hits=[any_of(into)])
 
 
 def record_compression(plant: Plant) -> Program:
@@ -82,14 +110,16 @@ def record_impulses(plant: Plant) -> Program:
     """
     Return the program of `thrown`, E p, and `impulse`, p, (n,), after a compression.
 
-    Inputs are torque = H v0, load = H qd, candidate and moving.
+    Inputs are torque = H v0, load = H qd, candidate, moving and, (1,), hits: without any, p is 0.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
     torque, load, candidate, moving = (
         input_list(recorder, name, n) for name in ('torque', 'load', 'candidate', 'moving')
     )
-    p = [where(candidate[i], where(moving[i], 0.0, torque[i] - load[i]), 0.0) for i in range(n)]
+    (hits,) = input_list(recorder, 'hits', 1)
+    stopped = [both(hits, where(candidate[i], where(moving[i], 0.0, 1.0), 0.0)) for i in range(n)]
+    p = [where(stopped[i], torque[i] - load[i], 0.0) for i in range(n)]
     e = _restitution(plant)
     return program_with_outputs(recorder, impulse=p, thrown=[p[i] * float(e[i]) for i in range(n)])
 
@@ -98,22 +128,43 @@ def record_restitution(plant: Plant) -> Program:
     """
     Return the program of the velocities after a restitution.
 
-    Inputs are q, qd, x = v0, impulse, thrown, returned = H^-1 E p, unlocked and, (1,), hits.
-    Outputs are qd, as it was without a hit, and hits, (1,): whether a joint still moves into its
-    stop.
+    Inputs are q, `before`, the velocities before the impact, x = v0, impulse, thrown,
+    returned = H^-1 E p, unlocked and, (1,), hits. Outputs are qd, as before without a hit, and
+    `still`, (1,): whether a joint still moves into its stop.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
-    names = ('q', 'qd', 'x', 'impulse', 'thrown', 'returned', 'unlocked')
+    names = ('q', 'before', 'x', 'impulse', 'thrown', 'returned', 'unlocked')
     q, qd, v0, p, thrown, returned, unlocked = (input_list(recorder, m, n) for m in names)
     (hits,) = input_list(recorder, 'hits', 1)
     lost = sum((p[i] * (v0[i] - qd[i]) for i in range(1, n)), p[0] * (v0[0] - qd[0]))
     gained = sum((thrown[i] * returned[i] for i in range(1, n)), thrown[0] * returned[0])
-    # With a joint that comes to rest by a lock `lost` may be negative: that of the stops alone.
+    # Both are above zero but for rounding.
     alpha = where(lost, where(gained - lost, sqrt(lost / gained), 1.0), 0.0)
     after = [where(hits, v0[i] + alpha * returned[i], qd[i]) for i in range(n)]
     still = [both(unlocked[i], flag) for i, flag in enumerate(into_stops(plant, q, after))]
-    return program_with_outputs(recorder, qd=after, hits=[any_of(still)])
+    return program_with_outputs(recorder, qd=after, still=[any_of(still)])
+
+
+def record_settling(n: int) -> Program:
+    """
+    Return the program of `thrown` without the joints whose bounce is below LEAST_HEIGHT.
+
+    Inputs are thrown, and qd and qdd after the restitution. Output `again`, (1,), says whether
+    there was such a joint.
+    """
+    recorder = Recorder(1, 'sequential')
+    qd, qdd, thrown = (input_list(recorder, name, n) for name in ('qd', 'qdd', 'thrown'))
+    settles = []
+    for v, a, impulse in zip(qd, qdd, thrown, strict=True):
+        returns = both(sign_of(absolute(impulse)), sign_of(-(v * a)))
+        low = sign_of((2.0 * LEAST_HEIGHT) * absolute(a) - v * v)
+        settles.append(both(returns, low))
+    return program_with_outputs(
+        recorder,
+        thrown=[where(flag, 0.0, p) for flag, p in zip(settles, thrown, strict=True)],
+        again=[any_of(settles)],
+    )
 
 
 def record_inelastic(n: int) -> Program:

@@ -55,8 +55,7 @@ def record_watch(plant: Plant) -> Program:
     recorder = Recorder(1, 'sequential')
     q, qd = (input_list(recorder, name, n) for name in ('q', 'qd'))
     margins = [*inside_stops(plant, q)]
-    if plant.friction is not None:
-        margins += [qd[i] * qd[i] for i in np.flatnonzero(plant.friction)]
+    margins += [qd[i] * qd[i] for i in rough_joints(plant)]
     return program_with_outputs(recorder, watch=[negated(smallest(margins))])
 
 
@@ -69,13 +68,14 @@ def record_directions(n: int) -> Program:
     )
 
 
-def record_modes(plant: Plant) -> Program:
+def record_modes(plant: Plant, sticks: bool) -> Program:
     """
     Return the program of the modes in which an integration begins.
 
     Inputs are q, qd and unlocked, 0 for a joint that a brake holds. Outputs, (n,): moving, 0 for a
     held joint; candidate; lower and upper, the bounds of a candidate's lambda; last and barred,
-    zeros, for `record_pivot`. Output, (1,): busy, whether any joint is a candidate.
+    zeros, for `record_pivot`. Output, (1,): busy, whether any joint is a candidate. With `sticks`
+    there is an input of this name, flags of the joints that are not released in this step.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
@@ -87,12 +87,18 @@ def record_modes(plant: Plant) -> Program:
     resting = [negated(absolute(v)) for v in qd]
     bounded = [either(sign_of(bound[i]), either(at_lower[i], at_upper[i])) for i in range(n)]
     candidate = [both(unlocked[i], both(resting[i], bounded[i])) for i in range(n)]
+    lower = [where(at_upper[i], -math.inf, -bound[i]) for i in range(n)]
+    upper = [where(at_lower[i], math.inf, bound[i]) for i in range(n)]
+    if sticks:
+        stuck = input_list(recorder, 'sticks', n)
+        lower = [where(flag, -math.inf, x) for flag, x in zip(stuck, lower, strict=True)]
+        upper = [where(flag, math.inf, x) for flag, x in zip(stuck, upper, strict=True)]
     return program_with_outputs(
         recorder,
         moving=[where(candidate[i], 0.0, unlocked[i]) for i in range(n)],
         candidate=candidate,
-        lower=[where(at_upper[i], -math.inf, -bound[i]) for i in range(n)],
-        upper=[where(at_lower[i], math.inf, bound[i]) for i in range(n)],
+        lower=lower,
+        upper=upper,
         last=[zero] * n,
         barred=[zero] * n,
         busy=[any_of(candidate)],
@@ -116,10 +122,10 @@ def record_pivot(n: int) -> Program:
     zero, one = recorder.constant(0.0), recorder.constant(1.0)
 
     # The way to x until the first released joint has come to zero, as a part of it.
-    wrong = [
-        both(both(candidate[i], moving[i]), sign_of(-(direction[i] * x[i]))) for i in range(n)
-    ]
-    parts = [where(wrong[i], last[i] / (last[i] - x[i]), 2.0) for i in range(n)]
+    wrong = [both(both(candidate[i], moving[i]), negated(direction[i] * x[i])) for i in range(n)]
+    ways = [last[i] - x[i] for i in range(n)]
+    shares = [where(absolute(ways[i]), last[i] / ways[i], 0.0) for i in range(n)]
+    parts = [where(wrong[i], shares[i], 2.0) for i in range(n)]
     part = smallest(parts)
     blocked = sign_of(2.0 - part)
     held_again = list(map(both, first_equal(parts, part), [blocked] * n))
@@ -193,6 +199,14 @@ def record_drive(plant: Plant) -> Program:
     damping = plant.damping.tolist()
     drive = [t - v * d for t, v, d in zip(tau, qd, damping, strict=True)]
     return program_with_outputs(recorder, drive=drive)
+
+
+def rough_joints(plant: Plant) -> list[int]:
+    """Return the joints that friction can hold at rest, also those that slide without any."""
+    if plant.static_friction is None:
+        return []
+    joints: list[int] = np.flatnonzero(plant.static_friction).tolist()
+    return joints
 
 
 def at_stops(plant: Plant, q: Sequence[Lanes]) -> tuple[list[Lanes], list[Lanes]]:

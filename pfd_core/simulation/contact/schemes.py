@@ -7,11 +7,13 @@ Schemes: integrators whose steps can be cut at events, for joints in fixed modes
             v(t) = v + r (b1 a1 + b2 (a2 + a3) + b4 a4), and q(t) of the stages' velocities,
             b1 = t - 3 t^2/2 + 2 t^3/3, b2 = t^2 - 2 t^3/3, b4 = -t^2/2 + 2 t^3/3, 0 <= t <= 1
     imex2   ARS(2, 2, 2) of pfd_core.simulation.integrators, with the chords from q to q' and from
-            v to v': slopes at the beginning are steep under strong damping
+            v to v': slopes at the beginning are steep under strong damping; for a joint that
+            leaves its stop the parabola through q and q' with the slope r v
 
 Both run over a trip of length r, the rest of the step. The implicit damping of imex2 solves with
 H + c h D, h the whole step, also over a shorter trip. That and the chords are errors of order
-h^2, once for each event, so that the motion is of second order all the same.
+h^2, once for each event, so that the motion is of second order all the same. It also makes the
+modes differ from the motion: a joint at rest that they release may move the other way (`sticks`).
 
 Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.6.
 
@@ -27,6 +29,7 @@ import numpy as np
 
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.kernels.codegen.trips import Stage
+from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
@@ -56,7 +59,12 @@ class Scheme:
     end : callable
         end(recorder, n) returns the change of q, and qd at the end.
     output : callable
-        output(recorder, n) returns q and qd over the trip, a polynomial for each joint.
+        output(recorder, n, at_stop) returns q and qd over the trip, a polynomial for each joint;
+        at_stop are flags of the joints that begin at a stop.
+    sticks : bool
+        Whether the acceleration at the beginning may have another sign than the change of the
+        velocity over a trip of any length: a joint that is released then reverses at once. It
+        stays at rest until the step ends.
 
     """
 
@@ -64,7 +72,8 @@ class Scheme:
     middle: float
     texts: Callable[[Plant], dict[str, Program]]
     end: Callable[[Recorder, int], tuple[list[Lanes], list[Lanes]]]
-    output: Callable[[Recorder, int], tuple[list[Cubic], list[Cubic]]]
+    output: Callable[[Recorder, int, list[Lanes]], tuple[list[Cubic], list[Cubic]]]
+    sticks: bool
 
 
 def _read(recorder: Recorder, n: int, *names: str) -> Rows:
@@ -105,7 +114,9 @@ def _rk4_end(recorder: Recorder, n: int) -> tuple[list[Lanes], list[Lanes]]:
     return dq, [v[0][i] + dqd[i] for i in range(n)]
 
 
-def _rk4_output(recorder: Recorder, n: int) -> tuple[list[Cubic], list[Cubic]]:
+def _rk4_output(
+    recorder: Recorder, n: int, at_stop: list[Lanes]
+) -> tuple[list[Cubic], list[Cubic]]:
     (q,) = _read(recorder, n, 'q')
     v, a = (_read(recorder, n, *names) for names in (VELOCITIES, ACCELERATIONS))
     r = _rest(recorder)
@@ -130,6 +141,7 @@ RK4 = Scheme(
     texts=_rk4_texts,
     end=_rk4_end,
     output=_rk4_output,
+    sticks=False,
 )
 
 
@@ -160,6 +172,7 @@ def imex2(c: float, d: float) -> Scheme:
         texts=texts,
         end=end,
         output=_chords,
+        sticks=True,
     )
 
 
@@ -203,10 +216,12 @@ def _damped(plant: Plant, v: list[Lanes]) -> list[Lanes]:
     return [x * d for x, d in zip(v, damping.tolist(), strict=True)]
 
 
-def _chords(recorder: Recorder, n: int) -> tuple[list[Cubic], list[Cubic]]:
+def _chords(recorder: Recorder, n: int, at_stop: list[Lanes]) -> tuple[list[Cubic], list[Cubic]]:
     q, qd, dq, qd_end = _read(recorder, n, 'q', 'qd', 'dq', 'qd.end')
-    zero = recorder.constant(0.0)
+    r, zero = _rest(recorder), recorder.constant(0.0)
+    # A chord from a stop has no second root: a bounce is a parabola with the slope at its start.
+    slopes = [where(at_stop[i], r * qd[i], dq[i]) for i in range(n)]
     return (
-        [[q[i], dq[i], zero, zero] for i in range(n)],
+        [[q[i], slopes[i], dq[i] - slopes[i], zero] for i in range(n)],
         [[qd[i], qd_end[i] - qd[i], zero, zero] for i in range(n)],
     )

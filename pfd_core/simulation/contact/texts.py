@@ -7,13 +7,19 @@ from __future__ import annotations
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant
 from pfd_core.model.checked_numbers import Array
-from pfd_core.simulation.contact.events import record_commit, record_cut, record_end
+from pfd_core.simulation.contact.events import (
+    record_commit,
+    record_cut,
+    record_end,
+    record_unfinished,
+)
 from pfd_core.simulation.contact.impacts import (
     record_compression,
     record_hits,
     record_impulses,
     record_inelastic,
     record_restitution,
+    record_settling,
 )
 from pfd_core.simulation.contact.lag import record_follow, record_lag
 from pfd_core.simulation.contact.modes import (
@@ -64,12 +70,13 @@ def contact_texts(
     texts = {
         'watch': record_watch(plant),
         'directions': record_directions(n),
-        'modes': record_modes(plant),
+        'modes': record_modes(plant, scheme.sticks),
         'pivot': record_pivot(n),
         **scheme.texts(plant),
         'end': record_end(plant, scheme),
         'cut': record_cut(plant, scheme, dtype),
         'commit': record_commit(n, compensated, plant.motor_lag is not None),
+        'unfinished': record_unfinished(n),
     }
     if decays is not None:
         texts['lag'] = record_lag(plant, h, scheme.middle, *decays)
@@ -80,10 +87,11 @@ def contact_texts(
         texts['effort'] = record_effort(plant)
     if plant.joint_limits is not None:
         texts |= {
-            'hits': record_hits(plant),
+            'hits': record_hits(plant, dtype),
             'compression': record_compression(plant),
             'impulses': record_impulses(plant),
             'restitution': record_restitution(plant),
+            'settling': record_settling(n),
             'inelastic': record_inelastic(n),
         }
     return texts

@@ -1,0 +1,127 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Random arms with stops and friction against an event-driven integration by another method."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from contact_oracle import Case, Motion, TooManyEventsError
+import numpy as np
+from oracle import Oracle
+import pinocchio as pin
+import pytest
+from zoo import random_chain
+
+import pfd_core as pfd
+from pfd_core.model.checked_numbers import Array
+
+STEP = 1e-4
+DURATION = 0.05
+# Errors of velocities after DURATION, of motions that are not chaotic [rad/s or m/s].
+VELOCITY = 1e-6
+# A motion is chaotic, for this, if an error in the initial state grows by more than this factor.
+CHAOTIC = 300.0
+NUDGE = 1e-8
+# Truncation of RK4 in a step, over the energy of the arm.
+GAIN = 1e-9
+# A joint is found at its stop to the error of the cubic in a step [rad or m].
+BEYOND = 1e-9
+
+
+@dataclass
+class Tally:
+    """What some scenes have shown."""
+
+    motions: int = 0
+    chaotic: int = 0
+    events: int = 0
+    several: int = 0  # steps with more than one event, at least
+    errors: list[float] = field(default_factory=list)
+
+
+def random_case(rng: np.random.Generator) -> tuple[Case, pfd.Scene]:
+    """Return an arm of two to six joints; tau is that of gravity at zero, and more."""
+    n = int(rng.integers(2, 7))
+    robot = random_chain(rng, n, 0.2)
+    armature = rng.uniform(0.1, 1.0, n)
+    friction = rng.uniform(0, 3, n) * (rng.random(n) < 0.6)
+    gap = 10 ** rng.uniform(-2, 0, n)
+    limits = rng.uniform(-0.5, 0.5, n)[:, np.newaxis] + gap[:, np.newaxis] * [-0.5, 0.5]
+    restitution = np.where(rng.random(n) < 0.3, rng.integers(0, 2, n), rng.uniform(0, 1, n))
+    case = Case(robot, armature, friction, limits, restitution, rng.normal(0, 10, n))
+    scene = pfd.Scene(
+        armature=armature, friction=friction, joint_limits=limits, restitution=restitution
+    )
+    return case, scene
+
+
+def random_start(rng: np.random.Generator, case: Case) -> tuple[Array, Array]:
+    """Return positions between the stops, some at them, and velocities, some zero."""
+    lower, upper = case.limits.T
+    where, n = rng.random(len(lower)), len(lower)
+    q = rng.uniform(lower, upper)
+    q = np.where(where < 0.1, lower, np.where(where > 0.9, upper, q))
+    return q, rng.normal(0, 3, n) * (rng.random(n) < 0.7)
+
+
+def energies(case: Case, run: pfd.Trajectory, q: Array, v: Array) -> Array:
+    """Return kinetic and potential energy, less the work of the torques, at all steps."""
+    oracle = Oracle(case.robot, case.armature)
+    found = []
+    for x, w in zip([q, *run.q], [v, *run.qd], strict=True):
+        potential = pin.computePotentialEnergy(oracle.model, oracle.data, x)
+        found.append(w @ oracle.H(x) @ w / 2 + potential - case.tau @ x)
+    return np.array(found)
+
+
+def compare(rng: np.random.Generator, starts: int, tally: Tally) -> None:
+    """Compare the motions of one scene from some states."""
+    case, scene = random_case(rng)
+    lower, upper = case.limits.T
+    sim = pfd.Simulator(case.robot, scene, step_size=STEP, substeps=1)
+    steps = round(DURATION / STEP)
+    for _ in range(starts):
+        q, v = random_start(rng, case)
+        sim.reset(q, v)
+        run = sim.rollout(np.tile(case.tau, (steps, 1)))
+        assert run.status == 'ok'
+        assert (run.q >= lower - BEYOND).all()
+        assert (run.q <= upper + BEYOND).all()
+        energy = energies(case, run, q, v)
+        assert np.diff(energy).max() <= GAIN * np.abs(energy).max()
+        tally.motions += 1
+        nudge = NUDGE * rng.uniform(-1, 1, (2, len(q)))
+        try:
+            ends = []
+            for first, speed in ((q, v), (np.clip(q + nudge[0], lower, upper), v + nudge[1])):
+                motion = Motion(case, first, speed)
+                motion.advance(DURATION)
+                ends.append(np.concatenate([motion.q, motion.v]))
+        except TooManyEventsError:
+            tally.chaotic += 1
+            continue
+        if np.abs(ends[1] - ends[0]).max() > CHAOTIC * NUDGE:
+            tally.chaotic += 1
+            continue
+        tally.events += len(motion.events)
+        _, counts = np.unique(np.floor_divide(motion.events, STEP), return_counts=True)
+        tally.several += int((counts > 1).sum())
+        tally.errors.append(float(np.abs(run.qd[-1] - ends[0][len(q) :]).max()))
+
+
+@pytest.mark.slow
+def test_random_scenes_move_as_an_event_driven_integration() -> None:
+    tally = Tally()
+    for seed in range(4):
+        compare(np.random.default_rng(seed), 3, tally)
+    assert len(tally.errors) > tally.motions / 2
+    assert max(tally.errors) < VELOCITY
+
+
+@pytest.mark.parametrize('seed', range(50))
+@pytest.mark.long
+def test_a_thousand_random_scenes_move_as_an_event_driven_integration(seed: int) -> None:
+    tally = Tally()
+    compare(np.random.default_rng(100 + seed), 20, tally)
+    assert max(tally.errors, default=0.0) < VELOCITY

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The method that 'auto' stands for: the cheapest one, or the one that a step of refinement mends.
+The method that 'auto' stands for: the cheapest one that keeps the digits of the answer.
 
 The cheapest is the serial method whose kernel has the fewest operations. The matrix of
 composite bodies grows with n^2 and its factors with n^3, articulated bodies with n, from a higher
@@ -10,10 +10,11 @@ the latter, by at least a tenth; in between it depends on the zeros of the chain
 recorded, lowered and counted.
 
 A pivot d_i of the inertia matrix H is what is left of the diagonal h_ii after the joints nearer
-to the tip are eliminated. The answer of composite bodies loses a factor of up to max h_ii / d_i,
-and a step of refinement squares the loss, in units of u: it is mended up to u^-1/2. Beyond
-LARGEST_LOSS a refined kernel is made of articulated bodies, which subtract no such large numbers
-(docs/decisions/0015-auto-under-refinement.md).
+to the tip are eliminated. The answer of composite bodies loses a factor of up to max h_ii / d_i.
+Beyond LARGEST_LOSS a plain kernel is made of articulated bodies with the parameters as given,
+which subtract no such large numbers. A step of refinement squares the loss, in units of u: it is
+mended up to u^-1/2. Beyond LARGEST_LOSS_REFINED a refined kernel is made of articulated bodies
+(docs/decisions/0015-auto-under-refinement.md, 0024-accuracy-of-the-default.md).
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from pfd_core.algorithms.programs import METHODS, record_forward_dynamics, record_terms
+from pfd_core.algorithms.grouped.composite_body import record_inertia_matrix
+from pfd_core.algorithms.programs import METHODS, record_forward_dynamics
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.runtime.json_cache import get_or_compute
 from pfd_core.machine.emulator import run
@@ -35,8 +37,10 @@ FEW_JOINTS, MANY_JOINTS = 'composite_body', 'grouped_articulated_body'
 REFINE_AT_MOST = 16
 # The longest chain that always takes FEW_JOINTS, and the shortest that always takes MANY_JOINTS.
 SHORT, LONG = 7, 16
-# Largest h_ii / d_i that composite bodies are refined with: a tenth of u^-1/2 in float64.
-LARGEST_LOSS = 1e7
+ACCURATE = 'articulated_body'
+# Largest h_ii / d_i that composite bodies are taken with: plain, thirteen digits are left in
+# float64; refined, it is a tenth of u^-1/2.
+LARGEST_LOSS, LARGEST_LOSS_REFINED = 1e3, 1e7
 # Poses at which the pivots are looked at.
 POSES = 16
 
@@ -51,8 +55,10 @@ def choose(plant: Plant, method: str, refine: int) -> str:
     n = plant.robot.n
     if n >= LONG:
         return MANY_JOINTS
-    if refine and get_or_compute(('loss', plant.digest), lambda: _loses_much(plant), _is_bool):
-        return MANY_JOINTS
+    loss = get_or_compute(('pivot loss', plant.digest), lambda: _loss(plant), _is_float)
+    if loss > (LARGEST_LOSS_REFINED if refine else LARGEST_LOSS):
+        # ACCURATE takes no payload as an input.
+        return MANY_JOINTS if refine or plant.payload_input else ACCURATE
     if n <= SHORT:
         return FEW_JOINTS
     choices = (FEW_JOINTS, MANY_JOINTS)
@@ -71,30 +77,31 @@ def cost(plant: Plant, method: str) -> int:
     return sum(count for op, count in counts.items() if op != 'neg')
 
 
-def _loses_much(plant: Plant) -> bool:
+def _loss(plant: Plant) -> float:
     """
-    Return whether a pivot of H is below h_ii / LARGEST_LOSS at one of POSES poses.
+    Return the largest h_ii / d_i of H at POSES poses, at most the largest float.
 
     The first pose is straight, the others are spread. A joint without inertia, which only brakes
     can hold, loses nothing. The order of the operations is that of the text, without BLAS, so that
     the outcome is the same on every machine.
     """
     n = plant.robot.n
+    q = np.pi * np.sin(np.outer(np.arange(POSES), np.arange(1, n + 1)))
     # A payload is unknown where it is an input.
-    program = record_terms(replace(plant, payload_input=False), 'parallel')
-    # H depends on q alone; the program's other inputs are for the bias.
-    inputs = {name: np.zeros((POSES, size)) for name, size in program.inputs.items()}
-    inputs['q'] = np.pi * np.sin(np.outer(np.arange(POSES), np.arange(1, n + 1)))
-    H = run(program, inputs)['H']
+    H = run(record_inertia_matrix(replace(plant, payload_input=False)), {'q': q})['H']
     rest = H.copy()
+    largest = 1.0
     for i in range(n - 1, -1, -1):
         row, pivot = rest[:, i].copy(), rest[:, i, i, np.newaxis].copy()
-        if (pivot[:, 0] * LARGEST_LOSS < H[:, i, i]).any():
-            return True
+        moves = H[:, i, i] > 0
+        if (pivot[moves] <= 0).any():
+            return float(np.finfo(float).max)
+        losses = H[moves, i, i] / pivot[moves, 0]
+        largest = max(largest, float(losses.max(initial=1.0)))
         factors = np.divide(row, pivot, out=np.zeros_like(row), where=pivot > 0)
         rest -= factors[:, :, np.newaxis] * row[:, np.newaxis, :]
-    return False
+    return largest
 
 
-def _is_bool(value: object) -> bool:
-    return isinstance(value, bool)
+def _is_float(value: object) -> bool:
+    return isinstance(value, float)

@@ -55,6 +55,11 @@ with `--quantity NAME` (speed-NAME.md, speed-against-error-NAME.md, .json, .png 
     trajectory_pages     sections of the page: estimates and motions
     hard_case_pages      the page: its tables and columns; writes all files
 
+`pfd report mechanisms` (docs/report/mechanisms.md, .json):
+
+    hard_case_mechanisms  turns and slides in unusual proportions, as robots and states
+    mechanism_pages       the table of mechanisms (MECHANISMS), errors of the default, the page
+
 `pfd report speed --against-error` (docs/report/speed-against-error.md, .json, .png, .svg and
 work-precision.png, .svg):
 

@@ -17,6 +17,7 @@ REPORTS = {
     'counts': 'steps of every method beside what the paper claims',
     'speed': 'times beside those of other libraries, some ten minutes',
     'hard-cases': 'errors where forward dynamics is hard to compute, some ten minutes',
+    'mechanisms': 'errors of the default on mechanisms in unusual proportions, some minutes',
     'scene': 'cost and error of each effect of a scene, and the smallest scene in a tolerance',
 }
 HELP = 'tables and plots, measured here and now'
@@ -80,6 +81,7 @@ def run(given: argparse.Namespace) -> int:
         against_error_pages,
         counts_pages,
         hard_case_pages,
+        mechanism_pages,
         quantity_pages,
         speed_pages,
     )
@@ -93,7 +95,12 @@ def run(given: argparse.Namespace) -> int:
     if given.what == 'scene':
         pages = _run_scene(given, folder)
     else:
-        pages = (hard_case_pages if given.what == 'hard-cases' else counts_pages).run(folder)
+        runs = {
+            'counts': counts_pages.run,
+            'hard-cases': hard_case_pages.run,
+            'mechanisms': mechanism_pages.run,
+        }
+        pages = runs[given.what](folder)
     print('\n'.join(str(page) for page in pages))
     return 0
 

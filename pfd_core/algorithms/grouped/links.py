@@ -10,14 +10,16 @@ to B_i:
 
 These are Denavit and Hartenberg's frames, for any chain: turning B_i about its z adds a constant
 to an angle, and moving its origin along z makes p_y vanish, unless the origin would go far away
-(the common normal of nearly parallel axes).
+(the common normal of nearly parallel axes). Between parallel axes it makes p_z vanish where the
+origin is far from its neighbours.
 
 A body is its mass m, first moment h and inertia I about the origin. The part of link i that is
 symmetric about the axis of its own rotational joint, m, h_z and diag(I_yy, I_yy, 0), moves with
 link i - 1 as well as with link i, and is added to link i - 1 once, while recording; so is the
 inertia about the centre of mass of a link on a translational joint. The remaining numbers,
 I_xx - I_yy, I_xy, I_xz, I_yz, I_zz, h_x and h_y, are the base parameters: no kernel reads more of
-a link.
+a link. They are differences of moments that grow with the square of the distance of a link from
+the origins, and so are computed in DIGITS digits.
 
 Source: Mayeda, Yoshida and Osuka 1990 and Gautier and Khalil 1990 (base inertial parameters);
 Khalil and Kleinfinger 1987 (that they cut the cost of the recursions).
@@ -25,14 +27,17 @@ Khalil and Kleinfinger 1987 (that they cut the cost of the recursions).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from decimal import Context, Decimal, localcontext
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfd_core.algorithms.chain.link_axes import sum_of_angles, zxz
-from pfd_core.model import Plant
+from pfd_core.model import Plant, Robot
 from pfd_core.model.geometry import product, rotation_x, rotation_z
 
 Array = NDArray[np.float64]
@@ -40,6 +45,17 @@ Array = NDArray[np.float64]
 # Largest distance that an origin is moved along its axis, in lengths of the link: large distances
 # cause large first moments, whose cancellation loses digits.
 REACH = 2.0
+
+# Between parallel axes any place of an origin serves: it is moved if that brings it so many times
+# nearer to its neighbours.
+NEARER = 8.0
+
+# Digits in which parameters are grouped. Where a link or its frame is far along an axis, large
+# moments of inertia cancel: 1e6 m from the axis of a joint take 13 digits.
+DIGITS = 50
+# Parameters that float64 groups with so small an error, relative to the parameter or to the
+# inertia about the joint's axis, keep its bits: those of all arms of config/robots do.
+KEPT = 64 * 2.0**-53
 
 
 @dataclass(frozen=True)
@@ -122,14 +138,52 @@ class GroupedLink(JointAxes):
 def grouped_links(plant: Plant) -> tuple[list[GroupedLink], Tip]:
     """Return the grouped links of a plant, base to tip, and the pose of frame n."""
     centered, tip = centered_links(plant)
-    links = [_about_the_origin(link) for link in centered]
+    rounded = _grouped(centered, float)
+    with localcontext(Context(prec=DIGITS)):
+        exact = _grouped(centered, Decimal)
+    return [_link(*three) for three in zip(centered, rounded, exact, strict=True)], tip
+
+
+# Mass, first moment and inertia about the origin, of objects: floats or Decimals.
+Body = tuple[Any, NDArray[Any], NDArray[Any]]
+
+
+def _grouped(links: Sequence[CenteredLink], number: Callable[[float], Any]) -> list[Body]:
+    """Return the grouped parameters of links, computed in one kind of numbers."""
+
+    def numbers(values: Array) -> NDArray[Any]:
+        result: NDArray[Any] = np.array([number(x) for x in values.flat], dtype=object)
+        return result.reshape(values.shape)
+
+    bodies: list[Body] = []
+    for link in links:
+        m, center, J = number(link.m), numbers(link.center), numbers(link.J)
+        bodies.append((m, m * center, J + m * moments(center, center)))
     for i in range(len(links) - 1, 0, -1):
-        links[i], moved = _split(links[i])
-        links[i - 1] = _added(links[i - 1], to_previous_axes(links[i], moved))
-    return links, tip
+        bodies[i], carried = _split(links[i], bodies[i])
+        moved = to_previous_axes(links[i], carried, numbers)
+        bodies[i - 1] = tuple(x + y for x, y in zip(bodies[i - 1], moved, strict=True))
+    return bodies
 
 
-Body = tuple[float, Array, Array]  # mass, first moment, inertia about the origin
+def _link(link: CenteredLink, rounded: Body, exact: Body) -> GroupedLink:
+    """Return a grouped link; numbers that float64 has computed within KEPT stay as they are."""
+    (h, inertia), (exact_h, exact_inertia) = (
+        (h.astype(np.float64), inertia.astype(np.float64)) for _, h, inertia in (rounded, exact)
+    )
+    axes = {item.name: getattr(link, item.name) for item in fields(JointAxes)}
+    return GroupedLink(
+        **axes,
+        m=float(rounded[0]),
+        h=_kept(h, exact_h, float(np.abs(exact_h).max())),
+        inertia=_kept(inertia, exact_inertia, abs(float(exact_inertia[2, 2]))),
+    )
+
+
+def _kept(rounded: Array, exact: Array, scale: float) -> Array:
+    near = np.abs(rounded - exact) <= KEPT * np.maximum(np.abs(exact), scale)
+    kept: Array = np.where(near, rounded, exact)
+    return kept
 
 
 def centered_links(plant: Plant) -> tuple[list[CenteredLink], Tip]:
@@ -152,17 +206,13 @@ def centered_links(plant: Plant) -> tuple[list[CenteredLink], Tip]:
         end = Tip(product(rotation_x(*tilt), rotation_z(*following)), offset)
         links.append(CenteredLink(slides, start, twist, p, end, m, center, J))
         slid = _slide(offset, tilt)
+        if tilt[1] == 0 and i + 1 < robot.n:
+            slid = _level(-tilt[0] * float(offset[2]), _heights(robot, i + 1))
         p = offset + slid * product(rotation_x(*tilt), np.array([0.0, 0.0, 1.0]))
-        if slid:
+        if slid and tilt[1]:
             p[1] = 0.0  # exactly, without the rounding of the line above
         before, twist = following, tilt
     return links, links[-1].end
-
-
-def _about_the_origin(link: CenteredLink) -> GroupedLink:
-    inertia = link.J + link.m * moments(link.center, link.center)
-    h = link.m * link.center
-    return GroupedLink(link.slides, link.start, link.twist, link.p, link.end, link.m, h, inertia)
 
 
 def _slide(offset: Array, tilt: tuple[float, float]) -> float:
@@ -174,36 +224,58 @@ def _slide(offset: Array, tilt: tuple[float, float]) -> float:
     return distance if abs(distance) <= REACH * float(np.sqrt(offset @ offset)) else 0.0
 
 
-def _split(link: GroupedLink) -> tuple[GroupedLink, Body]:
+def _heights(robot: Robot, i: int) -> tuple[float, float]:
+    """Return how far along its joint's axis the next origin and the centre of a link lie [m]."""
+    A, a = robot.rotations[i], robot.translations[i]
+    return float(a[2]), float((a + product(A, robot.centers[i]))[2])
+
+
+def _level(distance: float, heights: tuple[float, float]) -> float:
+    """
+    Return the distance along an axis parallel to the one before at which their origins meet, or 0.
+
+    An origin is moved only if the farthest of its neighbours comes NEARER times as near.
+    """
+    before = max(abs(x) for x in (distance, *heights))
+    after = max(abs(x - distance) for x in heights)
+    return distance if NEARER * after < before else 0.0
+
+
+def _split(link: JointAxes, body: Body) -> tuple[Body, Body]:
     """Return the rest of a link, and the part that moves with the link before it as well."""
+    m, h, inertia = body
+    none = np.zeros(3, dtype=object)
     if link.slides:
-        J = link.inertia - (moments(link.h, link.h) / link.m if link.m else 0.0)
-        return replace(link, inertia=link.inertia - J), (0.0, np.zeros(3), J)
-    yy = float(link.inertia[1, 1])
-    inertia = link.inertia - np.diag([yy, yy, 0.0])
-    h = np.array([link.h[0], link.h[1], 0.0])
-    rest = replace(link, m=0.0, h=h, inertia=inertia)
-    return rest, (link.m, np.array([0.0, 0.0, link.h[2]]), np.diag([yy, yy, 0.0]))
+        J = inertia - (moments(h, h) / m if m else 0)
+        return (m, h, inertia - J), (0, none, J)
+    yy = inertia[1, 1]
+    symmetric = np.diag(np.array([yy, yy, 0], dtype=object))
+    across, along = (np.array(v, dtype=object) for v in ([h[0], h[1], 0], [0, 0, h[2]]))
+    return (0, across, inertia - symmetric), (m, along, symmetric)
 
 
-def to_previous_axes(link: JointAxes, body: Body) -> Body:
-    """Return a body of B_i that does not depend on q_i, in axes B_(i-1)."""
+def to_previous_axes(
+    link: JointAxes, body: Body, numbers: Callable[[Array], NDArray[Any]] = np.asarray
+) -> Body:
+    """
+    Return a body of B_i that does not depend on q_i, in axes B_(i-1).
+
+    `numbers` converts the axes of the link to the kind of numbers that the body has.
+    """
     m, h, inertia = body
     R = rotation_x(*link.twist)
     if link.slides:
         R = product(R, rotation_z(*link.start))
+    R, p = numbers(R), numbers(link.p)
     h = product(R, h)
     inertia = product(R, inertia, R.T)
-    shift = moments(link.p, h) + moments(h, link.p) + m * moments(link.p, link.p)
-    return m, h + m * link.p, inertia + shift
+    shift = moments(p, h) + moments(h, p) + m * moments(p, p)
+    return m, h + m * p, inertia + shift
 
 
-def _added(link: GroupedLink, body: Body) -> GroupedLink:
-    m, h, inertia = body
-    return replace(link, m=link.m + m, h=link.h + h, inertia=link.inertia + inertia)
-
-
-def moments(a: Array, b: Array) -> Array:
+def moments(a: NDArray[Any], b: NDArray[Any]) -> NDArray[Any]:
     """Return a.b 1 - b a' (3, 3): the inertia of a point at a for the first moment b."""
-    dot = math.fsum((a * b).tolist())
-    return dot * np.eye(3) - np.multiply.outer(b, a)
+    products = (a * b).tolist()
+    dot = math.fsum(products) if isinstance(products[0], float) else sum(products)
+    result: NDArray[Any] = dot * np.eye(3, dtype=a.dtype) - np.multiply.outer(b, a)
+    return result

@@ -175,12 +175,20 @@ def put_in(fault: str) -> None:
         from pfd_ros.recording.sink import Sink
 
         real_init, real_flush = LogRecorder.__init__, Sink.flush
+        recorders = []
+
+        def init(recorder, *args) -> None:
+            recorders.append(recorder)
+            real_init(recorder, *args, limit=100)
 
         def flush(sink) -> None:
-            time.sleep(0.5)
+            # Until it was too slow, however slowly a busy machine steps.
+            if threading.current_thread().name == 'recording':
+                while not sum(recorders[-1].dropped):
+                    time.sleep(0.01)
             real_flush(sink)
 
-        LogRecorder.__init__ = lambda *args: real_init(*args, limit=100)
+        LogRecorder.__init__ = init
         Sink.flush = flush
     elif fault == 'recorder_failed':
         from pfd_ros.recording.recorder import LogRecorder

@@ -97,14 +97,17 @@ def step_after(count: int) -> None:
 
 
 def trace() -> None:
-    """Tell with every report how much memory the objects take."""
-    tracemalloc.start()
+    """Tell with every report how much memory the objects take that came after the first one.
+
+    Traced from the beginning, a first start would compile for a minute on a busy machine.
+    """
     from pfd_ros.node.reporting import Reporter
 
     real_report = Reporter.report
 
     def report(reporter, **options) -> None:
         real_report(reporter, **options)
+        tracemalloc.start()
         print(f'traced {tracemalloc.get_traced_memory()[0]}', flush=True)
 
     Reporter.report = report

@@ -216,7 +216,9 @@ class Messages:
         missing = set(REJECTIONS)
         for source, data in self:
             verdict = self._judgement(source, data).verdict
-            if verdict in missing and len(data) <= SMALL_BYTES:
+            # One with a stamp would be stale where a followed clock has leapt.
+            stamped = source is not Source.ARRAY and any(data[4:12])
+            if verdict in missing and len(data) <= SMALL_BYTES and not stamped:
                 missing.remove(verdict)
                 yield verdict, source, data
             if not missing:

@@ -97,14 +97,17 @@ def step_after(count: int) -> None:
 
 
 def trace() -> None:
-    """Tell with every report how much memory the objects take."""
-    tracemalloc.start()
+    """Tell with every report how much memory the objects take that came after the first one.
+
+    Traced from the beginning, a first start would compile for a minute on a busy machine.
+    """
     from pfd_ros.node.reporting import Reporter
 
     real_report = Reporter.report
 
     def report(reporter, **options) -> None:
         real_report(reporter, **options)
+        tracemalloc.start()
         print(f'traced {tracemalloc.get_traced_memory()[0]}', flush=True)
 
     Reporter.report = report
@@ -175,12 +178,20 @@ def put_in(fault: str) -> None:
         from pfd_ros.recording.sink import Sink
 
         real_init, real_flush = LogRecorder.__init__, Sink.flush
+        recorders = []
+
+        def init(recorder, *args) -> None:
+            recorders.append(recorder)
+            real_init(recorder, *args, limit=100)
 
         def flush(sink) -> None:
-            time.sleep(0.5)
+            # Until it was too slow, however slowly a busy machine steps.
+            if threading.current_thread().name == 'recording':
+                while not sum(recorders[-1].dropped):
+                    time.sleep(0.01)
             real_flush(sink)
 
-        LogRecorder.__init__ = lambda *args: real_init(*args, limit=100)
+        LogRecorder.__init__ = init
         Sink.flush = flush
     elif fault == 'recorder_failed':
         from pfd_ros.recording.recorder import LogRecorder

@@ -21,8 +21,10 @@ kilobytes, and with larger ones that of its Python objects, the messages and nam
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Mapping
 import contextlib
 from dataclasses import dataclass
+import functools
 from pathlib import Path
 import random
 import re
@@ -32,10 +34,11 @@ import tempfile
 import time
 from typing import Any
 
-from hostile_traffic import NAMES, SMALL_BYTES, VERDICTS, Messages, Ticks
+from hostile_traffic import NAMES, REJECTIONS, SMALL_BYTES, Messages, Ticks
 from ros_processes import JOINTS, Peer, Process, Processes, resident_bytes, stamp_ns
 
-from pfd_ros.arm.events import Source
+from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.messages.convert import encode_clock
 from pfd_ros.replay.summary import Summary
 from pfd_ros.replay.verify import read
 
@@ -120,6 +123,10 @@ class Leader:
         now = stamp_ns(self._peer.states[-1]) if self._peer.states else 0
         self._publisher.publish(self._ticks.after(now))
 
+    def tick_back(self) -> None:
+        """Publish a tick that no arm which has stepped can follow."""
+        self._publisher.publish(encode_clock(0))
+
 
 class Caller:
     """Calls the services of the node, in any order and without waiting for an answer."""
@@ -203,15 +210,16 @@ def _flood(
         Source.PAYLOAD: peer.node.create_publisher(InertiaStamped, '/sim_arm/payload', latched),
     }
     caller = Caller(peer, messages.random)
+    sent = _cover(peer, leader, publishers, messages)
     begun = time.monotonic()
-    called, sent = begun, 0
+    called = begun
     warm = (0, 0)
     for source, data in messages:
         now = time.monotonic()
-        if now - begun > seconds:
-            break
         if not warm[0] and now - begun > WARM_UP * seconds:
             warm = _memory(arm)
+        if now - begun > seconds:
+            break
         if now - called > SECONDS_PER_CALL:
             called = now
             caller.call()
@@ -226,12 +234,46 @@ def _flood(
             # From a trickle to as fast as it goes.
             time.sleep(messages.random.choice((0.0, 0.0, 0.01, 0.2)))
     caller.go_on()
-    # Of a flood a busy machine takes few.
-    for source, data in messages.of_each_verdict():
-        publishers[source].publish(data)
-        sent += 1
-        peer.let_pass()
     return sent, warm
+
+
+def _cover(
+    peer: Peer, leader: Leader | None, publishers: Mapping[Source, Any], messages: Messages
+) -> int:
+    """Have the node reject a message for each reason; return how many messages were sent.
+
+    A newer message replaces one that waits, and the first ones precede discovery: each is sent
+    until the node itself counts its rejection. The arm is at rest, as that of the messages is.
+    """
+    from diagnostic_msgs.msg import DiagnosticArray
+
+    counted: set[str] = set()
+    reports = 0
+
+    def on_report(message: DiagnosticArray) -> None:
+        nonlocal reports
+        reports += 1
+        keys = (value.key for status in message.status for value in status.values)
+        counted.update(key.rpartition('.')[2] for key in keys)
+
+    subscription = peer.node.create_subscription(DiagnosticArray, '/diagnostics', on_report, 10)
+    chosen: dict[Verdict, Callable[[], None]] = {
+        verdict: functools.partial(publishers[source].publish, data)
+        for verdict, source, data in messages.of_each_verdict()
+    }
+    if leader is not None:
+        chosen[Verdict.STALE] = leader.tick_back
+    sent = 0
+    while missing := [verdict for verdict in chosen if verdict.name.lower() not in counted]:
+        for verdict in missing:
+            chosen[verdict]()
+            sent += 1
+            peer.let_pass()
+        # The next report may have been written before the last message.
+        enough = reports + 2
+        peer.wait(lambda enough=enough: reports >= enough)
+    peer.node.destroy_subscription(subscription)
+    return sent
 
 
 def fuzz(
@@ -290,7 +332,8 @@ def check(outcome: Outcome, seconds: float) -> None:
     assert end - warm < most or outcome.largest > SMALL_BYTES, outcome
     # Some forty kinds of line, at first each second and then each minute, and rclpy's traces.
     assert outcome.log_bytes < 500_000 + 2000 * seconds
-    for verdict in VERDICTS:
+    expected = {*REJECTIONS, Verdict.ACCEPTED, *[Verdict.STALE] * outcome.follows_clock}
+    for verdict in sorted(expected):
         assert outcome.summary.verdicts[verdict], f'no message was {verdict.name}'
 
 

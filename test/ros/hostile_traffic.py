@@ -20,6 +20,7 @@ from pfd_ros.arm.drive import Command
 from pfd_ros.arm.effects import WrenchChange
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.arm.followed_clock import MOST_STEPS_AHEAD
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.cdr import CdrWriter
 from pfd_ros.messages.convert import decode_clock, encode_clock
@@ -46,9 +47,10 @@ NAMES = (
 )
 LONGEST_NAME = 1 << 20
 MILLISECOND = 10**6
-# Farther ahead than an arm follows at once, ns; after a reset its time leaps there.
-FARTHEST_TICK = 150_000 * MILLISECOND
-VERDICTS = tuple(set(Verdict) - {Verdict.OVERFLOWED, Verdict.STALE})
+# Farther ahead than an arm of 1 kHz follows at once, ns; after a reset its time leaps there.
+FARTHEST_TICK = MOST_STEPS_AHEAD * MILLISECOND * 3 // 2
+# What an arm with a clock of its own rejects; a flood alone overflows.
+REJECTIONS = tuple(set(Verdict) - {Verdict.ACCEPTED, Verdict.OVERFLOWED, Verdict.STALE})
 # The sources that are topics of a node with a clock of its own.
 TOPICS = (Source.NAMED, Source.ARRAY, Source.SET_STATE, Source.WRENCH, Source.PAYLOAD)
 # Of puma560, the default.
@@ -60,12 +62,13 @@ class Ticks:
 
     def __init__(self, chance: random.Random) -> None:
         self._random = chance
-        # Its latest tick that an arm may have followed: there time goes on.
-        self._now_ns = 0
+        # Its latest tick that an arm follows: there time goes on.
+        self._now_ns = self._reached_ns = 0
 
     def after(self, reached_ns: int) -> bytes:
         """Return a tick for an arm that has reached a simulated time: mostly one that fits."""
         self._now_ns = max(self._now_ns, reached_ns)
+        self._reached_ns = reached_ns
         kind = self._random.randrange(100)
         if kind < 60:
             return encode_clock(self._now_ns + self._random.randrange(20 * MILLISECOND))
@@ -82,14 +85,16 @@ class Ticks:
         return bytes(tick) if self._can_follow(bytes(tick)) else encode_clock(self._now_ns)
 
     def _can_follow(self, tick: bytes) -> bool:
-        """Return whether later ticks can follow one, and take note of it."""
+        """Return whether later ticks can follow one, and take note of one that the arm follows."""
         try:
             stamp_ns = decode_clock(tick)
         except ValueError:
             return True
         if stamp_ns > self._now_ns + FARTHEST_TICK:
             return False
-        self._now_ns = max(self._now_ns, stamp_ns)
+        # One that is refused as too far ahead leaves the arm where it is: so must the later ones.
+        if stamp_ns <= self._reached_ns + MOST_STEPS_AHEAD * MILLISECOND:
+            self._now_ns = max(self._now_ns, stamp_ns)
         return True
 
 
@@ -206,13 +211,15 @@ class Messages:
         # The middleware fills up to four bytes: a message that was cut may come out whole.
         return self._engine.judge(Arrival(source, 1, data + bytes(-len(data) % 4)))
 
-    def of_each_verdict(self) -> Iterator[tuple[Source, bytes]]:
-        """Yield a message for each of VERDICTS."""
-        missing = set(VERDICTS)
+    def of_each_verdict(self) -> Iterator[tuple[Verdict, Source, bytes]]:
+        """Yield a message for each of REJECTIONS, of a size that every middleware delivers."""
+        missing = set(REJECTIONS)
         for source, data in self:
             verdict = self._judgement(source, data).verdict
-            if verdict in missing:
+            # One with a stamp would be stale where a followed clock has leapt.
+            stamped = source is not Source.ARRAY and any(data[4:12])
+            if verdict in missing and len(data) <= SMALL_BYTES and not stamped:
                 missing.remove(verdict)
-                yield source, data
+                yield verdict, source, data
             if not missing:
                 return

@@ -54,7 +54,7 @@ def test_the_energy_told_is_that_of_the_arm_whatever_its_drives_add() -> None:
         )
         kernels = MassKernels(Engine(settings, load_robot(settings)).arm)
         told.append(kernels.energy(np.array([0.3, -0.2]), np.ones(2)).tolist())
-        assert 0.0 <= kernels.error_estimate(*np.ones((3, 2))) < ROUNDING
+        assert 0.0 <= kernels.error_estimate(*np.ones((3, 2)), {}) < ROUNDING
     assert told[0] == told[1]
     assert all(told[0])
 

@@ -115,7 +115,9 @@ def test_ros2_control_needs_no_remapping(processes: Processes, peer_of) -> None:
     peer.wait(lambda: manager.run(1) or hardware.states['elbow']['effort'] == 0.5)
     assert hardware.states['finger']['position'] == 0.04
     assert arm.end(signal.SIGINT) == 0, arm.text()
-    assert '[WARN]' not in re.sub(r'.*steps late.*', '', arm.text())
+    warnings = [line for line in arm.text().splitlines() if '[WARN]' in line]
+    # On a busy machine steps are late, and publishers are discovered late.
+    assert not [w for w in warnings if not re.search('steps late|no publisher of commands', w)]
     summary = read(processes.folder / 'run.mcap', verify=True)
     assert summary.settings.initial_positions == (0.5, 0.0)
 

@@ -4,7 +4,7 @@
 Event-driven motion of an arm under dry friction and stops, by another method than the simulation.
 
     smooth motion    Pinocchio's dynamics, SciPy's DOP853 to rounding
-    events           bisection on its output of seventh order
+    events           bisection on its output of seventh order, also of a function's minimum
     held joints, impacts    every combination of modes is tried; the one that violates least is it
 
 The laws are those of docs/decisions/0016; nothing else is shared with the simulation.
@@ -33,6 +33,16 @@ PLACES, HALVINGS = 6, 60
 LONGEST = 2e-3
 # Motions with more events are not followed.
 MOST_EVENTS = 3000
+
+
+@dataclass(frozen=True)
+class Event:
+    """A function of the state that is above zero until an event; its derivative if known."""
+
+    kind: str
+    joint: int
+    function: Callable[[Array], float]
+    slope: Callable[[Array], float] | None = None
 
 
 class TooManyEventsError(RuntimeError):
@@ -185,18 +195,24 @@ class Motion:
                 return
         self.t, self.q, self.v = until, solver.y[:n].copy(), solver.y[n:].copy()
 
-    def _events(
-        self, accelerations: Callable[[Array, Array], Array]
-    ) -> Iterator[tuple[str, int, Callable[[Array], float]]]:
-        """Yield functions that are above zero until an event."""
-        n, case = self.n, self.case
+    def _events(self, accelerations: Callable[[Array, Array], Array]) -> Iterator[Event]:
+        """Yield the events that may end a leg."""
+        n, case, sign = self.n, self.case, self.sign
         lower, upper = self._at_stops()
         for i in range(n):
             if self.moving[i]:
+                first, last = case.limits[i]
                 if case.friction[i]:
-                    yield 'reverses', i, lambda y, i=i: self.sign[i] * y[n + i]
-                yield 'lower', i, lambda y, i=i: y[i] - case.limits[i, 0]
-                yield 'upper', i, lambda y, i=i: case.limits[i, 1] - y[i]
+                    yield Event(
+                        *('reverses', i, lambda y, i=i: sign[i] * y[n + i]),
+                        lambda y, i=i: sign[i] * accelerations(y[:n], y[n:])[i],
+                    )
+                yield Event(
+                    'lower', i, lambda y, i=i, x=first: y[i] - x, lambda y, i=i: y[n + i]
+                )
+                yield Event(
+                    'upper', i, lambda y, i=i, x=last: x - y[i], lambda y, i=i: -y[n + i]
+                )
         held = np.flatnonzero(~self.moving)
         low = np.where(upper, -np.inf, -case.friction)
         high = np.where(lower, np.inf, case.friction)
@@ -207,7 +223,7 @@ class Motion:
             return float(np.minimum(reaction - low, high - reaction)[held].min())
 
         if len(held):
-            yield 'breaks away', -1, margin
+            yield Event('breaks away', -1, margin)
 
     def _cut(self, t: float, kind: str, i: int, y: Array) -> None:
         self.events.append(t)
@@ -229,28 +245,41 @@ def released_flags(way: Array, candidates: Array, n: int) -> Array:
 
 
 def first_event(
-    events: list[tuple[str, int, Callable[[Array], float]]],
-    output: Callable[[float], Array],
-    begin: float,
-    end: float,
+    events: list[Event], output: Callable[[float], Array], begin: float, end: float
 ) -> tuple[float, str, int, Array] | None:
     """Return time, kind, joint and state of the first event of a step, None without one."""
-    times = np.linspace(begin, end, PLACES + 1)[1:]
+    times = np.linspace(begin, end, PLACES + 1).tolist()
     states = [output(t) for t in times]
     best = None
-    for kind, i, function in events:
-        left = begin
-        for t, y in zip(times, states, strict=True):
-            if function(y) < 0:
-                right = t
-                for _ in range(HALVINGS):
-                    middle = (left + right) / 2
-                    if function(output(middle)) < 0:
-                        right = middle
-                    else:
-                        left = middle
-                if best is None or right < best[0]:
-                    best = (right, kind, i, output(right))
-                break
-            left = t
+    for event in events:
+        for k in range(PLACES):
+            right = times[k + 1]
+            if event.function(states[k + 1]) >= 0:
+                # Below zero at its minimum, a function comes back above zero.
+                slope = event.slope
+                if slope is None or not slope(states[k]) < 0 < slope(states[k + 1]):
+                    continue
+                right = bisected(lambda y, f=slope: -f(y), output, times[k], right)
+                if event.function(output(right)) >= 0:
+                    continue
+            right = bisected(event.function, output, times[k], right)
+            if best is None or right < best[0]:
+                best = (right, event.kind, event.joint, output(right))
+            break
     return best
+
+
+def bisected(
+    function: Callable[[Array], float],
+    output: Callable[[float], Array],
+    left: float,
+    right: float,
+) -> float:
+    """Return a time at which a function falls below zero; it is below zero at `right`."""
+    for _ in range(HALVINGS):
+        middle = (left + right) / 2
+        if function(output(middle)) < 0:
+            right = middle
+        else:
+            left = middle
+    return right

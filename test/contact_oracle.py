@@ -207,12 +207,8 @@ class Motion:
                         *('reverses', i, lambda y, i=i: sign[i] * y[n + i]),
                         lambda y, i=i: sign[i] * accelerations(y[:n], y[n:])[i],
                     )
-                yield Event(
-                    'lower', i, lambda y, i=i, x=first: y[i] - x, lambda y, i=i: y[n + i]
-                )
-                yield Event(
-                    'upper', i, lambda y, i=i, x=last: x - y[i], lambda y, i=i: -y[n + i]
-                )
+                yield Event('lower', i, lambda y, i=i, x=first: y[i] - x, lambda y, i=i: y[n + i])
+                yield Event('upper', i, lambda y, i=i, x=last: x - y[i], lambda y, i=i: -y[n + i])
         held = np.flatnonzero(~self.moving)
         low = np.where(upper, -np.inf, -case.friction)
         high = np.where(lower, np.inf, case.friction)

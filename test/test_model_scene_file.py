@@ -95,7 +95,7 @@ def test_a_file_may_be_written_by_hand() -> None:
         ('payload: {center: [0, 0, 0]}', "payload has no 'mass'"),
         ('payload: {mass: 1, density: 2}', "payload has an unknown key 'density'"),
         ('payload: {mass: heavy}', "payload mass must be a number, got 'heavy'"),
-        ('payload: 3', 'payload must be a Payload or None, got 3.0'),
+        ('payload: 3', "payload must be a Payload, 'input' or None, got 3.0"),
         ('gravity_compensation: {damping: [1]}', 'gravity_compensation may have .* has damping'),
         ('gravity_compensation: {mass: 1}', 'gravity_compensation has an unknown key'),
         ('- damping', 'the scene must be a mapping with gravity'),

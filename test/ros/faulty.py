@@ -163,6 +163,10 @@ def put_in(fault: str) -> None:
         from pfd_ros.node.reporting import Reporter
 
         Reporter.report = lambda reporter, last=False: {}['{}']
+    elif fault == 'requests_fail':
+        from pfd_ros.node.services import Services
+
+        Services.request = lambda *_: {}['{}']
     elif fault == 'closing_hangs':
         sim_arm.SimArm.close_recording = hang_in_python
     elif fault == 'closing_hangs_in_c':

@@ -7,7 +7,7 @@ from __future__ import annotations
 import signal
 
 import pytest
-from ros_processes import JOINTS, PATIENCE, Processes, call
+from ros_processes import JOINTS, PATIENCE, Processes
 
 from pfd_ros.replay.verify import read
 
@@ -45,16 +45,16 @@ def test_a_step_that_never_ends_is_told_and_the_file_is_closed(processes: Proces
 def test_a_callback_that_fails_is_counted_and_the_arm_still_hears(
     processes: Processes, peer_of
 ) -> None:
-    from lifecycle_msgs.msg import Transition
-    from lifecycle_msgs.srv import ChangeState
+    from std_srvs.srv import Trigger
 
-    arm = processes.arm()
+    arm = processes.faulty('requests_fail')
     peer = peer_of(processes)
     peer.connect()
-    # rclpy's own callback raises on a transition that does not exist.
+    client = peer.node.create_client(Trigger, '/sim_arm/reset')
+    peer.wait(client.service_is_ready)
     for _ in range(3):
-        assert not call(peer, ChangeState, 'change_state', transition=Transition(id=200)).success
-    arm.wait_for_text('callbacks failed, the newest by RCLError')
+        client.call_async(Trigger.Request())
+    arm.wait_for_text('callbacks failed, most recently by KeyError')
     peer.command(JOINTS, [1.0] * 6)
     peer.wait(lambda: peer.states[-1].effort.tolist() == [1.0] * 6)
     assert arm.end(signal.SIGINT) == 0, arm.text()

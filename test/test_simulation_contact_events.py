@@ -188,6 +188,24 @@ def test_an_overflow_is_not_taken_for_too_many_impacts() -> None:
     assert arm.rollout(np.full((1, 1), np.finfo(float).max)).status == 'not_finite'
 
 
+def test_an_ensemble_says_of_each_arm_why_it_failed() -> None:
+    scene = pfd.Scene(gravity=None, joint_limits=[[0.0, 1e-7]], restitution=[1.0])
+    arms = pfd.Ensemble(slider(1, 0), 4, scene, step_size=STEP, substeps=1)
+    arms.reset([5e-8], [[1e-3], [10.0], [0.0], [2e-3]])
+    taus = np.zeros((4, 2, 1))
+    taus[2] = np.finfo(float).max
+    assert arms.rollout(taus).finite_steps.tolist() == [2, 0, 0, 2]
+    assert arms.statuses.tolist() == ['ok', 'too_many_events', 'not_finite', 'ok']
+    arms.rollout(steps=1)
+    assert arms.statuses.tolist() == ['ok', 'too_many_events', 'not_finite', 'ok']
+    arms.reset([5e-8], [1e-3])
+    assert arms.statuses.tolist() == ['ok'] * 4
+    bare = pfd.Ensemble(slider(1, 0), 2, pfd.Scene(gravity=None))
+    bare.reset([0.0], [[0.0], [np.finfo(float).max]])
+    bare.rollout(np.full((2, 3, 1), [[[0.0]], [[np.finfo(float).max]]]))
+    assert bare.statuses.tolist() == ['ok', 'not_finite']
+
+
 @pytest.mark.parametrize('kind', [pfd.Simulator, partial(pfd.Ensemble, size=1)])
 def test_a_joint_with_static_friction_alone_sticks_and_slides_without_friction(kind) -> None:  # type: ignore[no-untyped-def]
     scene = pfd.Scene(gravity=None, friction=[0.0], static_friction=[3.0])

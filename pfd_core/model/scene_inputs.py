@@ -56,18 +56,11 @@ def scene_inputs(
 
     """
 
-    def in_batch(name: str, array: NDArray[Any], size: int) -> NDArray[Any]:
-        if batch is not None and array.shape == (*batch, size):
-            return array
-        if batch is None or array.shape[-1:] != (size,):
-            return fit_shape(name, array, (..., size))
-        return fit_shape(name, array, (*batch, size), broadcast=True)
-
     inputs = {}
     if scene.external_wrench:
         if wrench is None:
             raise ValueError('the scene has external_wrench=True, so the call needs wrench=')
-        inputs['wrench'] = in_batch('wrench', real_array('wrench', wrench, dtype), 6)
+        inputs['wrench'] = _in_batch('wrench', real_array('wrench', wrench, dtype), 6, batch)
     elif wrench is not None:
         raise ValueError(
             'wrench was given, but the scene has external_wrench=False: '
@@ -77,11 +70,22 @@ def scene_inputs(
         if brakes is None:
             inputs['free'] = _all_free((*(batch or ()), n), dtype)
         else:
-            held = in_batch('brakes', _bools('brakes', brakes), n)
+            held = _in_batch('brakes', _bools('brakes', brakes), n, batch)
             inputs['free'] = (~held).astype(dtype)
     elif brakes is not None:
         raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
     return inputs
+
+
+def _in_batch(
+    name: str, array: NDArray[Any], size: int, batch: tuple[int, ...] | None
+) -> NDArray[Any]:
+    """Return an array with the leading dimensions `batch`, or as given without any."""
+    if batch is not None and array.shape == (*batch, size):
+        return array
+    if batch is None or array.shape[-1:] != (size,):
+        return fit_shape(name, array, (..., size))
+    return fit_shape(name, array, (*batch, size), broadcast=True)
 
 
 @lru_cache(maxsize=16)

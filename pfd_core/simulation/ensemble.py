@@ -22,7 +22,7 @@ import os
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pfd_core.kernels.codegen.arms import SLOTS
 from pfd_core.kernels.codegen.step import REPORT
@@ -39,6 +39,7 @@ from pfd_core.model.checked_numbers import (
 from pfd_core.model.scene_checks import INPUT
 from pfd_core.simulation.feedback import Law, law_arrays
 from pfd_core.simulation.integrators import TABLE
+from pfd_core.simulation.rows import UnfinishedStep
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.trajectory import Trajectory
 
@@ -92,6 +93,21 @@ class Ensemble(Simulation):
     def qdd(self) -> Array:
         """Accelerations at the end of the last step, (B, n) [rad/s^2 or m/s^2]; a copy."""
         return np.array(self._now.arrays['qdd'])
+
+    @property
+    def statuses(self) -> NDArray[np.str_]:
+        """
+        Status of each arm, (B,): 'ok', 'not_finite' or 'too_many_events'.
+
+        `status` is 'too_many_events' if any arm has this status, else 'not_finite' if any has that.
+        """
+        arrays = self._now.arrays
+        finite = np.isfinite(arrays['q']).all(axis=1) & np.isfinite(arrays['qd']).all(axis=1)
+        found = np.where(finite, 'ok', 'not_finite')
+        unfinished = arrays.get(UnfinishedStep.name)
+        if unfinished is None:
+            return found
+        return np.where(unfinished.any(axis=1), 'too_many_events', found)
 
     def rollout(
         self,

@@ -266,16 +266,20 @@ class Simulator(Simulation):
         The addresses are those of its state, of the torques, of inputs and further rows, and of
         the states that it writes. Returns after how many steps the state was finite.
         """
-        run = self._native.run
         if self._long:
-            finite = self._interruptibly(lambda count: run(steps, count, *addresses))
+            finite = self._run_long(steps, addresses)
         else:
-            finite = run(steps, self._count_at, *addresses)
+            finite = self._native.run(steps, self._count_at, *addresses)
         following.steps += steps
         if finite < steps:
             following.status = self._why_not_finite(following)
         self._turn ^= 1
         return finite
+
+    def _run_long(self, steps: int, addresses: tuple[int, ...]) -> int:
+        """Run native code that an interrupt ends."""
+        run = self._native.run
+        return self._interruptibly(lambda count: run(steps, count, *addresses))
 
 
 @lru_cache(KEPT)

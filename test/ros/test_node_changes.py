@@ -92,7 +92,7 @@ def test_a_node_takes_dynamic_parameters_and_refuses_all_else_with_a_reason(
         'read-only': [parameter('step_size', 0.002)],
         'out of range': [parameter('real_time_factor', float('nan'))],
         'expected 0 or 1e-06 and more': [parameter('real_time_factor', 1e-9)],
-        'Wrong parameter type': [parameter('real_time_factor', 1)],
+        'takes floating-point numbers: write 1.0': [parameter('real_time_factor', 1)],
         'value of no type': [parameter('real_time_factor', 1.0, kind=200)],
         'cannot be undeclared': [parameter('real_time_factor', 1.0, kind=0)],
         'Invalid access': [parameter('%s{0}\n\x01' + 'x' * 1000, 1.0)],

@@ -25,6 +25,7 @@ import pfd_core as pfd
 from pfd_core.kernels.runtime import disk_cache as cache
 from pfd_core.kernels.runtime import jit as engine
 from pfd_core.kernels.runtime import processor
+from pfd_core.kernels.source import KernelSource
 
 CHILD = """
 import json, sys, time
@@ -72,6 +73,22 @@ def answers(kernel: pfd.Kernel) -> bytes:
     q, qd, tau = (np.array(x, kernel.dtype) for x in random_state(np.random.default_rng(3), n))
     rows = [np.tile(x, (9, 1)) for x in (q, qd, tau)]
     return kernel(q, qd, tau).tobytes() + kernel(*rows).tobytes()
+
+
+@pytest.mark.parametrize('scene', [pfd.Scene(), pfd.Scene(friction=[0.1, 0.1])])
+def test_a_second_simulation_from_disk_records_no_program(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, scene: pfd.Scene
+) -> None:
+    robot = pfd.load_robot('planar2')
+    first = pfd.Simulator(robot, scene).rollout(np.zeros((3, robot.n)))
+    recorded: list[Any] = []
+    record = KernelSource._recorded
+    monkeypatch.setattr(
+        KernelSource, '_recorded', lambda source: recorded.append(source.key) or record(source)
+    )
+    again = pfd.Simulator(robot, scene).rollout(np.zeros((3, robot.n)))
+    assert not recorded
+    assert again.q.tobytes() == first.q.tobytes()
 
 
 def test_a_second_process_gets_the_same_bits_without_recording_or_compiling(folder: Path) -> None:

@@ -89,7 +89,7 @@ def compile_rollout(
 
     native = sources.main.compile(f'rollout{sources.key} {step_program}', text)
     integer = ctypes.c_int64
-    inputs: list[Any] = [ctypes.c_void_p] * len(sources.signature.inputs)
+    inputs: list[Any] = [ctypes.c_void_p] * len(sources.inputs)
     rows, out = further_rows(step_program), written(step_program)
     states: list[Any] = [ctypes.c_void_p] * len((*rows, *out))
     run = ctypes.CFUNCTYPE(integer, integer, ctypes.c_void_p, *inputs, *states)

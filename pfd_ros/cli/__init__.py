@@ -10,5 +10,5 @@
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot
 
-A new command is a module with `HELP`, `add_arguments` and `run`, and a place in `main._commands`.
+A new command is a module with `HELP`, `add_arguments` and `run`, and a name in `main.COMMANDS`.
 """

@@ -2,14 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 """Runs the command that the arguments name; errors become one line and an exit status.
 
-Commands are imported by `main`, not with this module: a signal during these imports, which take
-a second, ends `pfd sim` like one that comes later.
+A command is imported when it is named, not with this module: `pfd sim` imports no other, and a
+signal during these imports, which take a second, ends it like one that comes later.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from importlib import import_module
 import importlib.util
 import os
 import sys
@@ -27,21 +28,15 @@ NO_ROS = (
 )
 
 
+# The modules of this package that are commands, in the order of `pfd --help`.
+COMMANDS = ('demo', 'sim', 'replay', 'report', 'robots', 'urdf')
 NEED_ROS = {'demo', 'sim'}
 
 
-def _commands() -> dict[str, Any]:
-    """Return the commands in the order of `pfd --help`; none imports rclpy before it runs."""
-    from pfd_ros.cli import demo, replay, report, robots, sim, urdf
-
-    return {
-        'demo': demo,
-        'sim': sim,
-        'replay': replay,
-        'report': report,
-        'robots': robots,
-        'urdf': urdf,
-    }
+def _commands(words: Sequence[str]) -> dict[str, Any]:
+    """Import the command that the first word names, or all; none imports rclpy before it runs."""
+    names = words[:1] if words and words[0] in COMMANDS else COMMANDS
+    return {name: import_module(f'pfd_ros.cli.{name}') for name in names}
 
 
 def _parser(commands: dict[str, Any]) -> argparse.ArgumentParser:
@@ -65,7 +60,7 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(words: list[str], stop: threading.Event | None) -> int:
-    commands = _commands()
+    commands = _commands(words)
     # These arguments are for ROS, and argparse would not understand them.
     cut = words.index('--ros-args') if '--ros-args' in words else len(words)
     given = _parser(commands).parse_args(words[:cut])

@@ -7,7 +7,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -17,10 +17,10 @@ from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.node.endpoints import Endpoints
-from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS, PARAMETERS, REQUESTS, ROLE_OF_SOURCE
-from pfd_ros.recording.mcap_file import TimeBase, Topic
-from pfd_ros.recording.recorder import LogRecorder
+
+if TYPE_CHECKING:
+    from pfd_ros.recording.recorder import LogRecorder
 
 # Channels that only the file has: the verdict rows, the requests of services, parameters set, and
 # the states that the sensors drop, if they do.
@@ -98,6 +98,11 @@ def open_session(node: Node, settings: Settings, robot: Any, endpoints: Endpoint
     """
     if not settings.recording:
         return LogSession()
+    # Here, since a node without a recording starts sooner without the library.
+    from pfd_ros.recording import provenance
+    from pfd_ros.recording.mcap_file import TimeBase, Topic
+    from pfd_ros.recording.recorder import LogRecorder
+
     subscribed = endpoints.subscriptions
     ends = {ROLE_OF_SOURCE[source]: end for source, end in subscribed.items()}
     ends |= endpoints.publishers

@@ -10,6 +10,7 @@ after a moment in which a close that does not hang still finishes.
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -64,6 +65,8 @@ def main(args: list[str] | None = None, stop: threading.Event | None = None) -> 
     """
     if stop is None:
         stop = stop_on_signals()
+    # It would visit the imported modules again and again; `run` has it enabled after the start.
+    gc.disable()
     try:
         from pfd_ros.node.process import run
 

@@ -9,6 +9,7 @@ See docs/decisions/0003-executor-and-stepping-thread.md and 0009-a-node-that-goe
 
 from __future__ import annotations
 
+import gc
 import os
 import re
 import signal
@@ -83,6 +84,8 @@ def _run(args: list[str], stop: threading.Event) -> int:
     workers = Workers(stop)
     node = SimArmNode(workers, MISTAKES)
     node.start()
+    # `main.py` disables it.
+    gc.enable()
     ended: Future = Future()
     executor: Any = EventsExecutor()
     executor.add_node(node)

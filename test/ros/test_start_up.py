@@ -1,0 +1,46 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The start of `pfd sim` does no work that its run does not need."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+from ros_processes import Processes
+
+# Runs a command of `pfd`; prints the generations of garbage collections from the first import of
+# the dynamics until the collector is switched on, and in the end the modules.
+SCRIPT = """
+import atexit, gc, sys
+from pfd_ros.cli.main import main
+collected, enable = [], gc.enable
+def enabled():
+    print('collections:', collected, flush=True)
+    enable()
+gc.enable = enabled
+def collecting(phase, of):
+    if phase == 'start' and 'pfd_core' in sys.modules:
+        collected.append(of['generation'])
+gc.callbacks.append(collecting)
+atexit.register(lambda: print('modules:', *sorted(sys.modules)))
+raise SystemExit(main(sys.argv[1:]))
+"""
+# What other commands and recordings need.
+UNUSED = {'mcap', 'pfd_ros.replay', 'pfd_ros.recording.reader', 'pfd_ros.recording.recorder'}
+UNUSED |= {'pfd_core.report.quantity_kernels', 'pfd_ros.demo', 'pinocchio'}
+
+
+@pytest.mark.ros
+@pytest.mark.slow
+def test_a_start_collects_garbage_once_and_imports_nothing_of_other_commands(
+    processes: Processes,
+) -> None:
+    node = processes.python('-c', SCRIPT, 'sim', '--robot', 'planar2')
+    node.wait_for_text('until the first command')
+    assert node.end(signal.SIGINT) == 0, node.text()
+    text = node.text()
+    assert 'collections: [2]\n' in text
+    modules = text.partition('modules: ')[2].split()
+    assert 'pfd_ros.node.process' in modules
+    assert not UNUSED & set(modules)

@@ -74,6 +74,7 @@ def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
         'pfd_core/config/robots/puma560.yaml',
         'pfd_core/config/sim_arm.yaml',
         'pfd_ros/node/main.py',
+        'pfd_ros/testing/loopback.xml',
         'share/pfd_ros/package.xml',
         'share/pfd_ros/config/sim_arm.yaml',
         'share/pfd_ros/launch/two_arms.launch.py',

@@ -11,7 +11,7 @@ from collections.abc import Callable, Container, Mapping
 from dataclasses import dataclass
 from functools import partial
 import time
-from typing import Any
+from typing import Any, NamedTuple
 
 from geometry_msgs.msg import InertiaStamped, PoseStamped, WrenchStamped
 from rclpy._rclpy_pybind11 import RCLError
@@ -59,12 +59,24 @@ AT_ONCE = Duration()
 LONGEST_SECONDS = 0.05
 
 
+class Subscribed(NamedTuple):
+    """An rclpy subscription, and what other threads ask of it, also while it is replaced.
+
+    The handle of a subscription that was destroyed raises InvalidHandle at its `topic_name`.
+    """
+
+    end: Any
+    topic_name: str
+    msg_type: Any
+    qos_profile: QoSProfile
+
+
 @dataclass(frozen=True)
 class Endpoints:
     """The rclpy publishers by role and subscriptions by source."""
 
     publishers: Mapping[str, Any]
-    subscriptions: dict[Source, Any]
+    subscriptions: dict[Source, Subscribed]
 
 
 def _profile(end: Source | str, depth: int) -> QoSProfile:
@@ -104,19 +116,38 @@ def create_endpoints(
         if role in roles
     }
     subscriptions = {
-        source: node.create_subscription(
+        source: _subscribed(
+            node,
             kind,
             names.get(source, topic),
             partial(on_message, source),
             _profile(source, depth),
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             **overridable,
         )
         for source, (kind, topic, depth) in SUBSCRIBED.items()
         if source is not Source.TICK or follow_clock
     }
     return Endpoints(publishers, subscriptions)
+
+
+def _subscribed(
+    node: Node,
+    kind: Any,
+    topic: str,
+    callback: Callable[[bytes], None],
+    profile: QoSProfile,
+    **options: Any,
+) -> Subscribed:
+    end: Any = node.create_subscription(
+        kind,
+        topic,
+        callback,
+        profile,
+        raw=True,
+        event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        **options,
+    )
+    return Subscribed(end, end.topic_name, end.msg_type, end.qos_profile)
 
 
 def relaxed(profile: QoSProfile) -> QoSProfile:
@@ -142,15 +173,10 @@ def serve_best_effort(node: Node, endpoints: Endpoints, source: Source) -> bool:
         return False
 
     def replace() -> None:
-        node.destroy_subscription(old)
+        node.destroy_subscription(old.end)
         # By its name before remapping: it is remapped again.
-        endpoints.subscriptions[source] = node.create_subscription(
-            old.msg_type,
-            old.topic,
-            old.callback,
-            relaxed(old.qos_profile),
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+        endpoints.subscriptions[source] = _subscribed(
+            node, old.msg_type, old.end.topic, old.end.callback, relaxed(old.qos_profile)
         )
 
     executor.create_task(replace)

@@ -104,7 +104,7 @@ def open_session(node: Node, settings: Settings, robot: Any, endpoints: Endpoint
     from pfd_ros.recording.recorder import LogRecorder
 
     subscribed = endpoints.subscriptions
-    ends = {ROLE_OF_SOURCE[source]: end for source, end in subscribed.items()}
+    ends: dict[str, Any] = {ROLE_OF_SOURCE[source]: end for source, end in subscribed.items()}
     ends |= endpoints.publishers
     channels = {
         role: Topic(end.topic_name, CHANNELS[role].type, qos_of(end.qos_profile))

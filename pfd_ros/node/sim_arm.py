@@ -180,7 +180,7 @@ class SimArm:
             destroy[kind](entity)
         # One that has been replaced since; those that are gone are passed over.
         for subscription in self._subscriptions.values():
-            self._node.destroy_subscription(subscription)
+            self._node.destroy_subscription(subscription.end)
 
 
 def _entities(node: Node) -> Iterator[tuple[str, Any]]:

@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 
+from pfd_ros.testing.domains import environment_to_kill
 from pfd_ros.testing.node_process import LAST_LINES, PARENT_DEATH_SIGNAL
 
 # The kernel ends the process if the test runner is gone; exec keeps that (prctl(2)).
@@ -43,6 +44,7 @@ class ControllerProcess:
         with self._output.open('wb') as stream:
             self._process = subprocess.Popen(
                 [sys.executable, '-c', START, *self.command],
+                env=environment_to_kill(os.environ),
                 stdin=subprocess.DEVNULL,
                 stdout=stream,
                 stderr=subprocess.STDOUT,

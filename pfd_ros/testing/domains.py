@@ -34,6 +34,14 @@ HARMLESS = frozenset(
         'RMW_IMPLEMENTATION',
     }
 )
+# Of a process that uses UDP on this host, and no shared memory; see the profile why.
+LOOPBACK = {
+    'FASTRTPS_DEFAULT_PROFILES_FILE': str(Path(__file__).with_name('loopback.xml')),
+    'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SYSTEM_DEFAULT',
+}
+# Values of RMW_IMPLEMENTATION for which that profile holds; '' is the default of ROS 2.
+FAST_DDS = frozenset({'', 'rmw_fastrtps_cpp', 'rmw_fastrtps_dynamic_cpp'})
+PROFILES = frozenset({'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILES_FILE'})
 
 
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
@@ -57,6 +65,21 @@ def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
         # Fast DDS would take a profile from the folder it is started in.
         'SKIP_DEFAULT_XML_FILE': '1',
     }
+
+
+def environment_to_kill(inherited: Mapping[str, str]) -> dict[str, str]:
+    """Return the environment of a process that may be killed while it publishes to this one.
+
+    Parameters
+    ----------
+    inherited
+        The environment of this process. It stays as it is for other middleware than Fast DDS, for
+        a range other than this host, and with a profile of the user.
+    """
+    here = inherited.get('ROS_AUTOMATIC_DISCOVERY_RANGE') == 'LOCALHOST'
+    fast_dds = inherited.get('RMW_IMPLEMENTATION', '') in FAST_DDS
+    suits = here and fast_dds and not PROFILES & inherited.keys()
+    return {**inherited, **(LOOPBACK if suits else {})}
 
 
 @contextmanager

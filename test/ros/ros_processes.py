@@ -29,8 +29,6 @@ HAS_ROS = importlib.util.find_spec('rclpy') is not None
 NODE = ('-m', 'pfd_ros.node.main')
 JOINTS = tuple(f'joint{i}' for i in range(1, 7))
 FAULTY = str(Path(__file__).with_name('faulty.py'))
-# Of the peers; see there why.
-PROFILE = str(Path(__file__).with_name('peer.xml'))
 READER = str(Path(__file__).with_name('reader.py'))
 # Workers of one run have neighbouring process ids; each starts so many domains from the next one.
 APART = 13
@@ -148,8 +146,7 @@ class Peer:
         from sensor_msgs.msg import JointState
         from std_msgs.msg import Float64MultiArray
 
-        os.environ['FASTRTPS_DEFAULT_PROFILES_FILE'] = PROFILE
-        os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'SYSTEM_DEFAULT'
+        os.environ |= domains.LOOPBACK
         self.context = rclpy.Context()
         rclpy.init(context=self.context, domain_id=domain)
         # Without services: each is two endpoints to discover, and to take down again.

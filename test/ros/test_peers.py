@@ -1,15 +1,20 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The peers of the tests outlive the processes they talk to, however those end."""
+"""Tests outlive the processes they talk to, however those end: ours, and those of a user."""
 
 from __future__ import annotations
 
 from pathlib import Path
 import subprocess
 import sys
+import time
 
 import pytest
 from ros_processes import PATIENCE, Processes
+
+from pfd_ros.testing.controller_process import ControllerProcess
+from pfd_ros.testing.domains import LOOPBACK, environment_to_kill
+from pfd_ros.testing.session import claimed_domain
 
 # Where peers shared memory, every tenth round or so died.
 ROUNDS = 60
@@ -29,6 +34,50 @@ def test_a_peer_shares_no_memory_with_a_process_that_may_be_killed(
     processes.arm('-p', 'robot:=planar2')
     peer_of(processes).connect()
     assert shared() <= before
+
+
+CONTROLLER = """
+from pathlib import Path
+import rclpy
+rclpy.init()
+rclpy.create_node('controller')
+print('shares memory:', '/dev/shm/fast' in Path('/proc/self/maps').read_text())
+"""
+
+
+@pytest.mark.ros
+def test_a_controller_process_that_may_be_killed_shares_no_memory() -> None:
+    with claimed_domain(), ControllerProcess([sys.executable, '-c', CONTROLLER]) as controller:
+        deadline = time.monotonic() + PATIENCE
+        while not controller.end() and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert controller.end() == 'ended with status 0', controller.text()
+        assert 'shares memory: False' in controller.text()
+
+
+HERE = {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', 'PATH': '/bin'}
+
+
+@pytest.mark.parametrize('rmw', [{}, {'RMW_IMPLEMENTATION': 'rmw_fastrtps_cpp'}])
+def test_a_process_to_kill_gets_the_profile_and_keeps_its_other_variables(
+    rmw: dict[str, str],
+) -> None:
+    assert environment_to_kill(HERE | rmw) == HERE | rmw | LOOPBACK
+    assert Path(LOOPBACK['FASTRTPS_DEFAULT_PROFILES_FILE']).is_file()
+
+
+@pytest.mark.parametrize(
+    'chosen',
+    [
+        {'FASTDDS_DEFAULT_PROFILES_FILE': 'mine.xml'},
+        {'FASTRTPS_DEFAULT_PROFILES_FILE': 'mine.xml'},
+        {'RMW_IMPLEMENTATION': 'rmw_cyclonedds_cpp'},
+        {'ROS_AUTOMATIC_DISCOVERY_RANGE': 'SUBNET'},
+    ],
+    ids=str,
+)
+def test_a_profile_a_middleware_or_a_range_of_the_user_stays(chosen: dict[str, str]) -> None:
+    assert environment_to_kill(HERE | chosen) == HERE | chosen
 
 
 @pytest.mark.ros

@@ -138,7 +138,9 @@ def report(found: dict[str, list[dict[str, tuple[float, float]]]]) -> None:
     for kind in KINDS:
         walls, cpus = zip(*ends[kind], strict=True)
         ratios = [
-            statistics.median(mine[k] / other[k] for mine, other in zip(ends[kind], ends['bare'], strict=True))
+            statistics.median(
+                mine[k] / other[k] for mine, other in zip(ends[kind], ends['bare'], strict=True)
+            )
             for k in (0, 1)
         ]
         print(

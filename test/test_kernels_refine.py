@@ -110,7 +110,7 @@ HARDNESS = {
 def answers(name: str, method: str, dtype: str, steps: int) -> tuple[Array, Array]:
     """Return relative errors (B,) of a method, by 50 digits of another, and its estimates."""
     hard = HARD[name]()
-    program = lower(record_refined(hard.plant, method, steps), dtype).compiled
+    program = lower(record_refined(hard.plant, method, steps, estimate=dtype), dtype).compiled
     result = run(program, hard.rounded(dtype), dtype)
     other = 'pcrbm' if method == 'articulated_body' else 'articulated_body'
     errors = relative_error(result['qdd'], expected(name, other, dtype))

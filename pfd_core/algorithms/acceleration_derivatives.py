@@ -92,7 +92,8 @@ def record_derivatives(plant: Plant, method: str = OWN_METHOD, refine: int = 0) 
         y = minus_bias(recorder, plant, chain, tip, by_qd, torques, qd)
         qdd = _refined(recorder, plant, factors, y, motors['tau'], refine)
     else:
-        answer = with_nan_unless_converged(record_refined(plant, method, refine))
+        refined = record_refined(plant, method, refine, estimate=None)
+        answer = with_nan_unless_converged(refined)
         qdd = inline(recorder, answer, {})['qdd']
     by_q = by_positions(recorder, plant, chain, tip, qd, qdd, _minus_rotors(plant, torques, qdd))
     with recorder.section('joints and drives'):

@@ -6,9 +6,15 @@ Iterative refinement: solve again for the torques that an answer misses, and add
     qdd    = a method's answer
     r      = tau of the motors - ID(q, qd, qdd)       link by link, in the same number format
     delta  = the same method at q, for r, at rest, without gravity and wrench:  H delta = r
-    qdd    = qdd + delta,   error = max |delta| / max |qdd|
+    qdd    = qdd + delta
 
-The last three lines are a step. `error` is the relative error of the answer before the last step.
+The last three lines are a step. The error of the answer before the last step is estimated by
+
+    error = max |delta| / max |qdd + delta|       r with its rounding errors added
+
+A residual in the number format is rounding where tau is close to the bias, and so is delta.
+pfd_core.machine.rounding_errors makes it accurate, for several times the operations; only a
+recording of the estimate has it. This residual is that of Luh, Walker and Paul in link axes.
 
 The text of a method is recorded once more for delta. Its part that depends on q alone, the inertia
 matrix and its factors or the articulated inertias, consists of the same expressions as before, and
@@ -37,17 +43,27 @@ import numpy as np
 
 from pfd_core.algorithms.chain.drives import has_drives, motor_torques
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
-from pfd_core.algorithms.chain.joint_torques import without_joint_torques
+from pfd_core.algorithms.chain.joint_torques import (
+    plus_joint_torques,
+    without_joint_torques,
+)
+from pfd_core.algorithms.chain.link_axes import chain_on, known
 from pfd_core.algorithms.grouped.link_torques import record_link_torques
 from pfd_core.algorithms.programs import record_forward_dynamics
+from pfd_core.algorithms.serial.luh_walker_paul import newton_euler
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.rounding_errors import RoundingErrors
 from pfd_core.model import Plant
 
 
 def record_refined(
-    plant: Plant, method: str, steps: int, tolerance: float | None = None
+    plant: Plant,
+    method: str,
+    steps: int,
+    tolerance: float | None = None,
+    estimate: str | None = 'float64',
 ) -> Program:
     """
     Return the sequential program of a method with steps of refinement.
@@ -62,12 +78,14 @@ def record_refined(
         Steps of refinement; 0 is the method alone.
     tolerance : float, optional
         Relative residual at which an iterative method stops; default for double precision.
+    estimate : {'float64', 'float32', None}
+        Number format for which the error is estimated; None leaves the estimate out.
 
     Returns
     -------
     Program
         The method's own outputs, of which qdd is refined, and with one step or more `error`,
-        (1,): the size of the last correction relative to the answer, infinite where the answer
+        (1,): the estimated relative error of qdd before the last step, infinite where the answer
         is not finite, a pivot is not positive or the iteration has not converged.
 
     """
@@ -86,6 +104,7 @@ def record_refined(
     results = inline(recorder, method_program, {})
     qdd = results['qdd']
     for _ in range(steps):
+        before = qdd
         needed = inline(recorder, torques, {'qdd': qdd})['tau']
         with recorder.section('residual'):
             r = [given - t for given, t in zip(tau, needed, strict=True)]
@@ -93,8 +112,13 @@ def record_refined(
         delta = inline(recorder, solve, rest)['qdd']
         with recorder.section('correction'):
             qdd = [a + d for a, d in zip(qdd, delta, strict=True)]
-    with recorder.section('error estimate'):
-        results['error'] = [_estimate(recorder, qdd, delta, results)]
+    if estimate is not None:
+        with recorder.section('exact residual'):
+            r = _exact_residual(recorder, plant, before, estimate)
+        delta = inline(recorder, solve, rest | {'tau': r})['qdd']
+        with recorder.section('error estimate'):
+            right = [a + d for a, d in zip(before, delta, strict=True)]
+            results['error'] = [_estimate(recorder, right, delta, results)]
     return program_with_outputs(recorder, **results | {'qdd': qdd})
 
 
@@ -135,6 +159,31 @@ def inline(
         name: [values[register] for register, _ in output.places]
         for name, output in program.outputs.items()
     }
+
+
+def _exact_residual(
+    recorder: Recorder, plant: Plant, qdd: Sequence[Lanes], dtype: str
+) -> list[Lanes]:
+    """Return the torques that an answer misses, accurate to the last digits of a number format."""
+    errors = RoundingErrors(recorder, dtype)
+    (missing,) = errors.record(_record_residual(plant), {'qdd': qdd}).values()
+    return [x.value if x.error is None else x.value + x.error for x in missing]
+
+
+def _record_residual(plant: Plant) -> Program:
+    """Return the sequential program of tau of the motors - ID(q, qd, qdd)."""
+    recorder = Recorder(1, 'sequential')
+    n = plant.robot.n
+    tau, qd, qdd = (input_list(recorder, name, n) for name in ('tau', 'qd', 'qdd'))
+    tau = motor_torques(plant, tau, qd)
+    if plant.payload_input:
+        needed = inline(recorder, record_link_torques(plant), {})['tau']
+    else:
+        chain = chain_on(recorder, plant)
+        links = newton_euler(chain.links, qd, qdd, chain.gravity, chain.wrench)
+        needed = plus_joint_torques(plant, known(chain, links), qd, qdd)
+    residual = [t - u for t, u in zip(tau, needed, strict=True)]
+    return program_with_outputs(recorder, residual=residual)
 
 
 def _estimate(

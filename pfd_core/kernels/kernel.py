@@ -198,9 +198,17 @@ class Kernel:
         Return qdd, the same bits as a call gives, and its relative error before the last step.
 
         Arguments and errors are those of a call, and ValueError for a kernel with refine=0. The
-        error, () or (B,), is max |correction| / max |qdd| of the last step of refinement. Below
-        the rounding of the number format it says no more than that; it is infinite where a pivot
-        is not above zero or the answer not finite.
+        error, () or (B,), is max |difference| / max |exact qdd|. It is estimated from torques
+        with nearly twice the digits: within 5 % of the error for the included arms, also where
+        tau is close to the bias. For other robots it is within a factor of 3 wherever the error
+        is above 1e-13 (5e-5 in float32) and below 0.1, away from equilibrium: there, on axes at
+        other than right angles, rounding of the robot's rotations matters as much, and it may be
+        a twentieth of the difference to another method. It is infinite where a pivot is not
+        above zero or the answer not finite.
+
+        Near equilibrium the answer itself is no better than the one before: there the last
+        rounding of the torques is its error, too. An estimate costs four to five times as
+        much as a call, in a kernel that is compiled at the first estimate.
         """
         both = self._with_error(q, qd, tau, wrench, brakes=brakes, payload=payload)
         return both[..., :-1], both[..., -1]

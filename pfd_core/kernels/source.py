@@ -181,7 +181,8 @@ def forward(
     """Return the source of forward dynamics by a method, with some of its outputs."""
 
     def lowered() -> Stages:
-        recorded = record_refined(plant, method, refine, TOLERANCES[dtype])
+        estimate = dtype if 'error' in names else None
+        recorded = record_refined(plant, method, refine, TOLERANCES[dtype], estimate)
         return lower(with_nan_unless_converged(recorded), dtype, names)
 
     return KernelSource(lowered, ('forward', plant.digest, method, str(refine), dtype, *names))

@@ -15,6 +15,7 @@ In the order in which a text becomes a program and a result:
     iteration    a part of a program that is repeated until it has converged
     program      Program, Instruction, Output; step counts (Steps), text form
     extension    further instructions behind those of a program, equal expressions once
+    rounding_errors   program -> recording of its values with their rounding errors
     derivative   program -> program of its Jacobians or directional derivatives
     emulator     runs a program in lock-step on NumPy or mpmath numbers
     systolic     clocked array of cells, for the paper's triangular array

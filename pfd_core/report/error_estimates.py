@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.algorithms.grouped.inverse_dynamics import record_bias_torques
 from pfd_core.algorithms.programs import TOLERANCES, record_forward_dynamics
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.auto import choose
@@ -24,7 +25,15 @@ from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant, load_robot
-from pfd_core.report.hard_case_problems import Array, Problem, chain, heavy_tip, payload, problem
+from pfd_core.report.hard_case_problems import (
+    SEED,
+    Array,
+    Problem,
+    chain,
+    heavy_tip,
+    payload,
+    problem,
+)
 from pfd_core.report.hard_case_reference import DIGITS
 
 STATES = 500
@@ -94,11 +103,22 @@ def drawn(make: Callable[[], Problem]) -> Callable[[int], Problem]:
     return more
 
 
+def near_equilibrium(name: str, states: int) -> Problem:
+    """Return states of an included arm whose tau is off the bias by a share of 1e-14 to 0.1."""
+    found = problem(load_robot(name), states=states)
+    bias = run(record_bias_torques(found.plant), found.states, 'float64')['bias']
+    share = 10.0 ** -np.random.default_rng(SEED).integers(1, 15, (states, 1))
+    return replace(found, states=found.states | {'tau': bias * (1.0 + share)})
+
+
 # Robots, each with a function of the number of states.
 ROBOTS: dict[str, Callable[[int], Problem]] = {
     'puma560': lambda states: problem(load_robot('puma560'), states=states),
     'ur5': lambda states: problem(load_robot('ur5'), states=states),
     'panda': lambda states: problem(load_robot('panda'), states=states),
+    'puma560, near equilibrium': lambda states: near_equilibrium('puma560', states),
+    'ur5, near equilibrium': lambda states: near_equilibrium('ur5', states),
+    'panda, near equilibrium': lambda states: near_equilibrium('panda', states),
     'panda, payload 1e6': drawn(payload),
     'chain of 12': lambda states: problem(chain(12, 'yz'), states=states),
     'planar chain of 12': lambda states: problem(chain(12, 'y'), states=states),
@@ -111,9 +131,9 @@ ROBOTS: dict[str, Callable[[int], Problem]] = {
 METHODS = ('composite_body', 'grouped_articulated_body', 'articulated_body')
 
 
-def record_with_first_answer(plant: Plant, method: str, tolerance: float | None = None) -> Program:
+def record_with_first_answer(plant: Plant, method: str, dtype: str = 'float64') -> Program:
     """Return the refined program with one more output: `before`, the answer that it corrects."""
-    program = record_refined(plant, method, 1, tolerance)
+    program = record_refined(plant, method, 1, TOLERANCES[dtype], dtype)
     corrected = [program.instructions[register] for register, _ in program.outputs['qdd'].places]
     before = Output((plant.robot.n,), tuple((c.args[0], 0) for c in corrected))
     return replace(program, outputs={**program.outputs, 'before': before})
@@ -122,7 +142,7 @@ def record_with_first_answer(plant: Plant, method: str, tolerance: float | None 
 def estimated(problem: Problem, dtype: str, method: str = 'auto') -> Estimated:
     """Return answers and error estimates of the refined kernel, with its bits."""
     method = choose(problem.plant, method, 1)
-    recorded = record_with_first_answer(problem.plant, method, TOLERANCES[dtype])
+    recorded = record_with_first_answer(problem.plant, method, dtype)
     program = lower(recorded, dtype, ['qdd', 'error', 'before']).compiled
     # A lost answer divides by zero and overflows: its error says so.
     with np.errstate(all='ignore'):

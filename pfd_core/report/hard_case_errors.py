@@ -107,7 +107,7 @@ class Result:
 def kernel_answer(problem: Problem, dtype: str, refine: int, method: str = 'auto') -> NDArray[Any]:
     """Return qdd (S, n), with the bits of the kernel."""
     method = choose(problem.plant, method, refine)
-    recorded = record_refined(problem.plant, method, refine, TOLERANCES[dtype])
+    recorded = record_refined(problem.plant, method, refine, TOLERANCES[dtype], None)
     program = lower(recorded, dtype, ['qdd']).compiled
     qdd: NDArray[Any] = _run(program, problem.states, dtype)['qdd']
     return qdd
@@ -120,7 +120,7 @@ def methods(n: int) -> tuple[str, ...]:
 
 def method_answer(problem: Problem, method: str, dtype: str, refine: int) -> NDArray[Any]:
     """Return qdd (S, n) by the text of a method as recorded, before it is folded and fused."""
-    recorded = record_refined(problem.plant, method, refine, TOLERANCES[dtype])
+    recorded = record_refined(problem.plant, method, refine, TOLERANCES[dtype], None)
     qdd: NDArray[Any] = _run(expand_sines(recorded, dtype), problem.states, dtype)['qdd']
     return qdd
 

@@ -1,0 +1,258 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A sequential program with the rounding error of each of its values, to first order.
+
+    a + b     s = fl(a + b),  error of s from two more differences (Knuth)
+    a b       p = fl(a b),    error of p = fma(a, b, -p)
+    a / b     c = fl(a / b),  error of c = fma(-c, b, a) / b
+    sqrt a    s = fl(sqrt a), error of s = fma(-s, s, a) / (2 s)
+
+The error of a value is carried through the operations that read it. Value plus error is as
+accurate as arithmetic with nearly twice the digits. Sines and cosines are evaluated here, by
+Taylor's series after Cody and Waite's reduction, because those of a kernel are within 1.5 units
+only.
+
+Every product is recorded as fma(a, b, 0). It therefore shares no register with products that are
+recorded elsewhere, so that lowering fuses those as it does without this part.
+
+Knuth, The Art of Computer Programming 2, 4.2.2; Langlois, Graillat and Louvet 2006, Compensated
+Horner scheme, for the errors of products and sums carried along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+import math
+
+import numpy as np
+
+from pfd_core.machine.lanes import where
+from pfd_core.machine.program import Instruction, Program
+from pfd_core.machine.recorder import Lanes, Recorder
+
+# pi / 2 to 60 digits.
+HALF_PI = Fraction('1.57079632679489661923132169163975144209858469968755291048747')
+# Terms of the series that are smaller than this, in units of rounding, are left out.
+SMALLEST_TERM = 1e-3
+# Coefficients of each series whose rounding matters, for angles of at most pi / 4.
+WITH_ERRORS = 2
+
+
+@dataclass(frozen=True)
+class Approximate:
+    """A value, and its exact value less this value; None for a known zero."""
+
+    value: Lanes
+    error: Lanes | None = None
+
+
+class RoundingErrors:
+    """
+    Records operations with their rounding errors.
+
+    Parameters
+    ----------
+    recorder : Recorder
+        Of one lane.
+    dtype : {'float64', 'float32'}
+        Number format in which the recording is run.
+
+    """
+
+    def __init__(self, recorder: Recorder, dtype: str) -> None:
+        self.recorder = recorder
+        self.number = np.dtype(dtype).type
+        self.digits = np.finfo(dtype).nmant
+        self._zero = recorder.constant(0.0)
+        self._numbers: dict[tuple[int, ...], float] = {self._zero.registers: 0.0}
+        self._sines: dict[tuple[int, ...], tuple[Approximate, Approximate]] = {}
+
+    def record(
+        self, program: Program, inputs: Mapping[str, Sequence[Lanes]]
+    ) -> dict[str, list[Approximate]]:
+        """
+        Record a sequential program without loops.
+
+        Parameters
+        ----------
+        program : Program
+            The program; its constants are exact.
+        inputs : mapping
+            Exact values of some of its inputs; the others stay inputs.
+
+        Returns
+        -------
+        dict
+            Name of each output to its elements.
+
+        """
+        found: list[Approximate] = []
+        for instruction in program.instructions:
+            if instruction.op == 'input':
+                name, k = instruction.data[0]
+                given = inputs[name][k] if name in inputs else self.recorder.input(name, [k])
+                found.append(Approximate(given))
+            else:
+                found.append(self._apply(instruction, [found[a] for a in instruction.args]))
+        return {
+            name: [found[register] for register, _ in output.places]
+            for name, output in program.outputs.items()
+        }
+
+    def _apply(self, instruction: Instruction, operands: Sequence[Approximate]) -> Approximate:
+        op = instruction.op
+        if op == 'constant':
+            return self.constant(Fraction(x) if math.isfinite(x := instruction.data[0]) else x)
+        if op == 'neg':
+            return self.negative(*operands)
+        if op == 'add':
+            return self.sum(*operands)
+        if op == 'sub':
+            return self.sum(operands[0], self.negative(operands[1]))
+        if op == 'mul':
+            return self.product(*operands)
+        if op == 'div':
+            return self._quotient(*operands)
+        if op == 'sqrt':
+            return self._root(*operands)
+        if op == 'select':
+            return self._selected(*operands)
+        if op in ('sin', 'cos'):
+            return self._sine_and_cosine(*operands)[op == 'cos']
+        raise ValueError(f'the rounding error of {op} is not known')
+
+    def constant(self, exact: Fraction | float) -> Approximate:
+        """Return a number with the rounding to the number format as its error."""
+        value = float(self.number(float(exact)))
+        row = self.recorder.constant(value)
+        self._numbers[row.registers] = value
+        if not isinstance(exact, Fraction) or exact == Fraction(value):
+            return Approximate(row)
+        rest = float(self.number(float(exact - Fraction(value))))
+        return Approximate(row, self.recorder.constant(rest) if rest else None)
+
+    def negative(self, a: Approximate) -> Approximate:
+        """Return -a."""
+        number = self._number(a)
+        if number is not None and a.error is None:
+            return self.constant(Fraction(-number) if math.isfinite(number) else -number)
+        return Approximate(-a.value, None if a.error is None else -a.error)
+
+    def sum(self, a: Approximate, b: Approximate) -> Approximate:
+        """Return a + b."""
+        if self._number(a) == 0 or self._number(b) == 0:
+            kept, zero = (b, a) if self._number(a) == 0 else (a, b)
+            return Approximate(kept.value, self._added(kept.error, zero.error))
+        s = a.value + b.value
+        part = s - a.value
+        rounding: Lanes = (a.value - (s - part)) + (b.value - part)
+        return Approximate(s, self._added(self._added(a.error, b.error), rounding))
+
+    def product(self, a: Approximate, b: Approximate) -> Approximate:
+        """Return a b."""
+        for factor, other in ((a, b), (b, a)):
+            number = self._number(factor)
+            if number is not None and factor.error is None:
+                if number == 0:
+                    return Approximate(self._zero)
+                if abs(number) == 1:
+                    return other if number == 1 else self.negative(other)
+        p = self._fma(a.value, b.value, self._zero)
+        error = self._fma(a.value, b.value, -p)
+        for factor, other in ((a, b), (b, a)):
+            if other.error is not None:
+                error = self._fma(factor.value, other.error, error)
+        return Approximate(p, error)
+
+    def _number(self, a: Approximate) -> float | None:
+        return self._numbers.get(a.value.registers)
+
+    def _or_zero(self, error: Lanes | None) -> Lanes:
+        return self._zero if error is None else error
+
+    def _fma(self, a: Lanes, b: Lanes, c: Lanes) -> Lanes:
+        return self.recorder.apply('fma', a, b, c)
+
+    def _added(self, a: Lanes | None, b: Lanes | None) -> Lanes | None:
+        if a is None or b is None:
+            return b if a is None else a
+        result: Lanes = a + b
+        return result
+
+    def _quotient(self, a: Approximate, b: Approximate) -> Approximate:
+        c = a.value / b.value
+        rest = self._added(self._fma(-c, b.value, a.value), a.error)
+        if b.error is not None:
+            rest = self._fma(-c, b.error, self._or_zero(rest))
+        return Approximate(c, None if rest is None else rest / b.value)
+
+    def _root(self, a: Approximate) -> Approximate:
+        s = self.recorder.apply('sqrt', a.value)
+        rest = self._added(self._fma(-s, s, a.value), a.error)
+        return Approximate(s, where(s, self._or_zero(rest) / (s + s), 0.0))
+
+    def _selected(self, c: Approximate, a: Approximate, b: Approximate) -> Approximate:
+        value = where(c.value, a.value, b.value)
+        if a.error is None and b.error is None:
+            return Approximate(value)
+        errors = (self._or_zero(x.error) for x in (a, b))
+        return Approximate(value, where(c.value, *errors))
+
+    def _sine_and_cosine(self, x: Approximate) -> tuple[Approximate, Approximate]:
+        key = x.value.registers
+        if key not in self._sines:
+            self._sines[key] = self._turned(*self._reduced(x))
+        return self._sines[key]
+
+    def _reduced(self, x: Approximate) -> tuple[Lanes, Approximate]:
+        """Return the nearest whole number k of quarter turns, and r = x - k pi / 2."""
+        # Numbers of this size are whole: adding and subtracting one rounds.
+        whole = self.recorder.constant(1.5 * 2.0**self.digits)
+        turns = self.constant(1 / HALF_PI).value
+        k = self._fma(x.value, turns, whole) - whole
+        angle = self.product(Approximate(k), self.constant(HALF_PI))
+        r = self.sum(x, self.negative(angle))
+        # The reduction may leave an error that is not small beside r.
+        return k, self.sum(Approximate(r.value), Approximate(self._or_zero(r.error)))
+
+    def _turned(self, k: Lanes, r: Approximate) -> tuple[Approximate, Approximate]:
+        """Return sine and cosine of r + k pi / 2."""
+        z = self.product(r, r)
+        sine = self.sum(r, self.product(r, self.product(z, self._series(z, 3))))
+        cosine = self.sum(self.constant(Fraction(1)), self.product(z, self._series(z, 2)))
+        # Cosine and minus sine of k quarter turns: each 1, 0 or -1.
+        even = 3.0 * 2.0**self.digits
+        turned = k + 1.0
+        along = turned - ((turned + even) - even)
+        down = ((k + even) - even) - k
+        return (
+            self._combined(along, sine, -down, cosine),
+            self._combined(along, cosine, down, sine),
+        )
+
+    def _combined(self, c: Lanes, a: Approximate, s: Lanes, b: Approximate) -> Approximate:
+        """Return c a + s b, where one of c and s is zero and the other 1 or -1."""
+        zero = self._zero
+        value = self._fma(c, a.value, self._fma(s, b.value, zero))
+        error = self._fma(c, self._or_zero(a.error), self._fma(s, self._or_zero(b.error), zero))
+        return Approximate(value, error)
+
+    def _series(self, z: Approximate, power: int) -> Approximate:
+        """Return -1/power! + z/(power + 2)! - ..., for z up to (pi / 4)^2."""
+        coefficients: list[Fraction] = []
+        size, m = 1.0, power
+        while size > SMALLEST_TERM * 2.0**-self.digits:
+            sign = -1 if len(coefficients) % 2 == 0 else 1
+            coefficients.append(Fraction(sign, math.factorial(m)))
+            m += 2
+            size = (math.pi / 4) ** m / math.factorial(m)
+        rest = self.constant(coefficients[-1]).value
+        for coefficient in reversed(coefficients[WITH_ERRORS:-1]):
+            rest = self._fma(rest, z.value, self.constant(coefficient).value)
+        result = Approximate(rest)
+        for coefficient in reversed(coefficients[:WITH_ERRORS]):
+            result = self.sum(self.product(result, z), self.constant(coefficient))
+        return result

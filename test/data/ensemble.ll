@@ -589,7 +589,7 @@ after138:
 loop188:
   %v189 = phi i64 [ 0, %after138 ], [ %v193, %loop188 ]
   call void @step(ptr %a11, ptr %a20, ptr %a29, ptr %a38, ptr %a56)
-  %v190 = load volatile i64, ptr %substeps
+  %v190 = load atomic i64, ptr %substeps monotonic, align 8
   %v191 = add i64 %v189, 1
   %v192 = icmp ult i64 %v191, %v190
   %v193 = add i64 %v189, 1

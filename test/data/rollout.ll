@@ -230,7 +230,7 @@ loop2:
 loop7:
   %v8 = phi i64 [ 0, %loop2 ], [ %v12, %loop7 ]
   call void @step(ptr %q, ptr %qd, ptr %a1, ptr %v6, ptr %free)
-  %v9 = load volatile i64, ptr %substeps
+  %v9 = load atomic i64, ptr %substeps monotonic, align 8
   %v10 = add i64 %v8, 1
   %v11 = icmp ult i64 %v10, %v9
   %v12 = add i64 %v8, 1

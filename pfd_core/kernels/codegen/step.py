@@ -155,7 +155,8 @@ def take_steps(
     Advance a state by a number of steps under one torque.
 
     The number is read from memory, at the address `substeps`, after each step: a caller in another
-    thread ends the loop by writing 0.
+    thread ends the loop by writing 0. The load is atomic: LLVM leaves the value that an ordinary
+    or volatile load has in a race undefined or up to the target.
     """
     if begins_with_acceleration(program):
         evaluate_at_end(ir, program, dynamics, arrays)
@@ -163,7 +164,7 @@ def take_steps(
     with ir.loop(ENDLESS, condition=more) as k:
         names = _arguments(program, dynamics)
         ir.call('void', 'step', pointers(arrays[name] for name in names))
-        count = ir.let(f'load volatile i64, ptr {substeps}')
+        count = ir.let(f'load atomic i64, ptr {substeps} monotonic, align 8')
         taken = ir.let(f'add i64 {k}, 1')
         more.value = ir.let(f'icmp ult i64 {taken}, {count}')
 

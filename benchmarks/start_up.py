@@ -137,12 +137,8 @@ def report(found: dict[str, list[dict[str, tuple[float, float]]]]) -> None:
     print('start   wall min  median   processor min  median   median of ratios to bare')
     for kind in KINDS:
         walls, cpus = zip(*ends[kind], strict=True)
-        ratios = [
-            statistics.median(
-                mine[k] / other[k] for mine, other in zip(ends[kind], ends['bare'], strict=True)
-            )
-            for k in (0, 1)
-        ]
+        pairs = list(zip(ends[kind], ends['bare'], strict=True))
+        ratios = [statistics.median(mine[k] / other[k] for mine, other in pairs) for k in (0, 1)]
         print(
             f'{kind:6} {min(walls):8.2f} s {statistics.median(walls):5.2f} s '
             f'{min(cpus):13.2f} s {statistics.median(cpus):5.2f} s   '

@@ -55,6 +55,7 @@ def scene_inputs(
         or type.
 
     """
+
     inputs = {}
     if scene.external_wrench:
         if wrench is None:

@@ -55,7 +55,6 @@ def scene_inputs(
         or type.
 
     """
-
     inputs = {}
     if scene.external_wrench:
         if wrench is None:

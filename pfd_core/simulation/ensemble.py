@@ -99,7 +99,7 @@ class Ensemble(Simulation):
         """
         Status of each arm, (B,): 'ok', 'not_finite' or 'too_many_events'.
 
-        `status` is 'too_many_events' if any arm has this status, else 'not_finite' if any has that.
+        `status` is 'too_many_events' if any arm has it, else 'not_finite' if any arm has that.
         """
         arrays = self._now.arrays
         finite = np.isfinite(arrays['q']).all(axis=1) & np.isfinite(arrays['qd']).all(axis=1)

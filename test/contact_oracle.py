@@ -51,7 +51,7 @@ class TooManyEventsError(RuntimeError):
 
 @dataclass(frozen=True)
 class Case:
-    """An arm with constant torques: friction, restitution, tau are (n,), limits (n, 2)."""
+    """An arm with constant torques: limits are (n, 2), all others (n,), damping also a number."""
 
     robot: Robot
     armature: Array
@@ -59,6 +59,7 @@ class Case:
     limits: Array
     restitution: Array
     tau: Array
+    damping: Array | float = 0.0
 
 
 class Motion:
@@ -77,7 +78,7 @@ class Motion:
             self._leg(until)
 
     def _bias(self, q: Array, v: Array) -> Array:
-        return self.oracle.tau(q, v, np.zeros(self.n))
+        return self.oracle.tau(q, v, np.zeros(self.n)) + self.case.damping * v
 
     def _at_stops(self) -> tuple[Array, Array]:
         lower, upper = self.case.limits.T
@@ -215,7 +216,7 @@ class Motion:
 
         def margin(y: Array) -> float:
             a = accelerations(y[:n], y[n:])
-            reaction = self.oracle.tau(y[:n], y[n:], a) - case.tau
+            reaction = self.oracle.tau(y[:n], y[n:], a) + case.damping * y[n:] - case.tau
             return float(np.minimum(reaction - low, high - reaction)[held].min())
 
         if len(held):

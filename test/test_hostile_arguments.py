@@ -23,11 +23,13 @@ STATE = np.zeros(2)
 RESULTS = {
     'AdaptiveTrajectory',
     'Kernel',
+    'Linearization',
     'PhysicsWarning',
     'Program',
     'Run',
     'Steps',
     'Trajectory',
+    'TreeError',
 }
 # Valid arguments of each public function and constructor, as far as it needs some.
 VALID: dict[str, dict[str, Any]] = {
@@ -44,6 +46,7 @@ VALID: dict[str, dict[str, Any]] = {
     'StateFeedback': {'gain': np.zeros((2, 4)), 'q': STATE},
     'compile_kernel': {'robot': ROBOT},
     'emulate': {'robot': ROBOT, 'q': STATE, 'qd': STATE, 'tau': STATE},
+    'estimated_armature': {'robot': ROBOT},
     'forward_dynamics': {'robot': ROBOT, 'q': STATE, 'qd': STATE, 'tau': STATE},
     'integrate': {'robot': ROBOT, 'tau': STATE, 'duration': 0.01},
     'inverse_dynamics': {'robot': ROBOT, 'q': STATE, 'qd': STATE, 'qdd': STATE},
@@ -52,8 +55,10 @@ VALID: dict[str, dict[str, Any]] = {
     'load_scene': {'source': 'gravity: [0, 0, -9.81]\n'},
     'lock': {'robot': ROBOT, 'positions': {'shoulder': 0.0}},
     'reflected_inertia': {'rotor_inertia': [1.0], 'gear_ratio': [2.0]},
+    'robot_to_urdf': {'robot': ROBOT},
     'robot_to_yaml': {'robot': ROBOT},
     'scene_to_yaml': {'scene': pfd.Scene()},
+    'urdf_of': {'source': 'planar2'},
     'with_payload': {'robot': ROBOT, 'payload': pfd.Payload(1.0)},
 }
 HOSTILE = [
@@ -163,6 +168,7 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
     'Scene': {'save': {}},
     'Simulator': {
         'linearize': STATES,
+        'prepare_payload': {'payload': None},
         'reset': {},
         'rollout': {'taus': np.zeros((2, 2))},
         'step': {'tau': STATE},

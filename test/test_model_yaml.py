@@ -400,8 +400,9 @@ def test_robots_are_known_by_name_in_an_installation_in_a_zip_file(tmp_path: Pat
     with zipfile.ZipFile(archive, 'w') as file:
         for path in (root / 'pfd_core').rglob('*.py'):
             file.write(path, path.relative_to(root))
-        for path in (root / 'config').rglob('*.yaml'):
-            file.write(path, Path('pfd_core') / path.relative_to(root))
+        # In a checkout, and where it was installed.
+        for path in [*(root / 'config').rglob('*.yaml'), *(root / 'pfd_core/config').rglob('*')]:
+            file.write(path, Path('pfd_core', *path.parts[path.parts.index('config') :]))
     script = (
         'import pfd_core as pfd; assert ".zip" in pfd.__file__; '
         'print(*pfd.known_robots(), *(pfd.load_robot(name).digest for name in pfd.known_robots()))'

@@ -29,7 +29,7 @@ REPORT = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 NAME = 'collinear_axes_1e-12'
 TINY = Plan(
     cases=(NAME,),
-    methods=('composite_body', 'grouped_articulated_body', 'pcgm'),
+    methods=('articulated_body', 'composite_body', 'grouped_articulated_body', 'pcgm'),
     batches=(1, 16),
     pace=Pace(chunk=1e-5, turns=1, fewest=1),
 )
@@ -98,7 +98,7 @@ def test_every_method_format_and_refinement_has_a_point_for_every_batch(
         assert 0 < point.minimum <= point.median
         assert (point.error is None) == (point.in_units is None)
         # Compared with the default method, not refined.
-        if (point.way, point.dtype, point.refine) == ('composite_body', 'float64', 0):
+        if (point.way, point.dtype, point.refine) == ('articulated_body', 'float64', 0):
             assert point.times == 1.0
         assert point.times > 0
 

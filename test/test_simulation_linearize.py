@@ -409,6 +409,7 @@ def test_braked_joints_of_a_smooth_arm_have_the_status_held() -> None:
     sim = pfd.Simulator(pfd.load_robot('planar2'), pfd.Scene(brakes=True))
     at = state(2)
     assert sim.linearize(*at).status.tolist() == ['moving', 'moving']
+    at[1][1] = 0.0  # a brake that closes in motion is an impact
     assert sim.linearize(*at, brakes=[False, True]).status.tolist() == ['moving', 'held']
 
 

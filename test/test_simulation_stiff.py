@@ -143,7 +143,7 @@ def test_a_step_makes_its_evaluations_and_solves_only_with_damping(name: str) ->
 STEADY = 4.0
 
 
-@pytest.mark.parametrize(('dtype', 'most'), [('float64', 9e13), ('float32', 1.6e5)])
+@pytest.mark.parametrize(('dtype', 'most'), [('float64', 9e13), ('float32', 1.6e6)])
 @pytest.mark.parametrize('inertia', [1e-12, 0.5])
 def test_damping_is_as_accurate_as_the_number_format_carries_and_refused_beyond(
     inertia: float, dtype: str, most: float
@@ -170,5 +170,5 @@ def test_damping_is_as_accurate_as_the_number_format_carries_and_refused_beyond(
             steady = float(tau) / (stiffness * inertia / h)
             assert abs(float(arm.qd[0]) - steady) <= bound * steady
     for stiffness in (1.2 * most, 1e24):
-        with pytest.raises(ValueError, match=r'damping of the scene decays .* keep two digits'):
+        with pytest.raises(ValueError, match=r'damping of the scene decays .* keep the digits'):
             sim(stiffness)

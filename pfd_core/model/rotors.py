@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike
 
 from pfd_core.model.checked_numbers import LARGEST, Array, number_from_text, real_array
 from pfd_core.model.error_text import quote
-from pfd_core.model.robot import Robot
+from pfd_core.model.robot import Robot, check_robot
 
 # Time in which a motor at full effort accelerates its rotor alone to the velocity limit, s.
 SPIN_UP_TIME = 0.035
@@ -88,6 +88,7 @@ def estimated_armature(robot: Robot) -> Array:
         else the estimate; zero for a joint without a finite effort and velocity limit.
 
     """
+    check_robot(robot)
     effort, velocity = robot.effort_limit, robot.velocity_limit
     stated = (effort > 0) & (effort < np.inf) & (velocity > 0) & (velocity < np.inf)
     estimate = np.zeros(robot.n)

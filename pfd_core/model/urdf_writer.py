@@ -18,7 +18,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 
 from pfd_core.model.geometry import Array, Placement, chained, product
-from pfd_core.model.robot import LIMIT_FIELDS, Robot
+from pfd_core.model.robot import LIMIT_FIELDS, Robot, check_robot
 from pfd_core.model.urdf_reader import INERTIA_KEYS, LARGEST_LIMIT
 from pfd_core.model.yaml_robot import ELEMENTS
 
@@ -28,6 +28,7 @@ GIMBAL_LOCK = 1e-12
 
 def robot_to_urdf(robot: Robot) -> str:
     """Return a robot as URDF; `load_robot` reads the same robot from it, to rounding."""
+    check_robot(robot)
     root = ElementTree.Element('robot', name=robot.name)
     names = [robot.base, *_link_names(robot)]
     for name in names[:1]:

@@ -28,6 +28,7 @@ from pfd_core.forking import cached_property
 from pfd_core.kernels.simulations import Rollout, compile_rollout
 from pfd_core.model import Payload, Robot, Scene, resolve
 from pfd_core.model.checked_numbers import Array, real_array
+from pfd_core.model.error_text import quote
 from pfd_core.model.joint_space_checks import check_joint_inertia
 from pfd_core.model.scene_checks import INPUT
 from pfd_core.simulation.simulation import Simulation
@@ -123,6 +124,9 @@ class Simulator(Simulation):
         self._numbers_of(payload)
 
     def _numbers_of(self, payload: Payload | None) -> Array:
+        # Before the table of numbers that are kept, which takes hashable objects only.
+        if payload is not None and not isinstance(payload, Payload):
+            raise ValueError(f'payload must be a Payload or None, got {quote(payload)}')
         return _payload_input(
             self.robot, self.scene, self.dtype, self.step_size, self.substeps, payload
         )

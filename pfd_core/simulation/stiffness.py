@@ -15,15 +15,16 @@ import numpy as np
 
 from pfd_core.model import Plant, Robot
 from pfd_core.model.checked_numbers import Array, choice
-from pfd_core.simulation.integrators import INTEGRATORS, TABLE
+from pfd_core.simulation.integrators import TABLE
 
 # h lambda from which on 'auto' stands for the implicit integrator.
 STIFF = 0.5
 # Part of a swing [rad] that a step may be: above it a spring that is hit in between two steps
 # gives back more energy than it took.
 SPRING = 0.2
-# Largest relative error of a velocity that implicit damping may leave.
-LOST = 1e-2
+# Largest relative error of a velocity that implicit damping may leave: float32, whose seven digits
+# are fewer to lose, keeps one.
+LOST = {'float64': 1e-2, 'float32': 1e-1}
 # Poses of an arm, and elements of all their joint-space inertias in a long chain.
 POSES = 64
 ELEMENTS = 100_000
@@ -31,7 +32,7 @@ ELEMENTS = 100_000
 
 def chosen(name: str, plant: Plant, h: float) -> str:
     """Return the integrator of a name, for steps of h [s]; ValueError for an unknown name."""
-    if choice('integrator', name, INTEGRATORS) != 'auto':
+    if choice('integrator', name, ('auto', *TABLE)) != 'auto':
         return name
     return 'imex2' if h * fastest_decay(plant) > STIFF else 'rk4'
 
@@ -47,11 +48,11 @@ def check_damping(plant: Plant, integrator: str, h: float, dtype: str) -> None:
         return
     rate = fastest_decay(plant)
     u = float(np.finfo(dtype).eps) / 2
-    largest = LOST / (u * h)
+    largest = LOST[dtype] / (u * h)
     if largest < rate < np.inf:
         raise ValueError(
             f'damping of the scene decays with {rate:.3g} 1/s, in steps of {h:.3g} s and {dtype} '
-            f'at most {largest:.3g} 1/s keep two digits of a velocity: less damping, shorter '
+            f'at most {largest:.3g} 1/s keep the digits of a velocity: less damping, shorter '
             'steps, rotors or a brake are needed'
         )
 

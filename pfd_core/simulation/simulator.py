@@ -127,6 +127,8 @@ class Simulator(Simulation):
         # Before the table of numbers that are kept, which takes hashable objects only.
         if payload is not None and not isinstance(payload, Payload):
             raise ValueError(f'payload must be a Payload or None, got {quote(payload)}')
+        if self.scene.payload != INPUT:
+            raise ValueError("the scene takes no payload as an input: use Scene(payload='input')")
         return _payload_input(
             self.robot, self.scene, self.dtype, self.step_size, self.substeps, payload
         )

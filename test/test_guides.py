@@ -224,12 +224,10 @@ def test_effects_over_a_step_are_refused_by_quantities_with_accelerations_alone(
 def test_the_readmes_quantities_are_those_of_one_equation_of_motion() -> None:
     blocks = BLOCK.findall((FOLDER.parent.parent / 'README.md').read_text(encoding='utf-8'))
     (code,) = (code for code, _ in blocks if 'linearize' in code)
-    robot = pfd.load_robot('puma560')
-    sim = pfd.Simulator(robot, pfd.Scene(damping='model', armature='model'))
     q, qd, tau = np.random.default_rng(0).uniform(-1, 1, (3, 6))
-    names = {'pfd': pfd, 'robot': robot, 'sim': sim, 'q': q, 'qd': qd, 'tau': tau}
+    names = {'pfd': pfd, 'q': q, 'qd': qd, 'tau': tau, 'taus': np.zeros((10, 6))}
     exec(code, names)
-    qdd = pfd.forward_dynamics(robot, q, qd, tau, scene=sim.scene)
+    qdd = pfd.forward_dynamics(names['robot'], q, qd, tau, scene=names['sim'].scene)
     np.testing.assert_allclose(names['H'] @ qdd + names['bias'], tau, rtol=1e-10)
     assert (names['A'].shape, names['B'].shape) == ((12, 12), (12, 6))
 

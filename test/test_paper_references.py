@@ -19,7 +19,10 @@ from pfd_core.report.counts import uniform_chain as chain
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = sorted((ROOT / 'pfd_core').rglob('*.py'))
-PAGES = (ROOT / 'README.md', ROOT / 'docs' / 'notation.md', ROOT / 'docs' / 'report' / 'counts.md')
+PAGES = tuple(
+    ROOT / page
+    for page in ('README.md', 'docs/notation.md', 'docs/guides/paper.md', 'docs/report/counts.md')
+)
 
 # Equation numbers of the paper, read off its text. (14), (17), (A.6) and (A.8) are lost in the
 # scan, where a display without a number stands between its neighbours.
@@ -96,17 +99,17 @@ def test_no_formula_that_the_paper_lacks_is_told_as_its_own(path: Path) -> None:
                     assert not re.search(formula.replace('^', r'\^').replace('+', r'\+'), sentence)
 
 
-def readme() -> str:
-    return ' '.join((ROOT / 'README.md').read_text(encoding='utf-8').split())
+def guide() -> str:
+    return ' '.join((ROOT / 'docs' / 'guides' / 'paper.md').read_text(encoding='utf-8').split())
 
 
-def test_the_readme_tells_the_steps_of_pcrbm_with_what_packing_costs() -> None:
+def test_the_guide_gives_the_steps_of_pcrbm_with_what_packing_costs() -> None:
     counts = row('pcrbm', 6)
     s, u = counts.steps, counts.unpacked
     cells = counts.cells['multiplications'], counts.cells['additions']
-    sentence = next(x for x in re.split(r'(?<=\.) ', readme()) if 'PCRBM takes' in x)
+    sentence = guide().split('At six joints PCRBM takes')[1].split('##')[0]
     for told in (
-        f'takes {s.multiplications + s.divisions} multiplications and divisions, {s.additions} '
+        f' {s.multiplications + s.divisions} multiplications and divisions, {s.additions} '
         f'additions and {s.routes} routes',
         f'or {u.multiplications + u.divisions}, {u.additions} and {u.routes} without packing',
         f'prints {cells[0].printed} and {cells[1].printed}',
@@ -114,16 +117,16 @@ def test_the_readme_tells_the_steps_of_pcrbm_with_what_packing_costs() -> None:
     ):
         assert told in sentence
     assert best_serial(6)[0] in ('walker_orin_3', 'articulated_body')
-    assert f'{counts.speed_up:.2f} times as many steps of arithmetic' in readme()
-    assert f'{counts.routed_speed_up:.2f} times if a route is a step' in readme()
+    assert f'{counts.speed_up:.2f} times as many steps of arithmetic' in guide()
+    assert f'{counts.routed_speed_up:.2f} times if a route is a step' in guide()
 
 
-def test_the_readme_tells_what_convergence_and_divide_and_conquer_cost() -> None:
+def test_the_guide_gives_what_convergence_and_divide_and_conquer_cost() -> None:
     page = (ROOT / 'docs' / 'report' / 'counts.md').read_text(encoding='utf-8')
-    trips = re.search(r'To rounding they take (\d+) to (\d+) trips', readme())
+    trips = re.search(r'To rounding they take (\d+) to (\d+) iterations', guide())
     assert trips is not None
     few, many = (row('pcgm', 6, int(k)).cells for k in trips.groups())
-    worst = re.search(r'six trips leave relative errors of up to (\S+)\. ', readme())
+    worst = re.search(r'six iterations leave relative errors of up to (\S+)\. ', guide())
     assert worst is not None
     price = f'leave errors of up to {worst[1]}; {trips[1]} to {trips[2]} trips converge and take'
     assert f'both for 6 trips, which {price}' in page
@@ -132,20 +135,20 @@ def test_the_readme_tells_what_convergence_and_divide_and_conquer_cost() -> None
         ('multiplications', 'multiplications and divisions'),
         ('additions', 'additions'),
     ):
-        assert f'{few[kind].measured} to {many[kind].measured} {name}' in readme()
+        assert f'{few[kind].measured} to {many[kind].measured} {name}' in guide()
     routes = [row('pcgm', 6, int(k)).steps.routes for k in trips.groups()]
-    assert f'with {routes[0]} to {routes[1]} routes' in readme()
+    assert f'with {routes[0]} to {routes[1]} routes' in guide()
     counts = row('divide_and_conquer', 6)
     measured = [cell.measured for cell in counts.cells.values()]
     told = f'it takes {measured[0]} and {measured[1]} with {counts.steps.routes} routes'
-    assert told in readme()
+    assert told in guide()
 
 
-def test_the_readme_tells_the_steps_of_64_joints() -> None:
+def test_the_guide_gives_the_steps_of_64_joints() -> None:
     # Of the page, whose numbers are tested.
     text = (ROOT / 'docs' / 'report' / 'counts.json').read_text(encoding='utf-8')
     rows = {(entry['system'], entry['n']): entry['cells'] for entry in json.loads(text)['counts']}
     told = []
     for method in ('divide_and_conquer', 'pcrbm'):
         told += [cell['measured'] for cell in rows[method, 64].values()][:2]
-    assert f'still {told[0]} and {told[1]} where PCRBM takes {told[2]} and {told[3]}' in readme()
+    assert f'still {told[0]} and {told[1]} where PCRBM takes {told[2]} and {told[3]}' in guide()

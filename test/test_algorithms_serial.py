@@ -30,6 +30,7 @@ from pfd_core.algorithms.serial.walker_orin import (
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.kernels.source import KernelSource
+from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
@@ -320,7 +321,8 @@ def test_kernel_and_emulator_give_the_same_bits(method: str, dtype: str) -> None
     robot = random_chain(rng, 3)
     scene = replace(EVERYTHING, brakes=True)
     stages = lower(record(method, resolve(robot, scene)), dtype, ['qdd'])
-    kernel = Kernel(robot, scene, method, dtype, KernelSource(lambda: stages), Kernel)
+    spec = KernelSpec(robot, scene, method, dtype)
+    kernel = Kernel(spec, KernelSource(lambda: stages), lambda: kernel)
     rows = [random_state(rng, 3) for _ in range(9)]
     q, qd, tau = (np.array([row[k] for row in rows], dtype) for k in range(3))
     wrench, brakes = rng.normal(size=(9, 6)).astype(dtype), rng.random((9, 3)) < 0.3

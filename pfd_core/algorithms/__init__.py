@@ -17,7 +17,7 @@ Modules that take any of them:
     quantities    H, bias, energy, tip and the like for kernels, each one program: RECORDERS
     emulation     pfd.emulate: a method on the emulated machine, with steps, utilisation, status
     refinement    a method with steps of iterative refinement, and its error estimate
-    convergence   NaN for iterations that have not converged, for kernels
+    convergence   whether an iterative method has converged, by the equations of motion
     acceleration_derivatives   d qdd / d(q, qd, tau): the factors X and D, and their product
 
 An effect of the joints at an instant belongs in chain.joint_torques, one of the motors in

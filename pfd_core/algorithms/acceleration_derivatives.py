@@ -25,14 +25,14 @@ One register holds one number.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 from pfd_core.algorithms.chain.drives import has_drives, record_motor_torques
 from pfd_core.algorithms.chain.interface import input_list
 from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
 from pfd_core.algorithms.convergence import with_nan_unless_converged
+from pfd_core.algorithms.grouped.factors import Factors, Matrix, factorise, solution
 from pfd_core.algorithms.grouped.link_torques import record_link_torques
-from pfd_core.algorithms.grouped.moving_composites import Matrix, composites, inertia_matrix
+from pfd_core.algorithms.grouped.moving_composites import composites, inertia_matrix
 from pfd_core.algorithms.grouped.newton_euler import links_at
 from pfd_core.algorithms.grouped.shared_axes import in_shared_axes
 from pfd_core.algorithms.grouped.torque_derivatives import (
@@ -40,9 +40,9 @@ from pfd_core.algorithms.grouped.torque_derivatives import (
     by_velocities,
     minus_bias,
 )
+from pfd_core.algorithms.programs import TOLERANCES
 from pfd_core.algorithms.refinement import inline, record_refined
 from pfd_core.machine.derivative import derivative
-from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.vectors import array
@@ -51,7 +51,9 @@ from pfd_core.model import Plant, check_instant
 OWN_METHOD = 'composite_body'
 
 
-def record_derivatives(plant: Plant, method: str = OWN_METHOD, refine: int = 0) -> Program:
+def record_derivatives(
+    plant: Plant, method: str = OWN_METHOD, refine: int = 0, dtype: str = 'float64'
+) -> Program:
     """
     Return the program of the factors of d qdd / d(q, qd, tau) = [-X D, X T], from q, qd and tau.
 
@@ -63,6 +65,8 @@ def record_derivatives(plant: Plant, method: str = OWN_METHOD, refine: int = 0) 
         A name in METHODS, which gives the qdd at which D is taken.
     refine : int
         Steps of iterative refinement of that qdd.
+    dtype : str
+        Number format, to whose rounding an iterative method iterates.
 
     Returns
     -------
@@ -85,15 +89,15 @@ def record_derivatives(plant: Plant, method: str = OWN_METHOD, refine: int = 0) 
     chain = composites(recorder, links, qd)
     by_qd = by_velocities(recorder, chain)
     with recorder.section('solve'):
-        factors = _factors(plant, inertia_matrix(chain), _free(recorder, plant))
+        factors = factorise(inertia_matrix(plant, chain), _free(recorder, plant))
     motors = inline(recorder, _record_motors(plant), {})
     torques = minus_joint_torques(plant, motors['tau'], qd)
     if method == OWN_METHOD:
         y = minus_bias(recorder, plant, chain, tip, by_qd, torques, qd)
         qdd = _refined(recorder, plant, factors, y, motors['tau'], refine)
     else:
-        refined = record_refined(plant, method, refine, estimate=None)
-        answer = with_nan_unless_converged(refined)
+        refined = record_refined(plant, method, refine, TOLERANCES[dtype], estimate=None)
+        answer = with_nan_unless_converged(refined, plant)
         qdd = inline(recorder, answer, {})['qdd']
     by_q = by_positions(recorder, plant, chain, tip, qd, qdd, _minus_rotors(plant, torques, qdd))
     with recorder.section('joints and drives'):
@@ -190,56 +194,6 @@ def _with_joints(
     return [[*row, *row_qd] for row, row_qd in zip(*D, strict=True)]
 
 
-@dataclass(frozen=True)
-class Factors:
-    """
-    H = L' D L.
-
-    Attributes
-    ----------
-    L : list of list of Lanes
-        Rows of the lower triangle without its diagonal of ones; zeros in those of held joints.
-    inverses : list of Lanes
-        1 / D, zero for held joints.
-
-    """
-
-    L: Matrix
-    inverses: list[Lanes]
-
-
-def _factors(plant: Plant, H: Matrix, free: Sequence[Lanes] | None) -> Factors:
-    """Return the factors of H, given by its lower triangle without rotors, from the last row."""
-    n = len(H)
-    H = [list(row) for row in H]
-    L: Matrix = [[] for _ in H]
-    inverses = [row[-1] for row in H]
-    if plant.armature is not None:
-        for i, rotor in enumerate(plant.armature):
-            H[i][i] = H[i][i] + float(rotor)
-    for k in range(n - 1, -1, -1):
-        inverses[k] = 1.0 / H[k][k]
-        if free is not None:
-            inverses[k] = where(free[k], inverses[k], 0.0)
-        L[k] = [h * inverses[k] for h in H[k][:k]]
-        for i, factor in enumerate(L[k]):
-            H[i] = [h - factor * last for h, last in zip(H[i], H[k], strict=False)]
-    return Factors(L, inverses)
-
-
-def _solution(factors: Factors, y: Sequence[Lanes]) -> list[Lanes]:
-    """Return x of H x = y, zero for held joints."""
-    x = list(y)
-    for k in range(len(x) - 1, -1, -1):
-        for i, factor in enumerate(factors.L[k]):
-            x[i] = x[i] - factor * x[k]
-    for k, row in enumerate(factors.L):
-        x[k] = x[k] * factors.inverses[k]
-        for i, factor in enumerate(row):
-            x[k] = x[k] - factor * x[i]
-    return x
-
-
 def _inverse(factors: Factors) -> Matrix:
     """Return H^-1, row after row of L X = D^-1 L'^-1, whose right side is triangular."""
     X: Matrix = []
@@ -264,9 +218,9 @@ def _refined(
     steps: int,
 ) -> list[Lanes]:
     """Return qdd with steps of refinement, as in pfd_core.algorithms.refinement."""
-    qdd = _solution(factors, y)
+    qdd = solution(factors, y)
     for _ in range(steps):
         needed = inline(recorder, record_link_torques(plant), {'qdd': qdd})['tau']
         rest = [given - t for given, t in zip(tau, needed, strict=True)]
-        qdd = [a + d for a, d in zip(qdd, _solution(factors, rest), strict=True)]
+        qdd = [a + d for a, d in zip(qdd, solution(factors, rest), strict=True)]
     return qdd

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pfd_core.algorithms.convergence import record_small_correction
 from pfd_core.algorithms.paper.pcrbm_array import SECTION
 from pfd_core.algorithms.paper.triangular_array import solve_cycles, solve_steps
-from pfd_core.algorithms.programs import TOLERANCES, record_forward_dynamics
+from pfd_core.algorithms.programs import ITERATIVE, TOLERANCES, record_forward_dynamics
 from pfd_core.forking import no_fork
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program, Steps, check_processors
@@ -45,7 +46,8 @@ class Run:
         triangular array count as processors.
     status : str
         'ok'; 'not_positive_definite' if a pivot of H was not above zero; 'not_converged' if an
-        iterative method ran into its limit; 'not_finite'.
+        iterative method ran into its limit, or its answer does not satisfy the equations of
+        motion (pfd_core.algorithms.convergence); 'not_finite'.
     iterations, cycles : int or None
         Iterations of an iterative method (of a batch, the most), cycles of the array; None for
         the others.
@@ -136,13 +138,18 @@ def emulate(
         raise ValueError(f'emulate takes a scene with a Payload or None, got payload={INPUT!r}')
     # In mpmath numbers, of any digits, the residual falls as far as in double precision.
     tolerance = TOLERANCES.get('float64' if digits else dtype)
-    program = record_forward_dynamics(resolve(robot, scene), method, 'parallel', tolerance)
+    plant = resolve(robot, scene)
+    program = record_forward_dynamics(plant, method, 'parallel', tolerance)
+    check = record_small_correction(plant) if method in ITERATIVE else None
     given: dict[str, ArrayLike] = {'q': q, 'qd': qd, 'tau': tau}
     given |= scene_inputs(scene, robot.n, 'float64', wrench, brakes)
     if wrench is not None:
         given['wrench'] = wrench  # with digits, a fraction stays exact
-    inputs = _checked(program, given, digits)
+    sizes = {name: size for name, size in (check or program).inputs.items() if name != 'qdd'}
+    inputs = _checked(sizes | program.inputs, given, digits)
     result = run(program, inputs, dtype, digits)
+    if check is not None:  # outside the counted program
+        result |= run(check, inputs | {'qdd': result['qdd']}, dtype, digits)
     trips = _trips(result)
     return Run(
         qdd=result['qdd'],
@@ -196,10 +203,12 @@ def _utilisation(
     return work / (steps * units) if steps else 0.0
 
 
-def _checked(program: Program, given: dict[str, ArrayLike], digits: int | None) -> dict[str, Any]:
+def _checked(
+    sizes: dict[str, int], given: dict[str, ArrayLike], digits: int | None
+) -> dict[str, Any]:
     """Return the inputs as arrays of one batch shape; ValueError for a wrong one."""
     arrays = {}
-    for name, size in program.inputs.items():
+    for name, size in sizes.items():
         array = real_array(name, given[name], 'float64', (..., size))
         arrays[name] = np.asarray(given[name], dtype=object) if digits else array
     shape = common_shape(arrays)
@@ -223,6 +232,6 @@ def _status(result: dict[str, Any]) -> str:
         return 'not_positive_definite'
     if not np.isfinite(values('qdd')).all():
         return 'not_finite'
-    if 'converged' in result and not (values('converged') > 0).all():
+    if 'converged' in result and not (values('converged') * values('small') > 0).all():
         return 'not_converged'
     return 'ok'

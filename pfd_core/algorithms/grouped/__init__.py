@@ -11,7 +11,8 @@ Serial methods at their cheapest, with grouped inertial parameters; kernels are 
     energy             kinetic and potential energy
     kinematics         pose, Jacobian and velocity of a frame, joint torques of a wrench on it
     link_torques       inverse dynamics with parameters as given: the residual of refinement
-    composite_body     H by composite bodies and L' D L: the whole program, for short chains
+    factors            H = L' D L and its solution, with held joints
+    composite_body     H by composite bodies and qdd: the whole program, for short chains
     articulated_body   articulated bodies: the whole program, for long chains
     shared_axes        links in axes that parallel joints share, and moves between them
     moving_composites  composite bodies with the moments of their velocities

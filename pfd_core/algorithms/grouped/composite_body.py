@@ -8,7 +8,7 @@ Inertia matrix, tip to base, C the composite body of links i..n in axes B_i
     C_(i-1) = body_(i-1) + C_i moved,  f = C z (first moment), n = C z;  h_ii = n_z,
     h_ji = n_z after moving (f, n) down to B_j          [rotational], {translational: f_z}
 
-and H = L' D L from the tip: the last row is eliminated first. The bias is computed in
+and H = L' D L from the tip (pfd_core.algorithms.grouped.factors). The bias is computed in
 pfd_core.algorithms.grouped.newton_euler.
 
 Walker and Orin 1982 (method 3), Featherstone 1983; base parameters of
@@ -21,11 +21,11 @@ One register holds one number; everything of link i is in axes B_i.
 from __future__ import annotations
 
 from collections.abc import Sequence
-import math
 
 import numpy as np
 
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.grouped.factors import Matrix, add_rotors, factorise, solution
 from pfd_core.algorithms.grouped.newton_euler import (
     Link,
     grouped_equations,
@@ -34,7 +34,6 @@ from pfd_core.algorithms.grouped.newton_euler import (
     links_at,
     moved,
 )
-from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
@@ -49,8 +48,9 @@ def record_composite_body(plant: Plant, schedule: str) -> Program:
     if plant.brakes:
         free = input_list(recorder, 'free', len(y))
     with recorder.section('solve'):
-        x, pivots = solve(H, y, free)
-    return program_with_outputs(recorder, qdd=x, pivots=pivots)
+        factors = factorise(H, free)
+        x = solution(factors, y)
+    return program_with_outputs(recorder, qdd=x, pivots=factors.pivots)
 
 
 def record_inertia_matrix(plant: Plant) -> Program:
@@ -63,19 +63,17 @@ def record_inertia_matrix(plant: Plant) -> Program:
     return recorder.program()
 
 
-def inertia_matrix(recorder: Recorder, plant: Plant, links: Sequence[Link]) -> list[list[Lanes]]:
+def inertia_matrix(recorder: Recorder, plant: Plant, links: Sequence[Link]) -> Matrix:
     """Return the lower triangle of H by rows, with the rotors' inertia."""
     with recorder.section('inertia matrix'):
         H = _inertia_matrix(links)
-        if plant.armature is not None:
-            for i, rotor in enumerate(plant.armature):
-                H[i][i] = H[i][i] + float(rotor)
+        add_rotors(plant, H)
     return H
 
 
-def _inertia_matrix(links: Sequence[Link]) -> list[list[Lanes]]:
+def _inertia_matrix(links: Sequence[Link]) -> Matrix:
     """Return the lower triangle of H by rows, from composite bodies."""
-    H: list[list[Lanes]] = [[] for _ in links]
+    H: Matrix = [[] for _ in links]
     body: tuple[Lanes, LaneArray, LaneArray] | None = None
     for i in range(len(links) - 1, -1, -1):
         link = links[i]
@@ -115,37 +113,3 @@ def _moved_body(
     yz = link.r[1] * h[2] + h[1] * link.r[2] + m * (y * z)
     shift = array([yy + zz, -xy, -xz, xx + zz, -yz, xx + yy])
     return m, h + m * link.r, inward_symmetric(link, inertia) + shift
-
-
-def solve(
-    H: Sequence[Sequence[Lanes]], y: Sequence[Lanes], free: Sequence[Lanes] | None = None
-) -> tuple[list[Lanes], list[Lanes]]:
-    """
-    Return x of H x = y and the pivots, by H = L' D L from the last row on.
-
-    The pivot of a held joint is infinite, so that a massless joint can be held: its reciprocal is
-    zero, and so are its x and all its factors, by which its row would change others.
-    """
-    n = len(y)
-    rows, x = [list(row) for row in H], list(y)
-    L: list[list[Lanes]] = [[] for _ in y]
-    inverses = list(y)
-    for k in range(n - 1, -1, -1):
-        last = rows[k]
-        inverses[k] = 1.0 / last[k]
-        if free is not None:
-            inverses[k] = where(free[k], inverses[k], 0.0)
-        L[k] = [h * inverses[k] for h in last[:k]]
-        for i, factor in enumerate(L[k]):
-            rows[i] = [h - factor * last[j] for j, h in enumerate(rows[i])]
-            x[i] = x[i] - factor * x[k]
-    for k in range(n):
-        x[k] = x[k] * inverses[k]
-        for i, factor in enumerate(L[k]):
-            x[k] = x[k] - factor * x[i]
-        if free is not None:
-            x[k] = where(free[k], x[k], 0.0)
-    pivots = [rows[k][k] for k in range(n)]
-    if free is not None:
-        pivots = [where(moves, d, math.inf) for moves, d in zip(free, pivots, strict=True)]
-    return x, pivots

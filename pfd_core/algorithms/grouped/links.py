@@ -40,7 +40,7 @@ from pfd_core.algorithms.chain.link_axes import sum_of_angles, zxz
 from pfd_core.model import Plant, Robot
 from pfd_core.model.geometry import product, rotation_x, rotation_z
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 # Largest distance that an origin is moved along its axis, in lengths of the link: large distances
 # cause large first moments, whose cancellation loses digits.

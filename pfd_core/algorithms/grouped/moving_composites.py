@@ -31,12 +31,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pfd_core.algorithms.grouped.factors import Matrix, add_rotors
 from pfd_core.algorithms.grouped.newton_euler import Link, outward
 from pfd_core.algorithms.grouped.shared_axes import inward, inward_matrix, moved, plus_cross
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, symmetric_matrix
+from pfd_core.model import Plant
 
-Matrix = list[list[Lanes]]
 Force = tuple[LaneArray, LaneArray]  # force and moment
 
 
@@ -129,12 +130,14 @@ def _composites(links: Sequence[Link], qd: Sequence[Lanes]) -> Composites:
     return Composites(links, rates, bodies[::-1], units[::-1])
 
 
-def inertia_matrix(chain: Composites) -> Matrix:
-    """Return the lower triangle of H, without rotors, by rows."""
-    return [
+def inertia_matrix(plant: Plant, chain: Composites) -> Matrix:
+    """Return the lower triangle of H by rows, with the rotors' inertia."""
+    H = [
         [along(link, (unit.f, unit.n)) for link, unit in zip(chain.links, row, strict=False)]
         for row in chain.units
     ]
+    add_rotors(plant, H)
+    return H
 
 
 def along(link: Link, force: Force) -> Lanes:

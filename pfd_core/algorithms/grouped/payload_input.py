@@ -48,7 +48,7 @@ NUMBERS = 10
 # Robots whose parameters, and payloads whose numbers, are kept.
 KEPT = 64
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 
 class _Parameters(NamedTuple):

@@ -36,8 +36,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from pfd_core.algorithms.grouped.factors import Matrix
 from pfd_core.algorithms.grouped.links import Tip
-from pfd_core.algorithms.grouped.moving_composites import Composites, Force, Matrix, Unit, along
+from pfd_core.algorithms.grouped.moving_composites import Composites, Force, Unit, along
 from pfd_core.algorithms.grouped.newton_euler import (
     Motion,
     less_wrench,

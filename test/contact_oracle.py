@@ -63,12 +63,19 @@ class Case:
 
 
 class Motion:
-    """The motion of a case from a state; `events` are the times of its events."""
+    """
+    The motion of a case from a state; `events` are the times of its events.
+
+    `ambiguous` is set where an impact happens while another joint is off its stop by less than
+    LEAST_HEIGHT. Impacts at one time and impacts one after the other end differently, and which of
+    them it is depends on a distance that the law of the decision does not resolve.
+    """
 
     def __init__(self, case: Case, q: Array, v: Array) -> None:
         self.case, self.oracle = case, Oracle(case.robot, case.armature)
         self.n, self.t = len(q), 0.0
         self.events: list[float] = []
+        self.ambiguous = False
         self.q, self.v = q.copy(), v.copy()
         self._begin()
 
@@ -88,6 +95,8 @@ class Motion:
         """Do the impacts of a state, and find its modes."""
         lower, upper = self._at_stops()
         if ((lower & (self.v < 0)) | (upper & (self.v > 0))).any():
+            gaps = np.abs(self.q[:, np.newaxis] - self.case.limits)
+            self.ambiguous |= bool(((gaps > 0) & (gaps < LEAST_HEIGHT)).any())
             self._impact(lower, upper)
         self.sign, self.moving, _ = self._modes(self.v)
 

@@ -60,6 +60,7 @@ setup(
             'rosbags',
             'ruff',
             'scipy',
+            'xacro',
         ],
     },
     entry_points={

@@ -27,6 +27,7 @@ from pfd_core.kernels.passes.product import multiplied
 from pfd_core.kernels.runtime.cpython_abi import python_function
 from pfd_core.kernels.runtime.jit import Target, compile_ir, emit, simd_width
 from pfd_core.kernels.source import ProductSource, derivatives, turned_joints
+from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
@@ -56,6 +57,13 @@ def uncached(monkeypatch: pytest.MonkeyPatch) -> None:
 def arm(name: str) -> Robot:
     types = ARMS[name]
     return random_chain(np.random.default_rng(71), len(types), joint_types=types)
+
+
+def jacobian(
+    robot: Robot, scene: pfd.Scene | None = None, method: str = 'composite_body', **options: Any
+) -> ProductSource:
+    scene = pfd.Scene() if scene is None else scene
+    return derivatives(KernelSpec(robot, scene, method, quantity='derivatives', **options))
 
 
 def states(source: ProductSource, n: int, dtype: str) -> Arrays:
@@ -110,7 +118,7 @@ def test_one_state_and_a_batch_give_the_emulators_bits(
     name: str, scene: pfd.Scene, dtype: str
 ) -> None:
     robot = arm(name)
-    source = derivatives(resolve(robot, scene), 'composite_body', 0, dtype)
+    source = jacobian(robot, scene, dtype=dtype)
     assert ('T' in source.factors.outputs) == (scene is EVERYTHING)
     assert_native_is_emulated(source, robot, dtype)
 
@@ -118,7 +126,7 @@ def test_one_state_and_a_batch_give_the_emulators_bits(
 @pytest.mark.parametrize(('method', 'refine'), [('composite_body', 1), ('pcgm', 0)])
 def test_a_refined_and_an_iterated_answer_give_the_same_bits(method: str, refine: int) -> None:
     robot = random_chain(np.random.default_rng(75), 3)
-    source = derivatives(resolve(robot), method, refine, 'float64')
+    source = jacobian(robot, method=method, refine=refine)
     assert_native_is_emulated(source, robot, 'float64')
 
 
@@ -126,15 +134,13 @@ def test_a_refined_and_an_iterated_answer_give_the_same_bits(method: str, refine
 def test_any_tile_gives_the_same_bits(tile: tuple[int, int], monkeypatch: Any) -> None:
     monkeypatch.setattr(product, 'TILES', {True: tile, False: tile})
     robot = arm('four mixed')
-    assert_native_is_emulated(
-        derivatives(resolve(robot), 'composite_body', 0, 'float64'), robot, 'float64'
-    )
+    assert_native_is_emulated(jacobian(robot), robot, 'float64')
 
 
 @pytest.mark.parametrize('width', [2, 4])
 def test_narrower_registers_give_the_same_bits(width: int) -> None:
     robot = arm('four mixed')
-    source = derivatives(resolve(robot), 'composite_body', 0, 'float64')
+    source = jacobian(robot)
     given = states(source, robot.n, 'float64')
     rows = np.zeros((STATES, source.elements))
     assert native(source, robot, 'float64', width)(*given.values(), rows) is rows
@@ -143,7 +149,7 @@ def test_narrower_registers_give_the_same_bits(width: int) -> None:
 
 @pytest.mark.parametrize('width', [1, 2])
 def test_it_compiles_for_a_processor_of_another_kind(width: int) -> None:
-    program = derivatives(resolve(arm('one revolute')), 'composite_body', 0, 'float64').factors
+    program = jacobian(arm('one revolute')).factors
     form = Format('float64', width, strided=width > 1)
     functions = [part(program, form, (0,)) for part in (product.product, product.jacobian)]
     text = module(functions, form, (0,), product.vector_widths(form))
@@ -156,10 +162,10 @@ def test_it_compiles_for_a_processor_of_another_kind(width: int) -> None:
 
 
 def test_only_short_programs_change_their_order() -> None:
-    ur5, panda = (resolve(pfd.load_robot(name)) for name in ('ur5', 'panda'))
-    for plant, scheduled in ((ur5, True), (panda, False)):
-        found = derivatives(plant, 'composite_body', 0, 'float64').factors
-        in_order = lower(record_derivatives(plant), 'float64', longest=0).compiled
+    ur5, panda = (pfd.load_robot(name) for name in ('ur5', 'panda'))
+    for robot, scheduled in ((ur5, True), (panda, False)):
+        found = jacobian(robot).factors
+        in_order = lower(record_derivatives(resolve(robot)), 'float64', longest=0).compiled
         assert (found.instructions != in_order.instructions) == scheduled
         assert sorted(operations(found).items()) == sorted(operations(in_order).items())
 
@@ -169,7 +175,7 @@ def test_a_program_in_parts_gives_the_same_bits(dtype: str, monkeypatch: Any) ->
     monkeypatch.setattr(body, 'LONGEST_TO_SCRATCH', 0)
     monkeypatch.setattr(body, 'PART_TO_SCRATCH', 37)
     robot = arm('four mixed')
-    source = derivatives(resolve(robot, EVERYTHING), 'composite_body', 0, dtype)
+    source = jacobian(robot, EVERYTHING, dtype=dtype)
     assert '@part9(' in source.module(dtype, 1, turned_joints(robot))
     assert_native_is_emulated(source, robot, dtype)
 
@@ -178,7 +184,7 @@ def test_chunks_that_would_take_too_much_of_the_stack_are_smaller(monkeypatch: A
     monkeypatch.setattr(chunks, 'FEW', 0)
     monkeypatch.setattr(chunks, 'MOST', 1)
     robot = arm('four mixed')
-    source = derivatives(resolve(robot), 'composite_body', 0, 'float64')
+    source = jacobian(robot)
     width = simd_width('float64')
     text = source.module('float64', width, ())
     assert f'alloca [{source.elements} x <{width} x double>]' in text
@@ -193,7 +199,7 @@ def test_the_loop_equals_the_definition_that_is_written_out_and_folded(name: str
     robot = arm(name)
     for scene in (pfd.Scene(), EVERYTHING):
         plant = resolve(robot, scene)
-        source = derivatives(plant, 'composite_body', 0, 'float64')
+        source = jacobian(robot, scene)
         given = states(source, robot.n, 'float64')
         written_out = lower(record_acceleration_derivatives(plant), 'float64').compiled
         wanted = run(written_out, given)['derivatives'].reshape(STATES, -1)
@@ -264,7 +270,7 @@ def jacobian_of(program: Program, robot: Robot, width: int) -> Callable[..., Non
 def test_jacobian_also_writes_the_acceleration() -> None:
     robot = arm('four mixed')
     n, width = robot.n, simd_width('float64')
-    source = derivatives(resolve(robot), 'composite_body', 0, 'float64')
+    source = jacobian(robot)
     given = states(source, n, 'float64')
     wanted = [emulated(source, given), run(source.factors, given)['qdd']]
     out, qdd = np.zeros(3 * n * n), np.zeros(n)
@@ -283,7 +289,7 @@ def test_jacobian_also_writes_the_acceleration() -> None:
 
 def test_an_angle_beyond_the_range_of_the_sine_is_wrapped() -> None:
     robot = arm('seven')
-    source = derivatives(resolve(robot), 'composite_body', 0, 'float64')
+    source = jacobian(robot)
     q, qd, tau = (x[0] for x in states(source, robot.n, 'float64').values())
     out = np.zeros(source.shape)
     q[2] = 1e6
@@ -296,7 +302,7 @@ def test_an_angle_beyond_the_range_of_the_sine_is_wrapped() -> None:
 
 def test_operations_are_those_of_the_program_written_out() -> None:
     robot = arm('seven')
-    source = derivatives(resolve(robot), 'composite_body', 0, 'float64')
+    source = jacobian(robot)
     own, whole = operations(source.factors), source.operations['compiled']
     n = robot.n
     assert whole['mul'] - own['mul'] == 2 * n * n
@@ -321,7 +327,7 @@ def test_the_text_of_the_loops_does_not_grow_with_the_joints(width: int) -> None
 def test_the_text_of_a_long_chain_is_short_and_in_short_functions() -> None:
     # The time of the compiler follows the lines of the text and the length of functions.
     robot = random_chain(np.random.default_rng(74), 16)
-    source = derivatives(resolve(robot), 'composite_body', 0, 'float64')
+    source = jacobian(robot)
     text = product_module(source.factors, 'float64', 8, ())
     functions = text.split('define ')[1:]
     parts = [part for part in functions if '@part' in part.split('(')[0]]

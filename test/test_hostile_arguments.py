@@ -30,6 +30,7 @@ RESULTS = {
     'Steps',
     'Trajectory',
     'TreeError',
+    'Urdf',
 }
 # Valid arguments of each public function and constructor, as far as it needs some.
 VALID: dict[str, dict[str, Any]] = {
@@ -54,6 +55,7 @@ VALID: dict[str, dict[str, Any]] = {
     'load_robot': {'source': 'planar2'},
     'load_scene': {'source': 'gravity: [0, 0, -9.81]\n'},
     'lock': {'robot': ROBOT, 'positions': {'shoulder': 0.0}},
+    'read_urdf': {'source': 'planar2'},
     'reflected_inertia': {'rotor_inertia': [1.0], 'gear_ratio': [2.0]},
     'robot_to_urdf': {'robot': ROBOT},
     'robot_to_yaml': {'robot': ROBOT},
@@ -148,6 +150,7 @@ def instances() -> dict[str, Any]:
         'Robot': ROBOT,
         'Scene': pfd.Scene(),
         'Simulator': simulator,
+        'Urdf': pfd.read_urdf(pfd.urdf_of('planar2')),
     }
 
 
@@ -174,6 +177,7 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
         'step': {'tau': STATE},
         'take_state': {},
     },
+    'Urdf': {'with_followers': {'locked': {}}},
 }
 # Of the simulations among themselves.
 INTERNAL = {'take_step'}

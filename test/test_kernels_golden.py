@@ -23,7 +23,8 @@ from zoo import joint, link, urdf
 import pfd_core as pfd
 from pfd_core.kernels.codegen.module import ensemble_module, kernel_module, rollout_module
 from pfd_core.kernels.simulations import impulses
-from pfd_core.kernels.source import forward, plant_of, turned_joints
+from pfd_core.kernels.source import forward, turned_joints
+from pfd_core.kernels.spec import KernelSpec
 from pfd_core.simulation.integrators import TABLE, record_step
 
 DATA = Path(__file__).parent / 'data'
@@ -42,14 +43,11 @@ def modules() -> Iterator[tuple[str, str]]:
     """Yield the name and the text of each kind of module."""
     robot = pfd.load_robot(ARM)
     scene = pfd.Scene(gravity=(0.0, -8.0, 0.0), brakes=True)
-    plant, _ = plant_of(robot, scene, 'float64')
-    dynamics = forward(plant, 'composite_body', 0, 'float64').program
+    spec = KernelSpec(robot, scene, 'composite_body')
+    dynamics = forward(spec).program
     step = record_step(TABLE['velocity_verlet'], robot.n, 2.0**-10)
     angles = turned_joints(robot)
-    others = {
-        name: source.program
-        for name, source in impulses(plant, 'composite_body', 'float64', 0).items()
-    }
+    others = {name: source.program for name, source in impulses(spec, spec.plant).items()}
     yield 'kernel', kernel_module(dynamics, 'float64', 1, angles)
     yield 'rollout', rollout_module(step, dynamics, 'float64', angles, others)
     yield 'batch', kernel_module(dynamics, 'float64', WIDTH, angles)

@@ -18,6 +18,7 @@ from zoo import random_chain
 import pfd_core as pfd
 from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.source import KernelSource
+from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.model import Frame
 from pfd_core.simulation.linearisation import LinearStep
 
@@ -149,7 +150,9 @@ def test_keys_of_simulations_and_linearised_steps_decide_their_text(
                 changes += CHANGES
             for change in changes:
                 own = SETTINGS | change
-                still = SimpleNamespace(robot=arm, scene=scene, settings=own)
+                of_kernel = {name: own[name] for name in ('method', 'dtype', 'refine')}
+                spec = KernelSpec(arm, scene, **of_kernel, quantity=STEP)
+                still = SimpleNamespace(robot=arm, scene=scene, spec=spec, **own)
                 yield lambda s=scene, own=own: pfd.Simulator(arm, s, **own)
                 yield lambda s=scene, own=own: pfd.Ensemble(arm, 2, s, **own)
                 yield lambda still=still: LinearStep(still)

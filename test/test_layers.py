@@ -57,7 +57,7 @@ ORDERS = {
 # Outside packages that only some may know.
 RESERVED = {
     'llvmlite': {'pfd_core.kernels'},
-    'pinocchio': {'pfd_core.model', 'pfd_core.report'},
+    'pinocchio': {'pfd_core.report'},
     'rclpy': {'pfd_ros.node', 'pfd_ros.testing', 'pfd_ros.demo'},
 }
 

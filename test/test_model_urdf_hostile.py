@@ -16,7 +16,7 @@ import pytest
 from test_model_urdf import ARM, assert_same_physics, exact_angles, example
 from zoo import BODY, ODD_ARM, joint, link, urdf
 
-from pfd_core.model import PhysicsWarning, load_robot, urdf_pinocchio
+from pfd_core.model import PhysicsWarning, load_robot
 
 ANYMAL = 'anymal_c_simple_description/urdf/anymal.urdf'
 EXAMPLES = Path(pin.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
@@ -300,32 +300,6 @@ def test_a_long_chain_is_loaded_and_a_longer_one_refused() -> None:
     assert load_robot(chain(499), locked={f'j{i}': 0.1 for i in range(1, 499)}).n == 1
     with pytest.raises(ValueError, match='501 links'):
         load_robot(chain(500))
-
-
-def test_pinocchio_is_asked_and_a_difference_names_the_link(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    # The URDF for Pinocchio is changed, one number at a time.
-    original = urdf_pinocchio._rewritten
-    for old, new, what in (
-        ('<mass value="4.0"/>', '<mass value="4.0001"/>', "mass of link 'turret', moved by joi"),
-        ('xyz="0.01 -0.02 0.1"', 'xyz="0.01 -0.02 0.1001"', "centre of mass of link 'turret'"),
-        ('ixx="0.02" ixy="0.001"', 'ixx="0.02" ixy="0.0010001"', "inertia of link 'turret'"),
-        ('upper="1.5"', 'upper="1.5000000000000002"', "limits of link 'turret'"),
-        ('friction="0.3"', 'friction="0.30000001"', "limits of link 'turret'"),
-        ('xyz="0.0 0.1 0.1"', 'xyz="0.0 0.1 0.1000001"', "position of link 'upper'"),
-        ('rpy="0.5 0.0 0.0"', 'rpy="0.5 0.0 0.0000001"', "rotation of link 'upper'"),
-        ('<axis xyz="1.0 0.0 0.0"', '<axis xyz="1.0 1e-7 0.0"', "axis of link 'slide'"),
-    ):
-
-        def lying(*arguments: object, old: str = old, new: str = new) -> list[str]:
-            lines = '\n'.join(original(*arguments))
-            assert old in lines, lines
-            return lines.replace(old, new, 1).split('\n')
-
-        monkeypatch.setattr(urdf_pinocchio, '_rewritten', lying)
-        with pytest.raises(ValueError, match=what):
-            load_robot(ODD_ARM)
 
 
 def renamed(text: str) -> str:

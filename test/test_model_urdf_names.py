@@ -80,5 +80,5 @@ def test_a_misspelt_name_is_warned_of_with_the_likely_one(
 
 def test_xacro_that_was_not_expanded_is_an_error_that_says_what_to_run() -> None:
     text = ARM.replace('<link name="base"/>', '<xacro:arm/><link name="base"/>')
-    with pytest.raises(ValueError, match=r'<xacro:arm>, which is not expanded: run `xacro FILE'):
+    with pytest.raises(ValueError, match=r'<xacro:arm>, which is not expanded: load the \.xacro'):
         pfd.load_robot(text)

@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,3 +71,10 @@ def test_the_urdf_of_a_urdf_is_itself(tmp_path: Path) -> None:
     path.write_text(ODD_ARM, encoding='utf-8')
     assert pfd.urdf_of(path) == ODD_ARM
     assert pfd.urdf_of(ODD_ARM) == ODD_ARM
+
+
+def test_a_robot_that_no_urdf_can_hold_is_refused() -> None:
+    arm = pfd.load_robot('planar2')
+    for names in (('a\x01b', 'c'), ('a\ud800', 'c')):
+        with pytest.raises(ValueError, match="'planar2' cannot be written as URDF: the URDF"):
+            pfd.robot_to_urdf(replace(arm, joint_names=names))

@@ -275,9 +275,6 @@ def test_missing_and_wrong_files_are_named(tmp_path: Path) -> None:
         load_robot(tmp_path / 'arm.urdf')
     with pytest.raises(ValueError, match=r"no robot file 'arm\.yaml'"):
         load_robot('arm.yaml')
-    (tmp_path / 'arm.xacro').write_text('<robot/>')
-    with pytest.raises(ValueError, match='run `xacro'):
-        load_robot(tmp_path / 'arm.xacro')
     (tmp_path / 'arm.txt').write_text('robot: x')
     with pytest.raises(ValueError, match=r'must end in \.urdf'):
         load_robot(tmp_path / 'arm.txt')

@@ -161,7 +161,8 @@ class _Kernel:
 def test_kernels_are_kept_without_a_race(monkeypatch: pytest.MonkeyPatch) -> None:
     robot = pfd.load_robot('planar2')
     scenes = [pfd.Scene(gravity=(0.0, 0.0, float(k))) for k in range(dynamics.CACHED_KERNELS + 8)]
-    monkeypatch.setattr(dynamics, 'compile_kernel', lambda *args, **kwargs: _Kernel())
+    monkeypatch.setattr(dynamics, 'KernelSpec', lambda *options: options)
+    monkeypatch.setattr(dynamics, 'compile_spec', lambda spec: _Kernel())
     interval = sys.getswitchinterval()
 
     def work(seed: int) -> None:
@@ -176,8 +177,7 @@ def test_kernels_are_kept_without_a_race(monkeypatch: pytest.MonkeyPatch) -> Non
                 done.result()
     finally:
         sys.setswitchinterval(interval)
-        for kept in (dynamics._forward_kernel, dynamics._inverse_kernel):
-            kept.cache_clear()
+        dynamics._kernel.cache_clear()
 
 
 def test_functions_called_from_many_threads_give_the_same_bits() -> None:
@@ -190,7 +190,6 @@ def test_functions_called_from_many_threads_give_the_same_bits() -> None:
         return bytes(forward.tobytes() + inverse.tobytes())
 
     wanted = [both(k) for k in range(2)]
-    for kept in (dynamics._forward_kernel, dynamics._inverse_kernel):
-        kept.cache_clear()
+    dynamics._kernel.cache_clear()
     with ThreadPoolExecutor(8) as pool:
         assert list(pool.map(both, range(64))) == wanted * 32

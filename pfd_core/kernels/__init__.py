@@ -10,8 +10,9 @@ Rooms and modules in the order of the way of the data; each imports only from th
     runtime/       text -> native code in this process; cache on disk, threads, Python's C API
     quantities     results of kernels: their arguments, and the effects of a scene that they have
     stack          the stack of a thread, and whether matrices fit
-    source         robot, scene and method -> lowered program, recorded only if needed
     auto           the method that 'auto' stands for
+    spec           KernelSpec: robot, scene, method, number format, refinement and quantity
+    source         spec -> lowered program, recorded only if needed
     arguments      arguments of a call, checked, as rows of states; arrays for results
     entries        native code of a source, and the functions that Python calls
     kernel         Kernel: a call checks and converts its arguments and runs native code

@@ -4,14 +4,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
-from pfd_core.kernels.auto import choose
 from pfd_core.kernels.kernel import Kernel
-from pfd_core.kernels.quantities import check_options, quantity_named, reduced
-from pfd_core.kernels.source import KernelSource, derivatives, forward, of_text, plant_of
-from pfd_core.model import Plant, Robot, Scene
+from pfd_core.kernels.quantities import quantity_named
+from pfd_core.kernels.source import forward, source_of
+from pfd_core.kernels.spec import KernelSpec
+from pfd_core.model import Robot, Scene, given_scene
 
 
 def compile_kernel(
@@ -77,36 +76,17 @@ def compile_kernel(
         If an argument is not one of these, or does not fit the robot.
 
     """
-    check_options(quantity, method, refine, frame)
-    plant, scene = plant_of(robot, reduced(scene, quantity_named(quantity)), dtype)
-    method = quantity_named(quantity).method or choose(plant, method, refine)
-    recreate = partial(
-        compile_kernel,
-        robot,
-        method=method,
-        scene=scene,
-        dtype=dtype,
-        refine=refine,
-        quantity=quantity,
-        frame=frame,
-    )
+    quantity_named(quantity)  # those of a step belong to simulations
+    spec = KernelSpec(robot, given_scene(scene), method, dtype, refine, quantity, frame)
+    return compile_spec(spec)
 
-    def make(source: KernelSource, with_error: Callable[[], Kernel] | None = None) -> Kernel:
-        return Kernel(robot, scene, method, dtype, source, recreate, with_error, quantity)
 
-    if quantity != 'forward_dynamics':
-        return make(_source(plant, quantity, method, dtype, refine, frame))
+def compile_spec(spec: KernelSpec) -> Kernel:
+    """Compile the kernel of a spec."""
+    recreate = partial(compile_spec, spec)
 
     def with_error() -> Kernel:
-        return make(forward(plant, method, refine, dtype, ('qdd', 'error')))
+        return Kernel(spec, forward(spec, names=('qdd', 'error')), recreate)
 
-    return make(forward(plant, method, refine, dtype), with_error if refine else None)
-
-
-def _source(
-    plant: Plant, quantity: str, method: str, dtype: str, refine: int, frame: str | None
-) -> KernelSource:
-    """Return the source of a quantity other than forward dynamics."""
-    if quantity == 'derivatives':
-        return derivatives(plant, method, refine, dtype)
-    return of_text(plant, quantity, dtype, frame)
+    estimates = spec.refine and spec.quantity == 'forward_dynamics'
+    return Kernel(spec, source_of(spec), recreate, with_error if estimates else None)

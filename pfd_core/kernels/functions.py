@@ -15,12 +15,13 @@ from typing import Any
 
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.kernels.compile import compile_kernel
+from pfd_core.kernels.compile import compile_kernel, compile_spec
 from pfd_core.kernels.kernel import Kernel
+from pfd_core.kernels.spec import KernelSpec
 from pfd_core.model import Robot, Scene, given_scene
 
 # A kernel holds about a megabyte of code: a sweep over many robots must not hold all of theirs.
-CACHED_KERNELS = 64
+CACHED_KERNELS = 128
 
 
 def forward_dynamics(
@@ -70,7 +71,7 @@ def forward_dynamics(
     """
     scene = _with_wrench(scene, wrench)
     try:
-        kernel = _forward_kernel(robot, scene, method, dtype, refine)
+        kernel = _kernel(robot, scene, method, dtype, refine)
     except TypeError:  # an unhashable argument, which compile_kernel names
         kernel = compile_kernel(robot, method=method, scene=scene, dtype=dtype, refine=refine)
     return kernel(q, qd, tau, wrench, brakes=brakes)
@@ -90,20 +91,16 @@ def inverse_dynamics(
     # Torques are computed from accelerations: brakes play no part.
     scene = replace(_with_wrench(scene, wrench), brakes=False)
     try:
-        kernel = _inverse_kernel(robot, scene, dtype)
+        kernel = _kernel(robot, scene, 'auto', dtype, 0, 'inverse_dynamics')
     except TypeError:
         kernel = compile_kernel(robot, scene=scene, dtype=dtype, quantity='inverse_dynamics')
     return kernel(q, qd, qdd, wrench)
 
 
 @lru_cache(CACHED_KERNELS, typed=True)
-def _forward_kernel(robot: Robot, scene: Scene, method: str, dtype: str, refine: int) -> Kernel:
-    return compile_kernel(robot, method=method, scene=scene, dtype=dtype, refine=refine)
-
-
-@lru_cache(CACHED_KERNELS, typed=True)
-def _inverse_kernel(robot: Robot, scene: Scene, dtype: str) -> Kernel:
-    return compile_kernel(robot, scene=scene, dtype=dtype, quantity='inverse_dynamics')
+def _kernel(*options: Any) -> Kernel:
+    """Return the kernel of the arguments of a KernelSpec; a spec takes too long for each call."""
+    return compile_spec(KernelSpec(*options))
 
 
 def _with_wrench(scene: Scene | None, wrench: ArrayLike | None) -> Scene:

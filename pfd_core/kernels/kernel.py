@@ -35,8 +35,9 @@ from pfd_core.kernels.arguments import (
 from pfd_core.kernels.entries import Entries
 from pfd_core.kernels.runtime.threads import BatchWork, block_size, run, thread_count
 from pfd_core.kernels.source import KernelSource, turned_joints
+from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
-from pfd_core.model import Payload, Robot, Scene
+from pfd_core.model import Payload
 from pfd_core.model.checked_numbers import check_finite, common_shape
 
 # The default, which a call finds without a comparison.
@@ -49,14 +50,12 @@ class Kernel:
 
     Attributes
     ----------
+    spec : KernelSpec
+        All that decides the kernel.
     robot, scene : Robot, Scene
         The arm, and the part of its scene that the quantity depends on.
-    quantity : str
-        The result, a name in QUANTITIES.
     shape : tuple of int
         Shape of the result of one state.
-    method : str
-        The method it was recorded from.
     dtype : str
         Number format of its arrays, 'float64' or 'float32'.
     operations : dict
@@ -70,18 +69,15 @@ class Kernel:
 
     def __init__(
         self,
-        robot: Robot,
-        scene: Scene,
-        method: str,
-        dtype: str,
+        spec: KernelSpec,
         source: KernelSource,
         recreate: Callable[[], Kernel],
         with_error: Callable[[], Kernel] | None = None,
-        quantity: str = 'forward_dynamics',
     ) -> None:
-        self.robot, self.scene = robot, scene
-        self.quantity, self.shape = quantity, source.shape
-        self.method, self.dtype = method, dtype
+        self.spec = spec
+        # Of the spec, for a call finds them sooner here.
+        self.robot, self.scene, self.dtype = spec.robot, spec.scene, spec.dtype
+        self.shape = source.shape
         self.operations = source.operations
         self._source = source
         self._recreate = recreate
@@ -91,7 +87,7 @@ class Kernel:
         # Arguments that a call leaves out, of qd, the third one and the wrench.
         self._absent = (len(state) < 2, len(state) < 3, 'wrench' not in self._names)
         self._takes_payload = 'payload' in self._names
-        self._code = Entries(source, dtype, turned_joints(robot))
+        self._code = Entries(source, spec.dtype, turned_joints(spec.robot))
         self._single_entry = self._code.single_entry
 
     def __reduce__(self) -> tuple[Callable[[], Kernel], tuple[()]]:
@@ -103,6 +99,16 @@ class Kernel:
         return self
 
     __deepcopy__ = __copy__
+
+    @property
+    def quantity(self) -> str:
+        """The result, a name in QUANTITIES."""
+        return self.spec.quantity
+
+    @property
+    def method(self) -> str:
+        """The method it was recorded from."""
+        return self.spec.method
 
     @property
     def program(self) -> Program:

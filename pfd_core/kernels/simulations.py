@@ -19,7 +19,6 @@ import numpy as np
 
 from pfd_core.algorithms.chain.drives import has_drives, without_drives
 from pfd_core.algorithms.chain.joint_torques import without_joint_torques
-from pfd_core.kernels.auto import choose
 from pfd_core.kernels.codegen.arms import PARAMETERS
 from pfd_core.kernels.codegen.module import ensemble_module, rollout_module
 from pfd_core.kernels.codegen.rollout import written
@@ -27,9 +26,10 @@ from pfd_core.kernels.codegen.step import further_rows, torque_row
 from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.runtime.jit import Native, simd_width
-from pfd_core.kernels.source import KernelSource, forward, motors, of_text, plant_of, turned_joints
+from pfd_core.kernels.source import KernelSource, forward, motors, of_text, turned_joints
+from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
-from pfd_core.model import Plant, Robot, Scene, without_step_effects
+from pfd_core.model import Plant
 from pfd_core.model.checked_numbers import Array
 
 
@@ -37,7 +37,6 @@ from pfd_core.model.checked_numbers import Array
 class Rollout:
     """The simulation of one arm in native code; pointers are given as addresses."""
 
-    method: str  # the method it was recorded from
     work: int  # operations of the evaluations in one call of @step
     operations: Callable[[], int]  # all of one call of @step, see step_operations
     rows: tuple[str, ...]  # of the state, beside q and qd
@@ -52,7 +51,6 @@ class Rollout:
 class NativeEnsemble:
     """The simulation of many arms in native code; pointers are given as addresses."""
 
-    method: str  # the method it was recorded from
     width: int  # arms in a vector register
     work: int  # operations of one evaluation of the accelerations
     operations: Callable[[], int]  # of one call of @step, see step_operations
@@ -62,29 +60,29 @@ class NativeEnsemble:
 
 
 def compile_rollout(
-    robot: Robot,
+    spec: KernelSpec,
     step_program: Program,
     *,
-    scene: Scene,
-    method: str,
-    dtype: str,
-    refine: int,
     implicit: float = 0.0,
     contact: Contact | None = None,
 ) -> Rollout:
     """
-    Compile the simulation of a robot by an integrator's step; errors as compile_kernel.
+    Compile the simulation of a robot by an integrator's step; `spec` is of a STEP.
 
     `implicit` is the time [s] by which the damping of the plant that the step solves with is
     multiplied; 0 for a step that calls the accelerations alone. With `contact` the step is that
     of dry friction and joint stops, with texts that are not lowered yet, and `step_program` tells
     its state alone.
     """
-    sources = _sources(robot, scene, method, dtype, refine, implicit, contact)
+    sources = _sources(spec, implicit, contact)
 
     def text() -> str:
         return rollout_module(
-            step_program, sources.signature, dtype, turned_joints(robot), *sources.further()
+            step_program,
+            sources.signature,
+            spec.dtype,
+            turned_joints(spec.robot),
+            *sources.further(),
         )
 
     native = sources.main.compile(f'rollout{sources.key} {step_program}', text)
@@ -96,7 +94,6 @@ def compile_rollout(
     accelerate = ctypes.CFUNCTYPE(None, integer, *inputs, ctypes.c_void_p)
     calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
     return Rollout(
-        sources.method,
         sources.main.work * calls,
         partial(sources.step_operations, step_program),
         rows,
@@ -109,27 +106,23 @@ def compile_rollout(
 
 
 def compile_ensemble(
-    robot: Robot,
+    spec: KernelSpec,
     step_program: Program,
     *,
-    scene: Scene,
-    method: str,
-    dtype: str,
-    refine: int,
     implicit: float = 0.0,
     contact: Contact | None = None,
 ) -> NativeEnsemble:
     """Compile many simulations of a robot by an integrator's step; as compile_rollout."""
-    sources = _sources(robot, scene, method, dtype, refine, implicit, contact)
-    width = simd_width(dtype)
+    sources = _sources(spec, implicit, contact)
+    width = simd_width(spec.dtype)
 
     def text() -> str:
         return ensemble_module(
             step_program,
             sources.signature,
-            dtype,
+            spec.dtype,
             width,
-            turned_joints(robot),
+            turned_joints(spec.robot),
             *sources.further(),
         )
 
@@ -138,7 +131,7 @@ def compile_ensemble(
     run = ctypes.CFUNCTYPE(None, *kinds)(native.address('ensemble'))
     rows = further_rows(step_program)
     count = partial(sources.step_operations, step_program)
-    return NativeEnsemble(sources.method, width, sources.main.work, count, rows, run, native)
+    return NativeEnsemble(width, sources.main.work, count, rows, run, native)
 
 
 @dataclass(frozen=True)
@@ -148,8 +141,6 @@ class _Sources:
 
     Attributes
     ----------
-    method : str
-        The method that 'auto' stood for.
     main : KernelSource
         The dynamics that a step evaluates most.
     settings : str
@@ -161,7 +152,6 @@ class _Sources:
 
     """
 
-    method: str
     main: KernelSource
     settings: str
     others: Mapping[str, KernelSource]
@@ -211,15 +201,7 @@ class _Sources:
         return own + sum(self.others[name].work for name in functions if name in self.others)
 
 
-def _sources(
-    robot: Robot,
-    scene: Scene,
-    method: str,
-    dtype: str,
-    refine: int,
-    implicit: float,
-    contact: Contact | None,
-) -> _Sources:
+def _sources(spec: KernelSpec, implicit: float, contact: Contact | None) -> _Sources:
     """
     Return the sources of a simulation.
 
@@ -227,28 +209,22 @@ def _sources(
     without damping, and `solve`, those of a torque at rest, without gravity and wrench, with
     rotors that are heavier by c D: (H + c D)^-1 tau.
     """
-    plant, _ = plant_of(robot, scene, dtype)
-    # Effects over a step of time are the step's own.
-    plant = without_step_effects(plant)
-    method = choose(plant, method, refine)
     if contact is not None:
-        return _contact_sources(plant, method, dtype, refine, contact)
-    main, *stiff = (
-        (name, forward(own, method, refine, dtype)) for name, own in plants(plant, implicit)
-    )
+        return _contact_sources(spec, contact)
+    main, *stiff = ((name, forward(spec, own)) for name, own in plants(spec.plant, implicit))
     settings = f' implicit {implicit.hex()}' if stiff else ''
     others = dict(stiff)
-    if plant.brakes:
-        others |= impulses(plant, method, dtype, refine)
-    return _Sources(method, main[1], settings, others, main[1].inputs, dtype)
+    if spec.plant.brakes:
+        others |= impulses(spec, spec.plant)
+    return _Sources(main[1], settings, others, main[1].inputs, spec.dtype)
 
 
-def impulses(plant: Plant, method: str, dtype: str, refine: int) -> dict[str, KernelSource]:
+def impulses(spec: KernelSpec, plant: Plant) -> dict[str, KernelSource]:
     """Return the sources of `momentum`, H qdd, and `inertial`, H^-1 tau of the free joints."""
     still = _at_rest(without_drives(plant))
     return {
-        'momentum': of_text(replace(still, brakes=False), 'inverse_dynamics', dtype),
-        'inertial': forward(replace(still, brakes=True), method, refine, dtype),
+        'momentum': of_text(replace(still, brakes=False), 'inverse_dynamics', spec.dtype),
+        'inertial': forward(spec, replace(still, brakes=True)),
     }
 
 
@@ -260,10 +236,9 @@ def plants(plant: Plant, implicit: float) -> Iterator[tuple[str, Plant]]:
         yield 'solve', replace(_at_rest(plant), armature=_heavier(plant, implicit))
 
 
-def _contact_sources(
-    plant: Plant, method: str, dtype: str, refine: int, contact: Contact
-) -> _Sources:
+def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
     """Return the sources of a simulation with dry friction and joint stops."""
+    plant, dtype = spec.plant, spec.dtype
     brakes = plant.brakes
     heavier = None
     if contact.implicit and plant.damping is not None:
@@ -272,17 +247,17 @@ def _contact_sources(
     others = {'_motor': motors(plant, dtype)} if has_drives(plant) else {}
     plant = without_drives(plant)
     held = replace(plant, brakes=True)
-    main = forward(held, method, refine, dtype)
+    main = forward(spec, held)
     others |= {'_held': main, '_inverse': of_text(plant, 'inverse_dynamics', dtype)}
     if 'hits' in contact.texts or brakes:
-        found = impulses(plant, method, dtype, refine)
+        found = impulses(spec, plant)
         others |= {f'_{name}': source for name, source in found.items()}
     if heavier is not None:
         stiff = replace(_at_rest(held), armature=heavier)
-        others['_stiff'] = forward(stiff, method, refine, dtype)
+        others['_stiff'] = forward(spec, stiff)
     inputs = {k: size for k, size in main.inputs.items() if k != 'free' or brakes}
     settings = f' {" ".join(inputs)} {contact.key}'
-    return _Sources(method, main, settings, others, inputs, dtype, contact)
+    return _Sources(main, settings, others, inputs, dtype, contact)
 
 
 def _heavier(plant: Plant, time: float) -> Array:

@@ -39,11 +39,10 @@ from pfd_core.kernels.runtime.jit import (
     outline,
 )
 from pfd_core.kernels.runtime.json_cache import T, get_or_compute
+from pfd_core.kernels.spec import KernelSpec
 from pfd_core.kernels.stack import check_stack
 from pfd_core.machine.program import Program
-from pfd_core.model import Plant, Robot, Scene, given_scene, resolve
-from pfd_core.model.checked_numbers import DTYPES, choice
-from pfd_core.model.frames import known_frame
+from pfd_core.model import Plant, Robot
 
 
 class KernelSource:
@@ -175,20 +174,33 @@ class ProductSource(KernelSource):
         return product_module(self.factors, dtype, width, angles)
 
 
+def source_of(spec: KernelSpec) -> KernelSource:
+    """Return the source of a spec."""
+    if spec.quantity == 'derivatives':
+        return derivatives(spec)
+    if spec.quantity in RECORDERS:
+        return of_text(spec.plant, spec.quantity, spec.dtype, spec.frame, spec.place)
+    return forward(spec)
+
+
 def forward(
-    plant: Plant, method: str, refine: int, dtype: str, names: Collection[str] = ('qdd',)
+    spec: KernelSpec, plant: Plant | None = None, names: Collection[str] = ('qdd',)
 ) -> KernelSource:
-    """Return the source of forward dynamics by a method, with some of its outputs."""
+    """Return the source of forward dynamics, of a plant in place of the spec's where given."""
+    plant = spec.plant if plant is None else plant
+    method, refine, dtype = spec.method, spec.refine, spec.dtype
 
     def lowered() -> Stages:
         estimate = dtype if 'error' in names else None
         recorded = record_refined(plant, method, refine, TOLERANCES[dtype], estimate)
-        return lower(with_nan_unless_converged(recorded), dtype, names)
+        return lower(with_nan_unless_converged(recorded, plant), dtype, names)
 
     return KernelSource(lowered, ('forward', plant.digest, method, str(refine), dtype, *names))
 
 
-def of_text(plant: Plant, quantity: str, dtype: str, frame: str | None = None) -> KernelSource:
+def of_text(
+    plant: Plant, quantity: str, dtype: str, frame: str | None = None, place: str = ''
+) -> KernelSource:
     """Return the source of a quantity in pfd_core.algorithms.quantities, of a frame or of none."""
     arguments = dict.fromkeys(QUANTITIES[quantity].arguments, plant.robot.n)
 
@@ -197,25 +209,22 @@ def of_text(plant: Plant, quantity: str, dtype: str, frame: str | None = None) -
         # A text need not read all arguments: a sliding joint alone has the same H everywhere.
         return lower(replace(recorded, inputs=arguments | recorded.inputs), dtype)
 
-    place = ''
-    if QUANTITIES[quantity].of_frame:
-        robot = plant.robot
-        name = robot.tip if frame is None else frame
-        place = known_frame(robot.name, robot.frames, name).digest
     return KernelSource(lowered, (quantity, plant.digest, place, dtype))
 
 
-def derivatives(plant: Plant, method: str, refine: int, dtype: str) -> ProductSource:
-    """Return the source of d qdd / d(q, qd, tau), (n, 3n), about the qdd of a method."""
+def derivatives(spec: KernelSpec, plant: Plant | None = None) -> ProductSource:
+    """Return the source of d qdd / d(q, qd, tau), (n, 3n), of a plant as for `forward`."""
+    plant = spec.plant if plant is None else plant
 
     def lowered() -> Stages:
-        recorded = record_derivatives(plant, method, refine)
-        return lower(recorded, dtype, longest=ORDERED)
+        recorded = record_derivatives(plant, spec.method, spec.refine, spec.dtype)
+        return lower(recorded, spec.dtype, longest=ORDERED)
 
     n = plant.robot.n
     # The factors, and a copy of the result.
     check_stack(f'a kernel of derivatives for {n} joints', 6 * n * n)
-    return ProductSource(lowered, ('derivatives', plant.digest, method, str(refine), dtype))
+    key = ('derivatives', plant.digest, spec.method, str(spec.refine), spec.dtype)
+    return ProductSource(lowered, key)
 
 
 def motors(plant: Plant, dtype: str) -> KernelSource:
@@ -223,13 +232,6 @@ def motors(plant: Plant, dtype: str) -> KernelSource:
     return KernelSource(
         lambda: lower(record_motor_torques(plant), dtype), ('motors', plant.digest, dtype)
     )
-
-
-def plant_of(robot: Robot, scene: Scene | None, dtype: str) -> tuple[Plant, Scene]:
-    """Return the robot in its scene, and the scene; ValueError if they do not fit."""
-    choice('dtype', dtype, DTYPES)
-    scene = given_scene(scene)
-    return resolve(robot, scene), scene
 
 
 def turned_joints(robot: Robot) -> tuple[int, ...]:

@@ -7,12 +7,12 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     yaml_reader         YAML text -> dict, list and str, bounded; tables with known keys
     yaml_scene          scenes from YAML
     yaml_robot          robots as YAML: tables from papers, and robots stored to the last bit
-    rotors              rotors behind gears: their inertia at the joint, also from a URDF
-    urdf_reader         URDF text -> links and joints
+    rotors              rotors behind gears: their inertia at the joint
+    urdf_reader         URDF text -> Urdf, the one record that all readers of a URDF share
     urdf_chain          which joints of a URDF move, and which links each of them carries
     urdf_robot          the chain of a URDF, welded and brought to the frames of a Robot
-    urdf_pinocchio      comparison of that robot with Pinocchio's reading of the URDF
     urdf_writer         robots as URDF
+    xacro_files         .xacro files -> URDF text, by the package xacro
     geometry            rotations, frames and rigid bodies as arrays with exact zeros and ones
     rigid_body_checks   conditions on a rotation and an inertia, with their tolerances
     frames              Frame: a frame fixed to a link; the frames of a robot by name
@@ -34,7 +34,7 @@ chain.drives for one of the motors).
 """
 
 from pfd_core.model.frames import Frame
-from pfd_core.model.loading import known_robots, load_robot, load_scene, urdf_of
+from pfd_core.model.loading import known_robots, load_robot, load_scene, read_urdf, urdf_of
 from pfd_core.model.plant import Plant, check_instant, in_motion, without_step_effects
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.robot_changes import Payload, lock, with_payload
@@ -43,6 +43,7 @@ from pfd_core.model.scene import Scene, scene_to_yaml
 from pfd_core.model.scene_inputs import scene_inputs
 from pfd_core.model.scene_numbers import given_scene, resolve
 from pfd_core.model.urdf_chain import TreeError
+from pfd_core.model.urdf_reader import Urdf
 from pfd_core.model.urdf_writer import robot_to_urdf
 from pfd_core.model.yaml_robot import robot_to_yaml
 
@@ -55,6 +56,7 @@ __all__ = [
     'Robot',
     'Scene',
     'TreeError',
+    'Urdf',
     'check_instant',
     'estimated_armature',
     'given_scene',
@@ -63,6 +65,7 @@ __all__ = [
     'load_robot',
     'load_scene',
     'lock',
+    'read_urdf',
     'reflected_inertia',
     'resolve',
     'robot_to_urdf',

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 Placement = tuple[Array, Array]  # axes, (3, 3), and origin, (3,) [m], of a frame in another
 Body = tuple[float, Array, Array]  # mass [kg], its centre, (3,) [m], inertia about it, (3, 3)
 

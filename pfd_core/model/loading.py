@@ -20,9 +20,10 @@ from pfd_core.model.error_text import quote
 from pfd_core.model.robot import Robot
 from pfd_core.model.robot_changes import lock
 from pfd_core.model.scene import Scene
-from pfd_core.model.urdf_reader import RIGHT_ANGLE_SLACK
-from pfd_core.model.urdf_robot import robot_from_urdf
+from pfd_core.model.urdf_reader import Urdf, parse_urdf
+from pfd_core.model.urdf_robot import RIGHT_ANGLE_SLACK, robot_from_urdf
 from pfd_core.model.urdf_writer import robot_to_urdf
+from pfd_core.model.xacro_files import expanded
 from pfd_core.model.yaml_robot import robot_from_yaml
 from pfd_core.model.yaml_scene import scene_from_yaml
 
@@ -37,7 +38,7 @@ FOLDERS: tuple[Traversable, ...] = (
 )
 # The largest URDF in circulation has 1 MB.
 LARGEST_FILE = 16 * 2**20
-URDF, YAML = ('.urdf', '.xml'), ('.yaml', '.yml')
+URDF, XACRO, YAML = ('.urdf', '.xml'), '.xacro', ('.yaml', '.yml')
 
 
 def known_robots() -> list[str]:
@@ -46,7 +47,7 @@ def known_robots() -> list[str]:
 
 
 def load_robot(
-    source: str | PathLike[str],
+    source: str | PathLike[str] | Urdf,
     *,
     base: str | None = None,
     tip: str | None = None,
@@ -58,8 +59,10 @@ def load_robot(
 
     Parameters
     ----------
-    source : str or path
-        A name of `known_robots`, the path of a .urdf or .yaml file, or the text of one.
+    source : str, path or Urdf
+        A name of `known_robots`, the path of a .urdf, .xacro or .yaml file, the text of a URDF or
+        YAML file, or the record of a URDF as `read_urdf` returns it. A .xacro file
+        needs the package xacro; its arguments have their defaults.
     base, tip : str, optional
         First and last link of the chain in a URDF; default: the root link, and the link that the
         last joint moves. The base stands still: links above it and other branches on it are cut
@@ -89,12 +92,10 @@ def load_robot(
     for role, name in (('base', base), ('tip', tip)):
         if name is not None and not isinstance(name, str):
             raise ValueError(f'{role} must be the name of a link or None, got {quote(name)}')
-    text, origin, is_urdf = _read(source)
-    if is_urdf:
-        return robot_from_urdf(
-            text, base=base, tip=tip, locked=locked, source=origin, right_angle=right_angle
-        )
-    robot = robot_from_yaml(text, source=origin)
+    model = source if isinstance(source, Urdf) else _model(source)
+    if isinstance(model, Urdf):
+        return robot_from_urdf(model, base=base, tip=tip, locked=locked, right_angle=right_angle)
+    robot = model
     for role, asked, has in (('base', base, robot.base), ('tip', tip, robot.tip)):
         if asked not in (None, has):
             raise ValueError(
@@ -102,6 +103,30 @@ def load_robot(
                 f'holds one chain, from {quote(robot.base)} to {quote(robot.tip)}'
             )
     return robot if locked is None else lock(robot, locked)
+
+
+def read_urdf(source: str | PathLike[str]) -> Urdf | None:
+    """
+    Parse a URDF, once for `load_robot` and for its <ros2_control> blocks and mimic joints.
+
+    Parameters
+    ----------
+    source : str or path
+        As for `load_robot`.
+
+    Returns
+    -------
+    Urdf or None
+        The record of the URDF; None if the source is a robot in YAML.
+
+    Raises
+    ------
+    ValueError
+        If there is no such robot or file, it cannot be read, or a link or joint breaks the format.
+
+    """
+    text, origin, is_urdf = _read(source)
+    return parse_urdf(text, origin) if is_urdf else None
 
 
 def urdf_of(source: str | PathLike[str]) -> str:
@@ -149,6 +174,12 @@ def load_scene(source: str | PathLike[str]) -> Scene:
     return scene_from_yaml(_text(path), str(path))
 
 
+def _model(source: str | PathLike[str]) -> Urdf | Robot:
+    """Return what a source holds: the record of a URDF, or a robot from YAML."""
+    text, origin, is_urdf = _read(source)
+    return parse_urdf(text, origin) if is_urdf else robot_from_yaml(text, source=origin)
+
+
 def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
     """Return the text of a robot, its origin, and whether it is URDF."""
     if isinstance(source, str):
@@ -162,14 +193,10 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
     if not _is_path(source):
         raise ValueError(f'source must be a name, a path or text, got {quote(source)}')
     path = Path(source)
-    if (
-        path.suffix not in (*URDF, *YAML, '.xacro')
-        and len(path.parts) == 1
-        and not _is_there(path)
-    ):
+    if path.suffix not in (*URDF, XACRO, *YAML) and len(path.parts) == 1 and not _is_there(path):
         raise ValueError(
             f'unknown robot {quote(str(source))}: known are {", ".join(known_robots())}; or give '
-            'the path of a .urdf or .yaml file'
+            'the path of a .urdf, .xacro or .yaml file'
         )
     return _file(path)
 
@@ -191,11 +218,12 @@ def _file(path: Path) -> tuple[str, str, bool]:
     label = quote(str(path))
     if not _is_there(path):
         raise ValueError(f'no robot file {label} (looked in {quote(str(Path.cwd()))})')
-    if path.suffix == '.xacro':
-        raise ValueError(f'{label} is xacro: run `xacro {label} > robot.urdf` first')
-    if path.suffix not in (*URDF, *YAML):
-        raise ValueError(f'{label} must end in {", ".join((*URDF, *YAML))}')
-    return _text(path), str(path), path.suffix in URDF
+    if path.suffix not in (*URDF, XACRO, *YAML):
+        raise ValueError(f'{label} must end in {", ".join((*URDF, XACRO, *YAML))}')
+    text = _text(path)
+    if path.suffix == XACRO:
+        return expanded(path), str(path), True
+    return text, str(path), path.suffix in URDF
 
 
 def _text(path: Path) -> str:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from pfd_core.model.error_text import MOST_NAMES, quote, quote_all
-from pfd_core.model.urdf_reader import MOVING, NOT_A_CHAIN, Description, Joint
+from pfd_core.model.urdf_reader import MOVING, NOT_A_CHAIN, Joint, Urdf
 
 
 class TreeError(ValueError):
@@ -61,7 +61,7 @@ class Chain:
 
 
 def find_chain(
-    urdf: Description, base: str | None, tip: str | None, locked: Mapping[str, float]
+    urdf: Urdf, base: str | None, tip: str | None, locked: Mapping[str, float]
 ) -> Chain:
     """
     Return the chain of joints between two links.
@@ -71,7 +71,7 @@ def find_chain(
 
     Parameters
     ----------
-    urdf : Description
+    urdf : Urdf
         The URDF.
     base, tip : str, optional
         Links; the root, and the link that the last joint moves, if not given.
@@ -120,25 +120,7 @@ def find_chain(
     return Chain(base, tip, held, tuple(chain), kept, carried)
 
 
-def with_followers(urdf: Description, locked: Mapping[str, float]) -> dict[str, float]:
-    """
-    Return the positions of locked joints and of the joints that mimic them [rad, m].
-
-    Of a joint that is locked by itself, that position counts.
-    """
-    found = dict(locked)
-    following = True
-    while following:
-        following = False
-        for joint in urdf.joints.values():
-            rule = joint.mimic if joint.kind in MOVING and joint.name not in found else None
-            if rule is not None and rule.leader in found:
-                found[joint.name] = rule.multiplier * found[rule.leader] + rule.offset
-                following = True
-    return found
-
-
-def _root(urdf: Description, above: Mapping[str, Joint]) -> str:
+def _root(urdf: Urdf, above: Mapping[str, Joint]) -> str:
     """Return the one link without a parent; ValueError for a loop or an unknown link."""
     for joint in urdf.joints.values():
         for link in (joint.parent, joint.child):
@@ -160,7 +142,7 @@ def _root(urdf: Description, above: Mapping[str, Joint]) -> str:
     return roots[0]
 
 
-def _children(urdf: Description) -> dict[str, list[Joint]]:
+def _children(urdf: Urdf) -> dict[str, list[Joint]]:
     found: dict[str, list[Joint]] = {link: [] for link in urdf.links}
     for joint in urdf.joints.values():
         found[joint.parent].append(joint)
@@ -175,7 +157,7 @@ def _below(link: str, children: Mapping[str, list[Joint]]) -> list[Joint]:
     return found
 
 
-def _refuse_loops(urdf: Description, below: list[Joint]) -> None:
+def _refuse_loops(urdf: Urdf, below: list[Joint]) -> None:
     if len(below) < len(urdf.joints):
         reached = {joint.name for joint in below}
         loop = [name for name in urdf.joints if name not in reached]
@@ -199,7 +181,7 @@ def _chain_to(tip: str, carriers: Mapping[str, Joint | None]) -> list[Joint]:
 
 
 def _last_link(
-    urdf: Description, base: str, moving: list[Joint], carriers: Mapping[str, Joint | None]
+    urdf: Urdf, base: str, moving: list[Joint], carriers: Mapping[str, Joint | None]
 ) -> str:
     """Return the link that the last joint moves; ValueError if the chain has several ends."""
     if not moving:
@@ -218,7 +200,7 @@ def _last_link(
 
 
 def _refuse_branches(
-    urdf: Description,
+    urdf: Urdf,
     tip: str,
     chain: list[Joint],
     moving: list[Joint],
@@ -243,7 +225,7 @@ def _refuse_branches(
         )
 
 
-def _check_links(urdf: Description, base: str | None, tip: str | None) -> None:
+def _check_links(urdf: Urdf, base: str | None, tip: str | None) -> None:
     for role, link in (('base', base), ('tip', tip)):
         if link is not None and (not isinstance(link, str) or link not in urdf.links):
             raise ValueError(
@@ -252,7 +234,7 @@ def _check_links(urdf: Description, base: str | None, tip: str | None) -> None:
             )
 
 
-def _check_locked(urdf: Description, locked: Mapping[str, float]) -> None:
+def _check_locked(urdf: Urdf, locked: Mapping[str, float]) -> None:
     for name in locked:
         joint = urdf.joints.get(name)
         if joint is None or joint.kind not in MOVING:

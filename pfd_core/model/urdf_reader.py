@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-URDF text as links and joints.
+URDF text -> `Urdf`, the one record of a model that all readers of a URDF share.
 
 Other readers drop an <inertial> that they cannot read and carry on without the link's mass. Here
 a number, an element or a name that breaks the format is an error that names its link or joint.
@@ -9,8 +9,8 @@ a number, an element or a name that breaks the format is an error that names its
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from functools import lru_cache
 from itertools import islice
@@ -22,16 +22,20 @@ import xml.etree.ElementTree as ElementTree
 
 from pfd_core.model.checked_numbers import BLANKS, number_from_text
 from pfd_core.model.error_text import quote, quote_all
-from pfd_core.model.rotors import urdf_rotor_inertias
+from pfd_core.model.robot_changes import locked_positions
+from pfd_core.model.rotors import reflected_inertia
 
-# Writers of URDF print pi/2 as 1.570796325 or longer: so many digits mean a right angle, and only
-# an exact one gives zeros, which a kernel drops. 1.5708 is taken as written.
-RIGHT_ANGLE_SLACK = 1e-8
 MOVING = ('revolute', 'continuous', 'prismatic')
 NOT_A_CHAIN = ('floating', 'planar')
 # A limit of this size is none: pfd_core.model.urdf_writer has no other number for it.
 LARGEST_LIMIT = sys.float_info.max
 INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
+# Rotors: local name of the inertia -> local name of the ratio. The format has no element for the
+# inertia of a rotor. Two extensions are read, both in the <actuator> of a <transmission> with one
+# joint: Drake's <drake:rotor_inertia value> with <drake:gear_ratio value>, and <motorInertia> with
+# the format's <mechanicalReduction>. A reduction alone says nothing: most files have 1 or its
+# inverse there (docs/decisions/0013-drives.md).
+ROTORS = {'rotor_inertia': 'gear_ratio', 'motorInertia': 'mechanicalReduction'}
 BOUNDS, LARGEST_VALUES, LOSSES = (
     ('lower', 'upper'),
     ('velocity', 'effort'),
@@ -71,8 +75,7 @@ FOREIGN = frozenset(
 # Least similarity of a near miss (difflib), of short names, as `xzy`, and of longer ones.
 SIMILAR, SHORT = (0.6, 0.75), 4
 
-# Published URDFs have up to 1 MB and some 150 links, and nest 6 deep. Pinocchio's parser takes
-# 4 kB of stack for each link of a chain: 500 fit into a quarter of a thread's stack.
+# Published URDFs have up to 1 MB and some 150 links, and nest 6 deep.
 MOST_CHARACTERS = 16 * 2**20
 MOST_ELEMENTS = 200_000
 MOST_LINKS = 500
@@ -126,9 +129,8 @@ class Joint:
     """
     A joint.
 
-    `mimic` is the rule by which it follows another joint, `snapped` is true if an angle was
-    rounded, and `limited` is false for a revolute or prismatic joint without the <limit> that the
-    format asks for.
+    `mimic` is the rule by which it follows another joint, and `limited` is false for a revolute or
+    prismatic joint without the <limit> that the format requires.
     """
 
     name: str
@@ -139,35 +141,111 @@ class Joint:
     axis: Triple
     limits: Limits
     mimic: Mimic | None
-    snapped: bool
     limited: bool
 
 
 @dataclass(frozen=True)
-class Description:
+class ControlledJoint:
     """
-    A URDF: by name its links, with <inertial> or None, joints, and armature [kg m^2, kg].
+    A joint of a <ros2_control> block.
 
-    `misspelt` has a line about each element and attribute whose name resembles a known one.
+    `initial_positions` are the texts of all initial values of its position.
+    """
+
+    name: str
+    command_interfaces: frozenset[str]
+    initial_positions: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class ControlHardware:
+    """A <hardware> of a <ros2_control> block: its plugin, and its parameters as texts."""
+
+    plugin: str
+    parameters: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class ControlBlock:
+    """A <ros2_control> block; where two of its joints have one name, the last one counts."""
+
+    hardware: tuple[ControlHardware, ...]
+    joints: Mapping[str, ControlledJoint]
+
+
+@dataclass(frozen=True)
+class Urdf:
+    """
+    A URDF, parsed once: `load_robot` takes it in place of a file.
+
+    Attributes
+    ----------
+    name : str
+        Name of the robot.
+    links : mapping
+        Name -> <inertial>, or None.
+    joints : mapping
+        Name -> joint, with angles as written.
+    armature : mapping
+        Name of a joint -> inertia of its rotors at the joint [kg m^2, kg].
+    control : tuple of ControlBlock
+        The <ros2_control> blocks. Their values are texts: a block that nobody uses may hold
+        anything.
+    text : str
+        The URDF itself, xacro expanded.
+    source : str
+        Origin of the text.
+    misspelt : tuple of str
+        A line about each element and attribute whose name resembles a known one.
+
     """
 
     name: str
     links: Mapping[str, Inertial | None]
     joints: Mapping[str, Joint]
     armature: Mapping[str, float]
+    control: tuple[ControlBlock, ...] = ()
+    text: str = field(default='', repr=False)
+    source: str = 'URDF text'
     misspelt: tuple[str, ...] = ()
 
+    def with_followers(self, locked: Mapping[str, float]) -> dict[str, float]:
+        """
+        Return the positions of locked joints and of the joints that mimic them [rad, m].
 
-def read_urdf(text: str, slack: float = RIGHT_ANGLE_SLACK) -> Description:
+        Parameters
+        ----------
+        locked : mapping
+            Name of a joint -> position. It counts before that of a mimic.
+
+        Raises
+        ------
+        ValueError
+            If it is no mapping, or a position is no number.
+
+        """
+        found = locked_positions(locked)
+        following = True
+        while following:
+            following = False
+            for joint in self.joints.values():
+                rule = joint.mimic if joint.kind in MOVING and joint.name not in found else None
+                if rule is not None and rule.leader in found:
+                    found[joint.name] = rule.multiplier * found[rule.leader] + rule.offset
+                    following = True
+        return found
+
+
+def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
     """
-    Return the links and joints of a URDF.
+    Return the record of a URDF.
 
     Parameters
     ----------
     text : str
         The URDF.
-    slack : float
-        Angles within this distance of a multiple of pi/2 [rad] become exact; negative: none.
+    source : str
+        Origin of the text.
 
     Raises
     ------
@@ -181,17 +259,25 @@ def read_urdf(text: str, slack: float = RIGHT_ANGLE_SLACK) -> Description:
     links: dict[str, Inertial | None] = {}
     for element in root.findall('link'):
         name = _name(element, links)
-        links[name] = _inertial(element, f'link {quote(name)}', slack)
+        links[name] = _inertial(element, f'link {quote(name)}')
     if not links:
-        raise ValueError('the URDF has no <link>; if it is xacro, expand it first')
+        raise ValueError('the URDF has no <link>; if it is xacro, load the .xacro file')
     if len(links) > MOST_LINKS:
         raise ValueError(f'the URDF has {len(links)} links, more than the {MOST_LINKS} supported')
     joints: dict[str, Joint] = {}
     for element in root.findall('joint'):
         name = _name(element, joints)
-        joints[name] = _joint(element, name, slack)
-    armature = urdf_rotor_inertias(root, joints)
-    return Description(root.get('name') or 'robot', links, joints, armature, _misspelt(root))
+        joints[name] = _joint(element, name)
+    return Urdf(
+        name=root.get('name') or 'robot',
+        links=links,
+        joints=joints,
+        armature=_armature(root, joints),
+        control=tuple(map(_control_block, root.findall('ros2_control'))),
+        text=text,
+        source=source,
+        misspelt=_misspelt(root),
+    )
 
 
 def _misspelt(root: ElementTree.Element) -> tuple[str, ...]:
@@ -251,8 +337,8 @@ class _Builder(ElementTree.TreeBuilder):
         space, _, name = tag.rpartition('}')
         if 'xacro' in space:
             raise ValueError(
-                f'the URDF has <xacro:{quote(name)[1:-1]}>, which is not expanded: run '
-                '`xacro FILE > robot.urdf` first'
+                f'the URDF has <xacro:{quote(name)[1:-1]}>, which is not expanded: load '
+                'the .xacro file, or run `xacro FILE > robot.urdf` first'
             )
         if self.depth > DEEPEST or self.count > MOST_ELEMENTS:
             raise ValueError(
@@ -326,21 +412,12 @@ def _triple(
     return x, y, z
 
 
-def _origin(parent: ElementTree.Element, label: str, slack: float) -> tuple[Origin, bool]:
-    """Return an <origin> with exact right angles, and whether that changed an angle."""
+def _origin(parent: ElementTree.Element, label: str) -> Origin:
     element = _only(parent, 'origin', label)
-    written = _triple(element, 'rpy', label)
-    roll, pitch, yaw = rpy = tuple(_right_angle(angle, slack) for angle in written)
-    return Origin(_triple(element, 'xyz', label), (roll, pitch, yaw)), rpy != written
+    return Origin(_triple(element, 'xyz', label), _triple(element, 'rpy', label))
 
 
-def _right_angle(angle: float, slack: float) -> float:
-    """Return the multiple of pi/2 [rad] near an angle, or else the angle."""
-    exact = round(angle / (math.pi / 2)) * (math.pi / 2)
-    return exact if abs(angle - exact) <= slack else angle
-
-
-def _inertial(link: ElementTree.Element, label: str, slack: float) -> Inertial | None:
+def _inertial(link: ElementTree.Element, label: str) -> Inertial | None:
     element = _only(link, 'inertial', label)
     if element is None:
         return None
@@ -349,12 +426,12 @@ def _inertial(link: ElementTree.Element, label: str, slack: float) -> Inertial |
         raise ValueError(f'<inertial> of {label} must have a <mass> and an <inertia>')
     return Inertial(
         _number(mass, 'value', label),
-        _origin(element, label, slack)[0],
+        _origin(element, label),
         tuple(_number(inertia, key, label) for key in INERTIA_KEYS),
     )
 
 
-def _joint(element: ElementTree.Element, name: str, slack: float) -> Joint:
+def _joint(element: ElementTree.Element, name: str) -> Joint:
     label, kind = f'joint {quote(name)}', element.get('type', '')
     if kind not in (*MOVING, *NOT_A_CHAIN, 'fixed'):
         raise ValueError(
@@ -368,11 +445,11 @@ def _joint(element: ElementTree.Element, name: str, slack: float) -> Joint:
     empty = written is not None and written.get('xyz') is None
     if kind in MOVING and (empty or not any(axis)):
         raise ValueError(f'<axis xyz> of {label} must be three numbers, not all 0')
-    origin, snapped = _origin(element, label, slack)
+    origin = _origin(element, label)
     mimic = _mimic(element, label)
     limits = _limits(element, kind, label)
     limited = kind not in ('revolute', 'prismatic') or element.find('limit') is not None
-    return Joint(name, kind, parent, child, origin, axis, limits, mimic, snapped, limited)
+    return Joint(name, kind, parent, child, origin, axis, limits, mimic, limited)
 
 
 def _mimic(element: ElementTree.Element, label: str) -> Mimic | None:
@@ -397,3 +474,79 @@ def _limits(element: ElementTree.Element, kind: str, label: str) -> Limits:
         if value < 0 and key not in BOUNDS:
             raise ValueError(f'<{key}> of {label} must not be negative, got {value}')
     return Limits(**found)
+
+
+def _armature(root: ElementTree.Element, joints: Collection[str]) -> dict[str, float]:
+    """
+    Return the armature of each joint whose transmissions state a rotor.
+
+    ValueError if a number is none, an inertia is negative or a ratio zero, or a transmission with
+    a rotor has not one joint of the URDF.
+    """
+    found: dict[str, float] = {}
+    for transmission in root.findall('transmission'):
+        label = f'transmission {quote(transmission.get("name", ""))}'
+        for actuator in transmission.findall('actuator'):
+            armature = _rotor(actuator, label)
+            if armature is None:
+                continue
+            moved = [joint.get('name', '') for joint in transmission.findall('joint')]
+            if len(moved) != 1 or moved[0] not in joints:
+                raise ValueError(
+                    f'{label} has the inertia of a rotor, so it must have one joint of the URDF, '
+                    f'got {quote(moved)}'
+                )
+            # Several motors on a joint turn together.
+            found[moved[0]] = found.get(moved[0], 0.0) + armature
+    return found
+
+
+def _rotor(actuator: ElementTree.Element, label: str) -> float | None:
+    """Return the inertia of an actuator's rotor at its joint, or None if it states none."""
+    numbers = {_local(element): element for element in actuator}
+    for key, ratio in ROTORS.items():
+        if key in numbers:
+            inertia = _value(f'{key} of {label}', numbers[key])
+            gear = _value(f'{ratio} of {label}', numbers[ratio]) if ratio in numbers else 1.0
+            try:
+                return float(reflected_inertia([inertia], gear)[0])
+            except ValueError as error:
+                raise ValueError(f'{label}: {error}') from error
+    return None
+
+
+def _local(element: ElementTree.Element) -> str:
+    """Return the name of an element without its namespace."""
+    return str(element.tag).rpartition('}')[2]
+
+
+def _value(label: str, element: ElementTree.Element) -> float:
+    """Return the number of an element, in its attribute `value` or in its text."""
+    return number_from_text(label, element.get('value', element.text or ''))
+
+
+def _control_block(block: ElementTree.Element) -> ControlBlock:
+    return ControlBlock(
+        tuple(
+            ControlHardware(
+                (hardware.findtext('plugin') or '').strip(),
+                {p.get('name', ''): (p.text or '').strip() for p in hardware.findall('param')},
+            )
+            for hardware in block.findall('hardware')
+        ),
+        {
+            joint.get('name', ''): ControlledJoint(
+                joint.get('name', ''),
+                frozenset(kind.get('name', '') for kind in joint.findall('command_interface')),
+                tuple(_initial_positions(joint)),
+            )
+            for joint in block.findall('joint')
+        },
+    )
+
+
+def _initial_positions(joint: ElementTree.Element) -> Iterator[str]:
+    for interface in joint.findall('state_interface'):
+        for param in interface.findall('param'):
+            if (interface.get('name'), param.get('name')) == ('position', 'initial_value'):
+                yield (param.text or '').strip()

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 import math
 from typing import Any
 import warnings
@@ -33,27 +34,21 @@ from pfd_core.model.geometry import (
 from pfd_core.model.rigid_body_checks import check_inertia
 from pfd_core.model.robot import LIMIT_FIELDS, PhysicsWarning, Robot
 from pfd_core.model.robot_changes import check_locked_position, locked_positions
-from pfd_core.model.urdf_chain import Chain, find_chain, with_followers
-from pfd_core.model.urdf_pinocchio import check_with_pinocchio
-from pfd_core.model.urdf_reader import (
-    RIGHT_ANGLE_SLACK,
-    Description,
-    Inertial,
-    Joint,
-    Origin,
-    read_urdf,
-)
+from pfd_core.model.urdf_chain import Chain, find_chain
+from pfd_core.model.urdf_reader import Inertial, Joint, Origin, Urdf
 
+# Writers of URDF print pi/2 as 1.570796325 or longer: so many digits mean a right angle, and only
+# an exact one gives zeros, which a kernel drops. 1.5708 is taken as written.
+RIGHT_ANGLE_SLACK = 1e-8
 NO_BODY: Body = (0.0, np.zeros(3), np.zeros((3, 3)))
 
 
 def robot_from_urdf(
-    text: str,
+    urdf: Urdf,
     *,
     base: str | None = None,
     tip: str | None = None,
     locked: Mapping[str, float] | None = None,
-    source: str = 'URDF text',
     right_angle: float = RIGHT_ANGLE_SLACK,
 ) -> Robot:
     """
@@ -61,22 +56,19 @@ def robot_from_urdf(
 
     Parameters
     ----------
-    text : str
+    urdf : Urdf
         The URDF.
     base, tip : str, optional
         First and last link of the chain, as for `load_robot`.
     locked : mapping, optional
         Name of a joint -> position [rad, m] at which it is welded.
-    source : str
-        Origin of the text.
     right_angle : float
         Angles within this distance of a multiple of 90 degrees become exact [rad].
 
     Raises
     ------
     ValueError
-        If the text is no URDF, these choices leave no single chain, a link is no body, or
-        Pinocchio reads other numbers.
+        If these choices leave no single chain, or a link is no body.
 
     Warns
     -----
@@ -86,11 +78,12 @@ def robot_from_urdf(
         has a name that resembles a known one, as `xyzs` does.
 
     """
-    urdf = read_urdf(text, real_number('right_angle', right_angle, largest=LARGEST))
+    slack = real_number('right_angle', right_angle, largest=LARGEST)
+    urdf, snapped_joints = _with_right_angles(urdf, slack)
     for line in urdf.misspelt:
         warnings.warn(line, PhysicsWarning, stacklevel=3)
     given = locked_positions({} if locked is None else locked)
-    at = with_followers(urdf, given)
+    at = urdf.with_followers(given)
     chain = find_chain(urdf, base, tip, at)
     for name, position in given.items():
         limits = urdf.joints[name].limits
@@ -101,21 +94,42 @@ def robot_from_urdf(
     length = max(float(np.abs(p).max()) for _, p in placements)
     bodies = _bodies(urdf, chain, frames, length)
     _warn_of_missing_limits(chain)
-    robot = Robot(
+    return Robot(
         name=urdf.name,
         joint_names=tuple(joint.name for joint in chain.joints),
         joint_types=tuple(joint.kind for joint in chain.joints),
         base=chain.base,
         tip=chain.tip,
-        source=source,
-        snapped_joints=tuple(joint.name for joint in urdf.joints.values() if joint.snapped),
+        source=urdf.source,
+        snapped_joints=snapped_joints,
         **welded_frames(placements, bodies),
         **_limits(chain),
         armature=np.array([urdf.armature.get(joint.name, 0.0) for joint in chain.joints]),
         frames=_carried_frames(chain, frames, placements, length),
     )
-    check_with_pinocchio(urdf, chain, at, placements, bodies)
-    return robot
+
+
+def _with_right_angles(urdf: Urdf, slack: float) -> tuple[Urdf, tuple[str, ...]]:
+    """Return a URDF with exact right angles [rad], and the joints that this changed."""
+    links = {
+        name: body and replace(body, origin=_with_right_angle(body.origin, slack))
+        for name, body in urdf.links.items()
+    }
+    joints = {
+        name: replace(joint, origin=_with_right_angle(joint.origin, slack))
+        for name, joint in urdf.joints.items()
+    }
+    snapped = tuple(n for n, joint in joints.items() if joint.origin != urdf.joints[n].origin)
+    return replace(urdf, links=links, joints=joints), snapped
+
+
+def _with_right_angle(origin: Origin, slack: float) -> Origin:
+    quarters = [round(angle / (math.pi / 2)) * (math.pi / 2) for angle in origin.rpy]
+    roll, pitch, yaw = (
+        exact if abs(angle - exact) <= slack else angle
+        for angle, exact in zip(origin.rpy, quarters, strict=True)
+    )
+    return replace(origin, rpy=(roll, pitch, yaw))
 
 
 def _limits(chain: Chain) -> dict[str, Any]:
@@ -178,7 +192,7 @@ def _motion(joint: Joint, position: float) -> Placement:
 
 
 def _bodies(
-    urdf: Description, chain: Chain, frames: Mapping[str, Placement], length: float
+    urdf: Urdf, chain: Chain, frames: Mapping[str, Placement], length: float
 ) -> list[Body]:
     """Return the links that each moving joint carries, welded to one body, in its frame."""
     bodies = {joint.name: NO_BODY for joint in chain.joints}

@@ -5,8 +5,8 @@ Robots as URDF: for programs that read no other format.
 
 Link k of the chain has its frame on the axis of joint k, which is z. The tip and all other frames
 of the robot are links without mass, fixed to those that carry them. A rotor is the <motorInertia>
-of a <transmission> with a reduction of 1, as pfd_core.model.rotors reads it. A limit that a joint
-lacks is LARGEST_LIMIT: most readers of the format know no infinity.
+of a <transmission> with a reduction of 1, as pfd_core.model.urdf_reader reads it. A limit that a
+joint lacks is LARGEST_LIMIT: most readers of the format know no infinity.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ import xml.etree.ElementTree as ElementTree
 
 import numpy as np
 
+from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import Array, Placement, chained, product
 from pfd_core.model.robot import LIMIT_FIELDS, Robot, check_robot
-from pfd_core.model.urdf_reader import INERTIA_KEYS, LARGEST_LIMIT
+from pfd_core.model.urdf_reader import INERTIA_KEYS, LARGEST_LIMIT, parse_urdf
 from pfd_core.model.yaml_robot import ELEMENTS
 
 # Cosine of a pitch below which roll and yaw are one angle: of it rounding leaves no digit more.
@@ -27,7 +28,11 @@ GIMBAL_LOCK = 1e-12
 
 
 def robot_to_urdf(robot: Robot) -> str:
-    """Return a robot as URDF; `load_robot` reads the same robot from it, to rounding."""
+    """
+    Return a robot as URDF; `load_robot` reads the same robot from it, to rounding.
+
+    ValueError if a URDF cannot hold it: a name that XML cannot hold, or one that occurs twice.
+    """
     check_robot(robot)
     root = ElementTree.Element('robot', name=robot.name)
     names = [robot.base, *_link_names(robot)]
@@ -49,7 +54,12 @@ def robot_to_urdf(robot: Robot) -> str:
         if rotor:
             _add_rotor(root, robot.joint_names[i], rotor)
     ElementTree.indent(root)
-    return f'<?xml version="1.0"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
+    text = f'<?xml version="1.0"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
+    try:
+        parse_urdf(text)
+    except ValueError as error:
+        raise ValueError(f'{quote(robot.name)} cannot be written as URDF: {error}') from error
+    return text
 
 
 def _link_names(robot: Robot) -> list[str]:

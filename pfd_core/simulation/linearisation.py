@@ -27,15 +27,17 @@ of their torques lies within the bounds of sliding friction; a joint at a bound 
 from __future__ import annotations
 
 from copy import copy
-from typing import Any, Protocol
+from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.forking import cached_property
-from pfd_core.kernels.compile import compile_kernel
+from pfd_core.kernels.compile import compile_kernel, compile_spec
 from pfd_core.kernels.kernel import Kernel
-from pfd_core.kernels.linear_steps import compile_in_motion, compile_linear_step
+from pfd_core.kernels.linear_steps import compile_linear_step
+from pfd_core.kernels.spec import STEP_IN_MOTION, KernelSpec
 from pfd_core.model import Plant, Robot, Scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, real_array
 from pfd_core.model.error_text import quote
@@ -54,11 +56,11 @@ class Simulation(Protocol):
     robot: Robot
     scene: Scene
     dtype: str
+    spec: KernelSpec
+    integrator: str
+    step_size: float
+    substeps: int
     batch: tuple[int, ...]
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """Arguments with which the simulation was made, robot and scene apart."""
 
     @property
     def q(self) -> Array:
@@ -133,7 +135,7 @@ class LinearStep:
         self._robot, self._scene = robot, scene = simulation.robot, simulation.scene
         self._names = robot.joint_names
         self._dry = has_contact(resolve(robot, scene))
-        self.kernel = _kernel(robot, scene, self._dry, **simulation.settings)
+        self.kernel = _kernel(simulation, self._dry)
 
     def matrices(
         self,
@@ -189,7 +191,8 @@ class LinearStep:
 
     @cached_property
     def _in_motion(self) -> Kernel:
-        return compile_in_motion(self._robot, self._scene)
+        scene = replace(self._scene, brakes=True)
+        return compile_spec(KernelSpec(self._robot, scene, quantity=STEP_IN_MOTION))
 
     def add_brakes(self, A: Array, q: ArrayLike, qd: ArrayLike, brakes: ArrayLike) -> None:
         """
@@ -212,25 +215,17 @@ class LinearStep:
             A[k][:, n + held] = A[k][:, n + free] @ impulse
 
 
-def _kernel(
-    robot: Robot,
-    scene: Scene,
-    dry: bool,
-    *,
-    step_size: float,
-    substeps: int,
-    integrator: str,
-    compensated: bool,
-    **options: Any,
-) -> Kernel:
-    """Return the kernel of a linearised step, with the settings of a simulation."""
-    h, row, plant = step_size / substeps, TABLE[integrator], resolve(robot, scene)
+def _kernel(simulation: Simulation, dry: bool) -> Kernel:
+    """Return the kernel of a linearised step of a simulation."""
+    spec = simulation.spec
+    if dry:
+        held = replace(spec.scene, brakes=True)
+        spec = replace(spec, scene=held, quantity=STEP_IN_MOTION)
+    row, h = TABLE[simulation.integrator], simulation.step_size / simulation.substeps
+    plant = resolve(spec.robot, spec.scene)
     # The digits that sums keep, with `compensated`, have no derivative.
-    step = record_step(row, robot.n, h, plant.damping, motor_lag=plant.motor_lag)
-    implicit = row.implicit * h
-    return compile_linear_step(
-        robot, step, substeps, scene=scene, implicit=implicit, dry=dry, **options
-    )
+    step = record_step(row, spec.robot.n, h, plant.damping, motor_lag=plant.motor_lag)
+    return compile_linear_step(spec, step, simulation.substeps, row.implicit * h)
 
 
 def _checked(simulation: Simulation, name: str, value: ArrayLike) -> Array:

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from pfd_core.forking import cached_property
 from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.kernels.runtime.threads import MAX_BLOCK_WORK, run_until_stopped
+from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.model import Plant, Robot, Scene, given_scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import DTYPES, Array, choice, integer, real_array, real_number
 from pfd_core.model.error_text import quote
@@ -78,7 +79,7 @@ class Simulation(ABC):
             if compensated is None
             else switch('compensated', compensated)
         )
-        self._options = {'method': method, 'refine': refine}
+        self.spec = KernelSpec(robot, self.scene, method, self.dtype, refine, STEP)
         self._load_native()
         check_damping(plant, self.integrator, self.step_size / self.substeps, dtype)
         # Inputs beside the torque, in the order of the native code.
@@ -129,13 +130,7 @@ class Simulation(ABC):
             events=has_contact(plant),
         )
         return self._compiler(
-            self.robot,
-            step,
-            scene=self.scene,
-            dtype=self.dtype,
-            implicit=integrator.implicit * h,
-            contact=self._contact(plant, h),
-            **self._options,
+            self.spec, step, implicit=integrator.implicit * h, contact=self._contact(plant, h)
         )
 
     def _contact(self, plant: Plant, h: float) -> Contact | None:
@@ -177,8 +172,7 @@ class Simulation(ABC):
     @property
     def method(self) -> str:
         """The method that 'auto' stood for."""
-        method: str = self._native.method
-        return method
+        return self.spec.method
 
     @property
     def operations(self) -> int:
@@ -339,18 +333,6 @@ class Simulation(ABC):
     @abstractmethod
     def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
         """Advance the state by one step, under torques (n,) or (B, n)."""
-
-    @property
-    def settings(self) -> dict[str, Any]:
-        """Arguments with which the simulation was made, robot and scene apart."""
-        return {
-            'step_size': self.step_size,
-            'substeps': self.substeps,
-            'integrator': self.integrator,
-            'dtype': self.dtype,
-            'compensated': self.compensated,
-            **self._options,
-        }
 
     def _why_not_finite(self, buffer: StateBuffer) -> str:
         """Return the status of a state that is not a number."""

@@ -90,7 +90,7 @@ def _largest_rate(plant: Plant, diagonal: Array | None) -> float:
         return float('inf')
     # The squares of the singular values of L^-1 D^(1/2), H = L L^T, are the eigenvalues.
     scaled = np.linalg.solve(roots, np.diag(np.sqrt(diagonal)))
-    return float(np.linalg.norm(scaled, 2, axis=(1, 2)).max() ** 2)
+    return float(np.max(np.linalg.norm(scaled, 2, axis=(1, 2))) ** 2)
 
 
 def inertia_matrices(plant: Plant, q: Array) -> Array:

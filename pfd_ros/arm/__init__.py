@@ -21,8 +21,7 @@ From the inputs to the outputs:
     wrench            the rules for external wrenches, and how long one acts
     requests          the rules for requests (pause, step, reset) and for states to jump to
     described_robot   the robot that settings name, and what its URDF adds to them
-    description       the <ros2_control> block of a URDF: topics, initial positions, followers
-    urdf_text         a URDF of a robot that came from elsewhere
+    ros2_control      the <ros2_control> blocks of a URDF: topics, initial positions; followers
     followed_clock    the rules for ticks of another node's clock
     pace              whether there may be a step: activity, pauses, lockstep, followed clock
     command_link      the way of commands to the drives: delay, drop-out, watchdog

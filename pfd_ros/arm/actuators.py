@@ -16,10 +16,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+import pfd_core as pfd
 from pfd_ros.arm.command_settings import check_servo
 from pfd_ros.arm.drive import Drive, Gains, held
 from pfd_ros.arm.settings import Settings
@@ -30,13 +31,13 @@ from pfd_ros.text import cut
 LEVER, WIDE_EFFORT, WIDE_SPEED = 50.0, 1000.0, 100.0
 
 
-def effort_limits(robot: Any) -> np.ndarray:
+def effort_limits(robot: pfd.Robot) -> np.ndarray:
     """Return the largest effort of each joint, (n,) in model order, N m or N; all are finite."""
     wide = max(WIDE_EFFORT, LEVER * float(np.sum(robot.masses)))
     return _stated(robot.effort_limit, wide)
 
 
-def speed_limits(robot: Any) -> np.ndarray:
+def speed_limits(robot: pfd.Robot) -> np.ndarray:
     """Return the speed up to which each motor has its full effort, (n,) in model order, finite."""
     return _stated(robot.velocity_limit, WIDE_SPEED)
 
@@ -75,7 +76,7 @@ class Actuators:
         Index in the model of each joint, in published order.
     """
 
-    def __init__(self, settings: Settings, robot: Any, order: Sequence[int]) -> None:
+    def __init__(self, settings: Settings, robot: pfd.Robot, order: Sequence[int]) -> None:
         self.saturated = self.trips = self.fast_cycles = 0
         self.peaks = [0.0] * len(order)
         self.reflex = ''

@@ -30,8 +30,15 @@ MOST_COMPILED = 4
 LATEST_NS = (2**31 - 86_400) * NANOSECONDS
 
 
-def load_robot(settings: Settings) -> Any:
-    """Return the robot that the settings name.
+def load_robot(settings: Settings, source: str | pfd.Urdf | None = None) -> pfd.Robot:
+    """Return a robot with the ends and the locked joints that the settings name.
+
+    Parameters
+    ----------
+    settings
+        For base_link, tip_link and locked.
+    source
+        As `pfd_core.load_robot` takes it; default: the robot that the settings name.
 
     Raises
     ------
@@ -40,7 +47,7 @@ def load_robot(settings: Settings) -> Any:
     """
     try:
         return pfd.load_robot(
-            settings.robot,
+            settings.robot if source is None else source,
             base=settings.base_link or None,
             tip=settings.tip_link or None,
             locked=settings.locks or None,
@@ -61,7 +68,7 @@ def simulator_settings(settings: Settings) -> dict[str, Any]:
     }
 
 
-def joint_order(wanted: Sequence[str], robot: Any) -> tuple[int, ...]:
+def joint_order(wanted: Sequence[str], robot: pfd.Robot) -> tuple[int, ...]:
     """Return the index in the model of each joint, in the order in which joints are published.
 
     Raises
@@ -131,7 +138,7 @@ class Arm:
         If the settings do not go with the robot.
     """
 
-    def __init__(self, settings: Settings, robot: Any) -> None:
+    def __init__(self, settings: Settings, robot: pfd.Robot) -> None:
         check_joint_counts(settings, robot.n)
         self.order = joint_order(settings.joints, robot)
         self.names = tuple(robot.joint_names[i] for i in self.order)

@@ -4,14 +4,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import Any
+from dataclasses import dataclass, field
 
+import pfd_core as pfd
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.description import (
-    Description,
-    read_description,
+from pfd_ros.arm.ros2_control import (
+    Ros2Control,
+    read_ros2_control,
     with_followers,
     with_initial_values,
 )
@@ -20,7 +19,7 @@ from pfd_ros.arm.settings import Settings
 
 @dataclass(frozen=True)
 class DescribedRobot:
-    """A robot and its description.
+    """A robot, and what its URDF configures.
 
     Attributes
     ----------
@@ -28,16 +27,21 @@ class DescribedRobot:
         As `load_robot` returns it.
     settings
         Those given, with initial values and followers of its URDF.
-    text
-        Its URDF, '' for a robot from another file.
-    description
-        Of its URDF.
+    control
+        The `<ros2_control>` blocks of its URDF, if they are to be read.
+    urdf
+        The URDF; None for a robot from another file.
     """
 
-    robot: Any
+    robot: pfd.Robot
     settings: Settings
-    text: str = ''
-    description: Description = field(default_factory=Description)
+    control: Ros2Control = field(default_factory=Ros2Control)
+    urdf: pfd.Urdf | None = None
+
+    @property
+    def text(self) -> str:
+        """The URDF to publish: as it was read, or written of the robot."""
+        return pfd.robot_to_urdf(self.robot) if self.urdf is None else self.urdf.text
 
 
 def described_robot(settings: Settings, source: str) -> DescribedRobot:
@@ -46,23 +50,16 @@ def described_robot(settings: Settings, source: str) -> DescribedRobot:
     Raises
     ------
     ValueError
-        If it cannot be loaded, or its description breaks a rule.
+        If it cannot be loaded, or a `<ros2_control>` block breaks a rule.
     """
-    robot = load_robot(replace(settings, robot=source))
-    text = _urdf_text(source)
-    if not text:
-        return DescribedRobot(robot, settings)
-    moving = robot.joint_names
-    description = read_description(text, moving, ros2_control=settings.ros2_control)
-    filled = with_initial_values(settings, moving, description)
+    urdf = pfd.read_urdf(source)
+    if urdf is None:
+        return DescribedRobot(load_robot(settings, source), settings)
+    robot = load_robot(settings, urdf)
+    control = Ros2Control()
+    if settings.ros2_control:
+        control = read_ros2_control(urdf, robot.joint_names)
+    filled = with_initial_values(settings, robot.joint_names, control)
     if filled.locks != settings.locks:
-        robot = load_robot(replace(filled, robot=source))
-    return DescribedRobot(robot, with_followers(filled, description), text, description)
-
-
-def _urdf_text(source: str) -> str:
-    """Return the URDF of a robot that was loaded, '' for one from YAML."""
-    if source.lstrip().startswith('<'):
-        return source
-    path = Path(source)
-    return path.read_text('utf-8-sig') if path.suffix in ('.urdf', '.xml') else ''
+        robot = load_robot(filled, urdf)
+    return DescribedRobot(robot, with_followers(filled, urdf), control, urdf)

@@ -22,10 +22,11 @@ alone: a failed arm stands still in simulated time and goes on publishing.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+import pfd_core as pfd
 from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.changes import PayloadEcho
@@ -108,7 +109,7 @@ class Engine:
         If the settings do not go with the robot.
     """
 
-    def __init__(self, settings: Settings, robot: Any, *, rows: bool = True) -> None:
+    def __init__(self, settings: Settings, robot: pfd.Robot, *, rows: bool = True) -> None:
         self.arm = Arm(settings, robot)
         self.settings = self.arm.settings
         self.cycles = 0

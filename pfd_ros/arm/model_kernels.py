@@ -27,7 +27,7 @@ QUANTITIES = {
 }
 
 
-def model_kernels(settings: Settings, robot: Any, scene: pfd.Scene) -> Mapping[str, Any]:
+def model_kernels(settings: Settings, robot: pfd.Robot, scene: pfd.Scene) -> Mapping[str, Any]:
     """Return the kernel of each output that the settings ask for and that is such a quantity.
 
     The wrench on the tip and the gravity torques of the drives are left out of the scene: they

@@ -55,7 +55,7 @@ def _of_joints(name: str, text: str) -> Any:
     `name` is that of the group of parameters, of the switch, and of the numbers of the model.
     """
 
-    def default(settings: Any, robot: Any) -> np.ndarray:
+    def default(settings: Any, robot: pfd.Robot) -> np.ndarray:
         switch = getattr(settings, name)
         if switch == ESTIMATED:
             return pfd.estimated_armature(robot)

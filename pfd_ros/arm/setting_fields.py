@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+import pfd_core as pfd
 from pfd_ros.text import cut
 
 # Far more than any arm needs; a mistaken file must not fill a log or the memory.
@@ -108,7 +109,7 @@ def check_joint_counts(settings: Any, count: int) -> None:
 
 
 def joint_values(
-    field: dataclasses.Field[Any], settings: Any, robot: Any, order: Sequence[int]
+    field: dataclasses.Field[Any], settings: Any, robot: pfd.Robot, order: Sequence[int]
 ) -> tuple[float, ...]:
     """Return the numbers in use of a setting with one for each joint, in published order.
 

@@ -55,7 +55,8 @@ class Settings(
 
     robot: str = setting(
         'puma560',
-        'Robot: a name that `pfd robots` lists, a .urdf or .yaml, or robot_description, the topic',
+        'Robot: a name that `pfd robots` lists, a .urdf, .xacro or .yaml file, or the topic '
+        'robot_description',
     )
     base_link: str = setting('', "First link of the chain; '' takes the root of the model")
     tip_link: str = setting('', "Last link of the chain; '' takes the only leaf of the model")

@@ -10,12 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import pfd_core as pfd
 from pfd_ros.text import cut, listed
 
 Vector = tuple[float, ...]
 
 
-def tip_frame(robot: Any, name: str) -> Any:
+def tip_frame(robot: pfd.Robot, name: str) -> Any:
     """Return a frame that a robot's last link carries, that of the tip link for one.
 
     Raises

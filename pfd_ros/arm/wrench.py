@@ -5,10 +5,10 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
+import pfd_core as pfd
 from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import WrenchChange
 from pfd_ros.arm.events import Verdict
@@ -20,7 +20,9 @@ from pfd_ros.messages.stamped import WrenchMessage
 LARGEST_WRENCH = 1e5
 
 
-def judge_wrench(message: WrenchMessage, robot: Any, since_ns: int, *, taken: bool) -> Judgement:
+def judge_wrench(
+    message: WrenchMessage, robot: pfd.Robot, since_ns: int, *, taken: bool
+) -> Judgement:
     """Judge an external wrench.
 
     Parameters

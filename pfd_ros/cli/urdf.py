@@ -15,7 +15,7 @@ HELP = 'the URDF of a robot'
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the robot and the file."""
-    parser.add_argument('robot', help='a name that `pfd robots` lists, or a .urdf or .yaml file')
+    parser.add_argument('robot', help='a name of `pfd robots`, or a .urdf, .xacro or .yaml file')
     parser.add_argument('--out', type=Path, metavar='FILE', help='write it here, not to stdout')
 
 

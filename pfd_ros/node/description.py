@@ -19,17 +19,16 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_msgs.msg import String
 
 from pfd_ros.arm.described_robot import DescribedRobot, described_robot
-from pfd_ros.arm.description import (
-    Description,
+from pfd_ros.arm.description_settings import TOPIC
+from pfd_ros.arm.events import Source
+from pfd_ros.arm.ros2_control import (
+    Ros2Control,
     differences,
     ragged_trap,
     silence_trap,
     with_initial_values,
 )
-from pfd_ros.arm.description_settings import TOPIC
-from pfd_ros.arm.events import Source
 from pfd_ros.arm.settings import Settings
-from pfd_ros.arm.urdf_text import urdf_of
 from pfd_ros.messages.convert import decode_string
 from pfd_ros.messages.topics import remapped
 from pfd_ros.node.endpoints import PUBLISHED, SUBSCRIBED
@@ -84,31 +83,31 @@ def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> M
         source = wait_for_description(node, settings.description_timeout, stopped)
     found = described_robot(settings, source)
     _tell(node, settings, found)
-    topics |= _topics(node, found.description)
+    topics |= _topics(node, found.control)
     return Model(found, topics)
 
 
 def _tell(node: Node, given: Settings, found: DescribedRobot) -> None:
     """Log which positions come from the description, and where it disagrees."""
-    moving, description = found.robot.joint_names, found.description
-    filled = with_initial_values(given, moving, description)
+    moving, control = found.robot.joint_names, found.control
+    filled = with_initial_values(given, moving, control)
     for name in ('initial_positions', 'locked_positions'):
         positions = getattr(filled, name)
         if positions != getattr(given, name):
             node.get_logger().info(f'{name} from <ros2_control>: {list(positions)}')
     for warning in (
-        differences(filled, moving, description),
-        silence_trap(moving, description),
-        ragged_trap(description),
+        differences(filled, moving, control),
+        silence_trap(moving, control),
+        ragged_trap(control),
     ):
         if warning:
             node.get_logger().warning(one_line(warning))
 
 
-def _topics(node: Node, description: Description) -> dict[Source | str, str]:
+def _topics(node: Node, control: Ros2Control) -> dict[Source | str, str]:
     """Return the topics that the hardware names, but for those that are remapped."""
     chosen: dict[Source | str, str] = {}
-    for end, theirs in description.topics.items():
+    for end, theirs in control.topics.items():
         own = (SUBSCRIBED[end] if isinstance(end, Source) else PUBLISHED[end])[1]
         name = remapped(node, own)
         if name:
@@ -172,7 +171,7 @@ def publish_description(node: Node, described: DescribedRobot) -> None:
     Raises
     ------
     ValueError
-        If none can be written of a robot from elsewhere.
+        If the robot is from elsewhere and cannot be written as URDF.
     """
     publisher = node.create_publisher(
         String,
@@ -180,4 +179,4 @@ def publish_description(node: Node, described: DescribedRobot) -> None:
         _LATCHED,
         qos_overriding_options=QoSOverridingOptions.with_default_policies(),
     )
-    publisher.publish(String(data=described.text or urdf_of(described.robot)))
+    publisher.publish(String(data=described.text))

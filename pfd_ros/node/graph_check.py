@@ -215,7 +215,6 @@ def _effective(profile: QoSProfile) -> QoSProfile:
 
 
 def _cure(end: Any, info: Any, publishing: bool) -> str:
-    """Return a cure for two endpoints that do not fit."""
     if not publishing:
         return 'subscribe reliable or best effort, volatile, without deadline and liveliness'
     if info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT:

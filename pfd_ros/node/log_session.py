@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
+import pfd_core as pfd
 from pfd_ros.arm.events import DROPPED_STATES, TAKEN
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
@@ -86,7 +87,9 @@ class LogSession:
             recorder.close(lambda: recorder.ending(totals()))
 
 
-def open_session(node: Node, settings: Settings, robot: Any, endpoints: Endpoints) -> LogSession:
+def open_session(
+    node: Node, settings: Settings, robot: pfd.Robot, endpoints: Endpoints
+) -> LogSession:
     """Open the file that the settings name, with a channel for each endpoint and the verdict rows.
 
     The settings name what 'auto' stands for here: another version may choose otherwise.

@@ -27,6 +27,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 
+import pfd_core as pfd
 from pfd_ros.arm.arm import joint_order
 from pfd_ros.arm.setting_fields import joint_values, parameter_name, typed
 from pfd_ros.arm.settings import Settings, from_values
@@ -110,7 +111,7 @@ def read(node: Node) -> Settings:
     return from_values(values)
 
 
-def declare_joints(node: Node, settings: Settings, robot: Any) -> Settings:
+def declare_joints(node: Node, settings: Settings, robot: pfd.Robot) -> Settings:
     """Declare the settings with a number for each joint, and return settings with those chosen.
 
     A group in which no number differs from its default stays empty in the settings. The numbers

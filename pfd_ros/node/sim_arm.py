@@ -14,6 +14,7 @@ from typing import Any
 
 from rclpy.node import Node
 
+import pfd_core as pfd
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
@@ -190,7 +191,7 @@ def _entities(node: Node) -> Iterator[tuple[str, Any]]:
             yield kind, entity
 
 
-def _warn_about(settings: Settings, robot: Any, log: ThrottledLog) -> None:
+def _warn_about(settings: Settings, robot: pfd.Robot, log: ThrottledLog) -> None:
     if settings.armature == ESTIMATED:
         log.info(estimate_text(robot))
     for name in ('armature', 'damping', 'friction'):

@@ -110,7 +110,7 @@ class Stepper:
             self._keep_to_settings()
             if self.engine.stands:
                 self._stand(stopped)
-            elif self._waits_for_disk():
+            elif self.timer.period_ns == 0 and self.session.backlog > BACKLOG_LIMIT:
                 time.sleep(DISK_POLL_SECONDS)
             elif self.timer.wait():
                 self.run_cycle()
@@ -123,9 +123,6 @@ class Stepper:
         if self.engine.settings is not self._settings:
             self._settings = self.engine.settings
             self.timer.set_period(_period_ns(self._settings))
-
-    def _waits_for_disk(self) -> bool:
-        return self.timer.period_ns == 0 and self.session.backlog > BACKLOG_LIMIT
 
     def _stand(self, stopped: Callable[[], bool]) -> None:
         """Take events until one lets the arm go on."""

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of a URDF that configure both ends, and a URDF of any robot."""
+"""The parts of a URDF that configure both ends: ros2_control and the arm."""
 
 from __future__ import annotations
 
@@ -9,26 +9,22 @@ import re
 
 import gripper_arm
 import numpy as np
-from oracle import relative
-import pinocchio as pin
 import pytest
-from tolerances import DYNAMICS
-from zoo import random_chain, random_state
 
 import pfd_core as pfd
-from pfd_ros.arm.description import (
-    Description,
-    Follower,
+from pfd_ros.arm.described_robot import described_robot
+from pfd_ros.arm.events import Source
+from pfd_ros.arm.ros2_control import (
     Hardware,
+    Ros2Control,
     differences,
     ragged_trap,
-    read_description,
+    read_ros2_control,
     silence_trap,
     with_followers,
     with_initial_values,
 )
 from pfd_ros.arm.settings import Settings
-from pfd_ros.arm.urdf_text import UNLIMITED, urdf_of
 
 ARM = ('shoulder', 'elbow')
 STOCK = 'joint_state_topic_hardware_interface/JointStateTopicSystem'
@@ -51,9 +47,14 @@ def block(joints: str, plugin: str = STOCK, **params: str) -> str:
     )
 
 
-def described(*blocks: str, ros2_control: bool = True) -> Description:
-    text = f'<robot name="r">{"".join(blocks)}</robot>'
-    return read_description(text, ARM, ros2_control=ros2_control)
+def parsed(*inside: str) -> pfd.Urdf:
+    urdf = pfd.read_urdf(f'<robot name="r"><link name="base"/>{"".join(inside)}</robot>')
+    assert urdf is not None
+    return urdf
+
+
+def described(*blocks: str) -> Ros2Control:
+    return read_ros2_control(parsed(*blocks), ARM)
 
 
 def test_topics_threshold_initial_values_and_efforts_are_read() -> None:
@@ -85,8 +86,11 @@ def test_other_hardware_and_hardware_of_other_joints_have_no_topics() -> None:
 
 
 def test_a_block_that_is_not_to_be_read_is_not_read() -> None:
-    broken = block(joint('elbow', 'nonsense'))
-    assert described(broken, ros2_control=False) == Description()
+    broken = gripper_arm.with_block(block(joint('elbow', 'nonsense')))
+    found = described_robot(Settings(locked=('finger',), ros2_control=False), broken)
+    assert found.control == Ros2Control()
+    with pytest.raises(ValueError, match='ros2_control:=false'):
+        described_robot(Settings(locked=('finger',)), broken)
 
 
 @pytest.mark.parametrize(
@@ -118,7 +122,7 @@ def test_a_block_that_breaks_its_format_is_refused_with_the_way_out(
 
 
 def test_initial_values_are_taken_in_the_order_of_the_joints_where_none_are_given() -> None:
-    found = Description(positions={'shoulder': 0.1, 'finger': 0.04})
+    found = Ros2Control(positions={'shoulder': 0.1, 'finger': 0.04})
     settings = Settings(joints=('elbow', 'shoulder'), locked=('thumb', 'finger'))
     filled = with_initial_values(settings, ARM, found)
     assert filled.initial_positions == (0.0, 0.1)
@@ -127,19 +131,21 @@ def test_initial_values_are_taken_in_the_order_of_the_joints_where_none_are_give
 
 
 def test_given_positions_count_before_those_of_the_description_and_that_is_told() -> None:
-    found = Description(positions={'shoulder': 0.1, 'elbow': 0.2, 'finger': 0.04})
+    found = Ros2Control(positions={'shoulder': 0.1, 'elbow': 0.2, 'finger': 0.04})
     settings = Settings(initial_positions=(0.1, 0.3), locked=('finger',), locked_positions=(0.01,))
     assert with_initial_values(settings, ARM, found) == settings
     assert "for ['elbow', 'finger'] than the parameters" in differences(settings, ARM, found)
 
 
+def follower(name: str, leader: str, rule: str) -> str:
+    return f'<joint name="{name}" type="revolute"><mimic joint="{leader}" {rule}/></joint>'
+
+
 def test_joints_that_follow_locked_ones_are_locked_where_they_follow_them() -> None:
-    found = Description(
-        followers={
-            'b': Follower('a', -2.0, 0.1),
-            'c': Follower('b', 1.0, 0.0),
-            'd': Follower('elbow', 1.0, 0.0),
-        }
+    found = parsed(
+        follower('b', 'a', 'multiplier="-2" offset="0.1"'),
+        follower('c', 'b', ''),
+        follower('d', 'elbow', ''),
     )
     settings = Settings(locked=('a',), locked_positions=(0.5,))
     assert with_followers(settings, found).locks == {'a': 0.5, 'b': -0.9, 'c': -0.9}
@@ -148,14 +154,14 @@ def test_joints_that_follow_locked_ones_are_locked_where_they_follow_them() -> N
     assert with_followers(Settings(), found) == Settings()
 
 
-def test_followers_are_the_mimic_joints_of_the_urdf() -> None:
-    text = (
-        '<robot name="r"><joint name="f" type="prismatic">'
-        '<mimic joint="a" multiplier="-1" offset="0.5"/></joint>'
-        '<joint name="g" type="revolute"><mimic joint="a"/></joint></robot>'
-    )
-    found = read_description(text, ARM, ros2_control=True)
-    assert found.followers == {'f': Follower('a', -1.0, 0.5), 'g': Follower('a', 1.0, 0.0)}
+def test_robot_blocks_and_followers_come_from_one_record_of_the_urdf() -> None:
+    text = gripper_arm.urdf(joint_states_topic='seen')
+    found = described_robot(Settings(locked=('finger',)), text)
+    assert found.urdf == pfd.read_urdf(text)
+    assert found.text == text
+    assert found.control.topics == {'joint_states': 'seen', Source.NAMED: '/robot_joint_commands'}
+    assert found.settings.locks == {'finger': 0.04, 'thumb': -0.04}
+    assert found.robot == pfd.load_robot(text, locked={'finger': 0.04})
 
 
 @pytest.mark.parametrize(
@@ -176,13 +182,6 @@ def test_hardware_that_falls_silent_at_a_steady_effort_is_warned_of(
     assert ('<param name="trigger_joint_command_threshold">-1</param>' in text) is warned
 
 
-MIXED = random_chain(
-    np.random.default_rng(5),
-    6,
-    joint_types=['revolute', 'prismatic', 'continuous', 'revolute', 'prismatic', 'revolute'],
-)
-
-
 @pytest.mark.parametrize(
     ('joints', 'ragged'),
     [
@@ -199,41 +198,10 @@ def test_hardware_whose_arrays_would_be_ragged_is_warned_of(joints: str, ragged:
     assert bool(text) is bool(ragged)
 
 
-@pytest.mark.filterwarnings('ignore::pfd_core.PhysicsWarning')
-@pytest.mark.parametrize('robot', [*map(pfd.load_robot, pfd.known_robots()), MIXED], ids=repr)
-def test_the_urdf_of_a_robot_reads_back_as_the_robot(robot: pfd.Robot) -> None:
-    again = pfd.load_robot(urdf_of(robot), base=robot.base, tip=robot.tip)
-    for key in ('name', 'joint_names', 'joint_types', 'base', 'tip'):
-        assert getattr(again, key) == getattr(robot, key)
-    for key in ('rotations', 'translations', 'masses', 'inertias'):
-        np.testing.assert_allclose(getattr(again, key), getattr(robot, key), atol=1e-13)
-    # A link without mass has its centre nowhere.
-    moments = [(r.masses * r.centers.T).T for r in (again, robot)]
-    np.testing.assert_allclose(*moments, atol=1e-13)
-    for key in ('base_rotation', 'base_position'):
-        np.testing.assert_allclose(getattr(again, key), getattr(robot, key), atol=1e-13)
-    for key in ('damping', 'friction', 'armature'):
-        np.testing.assert_array_equal(getattr(again, key), getattr(robot, key))
-    for key in ('position_lower', 'position_upper', 'velocity_limit', 'effort_limit'):
-        ours, theirs = getattr(robot, key), getattr(again, key)
-        np.testing.assert_array_equal(theirs, np.where(np.isfinite(ours), ours, theirs))
-        free = key.startswith('position') & (np.array(robot.joint_types) == 'continuous')
-        assert (np.abs(theirs[~np.isfinite(ours) & ~free]) == UNLIMITED).all()
-
-
-def test_the_urdf_of_a_robot_gives_pinocchio_the_dynamics_of_the_arm() -> None:
-    kinds = ['revolute', 'prismatic', 'revolute', 'revolute']
-    robot = random_chain(np.random.default_rng(6), 4, joint_types=kinds)
-    model = pin.buildModelFromXML(urdf_of(robot))
-    q, qd, qdd = random_state(np.random.default_rng(7), 4)
-    expected = pin.rnea(model, model.createData(), q, qd, qdd)
-    assert relative(pfd.inverse_dynamics(robot, q, qd, qdd), expected) < DYNAMICS
-
-
-def test_names_that_xml_cannot_hold_are_refused() -> None:
-    robot = replace(pfd.load_robot('planar2'), joint_names=('a\x01b', 'c'))
-    with pytest.raises(ValueError, match='no URDF can be written of'):
-        urdf_of(robot)
+def test_the_text_of_a_robot_from_another_file_is_a_urdf_of_it() -> None:
+    found = described_robot(Settings(), 'planar2')
+    assert found.urdf is None
+    assert pfd.load_robot(found.text).joint_names == found.robot.joint_names
 
 
 def test_altered_descriptions_are_read_or_refused_with_a_reason() -> None:
@@ -258,11 +226,12 @@ def test_altered_descriptions_are_read_or_refused_with_a_reason() -> None:
                 altered[at] = ''.join(letters)
         whole = text[:start] + ''.join(altered)
         try:
-            pfd.load_robot(whole, locked={'finger': 0.0})
+            urdf = pfd.read_urdf(whole)
         except ValueError:
             continue
+        assert urdf is not None
         try:
-            found = read_description(whole, gripper_arm.ARM, ros2_control=True)
+            found = read_ros2_control(urdf, gripper_arm.ARM)
         except ValueError as error:
             reasons.append(str(error))
         else:

@@ -184,7 +184,7 @@ def test_a_robot_from_elsewhere_is_published_as_urdf(processes: Processes, peer_
 
     one, other = peer_of(processes), peer_of(processes)
     model = load_model(one.node, Settings(robot='puma560'), lambda: False)
-    assert (model.described.text, model.topics) == ('', {})
+    assert (model.described.urdf, model.topics) == (None, {})
     publish_description(one.node, model.described)
     texts: list[String] = []
     profile = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

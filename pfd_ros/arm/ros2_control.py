@@ -1,19 +1,18 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The parts of a URDF that no dynamics need: its `<ros2_control>` blocks and its mimic joints.
+"""The `<ros2_control>` blocks and the mimic joints of a URDF, as settings of the arm.
 
 One file then configures both ends: the hardware of ros2_control that talks to the arm over topics,
-and the arm. `pfd_core.load_robot` must have read the text before, which refuses document types and
-bounds size and depth.
+and the arm.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 import re
-import xml.etree.ElementTree as ElementTree
 
+import pfd_core as pfd
 from pfd_ros.arm.events import STATES, Source
 from pfd_ros.arm.settings import Settings
 from pfd_ros.text import cut, listed
@@ -51,17 +50,8 @@ class Hardware:
 
 
 @dataclass(frozen=True)
-class Follower:
-    """A joint that stands at multiplier * (position of `leader`) + offset, rad or m."""
-
-    leader: str
-    multiplier: float
-    offset: float
-
-
-@dataclass(frozen=True)
-class Description:
-    """The contents of the `<ros2_control>` blocks, and the mimic joints.
+class Ros2Control:
+    """The contents of the `<ros2_control>` blocks.
 
     Attributes
     ----------
@@ -71,8 +61,6 @@ class Description:
         The joints that have a command interface for effort.
     positions
         Joint -> initial value of its position, rad or m.
-    followers
-        Joint -> the joint that it mimics.
     ragged
         Command interfaces that only some joints of the hardware have: it sends an array for
         these, beside the names of all its joints.
@@ -81,7 +69,6 @@ class Description:
     hardware: Hardware | None = None
     takes_effort: frozenset[str] = frozenset()
     positions: Mapping[str, float] = field(default_factory=dict)
-    followers: Mapping[str, Follower] = field(default_factory=dict)
     ragged: frozenset[str] = frozenset()
 
     @property
@@ -92,40 +79,36 @@ class Description:
         return {Source.NAMED: self.hardware.commands_topic, STATES: self.hardware.states_topic}
 
 
-def read_description(text: str, moving: Collection[str], *, ros2_control: bool) -> Description:
-    """Return the description in a URDF.
+def read_ros2_control(urdf: pfd.Urdf, moving: Collection[str]) -> Ros2Control:
+    """Return the contents of the blocks of a URDF.
 
     Parameters
     ----------
-    text
-        The URDF, as `load_robot` accepted it.
+    urdf
+        The URDF.
     moving
         The joints of the arm; hardware without any of them is that of another arm.
-    ros2_control
-        Whether to read the blocks of that name.
 
     Raises
     ------
     ValueError
         If a block breaks its format, or two of them disagree.
     """
-    root = ElementTree.fromstring(text.strip())
-    followers = dict(_followers(root))
-    if not ros2_control:
-        return Description(followers=followers)
     hardware: set[Hardware] = set()
     ragged: set[str] = set()
     takes_effort: set[str] = set()
     positions: dict[str, float] = {}
-    for block in root.findall('ros2_control'):
-        joints = {joint.get('name', ''): joint for joint in block.findall('joint')}
-        if not joints.keys().isdisjoint(moving):
-            found = set(_hardware(block))
+    for block in urdf.control:
+        if not block.joints.keys().isdisjoint(moving):
+            found = set(filter(None, (_hardware(h.plugin, h.parameters) for h in block.hardware)))
             hardware |= found
-            ragged |= _ragged(joints.values()) if found else set()
-        for name, joint in joints.items():
-            takes_effort.update({name} if 'effort' in _commanded(joint) else ())
-            for position in _initial_positions(joint, name):
+            kinds = [joint.command_interfaces for joint in block.joints.values()]
+            if found:
+                ragged |= frozenset().union(*kinds) - kinds[0].intersection(*kinds)
+        for name, joint in block.joints.items():
+            takes_effort.update({name} if 'effort' in joint.command_interfaces else ())
+            for text in joint.initial_positions:
+                position = _number(f'initial_value of joint {cut(name)!r}', text)
                 if positions.setdefault(name, position) != position:
                     raise ValueError(
                         f'<ros2_control> has two initial values for joint {cut(name)!r}; {UNREAD}'
@@ -135,32 +118,15 @@ def read_description(text: str, moving: Collection[str], *, ros2_control: bool) 
             f'two <ros2_control> blocks for joints of the arm have different topics; {UNREAD}'
         )
     one = next(iter(hardware), None)
-    return Description(one, frozenset(takes_effort), positions, followers, frozenset(ragged))
+    return Ros2Control(one, frozenset(takes_effort), positions, frozenset(ragged))
 
 
-def _commanded(joint: ElementTree.Element) -> set[str]:
-    return {kind.get('name', '') for kind in joint.findall('command_interface')}
-
-
-def _ragged(joints: Collection[ElementTree.Element]) -> set[str]:
-    kinds = [_commanded(joint) for joint in joints]
-    return {kind for one in kinds for kind in one if not all(kind in other for other in kinds)}
-
-
-def _hardware(block: ElementTree.Element) -> Iterator[Hardware]:
-    for element in block.findall('hardware'):
-        given = {p.get('name', ''): (p.text or '').strip() for p in element.findall('param')}
-        plugin = (element.findtext('plugin') or '').strip()
-        if plugin in TOPIC_HARDWARE or not given.keys().isdisjoint(CODE_DEFAULTS):
-            commands, states, threshold = ({**CODE_DEFAULTS, **given}[k] for k in CODE_DEFAULTS)
-            yield Hardware(commands, states, _number('trigger_joint_command_threshold', threshold))
-
-
-def _initial_positions(joint: ElementTree.Element, name: str) -> Iterator[float]:
-    for interface in joint.findall('state_interface'):
-        for param in interface.findall('param'):
-            if (interface.get('name'), param.get('name')) == ('position', 'initial_value'):
-                yield _number(f'initial_value of joint {cut(name)!r}', (param.text or '').strip())
+def _hardware(plugin: str, given: Mapping[str, str]) -> Hardware | None:
+    """Return hardware that talks over topics, None for other hardware."""
+    if plugin not in TOPIC_HARDWARE and given.keys().isdisjoint(CODE_DEFAULTS):
+        return None
+    commands, states, threshold = ({**CODE_DEFAULTS, **given}[key] for key in CODE_DEFAULTS)
+    return Hardware(commands, states, _number('trigger_joint_command_threshold', threshold))
 
 
 def _number(label: str, text: str) -> float:
@@ -171,18 +137,10 @@ def _number(label: str, text: str) -> float:
     return float(text)
 
 
-def _followers(root: ElementTree.Element) -> Iterator[tuple[str, Follower]]:
-    for joint in root.findall('joint'):
-        mimic = joint.find('mimic')
-        if mimic is not None and joint.get('type') != 'fixed':
-            numbers = (float(mimic.get('multiplier', '1')), float(mimic.get('offset', '0')))
-            yield joint.get('name', ''), Follower(mimic.get('joint', ''), *numbers)
-
-
 def with_initial_values(
-    settings: Settings, moving: Collection[str], description: Description
+    settings: Settings, moving: Collection[str], control: Ros2Control
 ) -> Settings:
-    """Return settings whose positions are those of the description where none are given.
+    """Return settings whose positions are those of the blocks where none are given.
 
     Parameters
     ----------
@@ -190,10 +148,10 @@ def with_initial_values(
         Those of the parameters.
     moving
         The joints of the arm, in the order of the model.
-    description
-        Of its URDF.
+    control
+        The blocks of its URDF.
     """
-    at = description.positions
+    at = control.positions
     chosen: dict[str, tuple[float, ...]] = {}
     if not settings.initial_positions and not at.keys().isdisjoint(moving):
         order = settings.joints or moving
@@ -203,31 +161,21 @@ def with_initial_values(
     return replace(settings, **chosen)  # type: ignore[arg-type]
 
 
-def with_followers(settings: Settings, description: Description) -> Settings:
+def with_followers(settings: Settings, urdf: pfd.Urdf) -> Settings:
     """Return settings that lock the joints that mimic locked ones too, and so publish them."""
-    at = settings.locks
-    found = dict(at)
-    while True:
-        more = {
-            name: rule.multiplier * found[rule.leader] + rule.offset
-            for name, rule in description.followers.items()
-            if name not in found and rule.leader in found
-        }
-        if not more:
-            break
-        found |= more
-    if found == at:
+    found = urdf.with_followers(settings.locks)
+    if found == settings.locks:
         return settings
     return replace(settings, locked=tuple(found), locked_positions=tuple(found.values()))
 
 
-def differences(settings: Settings, moving: Collection[str], description: Description) -> str:
-    """Return in which positions given parameters and the description differ, '' if in none."""
+def differences(settings: Settings, moving: Collection[str], control: Ros2Control) -> str:
+    """Return in which positions given parameters and the blocks differ, '' if in none."""
     names = settings.joints or tuple(moving)
     given = dict(zip(names, settings.initial_positions, strict=False)) | settings.locks
     off = [
         name
-        for name, position in description.positions.items()
+        for name, position in control.positions.items()
         if given.get(name, position) != position
     ]
     if not off:
@@ -235,21 +183,21 @@ def differences(settings: Settings, moving: Collection[str], description: Descri
     return f'<ros2_control> has other initial values for {listed(off)} than the parameters'
 
 
-def ragged_trap(description: Description) -> str:
+def ragged_trap(control: Ros2Control) -> str:
     """Return a warning about hardware whose messages are dropped, '' without any."""
-    if not description.ragged:
+    if not control.ragged:
         return ''
     return (
         f'only some joints of the hardware have the command interface '
-        f'{listed(sorted(description.ragged))}: it sends arrays shorter than its names, and such '
+        f'{listed(sorted(control.ragged))}: it sends arrays shorter than its names, and such '
         'messages are dropped; give all joints of the block the same command interfaces'
     )
 
 
-def silence_trap(moving: Collection[str], description: Description) -> str:
+def silence_trap(moving: Collection[str], control: Ros2Control) -> str:
     """Return a warning about hardware that falls silent at a steady effort, '' without any."""
-    hardware = description.hardware
-    if hardware is None or hardware.threshold < 0 or description.takes_effort.isdisjoint(moving):
+    hardware = control.hardware
+    if hardware is None or hardware.threshold < 0 or control.takes_effort.isdisjoint(moving):
         return ''
     return (
         f'trigger_joint_command_threshold is {hardware.threshold:g}: the hardware compares its '

@@ -1,0 +1,99 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""KernelSpec: all that decides a kernel, checked and resolved once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from pfd_core.kernels.auto import choose
+from pfd_core.kernels.quantities import check_options, quantity_named, reduced
+from pfd_core.model import Plant, Robot, Scene, in_motion, resolve, without_step_effects
+from pfd_core.model.checked_numbers import DTYPES, choice
+from pfd_core.model.frames import known_frame
+
+# Forward dynamics at an instant of a step of a simulation, whose effects over time are the step's
+# own: of all joints, and of joints that stay in motion or are held by brakes.
+STEP, STEP_IN_MOTION = 'step', 'step_in_motion'
+PLANTS: Mapping[str, Callable[[Plant], Plant]] = {
+    STEP: without_step_effects,
+    STEP_IN_MOTION: in_motion,
+}
+
+
+@dataclass(frozen=True)
+class KernelSpec:
+    """
+    Robot, scene, method, number format, refinement and quantity of a kernel.
+
+    Two specs are equal where their kernels are the same, so a spec can be a key of a cache.
+
+    Attributes
+    ----------
+    robot : Robot
+        The chain.
+    scene : Scene
+        Which effects are on; of these the ones that the quantity depends on.
+    method : str
+        A name in METHODS, also where 'auto' was given, or the one method of the quantity.
+    dtype : str
+        'float64' or 'float32'.
+    refine : int
+        Steps of iterative refinement.
+    quantity : str
+        A name in QUANTITIES, or STEP or STEP_IN_MOTION.
+    frame : str or None
+        The frame of a quantity of a frame, where None is given the tip.
+    plant : Plant
+        The robot in its scene, with the effects at the instants at which the kernel is evaluated.
+    place : str
+        Digest of the frame, '' without one: equal robots may have different frames.
+
+    Raises
+    ------
+    ValueError
+        If a field is not one of these, or does not fit the robot.
+
+    """
+
+    robot: Robot
+    scene: Scene
+    method: str = 'auto'
+    dtype: str = 'float64'
+    refine: int = 0
+    quantity: str = 'forward_dynamics'
+    frame: str | None = None
+    plant: Plant = field(init=False, repr=False, compare=False)
+    place: str = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        # The quantities of a step have the options of forward dynamics.
+        of_step = isinstance(self.quantity, str) and self.quantity in PLANTS
+        name = 'forward_dynamics' if of_step else self.quantity
+        check_options(name, self.method, self.refine, self.frame)
+        quantity = quantity_named(name)
+        scene = reduced(self.scene, quantity)
+        choice('dtype', self.dtype, DTYPES)
+        plant = resolve(self.robot, scene)
+        if of_step:
+            plant = PLANTS[self.quantity](plant)
+        frame, place = None, ''
+        if quantity.of_frame:
+            frame = self.robot.tip if self.frame is None else self.frame
+            place = known_frame(self.robot.name, self.robot.frames, frame).digest
+        resolved: dict[str, Any] = {
+            'scene': scene,
+            'method': quantity.method or choose(plant, self.method, self.refine),
+            'refine': int(self.refine),
+            'frame': frame,
+            'plant': plant,
+            'place': place,
+        }
+        for key, value in resolved.items():
+            object.__setattr__(self, key, value)
+
+    def __reduce__(self) -> tuple[type[KernelSpec], tuple[Any, ...]]:
+        """Be pickled as the arguments it was made from, which are checked again."""
+        return KernelSpec, tuple(getattr(self, item.name) for item in fields(self) if item.init)

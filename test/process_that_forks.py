@@ -54,7 +54,7 @@ class SlowImports:
     """Modules that are imported when they are first needed take so long that a fork meets them."""
 
     def find_spec(self, name: str, *_: object) -> None:
-        if name in {'mpmath', 'pinocchio'}:
+        if name == 'mpmath':
             time.sleep(0.2)
 
 

@@ -24,7 +24,7 @@ LOCKED = {'cached_property', 'mkstemp', 'Barrier', 'Condition', 'Event', 'Semaph
 LOCKED |= {'Lock', 'RLock'}
 # Modules that are imported at first use, while no process can be forked, and what these import.
 LATE = {
-    'kernels': {'pinocchio', 'coal'},
+    'kernels': set(),
     'digits': {'mpmath', 'gmpy2', 'cmath', 'colorsys', 'encodings'},
 }
 # Far longer than any of the processes takes [s]; one that hangs is killed and fails.

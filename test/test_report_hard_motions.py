@@ -25,6 +25,7 @@ from pfd_core.report.decimals import cos_sin, evaluator
 from pfd_core.report.extrapolation import Extrapolation, end_of_motion
 from pfd_core.report.hard_case_motions import STEADY, SteadyMotion, SteadyRun
 from pfd_core.report.hard_case_motions import error as steady_error
+from pfd_core.report.hard_case_pages import Survey, data, sections
 from pfd_core.report.hard_cases import ROUNDING
 from pfd_core.report.trajectory_cases import CHECKS, MOTIONS, Check, so100
 from pfd_core.report.trajectory_errors import (
@@ -35,7 +36,6 @@ from pfd_core.report.trajectory_errors import (
     formulation,
     holds,
 )
-from pfd_core.report.trajectory_pages import Survey, data, sections
 from pfd_core.report.trajectory_references import REFERENCES, computed
 
 FAST = ('planar2_swing', 'so100_fall', 'puma560_damped_1_no_rotors')

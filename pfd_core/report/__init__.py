@@ -3,7 +3,7 @@
 """
 Tables and plots of `pfd report`, each written by a command that anyone can run.
 
-    markdown         paragraphs and tables of all pages
+    markdown         paragraphs, tables and JSON of all pages
 
 `pfd report counts` (docs/report/counts.md, .json, .png and array.svg):
 
@@ -11,8 +11,7 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     counts           steps of every method measured on recorded programs, beside the claims (Row)
     convergence      trips of the iterative methods to converge, and errors after n trips
     array_activity   picture of the triangular array at work, by cycle
-    counts_plot      the plot over n
-    counts_pages     the page: its sections, tables and columns; writes all files
+    counts_pages     the page: its sections, tables, columns and plot over n; writes all files
 
 `pfd report speed` (docs/report/speed.md, .json and .png):
 
@@ -52,7 +51,6 @@ with `--quantity NAME` (speed-NAME.md, speed-against-error-NAME.md, .json, .png 
     trajectory_cases     the tables of hard motions and of their runs' bounds (Motion, Check)
     trajectory_references  stored ends of the motions, and how they are computed (Reference)
     trajectory_errors    runs of the motions; formulation stiffness; loops through a hold (Run)
-    trajectory_pages     sections of the page: estimates and motions
     hard_case_pages      the page: its tables and columns; writes all files
 
 `pfd report mechanisms` (docs/report/mechanisms.md, .json):
@@ -66,7 +64,6 @@ work-precision.png, .svg):
     against_error        time and error of every method and peer at hard cases (Point)
     motions              motions of an arm, their energy and references
     work_precision       work and errors of every integrator on a motion (RunPoint)
-    work_precision_tables  the section of the integrators
     against_error_plots  the plots: a panel for each case; work over error of integrators
     against_error_pages  the page: its tables and columns; writes all files
 
@@ -77,8 +74,7 @@ work-precision.png, .svg):
     scene_errors     trajectories in smaller scenes against the full one (SceneRow)
     scene_search     the smallest scene within a tolerance; the best scene of every cost
     scene_needs      cost, time and error of each effect, and the answer (EffectRow, Needs)
-    scene_plot       the plot of error against cost
-    scene_pages      the page: its sections, tables and columns; writes all files
+    scene_pages      the page: its sections, tables, columns and plot; writes all files
 
 A column is a field of the table's record (counts.Row, counts.Cell, convergence.Convergence,
 timing.Row, hard_case_errors.Result, scene_needs.EffectRow, against_error.Point,

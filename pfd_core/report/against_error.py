@@ -163,7 +163,7 @@ class Solved:
         found = errors(answer, self.known)
         if not np.isfinite(found).all():
             return None, None
-        return float(found.max()), float((found / self.condition).max() / ROUNDING[dtype])
+        return float(np.max(found)), float(np.max(found / self.condition) / ROUNDING[dtype])
 
 
 def measure(name: str, plan: Plan) -> tuple[CaseFacts, list[Point], list[str]]:

@@ -49,7 +49,8 @@ def activity_svg(trace: Trace, title: str, per_row: int = PER_ROW) -> str:
     if per_row < 1:
         raise ValueError(f'per_row must be at least 1, got {per_row}')
     n = max(row for row, _ in trace.states)
-    names = _actions(trace)
+    # In the order in which they first occur.
+    names = list(dict.fromkeys(name for acting in trace.actions for name in acting.values()))
     side = n * CELL + GAP
     frame_height = side + LINE
     frames = max(trace.cycles, 1)
@@ -75,11 +76,6 @@ def activity_svg(trace: Trace, title: str, per_row: int = PER_ROW) -> str:
     head = f'width="{width}" height="{height}" viewBox="0 0 {width} {height}"'
     font = 'font-family="sans-serif" font-size="11"'
     return f'<svg xmlns="http://www.w3.org/2000/svg" {head} {font}>\n{lines}\n</svg>\n'
-
-
-def _actions(trace: Trace) -> list[str]:
-    """Return the names of the actions, in the order in which they first occur."""
-    return list(dict.fromkeys(name for acting in trace.actions for name in acting.values()))
 
 
 def _legend(names: list[str]) -> Iterator[str]:

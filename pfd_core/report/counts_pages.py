@@ -5,10 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-import json
 from pathlib import Path
-import sys
-from textwrap import fill
 
 from pfd_core.report.array_activity import solve_picture
 from pfd_core.report.convergence import Convergence, measure_convergence, robots
@@ -23,8 +20,8 @@ from pfd_core.report.counts import (
     measure,
 )
 from pfd_core.report.counts import row as counts_of
-from pfd_core.report.counts_plot import plot
-from pfd_core.report.markdown import cells, header
+from pfd_core.report.markdown import cells, header, json_text, paragraph
+from pfd_core.report.timing import show_progress
 
 COMMAND = 'pfd report counts'
 INTRODUCTION = f"""# Step counts of every system
@@ -59,11 +56,14 @@ def markdown(rows: Sequence[Row], trips: Sequence[Convergence]) -> str:
     parts += ['## What convergence costs', *_convergence(trips)]
     for kind in KINDS[:2]:
         parts += [f'## {kind.capitalize()} over n, measured / formula']
-        parts += ['', _paragraph(f'{N_TRIPS} Routes are left out.'), *_over_n(rows, kind)]
-    parts += ['## Routes over n, packed / unpacked', *_routes(rows)]
+        parts += ['', paragraph(f'{N_TRIPS} Routes are left out.')]
+        parts += _grid(rows, lambda row, kind=kind: _pair(row.cells[kind]))
+    lanes = [row for row in rows if row.units > 1]
+    routes = _grid(lanes, lambda row: f'{row.steps.routes} / {row.unpacked.routes}')
+    parts += ['## Routes over n, packed / unpacked', '', *routes]
     parts += ['## Speed-up over n, arithmetic alone / with routes', '']
-    parts += ['Iterative methods are left out: their trips depend on the state.']
-    parts += _speed_ups([row for row in rows if row.speed_up is not None])
+    parts += ['Iterative methods are left out: their trips depend on the state.', '']
+    parts += _grid([row for row in rows if row.speed_up is not None], _speed_up)
     return '\n'.join(parts) + '\n'
 
 
@@ -80,12 +80,11 @@ def _at_printed(rows: Sequence[Row], trips: Sequence[Convergence]) -> list[str]:
     title = {row.system: row.title for row in chosen}[best]
     table = [
         '',
-        _paragraph(
+        paragraph(
             f'The best serial count is that of {title}, {arithmetic} steps. Conjugate gradients '
             f'have not converged after {PRINTED_AT} trips; the rows below have the fewest and the '
             f'most trips of the robots with {PRINTED_AT} joints in "What convergence costs".'
         ),
-        '',
         *header(
             'system | processors | mult | of these div | add | sqrt | routes | unpacked: mult '
             '| add | routes | busy | speed-up, arithmetic alone / with routes '
@@ -133,20 +132,15 @@ def _efficiency(one: Row) -> str:
     return f'{one.efficiency:.0%} / {one.routed_speed_up / one.units:.0%}'
 
 
-def _paragraph(text: str) -> str:
-    return fill(text, 99, break_on_hyphens=False)
-
-
 def _beside_the_paper(rows: Sequence[Row], trips: Sequence[Convergence]) -> list[str]:
     """Return the claims of the paper at the n that it prints, and the counts beside them."""
     table = [
         '',
-        _paragraph(
+        paragraph(
             'The formula and the printed value are those of Table 1. The parts are those whose '
             'counts the text derives; their sum is ours. *measured* is compared with the formula; '
             'routes are in neither.'
         ),
-        '',
         *header(
             'system | operation | measured | unpacked | formula | printed | sum of its parts '
             '| measured is | remark'
@@ -183,13 +177,12 @@ def _convergence(trips: Sequence[Convergence]) -> list[str]:
     """Return the table of trips to convergence, with their cost and the errors."""
     table = [
         '',
-        _paragraph(
+        paragraph(
             'Trips until the residual has fallen to rounding, in double precision, over '
             f'{trips[0].states} states of each robot, and the relative error of qdd after n trips '
             'and at the end. mult, add and routes are those of the fewest and of the most trips. '
             'uniformN is the chain of N links on which everything else here is counted.'
         ),
-        '',
         *header(
             'system | robot | n | trips: fewest | median | most | mult | add | routes '
             '| error after n trips: median | largest | at the end: largest'
@@ -212,25 +205,12 @@ def _cost(found: Convergence) -> str:
     return ' | '.join(f'{a} to {b}' if a != b else str(a) for a, b in pairs)
 
 
-def _over_n(rows: Sequence[Row], kind: str) -> list[str]:
-    return _grid(rows, lambda row: _pair(row.cells[kind]))
-
-
-def _routes(rows: Sequence[Row]) -> list[str]:
-    lanes = [row for row in rows if row.units > 1]
-    return _grid(lanes, lambda row: f'{row.steps.routes} / {row.unpacked.routes}')
-
-
-def _speed_ups(rows: Sequence[Row]) -> list[str]:
-    return _grid(rows, _speed_up)
-
-
 def _grid(rows: Sequence[Row], text) -> list[str]:  # type: ignore[no-untyped-def]
     sizes = sorted({row.n for row in rows})
     systems = list(dict.fromkeys(row.system for row in rows))
     known = {(row.system, row.n): row for row in rows}
     titles = {row.system: row.title + (', n trips' if row.trips else '') for row in rows}
-    lines = ['', *header(' | '.join(map(str, ('system', *sizes))))]
+    lines = header(' | '.join(map(str, ('system', *sizes))))
     for system in systems:
         lines.append(cells(titles[system], *(text(known[system, n]) for n in sizes)))
     return [*lines, '']
@@ -250,18 +230,14 @@ def run(folder: Path) -> list[Path]:
     """Measure every method and write the report into a folder; progress goes to a terminal."""
     rows: list[Row] = []
     for n in SIZES:
-        _tell(f'counting at n = {n} of {max(SIZES)}')
+        show_progress(f'counting at n = {n} of {max(SIZES)}')
         rows += measure([n])
     trips: list[Convergence] = []
     for robot in robots():
-        _tell(f'counting trips of {robot.name}')
+        show_progress(f'counting trips of {robot.name}')
         trips += measure_convergence([robot])
+    show_progress('')
     return write(rows, trips, folder)
-
-
-def _tell(text: str) -> None:
-    if sys.stderr.isatty():
-        print(text, file=sys.stderr)
 
 
 def write(rows: Sequence[Row], trips: Sequence[Convergence], folder: Path) -> list[Path]:
@@ -274,8 +250,48 @@ def write(rows: Sequence[Row], trips: Sequence[Convergence], folder: Path) -> li
     page, data = folder / 'counts.md', folder / 'counts.json'
     page.write_text(markdown(rows, trips), encoding='utf-8')
     found = {'counts': as_data(rows), 'convergence': as_data(trips)}
-    data.write_text(json.dumps(found, indent=1) + '\n', encoding='utf-8')
+    data.write_text(json_text(found), encoding='utf-8')
     activity = folder / 'array.svg'
     activity.write_text(solve_picture(PRINTED_AT), encoding='utf-8')
     picture = folder / 'counts.png'
     return [page, data, activity, *([picture] if plot(rows, picture) else [])]
+
+
+def plot(rows: Sequence[Row], path: Path) -> bool:
+    """Draw multiplications and additions over n, formulas dashed; False without matplotlib."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        return False
+    figure = Figure(figsize=(12, 5.5), layout='constrained')
+    FigureCanvasAgg(figure)
+    for axes, kind in zip(figure.subplots(1, 2), KINDS[:2], strict=True):
+        for k, system in enumerate(dict.fromkeys(row.system for row in rows)):
+            own = [row for row in rows if row.system == system]
+            n = [row.n for row in own]
+            color = f'C{k}' if k < 10 else 'black'
+            axes.loglog(
+                n,
+                [row.cells[kind].measured for row in own],
+                color=color,
+                marker='.',
+                label=own[0].title + (', n trips' if own[0].trips else ''),
+            )
+            if own[0].cells[kind].claimed is not None:
+                axes.loglog(
+                    n,
+                    [row.cells[kind].claimed for row in own],
+                    color=color,
+                    linestyle='--',
+                    lw=0.8,
+                )
+        ticks = [2**k for k in range(1, 7)]
+        axes.set_xticks(ticks, [str(tick) for tick in ticks])
+        axes.minorticks_off()
+        axes.set_xlabel('joints n')
+        axes.set_title(f'{kind} without routes: measured, and formula of Table 1 (dashed)')
+        axes.grid(which='both', alpha=0.25)
+    figure.axes[0].legend(fontsize=7)
+    figure.savefig(path, dpi=110)
+    return True

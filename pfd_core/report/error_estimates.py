@@ -174,8 +174,8 @@ def row(robot: str, method: str, states: int = STATES) -> Row:
         states,
         int(shown.sum()),
         float(errors.max()),
-        float(ratios.min()) if shown.any() else None,
-        float(ratios.max()) if shown.any() else None,
+        float(np.min(ratios)) if shown.any() else None,
+        float(np.max(ratios)) if shown.any() else None,
         float(found.estimates[~shown].max(initial=0.0)),
     )
 

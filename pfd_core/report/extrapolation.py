@@ -113,7 +113,6 @@ def _extrapolated(ends: Sequence[Numbers], counts: Sequence[int], power: int) ->
 
 
 def _midpoint(plant: Plant) -> Substeps:
-    """Return the modified midpoint rule."""
     evaluate = evaluator(record_forward_dynamics(plant, 'articulated_body', 'sequential'))
     torques = [Decimal(0)] * plant.robot.n
 

@@ -16,12 +16,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.programs import METHODS, TOLERANCES
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.auto import choose
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.emulator import run
+from pfd_core.machine.program import Program
 from pfd_core.model import Plant
 from pfd_core.report.error_estimates import errors_before, estimated
 from pfd_core.report.hard_case_problems import Array, Problem
@@ -107,8 +109,7 @@ class Result:
 def kernel_answer(problem: Problem, dtype: str, refine: int, method: str = 'auto') -> NDArray[Any]:
     """Return qdd (S, n), with the bits of the kernel."""
     method = choose(problem.plant, method, refine)
-    recorded = record_refined(problem.plant, method, refine, TOLERANCES[dtype], None)
-    program = lower(recorded, dtype, ['qdd']).compiled
+    program = lower(_record(problem.plant, method, refine, dtype), dtype, ['qdd']).compiled
     qdd: NDArray[Any] = _run(program, problem.states, dtype)['qdd']
     return qdd
 
@@ -119,13 +120,19 @@ def methods(n: int) -> tuple[str, ...]:
 
 
 def method_answer(problem: Problem, method: str, dtype: str, refine: int) -> NDArray[Any]:
-    """Return qdd (S, n) by the text of a method as recorded, before it is folded and fused."""
-    recorded = record_refined(problem.plant, method, refine, TOLERANCES[dtype], None)
+    """Return qdd (S, n) by the program of a method as recorded, before it is folded and fused."""
+    recorded = _record(problem.plant, method, refine, dtype)
     qdd: NDArray[Any] = _run(expand_sines(recorded, dtype), problem.states, dtype)['qdd']
     return qdd
 
 
-def _run(program: Any, states: States, dtype: str) -> dict[str, Any]:
+def _record(plant: Plant, method: str, refine: int, dtype: str) -> Program:
+    recorded = record_refined(plant, method, refine, TOLERANCES[dtype], None)
+    # As in a kernel: an answer that has not converged is NaN.
+    return with_nan_unless_converged(recorded, plant)
+
+
+def _run(program: Program, states: States, dtype: str) -> dict[str, Any]:
     # A lost answer divides by zero and overflows: its error says so.
     with np.errstate(all='ignore'):
         return run(program, states, dtype)
@@ -217,7 +224,7 @@ def kernel_rows(
                 )
                 text = SAME_BITS if text is None else f'{text}, {SAME_BITS}'
             method = choose(problem.plant, 'auto', refine)
-            in_units = float((found / condition).max() / u)
+            in_units = float(np.max(found / condition) / u)
             yield KernelRow(
                 dtype, refine, method, float(found.max()), in_units, text, met, *estimate
             )
@@ -231,7 +238,7 @@ def _kernel(
         return kernel_answer(problem, dtype, refine), ()
     found = estimated(problem, dtype)
     before = errors_before(found, known.qdd)
-    k = int(before.argmax())
+    k = int(np.argmax(before))
     sound = 0 < before[k] < np.inf and np.isfinite(found.estimates[k])
     ratio = float(found.estimates[k] / before[k]) if sound else None
     return found.qdd, (float(before[k]), ratio)

@@ -27,7 +27,7 @@ from pfd_core.algorithms.programs import record_inverse_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.model import Payload, Plant, Robot, Scene, load_robot, resolve, with_payload
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 SEED = 1987
 LENGTH, RADIUS = 0.25, 0.02

@@ -12,8 +12,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-import json
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from pfd_core.report.hard_case_mechanisms import (
 )
 from pfd_core.report.hard_case_problems import Problem
 from pfd_core.report.hard_case_reference import reference
-from pfd_core.report.markdown import cells, header, order, paragraph
+from pfd_core.report.markdown import cells, header, json_text, order, paragraph
 
 COMMAND = 'pfd report mechanisms'
 PEER = 'Pinocchio aba'
@@ -96,85 +97,67 @@ RATIOS = 'each link a hundred times heavier than the one before'
 LOAD = 'a load a thousand times heavier than the arm'
 
 
-def _lift(axes: str, index: int, distance: float) -> Callable[[], Problem]:
-    return lambda: lifted(axes, {index: distance})
-
-
-def _lift_and_back(distance: float) -> Callable[[], Problem]:
-    return lambda: lifted('yzzzyz', {1: distance, 2: -distance})
-
-
-def _drop(axes: str, index: int, distance: float) -> Callable[[], Problem]:
-    return lambda: dropped(axes, index, distance)
-
-
-def _slides(mass: float) -> Callable[[], Problem]:
-    return lambda: weighed('XYZXYZ', {5: mass})
-
-
-MECHANISMS: Sequence[Mechanism] = (
-    Mechanism('lift_10m', LIFT, _lift('yzzyzy', 1, 10.0), (3e-14, 1e-16)),
-    Mechanism('lift_100m', LIFT, _lift('yzzyzy', 1, 100.0), (4e-13, 6e-16)),
-    Mechanism('lift_1km', LIFT, _lift('yzzyzy', 1, 1e3), (5e-11, 2e-16)),
-    Mechanism('lift_1000km', LIFT, _lift('yzzyzy', 1, 1e6), (3e-5, 1e-7)),
-    Mechanism('lift_of_base_10m', LIFT, _lift('zzyzyz', 0, 10.0), (4e-14, 9e-17)),
-    Mechanism('lift_of_base_1km', LIFT, _lift('zzyzyz', 0, 1e3), (7e-10, 2e-16)),
-    Mechanism('lift_of_base_1000km', LIFT, _lift('zzyzyz', 0, 1e6), (7e-4, 8e-7)),
-    Mechanism('lift_and_back_10m', LIFT, _lift_and_back(10.0), (6e-14, 2e-16)),
-    Mechanism('lift_and_back_1km', LIFT, _lift_and_back(1e3), (2e-9, 3e-15)),
-    Mechanism('lift_and_back_1000km', LIFT, _lift_and_back(1e6), (2e-3, 4e-6)),
-    Mechanism('lift_on_a_lever_1km', LIFT, _lift('yyzzY', 2, 1e3), (3e-9, 3e-16)),
-    Mechanism('lift_of_scara_10m', LIFT, _lift('yzzZz', 1, 10.0), (5e-14, 3e-16)),
-    Mechanism('lift_of_scara_1km', LIFT, _lift('yzzZz', 1, 1e3), (5e-11, 1e-16)),
-    Mechanism('drop_at_base_10m', DROP, _drop('zzyzyz', 1, 10.0), (6e-14, 2e-16)),
-    Mechanism('drop_at_base_1km', DROP, _drop('zzyzyz', 1, 1e3), (5e-10, 1e-16)),
-    Mechanism('drop_at_base_1000km', DROP, _drop('zzyzyz', 1, 1e6), (5e-4, 7e-7)),
-    Mechanism('drop_10m', DROP, _drop('yzzyzy', 2, 10.0), (6e-14, 6e-16)),
-    Mechanism('drop_1km', DROP, _drop('yzzyzy', 2, 1e3), (7e-10, 3e-14)),
-    Mechanism('drop_1000km', DROP, _drop('yzzyzy', 2, 1e6), (7e-4, 5e-7)),
-    Mechanism('drop_with_slide_1km', DROP, _drop('yzzZyz', 2, 1e3), (2e-10, 2e-14)),
-    Mechanism('drop_with_slide_1000km', DROP, _drop('yzzZyz', 2, 1e6), (2e-4, 4e-8)),
-    Mechanism('six_slides_tip_1e2', HEAVY_SLIDES, _slides(1e2), (8e-15, 6e-18)),
-    Mechanism('six_slides_tip_1e4', HEAVY_SLIDES, _slides(1e4), (3e-13, 5e-18)),
-    Mechanism('six_slides_tip_1e8', HEAVY_SLIDES, _slides(1e8), (6e-9, 6e-18)),
-    Mechanism('two_slides_tip_1e8', HEAVY_SLIDES, lambda: weighed('ZZ', {1: 1e8}), (1e-8, 1e-17)),
-    Mechanism(
-        'slides_and_turns_ratio_100', RATIOS, lambda: graded('yZzYxZ', 100.0), (2e-13, 1e-16)
-    ),
-    Mechanism(
+# Name, cause, function and arguments that make the problem, errors before.
+_TABLE: Sequence[tuple[str, str, Callable[..., Problem], tuple[Any, ...], tuple[float, float]]] = (
+    ('lift_10m', LIFT, lifted, ('yzzyzy', {1: 10.0}), (3e-14, 1e-16)),
+    ('lift_100m', LIFT, lifted, ('yzzyzy', {1: 100.0}), (4e-13, 6e-16)),
+    ('lift_1km', LIFT, lifted, ('yzzyzy', {1: 1e3}), (5e-11, 2e-16)),
+    ('lift_1000km', LIFT, lifted, ('yzzyzy', {1: 1e6}), (3e-5, 1e-7)),
+    ('lift_of_base_10m', LIFT, lifted, ('zzyzyz', {0: 10.0}), (4e-14, 9e-17)),
+    ('lift_of_base_1km', LIFT, lifted, ('zzyzyz', {0: 1e3}), (7e-10, 2e-16)),
+    ('lift_of_base_1000km', LIFT, lifted, ('zzyzyz', {0: 1e6}), (7e-4, 8e-7)),
+    ('lift_and_back_10m', LIFT, lifted, ('yzzzyz', {1: 10.0, 2: -10.0}), (6e-14, 2e-16)),
+    ('lift_and_back_1km', LIFT, lifted, ('yzzzyz', {1: 1e3, 2: -1e3}), (2e-9, 3e-15)),
+    ('lift_and_back_1000km', LIFT, lifted, ('yzzzyz', {1: 1e6, 2: -1e6}), (2e-3, 4e-6)),
+    ('lift_on_a_lever_1km', LIFT, lifted, ('yyzzY', {2: 1e3}), (3e-9, 3e-16)),
+    ('lift_of_scara_10m', LIFT, lifted, ('yzzZz', {1: 10.0}), (5e-14, 3e-16)),
+    ('lift_of_scara_1km', LIFT, lifted, ('yzzZz', {1: 1e3}), (5e-11, 1e-16)),
+    ('drop_at_base_10m', DROP, dropped, ('zzyzyz', 1, 10.0), (6e-14, 2e-16)),
+    ('drop_at_base_1km', DROP, dropped, ('zzyzyz', 1, 1e3), (5e-10, 1e-16)),
+    ('drop_at_base_1000km', DROP, dropped, ('zzyzyz', 1, 1e6), (5e-4, 7e-7)),
+    ('drop_10m', DROP, dropped, ('yzzyzy', 2, 10.0), (6e-14, 6e-16)),
+    ('drop_1km', DROP, dropped, ('yzzyzy', 2, 1e3), (7e-10, 3e-14)),
+    ('drop_1000km', DROP, dropped, ('yzzyzy', 2, 1e6), (7e-4, 5e-7)),
+    ('drop_with_slide_1km', DROP, dropped, ('yzzZyz', 2, 1e3), (2e-10, 2e-14)),
+    ('drop_with_slide_1000km', DROP, dropped, ('yzzZyz', 2, 1e6), (2e-4, 4e-8)),
+    ('six_slides_tip_1e2', HEAVY_SLIDES, weighed, ('XYZXYZ', {5: 1e2}), (8e-15, 6e-18)),
+    ('six_slides_tip_1e4', HEAVY_SLIDES, weighed, ('XYZXYZ', {5: 1e4}), (3e-13, 5e-18)),
+    ('six_slides_tip_1e8', HEAVY_SLIDES, weighed, ('XYZXYZ', {5: 1e8}), (6e-9, 6e-18)),
+    ('two_slides_tip_1e8', HEAVY_SLIDES, weighed, ('ZZ', {1: 1e8}), (1e-8, 1e-17)),
+    ('slides_and_turns_ratio_100', RATIOS, graded, ('yZzYxZ', 100.0), (2e-13, 1e-16)),
+    (
         'slides_lifted_1km',
         'distances of 1 km along slides and turns',
-        lambda: lifted('yZzYxz', {1: 1e3, 3: 1e3}),
+        lifted,
+        ('yZzYxz', {1: 1e3, 3: 1e3}),
         (4e-15, 3e-16),
     ),
-    Mechanism(
-        'slides_out_1km', 'slides up to 1 km out', lambda: extended('yZzYxz', 1e3), (4e-16, 1e-16)
-    ),
-    Mechanism(
-        'five_on_one_axis_1e-4', ONE_AXIS, lambda: on_one_axis('zzzzzy', 5, 1e-4), (4e-14, 1e-16)
-    ),
-    Mechanism(
-        'five_on_one_axis_1e-8', ONE_AXIS, lambda: on_one_axis('zzzzzy', 5, 1e-8), (4e-10, 7e-17)
-    ),
-    Mechanism(
-        'three_on_one_axis_1e-8', ONE_AXIS, lambda: on_one_axis('zzzyz', 3, 1e-8), (8e-17, 4e-17)
-    ),
-    Mechanism(
+    ('slides_out_1km', 'slides up to 1 km out', extended, ('yZzYxz', 1e3), (4e-16, 1e-16)),
+    ('five_on_one_axis_1e-4', ONE_AXIS, on_one_axis, ('zzzzzy', 5, 1e-4), (4e-14, 1e-16)),
+    ('five_on_one_axis_1e-8', ONE_AXIS, on_one_axis, ('zzzzzy', 5, 1e-8), (4e-10, 7e-17)),
+    ('three_on_one_axis_1e-8', ONE_AXIS, on_one_axis, ('zzzyz', 3, 1e-8), (8e-17, 4e-17)),
+    (
         'turn_and_slide_on_one_axis',
         ONE_AXIS,
-        lambda: on_one_axis('zZzZy', 4, 1e-8, 1e-6),
+        on_one_axis,
+        ('zZzZy', 4, 1e-8, 1e-6),
         (6e-17, 4e-17),
     ),
-    Mechanism('turns_ratio_100', RATIOS, lambda: graded('yzyzyz', 100.0), (2e-14, 2e-16)),
-    Mechanism('planar_ratio_100', RATIOS, lambda: graded('yyyyyy', 100.0), (2e-10, 1e-16)),
-    Mechanism(
+    ('turns_ratio_100', RATIOS, graded, ('yzyzyz', 100.0), (2e-14, 2e-16)),
+    ('planar_ratio_100', RATIOS, graded, ('yyyyyy', 100.0), (2e-10, 1e-16)),
+    (
         'planar_tip_1e4',
         'a heavy last link on parallel joints',
-        lambda: weighed('yyyyyy', {5: 1e4}),
+        weighed,
+        ('yyyyyy', {5: 1e4}),
         (3e-12, 4e-17),
     ),
-    Mechanism('ur5_load_1e4', LOAD, lambda: loaded('ur5', 1e4, 0.125), (2e-13, 2e-16)),
-    Mechanism('panda_load_1e4_at_8m', LOAD, lambda: loaded('panda', 1e4, 8.0), (4e-10, 7e-17)),
+    ('ur5_load_1e4', LOAD, loaded, ('ur5', 1e4, 0.125), (2e-13, 2e-16)),
+    ('panda_load_1e4_at_8m', LOAD, loaded, ('panda', 1e4, 8.0), (4e-10, 7e-17)),
+)
+MECHANISMS = tuple(
+    Mechanism(name, cause, partial(make, *arguments), before)
+    for name, cause, make, arguments, before in _TABLE
 )
 
 INTRODUCTION = f"""# Errors of the default on mechanisms in unusual proportions
@@ -234,5 +217,5 @@ def run(folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     page, data = folder / 'mechanisms.md', folder / 'mechanisms.json'
     page.write_text(markdown(results), encoding='utf-8')
-    data.write_text(json.dumps([asdict(one) for one in results], indent=1) + '\n')
+    data.write_text(json_text([asdict(one) for one in results]))
     return [page, data]

@@ -20,6 +20,7 @@ a second reference by another method with steps of at most LONGEST seconds.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +31,7 @@ from pfd_core.report.peers import joint_frames
 from pfd_core.simulation.adaptive import integrate
 from pfd_core.simulation.step_control import SMALLEST_RTOL
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 SAMPLES = 20
 LONGEST = 2e-3

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import asdict, replace
-import json
 from pathlib import Path
 
 from pfd_core.report import port_limit, quantity_plot, quantity_rows, speed_pages
+from pfd_core.report.markdown import json_text
 from pfd_core.report.quantity_kernels import QUANTITIES
 from pfd_core.report.quantity_rows import Plan
 from pfd_core.report.quantity_tables import ERRORS, NOTES, PORT_LIMIT_NOTE, against_error, summary
@@ -106,7 +106,7 @@ def write(findings: Findings, folder: Path, quantity: str, references: int = 0) 
     name = f'speed-{"against-error-" * bool(references)}{quantity}'
     page, data, picture = (folder / f'{name}.{suffix}' for suffix in ('md', 'json', 'png'))
     page.write_text(markdown(findings, quantity, references), encoding='utf-8')
-    data.write_text(json.dumps(asdict(findings), indent=1) + '\n', encoding='utf-8')
+    data.write_text(json_text(asdict(findings)), encoding='utf-8')
     if references:
         return [page, data, *quantity_plot.write(findings.rows, folder, name)]
     return [page, data, *([picture] if speed_pages.plot(findings.rows, picture) else [])]

@@ -117,7 +117,6 @@ def _rows(
 def _contenders(
     arm: Robot, quantity: str, plan: Plan, reasons: dict[str, str]
 ) -> Iterator[Contender]:
-    """Yield the peers and the kernels of a quantity."""
     for peer in plan.peers:
         show_progress(f'{arm.name}: making {quantity} of {peer}')
         try:

@@ -177,7 +177,7 @@ def measure(full: FullRun, scene: Scene) -> SceneRow:
         q[first:end] = roll(simulator, full.motion, first, end)
     off = np.abs(q - full.q)
     off[~np.isfinite(off)] = math.inf
-    step, joint = np.unravel_index(off.argmax(), off.shape)
+    step, joint = np.unravel_index(np.argmax(off), off.shape)
     return SceneRow(
         effects,
         text,

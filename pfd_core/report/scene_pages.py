@@ -7,19 +7,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-import json
 import math
 from pathlib import Path
-import sys
 from typing import Any
 
 from pfd_core.model import Robot, Scene
-from pfd_core.report.markdown import cells, header, paragraph
+from pfd_core.report.markdown import cells, header, json_text, paragraph
 from pfd_core.report.scene_errors import SceneRow
 from pfd_core.report.scene_motions import Motion
 from pfd_core.report.scene_needs import TIMED_STEPS, WINDOW, Needs, scene_needs
-from pfd_core.report.scene_plot import plot
 from pfd_core.report.scene_search import MOST_EXHAUSTED, pareto_front
+from pfd_core.report.timing import show_progress
 
 # Rows of the table of scenes; the JSON has all.
 MOST_SCENES = 40
@@ -168,21 +166,14 @@ def _searched(needs: Needs) -> str:
             'cancel each other, may have been missed.'
         )
     if refused:
-        how += (
-            f' The simulation refused {len(refused)} of {len(needs.scenes)} scenes: '
-            f'{_reasons(refused)}.'
-        )
+        counts = Counter(row.refused for row in refused)
+        reasons = '; '.join(f'{reason} ({count})' for reason, count in counts.items())
+        how += f' The simulation refused {len(refused)} of {len(needs.scenes)} scenes: {reasons}.'
     cut = f' The first {MOST_SCENES}; the JSON has all.' if needs.scenes[MOST_SCENES:] else ''
     return (
         f'{how} *best* marks those than which none is both as cheap in operations and as '
         f'accurate; time is left out of that.{cut}'
     )
-
-
-def _reasons(refused: Sequence[SceneRow]) -> str:
-    """Return why scenes were refused, each reason once, with the number of scenes."""
-    counts = Counter(row.refused for row in refused)
-    return '; '.join(f'{reason} ({count})' for reason, count in counts.items())
 
 
 def _scenes(needs: Needs) -> list[str]:
@@ -221,7 +212,7 @@ def run(
 ) -> list[Path]:
     """Measure and write the report into a folder; progress goes to a terminal."""
     needs = scene_needs(
-        robot, scene, motion, tolerance, window=window, refused=refused, tell=_tell
+        robot, scene, motion, tolerance, window=window, refused=refused, tell=show_progress
     )
     return write(needs, folder)
 
@@ -243,20 +234,65 @@ def write(needs: Needs, folder: Path) -> list[Path]:
     if drawn:
         text += '\n![Error of every scene against its operations](scene.png)\n'
     page.write_text(text, encoding='utf-8')
-    data.write_text(json.dumps(_finite(asdict(needs)), indent=1) + '\n', encoding='utf-8')
+    data.write_text(json_text(asdict(needs)), encoding='utf-8')
     smallest.write_text(needs.yaml, encoding='utf-8')
     return [page, data, smallest, *(pictures if drawn else [])]
 
 
-def _finite(value: Any) -> Any:
-    """Return data without infinities and NaN, which JSON does not have."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def plot(needs: Needs, paths: Sequence[Path]) -> bool:
+    """Draw the plot into files, their format by suffix; False without matplotlib."""
+    try:
+        from matplotlib import rc_context
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        return False
+    figure = Figure(figsize=(9, 6), layout='constrained')
+    FigureCanvasAgg(figure)
+    _draw(figure.subplots(), needs)
+    for path in paths:
+        # Without a date, and with names of elements that do not change from run to run.
+        svg = path.suffix == '.svg'
+        with rc_context({'svg.hashsalt': 'pfd'}):
+            figure.savefig(path, dpi=110, metadata={'Date': None} if svg else None)
+    return True
 
 
-def _tell(text: str) -> None:
-    if sys.stderr.isatty():
-        print(f'\r{text:79.79s}', end='\r' if not text else '', file=sys.stderr, flush=True)
+def _draw(axes: Any, needs: Needs) -> None:
+    drawn = [row for row in needs.scenes if math.isfinite(row.largest)]
+    errors = [row.largest for row in drawn if row.largest > 0] + [needs.tolerance]
+    # A logarithmic axis has no zero: errors of zero stand at the bottom.
+    zero = 10.0 ** (math.floor(math.log10(min(errors))) - 1)
+
+    def at(rows: Sequence[SceneRow]) -> tuple[list[int], list[float]]:
+        return [row.operations for row in rows], [max(row.largest, zero) for row in rows]
+
+    axes.plot(*at(drawn), 'o', color='0.7', label='a scene')
+    axes.step(*at(pareto_front(drawn)), '-', color='C0', where='post', label='best of its cost')
+    singles = [row.without for row in needs.effects if math.isfinite(row.without.largest)]
+    axes.plot(*at(singles), 'o', color='C1', label='full scene without one effect')
+    axes.plot(*at([needs.smallest]), '*', color='C3', ms=18, label='smallest within tolerance')
+    axes.plot(*at([needs.full]), 's', color='black', ms=4, label='full scene')
+    axes.axhline(needs.tolerance, color='C3', lw=0.8, ls='--', label='tolerance')
+    named = [(f'no {row.name}', row.without) for row in needs.effects]
+    for text, row in [*named, ('no effect at all', needs.bare)]:
+        if math.isfinite(row.largest):
+            (x,), (y,) = at([row])
+            axes.annotate(text, (x, y), (6, 4), textcoords='offset points', size=8)
+    axes.axhline(zero, color='0.8', lw=0.8)
+    left_end = ('axes fraction', 'data')
+    axes.annotate('error 0', (0, zero), (3, 3), left_end, 'offset points', size=8)
+    axes.set_yscale('log')
+    axes.margins(x=0.15)  # for the names beside the points
+    axes.set_xlabel('operations of one step of the integrator, as compiled, without events')
+    axes.set_ylabel(
+        f'largest difference of a joint position from\nthe full scene within {needs.window:g} s '
+        '[rad or m]'
+    )
+    axes.set_title(
+        f'{needs.robot}, {needs.trajectory}: error of a scene against its cost\n'
+        '(both sides with one integrator and step, whose own error is left out)',
+        fontsize=10,
+    )
+    axes.grid(alpha=0.25)
+    axes.legend(fontsize=8)

@@ -6,14 +6,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
-import json
 from pathlib import Path
 import re
 from typing import Any
 
 from pfd_core.report import port_limit
 from pfd_core.report.first_results import FROM_DISK, PROCESS, WORKS
-from pfd_core.report.markdown import cells, header
+from pfd_core.report.markdown import cells, header, json_text
 from pfd_core.report.quantity_tables import NOTES, PORT_LIMIT_NOTE, summary
 from pfd_core.report.speed import QUICK, Findings, Survey, survey
 from pfd_core.report.speed_ours import METHODS
@@ -30,6 +29,8 @@ from pfd_core.report.timing import MIDDLE_BATCH, Row
 
 COMMAND = 'pfd report speed'
 SHARE = 'share of the port limit'
+# Ends of the names of ways that are not the fastest of their kind, and not in the plot.
+SLOWER = (': kernel(q, qd, tau)', 'out=)', ', C order', ' threads')
 INTRODUCTION = f"""# Speed, against peers
 
 Written by `{COMMAND}`, forward dynamics first; the numbers are those of one machine on one day.
@@ -182,7 +183,7 @@ def write(findings: Findings, folder: Path) -> list[Path]:
     folder.mkdir(parents=True, exist_ok=True)
     page, data, picture = (folder / f'speed.{suffix}' for suffix in ('md', 'json', 'png'))
     page.write_text(markdown(findings), encoding='utf-8')
-    data.write_text(json.dumps(asdict(findings), indent=1) + '\n', encoding='utf-8')
+    data.write_text(json_text(asdict(findings)), encoding='utf-8')
     return [page, data, *([picture] if plot(findings.rows, picture) else [])]
 
 
@@ -200,7 +201,7 @@ def plot(rows: Sequence[Row], path: Path) -> bool:
         axes.set_title(f'chains of n joints: {work}, least time of a state [ns]')
         axes.set_xlabel('joints n')
         if chains:
-            _draw(axes, [row for row in chains if _drawn(row.way)])
+            _draw(axes, [row for row in chains if not row.way.endswith(SLOWER)])
     figure.savefig(path, dpi=110)
     return True
 
@@ -226,8 +227,3 @@ def _draw(axes: Any, rows: Sequence[Row]) -> None:
     axes.legend(
         fontsize=7, handlelength=3, loc='upper center', bbox_to_anchor=(0.5, -0.1), ncols=2
     )
-
-
-def _drawn(way: str) -> bool:
-    """Return whether a way is one of the fastest of its kind, as drawn."""
-    return not way.endswith((': kernel(q, qd, tau)', 'out=)', ', C order', ' threads'))

@@ -18,12 +18,12 @@ import gc
 import statistics
 import sys
 import time
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 # States of a batch that fits into the caches, and takes long beside its call.
 MIDDLE_BATCH = 4096
@@ -278,6 +278,6 @@ def relative_difference(found: NDArray[np.floating], wanted: NDArray[np.floating
 
 
 def show_progress(text: str) -> None:
-    """Write a line over the one before, if stderr is a terminal."""
+    """Write a line over the one before, if stderr is a terminal; '' clears it."""
     if sys.stderr.isatty():
-        print(f'\r{text:79.79s}', end='', file=sys.stderr, flush=True)
+        print(f'\r{text:79.79s}', end='' if text else '\r', file=sys.stderr, flush=True)

@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+
+import pfd_core as pfd
 
 # Largest swing in rad or m; a joint with narrow limits swings by a share of their distance.
 SWING = {'revolute': 0.5, 'continuous': 0.5, 'prismatic': 0.1}
@@ -37,7 +38,7 @@ class Motion:
         )
 
 
-def motion_of(robot: Any) -> Motion:
+def motion_of(robot: pfd.Robot) -> Motion:
     """Return a motion that stays within the robot's position limits."""
     wanted = np.array([SWING[kind] for kind in robot.joint_types])
     lower, upper = robot.position_lower, robot.position_upper

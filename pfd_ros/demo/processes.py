@@ -14,8 +14,6 @@ import json
 import os
 from pathlib import Path
 import secrets
-import signal
-import subprocess
 import sys
 import time
 from typing import Any
@@ -28,6 +26,7 @@ from pfd_ros.demo.bare_timer import bare_timer
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.demo.results import show_results
 from pfd_ros.recording.reader import LogError
+from pfd_ros.testing.child_process import ChildProcess
 from pfd_ros.testing.domains import FIRST, LAST, environment, own_domain
 
 # Finding each other and compiling the robot, with a busy machine in mind.
@@ -43,28 +42,6 @@ def free_name(folder: Path) -> Path:
     """Return the first of folder/arm_0, arm_1, ... that has no recording yet."""
     names = (folder / f'arm_{number}' for number in itertools.count())
     return next(name for name in names if not name.with_suffix('.mcap').exists())
-
-
-def _start(command: list[str], output: Path, env: dict[str, str]) -> subprocess.Popen[bytes]:
-    with output.open('wb') as stream:
-        return subprocess.Popen(
-            [sys.executable, '-m', *command],
-            stdin=subprocess.DEVNULL,
-            stdout=stream,
-            stderr=subprocess.STDOUT,
-            env=env,
-        )
-
-
-def _stop(process: subprocess.Popen[bytes]) -> int:
-    """End a process the way Ctrl-C does and return its exit status."""
-    if process.poll() is None:
-        process.send_signal(signal.SIGINT)
-    try:
-        return process.wait(STOP_SECONDS)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        return process.wait()
 
 
 def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
@@ -132,25 +109,21 @@ def _run_processes(
     # /clock is the one topic that a namespace leaves alone.
     names = ['--ros-args', '-r', f'__ns:={namespace}', '-r', '/clock:=clock']
     arm_output, output = (Path(f'{base}.{name}.txt') for name in ('sim_arm', 'controller'))
-    arm = _start(['pfd_ros.node.main', *names, '--params-file', f'{base}.yaml'], arm_output, env)
-    controller = None
+    python = [sys.executable, '-m']
+    node = [*python, 'pfd_ros.node.main', *names, '--params-file', f'{base}.yaml']
+    options = ['--robot', robot_name, '--seconds', str(seconds)]
+    arm, controller = ChildProcess(node, arm_output, env), None
     try:
-        controller = _start(
-            [
-                'pfd_ros.demo.controller',
-                *('--robot', robot_name, '--seconds', str(seconds)),
-                *names,
-            ],
-            output,
-            env,
+        controller = ChildProcess(
+            [*python, 'pfd_ros.demo.controller', *options, *names], output, env
         )
         deadline = time.monotonic() + START_SECONDS + 4 * seconds
         # If the arm is gone, the controller would wait for it in vain.
-        while controller.poll() is None and arm.poll() is None and time.monotonic() < deadline:
+        while not controller.end() and not arm.end() and time.monotonic() < deadline:
             time.sleep(POLL_SECONDS)
     finally:
-        controller_status = None if controller is None else _stop(controller)
-        arm_status = _stop(arm)
+        controller_status = None if controller is None else controller.stop(STOP_SECONDS)
+        arm_status = arm.stop(STOP_SECONDS)
     problems = [
         f'the {name} ended with status {status}, see {path}'
         for name, status, path in (

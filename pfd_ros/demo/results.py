@@ -9,10 +9,10 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+import pfd_core as pfd
 from pfd_ros.demo.bare_timer import missing_share
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.messages.convert import NANOSECONDS, decode_joint_state
@@ -56,7 +56,7 @@ def read_states(path: Path) -> States:
 
 
 def show_results(
-    base: Path, robot: Any, report: Mapping[str, int], woke: array[int], period: float
+    base: Path, robot: pfd.Robot, report: Mapping[str, int], woke: array[int], period: float
 ) -> list[str]:
     """Print the results, write the plot and return the problems.
 

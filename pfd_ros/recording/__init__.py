@@ -13,8 +13,7 @@ Written, from the callers to the disk:
 
 Read, from the bytes to a log:
 
-    mcap_stream     the file from front to back: framing, chunks, checksums
-    mcap_records    the fields of one record
+    mcap_stream     the records of the file from front to back: lengths, chunks, checksums
     head            the metadata records: settings, topics, versions of the software, the ending
     reader          Log: checks the format; messages by role, settings, robot, ending; LogError
 

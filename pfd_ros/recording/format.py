@@ -107,9 +107,11 @@ MESSAGE_BYTES = 1 << 24
 # A chunk is closed at this size, so only one long message makes it longer. Compressing it holds
 # the interpreter for well under a millisecond or two.
 CHUNK_BYTES = 1 << 18
-# Bounds of the reader alone: of a record or an unpacked chunk, a text, and a name.
+# Bounds of the reader alone: of a record or an unpacked chunk, of a record of metadata, of a
+# schema or channel, and of the header.
 RECORD_BYTES = 1 << 25
 TEXT_BYTES = 1 << 20
+DEFINITION_BYTES = 1 << 16
 NAME_BYTES = 1 << 12
 # A robot of some thousand joints.
 ROBOT_BYTES = 1 << 18

@@ -24,15 +24,6 @@ from pfd_ros.text import one_line
 
 # More than any recording counts; a larger number is damage, and no loop should run to it.
 COUNT_LIMIT = 1 << 53
-# Settings that recordings of the first versions lack, or hold as 'auto', and what it stood for.
-FIRST_VERSIONS = {
-    'integrator': 'rk4',
-    'position_sums': 'plain',
-    'payload_changes': 'constant',
-    'effort_limits': False,
-    'torque_speed': False,
-    'publish_locked': False,
-}
 _DIGEST = re.compile('[0-9a-f]{64}')
 
 
@@ -46,7 +37,7 @@ class Ending:
     failure: str
     recorded: Mapping[str, int]
     dropped: Mapping[str, int]
-    # SHA-256 of the messages; empty in recordings of the first versions.
+    # SHA-256 of the messages, in hex.
     digests: Mapping[str, str]
 
 
@@ -78,9 +69,7 @@ def read_roles(topics: Any) -> dict[str, str]:
 
 def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
     """Return the settings of a recording with channels of these roles, by topic."""
-    values = _table(value, HeadKey.SETTINGS)
-    first = {name: x for name, x in FIRST_VERSIONS.items() if values.get(name, 'auto') == 'auto'}
-    settings = settings_file.from_values(values | first)
+    settings = settings_file.from_values(_table(value, HeadKey.SETTINGS))
     needed = {role for role, channel in CHANNELS.items() if channel.always}
     if not set(roles.values()) >= needed:
         raise ValueError(f'its topics are {sorted(roles.values())}, expected {sorted(needed)}')
@@ -143,8 +132,6 @@ def read_ending(texts: Mapping[str, str], roles: Mapping[str, str]) -> Ending:
 
 
 def _digests(texts: Mapping[str, str], roles: Mapping[str, str]) -> dict[str, str]:
-    if EndKey.DIGESTS not in texts:
-        return {}
     found = _by_role(_table_of(texts, EndKey.DIGESTS), roles, 'digests are')
     for role, digest in found.items():
         if not isinstance(digest, str) or not _DIGEST.fullmatch(digest):
@@ -153,7 +140,6 @@ def _digests(texts: Mapping[str, str], roles: Mapping[str, str]) -> dict[str, st
 
 
 def _by_role(values: Mapping[str, Any], roles: Mapping[str, str], label: str) -> dict[str, Any]:
-    """Return the values of each topic by role."""
     if set(values) != set(roles):
         raise ValueError(f'{label} of {_quoted(list(values))}, expected {list(roles)}')
     return {role: values[topic] for topic, role in roles.items()}

@@ -1,41 +1,57 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""An MCAP file, read once from front to back: framing, chunks and checksums.
+"""The records of an MCAP file, read strictly from front to back: lengths, chunks, checksums.
 
-Lengths are checked against the file before anything is read, chunks are unpacked no further
-than they may grow, and every checksum that is there is compared. The reader of the package
-`mcap` does none of the three for all records, and a recording may come from anybody.
+The package `mcap` parses the fields of a record. This module checks what the readers of that
+package accept, since a recording may come from anybody: lengths are compared with the file before
+anything is read, chunks are unpacked up to a bound only, every checksum is compared, and a record
+must have the bytes that the package would write for it. See docs/decisions/0010 and 0031.
 Source: the MCAP format specification, version 0.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
+from io import BytesIO
 import struct
-from typing import BinaryIO
+from typing import Any, BinaryIO
 import zlib
 
 import lz4.frame
+from mcap import records
+from mcap.data_stream import ReadDataStream, RecordBuilder
+from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, McapRecord, Message, Metadata, Schema
 import zstandard
 
-from pfd_ros.recording.format import RECORD_BYTES
-from pfd_ros.recording.mcap_records import (
-    MESSAGE_PREFIX,
-    Fields,
-    MessageRecord,
-    Record,
-    check_length,
-    compare_checksums,
-    parse,
-)
+from pfd_ros.recording.format import DEFINITION_BYTES, NAME_BYTES, RECORD_BYTES, TEXT_BYTES
 
 MAGIC = b'\x89MCAP0\r\n'
 # Kind and length, before the body of a record.
 _FRAME = struct.Struct('<BQ')
-# First and last time, unpacked size and checksum of a chunk.
-_CHUNK_PREFIX = struct.Struct('<QQQI')
+# Channel, sequence, log time and publish time of a message, before its data.
+_MESSAGE_PREFIX = struct.Struct('<HIQQ')
 
+# Messages are parsed here; the index and statistics are not used, and only checked by checksums.
+_PARSERS: dict[int, Any] = {
+    Opcode.HEADER: records.Header,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK: Chunk,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.METADATA: Metadata,
+    Opcode.DATA_END: records.DataEnd,
+    Opcode.FOOTER: records.Footer,
+}
+# Longest body. A hostile file could otherwise make the reader keep any number of long texts.
+_LIMITS: dict[int, int] = {
+    Opcode.HEADER: NAME_BYTES,
+    Opcode.SCHEMA: DEFINITION_BYTES,
+    Opcode.CHANNEL: DEFINITION_BYTES,
+    Opcode.METADATA: TEXT_BYTES,
+}
 _IN_CHUNK = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
 _IN_DATA = _IN_CHUNK | {
     Opcode.CHUNK,
@@ -87,58 +103,53 @@ class McapStream:
         self._size = size
         self._crc = 0
 
-    def __iter__(self) -> Iterator[Record]:
-        """Yield the records of the data section.
+    def __iter__(self) -> Iterator[McapRecord]:
+        """Yield schemas, channels, messages, metadata and attachments of the data section.
 
         Raises
         ------
         CutOffError
             Where the file ends too early.
-        ValueError, zstandard.ZstdError, RuntimeError
+        ValueError, struct.error, zstandard.ZstdError, RuntimeError
             Where it is damaged.
         """
         if self._read(min(self._size, len(MAGIC))) != MAGIC[: self._size] or not self._size:
             raise ValueError('it does not begin as MCAP files do')
-        opcode, body = self._next(frozenset({Opcode.HEADER}))
-        header = Fields(body)
-        header.text()
-        header.text()
-        header.end()
+        _parse(*self._next(frozenset({Opcode.HEADER})))
+        opcode = Opcode.HEADER
         while opcode != Opcode.DATA_END:
             before = self._crc
             opcode, body = self._next(_IN_DATA)
             if opcode == Opcode.CHUNK:
-                yield from _records_in_chunk(body)
+                yield from _records_in_chunk(_parse(opcode, body))
             elif opcode == Opcode.DATA_END:
-                fields = Fields(body)
-                compare_checksums(fields.integer(4), before, 'the data section')
-                fields.end()
-            else:
-                record = parse(opcode, body)
-                if record is not None:
-                    yield record
+                _compare_checksums(
+                    _parse(opcode, body).data_section_crc, before, 'the data section'
+                )
+            elif opcode != Opcode.MESSAGE_INDEX:
+                yield _parse(opcode, body)
         self._check_summary()
 
     def _check_summary(self) -> None:
         """Check the index behind the data, which is of no use to a reader from the front."""
         start, self._crc = self.position, 0
-        while True:
+        opcode = Opcode.DATA_END
+        while opcode != Opcode.FOOTER:
             before = self._crc
             opcode, body = self._next(_IN_SUMMARY)
-            if opcode == Opcode.FOOTER:
-                break
-        fields = Fields(body)
-        told, _, crc = fields.integer(8), fields.integer(8), fields.integer(4)
-        fields.end()
-        if told not in (0, start):
-            raise ValueError(f'the summary begins at byte {start}, its footer says {told}')
-        frame = _FRAME.pack(Opcode.FOOTER, len(body))
-        compare_checksums(crc, zlib.crc32(frame + bytes(body[:-4]), before), 'the summary')
+        footer = _parse(opcode, body)
+        if footer.summary_start not in (0, start):
+            raise ValueError(
+                f'the summary begins at byte {start}, its footer says {footer.summary_start}'
+            )
+        # Of the footer, all but the checksum itself.
+        crc = zlib.crc32(_FRAME.pack(opcode, len(body)) + body[:-4], before)
+        _compare_checksums(footer.summary_crc, crc, 'the summary')
         if self._read(len(MAGIC)) != MAGIC or self.position != self._size:
             raise ValueError('it does not end as MCAP files do')
         self.complete = True
 
-    def _next(self, expected: frozenset[int]) -> tuple[int, memoryview]:
+    def _next(self, expected: frozenset[Opcode]) -> tuple[Opcode, bytes]:
         """Return kind and body of the next record."""
         opcode, length = _FRAME.unpack(self._read(_FRAME.size))
         if opcode == length == 0 and self._rest_is_zero():
@@ -147,8 +158,8 @@ class McapStream:
             raise ValueError(f'a record of kind {opcode:#04x} in a place for other kinds')
         if length > self._size - self.position:
             raise CutOffError
-        check_length(opcode, length)
-        return opcode, memoryview(self._read(length))
+        _check_length(opcode, length)
+        return Opcode(opcode), self._read(length)
 
     def _read(self, size: int) -> bytes:
         if size > self._size - self.position:
@@ -167,18 +178,14 @@ class McapStream:
         return True
 
 
-def _records_in_chunk(body: memoryview) -> Iterator[Record]:
-    fields = Fields(body)
-    _, _, size, crc = fields.unpack(_CHUNK_PREFIX)
-    compression = fields.text()
-    packed = fields.take(fields.integer(8))
-    fields.end()
+def _records_in_chunk(chunk: Chunk) -> Iterator[McapRecord]:
+    size = chunk.uncompressed_size
     if size > RECORD_BYTES:
         raise ValueError(f'a chunk of {size} bytes, expected at most {RECORD_BYTES}')
-    data = memoryview(_unpacked(compression, packed, size))
+    data = memoryview(_unpacked(chunk))
     if len(data) != size:
         raise ValueError(f'a chunk says {size} bytes and holds {len(data)} or more')
-    compare_checksums(crc, zlib.crc32(data), 'a chunk')
+    _compare_checksums(chunk.uncompressed_crc, zlib.crc32(data), 'a chunk')
     at = 0
     while at < size:
         if size - at < _FRAME.size:
@@ -187,32 +194,59 @@ def _records_in_chunk(body: memoryview) -> Iterator[Record]:
         at += _FRAME.size
         if opcode not in _IN_CHUNK or length > size - at:
             raise ValueError(f'a chunk holds a record of kind {opcode:#04x}, {length} bytes')
-        end = at + length
-        if opcode == Opcode.MESSAGE and length >= MESSAGE_PREFIX.size:
-            # Nearly all of a file, so without detours.
-            channel, sequence, log_ns, _ = MESSAGE_PREFIX.unpack_from(data, at)
-            message = bytes(data[at + MESSAGE_PREFIX.size : end])
-            yield MessageRecord(channel, sequence, log_ns, message)
-        else:
-            check_length(opcode, length)
-            record = parse(opcode, data[at:end])
-            if record is not None:
-                yield record
-        at = end
+        yield _parse(opcode, data[at : at + length])
+        at += length
 
 
-def _unpacked(compression: str, packed: memoryview, size: int) -> bytes | memoryview:
-    """Return the content of a chunk, and one byte more if there is more than `size`."""
-    if compression == 'zstd':
+def _unpacked(chunk: Chunk) -> bytes:
+    """Return the content of a chunk, and one byte more if there is more than it says."""
+    size = chunk.uncompressed_size
+    if chunk.compression == 'zstd':
         unpacker = zstandard.ZstdDecompressor(max_window_size=RECORD_BYTES)
-        with unpacker.stream_reader(packed) as stream:
+        with unpacker.stream_reader(chunk.data) as stream:
             return stream.read(size + 1)
-    if compression == 'lz4':
+    if chunk.compression == 'lz4':
         frame = lz4.frame.LZ4FrameDecompressor()
-        data: bytes = frame.decompress(packed, max_length=size + 1)
+        data: bytes = frame.decompress(chunk.data, max_length=size + 1)
         if len(data) <= size and not frame.eof:
             raise ValueError('a chunk ends within its LZ4 frame')
         return data
-    if compression:
-        raise ValueError(f'a chunk is packed as {compression!r}, expected zstd or lz4')
-    return packed
+    if chunk.compression:
+        raise ValueError(f'a chunk is packed as {chunk.compression!r}, expected zstd or lz4')
+    return chunk.data
+
+
+def _parse(opcode: int, body: bytes | memoryview) -> Any:
+    """Return the record of a body.
+
+    Raises
+    ------
+    ValueError, struct.error
+        If the package `mcap` would not write this body for the record: a field is longer than the
+        body, bytes are left over, a key comes twice, the checksum of an attachment differs.
+    """
+    if opcode == Opcode.MESSAGE:
+        # Nearly all of a file, so without detours.
+        channel, sequence, log_ns, published_ns = _MESSAGE_PREFIX.unpack_from(body)
+        data = bytes(body[_MESSAGE_PREFIX.size :])
+        return Message(channel, log_ns, data, published_ns, sequence)
+    _check_length(opcode, len(body))
+    written: Any = RecordBuilder()
+    with suppress(EndOfFile):
+        record = _PARSERS[opcode].read(ReadDataStream(BytesIO(body)))
+        record.write(written)
+        if written.end()[_FRAME.size :] == body:
+            return record
+    raise ValueError(f'a record {Opcode(opcode).name} whose fields do not fit')
+
+
+def _check_length(opcode: int, length: int) -> None:
+    limit = _LIMITS.get(opcode, RECORD_BYTES)
+    if length > limit:
+        raise ValueError(f'a record of {length} bytes, expected at most {limit}')
+
+
+def _compare_checksums(told: int, computed: int, label: str) -> None:
+    """Raise ValueError if a CRC-32 differs; 0 says that the writer computed none."""
+    if told not in (0, computed):
+        raise ValueError(f'checksum of {label} is {computed:#010x}, expected {told:#010x}')

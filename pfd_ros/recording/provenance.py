@@ -10,7 +10,6 @@ from importlib.metadata import PackageNotFoundError, version
 import json
 from pathlib import Path
 import platform
-from typing import Any
 
 import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
@@ -47,14 +46,14 @@ def versions() -> dict[str, str]:
     }
 
 
-def _robot_text(robot: Any) -> str:
+def _robot_text(robot: pfd.Robot) -> str:
     """Return a robot as text, with the frames in which wrenches and payloads may be given."""
     frames = {name: frame for name, frame in robot.frames.items() if frame.link == robot.n}
     return pfd.robot_to_yaml(replace(robot, frames=frames), frames=True)
 
 
 def file_head(
-    settings: Settings, robot: Any, topics: Mapping[str, str], base: TimeBase
+    settings: Settings, robot: pfd.Robot, topics: Mapping[str, str], base: TimeBase
 ) -> FileHead:
     """Return the head of a recording.
 

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Reads recordings, whole ones and those that a killed process left behind.
 
-`mcap_stream.py` makes records of the bytes, `head.py` reads the metadata among them; here they
-become a log: messages by role, with the settings, the robot and the ending of the run.
+`mcap_stream.py` yields the records, `head.py` reads the metadata among them; here they become a
+log: messages by role, with the settings, the robot and the ending of the run.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ import os
 from pathlib import Path
 import stat
 from typing import Any, BinaryIO, NamedTuple
+
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from pfd_ros.arm.settings import Settings
 from pfd_ros.recording import head
@@ -29,14 +31,6 @@ from pfd_ros.recording.format import (
     ROBOT_BYTES,
     SCHEMA_ENCODING,
     HeadKey,
-)
-from pfd_ros.recording.mcap_records import (
-    AttachmentRecord,
-    ChannelRecord,
-    MessageRecord,
-    MetadataRecord,
-    Record,
-    SchemaRecord,
 )
 from pfd_ros.recording.mcap_stream import MAGIC, CutOffError, McapStream
 
@@ -165,11 +159,13 @@ class Log:
         try:
             for record in records:
                 self.position = records.position
-                if isinstance(record, MessageRecord):
+                if isinstance(record, Message):
                     role = channels.role(record.channel_id, self.roles)
-                    yield Entry(role, record.log_ns, record.sequence, record.data)
-                elif isinstance(record, SchemaRecord | ChannelRecord):
-                    channels.add(record)
+                    yield Entry(role, record.log_time, record.sequence, record.data)
+                elif isinstance(record, Schema):
+                    channels.add_schema(record)
+                elif isinstance(record, Channel):
+                    channels.add_channel(record)
                 else:
                     self._note(record)
         except CutOffError as error:
@@ -180,19 +176,19 @@ class Log:
             self.position = records.position
         self.complete = records.complete
 
-    def _note(self, record: Record) -> None:
+    def _note(self, record: McapRecord) -> None:
         """Keep the head, the end and the robot; each may come once."""
-        if isinstance(record, MetadataRecord) and record.name == HEAD:
+        if isinstance(record, Metadata) and record.name == HEAD:
             _check_first(self.head_texts, HEAD)
-            self.head_texts = record.values
-            found = record.values.get(HeadKey.FORMAT)
+            self.head_texts = record.metadata
+            found = record.metadata.get(HeadKey.FORMAT)
             if found != FORMAT:
                 raise LogError(f'{self.path} has format {found!r}, expected {FORMAT!r}')
             self.roles = head.read_roles(self._json(HeadKey.TOPICS))
-        elif isinstance(record, MetadataRecord) and record.name == END:
+        elif isinstance(record, Metadata) and record.name == END:
             _check_first(self.end_texts, END)
-            self.end_texts = record.values
-        elif isinstance(record, AttachmentRecord) and record.name == ROBOT:
+            self.end_texts = record.metadata
+        elif isinstance(record, Attachment) and record.name == ROBOT:
             _check_first(self.robot_yaml, ROBOT)
             if len(record.data) > ROBOT_BYTES:
                 raise ValueError(
@@ -202,45 +198,56 @@ class Log:
 
 
 class _ChannelTable:
-    """The channels and schemas met so far, and the role of each channel."""
+    """The channels and schemas met so far, without their long texts, and the role of each channel.
+
+    A writer may repeat a schema or a channel, but not change it.
+    """
 
     def __init__(self) -> None:
-        self._schemas: dict[int, SchemaRecord] = {}
-        self._channels: dict[int, ChannelRecord] = {}
+        # Name and encoding by number; topic, encoding and number of the schema by number.
+        self._schemas: dict[int, tuple[str, str]] = {}
+        self._channels: dict[int, tuple[str, str, int]] = {}
         self._roles: dict[int, str] = {}
 
-    def add(self, record: SchemaRecord | ChannelRecord) -> None:
-        """Note a channel or schema; a writer may repeat one, but not change it."""
-        known: dict[int, Any] = (
-            self._schemas if isinstance(record, SchemaRecord) else self._channels
-        )
-        if known.setdefault(record.id, record) != record:
-            raise ValueError(f'{record} is another than before')
-        if len(known) > CHANNEL_LIMIT:
-            raise ValueError(f'more than {CHANNEL_LIMIT} channels')
-        topics = [channel.topic for channel in self._channels.values()]
-        if len(set(topics)) < len(topics):
-            raise ValueError(f'two channels of the topic {topics[-1]!r}')
+    def add_schema(self, schema: Schema) -> None:
+        """Note the type of messages."""
+        _add(self._schemas, schema.id, (schema.name, schema.encoding))
+
+    def add_channel(self, channel: Channel) -> None:
+        """Note a topic; it may have one channel."""
+        found = channel.topic, channel.message_encoding, channel.schema_id
+        _add(self._channels, channel.id, found)
+        topics = {topic for topic, _, _ in self._channels.values()}
+        if len(topics) < len(self._channels):
+            raise ValueError(f'two channels of the topic {channel.topic!r}')
 
     def role(self, number: int, roles: Mapping[str, str]) -> str:
         """Return the role of a channel, or '' if its topic has none."""
         if number not in self._roles:
             if number not in self._channels:
                 raise ValueError(f'a message of channel {number}, which there is not')
-            self._roles[number] = self._checked(self._channels[number], roles)
+            self._roles[number] = self._checked(*self._channels[number], roles)
         return self._roles[number]
 
-    def _checked(self, channel: ChannelRecord, roles: Mapping[str, str]) -> str:
-        role = roles.get(channel.topic, '')
-        schema = self._schemas.get(channel.schema_id, SchemaRecord(0, '', ''))
-        found = channel.encoding, schema.encoding, schema.name
+    def _checked(self, topic: str, encoding: str, schema: int, roles: Mapping[str, str]) -> str:
+        role = roles.get(topic, '')
+        name, schema_encoding = self._schemas.get(schema, ('', ''))
+        found = encoding, schema_encoding, name
         if role and found != (MESSAGE_ENCODING, SCHEMA_ENCODING, CHANNELS[role].type):
             raise ValueError(
-                f'channel {channel.topic!r} holds {" ".join(found)!r}, expected '
+                f'channel {topic!r} holds {" ".join(found)!r}, expected '
                 f'{CHANNELS[role].type!r} as {MESSAGE_ENCODING}, '
                 f'by a definition as {SCHEMA_ENCODING}'
             )
         return role
+
+
+def _add(known: dict[int, Any], number: int, found: tuple[Any, ...]) -> None:
+    before = known.setdefault(number, found)
+    if before != found:
+        raise ValueError(f'channel or schema {number} is {found}, and was {before} before')
+    if len(known) > CHANNEL_LIMIT:
+        raise ValueError(f'more than {CHANNEL_LIMIT} channels or schemas')
 
 
 def _check_first(found: object, name: str) -> None:

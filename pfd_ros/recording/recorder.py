@@ -284,7 +284,6 @@ class LogRecorder:
 
 
 def _line(error: BaseException) -> str:
-    """Return one line about the end of a recording."""
     text = one_line(error, 300)
     if isinstance(error, FileLostError):
         return text

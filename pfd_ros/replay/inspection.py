@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Inspects a recording without simulating it: whether everything that was recorded is there.
 
-A closed file says how many messages were recorded and dropped on every channel, and all but the
-oldest also say their digests; a difference is damage. A file that was cut off is as good as its
+A closed file has the number of messages recorded and dropped on every channel, and their digests;
+a difference is damage. A file that was cut off is as good as its
 numbers: missing messages are counted.
 """
 
@@ -223,7 +223,7 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
             raise ValueError(f'it holds {role} {channel.last}, its end record counts {last}')
         if dropped:
             found.summary.lost[role] = dropped
-        if ending.digests and channel.digest.hexdigest() != ending.digests[role]:
+        if channel.digest.hexdigest() != ending.digests[role]:
             found.altered = found.altered or f'the messages {role} are not the recorded ones'
     _check_totals(found, ending, published)
 

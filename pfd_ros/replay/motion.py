@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,7 +36,7 @@ MOST_STEPS = 100_000
 class RecordedMotion(NamedTuple):
     """The robot and the scene of a recording, and its motion."""
 
-    robot: Any
+    robot: pfd.Robot
     scene: pfd.Scene
     motion: Motion
 
@@ -91,7 +91,7 @@ def read_motion(
         motion = replace(motion, source=f'{shortened}the torques of the recording {path.name}')
     robot = recorded
     if robot_source is not None:
-        robot = load_robot(replace(settings, robot=robot_source))
+        robot = load_robot(settings, robot_source)
         if list(robot.joint_names) != list(recorded.joint_names):
             raise LogError(
                 f'{path} is a recording of {cut(recorded.name)!r} with the joints '

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
@@ -90,7 +89,7 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
         found.summary.stopped_at, found.summary.failure = arm.step, arm.failure
 
 
-def recorded_robot(log: Log, state: bytes) -> Any:
+def recorded_robot(log: Log, state: bytes) -> pfd.Robot:
     """Return the robot of a recording; compiling one of other joints could take minutes."""
     text = log.robot_yaml
     # A single line would be taken for the name of a robot or a file, and `<` for URDF.

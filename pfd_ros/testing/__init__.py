@@ -24,9 +24,10 @@ Over ROS:
     topic_run           a run over topics: each command is answered with the next state
     exchange            the topics of the arm in this process
     controllers         the nodes that answer, and why one did not; NoAnswerError
-    controller_process  a controller as a process of its own
+    child_process       a process that ends with the one that started it, and its output
+    controller_process  a controller as such a process
     process_arm         ProcessArm: the node as a process of its own, in lockstep over topics
-    node_process        that process: its parameters, its output, its end
+    node_process        that process: its parameters and its end
 
 Only `plugin` knows pytest. rclpy is imported inside the functions that need it. A new metric is a
 function in metrics, a method of trajectory.Trajectory, and perhaps an assertion there.

@@ -97,7 +97,7 @@ class LockstepArm:
         self.names = self.engine.arm.names
         self._limits = limits_of(self.robot, self.engine.arm.order)
         self._run = EngineRun(self.engine, open_log(self.engine, self.robot))
-        self._topics = found.description.topics
+        self._topics = found.control.topics
         self._ros_args = tuple(ros_args)
         if self.settings.command_topic:
             self._ros_args += ('-r', f'~/commands:={self.settings.command_topic}')

@@ -16,11 +16,12 @@ Source: G. F. Franklin, J. D. Powell, A. Emami-Naeini, Feedback Control of Dynam
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+Array = NDArray[Any]
 
 
 def settling_time(time: Array, q: Array, target: float, within: float) -> float:

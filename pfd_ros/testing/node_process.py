@@ -9,7 +9,6 @@ import dataclasses
 from pathlib import Path
 import shutil
 import signal
-import subprocess
 import sys
 import tempfile
 from typing import Any
@@ -18,21 +17,10 @@ import yaml
 
 from pfd_ros.arm.setting_fields import parameter_name
 from pfd_ros.arm.settings import Settings
+from pfd_ros.testing.child_process import ChildProcess
 
-# On Linux the kernel ends the node if the thread that started it is gone (PR_SET_PDEATHSIG), so
-# that a killed test runner leaves no node behind.
-PARENT_DEATH_SIGNAL = 1
-START = f"""
-import ctypes, sys
-if sys.platform == 'linux':
-    ctypes.CDLL(None).prctl({PARENT_DEATH_SIGNAL}, {int(signal.SIGTERM)})
-from pfd_ros.node.main import main
-raise SystemExit(main())
-"""
 # A close writes the recording; the node itself gives up before.
 END_SECONDS = 20.0
-# Of the output, in the text of an error.
-LAST_LINES = 15
 
 
 class NodeProcessError(Exception):
@@ -70,31 +58,24 @@ class NodeProcess:
         file.write_text(
             yaml.safe_dump({'/**': {'ros__parameters': dict(parameters)}}), encoding='utf-8'
         )
-        self._output = self._folder / 'output.txt'
-        with self._output.open('wb') as stream:
-            self._process = subprocess.Popen(
-                [sys.executable, '-c', START, '--ros-args', '--params-file', file, *ros_args],
-                stdin=subprocess.DEVNULL,
-                stdout=stream,
-                stderr=subprocess.STDOUT,
-                # An interrupt of a terminal is for the tests, which then end the node.
-                start_new_session=True,
-            )
+        command = [sys.executable, '-m', 'pfd_ros.node.main', '--ros-args', *ros_args]
+        command += ['--params-file', str(file)]
+        self._child = ChildProcess(command, self._folder / 'output.txt')
 
     @property
     def pid(self) -> int:
         """The process id of the node."""
-        return self._process.pid
+        return self._child.pid
 
     def text(self) -> str:
         """Return the output of the node so far."""
-        return self._output.read_text(encoding='utf-8', errors='replace')
+        return self._child.text()
 
     def check(self) -> None:
         """Raise NodeProcessError if the node has ended."""
-        status = self._process.poll()
-        if status is not None:
-            raise NodeProcessError(self._told(f'the node ended with status {status}'))
+        ended = self._child.end()
+        if ended:
+            raise NodeProcessError(f'the node {ended}{self._child.tail()}')
 
     def close(self) -> None:
         """End the node as a signal of a terminal does.
@@ -106,20 +87,13 @@ class NodeProcess:
         """
         try:
             self.check()
-            self._process.send_signal(signal.SIGINT)
-            try:
-                status = self._process.wait(END_SECONDS)
-            except subprocess.TimeoutExpired:
+            status = self._child.stop(END_SECONDS)
+            if status == -signal.SIGKILL:
                 raise NodeProcessError(
-                    self._told(f'the node did not end within {END_SECONDS:g} s')
-                ) from None
+                    f'the node did not end within {END_SECONDS:g} s{self._child.tail()}'
+                )
             if status != 0:
-                raise NodeProcessError(self._told(f'the node ended with status {status}'))
+                self.check()
         finally:
-            if self._process.poll() is None:
-                self._process.kill()
-                self._process.wait()
+            self._child.stop(0.0)
             shutil.rmtree(self._folder, ignore_errors=True)
-
-    def _told(self, text: str) -> str:
-        return '\n'.join([f'{text}; its output ends:', *self.text().splitlines()[-LAST_LINES:]])

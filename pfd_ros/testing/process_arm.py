@@ -105,7 +105,7 @@ class ProcessArm:
         self._counted: Counter[str] = Counter()
         self._counted_at = 0.0
         self._judged: Counter[str] = Counter()
-        self._create_node(ros_args, found.description.topics)
+        self._create_node(ros_args, found.control.topics)
         # The node reads the description itself.
         self.process = NodeProcess(parameters_of(given, self.names), ros_args)
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import time
 from typing import Any
 
+import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import TAKEN
 from pfd_ros.arm.outputs import roles_of
@@ -78,7 +79,7 @@ class RunLog:
         }
 
 
-def open_log(engine: Engine, robot: Any) -> RunLog | None:
+def open_log(engine: Engine, robot: pfd.Robot) -> RunLog | None:
     """Open the file that the settings name, if they name one.
 
     Raises

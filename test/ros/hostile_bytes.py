@@ -94,7 +94,7 @@ HEADED = {
     'chunk_crc': Case('checksum', lambda: chunk('', bytes(4), 4, zlib.crc32(bytes(3)))),
     'many_channels': Case('more than', lambda: channels(*((k, str(k)) for k in range(300)))),
     'two_channels_of_a_topic': Case('two channels', lambda: channels((0, '/x'), (1, '/x'))),
-    'channel_changes': Case('is another than before', lambda: channels((1, '/0'), (1, '/1'))),
+    'channel_changes': Case('before', lambda: channels((1, '/0'), (1, '/1'))),
 }
 # Records in a good file.
 SPLICED = {
@@ -102,9 +102,20 @@ SPLICED = {
     'attachment_record_of_gigabytes': Case(
         'damaged', lambda: record(Opcode.ATTACHMENT, length=1 << 33)
     ),
-    'attachment_crc': Case(
-        'checksum of the attachment', lambda: attachment(0, struct.pack('<I', 1))
+    'attachment_crc': Case('a record ATTACHMENT', lambda: attachment(0, struct.pack('<I', 1))),
+    'metadata_key_twice': Case(
+        'a record METADATA',
+        lambda: record(
+            Opcode.METADATA, text('x') + struct.pack('<I', 20) + (text('a') + text('b')) * 2
+        ),
     ),
+    'metadata_beyond_its_record': Case(
+        'a record METADATA', lambda: record(Opcode.METADATA, text('x') + struct.pack('<I', 20))
+    ),
+    'schema_shorter_than_its_record': Case(
+        'a record SCHEMA', lambda: record(Opcode.SCHEMA, struct.pack('<H', 99) + bytes(13))
+    ),
+    'schema_of_megabytes': Case('a record of', lambda: record(Opcode.SCHEMA, bytes(1 << 20))),
     'message_index_garbage': Case('GOLDEN', lambda: record(Opcode.MESSAGE_INDEX, b'\xff' * 50)),
     'metadata_no_utf_8': Case(
         'damaged',

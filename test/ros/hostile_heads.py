@@ -34,7 +34,8 @@ HOSTILE_JSON = {
 ALLOWED = {
     **{name: {'text', 'surrogate'} for name in ('robot', 'recording', 'frame_id')},
     **{name: {'text', 'surrogate'} for name in ('base_link', 'tip_link')},
-    **{name: {'true'} for name in ('damping', 'armature', 'publish_clock')},
+    **{name: {'true'} for name in ('damping', 'armature', 'publish_clock', 'publish_locked')},
+    **{name: {'true'} for name in ('effort_limits', 'torque_speed')},
     'versions': {'table'},
 }
 

@@ -37,7 +37,7 @@ def renumber(topic: str, add: int) -> Change:
         for m in recording.on(topic):
             if m.sequence >= 8:
                 m.sequence = (m.sequence + add) & 0xFFFFFFFF
-        recording.recount(digests=True)
+        recording.recount()
 
     return change
 
@@ -89,7 +89,7 @@ def swap_state_and_tick(recording: Recording) -> None:
     assert one.topic == STATES
     recording.messages[at - 1 : at + 1] = [other, one]
     one.log_ns, other.log_ns = other.log_ns, one.log_ns
-    recording.recount(digests=True)
+    recording.recount()
 
 
 # --- messages that are gone from a closed file
@@ -110,14 +110,14 @@ def without(topic: str, goes: Callable[[int, int], bool], *, recount: bool = Fal
         last = recording.on(topic)[-1].sequence
         recording.keep(lambda m: m.topic != topic or not goes(m.sequence, last))
         if recount:
-            recording.recount(digests=True)
+            recording.recount()
 
     return change
 
 
 def alter_bytes(recording: Recording) -> None:
     """Alter a byte that no state depends on: the effort of a command for nobody."""
-    recording.recount(digests=True)
+    recording.recount()
     message = next(m for m in recording.on(NAMED) if b'nobody' in m.data)
     message.data = message.data[:-1] + bytes([message.data[-1] ^ 1])
 
@@ -142,7 +142,7 @@ def say(**texts: str) -> Change:
 
 
 def say_no_hex(recording: Recording) -> None:
-    recording.recount(digests=True)
+    recording.recount()
     digests = json.loads(recording.head(END)['digests'])
     digests[CLOCK] = 'é' * 64
     recording.head(END)['digests'] = json.dumps(digests)

@@ -73,16 +73,12 @@ class Recording:
         """Leave some messages out, which are those of `messages` themselves."""
         self.keep(lambda message: all(message is not each for each in gone))
 
-    def recount(self, *, digests: bool = False) -> None:
-        """Make the end record count the messages that are in the file now."""
+    def recount(self) -> None:
+        """Make the end record that of the messages that are in the file now."""
         counts = Counter(m.topic for m in self.messages)
         self.edit(END, 'recorded', lambda old: {topic: counts[topic] for topic in old})
-        values = self.head(END)
-        values.pop('digests', None)
-        if digests:
-            values['digests'] = json.dumps(
-                {c.topic: digest(self.on(c.topic)) for c in self.channels}
-            )
+        digests = {c.topic: digest(self.on(c.topic)) for c in self.channels}
+        self.head(END)['digests'] = json.dumps(digests)
 
     def save(
         self,

@@ -12,12 +12,12 @@ import os
 from pathlib import Path
 import resource
 import signal
-import subprocess
 import sys
 import time
 from typing import Any
 
 from pfd_ros.testing import domains
+from pfd_ros.testing.child_process import ChildProcess
 
 ROOT = Path(__file__).resolve().parents[2]
 # Longest wait for anything a process should do: discovery alone may take three seconds, and
@@ -69,18 +69,9 @@ class Process:
 
     def __init__(self, command: Sequence[str], folder: Path, domain: int) -> None:
         self.output = folder / f'output_{time.monotonic_ns()}.txt'
-        with self.output.open('wb') as stream:
-            self.process = subprocess.Popen(
-                [sys.executable, *command],
-                cwd=folder,
-                env=environment(domain),
-                stdin=subprocess.DEVNULL,
-                stdout=stream,
-                stderr=subprocess.STDOUT,
-            )
-
-    def text(self) -> str:
-        return self.output.read_text(encoding='utf-8', errors='replace')
+        command = [sys.executable, *command]
+        child = ChildProcess(command, self.output, environment(domain), folder)
+        self.process, self.text = child.process, child.text
 
     def wait_for_text(self, wanted: str) -> None:
         deadline = time.monotonic() + PATIENCE

@@ -21,8 +21,7 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.settings import Settings
-from pfd_ros.recording.format import HEAD, HeadKey
-from pfd_ros.replay.verify import DifferenceError, read
+from pfd_ros.replay.verify import read
 
 # As its file states them: 20 and 10 N m, both at 20 rad/s.
 PLANAR2 = pfd.load_robot('planar2')
@@ -250,18 +249,3 @@ def test_a_recording_with_saturated_efforts_verifies_and_tells_what_acted(tmp_pa
     assert (np.abs(told) <= [20.0, 10.0]).all()
     # Some were less than the commanded ones, at speed.
     assert (told[450:, 1] < 10.0).any()
-
-
-def test_a_recording_from_before_the_limits_is_replayed_without(tmp_path: Path) -> None:
-    def as_before(values: dict[str, Any]) -> None:
-        for name in UNLIMITED:
-            del values[name]
-
-    commands = {3: [efforts(30.0, -10.0)], 60: [efforts(-30.0, 11.0)]}
-    old = simulate(100, commands, **UNLIMITED)
-    old.edit(HEAD, HeadKey.SETTINGS, as_before)
-    assert read(old.save(tmp_path / 'old.mcap'), verify=True).complete
-    new = simulate(100, commands)
-    new.edit(HEAD, HeadKey.SETTINGS, as_before)
-    with pytest.raises(DifferenceError, match='step 3: '):
-        read(new.save(tmp_path / 'new.mcap'), verify=True)

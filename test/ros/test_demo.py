@@ -237,8 +237,7 @@ def test_demos_side_by_side_do_not_disturb_each_other(tmp_path: Path) -> None:
 def test_even_on_one_domain_two_demos_are_apart(tmp_path: Path, monkeypatch) -> None:
     # A domain that looked free to both: their names and clocks still differ.
     started = []
-    monkeypatch.setattr(demo, '_start', lambda command, *_: started.append(command))
-    monkeypatch.setattr(demo, '_stop', lambda process: 1)
+    monkeypatch.setattr(demo, 'ChildProcess', lambda command, *_: started.append(command))
     for _ in range(2):
         with contextlib.suppress(AttributeError):
             demo.run_demo('planar2', 1.0, tmp_path)

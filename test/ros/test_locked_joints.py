@@ -127,14 +127,12 @@ def test_sensors_add_nothing_to_locked_joints_and_such_a_recording_verifies(
     assert not read_motion(path).motion.q[1].any()
 
 
-def test_a_recording_from_before_locked_joints_were_published_verifies(tmp_path: Path) -> None:
+def test_a_recording_whose_settings_publish_other_joints_is_refused(tmp_path: Path) -> None:
     made = simulate(30, {3: [efforts(*ONE)]}, robot='puma560', publish_locked=False, **WRIST)
     (head,) = (values for name, values in made.metadata if name == 'pfd_ros')
     settings = json.loads(head['settings'])
-    assert settings.pop('publish_locked') is False
-    head['settings'] = json.dumps(settings)
-    path = made.save(tmp_path / 'a.mcap')
-    assert read(path, verify=True).states == 30
+    assert settings['publish_locked'] is False
+    assert read(made.save(tmp_path / 'a.mcap'), verify=True).states == 30
     settings['publish_locked'] = True
     head['settings'] = json.dumps(settings)
     with pytest.raises(DifferenceError, match='names: recorded'):

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A recording stores what 'auto' stood for; those of the first versions mean what it was then."""
+"""A recording stores what 'auto' stood for."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ import pytest
 from rewriting import Recording
 from simulating import efforts, simulate
 
-from pfd_ros.recording.format import HEAD, HeadKey
-from pfd_ros.replay.verify import DifferenceError, read
+from pfd_ros.replay.verify import read
 
 # h lambda is 1.1 for the model's damping, without rotors: 'auto' is imex2, and rk4 is stable.
 STIFF: dict[str, Any] = {'robot': 'puma560', 'damping': True, 'step_size': 0.0004}
@@ -43,25 +42,3 @@ def test_a_recording_stores_what_auto_stood_for(
     stored = summary.settings
     assert (stored.integrator, stored.position_sums) == (integrator, sums)
     assert stored.method != 'auto'
-
-
-def as_first_version(values: dict[str, Any]) -> None:
-    """Make stored settings those of a version that knew one integrator for 'auto'."""
-    values['integrator'] = 'auto'
-    del values['position_sums']
-
-
-@pytest.mark.parametrize('settings', [STIFF, {'robot': 'planar2'}], ids=['stiff', 'turning'])
-def test_a_recording_of_the_first_versions_is_replayed_by_rk4_and_plain_sums(
-    settings: dict[str, Any], tmp_path: Path
-) -> None:
-    then = {'integrator': 'rk4', 'position_sums': 'plain'}
-    recording = run(settings | then)
-    recording.edit(HEAD, HeadKey.SETTINGS, as_first_version)
-    path = recording.save(tmp_path / 'first.mcap')
-    assert read(path, verify=True).complete
-    # The settings do matter: a recording made with those of today has other bits.
-    recording = run(settings)
-    recording.edit(HEAD, HeadKey.SETTINGS, as_first_version)
-    with pytest.raises(DifferenceError):
-        read(recording.save(tmp_path / 'today.mcap'), verify=True)

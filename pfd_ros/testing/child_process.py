@@ -1,0 +1,92 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Processes that end with the process that started them, however it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+
+# On Linux the kernel ends the process if the thread that started it is gone (PR_SET_PDEATHSIG), so
+# that a killed test runner leaves nothing behind; exec keeps that (prctl(2)).
+START = f"""
+import ctypes, os, sys
+if sys.platform == 'linux':
+    ctypes.CDLL(None).prctl(1, {int(signal.SIGTERM)})
+os.execvp(sys.argv[1], sys.argv[1:])
+"""
+# Of the output, in the text of an error.
+LAST_LINES = 15
+
+
+class ChildProcess:
+    """A running process and its output.
+
+    Parameters
+    ----------
+    command
+        Program and arguments.
+    output
+        A file for its stdout and stderr.
+    env, cwd
+        As for subprocess.Popen.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str | os.PathLike[str]],
+        output: Path,
+        env: Mapping[str, str] | None = None,
+        cwd: Path | None = None,
+    ) -> None:
+        self.command = [os.fspath(part) for part in command]
+        self.output = output
+        with output.open('wb') as stream:
+            self.process = subprocess.Popen(
+                # Without site packages this start takes 10 ms.
+                [sys.executable, '-I', '-S', '-c', START, *self.command],
+                cwd=cwd,
+                env=env,
+                stdin=subprocess.DEVNULL,
+                stdout=stream,
+                stderr=subprocess.STDOUT,
+                # An interrupt of a terminal is for the starter, which then ends the process.
+                start_new_session=True,
+            )
+
+    @property
+    def pid(self) -> int:
+        """The process id."""
+        return self.process.pid
+
+    def text(self) -> str:
+        """Return its stdout and stderr so far."""
+        return self.output.read_text(encoding='utf-8', errors='replace')
+
+    def tail(self) -> str:
+        """Return the last lines of its stdout and stderr, after a line break; '' without any."""
+        lines = self.text().splitlines()[-LAST_LINES:]
+        return '\n'.join(['; its output ends:', *lines]) if lines else '; it printed nothing'
+
+    def end(self) -> str:
+        """Return how it ended, '' while it runs."""
+        status = self.process.poll()
+        if status is None:
+            return ''
+        if status < 0:
+            return f'ended by {signal.Signals(-status).name}'
+        return f'ended with status {status}'
+
+    def stop(self, seconds: float) -> int:
+        """End the process as Ctrl-C does, after so many seconds by force; return its status."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+        try:
+            return self.process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            return self.process.wait()

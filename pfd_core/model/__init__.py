@@ -33,9 +33,20 @@ its term is recorded by pfd_core.algorithms (chain.joint_torques for an effect o
 chain.drives for one of the motors).
 """
 
+from pfd_core.model.effects import EFFECTS, Effect
 from pfd_core.model.frames import Frame
 from pfd_core.model.loading import known_robots, load_robot, load_scene, read_urdf, urdf_of
-from pfd_core.model.plant import Plant, check_instant, in_motion, without_step_effects
+from pfd_core.model.plant import (
+    Plant,
+    check_instant,
+    has_drives,
+    in_motion,
+    with_inertia,
+    without_drives,
+    without_joint_torques,
+    without_step_effects,
+    without_viscosity,
+)
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.robot_changes import Payload, lock, with_payload
 from pfd_core.model.rotors import SPIN_UP_TIME, estimated_armature, reflected_inertia
@@ -48,7 +59,9 @@ from pfd_core.model.urdf_writer import robot_to_urdf
 from pfd_core.model.yaml_robot import robot_to_yaml
 
 __all__ = [
+    'EFFECTS',
     'SPIN_UP_TIME',
+    'Effect',
     'Frame',
     'Payload',
     'PhysicsWarning',
@@ -60,6 +73,7 @@ __all__ = [
     'check_instant',
     'estimated_armature',
     'given_scene',
+    'has_drives',
     'in_motion',
     'known_robots',
     'load_robot',
@@ -73,6 +87,10 @@ __all__ = [
     'scene_inputs',
     'scene_to_yaml',
     'urdf_of',
+    'with_inertia',
     'with_payload',
+    'without_drives',
+    'without_joint_torques',
     'without_step_effects',
+    'without_viscosity',
 ]

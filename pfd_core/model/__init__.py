@@ -18,6 +18,7 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     frames              Frame: a frame fixed to a link; the frames of a robot by name
     robot               Robot: the chain in the frames of Lee and Chang, checked once
     robot_changes       Payload, and robots with a payload or with locked joints
+    effects             the table of effects: fields with units and checks, torques, energies
     scene               Scene: which effects are on
     scene_checks        the fields of a scene as users give them, checked
     plant               Plant: a scene and a robot as numbers
@@ -28,9 +29,9 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     error_text          foreign values as error messages quote them
     frozen_arrays       read-only arrays in frozen dataclasses
 
-A new effect is a field of Scene, checked in `scene`, and of Plant, resolved in `scene_numbers`;
-its term is recorded by pfd_core.algorithms (chain.joint_torques for an effect of the joints,
-chain.drives for one of the motors).
+A new effect of a joint is a record in `effects` and a field of Scene; all else follows from it. An
+effect of the motors is a record there as well, and its torque belongs in
+pfd_core.algorithms.chain.drives.
 """
 
 from pfd_core.model.effects import EFFECTS, Effect

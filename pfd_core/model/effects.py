@@ -77,6 +77,8 @@ class Field:
         that of the rule. None without a rule: Scene checks it.
     numbers : callable or None
         From a robot and the value in Scene to an array; by default that of the rule.
+    off : Any
+        The value without the effect.
     most : float
         Largest number that a parameter of the node may have.
 
@@ -89,6 +91,7 @@ class Field:
     rule: Rule | None = None
     check: Callable[[str, Any], Any] | None = None
     numbers: Callable[[Robot, Any], Array | None] | None = None
+    off: Any = None
     most: float = 1e6
 
     @property
@@ -158,6 +161,12 @@ class Effect:
     potential: Callable[[Any, Any], Any] | None = None
     needs: str = ''
     completed: Callable[[Robot, Numbers], Numbers] | None = None
+
+    @property
+    def from_model(self) -> bool:
+        """Whether the model of a robot may state the effect."""
+        rule = self.fields[0].rule
+        return rule is not None and rule.model is not None
 
     @property
     def field(self) -> str:
@@ -352,12 +361,16 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     Effect(
         'external wrench',
-        (Field('external_wrench', 'Force and moment on the last link as an input', check=switch),),
+        (
+            Field(
+                'external_wrench', 'Wrench on the last link as an input', check=switch, off=False
+            ),
+        ),
         acts=LINKS,
     ),
     Effect(
         'brakes',
-        (Field('brakes', 'Joints that can be braked at run time', check=switch),),
+        (Field('brakes', 'Joints that can be braked at run time', check=switch, off=False),),
         acts=BRAKES,
     ),
     Effect(
@@ -422,6 +435,7 @@ EFFECTS: tuple[Effect, ...] = (
                 'Share of its velocity that a joint keeps when it bounces off its stop',
                 check=restitution,
                 numbers=_restitution,
+                off=0.0,
                 most=1.0,
             ),
         ),
@@ -475,7 +489,11 @@ EFFECTS: tuple[Effect, ...] = (
     ),
     Effect(
         'gravity compensation',
-        (Field('gravity_compensation', 'Gravity torques of a model that the drives add'),),
+        (
+            Field(
+                'gravity_compensation', 'Gravity torques of a model that the drives add', off=False
+            ),
+        ),
         acts=MOTORS,
         at_rest=True,
     ),
@@ -496,13 +514,10 @@ EFFECTS: tuple[Effect, ...] = (
 )
 # Field of Scene -> its record.
 FIELDS: Mapping[str, Field] = {field.name: field for effect in EFFECTS for field in effect.fields}
+# Name -> the effect.
+NAMED: Mapping[str, Effect] = {effect.name: effect for effect in EFFECTS}
 # Field of Scene -> the field without which it means nothing.
 NEEDS: Mapping[str, str] = {
     **{field.name: effect.field for effect in EFFECTS for field in effect.fields[1:]},
-    **{
-        effect.field: other.field
-        for effect in EFFECTS
-        for other in EFFECTS
-        if effect.needs == other.name
-    },
+    **{effect.field: NAMED[effect.needs].field for effect in EFFECTS if effect.needs},
 }

@@ -118,7 +118,7 @@ class Scene:
         compensation = _compensation(self.gravity_compensation)
         object.__setattr__(self, 'gravity_compensation', compensation)
         for key, needed in NEEDS.items():
-            if getattr(self, key) not in (None, 0.0) and getattr(self, needed) is None:
+            if getattr(self, key) != FIELDS[key].off and getattr(self, needed) is None:
                 raise ValueError(f'{key} was given without {needed}: give the scene both')
 
     @property

@@ -163,6 +163,11 @@ class Effect:
     completed: Callable[[Robot, Numbers], Numbers] | None = None
 
     @property
+    def of_joints(self) -> bool:
+        """Whether it acts on the joint side of the motors, at an instant or over a step."""
+        return self.acts in (JOINTS, STEP)
+
+    @property
     def from_model(self) -> bool:
         """Whether the model of a robot may state the effect."""
         rule = self.fields[0].rule

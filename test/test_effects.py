@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import fields, replace
 from functools import cache
+from pathlib import Path
+import re
 from types import SimpleNamespace
 from typing import Any
 
@@ -403,3 +405,33 @@ def test_a_scene_with_an_effect_survives_its_file(name: str) -> None:
     scene = scene_with(*(field.name for field in effect.fields), n=N)
     assert pfd.load_scene(pfd.scene_to_yaml(scene)) == scene
     assert pfd.load_scene(pfd.scene_to_yaml(everything(N))) == everything(N)
+
+
+# ---- documentation ---------------------------------------------------------------------------
+
+GUIDE = Path(__file__).parent.parent / 'docs' / 'guides' / 'model-quantities.md'
+
+
+def cells(line: str) -> list[str]:
+    return [cell.strip() for cell in line.strip('|').split('|')]
+
+
+def test_the_guide_has_the_table_of_effects_and_the_effects_of_every_quantity() -> None:
+    rows = [cells(line) for line in GUIDE.read_text('utf-8').splitlines() if line.startswith('|')]
+    for effect in EFFECTS:
+        assert [
+            effect.name,
+            ', '.join(f'`{field.name}`' for field in effect.fields),
+            ', '.join(field.unit or '-' for field in effect.fields),
+            effect.acts,
+            'yes' if effect.at_rest else 'no',
+            'yes' if effect.field in QUANTITIES['energy'].effects else 'no',
+        ] in rows
+    listed = {row[0].strip('`'): row[3] for row in rows if len(row) == 4}
+    for quantity in ('inertia_matrix', 'bias_torques', 'gravity_torques', 'energy'):
+        assert listed[quantity] == ', '.join(QUANTITIES[quantity].effects)
+
+
+def test_the_docstring_of_scene_describes_every_field_of_the_table() -> None:
+    described = re.findall(r'^    (\w+) : ', pfd.Scene.__doc__ or '', re.MULTILINE)
+    assert sorted(described) == sorted(FIELDS)

@@ -137,7 +137,9 @@ def test_tables_of_torque_and_speed_get_the_rows_of_the_longest(robot: Robot) ->
     )
 
 
-def test_motors_of_the_model_fall_off_before_its_velocity_limits(robot: Robot) -> None:
+def test_motors_of_the_model_fall_off_beyond_its_velocity_limits(
+    robot: Robot,
+) -> None:
     model = replace(
         robot, velocity_limit=[2.0, 3.0, np.inf, 1.0], effort_limit=[10.0, np.inf, 5.0, 7.0]
     )
@@ -145,10 +147,10 @@ def test_motors_of_the_model_fall_off_before_its_velocity_limits(robot: Robot) -
     np.testing.assert_array_equal(
         resolve(model, Scene(torque_speed='model')).torque_speed,
         [
-            [(1.8, 10), (2, 0)],
+            [(2, 10), (4, 0)],
             [(inf, inf), (inf, inf)],
             [(inf, inf), (inf, inf)],
-            [(0.9, 7), (1, 0)],
+            [(1, 7), (2, 0)],
         ],
     )
     stuck = replace(model, velocity_limit=[2.0, 3.0, np.inf, 0.0])

@@ -50,9 +50,9 @@ from pfd_core.model.scene_checks import (
 # motors, on the motors (pfd_core.algorithms.chain.drives), by brakes, or over a step of time
 # (pfd_core.simulation).
 LINKS, JOINTS, MOTORS, BRAKES, STEP = 'links', 'joints', 'motors', 'brakes', 'step'
-# The share of its velocity limit up to which a motor of the model gives its full effort: the limit
-# of a drive is no step, across which its controller would jump back and forth.
-FULL_EFFORT = 0.9
+# Multiple of its velocity limit at which a motor of the model drives its joint along no more. Up
+# to the limit it gives its full effort; docs/decisions/0032-one-table-of-effects.md.
+NO_EFFORT = 2.0
 
 Numbers = Mapping[str, Array | None]  # by field of Scene
 
@@ -298,18 +298,18 @@ def _torque_speed(robot: Robot, value: Any) -> Array | None:
 
 
 def _model_tables(robot: Robot) -> list[list[tuple[float, float]] | None]:
-    """Return tables that fall from effort limits to zero at velocity limits; None without one."""
+    """Return tables that fall from effort limits beyond velocity limits; None without one."""
     tables: list[list[tuple[float, float]] | None] = []
     for name, speed, torque in zip(
         robot.joint_names, robot.velocity_limit.tolist(), robot.effort_limit.tolist(), strict=True
     ):
         limited = np.isfinite([speed, torque]).all()
-        if limited and not FULL_EFFORT * speed < speed:
+        if limited and not speed < NO_EFFORT * speed:
             raise ValueError(
                 f'torque_speed {MODEL!r} needs velocity limits above zero, joint {quote(name)} '
                 f'has {speed}'
             )
-        tables.append([(FULL_EFFORT * speed, torque), (speed, 0.0)] if limited else None)
+        tables.append([(speed, torque), (NO_EFFORT * speed, 0.0)] if limited else None)
     return tables
 
 

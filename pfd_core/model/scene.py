@@ -76,8 +76,8 @@ class Scene:
         Per joint None or a table of rows (speed, torque), (k, 2) [rad/s, N m]: the largest
         torque with which a motor drives its joint along, linear between the rows and constant
         beyond them; speeds rise, torques do not. Brake it may with the torque of the first row.
-        "model" for the robot's effort limit up to FULL_EFFORT of its velocity limit, and none
-        from that limit on.
+        "model" for the robot's effort limit up to its velocity limit, which falls to none at
+        twice that speed.
     gravity_compensation : bool or Scene
         Whether the drives add the gravity torques of a model to the commanded ones: True for the
         robot without its payload, in the gravity of this scene; a scene for its gravity and

@@ -9,7 +9,7 @@ it; so the effort that joint_states tells is exactly the one that acted. It is t
 limits, without friction, and without the gravity torque that drives with gravity compensation add:
 commands and states have one convention. Motors with a lag follow it.
 
-See docs/decisions/0019-limits-of-actuators.md.
+See docs/decisions/0019-limits-of-actuators.md and 0032-one-table-of-effects.md.
 """
 
 from __future__ import annotations
@@ -74,9 +74,17 @@ class Actuators:
         Of the arm.
     order
         Index in the model of each joint, in published order.
+    scene
+        Of the arm. Limits of its own act within the step, in the place of those here.
     """
 
-    def __init__(self, settings: Settings, robot: pfd.Robot, order: Sequence[int]) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        robot: pfd.Robot,
+        order: Sequence[int],
+        scene: pfd.Scene | None = None,
+    ) -> None:
         self.saturated = self.trips = self.fast_cycles = 0
         self.peaks = [0.0] * len(order)
         self.reflex = ''
@@ -84,6 +92,7 @@ class Actuators:
         self._order = list(order)
         self._place = np.argsort(order)
         self._full, self.speeds = effort_limits(robot), speed_limits(robot)
+        self._scene = scene or pfd.Scene()
         self._servo: _Servo | None = None
         # The drive of the last cycle, before the limits, where a reflex looks at it.
         self._before: Drive | None = None
@@ -94,9 +103,11 @@ class Actuators:
     def set(self, settings: Settings) -> None:
         """Take over settings."""
         full, endless = self._full.tolist(), [math.inf] * len(self._order)
-        most = full if settings.effort_limits else endless
         speeds = self.speeds.tolist()
-        self._torque_speed = settings.torque_speed
+        self._torque_speed = settings.torque_speed and self._scene.torque_speed is None
+        # The first row of a torque-speed table is the largest torque at any speed.
+        limited = settings.effort_limits and self._scene.effort_limits is None
+        most = full if limited or self._torque_speed else endless
         # Index in the model, largest effort, speed up to which the motor has it, and effort of
         # the motor, of each joint in published order.
         self._motors = [(i, most[i], speeds[i], full[i]) for i in self._order]
@@ -173,8 +184,9 @@ class Actuators:
     def _limited(self, efforts: list[float], velocities: list[float]) -> list[float]:
         """Return the efforts that motors have at these speeds, in model order.
 
-        Beyond its speed limit a motor drives its joint along with less, and with none at twice
-        that; it brakes it with all.
+        These are the limits of Scene(effort_limits='model', torque_speed='model'): beyond its
+        speed limit a motor drives its joint along with less, and with none at twice that; it
+        brakes it with all.
 
         Parameters
         ----------

@@ -125,7 +125,7 @@ class Engine:
         self._clock_every = settings.clock_every if settings.publish_clock else 0
         self.applied = held(robot.n)
         self.link = CommandLink(self.settings, self.arm.order)
-        self.actuators = Actuators(self.settings, robot, self.arm.order)
+        self.actuators = Actuators(self.settings, robot, self.arm.order, self.arm.scene)
         self._rules = Judge(self.arm, self.pace, self.actuators)
         self.wrench = ExternalWrench(settings) if self.arm.scene.external_wrench else None
         self._payload_echo = PayloadEcho(self.arm)

@@ -14,6 +14,9 @@ import pytest
 from simulating import efforts, joint_state, simulate, states_of
 
 import pfd_core as pfd
+from pfd_core.algorithms.chain.drives import record_motor_torques
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.model import resolve
 from pfd_ros.arm.actuators import Actuators, effort_limits, speed_limits
 from pfd_ros.arm.drive import Drive
 from pfd_ros.arm.effects import Request
@@ -38,8 +41,8 @@ def free(*effort: float) -> Drive:
     return Drive(np.array(effort), np.zeros(len(effort), bool))
 
 
-def acted(made: Actuators, effort: tuple[float, ...], qd: tuple[float, ...]) -> list[float]:
-    return made.applied(free(*effort), np.zeros(2), np.array(qd)).effort.tolist()
+def acted(made: Actuators, effort: Sequence[float], qd: Sequence[float]) -> list[float]:
+    return made.applied(free(*effort), np.zeros(len(effort)), np.array(qd)).effort.tolist()
 
 
 def test_an_effort_beyond_the_limit_of_the_model_is_cut_to_it_and_counted() -> None:
@@ -87,8 +90,45 @@ def test_the_limits_belong_to_the_joints_in_any_published_order() -> None:
 
 def test_limits_can_be_switched_off() -> None:
     assert acted(actuators(**UNLIMITED), (1e300, -11.0), (50.0, -50.0)) == [1e300, -11.0]
-    assert acted(actuators(effort_limits=False), (99.0, 99.0), (30.0, 0.0)) == [10.0, 99.0]
+    # The first row of a table holds at any speed.
+    assert acted(actuators(effort_limits=False), (99.0, 99.0), (30.0, 0.0)) == [10.0, 10.0]
     assert acted(actuators(torque_speed=False), (99.0, 9.0), (19.0, 50.0)) == [20.0, 9.0]
+
+
+@pytest.mark.parametrize('robot', ['puma560', 'ur5', 'panda'])
+@pytest.mark.parametrize('limits', [('effort_limits',), ('torque_speed',), tuple(UNLIMITED)])
+def test_limits_are_those_of_a_scene_with_the_limits_of_the_model(
+    limits: tuple[str, ...], robot: str
+) -> None:
+    arm = pfd.load_robot(robot)
+    program = record_motor_torques(resolve(arm, pfd.Scene(**dict.fromkeys(limits, 'model'))))
+    settings = Settings(robot=robot, **{name: name in limits for name in UNLIMITED})
+    made = Actuators(settings, arm, range(arm.n))
+    rng = np.random.default_rng(5)
+    for _ in range(100):
+        wanted = 3.0 * arm.effort_limit * rng.uniform(-1, 1, arm.n)
+        velocities = 3.0 * arm.velocity_limit * rng.uniform(-1, 1, arm.n)
+        given = {'tau': wanted, 'qd': velocities}
+        motors = run_program(program, {key: given[key] for key in program.inputs})['tau']
+        found = acted(made, wanted.tolist(), velocities.tolist())
+        np.testing.assert_allclose(found, motors, rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ('scene', 'left'),
+    [
+        (pfd.Scene(effort_limits=(3.0, 1.0), torque_speed='model'), [1e300, -1e300]),
+        (pfd.Scene(effort_limits=(3.0, 1.0)), [0.0, -10.0]),
+        (pfd.Scene(torque_speed=[[(1.0, 5.0)]] * 2), [20.0, -10.0]),
+    ],
+)
+def test_limits_of_the_scene_act_in_the_place_of_those_of_the_parameters(
+    scene: pfd.Scene, left: list[float]
+) -> None:
+    made = Actuators(Settings(robot='planar2'), PLANAR2, (0, 1), scene)
+    assert acted(made, (1e300, -1e300), (40.0, 40.0)) == left
+    made.set(Settings(robot='planar2'))
+    assert acted(made, (1e300, -1e300), (40.0, 40.0)) == left
 
 
 @pytest.mark.parametrize('silent', [0.0, np.inf])

@@ -69,7 +69,8 @@ class Field:
     text : str
         What it holds, in a few words.
     unit, sliding_unit : str
-        Units for joints that turn and for joints that slide; empty without one.
+        Units for joints that turn and for joints that slide; empty without one. Those of columns
+        are separated by commas.
     rule : Rule or None
         What it may hold, if it has one number or one row a joint.
     check : callable or None
@@ -98,6 +99,11 @@ class Field:
     def has_numbers(self) -> bool:
         """Whether a plant has the numbers of the field, one or more for each joint."""
         return self.rule is not None or self.numbers is not None
+
+    def units(self, column: int = 0) -> str:
+        """Return the units of a number: for joints that turn, and for joints that slide."""
+        both = (text.split(', ')[column] for text in (self.unit, self.sliding_unit) if text)
+        return ' or '.join(dict.fromkeys(both))
 
     def checked(self, value: Any) -> Any:
         """Return the value of a user as Scene keeps it; ValueError names the field."""

@@ -81,16 +81,15 @@ def _effect_settings() -> Iterator[tuple[str, str, Any]]:
             kind = 'bool | str' if values else 'bool'
             yield field.name, kind, setting(False, text, values=values)
         least = max(field.rule.least, -field.most)
-        units = field.unit if field.sliding_unit in ('', field.unit) else None
-        text = f'{field.text}, {units or f"{field.unit} or {field.sliding_unit}"}'
-        for name, parameter in joint_settings(field).items():
-            label = parameter.removeprefix(field.name).removeprefix('.')
+        for k, (name, parameter) in enumerate(joint_settings(field).items()):
+            column = parameter.removeprefix(f'{field.name}.')
+            text = field.text if column == parameter else f'{field.text}: {column}'
             yield (
                 name,
                 'tuple[float, ...]',
                 setting(
                     (),
-                    f'{label}: {text}' if label else text,
+                    f'{text}, {field.units(k)}',
                     least,
                     field.most,
                     name=parameter,

@@ -30,6 +30,7 @@ from typing import Any
 
 import numpy as np
 
+from pfd_core.machine.lanes import cos, sin
 from pfd_core.model.checked_numbers import LARGEST, real_array
 from pfd_core.model.error_text import quote, quote_all
 from pfd_core.model.geometry import Array
@@ -285,6 +286,31 @@ def _spring_energy(c: Any, q: Any) -> Any:
     return (0.5 * c.stiffness * stretch) * stretch
 
 
+# Cogging: the torque a sin(k q + phase) of magnets or gears that settle k times a turn.
+
+
+def _cogging(robot: Robot, values: Numbers) -> Numbers:
+    rows = values['cogging']
+    if rows is None or not _acts(rows):
+        return {}
+    for name, (amplitude, periods, _) in zip(robot.joint_names, rows.tolist(), strict=True):
+        if amplitude and not periods:
+            raise ValueError(f'cogging of joint {quote(name)} must have periods, got 0.0')
+    # A joint without cogging has some period, by which its energy is divided.
+    idle = rows[:, :1] == 0
+    return {'cogging': np.where(idle, (0.0, 1.0, 0.0), rows)}
+
+
+def _cogging_torque(c: Any, q: Any, qd: Any) -> Any:
+    amplitude, periods, phase = c.cogging
+    return amplitude * sin(periods * q + phase)
+
+
+def _cogging_energy(c: Any, q: Any) -> Any:
+    amplitude, periods, phase = c.cogging
+    return -amplitude / periods * cos(periods * q + phase)
+
+
 # Limits of the motors.
 
 
@@ -469,6 +495,26 @@ EFFECTS: tuple[Effect, ...] = (
         torque=_spring_torque,
         potential=_spring_energy,
         completed=_springs,
+    ),
+    Effect(
+        'cogging',
+        (
+            Field(
+                'cogging',
+                'Torque of the joint that goes through some periods a turn',
+                'N m, 1/turn, rad',
+                'N, 1/(2 pi m), rad',
+                Rule(
+                    least=-math.inf,
+                    columns=('amplitude', 'periods', 'phase'),
+                    row='an amplitude, periods a turn and a phase a joint',
+                ),
+            ),
+        ),
+        at_rest=True,
+        torque=_cogging_torque,
+        potential=_cogging_energy,
+        completed=_cogging,
     ),
     Effect(
         'effort limits',

@@ -69,6 +69,10 @@ class Scene:
         eigenvalue of H^-1 diag(stiffness), a swing is right for steps below 0.2 / w.
     rest_position : None or array_like
         Positions at which the springs are slack, (n,) [rad]; None is zero everywhere.
+    cogging : None or array_like
+        Amplitude a [N m], periods k a turn and phase p [rad], (n, 3): the joint takes the torque
+        a sin(k q + p), and rests where k q + p is a multiple of 2 pi; periods in 2 pi m of a joint
+        that slides. The bound on the steps of springs holds for their slope, a k.
     effort_limits : None, "model" or array_like
         Largest torque of the motors, that of gravity compensation included, (n,) [N m]; infinite
         for none; "model" for the robot's own.
@@ -107,6 +111,7 @@ class Scene:
     restitution: ArrayLike = 0.0
     stiffness: ArrayLike | None = None
     rest_position: ArrayLike | None = None
+    cogging: ArrayLike | None = None
     effort_limits: ArrayLike | str | None = None
     torque_speed: Any = None
     gravity_compensation: bool | Scene = False

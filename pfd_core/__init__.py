@@ -52,6 +52,7 @@ from pfd_core.simulation.feedback import Feedback, StateFeedback
 from pfd_core.simulation.integrators import INTEGRATORS
 from pfd_core.simulation.linearisation import Linearization
 from pfd_core.simulation.simulator import Simulator
+from pfd_core.simulation.state import SimulationState
 from pfd_core.simulation.trajectory import Trajectory
 
 try:
@@ -75,6 +76,7 @@ __all__ = [
     'Robot',
     'Run',
     'Scene',
+    'SimulationState',
     'Simulator',
     'StateFeedback',
     'Steps',

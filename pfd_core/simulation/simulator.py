@@ -32,7 +32,7 @@ from pfd_core.model.error_text import quote
 from pfd_core.model.joint_space_checks import check_joint_inertia
 from pfd_core.model.scene_checks import INPUT
 from pfd_core.simulation.simulation import Simulation
-from pfd_core.simulation.state_buffer import StateBuffer
+from pfd_core.simulation.state import SimulationState
 from pfd_core.simulation.stiffness import check_springs
 from pfd_core.simulation.trajectory import Trajectory
 
@@ -101,8 +101,12 @@ class Simulator(Simulation):
         The torque is that of the motors, where they lag behind the commanded one. Zero before the
         first step.
         """
-        arrays = self._now.arrays
-        if not self._now.steps:
+        return self.accelerations(self._now)
+
+    def accelerations(self, state: SimulationState) -> Array:
+        """Return the accelerations of a state, as `qdd` does for that of the simulator."""
+        arrays = state.arrays
+        if not state.steps:
             return np.zeros(self.robot.n, self.dtype)
         q, qd, tau = (arrays[name][np.newaxis] for name in ('q', 'qd', self._native.torque))
         inputs = [arrays[name] for name in self._inputs]
@@ -163,6 +167,37 @@ class Simulator(Simulation):
         row = real_array('tau', tau, self.dtype, (self.robot.n,), joints=self.robot.joint_names)
         following = self._following(row, self._all_inputs(wrench, brakes, payload))
         self._advance(following, 1, self._addresses_in(following.at))
+
+    def advance(
+        self,
+        state: SimulationState,
+        tau: ArrayLike,
+        wrench: ArrayLike | None = None,
+        *,
+        brakes: ArrayLike | None = None,
+        payload: Payload | None = None,
+    ) -> bool:
+        """
+        Advance a state by one step in place, and return whether it is finite.
+
+        The state is from `new_state`, and takes the place of the simulator's own, which stays as
+        it is. After an interrupt or a step that is not finite the state is not to be used.
+
+        Parameters
+        ----------
+        state : SimulationState
+            The state.
+        tau, wrench, brakes, payload
+            As for `step`.
+
+        """
+        arrays = state.arrays
+        arrays['tau'][:] = real_array(
+            'tau', tau, self.dtype, (self.robot.n,), joints=self.robot.joint_names
+        )
+        for name, value in self._all_inputs(wrench, brakes, payload).items():
+            arrays[name][:] = value
+        return self._run_native(state, 1, self._addresses_in(state.at)) == 1
 
     def rollout(
         self,
@@ -249,7 +284,7 @@ class Simulator(Simulation):
             count = max(1, min(2 * count, int(count * PIECE_SECONDS / spent)))
         return finite_steps
 
-    def _following(self, tau: Array, inputs: dict[str, Array]) -> StateBuffer:
+    def _following(self, tau: Array, inputs: dict[str, Array]) -> SimulationState:
         """Return the buffer to advance: the valid state with the inputs of the next step."""
         following = self._copied_state()
         following.arrays['tau'][:] = tau
@@ -265,21 +300,30 @@ class Simulator(Simulation):
         names = ['q', 'qd', 'tau', *self._inputs, *native.rows, *native.written]
         return itemgetter(*names)
 
-    def _advance(self, following: StateBuffer, steps: int, addresses: tuple[int, ...]) -> int:
+    def _advance(self, following: SimulationState, steps: int, addresses: tuple[int, ...]) -> int:
         """
         Run native code on a buffer, and make its state the valid one.
 
+        The addresses are as for `_run_native`. Returns after how many steps it was finite.
+        """
+        finite = self._run_native(following, steps, addresses)
+        self._turn ^= 1
+        return finite
+
+    def _run_native(self, state: SimulationState, steps: int, addresses: tuple[int, ...]) -> int:
+        """
+        Run native code on a state; return after how many steps it was finite.
+
         The addresses are those of its state, of the torques, of inputs and further rows, and of
-        the states that it writes. Returns after how many steps the state was finite.
+        the states that it writes.
         """
         if self._long:
             finite = self._run_long(steps, addresses)
         else:
             finite = self._native.run(steps, self._count_at, *addresses)
-        following.steps += steps
+        state.steps += steps
         if finite < steps:
-            following.status = self._why_not_finite(following)
-        self._turn ^= 1
+            state.status = self._why_not_finite(state)
         return finite
 
     def _run_long(self, steps: int, addresses: tuple[int, ...]) -> int:

@@ -15,6 +15,7 @@ From the inputs to the outputs:
     scene             the scene of the settings: from a file or from their switches
     events            the event rule: events and outputs, sources, verdicts
     effects           the effects of events that are no commands: requests, states to jump to
+    state             ArmState: everything that changes while an arm runs
     drive             the drive of the joints, and what a command changes in it
     commands          the rules for a command, NaN and infinity among them
     tip_frames        frames that the last link carries: wrenches and inertias brought to its own

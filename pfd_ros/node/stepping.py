@@ -133,7 +133,7 @@ class Stepper:
             self._keep_to_settings()
             if self.states != shown:
                 shown, sent = self.states, time.monotonic()
-            elif self.engine.pace.waits and time.monotonic() - sent > RESEND_SECONDS:
+            elif self.engine.state.pace.waits and time.monotonic() - sent > RESEND_SECONDS:
                 sent = time.monotonic()
                 self.resent += 1
                 for role, _, data in self.engine.present():

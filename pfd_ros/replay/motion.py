@@ -80,9 +80,9 @@ def read_motion(
         recorded = recorded_robot(log, found.state)
         steps = min(summary.simulated, MOST_STEPS)
         engine = Engine(settings, recorded)
-        if engine.wrench is not None:
+        if engine.state.wrench is not None:
             raise ValueError('its arm has an external wrench: its torques alone are no motion')
-        reading = _Reading(engine, engine.arm.scene, len(settings.published_locks))
+        reading = _Reading(engine, engine.arm.scene)
         for message in placed_messages(log):
             reading.add(message, steps)
         reading.run_to(steps)
@@ -111,8 +111,6 @@ class _Reading:
         The replayed arm.
     scene
         Of the arm, from the start to the end.
-    locked
-        Number of joints in each state that are welded.
     inbox
         Events that have come in and not been taken.
     efforts, braked
@@ -124,7 +122,6 @@ class _Reading:
 
     engine: Engine
     scene: pfd.Scene
-    locked: int
     inbox: Inbox = field(default_factory=Inbox)
     efforts: list[np.ndarray] = field(default_factory=list)
     braked: list[np.ndarray] = field(default_factory=list)
@@ -144,22 +141,19 @@ class _Reading:
         elif message.role == STATES:
             self.run_to(message.cycle)
             state = decode_joint_state(message.data)
-            if self.engine.sensors is not None:
-                arm = self.engine.arm
-                at_rest = np.zeros(self.locked)
-                position, velocity = np.append(arm.q, at_rest), np.append(arm.qd, at_rest)
-                state = replace(state, position=position, velocity=velocity)
-            # Locked joints come after those that move.
-            count = self.engine.arm.q.size
-            place = [*self.engine.arm.order, *range(count, count + self.locked)]
-            q, qd = np.empty((2, len(place)))
-            q[place], qd[place] = state.position, state.velocity
-            self.states.append((message.cycle, q[:count], qd[:count]))
+            arm = self.engine.arm
+            q, qd = arm.q, arm.qd
+            if self.engine.sensors is None:
+                order, count = list(arm.order), len(arm.order)
+                q, qd = np.empty((2, count))
+                # Locked joints come after those that move.
+                q[order], qd[order] = state.position[:count], state.velocity[:count]
+            self.states.append((message.cycle, q, qd))
 
     def run_to(self, cycle: int) -> None:
         """Do the steps up to this one."""
         while self.engine.cycles < cycle and not self.engine.arm.failure:
-            if self.engine.jumps:
+            if self.engine.state.jumps:
                 raise ValueError(
                     f'its arm is set to another state before step {self.engine.cycles + 1}: '
                     'that is no motion'
@@ -170,7 +164,7 @@ class _Reading:
                     f'{self.engine.cycles + 1}: that is no motion of one scene'
                 )
             self.engine.advance()
-            drive = self.engine.applied
+            drive = self.engine.state.applied
             self.efforts.append(drive.effort)
             self.braked.append(drive.braked)
 

@@ -11,11 +11,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 import itertools
+from typing import Any
 
 from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Output, Source, Verdict
-from pfd_ros.messages.convert import NANOSECONDS
+from pfd_ros.arm.state import ArmState
+from pfd_ros.messages.convert import NANOSECONDS, permutation
 from pfd_ros.recording.format import ROLE_OF_SOURCE
 from pfd_ros.testing.command_bytes import EffortArray
 from pfd_ros.testing.metrics import Array
@@ -37,16 +39,23 @@ class EngineRun:
     log: RunLog | None = None
     _numbers: dict[Source, itertools.count[int]] = field(init=False)
     _encoder: EffortArray = field(init=False)
+    _order: Any = field(init=False)
 
     def __post_init__(self) -> None:
         """Begin to number the messages of each source."""
         self._numbers = {source: itertools.count(1) for source in Source}
         self._encoder = EffortArray(len(self.engine.arm.names))
+        self._order = permutation(self.engine.arm.order)
 
     @property
     def time(self) -> float:
         """The stamp of the last state, s of simulated time."""
         return self.engine.arm.stamp_ns / NANOSECONDS
+
+    def measured(self) -> tuple[Array, Array, Array]:
+        """Return positions, velocities and efforts of the last state, (n,), published order."""
+        q, qd, tau = self.engine.measured()
+        return q[self._order], qd[self._order], tau[self._order]
 
     def command(self, efforts: Array) -> Judgement:
         """Command efforts (n,), published order; if they are accepted, go on to the next state."""
@@ -56,7 +65,7 @@ class EngineRun:
             self.advance()
             return judgement
         judgement = engine.command(efforts)
-        while not engine.pace.waits:
+        while not engine.state.pace.waits:
             engine.advance()
             self._check()
         return judgement
@@ -73,6 +82,15 @@ class EngineRun:
         self.log.accepted += judgement.verdict is Verdict.ACCEPTED
         return judgement
 
+    def restore(self, state: ArmState) -> None:
+        """Continue from a saved state; ValueError for one of another arm, or in a recorded run."""
+        if self.log is not None:
+            raise ValueError(
+                f'this run is recorded in {self.engine.settings.recording!r}, and a recording '
+                'holds one run from its start: restore a state in an arm without recording'
+            )
+        self.engine.restore(state)
+
     def demand(self, source: Source, data: bytes) -> None:
         """Send a message; ValueError if the arm does not accept it."""
         judgement = self.send(source, data)
@@ -82,7 +100,7 @@ class EngineRun:
     def advance(self) -> list[Output]:
         """Go on to the next state, if the last one has its answer; return the messages."""
         found: list[Output] = []
-        while not self.engine.pace.waits:
+        while not self.engine.state.pace.waits:
             found += self.step()
         return found
 

@@ -37,6 +37,7 @@ From the inputs to the outputs:
     judging           the verdict on each event, by the rules for its source
     verdict_rows      the messages that tell the verdicts
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
+    driver            runs an engine: for the node, replays and lockstep alike
 
 A new input is a Source in `events`, a rule in `judging`, and a row in node.endpoints and in
 recording.format (with always=False: older recordings lack it). A new output beside the state is a

@@ -14,6 +14,7 @@ import itertools
 from typing import Any
 
 from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Output, Source, Verdict
 from pfd_ros.arm.state import ArmState
@@ -40,12 +41,16 @@ class EngineRun:
     _numbers: dict[Source, itertools.count[int]] = field(init=False)
     _encoder: EffortArray = field(init=False)
     _order: Any = field(init=False)
+    _driver: Driver = field(init=False)
+    _silent: Driver = field(init=False)
+    _outputs: list[Output] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Begin to number the messages of each source."""
         self._numbers = {source: itertools.count(1) for source in Source}
         self._encoder = EffortArray(len(self.engine.arm.names))
         self._order = permutation(self.engine.arm.order)
+        self._driver, self._silent = Driver(self.engine, self._put), Driver(self.engine)
 
     @property
     def time(self) -> float:
@@ -58,28 +63,24 @@ class EngineRun:
         return q[self._order], qd[self._order], tau[self._order]
 
     def command(self, efforts: Array) -> Judgement:
-        """Command efforts (n,), published order; if they are accepted, go on to the next state."""
-        engine = self.engine
+        """Command efforts (n,), published order; if accepted, run to the next published state."""
         if self.log is not None:
             judgement = self.send(Source.ARRAY, self._encoder.encode(efforts))
             self.advance()
             return judgement
-        judgement = engine.command(efforts)
-        while not engine.state.pace.waits:
-            engine.advance()
-            self._check()
+        judgement = self._silent.answer(efforts)
+        self._check()
         return judgement
 
     def send(self, source: Source, data: bytes) -> Judgement:
         """Give the arm a serialized message, as if it had come on a topic; return the verdict."""
         arrival = Arrival(source, next(self._numbers[source]), data)
-        if self.log is None:
-            return self.engine.accept(arrival)
-        self.log.record(ROLE_OF_SOURCE[source], arrival.sequence, data)
-        taken = self.engine.take([arrival])
-        self._record(taken.outputs)
-        ((_, judgement, _),) = taken.judgements
-        self.log.accepted += judgement.verdict is Verdict.ACCEPTED
+        if self.log is not None:
+            self.log.record(ROLE_OF_SOURCE[source], arrival.sequence, data)
+        ((_, judgement, _),) = self._driver.take([arrival])
+        self._outputs.clear()
+        if self.log is not None:
+            self.log.accepted += judgement.verdict is Verdict.ACCEPTED
         return judgement
 
     def restore(self, state: ArmState) -> None:
@@ -98,20 +99,22 @@ class EngineRun:
             raise ValueError(f'{judgement.verdict.name.lower()}: {judgement.detail}')
 
     def advance(self) -> list[Output]:
-        """Go on to the next state, if the last one has its answer; return the messages."""
-        found: list[Output] = []
-        while not self.engine.state.pace.waits:
-            found += self.step()
-        return found
+        """Run to the next published state, if the last one has its answer; return the messages."""
+        self._driver.run_to_answer()
+        return self._ended()
 
     def step(self) -> list[Output]:
         """Run one step; return its messages."""
-        outputs = self.engine.step()
-        self._record(outputs)
-        self._check()
-        return outputs
+        self._driver.step()
+        return self._ended()
 
-    def _record(self, outputs: Sequence[Output]) -> None:
+    def _ended(self) -> list[Output]:
+        self._check()
+        found, self._outputs = self._outputs, []
+        return found
+
+    def _put(self, outputs: Sequence[Output]) -> None:
+        self._outputs += outputs
         if self.log is not None:
             for output in outputs:
                 self.log.record(*output)

@@ -13,6 +13,7 @@ Time: the motion of an arm, or of many arms at once, in native code.
     linearisation   A and B of a step
     simulation      settings, copies and reset of Simulator and Ensemble
     simulator       Simulator: one arm, step by step or in a rollout
+    motors          MotorSimulator: efforts within the limits of motors, on a state of the caller
     ensemble        Ensemble: many arms, in rollouts
     trajectory      Trajectory: the states that a rollout returns
     embedded_pairs  Runge-Kutta pairs for adaptive steps as data; their dense output

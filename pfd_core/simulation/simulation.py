@@ -242,14 +242,6 @@ class Simulation(ABC):
         self._set(self._buffers[1 - self._turn], q, qd, time, tau_motor)
         self._turn ^= 1
 
-    def new_state(
-        self, q: ArrayLike | None = None, qd: ArrayLike | None = None
-    ) -> SimulationState:
-        """Return a state at these positions and velocities, for `Simulator.advance`."""
-        state = SimulationState(self._shapes(), self.dtype)
-        self._set(state, q, qd, 0.0, None)
-        return state
-
     def _set(
         self,
         following: SimulationState,

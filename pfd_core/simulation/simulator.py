@@ -101,10 +101,9 @@ class Simulator(Simulation):
         The torque is that of the motors, where they lag behind the commanded one. Zero before the
         first step.
         """
-        return self.accelerations(self._now)
+        return self._accelerations_of(self._now)
 
-    def accelerations(self, state: SimulationState) -> Array:
-        """Return the accelerations of a state, as `qdd` does for that of the simulator."""
+    def _accelerations_of(self, state: SimulationState) -> Array:
         arrays = state.arrays
         if not state.steps:
             return np.zeros(self.robot.n, self.dtype)
@@ -167,37 +166,6 @@ class Simulator(Simulation):
         row = real_array('tau', tau, self.dtype, (self.robot.n,), joints=self.robot.joint_names)
         following = self._following(row, self._all_inputs(wrench, brakes, payload))
         self._advance(following, 1, self._addresses_in(following.at))
-
-    def advance(
-        self,
-        state: SimulationState,
-        tau: ArrayLike,
-        wrench: ArrayLike | None = None,
-        *,
-        brakes: ArrayLike | None = None,
-        payload: Payload | None = None,
-    ) -> bool:
-        """
-        Advance a state by one step in place, and return whether it is finite.
-
-        The state is from `new_state`, and takes the place of the simulator's own, which stays as
-        it is. After an interrupt or a step that is not finite the state is not to be used.
-
-        Parameters
-        ----------
-        state : SimulationState
-            The state.
-        tau, wrench, brakes, payload
-            As for `step`.
-
-        """
-        arrays = state.arrays
-        arrays['tau'][:] = real_array(
-            'tau', tau, self.dtype, (self.robot.n,), joints=self.robot.joint_names
-        )
-        for name, value in self._all_inputs(wrench, brakes, payload).items():
-            arrays[name][:] = value
-        return self._run_native(state, 1, self._addresses_in(state.at)) == 1
 
     def rollout(
         self,
@@ -304,26 +272,17 @@ class Simulator(Simulation):
         """
         Run native code on a buffer, and make its state the valid one.
 
-        The addresses are as for `_run_native`. Returns after how many steps it was finite.
-        """
-        finite = self._run_native(following, steps, addresses)
-        self._turn ^= 1
-        return finite
-
-    def _run_native(self, state: SimulationState, steps: int, addresses: tuple[int, ...]) -> int:
-        """
-        Run native code on a state; return after how many steps it was finite.
-
         The addresses are those of its state, of the torques, of inputs and further rows, and of
-        the states that it writes.
+        the states that it writes. Returns after how many steps the state was finite.
         """
         if self._long:
             finite = self._run_long(steps, addresses)
         else:
             finite = self._native.run(steps, self._count_at, *addresses)
-        state.steps += steps
+        following.steps += steps
         if finite < steps:
-            state.status = self._why_not_finite(state)
+            following.status = self._why_not_finite(following)
+        self._turn ^= 1
         return finite
 
     def _run_long(self, steps: int, addresses: tuple[int, ...]) -> int:

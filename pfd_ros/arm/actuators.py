@@ -56,8 +56,8 @@ class Actuators:
     ----------
     gains
         Of the servos, None if all are zero.
-    speeds
-        Speed up to which each motor has its full effort, (n,), rad/s or m/s.
+    limits
+        Limits of the motors, (4, n), as pfd_core.MotorSimulator.bind takes them.
 
     Parameters
     ----------
@@ -70,12 +70,15 @@ class Actuators:
     def __init__(self, settings: Settings, robot: pfd.Robot, order: Sequence[int]) -> None:
         check_servo(settings)
         self._names = robot.joint_names
-        n = len(order)
-        full, self.speeds = effort_limits(robot), speed_limits(robot)
-        most = full if settings.effort_limits else np.full(n, np.inf)
-        self._torque_speed = settings.torque_speed
-        # Largest effort, speed up to which the motor has it, and effort of the motor.
-        self._motors = list(zip(most.tolist(), self.speeds.tolist(), full.tolist(), strict=True))
+        full, speeds = effort_limits(robot), speed_limits(robot)
+        endless = np.full(robot.n, np.inf)
+        self.limits = np.array(
+            [
+                full if settings.effort_limits else endless,
+                *((full, speeds) if settings.torque_speed else (endless, endless)),
+                speeds,
+            ]
+        )
         p, d = (in_model_order(x, order) for x in (settings.servo_p, settings.servo_d))
         self._gains = Gains(p, d)
         self.gains = self._gains if p.any() or d.any() else None
@@ -83,8 +86,13 @@ class Actuators:
         rate = settings.reflex_effort_rate
         self._largest_jump = rate * settings.step_size if rate else np.inf
 
-    def applied(self, state: ActuatorState, drive: Drive, q: np.ndarray, qd: np.ndarray) -> Drive:
-        """Return the efforts and brakes of the next step.
+    @property
+    def has_reflex(self) -> bool:
+        """Whether a reflex looks at the efforts."""
+        return self._largest_jump < np.inf
+
+    def wanted(self, state: ActuatorState, drive: Drive, q: np.ndarray, qd: np.ndarray) -> Drive:
+        """Return the efforts and brakes of the next step before the limits of the motors.
 
         Parameters
         ----------
@@ -95,18 +103,13 @@ class Actuators:
         q, qd
             Positions and velocities of the joints, (n,), rad or m, rad/s or m/s.
         """
-        wanted = drive.effort if drive.position is None else self._followed(drive, q, qd)
-        if self._largest_jump < np.inf:
-            if self._jumps(state, Drive(wanted, drive.braked)):
-                return held(len(wanted))
-        else:
+        if drive.position is not None:
+            drive = Drive(self._followed(drive, q, qd), drive.braked)
+        if not self.has_reflex:
             state.before = None
-        efforts = wanted.tolist()
-        limited = self._limited(state, efforts, qd.tolist())
-        if limited != efforts:
-            state.saturated += 1
-            wanted = np.array(limited)
-        return Drive(wanted, drive.braked)
+        elif self._jumps(state, drive):
+            return held(len(drive.effort))
+        return drive
 
     def _followed(self, drive: Drive, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Return the efforts of servos on the way to their targets, (n,)."""
@@ -137,35 +140,6 @@ class Actuators:
                 f'cycle, expected {self._largest_jump:.6g} at most; ~/reset ends it'
             )
         return state.tripped
-
-    def _limited(
-        self, state: ActuatorState, efforts: list[float], velocities: list[float]
-    ) -> list[float]:
-        """Return the efforts that motors have at these speeds.
-
-        Beyond its speed limit a motor drives its joint along with less, and with none at twice
-        that; it brakes it with all.
-        """
-        # Lists: for a few joints faster than NumPy.
-        limited = efforts.copy()
-        fast = False
-        for i, ((most, speed, full), velocity) in enumerate(
-            zip(self._motors, velocities, strict=True)
-        ):
-            effort = efforts[i]
-            if not -most <= effort <= most:
-                effort = min(max(effort, -most), most)
-            if -speed <= velocity <= speed:
-                limited[i] = effort
-                continue
-            fast = True
-            state.peaks[i] = max(state.peaks[i], abs(velocity) / speed)
-            if self._torque_speed:
-                there = full * max(2.0 - abs(velocity) / speed, 0.0)
-                effort = min(effort, there) if velocity > 0.0 else max(effort, -there)
-            limited[i] = effort
-        state.fast_cycles += fast
-        return limited
 
 
 def restart(state: ActuatorState) -> None:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.drive import Drive, held
+from pfd_ros.arm.drive import held
 from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.plant_settings import INPUT, payload_changes
@@ -24,6 +24,8 @@ from pfd_ros.text import cut, listed
 
 # Joints in the cure for a tree.
 MOST_TO_LOCK = 16
+# States of single steps that share an array: to allocate one takes as long as a step.
+ROWS = 256
 # With payloads as an input: with the payload at the start or another one, with gravity
 # compensation or without. A plant is freed while another one is compiled, not in a step.
 MOST_COMPILED = 4
@@ -153,6 +155,10 @@ class Arm:
             method=self._simulator.method,
             position_sums='compensated' if self._simulator.compensated else 'plain',
         )
+        # q, qd, tau and commanded efforts of single steps, (ROWS, 4, n); new when all are used.
+        self._rows, self._rows_at, self._next_row = np.empty(0), 0, ROWS
+        self._inputs: tuple[Any, ...] | None = None
+        self.limits = np.full((4, robot.n), np.inf)
         self.start = self._initial_positions(settings.initial_positions)
         zeros = np.zeros(robot.n)
         self.state = ArmState(
@@ -166,9 +172,9 @@ class Arm:
             q=self.start,
             qd=zeros,
             tau=zeros,
-            applied=held(robot.n),
+            braked=np.ones(robot.n, bool),
             link=LinkState(held(robot.n), held(robot.n)),
-            actuators=ActuatorState(np.zeros(robot.n)),
+            actuators=ActuatorState(pfd.MotorState(np.zeros(robot.n))),
             wrench=WrenchState(np.zeros(6), np.zeros(6)) if first.external_wrench else None,
         )
 
@@ -243,6 +249,7 @@ class Arm:
 
     def _take_over(self, plant: Plant) -> None:
         self.plant = plant
+        self._cycles: Any = None
         self._simulator = plant.compiled.simulator
         self._payload_input = plant.payload_input
 
@@ -259,7 +266,7 @@ class Arm:
     def _native(self, settings: Settings, scene: pfd.Scene) -> Compiled:
         found = self._compiled.get(scene.digest)
         if found is None:
-            simulator = pfd.Simulator(self.robot, scene, **simulator_settings(settings))
+            simulator = pfd.MotorSimulator(self.robot, scene, **simulator_settings(settings))
             found = Compiled(scene, simulator, model_kernels(settings, self.robot, scene))
             while len(self._compiled) >= MOST_COMPILED:
                 self._compiled.pop(next(iter(self._compiled)), None)
@@ -295,11 +302,7 @@ class Arm:
         state.settings = settings
         if plant is not None:
             if plant.compiled is not self.plant.compiled:
-                before, state.simulation = (
-                    state.simulation,
-                    plant.compiled.simulator.new_state(),
-                )
-                state.simulation.take_rows(before)
+                state.simulation = plant.compiled.simulator.converted(state.simulation)
             self._take_over(plant)
 
     def restore(self, state: ArmState) -> None:
@@ -331,29 +334,78 @@ class Arm:
         if plant is not None:
             self._take_over(plant)
         self.state = state.copy()
+        self._cycles = None
 
-    def advance(self, drive: Drive) -> None:
-        """Do one step; after a failure the arm stops and keeps its last finite state."""
+    def advance(self, effort: np.ndarray, braked: np.ndarray) -> np.ndarray:
+        """Do one step; after a failure the arm stops and keeps its last finite state.
+
+        Returns a copy of the efforts (n,), which nobody changes.
+        """
+        if self.state.failure:
+            return effort
+        k = self._next_row
+        if k == ROWS:
+            k = 0
+            self._rows = np.empty((ROWS, 4, len(effort)))
+            self._rows_at = self._rows.ctypes.data
+        self._next_row = k + 1
+        row = self._rows[k]
+        wanted: np.ndarray
+        q, qd, tau, wanted = row
+        wanted[:] = effort
+        at = self._rows_at + k * row.nbytes
+        if self._run(at + 3 * wanted.nbytes, at, 1, braked):
+            state = self.state
+            state.q, state.qd, state.tau = q, qd, tau
+        return wanted
+
+    def run(self, efforts: np.ndarray, braked: np.ndarray) -> np.ndarray:
+        """Do a step for each row of efforts (steps, n); return q, qd and tau, (steps, 3, n).
+
+        The rows end where the arm fails; the last one is then not finite.
+        """
+        out, efforts = np.empty((len(efforts), 3, self.robot.n)), np.ascontiguousarray(efforts)
+        done = self._run(efforts.ctypes.data, out.ctypes.data, len(out), braked)
+        if done:
+            # Copies: whoever gets the rows may change them.
+            self.state.q, self.state.qd, self.state.tau = out[done - 1].copy()
+        return out[: done + 1]
+
+    def _run(self, efforts: int, out: int, steps: int, braked: np.ndarray) -> int:
+        """Run native code on arrays at addresses; return the number of finite steps."""
         state = self.state
-        if state.failure:
-            return
-        # Without brakes a step takes less time than with all of them off.
-        braked = drive.braked if any(drive.braked.tolist()) else None
-        wrench = None if state.wrench is None else state.wrench.acting
+        state.braked = braked
         try:
-            finite = self._simulator.advance(
-                state.simulation, drive.effort, wrench, brakes=braked, **self._payload_input
-            )
+            done: int = self._bound(braked).run_at(efforts, out, steps)
         except (ValueError, ArithmeticError) as error:
             self._fail(f'step {state.step + 1} failed: {error}')
-            return
-        if not finite:
+            return 0
+        state.step += done
+        if done < steps:
             if state.simulation.status == 'too_many_events':
                 self._fail(f'step {state.step + 1} has too many impacts and reversals of joints')
             else:
                 self._fail(f'the state after step {state.step + 1} is not finite')
-            return
-        self._end_step(drive.effort)
+        return done
+
+    def _bound(self, braked: np.ndarray) -> Any:
+        """Return the native code, bound to the state, with the inputs of the next step."""
+        state = self.state
+        wrench = None if state.wrench is None else state.wrench.acting
+        if self._cycles is None or self._cycles.state is not state.simulation:
+            motors = state.actuators.motors
+            self._cycles = self._simulator.bind(state.simulation, motors, self.limits)
+            self._inputs = None
+        if self._inputs is None or self._inputs[0] is not braked or self._inputs[1] is not wrench:
+            self._inputs = braked, wrench
+            self._simulator.set_inputs(
+                state.simulation, wrench=wrench, brakes=braked, **self._payload_input
+            )
+        return self._cycles
+
+    def set_limits(self, limits: np.ndarray) -> None:
+        """Set the limits of the motors, (4, n), from the next step on."""
+        self.limits, self._cycles = limits, None
 
     def _fail(self, why: str) -> None:
         self.state.failure = why
@@ -395,7 +447,6 @@ class Arm:
     def _end_step(self, effort: np.ndarray) -> None:
         state = self.state
         state.step += 1
-        # Copies: the simulator's own arrays do not stay finite in a step that fails.
         arrays = state.simulation.arrays
         state.q, state.qd, state.tau = arrays['q'].copy(), arrays['qd'].copy(), effort
 

@@ -55,6 +55,10 @@ class CommandLink:
         self._delay = settings.command_delay_steps
         self._timeout = timeout_steps(settings.command_timeout, settings.step_size)
 
+    def passes_all(self, gap: int) -> bool:
+        """Return whether each of some commands acts at once, with `gap` cycles between two."""
+        return not self._drop and not self._delay and gap <= self._timeout
+
     def send(self, link: LinkState, command: Command, cycle: int) -> None:
         """Send an accepted command, which acts in this cycle if it is not late."""
         link.sent += 1

@@ -21,7 +21,9 @@ alone: a failed arm stands still in simulated time and goes on publishing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from bisect import bisect_left
+from collections.abc import Iterable, Sequence
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -33,7 +35,7 @@ from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.changes import payload_message
 from pfd_ros.arm.command_link import CommandLink
 from pfd_ros.arm.commands import Judgement
-from pfd_ros.arm.drive import Command, Drive, held, let_go
+from pfd_ros.arm.drive import Command, Drive, free, held, let_go
 from pfd_ros.arm.effects import ClockTick, Request, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
     CLOCK,
@@ -86,6 +88,8 @@ class Engine:
     ----------
     arm
         The simulated arm, which holds the state.
+    publish_every
+        Cycles from one state to the next.
 
     Raises
     ------
@@ -96,11 +100,15 @@ class Engine:
     def __init__(self, settings: Settings, robot: pfd.Robot, *, rows: bool = True) -> None:
         self.arm = Arm(settings, robot)
         self._rows = rows
-        self._publish_every = settings.publish_every
+        self.publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
         self._step_ns = settings.step_ns
         self.pace = Pace(settings.lockstep, settings.wait_for_controller, settings.follows_clock)
         self._rules = Judge(self.arm, self.pace)
+        # Place in published order of each joint of the model, None if the two are the same.
+        place = np.argsort(self.arm.order)
+        self._free = free(robot.n)
+        self._published = None if list(place) == list(range(robot.n)) else place
         self._encoder = convert.JointStateEncoder(
             self.arm.names, settings.frame_id, settings.published_locks, self.arm.order
         )
@@ -116,10 +124,14 @@ class Engine:
         settings, arm = self.settings, self.arm
         self._link = CommandLink(settings)
         self.actuators = Actuators(settings, arm.robot, arm.order)
+        arm.set_limits(self.actuators.limits)
         sensors = Sensors(settings, arm.order)
         # None where states are measured as they are.
         self.sensors = None if sensors.exact else sensors
         self._extra = extra_outputs(settings, arm)
+        self._plain = (
+            self.sensors is None and not self.actuators.has_reflex and not self.pace.follows_clock
+        )
 
     @property
     def state(self) -> ArmState:
@@ -204,6 +216,100 @@ class Engine:
         judgement = self._rules.judge_efforts(efforts)
         self._apply(Source.ARRAY, judgement)
         return judgement
+
+    def stretch(self, efforts: np.ndarray, commands: Sequence[int]) -> np.ndarray | None:
+        """Run a cycle for each row of efforts, in one native call.
+
+        The same as `command` and `advance` in turn, with the same bits, where nothing but
+        commands of efforts acts: without delay, drop-out, sensors' errors, reflex, pause, jump,
+        followed clock, or a wrench with an end. Where something else does, nothing is done.
+
+        Parameters
+        ----------
+        efforts
+            (cycles, n), published order.
+        commands
+            Rows that begin with a command, of which 0 is the first; the others repeat the row
+            before.
+
+        Returns
+        -------
+        numpy.ndarray or None
+            q, qd and the efforts that acted, (cycles, 3, n), model order; fewer rows, the last of
+            which is not finite, if the arm fails. None if nothing was done.
+        """
+        if not self._may_stretch(_longest_gap(commands, len(efforts))):
+            return None
+        if not np.isfinite(efforts).all():
+            return None
+        if self._published is not None:
+            efforts = efforts[:, self._published]
+        state = self.arm.state
+        begin, step = state.cycle, state.step
+        if state.wrench is not None:
+            wrench.advance(state.wrench)
+        rows = self.arm.run(efforts, self._free)
+        state.cycle = cycle = begin + len(rows)
+        taken = bisect_left(commands, len(rows))
+        last = commands[taken - 1]
+        self._end_stretch(efforts[last].copy(), begin + 1 + last, taken)
+        published = cycle - cycle % self.publish_every
+        if self.pace.lockstep:
+            state.pace.commanded = True
+            state.pace.waits = published == cycle
+            if published > begin:
+                ended = step + min(published - begin, state.step - step)
+                state.since_ns = state.origin_ns + ended * self._step_ns
+        return rows
+
+    def answer(self, efforts: np.ndarray) -> bool:
+        """Command efforts (n,), published order, and run one cycle, as `stretch` does.
+
+        Returns whether it was possible; if not, nothing was done.
+        """
+        # For a few joints faster than NumPy; the terms of a finite sum are finite.
+        if not self._may_stretch(1) or not math.isfinite(sum(efforts.tolist())):
+            return False
+        if self._published is not None:
+            efforts = efforts[self._published]
+        arm = self.arm
+        state = arm.state
+        if state.wrench is not None:
+            wrench.advance(state.wrench)
+        state.cycle = cycle = state.cycle + 1
+        self._end_stretch(arm.advance(efforts, self._free), cycle, 1)
+        if self.pace.lockstep:
+            pace = state.pace
+            pace.commanded = True
+            pace.waits = not cycle % self.publish_every
+            if pace.waits:
+                state.since_ns = arm.stamp_ns
+        return True
+
+    def _end_stretch(self, effort: np.ndarray, heard: int, commands: int) -> None:
+        state = self.arm.state
+        link = state.link
+        link.drive = link.newest = Drive(effort, self._free)
+        link.heard, link.timed_out = heard, False
+        link.sent += commands
+        state.actuators.before = None
+
+    def _may_stretch(self, gap: int) -> bool:
+        """Return whether nothing but commands, with at most `gap` cycles between, will act."""
+        if not self._plain:
+            return False
+        state = self.arm.state
+        pace = state.pace
+        return not (
+            state.failure
+            or pace.paused
+            or not pace.active
+            or state.jumps
+            or state.link.line
+            or state.actuators.tripped
+            or (state.wrench is not None and state.wrench.left is not None)
+            or not self._link.passes_all(gap)
+        )
 
     def _apply(self, source: Source, judgement: Judgement) -> None:
         effect, state = judgement.effect, self.state
@@ -290,17 +396,17 @@ class Engine:
         state.cycle += 1
         if state.jumps and state.jumps[0] is None:
             state.epoch = state.cycle
-        if not state.failure:
-            self._actuate(state)
+        drive = state.link.drive if state.failure else self._actuate(state)
         if state.wrench is not None:
             wrench.advance(state.wrench)
         if state.jumps:
+            state.braked = drive.braked
             self.arm.jump(state.jumps)
             state.jumps = []
             if self.sensors is not None:
                 self.sensors.restart(state)
         else:
-            self.arm.advance(state.applied)
+            self.arm.advance(drive.effort, drive.braked)
             if self.sensors is not None:
                 self.sensors.sample(state)
         role = self._state_role(state)
@@ -311,13 +417,13 @@ class Engine:
 
     def _state_role(self, state: ArmState) -> str:
         """Return the role of this cycle's state, '' if it has none."""
-        if state.cycle % self._publish_every:
+        if state.cycle % self.publish_every:
             return ''
         dropped = self.sensors is not None and self.sensors.drops(state)
         return DROPPED_STATES if dropped else STATES
 
-    def _actuate(self, state: ArmState) -> None:
-        """Let the commands that are due reach the actuators, which decide on the efforts.
+    def _actuate(self, state: ArmState) -> Drive:
+        """Let the commands that are due reach the actuators; return what these want.
 
         A failed arm has no actuators: a gap in its cycles changes nothing.
         """
@@ -326,11 +432,11 @@ class Engine:
             # The watchdog is no controller: a reflex does not look at its jump.
             actuators.restart(driven)
         if state.jumps:
-            state.applied = let_go(link.drive)
-            return
-        state.applied = self.actuators.applied(driven, link.drive, state.q, state.qd)
+            return let_go(link.drive)
+        drive = self.actuators.wanted(driven, link.drive, state.q, state.qd)
         if driven.tripped:
-            command_link.clear(link, state.applied)
+            command_link.clear(link, drive)
+        return drive
 
     def measured(self) -> JointArrays:
         """Return the positions, velocities and efforts of this cycle's state, in model order."""
@@ -365,7 +471,7 @@ class Engine:
         arm, cycle = self.arm, self.state.cycle
         if role:
             state = self._encoder.encode(arm.stamp_ns, *self.measured())
-            number = cycle // self._publish_every
+            number = cycle // self.publish_every
             outputs.append(Output(role, number, state))
             if self._extra is not None:
                 outputs.extend(self._beside_the_state(number))
@@ -376,3 +482,10 @@ class Engine:
     def _beside_the_state(self, number: int) -> list[Output]:
         messages = [] if self._extra is None else self._extra.messages()
         return [Output(role, number, data) for role, data in messages]
+
+
+def _longest_gap(commands: Sequence[int], cycles: int) -> int:
+    """Return the largest number of cycles from a command to the next one, or to the end."""
+    if len(commands) == cycles:
+        return 1
+    return max(int(gap) for gap in np.diff([*commands, cycles]))

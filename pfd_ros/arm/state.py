@@ -72,25 +72,34 @@ class ActuatorState:
 
     Attributes
     ----------
-    saturated
-        Cycles in which a limit cut an effort.
+    motors
+        Counters of the limits, which native code advances.
     tripped, trips, reflex
         Whether a reflex has braked all joints, how often it has, and why it last did.
     before
         The actuator command of the last cycle before the limits, where a reflex needs it.
-    fast_cycles
-        Cycles in which a joint was beyond its velocity limit.
-    peaks
-        Largest speed of each joint beyond its limit, as a multiple of the limit (n,); 0 if never.
     """
 
-    peaks: np.ndarray
-    saturated: int = 0
+    motors: pfd.MotorState
     tripped: bool = False
     trips: int = 0
     reflex: str = ''
     before: Drive | None = None
-    fast_cycles: int = 0
+
+    @property
+    def saturated(self) -> int:
+        """Cycles in which a limit cut an effort."""
+        return int(self.motors.counts[0])
+
+    @property
+    def fast_cycles(self) -> int:
+        """Cycles in which a joint was beyond its velocity limit."""
+        return int(self.motors.counts[1])
+
+    @property
+    def peaks(self) -> np.ndarray:
+        """Largest speed of each joint as a multiple of its limit, (n,); 0 if never beyond it."""
+        return self.motors.peaks
 
 
 @dataclass
@@ -163,8 +172,8 @@ class ArmState:
     q, qd, tau
         The last finite state (n,), rad or m, rad/s or m/s, and the efforts that led to it, N m
         or N; the effort of a braked joint is 0.
-    applied
-        The efforts and brakes of the last step.
+    braked
+        The joints that were braked in the last step, (n,) of bool.
     failure, failures
         Why the simulation stopped, '' while it runs; how often it has.
     since_ns
@@ -195,7 +204,7 @@ class ArmState:
     q: np.ndarray
     qd: np.ndarray
     tau: np.ndarray
-    applied: Drive
+    braked: np.ndarray
     link: LinkState
     actuators: ActuatorState
     pace: PaceState = field(default_factory=PaceState)
@@ -242,7 +251,16 @@ class ArmState:
 
 _RECORDS: dict[str, Any] = {
     kind.__name__: kind
-    for kind in (ArmState, LinkState, ActuatorState, PaceState, WrenchState, StateChange, Drive)
+    for kind in (
+        ArmState,
+        LinkState,
+        ActuatorState,
+        PaceState,
+        WrenchState,
+        StateChange,
+        Drive,
+        pfd.MotorState,
+    )
 }
 
 

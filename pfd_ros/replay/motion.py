@@ -160,8 +160,8 @@ class _Reading(Playback):
                     f'{engine.cycles + 1}: that is no motion of one scene'
                 )
             self.driver.step()
-            self.efforts.append(engine.state.applied.effort)
-            self.braked.append(engine.state.applied.braked)
+            self.efforts.append(engine.state.tau)
+            self.braked.append(engine.state.braked)
 
 
 def _motion(path: Path, settings: Settings, reading: _Reading, steps: int) -> Motion:

@@ -49,7 +49,9 @@ class EngineRun:
         """Begin to number the messages of each source."""
         self._numbers = {source: itertools.count(1) for source in Source}
         self._encoder = EffortArray(len(self.engine.arm.names))
-        self._order = permutation(self.engine.arm.order)
+        order = permutation(self.engine.arm.order)
+        # None where published order is that of the model.
+        self._order = None if isinstance(order, slice) else order
         self._driver, self._silent = Driver(self.engine, self._put), Driver(self.engine)
 
     @property
@@ -59,8 +61,11 @@ class EngineRun:
 
     def measured(self) -> tuple[Array, Array, Array]:
         """Return positions, velocities and efforts of the last state, (n,), published order."""
-        q, qd, tau = self.engine.measured()
-        return q[self._order], qd[self._order], tau[self._order]
+        measured, order = self.engine.measured(), self._order
+        if order is None:
+            return measured
+        q, qd, tau = measured
+        return q[order], qd[order], tau[order]
 
     def command(self, efforts: Array) -> Judgement:
         """Command efforts (n,), published order; if accepted, run to the next published state."""
@@ -69,7 +74,8 @@ class EngineRun:
             self.advance()
             return judgement
         judgement = self._silent.answer(efforts)
-        self._check()
+        if self.engine.arm.state.failure:
+            self._check()
         return judgement
 
     def send(self, source: Source, data: bytes) -> Judgement:

@@ -25,7 +25,7 @@ from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.state import ArmState
-from pfd_ros.messages.convert import WRENCH
+from pfd_ros.messages.convert import NANOSECONDS, WRENCH
 from pfd_ros.messages.stamped import stamped_encoder
 from pfd_ros.testing.command_bytes import state_bytes
 from pfd_ros.testing.controller import Controller, asked, blocked, refusal
@@ -175,11 +175,11 @@ class LockstepArm:
         """
         rows = rows_of(self.settings, seconds, len(self.names))
         names = self.names
-        command = self._run.command
+        command, measured, arm = self._run.command, self._run.measured, self.engine.arm
         with Watch(patience) as watch:
             for k in range(len(rows.time)):
-                t = rows.time[k] = self.time
-                q, qd, _ = self._run.measured()
+                t = rows.time[k] = arm.stamp_ns / NANOSECONDS
+                q, qd, _ = measured()
                 rows.q[k], rows.qd[k] = q, qd
                 begun = watch.since = perf_counter()
                 try:

@@ -47,9 +47,15 @@ def check_damping(plant: Plant, integrator: str, h: float, dtype: str) -> None:
     if not TABLE[integrator].implicit or plant.damping is None:
         return
     rate = fastest_decay(plant)
+    if rate == np.inf:
+        raise ValueError(
+            'damping of the scene needs an inertia matrix that is positive definite in float64: '
+            'the masses of this arm differ too much; rotors (armature), less different masses or '
+            "an explicit integrator ('rk4') are needed"
+        )
     u = float(np.finfo(dtype).eps) / 2
     largest = LOST[dtype] / (u * h)
-    if largest < rate < np.inf:
+    if rate > largest:
         raise ValueError(
             f'damping of the scene decays with {rate:.3g} 1/s, in steps of {h:.3g} s and {dtype} '
             f'at most {largest:.3g} 1/s keep the digits of a velocity: less damping, shorter '

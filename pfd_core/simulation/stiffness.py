@@ -108,7 +108,8 @@ def inertia_matrices(plant: Plant, q: Array) -> Array:
     """
     robot, (count, n) = plant.robot, q.shape
     H = np.zeros((count, n, n)) + (0.0 if plant.armature is None else np.diag(plant.armature))
-    R, p = np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3))
+    R: Array = np.broadcast_to(np.eye(3), (count, 3, 3))
+    p = np.zeros((count, 3))
     axes, points = np.zeros((n, count, 3)), np.zeros((n, count, 3))
     turning = _turning(robot)
     for i in range(n):

@@ -12,8 +12,10 @@ Source: OMG DDS-XTYPES 1.3, section 7.4.1 (encoding version 1).
 from __future__ import annotations
 
 import struct
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 HEADER = b'\x00\x01\x00\x00'
 _ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
@@ -87,7 +89,7 @@ class CdrReader:
         """Return a sequence of strings."""
         return tuple(self.string() for _ in range(self.length(4)))
 
-    def numbers(self, kind: str) -> np.ndarray:
+    def numbers(self, kind: str) -> NDArray[Any]:
         """Return a sequence of eight-byte numbers, (count,); kind 'f8' or 'u8'."""
         count = self.length(8)
         if count == 0:
@@ -95,7 +97,7 @@ class CdrReader:
             return np.zeros(0, kind)
         return self.row(kind, count)
 
-    def row(self, kind: str, count: int) -> np.ndarray:
+    def row(self, kind: str, count: int) -> NDArray[Any]:
         """Return so many eight-byte numbers without a length before them, (count,)."""
         start = self._take(8 * count, 8)
         found = np.frombuffer(self._data, self._order + kind, count, start)
@@ -133,12 +135,12 @@ class CdrWriter:
         for value in values:
             self.string(value)
 
-    def numbers(self, values: np.ndarray) -> int:
+    def numbers(self, values: NDArray[Any]) -> int:
         """Append a sequence of eight-byte numbers; return the place of its first byte."""
         self.uint32(len(values))
         return self.row(values) if len(values) else len(self.data)
 
-    def row(self, values: np.ndarray) -> int:
+    def row(self, values: NDArray[Any]) -> int:
         """Append eight-byte numbers without their count; return the place of the first byte."""
         self._align(8)
         start = len(self.data)

@@ -1,6 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The guide about the arm alongside a controller: its commands run, with replicas of ros2_control."""
+"""Commands of the guide about the arm alongside a controller run, with replicas of
+ros2_control."""
 
 from __future__ import annotations
 

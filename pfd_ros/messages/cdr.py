@@ -35,7 +35,17 @@ class CdrReader:
         self._data = data
         self._at = len(HEADER)
 
-    def _take(self, size: int, align: int) -> int:
+    @property
+    def order(self) -> str:
+        """Byte order of the message, '<' or '>'."""
+        return self._order
+
+    @property
+    def position(self) -> int:
+        """Bytes read so far."""
+        return self._at
+
+    def take(self, size: int, align: int) -> int:
         """Pass over the next `size` bytes from a multiple of `align` on; return their start."""
         start = self._at + (len(HEADER) - self._at) % align
         if start + size > len(self._data):
@@ -54,7 +64,7 @@ class CdrReader:
         return self._integer('I')
 
     def _integer(self, form: str) -> int:
-        value: int = struct.unpack_from(self._order + form, self._data, self._take(4, 4))[0]
+        value: int = struct.unpack_from(self._order + form, self._data, self.take(4, 4))[0]
         return value
 
     def length(self, least: int) -> int:
@@ -74,7 +84,7 @@ class CdrReader:
         if size == 0:
             # Not plain CDR, but some serialisers write an empty string like that.
             return ''
-        start = self._take(size, 1)
+        start = self.take(size, 1)
         data = bytes(self._data[start : start + size])
         if data[-1] != 0:
             raise ValueError(f'string of {size} bytes at byte {start}, expected a closing zero')
@@ -99,7 +109,7 @@ class CdrReader:
 
     def row(self, kind: str, count: int) -> NDArray[Any]:
         """Return so many eight-byte numbers without a length before them, (count,)."""
-        start = self._take(8 * count, 8)
+        start = self.take(8 * count, 8)
         found = np.frombuffer(self._data, self._order + kind, count, start)
         return found.astype(kind)
 

@@ -221,7 +221,8 @@ def normal(text: str) -> str:
                 numbers = [number(word, True) for word in value.split()]
                 if element.tagName == 'axis':
                     # Its length says nothing, and a short one is none to Pinocchio.
-                    numbers = [x / max(map(abs, numbers)) for x in numbers]
+                    longest = max(map(abs, numbers)) or 1.0
+                    numbers = [x / longest for x in numbers]
                 plain = [0.0 if abs(x) < 1e-300 else float(np.nan_to_num(x)) for x in numbers]
                 element.setAttribute(key, ' '.join(map(repr, plain)))
     # Pinocchio refuses a joint without limits; its dynamics do not depend on them.

@@ -6,6 +6,7 @@
     demo      pfd demo
     sim       pfd sim: the node
     replay    pfd replay: a recording verified, with its summary
+    info      pfd info: topics, times and settings of a log
     compare   pfd compare: differences of two logs
     report    pfd report: counts, speed, hard cases, a scene
     robots    pfd robots

@@ -196,10 +196,16 @@ class JointStateEncoder:
         header.frame_id.
     fixed
         Position of further joints, which come after the others and stand still.
+    order
+        Place in the arrays of each name; default: the order of the names.
     """
 
     def __init__(
-        self, names: Sequence[str], frame_id: str = '', fixed: Mapping[str, float] | None = None
+        self,
+        names: Sequence[str],
+        frame_id: str = '',
+        fixed: Mapping[str, float] | None = None,
+        order: Sequence[int] = (),
     ) -> None:
         at_rest = {} if fixed is None else fixed
         writer = headed(frame_id)
@@ -209,15 +215,21 @@ class JointStateEncoder:
         starts = [writer.numbers(numbers) for numbers in (positions, zeros, zeros)]
         self._data = writer.data
         self._arrays = [np.frombuffer(self._data, '<f8', len(names), at) for at in starts]
+        self._order = permutation(order)
 
     def encode(
         self, stamp_ns: int, position: NDArray[Any], velocity: NDArray[Any], effort: NDArray[Any]
     ) -> bytes:
-        """Return the message; the arrays are (n,) in the order of the names."""
+        """Return the message; the arrays are (n,)."""
         TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
         for target, values in zip(self._arrays, (position, velocity, effort), strict=True):
-            target[:] = values
+            target[:] = values[self._order]
         return bytes(self._data)
+
+
+def permutation(order: Sequence[int]) -> Any:
+    """Return the index that brings an array (n,) into an order; a slice if it is the same."""
+    return slice(None) if list(order) == sorted(order) else np.array(order, np.intp)
 
 
 def headed(frame_id: str) -> CdrWriter:

@@ -5,6 +5,7 @@
 From the file to the verdict:
 
     ordering      each message in its cycle; impossible numbers, orders and times are refused
+    playback      messages by kind, for an engine or for a count
     inspection    whether everything that was recorded is in the file, without simulating
     summary       the result of an inspection for people
     differences   the first difference between a recorded message and the replayed one

@@ -11,4 +11,9 @@ From the file to the verdict:
     differences   the first difference between a recorded message and the replayed one
     verify        the engine fed from the recording, its outputs compared byte for byte: `read`
     motion        the efforts and brakes of every step, and the states, for reports
+
+Two logs, of simulated or real arms:
+
+    compare       differences by joint, with the lag between the clocks
+    compare_plot  both logs over time
 """

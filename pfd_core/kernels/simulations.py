@@ -17,11 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from pfd_core.algorithms.chain.motor_limits import record_motor_limits
 from pfd_core.kernels.codegen.arms import PARAMETERS
+from pfd_core.kernels.codegen.cycles import block_names
 from pfd_core.kernels.codegen.module import ensemble_module, rollout_module
 from pfd_core.kernels.codegen.rollout import written
+from pfd_core.kernels.codegen.segments import Contact
 from pfd_core.kernels.codegen.step import further_rows, torque_row
-from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.runtime.jit import Native, simd_width
 from pfd_core.kernels.source import KernelSource, forward, motors, of_text, turned_joints
@@ -50,6 +52,8 @@ class Rollout:
     run: Callable[..., int]  # @rollout (pfd_core.kernels.codegen.rollout)
     accelerations: Callable[..., None]  # @accelerations
     native: Native  # owner of the code
+    cycles: Callable[..., int] | None = None  # @cycles (pfd_core.kernels.codegen.cycles)
+    block: tuple[str, ...] = ()  # what the addresses in the block of @cycles are of
 
 
 @dataclass(frozen=True)
@@ -70,33 +74,42 @@ def compile_rollout(
     *,
     implicit: float = 0.0,
     contact: Contact | None = None,
+    motors: bool = False,
 ) -> Rollout:
     """
     Compile the simulation of a robot by an integrator's step; `spec` is of a STEP.
 
     `implicit` is the time [s] by which the viscosity of the plant that the step solves with is
     multiplied; 0 for a step that calls the accelerations alone. With `contact` the step is that
-    of dry friction and joint stops, with texts that are not lowered yet, and `step_program` tells
-    its state alone.
+    of dry friction and joint stops, with programs that are not lowered yet, and `step_program`
+    returns its state alone. With `motors` there is @cycles, with the limits of motors on efforts.
     """
     sources = _sources(spec, implicit, contact)
 
     def text() -> str:
+        limits = None
+        if motors:
+            # Without fused operations: the limits are exact, and compared with the efforts.
+            recorded = record_motor_limits(spec.robot.n)
+            limits = lower(recorded, spec.dtype, fma=False).compiled
         return rollout_module(
             step_program,
             sources.signature,
             spec.dtype,
             turned_joints(spec.robot),
             *sources.further(),
+            limits,
         )
 
-    native = sources.main.compile(f'rollout{sources.key} {step_program}', text)
+    name = 'rollout with motors' if motors else 'rollout'
+    native = sources.main.compile(f'{name}{sources.key} {step_program}', text)
     integer = ctypes.c_int64
     inputs: list[Any] = [ctypes.c_void_p] * len(sources.inputs)
     rows, out = further_rows(step_program), written(step_program)
     states: list[Any] = [ctypes.c_void_p] * len((*rows, *out))
     run = ctypes.CFUNCTYPE(integer, integer, ctypes.c_void_p, *inputs, *states)
     accelerate = ctypes.CFUNCTYPE(None, integer, *inputs, ctypes.c_void_p)
+    pointed = ctypes.CFUNCTYPE(integer, integer, ctypes.c_void_p)
     calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
     return Rollout(
         sources.main.work * calls,
@@ -107,6 +120,8 @@ def compile_rollout(
         run(native.address('rollout')),
         accelerate(native.address('accelerations')),
         native,
+        pointed(native.address('cycles')) if motors else None,
+        block_names(step_program, sources.signature) if motors else (),
     )
 
 
@@ -153,7 +168,7 @@ class _Sources:
     others : dict
         Sources of other functions, by the names that the step calls them.
     contact : Contact or None
-        Dry friction and joint stops, with lowered texts.
+        Dry friction and joint stops, with lowered programs.
 
     """
 
@@ -180,11 +195,11 @@ class _Sources:
         programs = {name: other.program for name, other in self.others.items()}
         if self.contact is None:
             return programs, None
-        texts = {
+        parts = {
             name: lower(program, self.dtype).compiled
-            for name, program in self.contact.texts.items()
+            for name, program in self.contact.programs.items()
         }
-        return {}, replace(self.contact, texts=texts, dynamics=programs)
+        return {}, replace(self.contact, programs=parts, dynamics=programs)
 
     def step_operations(self, step: Program) -> int:
         """
@@ -198,10 +213,10 @@ class _Sources:
             evaluations = sum(self.others.get(name, self.main).work for name in calls)
             own = sum(count for op, count in operations(step).items() if op != 'call')
             return evaluations + own * step.lanes
-        texts, functions = self.contact.quiet_step()
+        parts, functions = self.contact.quiet_step()
         own = sum(
-            sum(operations(lower(self.contact.texts[name], self.dtype).compiled).values())
-            for name in texts
+            sum(operations(lower(self.contact.programs[name], self.dtype).compiled).values())
+            for name in parts
         )
         return own + sum(self.others[name].work for name in functions if name in self.others)
 
@@ -253,8 +268,8 @@ def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
     plant = without_drives(plant)
     held = replace(plant, brakes=True)
     main = forward(spec, held)
-    others |= {'_held': main, '_inverse': of_text(plant, 'inverse_dynamics', dtype)}
-    if 'hits' in contact.texts or brakes:
+    others |= {'_braked': main, '_inverse': of_text(plant, 'inverse_dynamics', dtype)}
+    if 'hits' in contact.programs or brakes:
         found = impulses(spec, plant)
         others |= {f'_{name}': source for name, source in found.items()}
     if heavier is not None:

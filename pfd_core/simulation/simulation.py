@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.forking import cached_property
-from pfd_core.kernels.codegen.trips import Contact
+from pfd_core.kernels.codegen.segments import Contact
 from pfd_core.kernels.runtime.threads import MAX_BLOCK_WORK, run_until_stopped
 from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.model import Plant, Robot, Scene, given_scene, resolve, scene_inputs
@@ -23,14 +23,14 @@ from pfd_core.model.checked_numbers import DTYPES, Array, choice, integer, real_
 from pfd_core.model.error_text import quote
 from pfd_core.model.joint_space_checks import check_joint_inertia
 from pfd_core.model.scene_checks import INPUT, switch
-from pfd_core.simulation.contact.events import MOST_TRIPS
+from pfd_core.simulation.contact.events import MOST_SEGMENTS
 from pfd_core.simulation.contact.modes import PIVOTS
+from pfd_core.simulation.contact.programs import contact_programs, has_contact
 from pfd_core.simulation.contact.schemes import RK4, imex2
-from pfd_core.simulation.contact.texts import contact_texts, has_contact
 from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
 from pfd_core.simulation.linearisation import Linearization, LinearStep
 from pfd_core.simulation.rows import LaggedTorque, UnfinishedStep, decays
-from pfd_core.simulation.state_buffer import StateBuffer
+from pfd_core.simulation.state import SimulationState
 from pfd_core.simulation.stiffness import check_damping, check_springs, chosen
 from pfd_core.simulation.turns import check_angles, positions_grow, split_turns
 
@@ -87,7 +87,7 @@ class Simulation(ABC):
         self._inputs += ('payload',) * plant.payload_input
         shapes = self._shapes()
         # The valid state lies in the buffer to which `_turn` points; native code uses the other.
-        self._buffers = StateBuffer(shapes, dtype), StateBuffer(shapes, dtype)
+        self._buffers = SimulationState(shapes, dtype), SimulationState(shapes, dtype)
         self._turn = 0
 
     @abstractmethod
@@ -147,9 +147,9 @@ class Simulation(ABC):
         exact = None
         if plant.motor_lag is not None:
             exact = decays(plant.motor_lag, scheme.middle * h), decays(plant.motor_lag, h)
-        texts = contact_texts(plant, scheme, self.dtype, h, self.compensated, exact)
+        programs = contact_programs(plant, scheme, self.dtype, h, self.compensated, exact)
         pivots = PIVOTS * self.robot.n
-        return Contact(texts, scheme.stages, h, implicit * h, pivots, MOST_TRIPS)
+        return Contact(programs, scheme.stages, h, implicit * h, pivots, MOST_SEGMENTS)
 
     def __getstate__(self) -> dict[str, Any]:
         own = ('_native', '_count', '_count_at', '_long')
@@ -221,7 +221,7 @@ class Simulation(ABC):
         'ok', or why the state is not a number; `reset` clears it.
 
         'not_finite' once a state has overflowed, 'too_many_events' once a step had more impacts
-        and reversals of joints than pfd_core.simulation.contact.events.MOST_TRIPS.
+        and reversals of joints than pfd_core.simulation.contact.events.MOST_SEGMENTS.
         """
         return self._now.status
 
@@ -239,7 +239,17 @@ class Simulation(ABC):
         `tau_motor` are the torques of motors with a lag; only if the scene has one. Positions may
         lie beyond the joint limits. ValueError for an angle above turns.LARGEST_ANGLE.
         """
-        following = self._buffers[1 - self._turn]
+        self._set(self._buffers[1 - self._turn], q, qd, time, tau_motor)
+        self._turn ^= 1
+
+    def _set(
+        self,
+        following: SimulationState,
+        q: ArrayLike | None,
+        qd: ArrayLike | None,
+        time: float,
+        tau_motor: ArrayLike | None,
+    ) -> None:
         following.clear(start=real_number('time', time))
         for name, value in (('q', q), ('qd', qd), (LaggedTorque.name, tau_motor)):
             if value is not None:
@@ -255,7 +265,6 @@ class Simulation(ABC):
                     joints=self.robot.joint_names,
                 )
         check_angles(self.robot, following.arrays['q'], self.dtype)
-        self._turn ^= 1
 
     def take_state(self, other: Simulation) -> None:
         """
@@ -272,9 +281,7 @@ class Simulation(ABC):
             )
         following = self._buffers[1 - self._turn]
         following.clear(start=other.time)
-        for name, target in following.arrays.items():
-            if name in other._now.arrays:
-                target[...] = other._now.arrays[name]
+        following.take_rows(other._now)
         self._turn ^= 1
 
     def linearize(
@@ -334,18 +341,18 @@ class Simulation(ABC):
     def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
         """Advance the state by one step, under torques (n,) or (B, n)."""
 
-    def _why_not_finite(self, buffer: StateBuffer) -> str:
+    def _why_not_finite(self, buffer: SimulationState) -> str:
         """Return the status of a state that is not a number."""
         unfinished = buffer.arrays.get(UnfinishedStep.name)
         gave_up = unfinished is not None and bool(unfinished.any())
         return 'too_many_events' if gave_up else 'not_finite'
 
     @property
-    def _now(self) -> StateBuffer:
+    def _now(self) -> SimulationState:
         """The valid state."""
         return self._buffers[self._turn]
 
-    def _copied_state(self) -> StateBuffer:
+    def _copied_state(self) -> SimulationState:
         """Return the other buffer as a copy of the valid state, for native code to advance."""
         following = self._buffers[1 - self._turn]
         following.copy_from(self._now)

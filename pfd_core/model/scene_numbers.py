@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from pfd_core.model.effects import EFFECTS, FIELDS
+from pfd_core.model.effects import EFFECTS, FIELDS, MOTORS
 from pfd_core.model.error_text import quote
 from pfd_core.model.geometry import Array, product
 from pfd_core.model.plant import Plant
@@ -73,7 +73,7 @@ def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
 def _without_compensated_gravity(plant: Plant) -> Plant:
     """Return a plant without gravity if its drives take exactly that away, without limits."""
     model = plant.gravity_compensation
-    if model is None or plant.effort_limits is not None or plant.torque_speed is not None:
+    if model is None or any(e.acts == MOTORS and e.field in plant.effects for e in EFFECTS):
         return plant
     if plant.payload_input or model.robot != plant.robot or (model.gravity != plant.gravity).any():
         return plant

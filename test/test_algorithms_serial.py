@@ -33,7 +33,7 @@ from pfd_core.kernels.source import KernelSource
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
-from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
+from pfd_core.model import Plant, Robot, Scene, load_robot, resolve, with_inertia
 from pfd_core.model.geometry import rotation_x, rotation_z
 
 METHODS = (*(f'walker_orin_{k}' for k in range(1, 5)), 'articulated_body')
@@ -258,7 +258,7 @@ def test_an_inertia_that_is_not_positive_definite_is_told(method: str) -> None:
     robot = random_chain(np.random.default_rng(31), 3, 0.0)
     q, qd, tau = random_state(np.random.default_rng(32), 3)
     given = {'q': q, 'qd': qd, 'tau': tau}
-    negative = replace(resolve(robot), armature=np.full(3, -100.0))
+    negative = with_inertia(resolve(robot), np.full(3, -100.0))
     for plant, good in (
         (resolve(robot), True),
         (negative, False),

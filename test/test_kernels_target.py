@@ -178,7 +178,8 @@ def test_the_tests_of_kernels_and_simulation_pass_for_every_processor(
     cpu: str, tmp_path: Path
 ) -> None:
     assert processor.named(cpu) != processor.host()
-    command = (sys.executable, '-m', 'pytest', '-q', '-p', 'no:cacheprovider')
+    # Its header names the processor, which -q would leave out.
+    command = (sys.executable, '-m', 'pytest', '-p', 'no:cacheprovider')
     temporary = f'--basetemp={tmp_path / "tests"}'
     done = subprocess.run(
         [*command, temporary, f'--target-cpu={cpu}', *files(TESTED)],

@@ -133,8 +133,9 @@ def write(name: str, payload: bytes) -> None:
                 _evict(where, len(data))
             return
         except OSError as error:
-            # Another process may remove the folder meanwhile.
-            if last or not isinstance(error, FileNotFoundError):
+            # Another process may remove the folder meanwhile, also between the `mkdir` that finds
+            # it and the look at what it found.
+            if last or not isinstance(error, (FileNotFoundError, FileExistsError)):
                 _warn(
                     str(where),
                     f'compiled kernels cannot be kept in {str(where)!r} ({error.strerror}), so '

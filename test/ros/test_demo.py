@@ -21,7 +21,7 @@ from pfd_ros.cli.main import main
 from pfd_ros.demo import processes as demo
 from pfd_ros.demo.bare_timer import bare_timer, missing_share
 from pfd_ros.demo.motion import motion_of
-from pfd_ros.demo.results import rate_verdict
+from pfd_ros.demo.results import rate_verdict, tracking_verdict
 from pfd_ros.replay.verify import read
 from pfd_ros.testing import domains
 from pfd_ros.testing.domains import FIRST, LAST, own_domain
@@ -93,6 +93,15 @@ def test_a_rate_that_a_bare_timer_keeps_is_a_failure() -> None:
 def test_a_rate_that_is_kept_needs_no_excuse() -> None:
     for bare_off in (0.0, 0.5):
         assert rate_verdict(0.01, bare_off) == ('', [])
+
+
+def test_tracking_is_judged_unless_the_machine_is_too_busy() -> None:
+    assert tracking_verdict(0.02, 0.2) == tracking_verdict(0.02, 0.0) == ('', [])
+    remark, problems = tracking_verdict(0.401, 0.08)
+    assert 'off its motion, expected 0.1 at most: commands come late' in remark
+    assert problems == []
+    for most in (0.401, float('nan')):
+        assert tracking_verdict(most, 0.004)[1][0].startswith(f'the arm was {most:.3g} off')
 
 
 def test_the_periods_that_a_bare_timer_lost_are_those_between_two_times() -> None:

@@ -26,6 +26,7 @@ from pfd_core.kernels.functions import forward_dynamics, inverse_dynamics
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.machine.program import Program, Steps
 from pfd_core.model import (
+    EFFECTS,
     SPIN_UP_TIME,
     Payload,
     PhysicsWarning,
@@ -62,6 +63,7 @@ except PackageNotFoundError:  # a checkout that was never installed
     __version__ = '0.1.0'
 
 __all__ = [
+    'EFFECTS',
     'INTEGRATORS',
     'METHODS',
     'PAYLOAD_METHODS',

@@ -24,11 +24,11 @@ from tolerances import DYNAMICS, FIFTY_DIGITS, SINGLE
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.algorithms.chain.drives import cut_off, record_motor_torques, without_drives
+from pfd_core.algorithms.chain.drives import cut_off, record_motor_torques
 from pfd_core.algorithms.programs import FORWARD, METHODS, SERIAL, record_inverse_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES
-from pfd_core.model import Robot, Scene, resolve
+from pfd_core.model import Robot, Scene, resolve, without_drives
 
 # ---- accelerations ---------------------------------------------------------------------------
 

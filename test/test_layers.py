@@ -20,8 +20,8 @@ ROOT = Path(__file__).resolve().parent.parent
 # lie directly in a package with rooms may import all its rooms, and no room imports them.
 PFD_CORE = {
     'forking': set(),
-    'model': {'forking'},
     'machine': {'forking'},
+    'model': {'forking', 'machine'},
     'algorithms': {'forking', 'model', 'machine'},
     'kernels': {'forking', 'model', 'machine', 'algorithms'},
     'simulation': {'forking', 'model', 'machine', 'algorithms', 'kernels'},

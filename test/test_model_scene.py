@@ -123,6 +123,18 @@ def test_stops_are_the_models_or_given_with_one_restitution_or_many(robot: Robot
     assert not resolve(robot, Scene(joint_limits=limits)).restitution.any()
 
 
+def test_a_joint_without_cogging_has_some_period_and_one_with_it_needs_periods(
+    robot: Robot,
+) -> None:
+    rows = [(0.5, 8.0, 0.1), (0.0, 0.0, 0.3), (-0.2, 3.0, 0.0), (0.1, 1.0, 0.0)]
+    np.testing.assert_array_equal(
+        resolve(robot, Scene(cogging=rows)).cogging, [rows[0], (0.0, 1.0, 0.0), *rows[2:]]
+    )
+    assert resolve(robot, Scene(cogging=[(0.0, 8.0, 1.0)] * 4)).cogging is None
+    with pytest.raises(ValueError, match="cogging of joint 'joint4' must have periods"):
+        resolve(robot, Scene(cogging=[*rows[:3], (0.1, 0.0, 0.0)]))
+
+
 def test_tables_of_torque_and_speed_get_the_rows_of_the_longest(robot: Robot) -> None:
     tables = [None, [(1.0, 9.0), (2.0, 0.0)], [(0.5, 4.0)], None]
     inf = np.inf
@@ -137,7 +149,9 @@ def test_tables_of_torque_and_speed_get_the_rows_of_the_longest(robot: Robot) ->
     )
 
 
-def test_motors_of_the_model_fall_off_before_its_velocity_limits(robot: Robot) -> None:
+def test_motors_of_the_model_fall_off_beyond_its_velocity_limits(
+    robot: Robot,
+) -> None:
     model = replace(
         robot, velocity_limit=[2.0, 3.0, np.inf, 1.0], effort_limit=[10.0, np.inf, 5.0, 7.0]
     )
@@ -145,10 +159,10 @@ def test_motors_of_the_model_fall_off_before_its_velocity_limits(robot: Robot) -
     np.testing.assert_array_equal(
         resolve(model, Scene(torque_speed='model')).torque_speed,
         [
-            [(1.8, 10), (2, 0)],
+            [(2, 10), (4, 0)],
             [(inf, inf), (inf, inf)],
             [(inf, inf), (inf, inf)],
-            [(0.9, 7), (1, 0)],
+            [(1, 7), (2, 0)],
         ],
     )
     stuck = replace(model, velocity_limit=[2.0, 3.0, np.inf, 0.0])
@@ -288,6 +302,8 @@ def test_a_plant_cannot_change(robot: Robot) -> None:
         ({'effort_limits': [1, np.nan]}, 'effort_limits must be .* or infinite'),
         ({'effort_limits': [1e200]}, 'effort_limits must be at most 1e[+]100'),
         ({'effort_limits': [-1]}, 'effort_limits must not be negative'),
+        ({'cogging': 5}, 'cogging must be None or an amplitude, periods a turn and a phase'),
+        ({'cogging': [(1.0, 2.0)] * 4}, r'cogging must have shape \(n, 3\)'),
         ({'torque_speed': 5}, "torque_speed must be None, 'model' or one table a joint"),
         ({'torque_speed': [None, [1, 2]]}, 'torque_speed of joint 2 must have shape'),
         ({'torque_speed': [np.zeros((0, 2))]}, 'torque_speed of joint 1 must have .* one row'),

@@ -4,19 +4,21 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import replace
 import json
 import math
 from pathlib import Path
 
+from effect_cases import everything
 import numpy as np
 import pytest
 from scene_cases import DISC, FAST, INERTIA, ROUNDING, WINDOW, motion_of
 from zoo import joint, link, urdf
 
 import pfd_core as pfd
+from pfd_core.model import EFFECTS
 from pfd_core.report import scene_needs, scene_pages
-from pfd_core.report.scene_effects import EFFECTS, effects_on, full_scene, spelled, without
+from pfd_core.report.scene_effects import effects_on, full_scene, spelled, without
 from pfd_core.report.scene_errors import SceneRow, cut, measure, run_full
 from pfd_core.report.scene_motions import SETTINGS, Motion, excited_motion
 
@@ -38,37 +40,14 @@ def error_without(
 # The table of effects
 
 
-def test_every_field_of_a_scene_belongs_to_an_effect() -> None:
-    assert {field for effect in EFFECTS for field in effect.off} == {
-        field.name for field in fields(pfd.Scene)
-    }
-
-
 def test_any_effect_can_be_left_out_of_a_scene_with_all_and_is_off_then() -> None:
-    robot, n = pfd.load_robot('planar2'), 2
-    everything = pfd.Scene(
-        damping=(0.1,) * n,
-        armature=(0.1,) * n,
-        payload=pfd.Payload(1.0),
-        external_wrench=True,
-        brakes=True,
-        friction=(0.1,) * n,
-        static_friction=(0.2,) * n,
-        stribeck_velocity=(0.1,) * n,
-        joint_limits=((-1.0, 1.0),) * n,
-        restitution=0.5,
-        stiffness=(1.0,) * n,
-        rest_position=(0.1,) * n,
-        effort_limits=(5.0,) * n,
-        torque_speed=([(0.0, 5.0), (1.0, 4.0)],) * n,
-        gravity_compensation=True,
-        motor_lag=(0.01,) * n,
-    )
+    robot = pfd.load_robot('planar2')
+    scene = everything(robot.n)
     names = tuple(effect.name for effect in EFFECTS)
-    assert effects_on(robot, everything) == names
+    assert effects_on(robot, scene) == names
     for name in names:
-        assert name not in effects_on(robot, without(everything, {name}))
-    assert effects_on(robot, without(everything, names)) == ()
+        assert name not in effects_on(robot, without(scene, {name}))
+    assert effects_on(robot, without(scene, names)) == ()
 
 
 def test_effects_without_numbers_are_off(disc: pfd.Robot) -> None:

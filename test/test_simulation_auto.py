@@ -113,6 +113,22 @@ def test_a_very_strong_damping_takes_up_the_momentum(rotors: bool) -> None:
     np.testing.assert_allclose(run.q[-1] - START, moved, rtol=0, atol=3e-6)
 
 
+def test_a_joint_settles_into_the_period_of_its_cogging_and_swings_as_its_slope_says() -> None:
+    # I qdd = -a sin(k q + p), about q = (2 pi m - p) / k with w^2 = a k / I.
+    amplitude, periods, phase = 0.5, 8.0, 0.4
+    scene = pfd.Scene(gravity=None, cogging=[(amplitude, periods, phase)])
+    sim = pfd.Simulator(pfd.load_robot(WHEEL), scene)
+    rest, small = (2 * np.pi * 3 - phase) / periods, 1e-5
+    sim.reset([rest + small], [0.0])
+    run = sim.rollout(np.zeros((500, 1)))
+    frequency = np.sqrt(amplitude * periods / INERTIA)
+    wanted = small * np.cos(frequency * run.time)
+    assert np.abs(run.q[:, 0] - rest - wanted).max() < 1e-4 * small
+    stiff = pfd.Scene(gravity=None, cogging=[(4e3 * amplitude, periods, phase)])
+    with pytest.raises(ValueError, match=r'cogging of the scene swings at 80\d rad/s'):
+        pfd.Simulator(sim.robot, stiff)
+
+
 def test_springs_too_stiff_for_the_step_are_refused_with_the_substeps_that_they_need() -> None:
     robot = slider(1, 0)  # 1 kg
     scene = pfd.Scene(gravity=None, stiffness=[4e4])  # 200 rad/s

@@ -46,7 +46,13 @@ def state(n: int, seed: int = 0, count: int | None = None) -> list[np.ndarray]:
 
 
 def ends(
-    robot: pfd.Robot, scene: pfd.Scene, integrator: str, h: float, substeps: int, x: Any
+    robot: pfd.Robot,
+    scene: pfd.Scene,
+    integrator: str,
+    h: float,
+    substeps: int,
+    x: Any,
+    wrench: Any = None,
 ) -> Any:
     """Return the states (B, 2n) after a step from q, qd and tau (B, 3n), in 50 digits."""
     n = robot.n
@@ -57,7 +63,7 @@ def ends(
     explicit = replace(scene, damping=None) if implicit else scene
 
     def accelerations(q: Any, qd: Any, at: float) -> Any:
-        return pfd.emulate(robot, q, qd, tau, scene=explicit, digits=DIGITS).qdd
+        return pfd.emulate(robot, q, qd, tau, scene=explicit, wrench=wrench, digits=DIGITS).qdd
 
     def solve(q: Any, y: Any) -> Any:
         armature = np.zeros(n) if plant.armature is None else plant.armature
@@ -75,14 +81,21 @@ def ends(
 
 
 def exact(
-    robot: pfd.Robot, scene: pfd.Scene, integrator: str, h: float, substeps: int, at: Any
+    robot: pfd.Robot,
+    scene: pfd.Scene,
+    integrator: str,
+    h: float,
+    substeps: int,
+    at: Any,
+    wrench: Any = None,
 ) -> np.ndarray:
     """Return A and B, side by side, by central differences in 50 digits."""
     with mp.workdps(DIGITS):
         x = np.array([mpf(float(v)) for v in np.concatenate(at)], dtype=object)
         shifts = np.array([[TINY * (i == j) for j in range(len(x))] for i in range(len(x))])
         up, down = (
-            ends(robot, scene, integrator, h, substeps, x + sign * shifts) for sign in (1, -1)
+            ends(robot, scene, integrator, h, substeps, x + sign * shifts, wrench)
+            for sign in (1, -1)
         )
         return np.array((up - down) / (2 * TINY), dtype=float).T
 

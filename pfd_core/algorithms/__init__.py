@@ -20,8 +20,8 @@ Modules that take any of them:
     convergence   whether an iterative method has converged, by the equations of motion
     acceleration_derivatives   d qdd / d(q, qd, tau): the factors X and D, and their product
 
-An effect of the joints at an instant belongs in chain.joint_torques, one of the motors in
-chain.drives, an effect of the links or of gravity in each Newton-Euler recursion
-(paper.newton_euler, beyond.omega, serial.luh_walker_paul, grouped.newton_euler), a new method in a
-file of its own and a row of programs.FORWARD.
+A new effect of a joint is a record in pfd_core.model.effects, and nothing in here changes. An
+effect of the motors belongs in chain.drives, an effect of the links or of gravity in each
+Newton-Euler recursion (paper.newton_euler, beyond.omega, serial.luh_walker_paul,
+grouped.newton_euler), a new method in a file of its own and a row of programs.FORWARD.
 """

@@ -8,9 +8,9 @@ Derivatives of forward dynamics with respect to q, qd and tau, by the implicit f
     d qdd / d tau    = X T      T = d motor torques / d tau, a diagonal; one without limits
 
 D of the links is that of pfd_core.algorithms.grouped.torque_derivatives, over composite bodies; H
-and the bias come out of it on the way, and H = L' D L gives qdd and X. D of the drives, which are
-of one joint each but for the gravity that they compensate, is the tangent of their own program
-(pfd_core.machine.derivative).
+and the bias come out of it on the way, and H = L' D L gives qdd and X. D of the joints and D of
+the drives are tangents of their own programs (pfd_core.machine.derivative). Both are diagonal but
+for the gravity that the drives compensate.
 
 A held joint has zeros in its row and its column of X. At a limit of a drive, where its torque has
 no derivative, the derivative is that on the side that the drive's own text selects.
@@ -24,11 +24,12 @@ One register holds one number.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
 
-from pfd_core.algorithms.chain.drives import has_drives, record_motor_torques
+from pfd_core.algorithms.chain.drives import record_motor_torques
 from pfd_core.algorithms.chain.interface import input_list
-from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
+from pfd_core.algorithms.chain.joint_torques import minus_joint_torques, record_joint_torques
 from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.grouped.factors import Factors, Matrix, factorise, solution
 from pfd_core.algorithms.grouped.link_torques import record_link_torques
@@ -46,7 +47,7 @@ from pfd_core.machine.derivative import derivative
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.vectors import array
-from pfd_core.model import Plant, check_instant
+from pfd_core.model import Plant, check_instant, has_drives
 
 OWN_METHOD = 'composite_body'
 
@@ -91,6 +92,7 @@ def record_derivatives(
     with recorder.section('solve'):
         factors = factorise(inertia_matrix(plant, chain), _free(recorder, plant))
     motors = inline(recorder, _record_motors(plant), {})
+    joints = inline(recorder, _record_joints(plant), {})
     torques = minus_joint_torques(plant, motors['tau'], qd)
     if method == OWN_METHOD:
         y = minus_bias(recorder, plant, chain, tip, by_qd, torques, qd)
@@ -99,17 +101,18 @@ def record_derivatives(
         refined = record_refined(plant, method, refine, TOLERANCES[dtype], estimate=None)
         answer = with_nan_unless_converged(refined, plant)
         qdd = inline(recorder, answer, {})['qdd']
-    by_q = by_positions(recorder, plant, chain, tip, qd, qdd, _minus_rotors(plant, torques, qdd))
+    by_q = by_positions(recorder, plant, chain, tip, qd, qdd, _minus_inertia(plant, torques, qdd))
     with recorder.section('joints and drives'):
-        D = _with_joints(plant, by_q, by_qd, motors)
+        D = _with_joints_and_drives({'q': by_q, 'qd': by_qd}, joints, motors)
     with recorder.section('inverse'):
         X = _inverse(factors)
     recorder.output('qdd', (n,), [(value, 0) for value in qdd])
     recorder.output('X', (n, n), [(value, 0) for row in X for value in row])
     recorder.output('D', (n, 2 * n), [(value, 0) for row in D for value in row])
-    if _limited(plant):
-        by_tau = motors['d tau/d tau']
-        recorder.output('T', (n,), [(by_tau[i * n + i], 0) for i in range(n)])
+    if 'd tau/d tau' in motors:
+        by_tau = motors['d tau/d tau'][:: n + 1]
+        if by_tau != [recorder.constant(1.0)] * n:
+            recorder.output('T', (n,), [(value, 0) for value in by_tau])
     return recorder.program()
 
 
@@ -144,16 +147,15 @@ def _product(row: Iterable[Lanes], column: Iterable[Lanes]) -> Lanes:
     return total
 
 
-def _minus_rotors(
+def _minus_inertia(
     plant: Plant, torques: Sequence[Lanes], qdd: Sequence[Lanes]
 ) -> list[Lanes] | None:
     """Return the torques that are left for the links; None if brakes give some of them."""
     if plant.brakes:
         return None
-    if plant.armature is None:
+    if plant.inertia is None:
         return list(torques)
-    rotors = plant.armature.tolist()
-    return [t - rotor * a for t, rotor, a in zip(torques, rotors, qdd, strict=True)]
+    return [t - own * a for t, own, a in zip(torques, plant.inertia.tolist(), qdd, strict=True)]
 
 
 def _free(recorder: Recorder, plant: Plant) -> list[Lanes] | None:
@@ -170,26 +172,26 @@ def _record_motors(plant: Plant) -> Program:
     )
 
 
-def _limited(plant: Plant) -> bool:
-    """Return whether a commanded torque may be cut off."""
-    return plant.effort_limits is not None or plant.torque_speed is not None
+def _record_joints(plant: Plant) -> Program:
+    """Return the program of the derivatives of the torques that the joints themselves take."""
+    program = record_joint_torques(plant)
+    return derivative(program, ['tau'], [name for name in ('q', 'qd') if name in program.inputs])
 
 
-def _with_joints(
-    plant: Plant, by_q: Matrix, by_qd: Matrix, motors: dict[str, list[Lanes]]
+def _with_joints_and_drives(
+    links: Mapping[str, Matrix], joints: Mapping[str, Any], motors: Mapping[str, Any]
 ) -> Matrix:
-    """Return D from the derivatives of the torques of the links."""
-    n = plant.robot.n
+    """Return D from the derivatives of the torques of links, joints and motors by q and qd."""
+    n = len(links['q'])
     D = []
-    for matrix, rates, name in (
-        (by_q, plant.stiffness, 'd tau/d q'),
-        (by_qd, plant.damping, 'd tau/d qd'),
-    ):
+    for name, matrix in links.items():
         total = array(matrix)
-        for i, rate in enumerate(() if rates is None else rates):
-            total[i, i] = total[i, i] + float(rate)
-        if name in motors:
-            total = total - array(motors[name]).reshape(n, n)
+        by = f'd tau/d {name}'
+        if by in joints:
+            for i, rate in enumerate(joints[by][:: n + 1]):
+                total[i, i] = total[i, i] + rate
+        if by in motors:
+            total = total - array(motors[by]).reshape(n, n)
         D.append(total)
     return [[*row, *row_qd] for row, row_qd in zip(*D, strict=True)]
 

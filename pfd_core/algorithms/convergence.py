@@ -26,16 +26,15 @@ import math
 
 import numpy as np
 
-from pfd_core.algorithms.chain.drives import has_drives, motor_torques
+from pfd_core.algorithms.chain.drives import motor_torques
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
-from pfd_core.algorithms.chain.joint_torques import without_joint_torques
 from pfd_core.algorithms.grouped.link_torques import record_link_torques
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.algorithms.refinement import inline
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import Plant
+from pfd_core.model import Plant, has_drives, without_joint_torques
 
 # Largest correction of a converged answer, as a share of the accelerations. Ordinary states of the
 # included arms need 1e-5 in single precision. With a payload of 1e6 kg, 0.005 accepts errors of up

@@ -41,12 +41,9 @@ from operator import attrgetter
 
 import numpy as np
 
-from pfd_core.algorithms.chain.drives import has_drives, motor_torques
+from pfd_core.algorithms.chain.drives import motor_torques
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
-from pfd_core.algorithms.chain.joint_torques import (
-    plus_joint_torques,
-    without_joint_torques,
-)
+from pfd_core.algorithms.chain.joint_torques import plus_joint_torques
 from pfd_core.algorithms.chain.link_axes import chain_on, known
 from pfd_core.algorithms.grouped.link_torques import record_link_torques
 from pfd_core.algorithms.programs import record_forward_dynamics
@@ -55,7 +52,7 @@ from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.rounding_errors import RoundingErrors
-from pfd_core.model import Plant
+from pfd_core.model import Plant, has_drives, without_joint_torques
 
 
 def record_refined(

@@ -3,23 +3,39 @@
 """
 Quantities that a kernel can compute: their arguments, and the effects of a scene that they have.
 
-A quantity is a row of QUANTITIES, and its text one of pfd_core.algorithms. A scene is reduced to
-the effects of a quantity, so that kernels which do not differ are compiled once.
+A quantity is a row of QUANTITIES, and its algorithm one of pfd_core.algorithms. A scene is reduced
+to the effects of a quantity, so that kernels which do not differ are compiled once. Which effects
+those are follows from the records in pfd_core.model.effects.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from pfd_core.model import Scene, given_scene
+from pfd_core.model import EFFECTS, Effect, Scene, given_scene
 from pfd_core.model.checked_numbers import integer
+from pfd_core.model.effects import BRAKES, LINKS
 from pfd_core.model.error_text import quote
 
-BODIES = ('payload', 'armature')
-AT_REST = ('gravity', 'payload', 'stiffness', 'rest_position', 'gravity_compensation')
-TORQUES = (*AT_REST, 'damping', 'external_wrench')
-EVERYTHING = tuple(item.name for item in fields(Scene))
+
+def _fields(depends: Callable[[Effect], bool]) -> tuple[str, ...]:
+    """Return the fields of Scene of the effects that a quantity depends on."""
+    return tuple(field.name for effect in EFFECTS if depends(effect) for field in effect.fields)
+
+
+EVERYTHING = _fields(lambda effect: True)
+# Torques do not depend on the joints that could be held.
+UNBRAKED = _fields(lambda effect: effect.acts != BRAKES)
+BODIES = _fields(lambda effect: effect.inertia)
+AT_REST = _fields(lambda effect: effect.at_rest)
+BIAS = _fields(
+    lambda effect: (
+        effect.at_rest or effect.viscosity or effect.torque is not None or effect.acts == LINKS
+    )
+)
+ENERGY = _fields(lambda effect: effect.at_rest or effect.inertia)
 
 
 @dataclass(frozen=True)
@@ -54,14 +70,13 @@ QUANTITIES = {
     'derivatives': Quantity(('q', 'qd', 'tau'), EVERYTHING),
     'inverse_dynamics': Quantity(
         ('q', 'qd', 'qdd'),
-        # Torques do not depend on the joints that could be held.
-        tuple(name for name in EVERYTHING if name != 'brakes'),
+        UNBRAKED,
         'newton_euler',
     ),
     'inertia_matrix': Quantity(('q',), BODIES, 'composite_body'),
-    'bias_torques': Quantity(('q', 'qd'), TORQUES, 'newton_euler'),
+    'bias_torques': Quantity(('q', 'qd'), BIAS, 'newton_euler'),
     'gravity_torques': Quantity(('q',), AT_REST, 'first_moments'),
-    'energy': Quantity(('q', 'qd'), (*AT_REST, 'armature'), 'link_velocities'),
+    'energy': Quantity(('q', 'qd'), ENERGY, 'link_velocities'),
     'wrench_torques': Quantity(('q',), (), 'kinematics', of_frame=True, wrench=True),
     'tip_pose': Quantity(('q',), (), 'kinematics', of_frame=True),
     'tip_jacobian': Quantity(('q',), (), 'kinematics', of_frame=True),

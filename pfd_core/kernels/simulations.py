@@ -17,8 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.algorithms.chain.drives import has_drives, without_drives
-from pfd_core.algorithms.chain.joint_torques import without_joint_torques
 from pfd_core.algorithms.chain.motor_limits import record_motor_limits
 from pfd_core.kernels.codegen.arms import PARAMETERS
 from pfd_core.kernels.codegen.cycles import block_names
@@ -31,7 +29,14 @@ from pfd_core.kernels.runtime.jit import Native, simd_width
 from pfd_core.kernels.source import KernelSource, forward, motors, of_text, turned_joints
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
-from pfd_core.model import Plant
+from pfd_core.model import (
+    Plant,
+    has_drives,
+    with_inertia,
+    without_drives,
+    without_joint_torques,
+    without_viscosity,
+)
 from pfd_core.model.checked_numbers import Array
 
 
@@ -74,7 +79,7 @@ def compile_rollout(
     """
     Compile the simulation of a robot by an integrator's step; `spec` is of a STEP.
 
-    `implicit` is the time [s] by which the damping of the plant that the step solves with is
+    `implicit` is the time [s] by which the viscosity of the plant that the step solves with is
     multiplied; 0 for a step that calls the accelerations alone. With `contact` the step is that
     of dry friction and joint stops, with programs that are not lowered yet, and `step_program`
     returns its state alone. With `motors` there is @cycles, with the limits of motors on efforts.
@@ -246,9 +251,9 @@ def impulses(spec: KernelSpec, plant: Plant) -> dict[str, KernelSource]:
 def plants(plant: Plant, implicit: float) -> Iterator[tuple[str, Plant]]:
     """Yield the plants of the functions that a step may call, by name; `implicit` as above."""
     yield 'qdd', plant
-    if implicit and plant.damping is not None:
-        yield 'undamped', replace(plant, damping=None)
-        yield 'solve', replace(_at_rest(plant), armature=_heavier(plant, implicit))
+    if implicit and plant.viscosity is not None:
+        yield 'undamped', without_viscosity(plant)
+        yield 'solve', with_inertia(_at_rest(plant), _heavier(plant, implicit))
 
 
 def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
@@ -256,9 +261,9 @@ def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
     plant, dtype = spec.plant, spec.dtype
     brakes = plant.brakes
     heavier = None
-    if contact.implicit and plant.damping is not None:
+    if contact.implicit and plant.viscosity is not None:
         heavier = _heavier(plant, contact.implicit)
-        plant = replace(plant, damping=None)
+        plant = without_viscosity(plant)
     others = {'_motor': motors(plant, dtype)} if has_drives(plant) else {}
     plant = without_drives(plant)
     held = replace(plant, brakes=True)
@@ -268,18 +273,17 @@ def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
         found = impulses(spec, plant)
         others |= {f'_{name}': source for name, source in found.items()}
     if heavier is not None:
-        stiff = replace(_at_rest(held), armature=heavier)
-        others['_stiff'] = forward(spec, stiff)
+        others['_stiff'] = forward(spec, with_inertia(_at_rest(held), heavier))
     inputs = {k: size for k, size in main.inputs.items() if k != 'free' or brakes}
     settings = f' {" ".join(inputs)} {contact.key}'
     return _Sources(main, settings, others, inputs, dtype, contact)
 
 
 def _heavier(plant: Plant, time: float) -> Array:
-    """Return the rotors' inertia plus a time [s] times the damping."""
-    assert plant.damping is not None
-    added: Array = time * plant.damping
-    return added if plant.armature is None else plant.armature + added
+    """Return the joints' inertia plus a time [s] times their viscosity."""
+    assert plant.viscosity is not None
+    added: Array = time * plant.viscosity
+    return added if plant.inertia is None else plant.inertia + added
 
 
 def _at_rest(plant: Plant) -> Plant:

@@ -18,6 +18,7 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     frames              Frame: a frame fixed to a link; the frames of a robot by name
     robot               Robot: the chain in the frames of Lee and Chang, checked once
     robot_changes       Payload, and robots with a payload or with locked joints
+    effects             the table of effects: fields with units and checks, torques, energies
     scene               Scene: which effects are on
     scene_checks        the fields of a scene as users give them, checked
     plant               Plant: a scene and a robot as numbers
@@ -28,14 +29,25 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     error_text          foreign values as error messages quote them
     frozen_arrays       read-only arrays in frozen dataclasses
 
-A new effect is a field of Scene, checked in `scene`, and of Plant, resolved in `scene_numbers`;
-its term is recorded by pfd_core.algorithms (chain.joint_torques for an effect of the joints,
-chain.drives for one of the motors).
+A new effect of a joint is a record in `effects` and a field of Scene; all else follows from it. An
+effect of the motors is a record there as well, and its torque belongs in
+pfd_core.algorithms.chain.drives.
 """
 
+from pfd_core.model.effects import EFFECTS, Effect
 from pfd_core.model.frames import Frame
 from pfd_core.model.loading import known_robots, load_robot, load_scene, read_urdf, urdf_of
-from pfd_core.model.plant import Plant, check_instant, in_motion, without_step_effects
+from pfd_core.model.plant import (
+    Plant,
+    check_instant,
+    has_drives,
+    in_motion,
+    with_inertia,
+    without_drives,
+    without_joint_torques,
+    without_step_effects,
+    without_viscosity,
+)
 from pfd_core.model.robot import PhysicsWarning, Robot
 from pfd_core.model.robot_changes import Payload, lock, with_payload
 from pfd_core.model.rotors import SPIN_UP_TIME, estimated_armature, reflected_inertia
@@ -48,7 +60,9 @@ from pfd_core.model.urdf_writer import robot_to_urdf
 from pfd_core.model.yaml_robot import robot_to_yaml
 
 __all__ = [
+    'EFFECTS',
     'SPIN_UP_TIME',
+    'Effect',
     'Frame',
     'Payload',
     'PhysicsWarning',
@@ -60,6 +74,7 @@ __all__ = [
     'check_instant',
     'estimated_armature',
     'given_scene',
+    'has_drives',
     'in_motion',
     'known_robots',
     'load_robot',
@@ -73,6 +88,10 @@ __all__ = [
     'scene_inputs',
     'scene_to_yaml',
     'urdf_of',
+    'with_inertia',
     'with_payload',
+    'without_drives',
+    'without_joint_torques',
     'without_step_effects',
+    'without_viscosity',
 ]

@@ -31,5 +31,11 @@ class FrozenArrays:
     def __setstate__(self, state: Mapping[str, Any]) -> None:
         """Take the fields over; NumPy restores pickled arrays as writable ones."""
         for key, value in state.items():
-            kept = frozen(value) if isinstance(value, np.ndarray) else value
-            object.__setattr__(self, key, MappingProxyType(kept) if type(kept) is dict else kept)
+            kept = _frozen(value)
+            if type(value) is dict:
+                kept = MappingProxyType({name: _frozen(item) for name, item in value.items()})
+            object.__setattr__(self, key, kept)
+
+
+def _frozen(value: Any) -> Any:
+    return frozen(value) if isinstance(value, np.ndarray) else value

@@ -4,7 +4,7 @@
 Joints that nothing resists, whose acceleration has no value.
 
 The last joint's diagonal element of the joint-space inertia is the same in every position:
-Izz + m (x^2 + y^2) + armature of a joint that turns about z, m + armature of one that slides. An
+Izz + m (x^2 + y^2) + rotor of a joint that turns about z, m + rotor of one that slides. An
 element of zero makes the matrix singular in every position.
 """
 
@@ -26,8 +26,8 @@ def check_joint_inertia(plant: Plant) -> None:
     mass = float(robot.masses[last])
     slides = robot.joint_types[last] == 'prismatic'
     resistance = mass if slides else about_axis + mass * float(center[0] ** 2 + center[1] ** 2)
-    rotor = 0.0 if plant.armature is None else float(plant.armature[last])
-    if resistance + rotor == 0:
+    own = 0.0 if plant.inertia is None else float(plant.inertia[last])
+    if resistance + own == 0:
         raise ValueError(
             f'{link_label(robot, last)} has no {"mass" if slides else "inertia about its joint"}, '
             'so the acceleration of '

@@ -6,6 +6,10 @@ Plant: a scene and a robot as numbers, which an algorithm records as a program.
     check_instant          refuses effects that a program of one instant cannot have
     without_step_effects   a plant without those
     in_motion              the same, with the friction of joints that stay in motion
+    without_drives         a plant whose input tau is the torque of its motors
+    without_joint_torques  a plant whose joints take no torque but that of their inertia
+    without_viscosity      a plant whose joints take no torque in proportion to their velocity
+    with_inertia           a plant with another inertia of its joints
 
 Most effects are torques at an instant, in pfd_core.algorithms.chain (drives, joint_torques). Dry
 friction, stops and the lag of motors act over a step of time, in pfd_core.simulation.
@@ -13,25 +17,29 @@ friction, stops and the lag of motors act over a step of time, in pfd_core.simul
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import dataclass, field, fields, replace
 import hashlib
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
+from pfd_core.model.effects import EFFECTS, FIELDS, JOINTS, MOTORS, STEP
 from pfd_core.model.error_text import quote_all
 from pfd_core.model.frozen_arrays import FrozenArrays, frozen
 from pfd_core.model.geometry import Array
 from pfd_core.model.robot import Robot
 
-# Fields of Plant whose effects act over a step of time.
-STEP_EFFECTS = (
-    'friction',
-    'static_friction',
-    'stribeck_velocity',
-    'joint_limits',
-    'restitution',
-    'motor_lag',
+# Fields of Scene whose effects act over a step of time.
+STEP_EFFECTS = tuple(
+    item.name for effect in EFFECTS if effect.acts == STEP for item in effect.fields
+)
+# Fields of Plant whose effects are those of the drives, by which a motor gives another torque than
+# the commanded one.
+DRIVES = (
+    *(item.name for effect in EFFECTS if effect.acts == MOTORS for item in effect.fields),
+    'sliding_friction',
 )
 
 
@@ -46,79 +54,117 @@ class Plant(FrozenArrays):
         The chain, with the payload welded on; without one that is an input.
     gravity : ndarray
         (3,) [m/s^2], in the axes of frame 0; zeros without gravity.
-    damping, armature : ndarray or None
-        (n,) [N m s/rad, N s/m] and [kg m^2, kg].
     external_wrench, brakes, payload_input : bool
         Whether a wrench on the last link, joints held at run time, and a payload are inputs.
-    friction, static_friction : ndarray or None
-        (n,) [N m, N]: Coulomb friction, and the larger or equal friction at rest; both or none.
-    stribeck_velocity : ndarray or None
-        (n,) [rad/s, m/s]; only if static friction is larger somewhere.
-    joint_limits : ndarray or None
-        (n, 2) [rad, m], lower below upper, infinite where there is no stop.
-    restitution : ndarray or None
-        (n,), from 0 to 1; exactly if there are joint limits.
-    stiffness, rest_position : ndarray or None
-        (n,) [N m/rad, N/m] and [rad, m]; both or none.
-    effort_limits : ndarray or None
-        (n,) [N m, N], infinite where there is none.
-    torque_speed : ndarray or None
-        (n, k, 2), rows (speed, torque) [rad/s, N m; m/s, N]; rows beyond a joint's own have
-        infinite speeds, and those of a joint without a table infinite torques.
     gravity_compensation : Plant or None
         The robot and gravity whose gravity torques the drives add.
-    motor_lag : ndarray or None
-        (n,) [s].
     sliding_friction : ndarray or None
         (n, 3) [N m, N m, rad/s; N, N, m/s]: Coulomb friction, the friction at rest towards which
         it rises, and the velocity at which it has risen half-way, of joints that stay in motion.
         It belongs to no scene: an instant knows no joint that its friction holds.
+    effects : mapping
+        Field of Scene -> numbers of an effect that is on, (n,) or (n, columns), in the units of
+        its record in `pfd_core.model.effects`. Static friction is there with friction, restitution
+        with joint limits, and rest positions with stiffness. Each field is an attribute as well,
+        `plant.damping`, and None where the effect is off. `torque_speed`, (n, k, 2), has rows
+        (speed, torque); rows beyond a joint's own have infinite speeds, and those of a joint
+        without a table infinite torques.
 
     """
 
     robot: Robot
     gravity: Array
-    damping: Array | None = None
-    armature: Array | None = None
     external_wrench: bool = False
     brakes: bool = False
     payload_input: bool = False
-    friction: Array | None = None
-    static_friction: Array | None = None
-    stribeck_velocity: Array | None = None
-    joint_limits: Array | None = None
-    restitution: Array | None = None
-    stiffness: Array | None = None
-    rest_position: Array | None = None
-    effort_limits: Array | None = None
-    torque_speed: Array | None = None
     gravity_compensation: Plant | None = None
-    motor_lag: Array | None = None
     sliding_friction: Array | None = None
+    effects: Mapping[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         for key, value in vars(self).items():
             if isinstance(value, np.ndarray):
                 object.__setattr__(self, key, frozen(value))
+        kept = {key: frozen(array) for key, array in self.effects.items()}
+        object.__setattr__(self, 'effects', MappingProxyType(kept))
+
+    def __getattr__(self, name: str) -> Array | None:
+        """Return the numbers of a field of Scene, None where its effect is off."""
+        if name in FIELDS and FIELDS[name].has_numbers:
+            return self.effects.get(name)
+        raise AttributeError(f'{type(self).__name__!r} object has no attribute {name!r}')
+
+    @property
+    def inertia(self) -> Array | None:
+        """Inertia of the joints themselves, (n,) [kg m^2, kg], which H has on its diagonal."""
+        return self._sum(e.field for e in EFFECTS if e.acts == JOINTS and e.inertia)
+
+    @property
+    def viscosity(self) -> Array | None:
+        """Torque of the joints for each unit of velocity, (n,) [N m s/rad, N s/m]."""
+        return self._sum(e.field for e in EFFECTS if e.viscosity)
+
+    def _sum(self, fields: Iterable[str]) -> Array | None:
+        found = [self.effects[name] for name in fields if name in self.effects]
+        return sum(found[1:], found[0]) if found else None
 
     @property
     def digest(self) -> str:
         """SHA-256 of all numbers and switches, on which the recorded programs depend."""
         state = hashlib.sha256()
-        for item in fields(self):
-            value = getattr(self, item.name)
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        for name, value in sorted((values | dict(values.pop('effects'))).items()):
             if isinstance(value, (Robot, Plant)):
                 value = value.digest
             exact = isinstance(value, np.ndarray)
             text = value.astype('<f8').tobytes() if exact else repr(value).encode()
-            state.update(f'{item.name}='.encode() + text)
+            state.update(f'{name}='.encode() + text)
         return state.hexdigest()
 
 
 def without_step_effects(plant: Plant) -> Plant:
     """Return a plant without dry friction, stops and lag: the accelerations at an instant."""
-    off: dict[str, Any] = dict.fromkeys(STEP_EFFECTS)
-    return replace(plant, **off)
+    return _without(plant, STEP_EFFECTS)
+
+
+def has_drives(plant: Plant) -> bool:
+    """Return whether motors give other torques than the commanded ones."""
+    return any(getattr(plant, key) is not None for key in DRIVES)
+
+
+def without_drives(plant: Plant) -> Plant:
+    """Return a plant whose input tau is the torque of its motors."""
+    return _without(plant, DRIVES)
+
+
+def without_joint_torques(plant: Plant) -> Plant:
+    """Return a plant whose joints take no torque but that of inertia: H qdd = tau at rest."""
+    torques = [
+        item.name
+        for effect in EFFECTS
+        if effect.acts == JOINTS and not effect.inertia
+        for item in effect.fields
+    ]
+    return _without(plant, (*torques, *DRIVES))
+
+
+def without_viscosity(plant: Plant) -> Plant:
+    """Return a plant whose joints take no torque in proportion to their velocity."""
+    return _without(plant, [effect.field for effect in EFFECTS if effect.viscosity])
+
+
+def with_inertia(plant: Plant, inertia: Array) -> Plant:
+    """Return a plant whose joints have another inertia of their own, (n,) [kg m^2, kg]."""
+    own = [effect.field for effect in EFFECTS if effect.acts == JOINTS and effect.inertia]
+    return replace(plant, effects={**_without(plant, own).effects, own[0]: inertia})
+
+
+def _without(plant: Plant, names: Collection[str]) -> Plant:
+    """Return a plant without the numbers of some fields."""
+    own = {item.name for item in fields(plant)}
+    off: dict[str, Any] = {name: None for name in names if name in own}
+    kept = {key: values for key, values in plant.effects.items() if key not in names}
+    return replace(plant, **off, effects=kept)
 
 
 def in_motion(plant: Plant) -> Plant:

@@ -3,18 +3,17 @@
 """
 Scene: the effects that act on a robot, each checked by itself.
 
-A scene fits any robot with the number of joints that it names; `pfd_core.model.plant` makes
-numbers of both. The default is rigid links and gravity, nothing else.
+A scene fits any robot with the number of joints that it names; `pfd_core.model.scene_numbers`
+turns both into numbers. The default is rigid links and gravity, nothing else.
 
-A new effect is a field of Scene, checked here, and its numbers a field of Plant.
+The fields are those of the records in `pfd_core.model.effects`, which check them. They are
+declared here as well, so that editors and type checkers know the arguments of Scene.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 import hashlib
-import math
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -22,40 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.checked_numbers import LARGEST, real_array
+from pfd_core.model.effects import FIELDS, NEEDS
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot_changes import Payload
-from pfd_core.model.scene_checks import (
-    INPUT,
-    Rule,
-    joint_limits,
-    payload,
-    per_joint,
-    restitution,
-    switch,
-    torque_speed,
-)
+from pfd_core.model.scene_checks import INPUT
 from pfd_core.model.yaml_reader import yaml_text
-
-# Fields of Scene with one number a joint.
-PER_JOINT: Mapping[str, Rule] = {
-    'damping': Rule('damping'),
-    'armature': Rule('armature', estimated=True),
-    'friction': Rule('friction'),
-    'static_friction': Rule(),
-    'stribeck_velocity': Rule(above=True),
-    'stiffness': Rule(),
-    'rest_position': Rule(least=-math.inf),
-    'effort_limits': Rule('effort_limit', infinite=True),
-    'motor_lag': Rule(),
-}
-# Field -> the field without which it means nothing, with the values that switch that one off.
-NEEDS: Mapping[str, str] = {
-    'static_friction': 'friction',
-    'stribeck_velocity': 'static_friction',
-    'restitution': 'joint_limits',
-    'rest_position': 'stiffness',
-}
 
 
 @dataclass(frozen=True)
@@ -99,6 +69,10 @@ class Scene:
         eigenvalue of H^-1 diag(stiffness), a swing is right for steps below 0.2 / w.
     rest_position : None or array_like
         Positions at which the springs are slack, (n,) [rad]; None is zero everywhere.
+    cogging : None or array_like
+        Amplitude a [N m], periods k a turn and phase p [rad], (n, 3): the joint takes the torque
+        a sin(k q + p), and rests where k q + p is a multiple of 2 pi; periods in 2 pi m of a joint
+        that slides. The bound on the steps of springs holds for their slope, a k.
     effort_limits : None, "model" or array_like
         Largest torque of the motors, that of gravity compensation included, (n,) [N m]; infinite
         for none; "model" for the robot's own.
@@ -106,8 +80,8 @@ class Scene:
         Per joint None or a table of rows (speed, torque), (k, 2) [rad/s, N m]: the largest
         torque with which a motor drives its joint along, linear between the rows and constant
         beyond them; speeds rise, torques do not. Brake it may with the torque of the first row.
-        "model" for the robot's effort limit up to FULL_EFFORT of its velocity limit, and none
-        from that limit on.
+        "model" for the robot's effort limit up to its velocity limit, which falls to none at
+        twice that speed.
     gravity_compensation : bool or Scene
         Whether the drives add the gravity torques of a model to the commanded ones: True for the
         robot without its payload, in the gravity of this scene; a scene for its gravity and
@@ -137,29 +111,19 @@ class Scene:
     restitution: ArrayLike = 0.0
     stiffness: ArrayLike | None = None
     rest_position: ArrayLike | None = None
+    cogging: ArrayLike | None = None
     effort_limits: ArrayLike | str | None = None
     torque_speed: Any = None
     gravity_compensation: bool | Scene = False
     motor_lag: ArrayLike | None = None
 
     def __post_init__(self) -> None:
-        checked: dict[str, Any] = {
-            key: per_joint(key, getattr(self, key), rule) for key, rule in PER_JOINT.items()
-        }
-        if self.gravity is not None:
-            gravity = real_array('gravity', self.gravity, shape=(3,), largest=LARGEST)
-            checked['gravity'] = tuple((gravity + 0.0).tolist())
-        checked['payload'] = payload(self.payload)
-        for key in ('external_wrench', 'brakes'):
-            checked[key] = switch(key, getattr(self, key))
-        checked['joint_limits'] = joint_limits(self.joint_limits)
-        checked['restitution'] = restitution(self.restitution)
-        checked['torque_speed'] = torque_speed(self.torque_speed)
-        checked['gravity_compensation'] = _compensation(self.gravity_compensation)
-        for key, value in checked.items():
-            object.__setattr__(self, key, value)
+        for key, field in FIELDS.items():
+            object.__setattr__(self, key, field.checked(getattr(self, key)))
+        compensation = _compensation(self.gravity_compensation)
+        object.__setattr__(self, 'gravity_compensation', compensation)
         for key, needed in NEEDS.items():
-            if getattr(self, key) not in (None, 0.0) and getattr(self, needed) is None:
+            if getattr(self, key) != FIELDS[key].off and getattr(self, needed) is None:
                 raise ValueError(f'{key} was given without {needed}: give the scene both')
 
     @property

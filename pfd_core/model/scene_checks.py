@@ -5,8 +5,7 @@ The fields of a scene as users give them -> None, "model", bool, float and tuple
 
     switch          True or False
     payload         a Payload, or "input" for one that is given at run time
-    per_joint       one number a joint, by a Rule
-    joint_limits    a lower and an upper limit a joint
+    per_joint       one number or one row a joint, by a Rule
     restitution     one number, or one a joint
     torque_speed    a table a joint
 
@@ -21,6 +20,7 @@ import numpy as np
 
 from pfd_core.model.checked_numbers import LARGEST, Array, real_array, real_number
 from pfd_core.model.error_text import quote
+from pfd_core.model.robot import Robot
 from pfd_core.model.robot_changes import Payload
 
 MODEL = 'model'
@@ -29,13 +29,24 @@ INPUT = 'input'
 
 
 class Rule(NamedTuple):
-    """What a field with one number a joint may hold."""
+    """What a field with one number, or one row of numbers, a joint may hold."""
 
-    model: str | None = None  # the field of Robot that "model" stands for
+    # The field of Robot that "model" stands for, or one for each column.
+    model: str | tuple[str, ...] | None = None
     least: float = 0.0
     above: bool = False  # whether the least number is excluded
     infinite: bool = False  # whether infinity is allowed, for a joint without a limit
     estimated: bool = False  # whether "estimated" stands for numbers from the robot's limits
+    columns: tuple[str, ...] = ()  # names of the numbers of a row
+    row: str = 'one number a joint'  # one entry, in errors
+
+    def of_model(self, robot: Robot) -> Array:
+        """Return the numbers of a robot's model, (n,) or (n, columns)."""
+        if isinstance(self.model, tuple):
+            return np.stack([getattr(robot, name) for name in self.model], axis=1)
+        assert self.model is not None
+        numbers: Array = getattr(robot, self.model)
+        return numbers
 
 
 def switch(key: str, value: Any) -> bool:
@@ -45,30 +56,32 @@ def switch(key: str, value: Any) -> bool:
     return bool(value)
 
 
-def payload(value: Any) -> Payload | str | None:
+def payload(key: str, value: Any) -> Payload | str | None:
     """Return the payload of a scene as None, a Payload or "input"."""
     if value is None or isinstance(value, Payload):
         return value
     if isinstance(value, str) and value == INPUT:
         return INPUT
-    raise ValueError(f'payload must be a Payload, {INPUT!r} or None, got {quote(value)}')
+    raise ValueError(f'{key} must be a Payload, {INPUT!r} or None, got {quote(value)}')
 
 
-def per_joint(key: str, value: Any, rule: Rule) -> tuple[float, ...] | str | None:
-    """Return a field as None, "model", "estimated" or a tuple with one number a joint."""
+def per_joint(key: str, value: Any, rule: Rule) -> tuple[Any, ...] | str | None:
+    """Return a field as None, "model", "estimated" or a tuple with one number or row a joint."""
     words = [MODEL] * bool(rule.model) + [ESTIMATED] * rule.estimated
     if value is None or (isinstance(value, str) and value in words):
         return value
-    length = _length(value)
+    length = None if isinstance(value, np.dtype) else _length(value)
     if length is None:
         choices = ''.join(f', {word!r}' for word in words)
-        raise ValueError(f'{key} must be None{choices} or one number a joint, got {quote(value)}')
-    array = _numbers(key, value, (length,), rule.infinite)
+        raise ValueError(f'{key} must be None{choices} or {rule.row}, got {quote(value)}')
+    shape = ('n', len(rule.columns)) if rule.columns else (length,)
+    array = _numbers(key, value, shape, rule.infinite)
     if rule.above and (array <= rule.least).any():
         raise ValueError(f'{key} must be above {rule.least:g}, got {quote(array.tolist())}')
     if (array < rule.least).any():
         raise ValueError(f'{key} must not be negative, got {quote(array.tolist())}')
-    return tuple(array.tolist())
+    numbers = array.tolist()
+    return tuple(map(tuple, numbers) if rule.columns else numbers)
 
 
 def _length(value: Any) -> int | None:
@@ -91,39 +104,28 @@ def _numbers(key: str, value: Any, shape: tuple[int | str, ...], infinite: bool)
     return array
 
 
-def joint_limits(value: Any) -> tuple[tuple[float, ...], ...] | str | None:
-    """Return None, "model" or a tuple of pairs."""
-    if value is None or (isinstance(value, str) and value == MODEL):
-        return value
-    if isinstance(value, np.dtype) or _length(value) is None:
-        raise ValueError(
-            f'joint_limits must be None, {MODEL!r} or a lower and an upper limit a joint, got '
-            f'{quote(value)}'
-        )
-    array = _numbers('joint_limits', value, ('n', 2), infinite=True)
-    return tuple(map(tuple, array.tolist()))
-
-
-def restitution(value: Any) -> tuple[float, ...] | float:
+def restitution(key: str, value: Any) -> tuple[float, ...] | float:
     """Return one number or a tuple with one a joint, from 0 to 1."""
     length = _length(value)
-    number = real_number('restitution', value) if length is None else None
-    array = real_array('restitution', value, shape=() if length is None else (length,)) + 0.0
+    number = real_number(key, value) if length is None else None
+    array = real_array(key, value, shape=() if length is None else (length,)) + 0.0
     if (array < 0).any() or (array > 1).any():
-        raise ValueError(f'restitution must be from 0 to 1, got {quote(array.tolist())}')
+        raise ValueError(f'{key} must be from 0 to 1, got {quote(array.tolist())}')
     return tuple(array.tolist()) if number is None else number + 0.0
 
 
-def torque_speed(value: Any) -> tuple[tuple[tuple[float, ...], ...] | None, ...] | str | None:
+def torque_speed(
+    key: str, value: Any
+) -> tuple[tuple[tuple[float, ...], ...] | None, ...] | str | None:
     """Return None, "model", or for each joint None or its table as a tuple of pairs."""
     if value is None or (isinstance(value, str) and value == MODEL):
         return value
     if isinstance(value, np.dtype) or _length(value) is None:
         raise ValueError(
-            f'torque_speed must be None, {MODEL!r} or one table a joint with rows (speed, torque),'
+            f'{key} must be None, {MODEL!r} or one table a joint with rows (speed, torque),'
             f' got {quote(value)}'
         )
-    return tuple(_table(f'torque_speed of joint {i + 1}', rows) for i, rows in enumerate(value))
+    return tuple(_table(f'{key} of joint {i + 1}', rows) for i, rows in enumerate(value))
 
 
 def _table(label: str, rows: Any) -> tuple[tuple[float, ...], ...] | None:

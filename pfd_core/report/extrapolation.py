@@ -28,9 +28,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.algorithms.chain.joint_torques import without_joint_torques
 from pfd_core.algorithms.programs import record_forward_dynamics, record_terms
-from pfd_core.model import Plant
+from pfd_core.model import Plant, without_viscosity
 from pfd_core.report.decimals import evaluator
 
 Numbers = NDArray[Any]
@@ -134,10 +133,10 @@ def _midpoint(plant: Plant) -> Substeps:
 
 def _implicit(plant: Plant) -> Substeps:
     """Return Euler steps with implicit damping: (M + h D) (v' - v) = h (tau - bias - D v)."""
-    if plant.damping is None:
+    if plant.viscosity is None:
         raise ValueError('an implicit reference is for a scene with damping')
-    damping = np.array([Decimal(d) for d in plant.damping.tolist()])
-    evaluate = evaluator(record_terms(without_joint_torques(plant), 'sequential'))
+    damping = np.array([Decimal(d) for d in plant.viscosity.tolist()])
+    evaluate = evaluator(record_terms(without_viscosity(plant), 'sequential'))
     n = plant.robot.n
 
     def substeps(state: Numbers, H: Decimal, count: int) -> Numbers:

@@ -30,7 +30,7 @@ from pfd_core.algorithms.programs import (
     record_terms,
 )
 from pfd_core.machine.emulator import run
-from pfd_core.model import Plant
+from pfd_core.model import Plant, with_inertia
 from pfd_core.report.hard_case_problems import SEED, Array, Problem
 
 DIGITS = 50
@@ -138,8 +138,8 @@ def _neighbour(rng: np.random.Generator, plant: Plant) -> Plant:
         warnings.simplefilter('ignore')
         robot = replace(robot, **numbers)
     gravity = _changed(rng, plant.gravity)
-    armature = None if plant.armature is None else _changed(rng, plant.armature)
-    return replace(plant, robot=robot, gravity=gravity, armature=armature)
+    plant = replace(plant, robot=robot, gravity=gravity)
+    return plant if plant.inertia is None else with_inertia(plant, _changed(rng, plant.inertia))
 
 
 def errors(found: NDArray[Any], known: Reference) -> Array:

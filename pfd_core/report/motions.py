@@ -190,8 +190,8 @@ def energy(plant: Plant, q: Array, qd: Array) -> tuple[Array, Array]:
         kinetic += robot.masses[i] / 2 * (speed**2).sum(1)
         kinetic += np.einsum('si,ij,sj->s', own, J, own) / 2
         potential -= robot.masses[i] * ((place + arm) @ fall)
-    if plant.armature is not None:
-        kinetic += (plant.armature * qd**2).sum(1) / 2
+    if plant.inertia is not None:
+        kinetic += (plant.inertia * qd**2).sum(1) / 2
     return kinetic, potential
 
 

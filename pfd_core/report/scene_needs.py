@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.model import Robot, Scene
+from pfd_core.model import EFFECTS, Robot, Scene
 from pfd_core.model.checked_numbers import real_number
 from pfd_core.model.scene import scene_to_yaml
-from pfd_core.report.scene_effects import EFFECTS, effects_on, without
+from pfd_core.report.scene_effects import effects_on, without
 from pfd_core.report.scene_errors import FullRun, SceneRow, measure, roll, run_full, simulator_of
 from pfd_core.report.scene_motions import Motion
 from pfd_core.report.scene_search import MOST_EXHAUSTED, size, smallest_of_all, smallest_one_by_one

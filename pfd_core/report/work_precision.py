@@ -210,7 +210,7 @@ def _fixed(motion: Motion, way: str, step: float) -> Callable[[], Outcome]:
         integrator=way,
     )
     taus = np.zeros((SAMPLES, motion.robot.n))
-    program = record_step(TABLE[way], motion.robot.n, step, motion.plant.damping)
+    program = record_step(TABLE[way], motion.robot.n, step, motion.plant.viscosity)
     calls = sum(instruction.op == 'call' for instruction in program.instructions)
     evaluations = calls * substeps * SAMPLES
 

@@ -226,7 +226,7 @@ def _kernel(simulation: Simulation, dry: bool) -> Kernel:
     row, h = TABLE[simulation.integrator], simulation.step_size / simulation.substeps
     plant = resolve(spec.robot, spec.scene)
     # The digits that sums keep, with `compensated`, have no derivative.
-    step = record_step(row, spec.robot.n, h, plant.damping, motor_lag=plant.motor_lag)
+    step = record_step(row, spec.robot.n, h, plant.viscosity, motor_lag=plant.motor_lag)
     return compile_linear_step(spec, step, simulation.substeps, row.implicit * h)
 
 

@@ -124,7 +124,7 @@ class Simulation(ABC):
             integrator,
             self.robot.n,
             h,
-            plant.damping,
+            plant.viscosity,
             compensated=self.compensated,
             motor_lag=plant.motor_lag,
             events=has_contact(plant),
@@ -138,7 +138,7 @@ class Simulation(ABC):
         if not has_contact(plant):
             return None
         implicit = TABLE[self.integrator].implicit
-        if self.integrator not in ('rk4', 'imex2') or (implicit and plant.damping is None):
+        if self.integrator not in ('rk4', 'imex2') or (implicit and plant.viscosity is None):
             raise ValueError(
                 "friction and joint_limits of the scene need integrator='rk4', or 'imex2' with "
                 f'damping, whose steps are cut at events, got {self.integrator!r}'

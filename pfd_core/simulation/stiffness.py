@@ -1,19 +1,27 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The integrator that 'auto' stands for, by the stiffness of the damping.
+The integrator that 'auto' selects, by the stiffness of the effects of the joints.
 
-A damping D decays with the rates lambda, the eigenvalues of H(q)^-1 D. An explicit integrator is
+A viscosity D decays with the rates lambda, the eigenvalues of H(q)^-1 D. An explicit integrator is
 stable up to h lambda = 2 (velocity Verlet) or 2.8 (RK4) only; below that RK4 is the most accurate,
 beyond it the implicit one is stable at any rate. The largest rate of POSES poses decides, spread
 evenly over the turns of the joints; poses between them may be a few times as stiff.
+
+Torques that depend on the position, such as those of springs, swing with the frequencies w, w^2
+the eigenvalues of H(q)^-1 K. K is the steepest slope of the torque of each joint over SAMPLES
+positions, by the derivative of its program (pfd_core.machine.derivative). Such torques are
+explicit in every integrator.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from pfd_core.model import Plant, Robot
+from pfd_core.algorithms.chain.joint_torques import record_joint_torques
+from pfd_core.machine.derivative import directional
+from pfd_core.machine.emulator import run
+from pfd_core.model import EFFECTS, Plant, Robot, without_viscosity
 from pfd_core.model.checked_numbers import Array, choice
 from pfd_core.simulation.integrators import TABLE
 
@@ -28,6 +36,9 @@ LOST = {'float64': 1e-2, 'float32': 1e-1}
 # Poses of an arm, and elements of all their joint-space inertias in a long chain.
 POSES = 64
 ELEMENTS = 100_000
+# Positions of a joint, for the slope of its torque.
+SAMPLES = 1000
+GOLDEN_RATIO = (5**0.5 - 1) / 2
 
 
 def chosen(name: str, plant: Plant, h: float) -> str:
@@ -44,7 +55,7 @@ def check_damping(plant: Plant, integrator: str, h: float, dtype: str) -> None:
     A stage is v = w - c h (H + c h D)^-1 D w, whose terms are h lambda times as large as v where
     the damping carries the torque: the relative error of v is up to u h lambda.
     """
-    if not TABLE[integrator].implicit or plant.damping is None:
+    if not TABLE[integrator].implicit or plant.viscosity is None:
         return
     rate = fastest_decay(plant)
     if rate == np.inf:
@@ -64,16 +75,16 @@ def check_damping(plant: Plant, integrator: str, h: float, dtype: str) -> None:
 
 
 def check_springs(plant: Plant, step_size: float, substeps: int) -> None:
-    """Raise ValueError for springs that are too stiff for the step of the integrator."""
-    frequency = _largest_rate(plant, plant.stiffness) ** 0.5
+    """Raise ValueError for torques too steep in the position for the step of the integrator."""
+    frequency = _largest_rate(plant, steepest_slopes(plant)) ** 0.5
     h = step_size / substeps
     if frequency * h <= SPRING:
         return
     needed = frequency * step_size / SPRING
     advice = f'{int(np.ceil(needed))} substeps' if np.isfinite(needed) else 'rotors'
     raise ValueError(
-        f'stiffness of the scene swings at {frequency:.3g} rad/s, of which a step of {h:.3g} s '
-        f'may be at most {SPRING} rad: softer springs or {advice} are needed'
+        f'{_names(plant)} of the scene swings at {frequency:.3g} rad/s, of which a step of '
+        f'{h:.3g} s may be at most {SPRING} rad: softer ones or {advice} are needed'
     )
 
 
@@ -83,7 +94,32 @@ def fastest_decay(plant: Plant) -> float:
 
     It is infinite where H is not positive definite in the digits of float64.
     """
-    return _largest_rate(plant, plant.damping)
+    return _largest_rate(plant, plant.viscosity)
+
+
+def steepest_slopes(plant: Plant) -> Array | None:
+    """
+    Return the largest |d torque/d q| of the effects of each joint, (n,) [N m/rad or N/m].
+
+    None if no torque of the joints depends on the position.
+    """
+    program = record_joint_torques(without_viscosity(plant))
+    if 'q' not in program.inputs:
+        return None
+    lower, upper = _ranges(plant.robot)
+    unit = (0.5 + GOLDEN_RATIO * np.arange(SAMPLES)) % 1.0
+    q = lower + unit[:, np.newaxis] * (upper - lower)
+    at = {'q': q, 'qd': np.zeros_like(q), 'd q': np.ones_like(q)}
+    slopes = run(directional(program, ['tau'], ['q']), at)['d tau']
+    largest: Array = np.abs(slopes).max(axis=0)
+    return largest
+
+
+def _names(plant: Plant) -> str:
+    """Return the fields of the effects whose torque depends on the position."""
+    return ' and '.join(
+        e.field for e in EFFECTS if e.torque is not None and e.field in plant.effects
+    )
 
 
 def _largest_rate(plant: Plant, diagonal: Array | None) -> float:
@@ -107,7 +143,7 @@ def inertia_matrices(plant: Plant, q: Array) -> Array:
     and Jw of the turning, all in the axes of the base.
     """
     robot, (count, n) = plant.robot, q.shape
-    H = np.zeros((count, n, n)) + (0.0 if plant.armature is None else np.diag(plant.armature))
+    H = np.zeros((count, n, n)) + (0.0 if plant.inertia is None else np.diag(plant.inertia))
     R: Array = np.broadcast_to(np.eye(3), (count, 3, 3))
     p = np.zeros((count, 3))
     axes, points = np.zeros((n, count, 3)), np.zeros((n, count, 3))
@@ -159,11 +195,16 @@ def _poses(robot: Robot) -> Array:
     steps = root ** -np.arange(1.0, n + 1)
     count = max(1, min(POSES, ELEMENTS // n**2))
     unit = (0.5 + np.arange(1, count + 1)[:, np.newaxis] * steps) % 1.0
+    lower, upper = _ranges(robot)
+    positions: Array = lower + unit * (upper - lower)
+    return positions
+
+
+def _ranges(robot: Robot) -> tuple[Array, Array]:
+    """Return lower and upper positions, (n,) each: of a whole turn, or of the limits."""
     turning = _turning(robot)
     lower = np.where(turning, -np.pi, robot.position_lower)
     upper = np.where(turning, np.pi, robot.position_upper)
     # A slide without limits: a metre either way.
     lower = np.where(np.isfinite(lower), lower, -1.0)
-    upper = np.where(np.isfinite(upper), upper, 1.0)
-    positions: Array = lower + unit * (upper - lower)
-    return positions
+    return lower, np.where(np.isfinite(upper), upper, 1.0)

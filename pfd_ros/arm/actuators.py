@@ -9,7 +9,7 @@ it; so the effort that joint_states tells is exactly the one that acted. It is t
 limits, without friction, and without the gravity torque that drives with gravity compensation add:
 commands and states have one convention. Motors with a lag follow it.
 
-See docs/decisions/0019-limits-of-actuators.md.
+See docs/decisions/0019-limits-of-actuators.md and 0032-one-table-of-effects.md.
 """
 
 from __future__ import annotations
@@ -65,17 +65,29 @@ class Actuators:
         Of the arm, as they are now.
     order
         Index in the model of each joint, in published order.
+    scene
+        Of the arm. Limits of its own act within the step, in the place of those here.
     """
 
-    def __init__(self, settings: Settings, robot: pfd.Robot, order: Sequence[int]) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        robot: pfd.Robot,
+        order: Sequence[int],
+        scene: pfd.Scene | None = None,
+    ) -> None:
         check_servo(settings)
         self._names = robot.joint_names
         full, speeds = effort_limits(robot), speed_limits(robot)
         endless = np.full(robot.n, np.inf)
+        scene = scene or pfd.Scene()
+        table = settings.torque_speed and scene.torque_speed is None
+        # The first row of a torque-speed table is the largest torque at any speed.
+        limited = table or (settings.effort_limits and scene.effort_limits is None)
         self.limits = np.array(
             [
-                full if settings.effort_limits else endless,
-                *((full, speeds) if settings.torque_speed else (endless, endless)),
+                full if limited else endless,
+                *((full, speeds) if table else (endless, endless)),
                 speeds,
             ]
         )

@@ -32,11 +32,15 @@ class CommandSettings:
         values=('plain', 'franka'),
     )
     effort_limits: bool = setting(
-        True, "Cut efforts to the model's limits; joints without one get a wide one", dynamic=True
+        True,
+        "Cut efforts to the model's limits; joints without one get a wide one; limits of the "
+        'scene file replace these',
+        dynamic=True,
     )
     torque_speed: bool = setting(
         True,
-        "Let efforts fall from the model's velocity limits on, to none at twice that",
+        "Cut efforts to the model's torque-speed tables: the effort limit up to the velocity "
+        'limit, no driving effort from twice that on; tables of the scene file replace these',
         dynamic=True,
     )
     servo_p: tuple[float, ...] = setting(

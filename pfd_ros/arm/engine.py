@@ -123,7 +123,7 @@ class Engine:
         """Set the constants that follow from the settings as they are now."""
         settings, arm = self.settings, self.arm
         self._link = CommandLink(settings)
-        self.actuators = Actuators(settings, arm.robot, arm.order)
+        self.actuators = Actuators(settings, arm.robot, arm.order, arm.scene)
         arm.set_limits(self.actuators.limits)
         sensors = Sensors(settings, arm.order)
         # None where states are measured as they are.

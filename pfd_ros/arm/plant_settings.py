@@ -4,8 +4,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,13 +17,9 @@ from pfd_ros.arm.setting_fields import setting
 LARGEST_MASS, LARGEST_CENTER, LARGEST_INERTIA = 1e5, 1e3, 1e6
 # A flat body reaches the bound of the triangle rule; this is far above its rounding.
 TRIANGLE_TOLERANCE = 1e-9
-# A value of `armature`, as of Scene.
-ESTIMATED = 'estimated'
-# Fields that a scene file stands for.
-EFFECTS = (
-    *('gravity', 'damping', 'friction', 'armature', 'joint_limits', 'restitution'),
-    *('joint_damping', 'joint_friction', 'joint_armature', 'motor_lag'),
-)
+# Words for the numbers of a robot, as of Scene.
+MODEL, ESTIMATED = 'model', 'estimated'
+T = TypeVar('T')
 # Fields that other values need other native code for.
 PAYLOAD = ('payload_mass', 'payload_center', 'payload_inertia')
 COMPILED = frozenset({'gravity_compensation', *PAYLOAD})
@@ -49,56 +46,111 @@ def payload_changes(wanted: str, method: str) -> str:
     return wanted
 
 
-def _of_joints(name: str, text: str) -> Any:
-    """Return a field of numbers for each joint: by default the model's if the switch is on.
+def effect_fields() -> Iterator[Any]:
+    """Yield the fields of the effects of the joints, `pfd_core.model.effects.Field`."""
+    for effect in pfd.EFFECTS:
+        if effect.of_joints:
+            yield from effect.fields
 
-    `name` is that of the group of parameters, of the switch, and of the numbers of the model.
+
+def joint_settings(field: Any) -> dict[str, str]:
+    """Return the settings with a number for each joint of a field: name -> name of parameters.
+
+    A field with columns has one setting for each; limits, which may be infinite, have none.
     """
+    if field.rule is None or field.rule.infinite:
+        return {}
+    name = f'joint_{field.name}' if field.rule.model else field.name
+    if not field.rule.columns:
+        return {name: field.name}
+    return {f'{name}_{column}': f'{field.name}.{column}' for column in field.rule.columns}
+
+
+def _effect_settings() -> Iterator[tuple[str, str, Any]]:
+    """Yield name, annotation and field of each setting of the effects of the joints."""
+    for field in effect_fields():
+        if field.rule is None:
+            yield field.name, 'float', setting(field.off, field.text, 0.0, field.most)
+            continue
+        if field.rule.model:
+            text = f'{field.text}, as the model states it'
+            values: tuple[bool | str, ...] = ()
+            if field.rule.estimated:
+                text += '; estimated: from effort and velocity limits where it states none'
+                values = (False, True, ESTIMATED)
+            kind = 'bool | str' if values else 'bool'
+            yield field.name, kind, setting(False, text, values=values)
+        least = max(field.rule.least, -field.most)
+        for k, (name, parameter) in enumerate(joint_settings(field).items()):
+            column = parameter.removeprefix(f'{field.name}.')
+            text = field.text if column == parameter else f'{field.text}: {column}'
+            yield (
+                name,
+                'tuple[float, ...]',
+                setting(
+                    (),
+                    f'{text}, {field.units(k)}',
+                    least,
+                    field.most,
+                    name=parameter,
+                    per_joint=True,
+                    joint_default=_of_model(field) if field.rule.model else None,
+                ),
+            )
+
+
+def _of_model(field: Any) -> Callable[[Any, pfd.Robot], np.ndarray]:
+    """Return the numbers of a field for each joint: the model's if the switch is on."""
 
     def default(settings: Any, robot: pfd.Robot) -> np.ndarray:
-        switch = getattr(settings, name)
-        if switch == ESTIMATED:
-            return pfd.estimated_armature(robot)
-        numbers: np.ndarray = getattr(robot, name) * float(switch)
+        switch = getattr(settings, field.name)
+        word = ESTIMATED if switch == ESTIMATED else MODEL
+        numbers: np.ndarray = field.resolved(robot, word) * float(bool(switch))
         return numbers
 
-    return setting((), text, 0.0, 1e6, name=name, per_joint=True, joint_default=default)
+    return default
+
+
+def _with_effects(cls: type[T]) -> type[T]:
+    """Add the settings of the effects of the joints to a class of settings."""
+    for name, annotation, value in _effect_settings():
+        cls.__annotations__[name] = annotation
+        setattr(cls, name, value)
+    return cls
+
+
+def given_effects(settings: Any, order: Sequence[int]) -> dict[str, Any]:
+    """Return the fields of Scene that settings give, in model order.
+
+    Parameters
+    ----------
+    settings
+        Of the arm.
+    order
+        Index in the model of each joint, in published order.
+    """
+    effects: dict[str, Any] = {}
+    for field in effect_fields():
+        if field.rule is None or field.rule.model:
+            value = getattr(settings, field.name)
+            effects[field.name] = (value or None) if value is not True else MODEL
+        columns = [getattr(settings, name) for name in joint_settings(field)]
+        if any(columns):
+            values = np.zeros((len(order), len(columns)))
+            for column, numbers in enumerate(columns):
+                values[list(order), column] = numbers or 0.0
+            given = values if field.rule and field.rule.columns else values[:, 0]
+            effects[field.name] = given if given.any() else None
+    return {name: value for name, value in effects.items() if value is not None}
 
 
 @dataclass(frozen=True)
+@_with_effects
 class PlantSettings:
-    """The part of the settings that is about the plant."""
+    """The settings of the plant; those of the joints are from the table of effects."""
 
     gravity: tuple[float, ...] = setting(
         (0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2; zeros switch it off'
-    )
-    damping: bool = setting(False, 'Viscous damping of the joints as the model states it')
-    friction: bool = setting(False, 'Coulomb friction of the joints as the model states it')
-    armature: bool | str = setting(
-        False,
-        'Rotor inertia of the joints: true as the model states it; estimated as the model states '
-        'it, and from effort and velocity limits where it states none',
-        values=(False, True, ESTIMATED),
-    )
-    joint_limits: bool = setting(False, 'Stops at the position limits of the model')
-    restitution: float = setting(
-        0.0, 'Share of its velocity that a joint keeps when it bounces off its stop', 0.0, 1.0
-    )
-    joint_damping: tuple[float, ...] = _of_joints(
-        'damping', 'Viscous damping of the joint, N m s/rad or N s/m'
-    )
-    joint_friction: tuple[float, ...] = _of_joints(
-        'friction', 'Coulomb friction of the joint, N m or N'
-    )
-    joint_armature: tuple[float, ...] = _of_joints(
-        'armature', 'Rotor inertia of the joint times the square of its gear ratio, kg m^2 or kg'
-    )
-    motor_lag: tuple[float, ...] = setting(
-        (),
-        'Time constant with which the motor of the joint follows its effort, s',
-        0.0,
-        10.0,
-        per_joint=True,
     )
     scene: str = setting('', "Scene file (YAML) in the place of all effects above; '' takes those")
     gravity_compensation: bool = setting(
@@ -172,7 +224,8 @@ class PlantSettings:
                 label = name.replace('_', '.')
                 raise ValueError(f'{label} needs {count} numbers, got {len(given)}')
         default = PlantSettings()
-        given = [name for name in EFFECTS if getattr(self, name) != getattr(default, name)]
+        effects = ['gravity', *(name for name, *_ in _effect_settings())]
+        given = [name for name in effects if getattr(self, name) != getattr(default, name)]
         if self.scene and given:
             raise ValueError(
                 f'scene stands for {" and ".join(given)}: leave out the one or the other'

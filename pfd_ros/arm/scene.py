@@ -5,14 +5,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.plant_settings import COMPILED, ESTIMATED, INPUT, PAYLOAD, PlantSettings
-from pfd_ros.arm.setting_fields import parameter_name
+from pfd_ros.arm.plant_settings import COMPILED, INPUT, PAYLOAD, given_effects
 from pfd_ros.arm.settings import Settings
 from pfd_ros.text import cut
 
@@ -72,21 +71,8 @@ def _from_text(text: str) -> pfd.Scene:
 
 def _switched(settings: Settings, order: Sequence[int]) -> pfd.Scene:
     """Return the scene of the switches and of the numbers for each joint."""
-    effects: dict[str, Any] = {
-        name: 'model'
-        for name in ('damping', 'friction', 'armature', 'joint_limits')
-        if getattr(settings, name)
-    }
-    if settings.armature == ESTIMATED:
-        effects['armature'] = ESTIMATED
-    for field in fields(PlantSettings):
-        given = getattr(settings, field.name) if field.metadata['per_joint'] else ()
-        if given:
-            values = np.zeros(len(order))
-            values[list(order)] = given
-            effects[parameter_name(field)] = values if values.any() else None
     gravity = settings.gravity if any(settings.gravity) else None
-    return pfd.Scene(gravity=gravity, restitution=settings.restitution, **effects)
+    return pfd.Scene(gravity=gravity, **given_effects(settings, order))
 
 
 def with_own_effects(settings: Settings, changed: Collection[str]) -> Settings:

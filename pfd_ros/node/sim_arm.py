@@ -19,7 +19,7 @@ from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.outputs import roles_of
-from pfd_ros.arm.plant_settings import ESTIMATED
+from pfd_ros.arm.plant_settings import ESTIMATED, effect_fields
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.scene import with_scene_text
 from pfd_ros.arm.settings import Settings
@@ -192,11 +192,14 @@ def _entities(node: Node) -> Iterator[tuple[str, Any]]:
 
 
 def _warn_about(settings: Settings, robot: pfd.Robot, log: ThrottledLog) -> None:
-    if settings.armature == ESTIMATED:
-        log.info(estimate_text(robot))
-    for name in ('armature', 'damping', 'friction'):
-        if getattr(settings, name) is True and not getattr(robot, name).any():
-            cure = f'; try armature:={ESTIMATED}' if name == 'armature' else ''
+    for field in effect_fields():
+        if field.rule is None or not field.rule.model:
+            continue
+        switch, name = getattr(settings, field.name), field.name
+        if switch == ESTIMATED:
+            log.info(estimate_text(robot))
+        if switch is True and not field.rule.of_model(robot).any():
+            cure = f'; try {name}:={ESTIMATED}' if field.rule.estimated else ''
             log.once(
                 name, f'{name} is true, but the model of {cut(robot.name)!r} states none{cure}'
             )

@@ -14,7 +14,11 @@ import pytest
 from simulating import efforts, joint_state, simulate, states_of
 
 import pfd_core as pfd
-from pfd_ros.arm.actuators import effort_limits, speed_limits
+from pfd_core.algorithms.chain.drives import record_motor_torques
+from pfd_core.algorithms.chain.motor_limits import record_motor_limits
+from pfd_core.machine.emulator import run as run_program
+from pfd_core.model import resolve
+from pfd_ros.arm.actuators import Actuators, effort_limits, speed_limits
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
@@ -89,8 +93,51 @@ def test_the_limits_belong_to_the_joints_in_any_published_order() -> None:
 
 def test_limits_can_be_switched_off() -> None:
     assert acted(actuators(**UNLIMITED), (1e3, -11.0), (50.0, -50.0)) == [1e3, -11.0]
-    assert acted(actuators(effort_limits=False), (99.0, 99.0), (30.0, 0.0)) == [10.0, 99.0]
+    # The first row of a table holds at any speed.
+    assert acted(actuators(effort_limits=False), (99.0, 99.0), (30.0, 0.0)) == [10.0, 10.0]
     assert acted(actuators(torque_speed=False), (99.0, 9.0), (19.0, 50.0)) == [20.0, 9.0]
+
+
+def limited(made: Actuators, wanted: np.ndarray, velocities: np.ndarray) -> np.ndarray:
+    """Return the efforts within the limits of actuators, in model order."""
+    n = len(wanted)
+    given = {'tau': wanted, 'qd': velocities, 'motors': made.limits.ravel()}
+    found: np.ndarray = run_program(record_motor_limits(n), given)['limited'][:n]
+    return found
+
+
+@pytest.mark.parametrize('robot', ['puma560', 'ur5', 'panda'])
+@pytest.mark.parametrize('limits', [('effort_limits',), ('torque_speed',), tuple(UNLIMITED)])
+def test_limits_are_those_of_a_scene_with_the_limits_of_the_model(
+    limits: tuple[str, ...], robot: str
+) -> None:
+    arm = pfd.load_robot(robot)
+    program = record_motor_torques(resolve(arm, pfd.Scene(**dict.fromkeys(limits, 'model'))))
+    settings = Settings(robot=robot, **{name: name in limits for name in UNLIMITED})
+    made = Actuators(settings, arm, range(arm.n))
+    rng = np.random.default_rng(5)
+    for _ in range(100):
+        wanted = 3.0 * arm.effort_limit * rng.uniform(-1, 1, arm.n)
+        velocities = 3.0 * arm.velocity_limit * rng.uniform(-1, 1, arm.n)
+        given = {'tau': wanted, 'qd': velocities}
+        motors = run_program(program, {key: given[key] for key in program.inputs})['tau']
+        np.testing.assert_allclose(limited(made, wanted, velocities), motors, rtol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ('scene', 'left'),
+    [
+        (pfd.Scene(effort_limits=(3.0, 1.0), torque_speed='model'), [1e300, -1e300]),
+        (pfd.Scene(effort_limits=(3.0, 1.0)), [0.0, -10.0]),
+        (pfd.Scene(torque_speed=[[(1.0, 5.0)]] * 2), [20.0, -10.0]),
+    ],
+)
+def test_limits_of_the_scene_act_in_the_place_of_those_of_the_parameters(
+    scene: pfd.Scene, left: list[float]
+) -> None:
+    engine = Engine(Settings(robot='planar2', scene=pfd.scene_to_yaml(scene)), PLANAR2)
+    found = limited(engine.actuators, np.array([1e300, -1e300]), np.array([40.0, 40.0]))
+    assert found.tolist() == left
 
 
 @pytest.mark.parametrize('silent', [0.0, np.inf])

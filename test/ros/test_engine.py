@@ -115,7 +115,7 @@ def test_the_order_of_the_joints_is_a_view_and_does_not_change_the_motion() -> N
 
 
 def test_a_state_that_overflows_stops_the_arm_at_the_last_finite_one() -> None:
-    engine = made(effort_limits=False)
+    engine = made(effort_limits=False, torque_speed=False)
     last, state = run(engine, 1), run(engine, 1, [array(*[1e300] * 6)])
     while not engine.arm.failure:
         last, state = state, run(engine, 1)
@@ -129,7 +129,9 @@ def test_a_state_that_overflows_stops_the_arm_at_the_last_finite_one() -> None:
 
 
 def test_a_failed_arm_goes_on_judging_and_counting_and_a_gap_costs_nothing() -> None:
-    engine, passed = (made(publish_rate=500.0, effort_limits=False) for _ in range(2))
+    engine, passed = (
+        made(publish_rate=500.0, effort_limits=False, torque_speed=False) for _ in range(2)
+    )
     for one in (engine, passed):
         run(one, 2, [array(*[1e308] * 6)])
         assert one.arm.failure
@@ -143,8 +145,12 @@ def test_a_failed_arm_goes_on_judging_and_counting_and_a_gap_costs_nothing() -> 
 
 
 def test_a_reset_lets_an_arm_that_failed_go_on_at_the_time_of_its_cycle() -> None:
-    engine = made(robot='planar2', initial_positions=(0.3, -0.2), effort_limits=False)
-    fresh = made(robot='planar2', initial_positions=(0.3, -0.2), effort_limits=False)
+    engine = made(
+        robot='planar2', initial_positions=(0.3, -0.2), effort_limits=False, torque_speed=False
+    )
+    fresh = made(
+        robot='planar2', initial_positions=(0.3, -0.2), effort_limits=False, torque_speed=False
+    )
     run(engine, 1, [array(1e300, 0.0)])
     while not engine.arm.failure:
         engine.step()
@@ -163,7 +169,7 @@ def test_a_reset_lets_an_arm_that_failed_go_on_at_the_time_of_its_cycle() -> Non
 
 
 def test_no_gap_is_so_long_that_the_time_after_it_has_no_stamp() -> None:
-    engine = made(robot='planar2', effort_limits=False)
+    engine = made(robot='planar2', effort_limits=False, torque_speed=False)
     run(engine, 1, [array(1e300, 0.0)])
     while not engine.arm.failure:
         engine.step()

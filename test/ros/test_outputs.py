@@ -222,7 +222,8 @@ def test_outputs_come_between_state_and_tick_with_the_number_of_the_state() -> N
 
 
 def test_a_jump_and_a_failed_arm_have_no_acceleration_and_every_number_is_finite() -> None:
-    engine = made(robot='planar2', joints=(), initial_positions=(), effort_limits=False)
+    unlimited = {'effort_limits': False, 'torque_speed': False}
+    engine = made(robot='planar2', joints=(), initial_positions=(), **unlimited)
     engine.take([Arrival(Source.ARRAY, 1, efforts(1e300, -1e300))])
     for _ in range(20):
         found: list[Output] = engine.step()

@@ -27,7 +27,7 @@ from pfd_ros.replay.verify import DifferenceError, read
 
 MOVE = {3: [efforts(1.0, 2.0)], 9: [efforts(-1.0, 0.5), efforts(2.0, 0.0)]}
 BLOW_UP = {5: [efforts(1.0, 2.0)], 12: [efforts(1e308, -1e308)]}
-UNLIMITED = {'effort_limits': False}
+UNLIMITED = {'effort_limits': False, 'torque_speed': False}
 
 
 def told(path: Path, capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, str]:

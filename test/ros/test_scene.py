@@ -7,6 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 import signal
 
+from effect_cases import example
 import numpy as np
 import pytest
 from ros_processes import Processes
@@ -14,6 +15,7 @@ from simulating import efforts, simulate
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import Arm, load_robot
+from pfd_ros.arm.plant_settings import effect_fields, joint_settings
 from pfd_ros.arm.scene import scene_of, with_scene_text
 from pfd_ros.arm.settings import Settings
 from pfd_ros.replay.verify import read
@@ -61,6 +63,21 @@ def test_an_arm_in_a_scene_verifies_and_moves_as_the_simulator(tmp_path: Path) -
         wanted.step([2.0, 5.0])
     np.testing.assert_array_equal(arm.q, wanted.q)
     assert wanted.qd.any()
+
+
+def test_the_numbers_of_each_joint_make_the_scene_of_the_table() -> None:
+    order = (1, 0)
+    wanted, settings = {}, {}
+    for field in effect_fields():
+        names = list(joint_settings(field))
+        if names:
+            wanted[field.name] = np.array(example(field, 2))
+            columns = wanted[field.name].reshape(2, -1).T
+            for name, column in zip(names, columns, strict=True):
+                settings[name] = tuple(column[list(order)].tolist())
+    found = scene_of(Settings(robot='planar2', **settings), order)
+    assert found == pfd.Scene(**wanted, brakes=True)
+    assert pfd.load_scene(pfd.scene_to_yaml(found)) == found
 
 
 @pytest.mark.parametrize(

@@ -8,12 +8,14 @@ from collections.abc import Iterator, Mapping
 import dataclasses
 import json
 from pathlib import Path
+import re
 from typing import Any
 
 import pytest
 import yaml
 
 from pfd_ros.arm import settings as settings_file
+from pfd_ros.arm.plant_settings import effect_fields, joint_settings
 from pfd_ros.arm.setting_fields import parameter_name
 from pfd_ros.arm.settings import Settings
 
@@ -41,6 +43,18 @@ def test_the_shipped_file_holds_every_setting_at_its_default() -> None:
     assert set(given) == set(names)
     values = {names[name]: value for name, value in given.items()}
     assert settings_file.from_values(values) == Settings()
+
+
+def test_the_shipped_file_names_every_number_of_a_joint_with_the_units_of_the_table() -> None:
+    lines = re.findall(
+        r'^    #   ([\w.]+)\.joint1: \S+ +(.*)$', CONFIG.read_text('utf-8'), re.MULTILINE
+    )
+    named = {name: comment.partition(', ')[0] for name, comment in lines}
+    wanted = {}
+    for field in effect_fields():
+        for k, parameter in enumerate(joint_settings(field).values()):
+            wanted[parameter] = field.units(k)
+    assert named == wanted
 
 
 def test_settings_come_back_from_json_with_the_same_bits() -> None:

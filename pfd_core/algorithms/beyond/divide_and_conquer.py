@@ -94,7 +94,7 @@ def record_divide_and_conquer(plant: Plant, schedule: str) -> Program:
         free = input_row(recorder, 'free')
         y = where(free, y, 0.0)
     lent = lent_rotors(plant)
-    rotors = [recorder.constant(r) for r in (plant.armature, lent) if r is not None and r.any()]
+    rotors = [recorder.constant(r) for r in (plant.inertia, lent) if r is not None and r.any()]
     columns = [y, *(recorder.constant(np.eye(recorder.lanes)[j]) for j in np.flatnonzero(lent))]
     with recorder.section('single links'):
         joints, pieces = single_links(chain, at, rotors, array(columns), free)

@@ -45,8 +45,8 @@ def lent_rotors(plant: Plant) -> NDArray[np.float64]:
     lent = np.zeros(robot.n)
     for j in range(robot.n):
         own, most = _own_inertia(robot, j), _most_inertia(robot, j)
-        if plant.armature is not None:
-            own += plant.armature[j]
+        if plant.inertia is not None:
+            own += plant.inertia[j]
         if own <= LIGHT * most:
             # A power of two, so that lending and taking back do not round.
             lent[j] = math.ldexp(1.0, round(math.log2(most))) if most > 0 else 1.0

@@ -9,6 +9,6 @@ Common start of every algorithm text: inputs, links and the equations of motion.
     gravity         gravity torques of a model at the input q
     drives          torques of the motors: gravity compensation, limits, friction of sliding joints
     motor_limits    limits of motors that are decided once a control cycle
-    joint_torques   torques of the joints themselves: damping, springs, rotors
+    joint_torques   torques of the joints themselves, from pfd_core.model.effects
     equations       equations of motion on n lanes: y = tau - bias, rotors, held joints
 """

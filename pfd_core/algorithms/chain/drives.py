@@ -26,9 +26,7 @@ depends on the velocity. Selections are not counted.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 
@@ -38,22 +36,8 @@ from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import Plant
+from pfd_core.model import Plant, has_drives
 from pfd_core.model.geometry import Array
-
-# Fields of Plant whose effects are those of the drives.
-DRIVES = ('effort_limits', 'torque_speed', 'gravity_compensation', 'sliding_friction')
-
-
-def has_drives(plant: Plant) -> bool:
-    """Return whether motors give other torques than the commanded ones."""
-    return any(getattr(plant, key) is not None for key in DRIVES)
-
-
-def without_drives(plant: Plant) -> Plant:
-    """Return a plant whose input tau is the torque of its motors."""
-    off: dict[str, Any] = dict.fromkeys(DRIVES)
-    return replace(plant, **off)
 
 
 def record_motor_torques(plant: Plant) -> Program:

@@ -55,7 +55,7 @@ def torques(
 
 def armature(recorder: Recorder, plant: Plant) -> Lanes | None:
     """Return the rotors' inertia on lanes, if the scene has any."""
-    return None if plant.armature is None else recorder.constant(plant.armature)
+    return None if plant.inertia is None else recorder.constant(plant.inertia)
 
 
 def held_joints(rows: list[Lanes], y: Lanes) -> tuple[list[Lanes], Lanes, Lanes]:

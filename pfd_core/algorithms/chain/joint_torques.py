@@ -1,44 +1,36 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Torques of the joints themselves, beside the torques of the links: damping, springs and rotors.
+Torques of the joints themselves, in addition to the torques of the links.
 
     tau = tau of links, gravity and wrench
-          + damping qd + stiffness (q - rest_position) [+ armature qdd]
+          + viscosity qd + torque(q, qd) [+ inertia qdd]        summed over the effects
 
-Every text takes these torques from here, on n lanes (one row for all joints) and on one
-processor (a list with one number per joint). A further effect of a joint is a field of Scene and
-Plant (pfd_core.model), a term of `_terms` and, unless it multiplies qdd, a field of AT_REST.
-A sign is written with lanes.where. What a motor does is in pfd_core.algorithms.chain.drives.
+The effects are the records of pfd_core.model.effects that act on the joints. Every algorithm takes
+these torques from here, on n lanes (one row for all joints) and on one processor (a list with one
+number per joint). What a motor does is in pfd_core.algorithms.chain.drives.
 
-In forward dynamics qdd is unknown, so that each method adds the rotors' inertia to the diagonal
-of H or to the pivot of its joint.
+In forward dynamics qdd is unknown, so that each method adds the inertia of the joints to the
+diagonal of H or to the pivot of its joint.
 
-With w^2 the largest eigenvalue of H^-1 diag(stiffness), a step h of an explicit integrator needs
-w h <= 0.2 for a swing that is right, which simulations demand (pfd_core.simulation.stiffness);
-RK4 grows without bound from w h = 2.8 on.
-
-Parallel cost: 1 multiplication and 1 addition for each effect that is on; 1 addition more for
-springs whose rest positions are not zero.
+Parallel cost: 1 multiplication and 1 addition for viscosity, inertia and springs each; 1 addition
+more for springs whose rest positions are not zero.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
 import operator
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pfd_core.algorithms.chain.drives import DRIVES
-from pfd_core.algorithms.chain.interface import input_list, input_row
-from pfd_core.machine.recorder import Lanes
-from pfd_core.model import Plant
-
-# Fields of Plant whose torques do not depend on qdd.
-AT_REST = ('damping', 'stiffness', 'rest_position', *DRIVES)
+from pfd_core.algorithms.chain.interface import input_list, input_row, program_with_outputs
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.model import EFFECTS, Effect, Plant
+from pfd_core.model.geometry import Array
 
 
 def plus_joint_torques(
@@ -54,21 +46,31 @@ def plus_joint_torques(
     tau, qd : sequence of Lanes
         Torques [N m or N] and velocities [rad/s or m/s]: one row over lanes, or n numbers.
     qdd : sequence of Lanes, optional
-        Accelerations [rad/s^2 or m/s^2]; without them rotors are left out.
+        Accelerations [rad/s^2 or m/s^2]; without them inertia is left out.
 
     """
     return _combined(operator.add, plant, tau, qd, qdd)
 
 
 def minus_joint_torques(plant: Plant, tau: Sequence[Lanes], qd: Sequence[Lanes]) -> list[Lanes]:
-    """Return tau minus the torques that the joints take at velocities qd, rotors left out."""
+    """Return tau minus the torques that the joints take at velocities qd, without inertia."""
     return _combined(operator.sub, plant, tau, qd, None)
 
 
-def without_joint_torques(plant: Plant) -> Plant:
-    """Return a plant whose joints take no torque but their rotors': H qdd = tau at rest."""
-    off: dict[str, Any] = dict.fromkeys(AT_REST)
-    return replace(plant, **off)
+def record_joint_torques(plant: Plant) -> Program:
+    """Return the program of the torques that the joints take, tau, (n,), from q and qd."""
+    recorder = Recorder(1, 'sequential')
+    qd = input_list(recorder, 'qd', plant.robot.n)
+    tau = plus_joint_torques(plant, [recorder.constant(0.0)] * len(qd), qd)
+    return program_with_outputs(recorder, tau=tau)
+
+
+def stored_energies(plant: Plant, q: Sequence[Lanes]) -> Iterator[Lanes]:
+    """Yield the potential energy [J] of each joint and effect, from n numbers q on one lane."""
+    for effect in _acting(plant):
+        if effect.potential is not None:
+            for x, c in zip(q, _constants(effect, plant, q), strict=True):
+                yield effect.potential(c, x)
 
 
 def _combined(
@@ -88,22 +90,40 @@ def _terms(
     plant: Plant, qd: Sequence[Lanes], qdd: Sequence[Lanes] | None
 ) -> Iterator[Iterator[Lanes]]:
     """Yield the torques of each effect, in the order of `qd`; each is recorded when it is read."""
-
-    def constants(values: NDArray[np.float64]) -> Iterator[Lanes]:
-        return (qd[0].recorder.constant(row) for row in values.reshape(len(qd), -1))
-
-    if plant.damping is not None:
-        yield map(operator.mul, constants(plant.damping), qd)
-    if plant.stiffness is not None and plant.rest_position is not None:
-        yield map(operator.mul, constants(plant.stiffness), _stretch(plant.rest_position, qd))
-    if plant.armature is not None and qdd is not None:
-        yield map(operator.mul, constants(plant.armature), qdd)
+    if plant.viscosity is not None:
+        yield map(operator.mul, _rows(plant.viscosity, qd), qd)
+    for effect in _acting(plant):
+        if effect.torque is not None:
+            yield map(effect.torque, _constants(effect, plant, qd), _positions(qd), qd)
+    if plant.inertia is not None and qdd is not None:
+        yield map(operator.mul, _rows(plant.inertia, qd), qdd)
 
 
-def _stretch(rest: NDArray[np.float64], qd: Sequence[Lanes]) -> Iterator[Lanes]:
-    """Yield q - rest in the order of `qd`."""
+def _acting(plant: Plant) -> Iterator[Effect]:
+    return (effect for effect in EFFECTS if effect.field in plant.effects)
+
+
+def _rows(values: Array, like: Sequence[Lanes]) -> Iterator[Lanes]:
+    """Yield numbers, (n,), as constants: one row over lanes, or n numbers."""
+    return (like[0].recorder.constant(row) for row in values.reshape(len(like), -1))
+
+
+def _constants(effect: Effect, plant: Plant, like: Sequence[Lanes]) -> Iterator[Any]:
+    """Yield the numbers of an effect as constants by field, for each entry of `like`."""
+    constant = like[0].recorder.constant
+    first, *refining = (field.name for field in effect.fields)
+    for joints in np.arange(plant.robot.n).reshape(len(like), -1):
+        c: dict[str, Any] = {}
+        for name in (first, *refining):
+            rows = plant.effects[name][joints]
+            c[name] = constant(rows) if rows.ndim == 1 else tuple(map(constant, rows.T))
+            if name in refining and not rows.any():
+                c[name] = None
+        yield SimpleNamespace(**c)
+
+
+def _positions(qd: Sequence[Lanes]) -> list[Lanes]:
+    """Return the input q in the order of `qd`."""
     recorder = qd[0].recorder
     one_row = len(qd) == 1 and recorder.lanes > 1
-    q = [input_row(recorder, 'q')] if one_row else input_list(recorder, 'q', len(qd))
-    for position, row in zip(q, rest.reshape(len(qd), -1), strict=True):
-        yield position - recorder.constant(row) if row.any() else position
+    return [input_row(recorder, 'q')] if one_row else input_list(recorder, 'q', len(qd))

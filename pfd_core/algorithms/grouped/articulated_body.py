@@ -109,9 +109,9 @@ def _joints(
     body: Inertia | None = None
     for i in range(len(links) - 1, -1, -1):
         whole = _with_link(links[i], body)
-        rotor = recorder.constant(0.0 if plant.armature is None else plant.armature[i])
+        rotor = recorder.constant(0.0 if plant.inertia is None else plant.inertia[i])
         joint = _joint(links[i].slides, whole, rotor, None if free is None else free[i])
-        stiff = plant.brakes or (plant.armature is not None and plant.armature[i] != 0)
+        stiff = plant.brakes or (plant.inertia is not None and plant.inertia[i] != 0)
         joints.insert(0, Joint(*joint, bool(stiff)))
         if i:
             body = _moved(links[i], _given_way(links[i].slides, whole, joints[0]))

@@ -56,8 +56,8 @@ def _kinetic_energy(
         along[2] = along[2] + rate
         energy = energy + dot(w, _half_momentum(link.inertia, w) + cross(link.h, v))
         energy = energy + (0.5 * link.m) * dot(v, v)
-    if plant.armature is not None:
-        for rotor, rate in zip(plant.armature, qd, strict=True):
+    if plant.inertia is not None:
+        for rotor, rate in zip(plant.inertia, qd, strict=True):
             energy = energy + (0.5 * float(rotor) * rate) * rate
     return energy
 

@@ -44,8 +44,8 @@ class Factors:
 
 def add_rotors(plant: Plant, H: Matrix) -> None:
     """Add the inertia of the rotors to the diagonal of H, given by its lower triangle."""
-    if plant.armature is not None:
-        for row, rotor in zip(H, plant.armature, strict=True):
+    if plant.inertia is not None:
+        for row, rotor in zip(H, plant.inertia, strict=True):
             row[-1] = row[-1] + float(rotor)
 
 

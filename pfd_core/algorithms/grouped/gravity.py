@@ -12,7 +12,7 @@ and a = -g in the axes of each link
 
 p_0 and R_0 are the origin and axes of frame 0 in the frame of the base link, where U is zero for
 a mass at the origin. First moments add up: no force and no moment is carried along the chain.
-A spring takes stiffness x and stores stiffness x^2 / 2, with x = q - rest_position.
+Effects of the joints with a potential, such as springs, are those of pfd_core.model.effects.
 
 Gravity that the drives compensate is taken off, as inverse dynamics does: the torques are the
 commanded ones, and the energy is the one that commanded torques change. Brakes, limits of the
@@ -28,7 +28,7 @@ from collections.abc import Iterator, Sequence
 
 from pfd_core.algorithms.chain.drives import commanded_torques
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
-from pfd_core.algorithms.chain.joint_torques import plus_joint_torques
+from pfd_core.algorithms.chain.joint_torques import plus_joint_torques, stored_energies
 from pfd_core.algorithms.grouped.newton_euler import Link, inward, links_at, outward
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
@@ -41,7 +41,7 @@ def record_gravity_torques(plant: Plant) -> Program:
     """
     Return the program of the gravity torques, (n,), from q: the commanded tau at rest.
 
-    With springs, without wrench.
+    With the torques that joints take at rest, such as springs, without wrench.
     """
     recorder = Recorder(1, 'sequential')
     q = input_list(recorder, 'q', plant.robot.n)
@@ -56,15 +56,13 @@ def record_gravity_torques(plant: Plant) -> Program:
 def potential_energy(
     recorder: Recorder, plant: Plant, links: Sequence[Link], q: Sequence[Lanes]
 ) -> Lanes:
-    """Return the potential energy of gravity and springs [J]."""
+    """Return the potential energy of gravity and of the effects of the joints [J]."""
     energy = _gravity_energy(recorder, plant, links)
     model = plant.gravity_compensation
     if model is not None:
         energy = energy - _gravity_energy(recorder, model, links_at(recorder, model, q)[0])
-    if plant.stiffness is not None and plant.rest_position is not None:
-        for x, k, rest in zip(q, plant.stiffness, plant.rest_position, strict=True):
-            stretch = x - float(rest)
-            energy = energy + (0.5 * float(k) * stretch) * stretch
+    for stored in stored_energies(plant, q):
+        energy = energy + stored
     return energy
 
 

@@ -167,7 +167,7 @@ def record_articulated_body(plant: Plant, schedule: str) -> Program:
     with recorder.section('articulated bodies'):
         for i in range(n - 1, -1, -1):
             whole = _at_joint(links[i], motions[i], _with_link(links[i], motions[i].w, body))
-            rotor = None if plant.armature is None else recorder.constant(plant.armature[i])
+            rotor = None if plant.inertia is None else recorder.constant(plant.inertia[i])
             joint = _joint(links[i], whole, tau[i], rotor, free[i])
             joints.insert(0, joint)
             if i > 0:

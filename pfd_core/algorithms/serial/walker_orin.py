@@ -151,9 +151,9 @@ def _direct(plant: Plant, schedule: str, inertia_matrix: Callable[[Chain], Trian
     y = _right_side(plant, chain)
     with recorder.section('inertia matrix'):
         H = inertia_matrix(chain)
-    if plant.armature is not None:
+    if plant.inertia is not None:
         with recorder.section('rotors'):
-            for row, rotor in zip(H, plant.armature, strict=True):
+            for row, rotor in zip(H, plant.inertia, strict=True):
                 row[-1] = row[-1] + recorder.constant(rotor)
     free = None
     if plant.brakes:
@@ -252,9 +252,9 @@ def solve(
 def _times_inertia(plant: Plant, chain: Chain, u: Sequence[Lanes]) -> list[Lanes]:
     """Return H u: the torques of the accelerations u at rest, without gravity."""
     t = known(chain, newton_euler(chain.links, None, u))
-    if plant.armature is None:
+    if plant.inertia is None:
         return t
-    rotors = [chain.recorder.constant(rotor) for rotor in plant.armature]
+    rotors = [chain.recorder.constant(rotor) for rotor in plant.inertia]
     return [torque + rotor * rate for torque, rotor, rate in zip(t, rotors, u, strict=True)]
 
 

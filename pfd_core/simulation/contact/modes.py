@@ -197,8 +197,8 @@ def record_drive(plant: Plant) -> Program:
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
     tau, qd = (input_list(recorder, name, n) for name in ('tau', 'qd'))
-    assert plant.damping is not None
-    damping = plant.damping.tolist()
+    assert plant.viscosity is not None
+    damping = plant.viscosity.tolist()
     drive = [t - v * d for t, v, d in zip(tau, qd, damping, strict=True)]
     return program_with_outputs(recorder, drive=drive)
 

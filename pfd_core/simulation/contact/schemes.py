@@ -213,7 +213,7 @@ def _second_implicit(plant: Plant, c: float, d: float) -> Program:
 
 
 def _damped(plant: Plant, v: list[Lanes]) -> list[Lanes]:
-    damping = np.zeros(plant.robot.n) if plant.damping is None else plant.damping
+    damping = np.zeros(plant.robot.n) if plant.viscosity is None else plant.viscosity
     return [x * d for x, d in zip(v, damping.tolist(), strict=True)]
 
 

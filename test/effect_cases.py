@@ -1,0 +1,53 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Values of every field of a scene, made from the table of effects."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+import pfd_core as pfd
+from pfd_core.model.effects import EFFECTS, FIELDS, NEEDS, Field
+
+# Fields that hold something else than numbers of a rule.
+OTHERS: dict[str, Any] = {
+    'gravity': (0.3, -0.2, -9.6),
+    'payload': pfd.Payload(1.0, (0.1, 0.05, -0.02), np.diag([0.02, 0.03, 0.04])),
+    'external_wrench': True,
+    'brakes': True,
+    'restitution': 0.5,
+    'gravity_compensation': pfd.Scene(gravity=(0.0, 0.1, -9.7)),
+}
+
+
+def example(field: Field, n: int, seed: int = 1) -> Any:
+    """Return a value of a field for n joints; every number of a rule differs from the others."""
+    if field.name == 'torque_speed':
+        return [[(0.2 + 0.1 * i, 6.0 + i), (4.0 + i, 1.0)] for i in range(n)]
+    if field.rule is None:
+        return OTHERS[field.name]
+    rng = np.random.default_rng([seed, *field.name.encode()])
+    columns = len(field.rule.columns) or 1
+    numbers = 0.5 + rng.uniform(0.0, 1.0, (n, columns))
+    if field.rule.least < 0:
+        # Limits between which a joint lies, or positions of either sign.
+        numbers[:, 0] = -numbers[:, 0]
+    if field.name == 'static_friction':
+        numbers += 1.5
+    return numbers if field.rule.columns else numbers[:, 0]
+
+
+def scene_with(*names: str, n: int, **others: Any) -> pfd.Scene:
+    """Return a scene with these fields, and with those that they refine."""
+    wanted = set(names)
+    while more := {NEEDS[name] for name in wanted if name in NEEDS} - wanted:
+        wanted |= more
+    values = {name: example(FIELDS[name], n) for name in wanted}
+    return pfd.Scene(**{'gravity': None, **values, **others})
+
+
+def everything(n: int) -> pfd.Scene:
+    """Return a scene of n joints with every effect of the table."""
+    return scene_with(*(field.name for effect in EFFECTS for field in effect.fields), n=n)

@@ -159,9 +159,9 @@ class Arm:
         )
         # q, qd, tau and commanded efforts of single steps, (ROWS, 4, n); new when all are used.
         self._rows, self._rows_at, self._next_row = np.empty(0), 0, ROWS
-        # What the native code is bound to: brakes and wrench, and targets of positions.
-        self._inputs: tuple[Any, ...] | None = None
-        self._targets: np.ndarray | None = None
+        # Whose brakes and targets, and which wrench, native code has as inputs.
+        self._drive: Drive | None = None
+        self._wrench: np.ndarray | None = None
         self.limits = np.full((7, robot.n), np.inf)
         self.jumped: np.ndarray | None = None
         self.start = self._initial_positions(settings.initial_positions)
@@ -341,14 +341,14 @@ class Arm:
         self.state = state.copy()
         self._cycles = None
 
-    def advance(self, drive: Drive) -> np.ndarray:
-        """Do one step; after a failure the arm stops and keeps its last finite state.
+    def advance(self, effort: np.ndarray, drive: Drive) -> np.ndarray:
+        """Do one step under efforts (n,), with the brakes and targets of a drive.
 
-        No step is done if the effort of a joint jumps: `jumped` has the efforts then. Returns a
+        After a failure the arm stops and keeps its last finite state. No step is done if the effort of a joint jumps: `jumped` has the efforts then. Returns a
         copy of the commanded efforts (n,), which nobody changes.
         """
         if self.state.failure:
-            return drive.effort
+            return effort
         k = self._next_row
         if k == ROWS:
             k = 0
@@ -358,7 +358,7 @@ class Arm:
         row = self._rows[k]
         wanted: np.ndarray
         q, qd, tau, wanted = row
-        wanted[:] = drive.effort
+        wanted[:] = effort
         at = self._rows_at + k * row.nbytes
         if self._run(at + 3 * wanted.nbytes, at, 1, drive):
             state = self.state
@@ -403,25 +403,26 @@ class Arm:
 
     def _bound(self, drive: Drive) -> Any:
         """Return the native code, bound to the state, with the inputs of the next step."""
-        state = self.state
+        state, cycles = self.state, self._cycles
         wrench = None if state.wrench is None else state.wrench.acting
-        if self._cycles is None or self._cycles.state is not state.simulation:
+        bound = cycles is not None and cycles.state is state.simulation
+        if bound and drive is self._drive and wrench is self._wrench:
+            return cycles
+        last, self._drive = (self._drive if bound else None), drive
+        if not bound:
             motors = state.actuators.motors
-            self._cycles = self._simulator.bind(state.simulation, motors, self.limits)
-            self._inputs = self._targets = None
-        if (
-            self._inputs is None
-            or self._inputs[0] is not drive.braked
-            or self._inputs[1] is not wrench
-        ):
-            self._inputs = drive.braked, wrench
+            cycles = self._simulator.bind(state.simulation, motors, self.limits)
+            self._cycles = cycles
+        if last is None or last.braked is not drive.braked or wrench is not self._wrench:
+            # Only once they are checked: an error must come again.
+            self._drive = None
             self._simulator.set_inputs(
                 state.simulation, wrench=wrench, brakes=drive.braked, **self._payload_input
             )
-        if drive.position is not self._targets:
-            self._targets = drive.position
-            self._cycles.set_targets(drive.position, drive.velocity)
-        return self._cycles
+            self._drive, self._wrench = drive, wrench
+        if last is None or drive.position is not last.position:
+            cycles.set_targets(drive.position, drive.velocity)
+        return cycles
 
     def set_limits(self, limits: np.ndarray) -> None:
         """Set the limits of the motors and gains, (7, n), from the next step on."""

@@ -294,7 +294,7 @@ class Engine:
         if state.wrench is not None:
             wrench.advance(state.wrench)
         state.cycle = cycle = state.cycle + 1
-        wanted = arm.advance(Drive(efforts, self._free))
+        wanted = arm.advance(efforts, self._let_go)
         self._end_stretch(wanted, cycle, 1)
         if arm.jumped is not None:
             self._trip()
@@ -428,7 +428,7 @@ class Engine:
             if self.sensors is not None:
                 self.sensors.restart(state)
         else:
-            self.arm.advance(drive)
+            self.arm.advance(drive.effort, drive)
             if self.arm.jumped is not None:
                 self._trip()
             if self.sensors is not None:
@@ -467,7 +467,7 @@ class Engine:
         names = self.arm.robot.joint_names
         actuators.trip(state.actuators, wanted, names, self.actuators.largest_jump)
         command_link.clear(state.link, brakes)
-        self.arm.advance(brakes)
+        self.arm.advance(brakes.effort, brakes)
 
     def measured(self) -> JointArrays:
         """Return the positions, velocities and efforts of this cycle's state, in model order."""

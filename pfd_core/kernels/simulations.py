@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.algorithms.chain.motor_limits import record_motor_limits
+from pfd_core.algorithms.chain.actuators import record_actuators
 from pfd_core.kernels.codegen.arms import PARAMETERS
 from pfd_core.kernels.codegen.cycles import block_names
 from pfd_core.kernels.codegen.module import ensemble_module, rollout_module
@@ -82,23 +82,23 @@ def compile_rollout(
     `implicit` is the time [s] by which the viscosity of the plant that the step solves with is
     multiplied; 0 for a step that calls the accelerations alone. With `contact` the step is that
     of dry friction and joint stops, with programs that are not lowered yet, and `step_program`
-    returns its state alone. With `motors` there is @cycles, with the limits of motors on efforts.
+    returns its state alone. With `motors` there is @cycles, whose efforts pass actuators.
     """
     sources = _sources(spec, implicit, contact)
 
     def text() -> str:
-        limits = None
+        actuators = None
         if motors:
-            # Without fused operations: the limits are exact, and compared with the efforts.
-            recorded = record_motor_limits(spec.robot.n)
-            limits = lower(recorded, spec.dtype, fma=False).compiled
+            # Without fused operations: limited efforts are compared with those wanted.
+            recorded = record_actuators(spec.robot.n)
+            actuators = lower(recorded, spec.dtype, fma=False).compiled
         return rollout_module(
             step_program,
             sources.signature,
             spec.dtype,
             turned_joints(spec.robot),
             *sources.further(),
-            limits,
+            actuators,
         )
 
     name = 'rollout with motors' if motors else 'rollout'

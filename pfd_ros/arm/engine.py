@@ -108,6 +108,7 @@ class Engine:
         # Place in published order of each joint of the model, None if the two are the same.
         place = np.argsort(self.arm.order)
         self._free = free(robot.n)
+        self._let_go = Drive(np.zeros(robot.n), self._free)
         self._published = None if list(place) == list(range(robot.n)) else place
         self._encoder = convert.JointStateEncoder(
             self.arm.names, settings.frame_id, settings.published_locks, self.arm.order
@@ -129,9 +130,7 @@ class Engine:
         # None where states are measured as they are.
         self.sensors = None if sensors.exact else sensors
         self._extra = extra_outputs(settings, arm)
-        self._plain = (
-            self.sensors is None and not self.actuators.has_reflex and not self.pace.follows_clock
-        )
+        self._plain = self.sensors is None and not self.pace.follows_clock
 
     @property
     def state(self) -> ArmState:
@@ -221,8 +220,8 @@ class Engine:
         """Run a cycle for each row of efforts, in one native call.
 
         The same as `command` and `advance` in turn, with the same bits, where nothing but
-        commands of efforts acts: without delay, drop-out, sensors' errors, reflex, pause, jump,
-        followed clock, or a wrench with an end. Where something else does, nothing is done.
+        commands of efforts acts: without delay, drop-out, sensors' errors, pause, jump, followed
+        clock, or a wrench with an end. Where something else does, nothing is done.
 
         Parameters
         ----------
@@ -248,11 +247,15 @@ class Engine:
         begin, step = state.cycle, state.step
         if state.wrench is not None:
             wrench.advance(state.wrench)
-        rows = self.arm.run(efforts, self._free)
-        state.cycle = cycle = begin + len(rows)
-        taken = bisect_left(commands, len(rows))
+        rows = self.arm.run(efforts, self._let_go)
+        jumped = self.arm.jumped is not None
+        state.cycle = cycle = begin + len(rows) + jumped
+        taken = bisect_left(commands, cycle - begin)
         last = commands[taken - 1]
         self._end_stretch(efforts[last].copy(), begin + 1 + last, taken)
+        if jumped:
+            self._trip()
+            rows = np.append(rows, [(state.q, state.qd, state.tau)], axis=0)
         published = cycle - cycle % self.publish_every
         if self.pace.lockstep:
             state.pace.commanded = True
@@ -291,7 +294,10 @@ class Engine:
         if state.wrench is not None:
             wrench.advance(state.wrench)
         state.cycle = cycle = state.cycle + 1
-        self._end_stretch(arm.advance(efforts, self._free), cycle, 1)
+        wanted = arm.advance(efforts, self._let_go)
+        self._end_stretch(wanted, cycle, 1)
+        if arm.jumped is not None:
+            self._trip()
         if self.pace.lockstep:
             pace = state.pace
             pace.commanded = True
@@ -306,7 +312,6 @@ class Engine:
         link.drive = link.newest = Drive(effort, self._free)
         link.heard, link.timed_out = heard, False
         link.sent += commands
-        state.actuators.before = None
 
     def _may_stretch(self, gap: int) -> bool:
         """Return whether nothing but commands, with at most `gap` cycles between, will act."""
@@ -374,10 +379,13 @@ class Engine:
 
     def _set(self, change: SettingsChange) -> None:
         """Take over other values of dynamic settings; all others are as before."""
-        measured = self.sensors is not None
+        measured, jump = self.sensors is not None, self.actuators.largest_jump
         self.arm.change(change.settings, change.plant)
         self._derive()
         state = self.state
+        if np.isinf(jump):
+            # A reflex looks at efforts from the next one on.
+            state.actuators.motors.before[:] = np.nan
         if self.sensors is None:
             state.sensed = []
         elif not measured:
@@ -420,7 +428,9 @@ class Engine:
             if self.sensors is not None:
                 self.sensors.restart(state)
         else:
-            self.arm.advance(drive.effort, drive.braked)
+            self.arm.advance(drive.effort, drive)
+            if self.arm.jumped is not None:
+                self._trip()
             if self.sensors is not None:
                 self.sensors.sample(state)
         role = self._state_role(state)
@@ -447,10 +457,17 @@ class Engine:
             actuators.restart(driven)
         if state.jumps:
             return let_go(link.drive)
-        drive = self.actuators.wanted(driven, link.drive, state.q, state.qd)
-        if driven.tripped:
-            command_link.clear(link, drive)
-        return drive
+        return link.drive
+
+    def _trip(self) -> None:
+        """Let the reflex brake all joints for the step that was not done."""
+        state, wanted, brakes = self.state, self.arm.jumped, held(len(self._free))
+        assert wanted is not None
+        self.arm.jumped = None
+        names = self.arm.robot.joint_names
+        actuators.trip(state.actuators, wanted, names, self.actuators.largest_jump)
+        command_link.clear(state.link, brakes)
+        self.arm.advance(brakes.effort, brakes)
 
     def measured(self) -> JointArrays:
         """Return the positions, velocities and efforts of this cycle's state, in model order."""

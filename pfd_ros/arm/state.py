@@ -76,15 +76,12 @@ class ActuatorState:
         Counters of the limits, which native code advances.
     tripped, trips, reflex
         Whether a reflex has braked all joints, how often it has, and why it last did.
-    before
-        The actuator command of the last cycle before the limits, where a reflex needs it.
     """
 
     motors: pfd.MotorState
     tripped: bool = False
     trips: int = 0
     reflex: str = ''
-    before: Drive | None = None
 
     @property
     def saturated(self) -> int:

@@ -15,6 +15,7 @@ from simulating import efforts, simulate
 
 import pfd_core as pfd
 from pfd_ros.arm.arm import Arm, load_robot
+from pfd_ros.arm.drive import Drive
 from pfd_ros.arm.plant_settings import effect_fields, joint_settings
 from pfd_ros.arm.scene import scene_of, with_scene_text
 from pfd_ros.arm.settings import Settings
@@ -59,7 +60,8 @@ def test_an_arm_in_a_scene_verifies_and_moves_as_the_simulator(tmp_path: Path) -
     scene = pfd.Scene(**{**vars(SCENE), 'brakes': True})
     wanted = pfd.Simulator(pfd.load_robot('planar2'), scene)
     for _ in range(20):
-        arm.advance(np.array([2.0, 5.0]), np.zeros(2, bool))
+        efforts = np.array([2.0, 5.0])
+        arm.advance(efforts, Drive(efforts, np.zeros(2, bool)))
         wanted.step([2.0, 5.0])
     np.testing.assert_array_equal(arm.q, wanted.q)
     assert wanted.qd.any()

@@ -133,7 +133,7 @@ def test_the_pages_hold_the_answer_and_every_scene(panda_needs: Needs, tmp_path:
     page = paths[0].read_text()
     small = panda_needs.smallest
     assert spelled(pfd.load_scene(paths[2])) == small.scene
-    assert f'**{", ".join(small.effects)}**; left out: damping' in page
+    assert f'**{", ".join(small.effects)}**; excluded: damping' in page
     assert f'    pfd.{small.scene}\n' in page
     for row in panda_needs.effects:
         assert f'| {row.name} | {row.operations} |' in page

@@ -27,7 +27,7 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     speed_tables     tables of ways over robots, and their cells
     speed_pages      the page: its tables and columns, JSON and plot
 
-Quantities beside forward dynamics, short tables of both reports of the speed, and pages of one
+Quantities other than forward dynamics, short tables of both reports of the speed, and pages of one
 with `--quantity NAME` (speed-NAME.md, speed-against-error-NAME.md, .json, .png and .svg):
 
     quantity_kernels  the table of quantities, kernels, states and references (QUANTITIES)

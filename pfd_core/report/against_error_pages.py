@@ -34,13 +34,12 @@ QUICK_QUANTITIES = replace(
 )
 INTRODUCTION = """# Speed against error
 
-Written by `{command}`; times are those of one machine on one day.
+Written by `{command}`; times are from one machine on one day.
 
 {machine}.
 
-All ways at one case, and all runs of one motion, take turns in one process; a time is minimum /
-median over the turns.
-{noise}
+All implementations of one case, and all runs of one motion, are interleaved in one process; a time
+is minimum / median over the rounds. {noise}
 
 ## One evaluation
 
@@ -51,30 +50,30 @@ The same for one state in a call: [speed-against-error-single.png](speed-against
 - An error is |x - qdd| / |qdd|, the largest over the states of the case, against a certified
   reference of 50 digits ([hard-cases.md](hard-cases.md)). In brackets it is in units of kappa_s u:
   kappa_s is the structured condition number of the state, u the unit of rounding of the number
-  format, 2^-53 or 2^-24. No method can be asked for less than 1. In the plot u is 2^-53 for
-  all, and a second line marks the unit of float32.
+  format, 2^-53 or 2^-24. 1 = as accurate as rounded inputs permit. In the plot u is 2^-53 for all,
+  and a second line marks the unit of float32.
 - Ours are the kernels that users get from `compile_kernel`; *auto* is the default method. One
   state is a call of `kernel.bind`, a batch is in Fortran order on one thread.
-- Pinocchio's batch in WORLD axes is `abaInParallel` on one thread; it has none in LOCAL axes and
-  for CRBA with Cholesky, which are a loop in Python. MuJoCo's are `mj_forward` and one step of
-  `mujoco.rollout`, with contacts and constraints off; its error is that of `mj_forward`.
-- *lost* is an answer that is not finite: a missing point in the plot.
+- Pinocchio's batch in WORLD axes is `abaInParallel` on one thread; batches in LOCAL axes and for
+  CRBA with Cholesky are loops in Python. MuJoCo uses `mj_forward` and one step of
+  `mujoco.rollout`, with contacts and constraints off; the error is from `mj_forward`.
+- *lost* means that the answer is not finite: a missing point in the plot.
 """
 OTHERS = """## Quantities
 
 ![Time over error of every quantity](speed-against-error-quantities.png)
 
-The two arms alone, and each way's fastest call; all robots and ways of a quantity are those of
-`pfd report speed --against-error --quantity NAME`. Times are minimum / median for each state.
+Two arms, and the fastest call of each implementation; for all robots and implementations run `pfd
+report speed --against-error --quantity NAME`. Times are minimum / median for each state.
 """
 
 
 @dataclass(frozen=True)
 class Findings:
     """
-    Cases and motions with their points, ways left out with the reasons, and the machine.
+    Cases and motions with their points, excluded implementations with reasons, and the machine.
 
-    `quantities` are rows of quantities beside forward dynamics.
+    `quantities` are rows of quantities other than forward dynamics.
     """
 
     cases: list[CaseFacts] = field(default_factory=list)
@@ -128,7 +127,7 @@ def markdown(findings: Findings) -> str:
         parts.append(quantity_tables.against_error(findings.quantities))
     # The page has no shares of the port limit, which come with the rows of quantities.
     left_out = [text for text in findings.left_out if not text.startswith(port_limit.WORK)]
-    parts += ['## Left out\n', *(_grouped(left_out) or ['Nothing.'])]
+    parts += ['## Excluded\n', *(_grouped(left_out) or ['Nothing.'])]
     return '\n'.join(parts).rstrip() + '\n'
 
 
@@ -146,10 +145,10 @@ def _noise(findings: Findings) -> str:
     )
 
 
-SUMMARY = """The default method in float64 as it is and with one step of refinement, and the peers:
-least nanoseconds for each state of the largest batch, and error. Where the pivots of a robot lose
-digits the default with refinement is another method. The cost of refinement is the median over the
-turns of the ratio of both times.
+SUMMARY = """\
+The default method in float64, without and with one step of refinement, and the peers: minimum
+nanoseconds per state of the largest batch, and error. For ill-conditioned arms `refine=1` also
+changes the method. The cost of refinement is the median ratio of both times.
 """
 
 
@@ -180,7 +179,7 @@ def _summary(findings: Findings, sizes: Sequence[int]) -> list[str]:
 
 
 def _grouped(left_out: Sequence[str]) -> list[str]:
-    """Return one line for each way and reason, with all places where it was left out."""
+    """Return one line for each way and reason, with all places where it was excluded."""
     places: dict[tuple[str, str], list[str]] = {}
     for text in left_out:
         what, reason = text.split(': ', 1)
@@ -239,14 +238,15 @@ from the reference at {samples} times [rad], the energy error the largest differ
 in units of the largest kinetic energy. Times and evaluations are for one simulated second.
 
 - rk4, velocity_verlet and imex2 run in native code. dop853 is `pfd.integrate`, whose steps are in
-  Python; its times hold some milliseconds to load its kernel. States at the {samples} times come
-  from its dense output, whose evaluations are counted. imex2 has two evaluations a step, and two
-  solutions for the damping where there is any; these count as evaluations.
-- MuJoCo's integrators are those of `mj_step`; Euler and the implicit ones take the damping of the
-  joints implicitly.
-- The reference is `pfd.integrate` at its tightest tolerance, refined. Its self-difference is from
-  a second one by another method and in shorter steps. Errors near it are not resolved.
-- A run that blew up is a missing point: its state was not finite, was reset by MuJoCo, or was off
+  Python; its times include some milliseconds to load its kernel. States at the {samples} times
+  come from its dense output, whose evaluations are counted. imex2 has two evaluations a step and,
+  with damping, two implicit solutions, which count as evaluations.
+- MuJoCo's integrators run in `mj_step`; Euler and the implicit integrators treat joint damping
+  implicitly.
+- The reference is `pfd.integrate` at its tightest tolerance, refined. Its self-difference is the
+  distance to a second reference by a different method with shorter steps. Errors near it are not
+  resolved.
+- A run that diverged is a missing point: its state was not finite, was reset by MuJoCo, or was off
   by more than a turn (*lost*).
 """
 
@@ -299,7 +299,7 @@ def write(findings: Findings, folder: Path) -> list[Path]:
     """
     Write the page, its JSON and the plots as PNG and SVG, and return their paths.
 
-    The plots are left out where matplotlib (extra `report`) is not installed.
+    The plots are skipped if matplotlib (extra `report`) is not installed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     page, data = folder / f'{NAME}.md', folder / f'{NAME}.json'

@@ -37,29 +37,30 @@ COMMAND = 'pfd report hard-cases'
 SHOWN_UNITS = SHOWN / ROUNDING['float64']
 INTRODUCTION = f"""# Errors of forward dynamics at hard cases
 
-Written by `{COMMAND}`; every number but those of peers is the same on every machine.
+Written by `{COMMAND}`; all numbers except those of peers are the same on every machine.
 
-An error is |x - qdd| / |qdd|, Euclidean, the largest over the states of the case; of the arm that
-is held (*static_hold*) it is relative to the acceleration without torques. The reference qdd has
-50 digits. It is certified by a second evaluation, of another method in other frames
-(*second evaluation*), and by the torque that Newton and Euler's equations miss (*residual*).
+An error is |x - qdd| / |qdd| in the Euclidean norm, the largest over the states of the case. For
+the arm in equilibrium (*static_hold*) it is relative to the acceleration without torques. The
+reference qdd has 50 digits. It is certified by a different method in different frames (*second
+evaluation*), and by the residual of the Newton-Euler equations (*residual*).
 
 - *kappa_J* is the condition number of H scaled to a diagonal of one. It predicts the error of
   methods that factor H.
 - *kappa_s* is the largest relative change of qdd for a relative change of every number of robot,
-  scene and state, in twelve seeded directions. No method can be asked for less than kappa_s u.
+  scene and state, in twelve seeded directions. An error of kappa_s u is as accurate as rounded
+  inputs permit.
 - u is the unit of rounding, 2^-53 in float64 and 2^-24 in float32.
 - The bounds are for the kernel of method 'auto' with one step of refinement (*refined*). They were
-  set before anything was measured, but for that of *static_hold*: its first, 20 u, is less than
-  its kappa_s u. Where no tighter one is known, the bound is 100 kappa_s u.
-- *lost* is an answer that is not finite. The kernel then reports an infinite error estimate.
+  set before the measurements, except for *static_hold*, whose first bound, 20 u, was below its
+  kappa_s u. The default bound is 100 kappa_s u.
+- *lost* means that the answer is not finite. The kernel then reports an infinite error estimate.
 """
 
 
 def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
     """Return the whole page; without a survey, the part on single states."""
     parts = [INTRODUCTION, '## Outcome\n', *_outcome(results), '']
-    parts += ['## The cases and their references\n', *_cases(results)]
+    parts += ['## Cases and references\n', *_cases(results)]
     for dtype in ROUNDING:
         parts += ['', f"## Kernel of method 'auto', {dtype}\n", *_kernels(results, dtype)]
     parts += [
@@ -81,11 +82,13 @@ def markdown(results: Sequence[Result], survey: Survey | None = None) -> str:
 
 
 METHODS_TEXT = (
-    'Error without / with one step of refinement. Each method is run as its text is recorded; the '
-    'kernel above is folded for its robot and fused besides, and rounds differently. Sines of '
-    'angles far from zero need fused operations: so *large_angle_1e6* in float32. Chains of '
-    f'more than {FEW} joints take minutes to record by most methods. The methods left for them, '
-    'and the most joints: ' + ', '.join(f'{name} {most}' for name, most in MANY.items()) + '.'
+    'Error without / with one step of refinement. Each method runs as recorded. The kernels '
+    'above are also folded for the robot and fused, so they round differently. Sines of large '
+    'angles need fused operations, which explains *large_angle_1e6* in float32. Chains of '
+    f'more than {FEW} joints take minutes to record with most methods. Methods for longer '
+    'chains, with their largest number of joints: '
+    + ', '.join(f'{name} {most}' for name, most in MANY.items())
+    + '.'
 )
 
 
@@ -96,10 +99,10 @@ def _outcome(results: Sequence[Result]) -> list[str]:
     lines = [
         paragraph(
             f'Refined, in float64: {sum(x > 100 for x in doubles)} of {len(doubles)} cases are '
-            f'above 100 kappa_s u (asked for: none), {sum(x > 20 for x in doubles)} above 20 '
-            '(asked for: 5 % at most).'
+            f'above 100 kappa_s u (target: none), {sum(x > 20 for x in doubles)} above 20 '
+            '(target: 5 % at most).'
         ),
-        'Bounds that are missed:',
+        'Missed bounds:',
         '',
     ]
     wide = {case.name for case in CASES if case.wide}
@@ -113,7 +116,7 @@ def _outcome(results: Sequence[Result]) -> list[str]:
     lines += missed or ['- none']
     lines += [
         '',
-        f'Error estimates further than a factor of {FACTOR:g} from the error they estimate:',
+        f'Error estimates that differ from the error by more than a factor of {FACTOR:g}:',
         '',
     ]
     wrong = [
@@ -192,7 +195,7 @@ def _methods(results: Sequence[Result], dtype: str) -> list[str]:
 
 
 def _peers(results: Sequence[Result]) -> list[str]:
-    """Return the table of peers, beside the kernel without and with refinement."""
+    """Return the table of peers and of the kernel without and with refinement."""
     installed = {row.way for one in results for row in one.methods}
     table = header(' | '.join(('case', 'kernel', 'kernel, refined', *PEERS)))
     for one in results:
@@ -201,8 +204,8 @@ def _peers(results: Sequence[Result]) -> list[str]:
         others = (found.get(name, 'refused' if name in installed else 'absent') for name in PEERS)
         table.append(cells(one.name, *own, *others))
     text = (
-        'A peer that is *absent* was not installed (`pip install "pfd_ros[peers]"`), one that '
-        '*refused* a robot does not load it.'
+        'A peer that is *absent* was not installed (`pip install "pfd_ros[peers]"`), *refused* '
+        'means that the peer does not load the robot.'
     )
     return [paragraph(text), *table]
 
@@ -251,8 +254,8 @@ def _estimates(rows: Sequence[Row]) -> list[str]:
     wrong = misses(rows)
     states = sum(row.shown for row in rows)
     text = (
-        'Estimate over error of the answer that refinement corrects, both max |.| over max |qdd|, '
-        f'float64. Asked for: within a factor of {FACTOR:g} wherever the error is above '
+        'Estimate over error of the answer before refinement, both max |.| over max |qdd|, '
+        f'float64. Target: within a factor of {FACTOR:g} wherever the error is above '
         f'{SHOWN:g}. Of {states} such states in this table '
         + ('all are.' if not wrong else f'not those of {len(wrong)} rows.')
     )
@@ -302,10 +305,10 @@ def _motions() -> list[str]:
 def _runs(rows: Sequence[Run]) -> list[str]:
     missed = [row for row in rows if not row.met]
     text = (
-        'Errors of an angle are taken at the time of the reference [rad], errors of the energy '
-        'over the whole run, over the peak kinetic energy. Bounds were set before, but for those '
-        f'of the SO-100 and of dop853. {len(rows) - len(missed)} of {len(rows)} are met. Runs of '
-        'dop853 are refined.'
+        'Angle errors are those at the time of the reference [rad]; energy errors are the '
+        'largest of the run, relative to the peak kinetic energy. Bounds were set before the '
+        f'runs, except for the SO-100 and dop853. {len(rows) - len(missed)} of {len(rows)} are '
+        'met. Runs of dop853 are refined.'
     )
     table = header(
         'motion | integrator | format | step [s] or rtol | time [s] | error of '
@@ -333,7 +336,7 @@ def _runs(rows: Sequence[Run]) -> list[str]:
 def _steady(rows: Sequence[SteadyRun]) -> list[str]:
     missed = [row for row in rows if not row.met]
     text = (
-        'Of joints that rest or turn evenly the angle is known for all times. The error is the '
+        'The angle of joints at rest or at constant velocity is known exactly. The error is the '
         f'largest difference from it, modulo whole turns, at {SAMPLES} times [rad], in steps of '
         f'1 ms. Bounds were set before. {len(rows) - len(missed)} of {len(rows)} are met.'
     )
@@ -356,9 +359,9 @@ def _steady(rows: Sequence[SteadyRun]) -> list[str]:
 def _efforts(efforts: Sequence[Effort]) -> list[str]:
     text = (
         f'Evaluations that dop853 takes for *{STIFF_FORMULATION}* at a tolerance of '
-        f'{TOLERANCE:g}. Rounding errors of forward dynamics look like fast motion, and its steps '
-        'become as short as they are large. Asked for: one step of refinement takes at most '
-        f'{SAME_EFFORT:g} times the evaluations of two, whose error is the last digit.'
+        f'{TOLERANCE:g}. Rounding errors of forward dynamics look like fast motion and shorten '
+        f'its steps. Target: one step of refinement takes at most {SAME_EFFORT:g} times '
+        'the evaluations of two, whose error is the last digit.'
     )
     table = header('steps of refinement | evaluations')
     table += [cells(one.refine, one.evaluations or 'gave up after 24 000') for one in efforts]
@@ -367,10 +370,9 @@ def _efforts(efforts: Sequence[Effort]) -> list[str]:
 
 def _holds(holds: Sequence[Hold]) -> list[str]:
     text = (
-        'A torque is held for a period T, and the integrator does not see the controller. A loop '
-        'must then be unstable from kd = 2 h / T on, h the smallest eigenvalue of the inertia '
-        f'matrix, and from kp / kd = 2 / T on. Runs {NEAR:.0%} below and above these limits, in 8 '
-        'substeps of rk4:'
+        'A torque is constant over a period T (zero-order hold). A loop is then unstable for kd '
+        'above 2 h / T, where h is the smallest eigenvalue of the inertia matrix, and for kp / '
+        f'kd above 2 / T. Runs {NEAR:.0%} below and above these limits, in 8 substeps of rk4:'
     )
     table = header('loop | T [s] | kp | kd | decays below | grows above')
     for hold in holds:

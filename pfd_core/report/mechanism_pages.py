@@ -160,12 +160,12 @@ MECHANISMS = tuple(
     for name, cause, make, arguments, before in _TABLE
 )
 
-INTRODUCTION = f"""# Errors of the default on mechanisms in unusual proportions
+INTRODUCTION = f"""# Errors of the default method for mechanisms of unusual proportions
 
-Written by `{COMMAND}`. An error is |x - qdd| / |qdd|, Euclidean, in float64, against
-50 digits ([hard-cases.md](hard-cases.md)). *default* is the kernel of `method='auto'`, *refined*
-the same with `refine=1`. *before* are the errors at the commit ed0d2c3
-([decision 0024](../decisions/0024-accuracy-of-the-default.md)).
+Written by `{COMMAND}`. An error is |x - qdd| / |qdd|, Euclidean, in float64, against 50 digits
+([hard-cases.md](hard-cases.md)). *default* is the kernel of `method='auto'`, *refined* the same
+with `refine=1`. *before* is the error at commit ed0d2c3 ([decision
+0024](../decisions/0024-accuracy-of-the-default.md)).
 """
 
 

@@ -131,7 +131,7 @@ class Loop:
 
     def __init__(self, kernel: Kernel, states: int) -> None:
         if kernel.quantity not in QUANTITIES:
-            raise LeftOutError('it calls functions, whose operations are not its own')
+            raise LeftOutError('its operations are in called functions')
         if kernel.method in ITERATIVE:
             raise LeftOutError('it iterates: how often its operations run depends on the state')
         if sum(kernel.operations['compiled'].values()) > LONGEST:

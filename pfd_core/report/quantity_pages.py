@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The reports of one quantity beside forward dynamics: pages, JSON and plots.
+The reports of one quantity other than forward dynamics: pages, JSON and plots.
 
     pfd report speed --quantity NAME                    speed-NAME, all robots and sizes
     pfd report speed --against-error --quantity NAME    speed-against-error-NAME
@@ -49,7 +49,7 @@ def survey(plan: Plan) -> Findings:
 
 
 def markdown(findings: Findings, quantity: str, references: int = 0) -> str:
-    """Return the page of a quantity; with errors beside so many references, or without."""
+    """Return the page of a quantity; with errors at so many references, or without."""
     rows = findings.rows
     option = '--against-error ' * bool(references)
     page = INTRODUCTION.format(
@@ -65,7 +65,7 @@ def markdown(findings: Findings, quantity: str, references: int = 0) -> str:
         parts += ['## Time and error\n', ERRORS.format(states=references), against_error(rows)]
     else:
         parts += _speed_tables(rows)
-    parts += ['## Left out\n', *([f'- {text}' for text in findings.left_out] or ['Nothing.'])]
+    parts += ['## Excluded\n', *([f'- {text}' for text in findings.left_out] or ['Nothing.'])]
     return '\n'.join(parts).rstrip() + '\n'
 
 
@@ -99,7 +99,7 @@ def write(findings: Findings, folder: Path, quantity: str, references: int = 0) 
     """
     Write the page, its JSON and a plot, and return their paths.
 
-    The plot is over n as PNG, or with references over errors as PNG and SVG; it is left out where
+    The plot is over n as PNG, or with references over errors as PNG and SVG; it is skipped where
     matplotlib (extra `report`) is not installed.
     """
     folder.mkdir(parents=True, exist_ok=True)

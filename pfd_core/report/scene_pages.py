@@ -48,15 +48,14 @@ def markdown(needs: Needs) -> str:
 
 EFFECTS_TEXT = (
     'Each row is the full scene without one effect. *operations* are those that the effect adds '
-    'to one step of the integrator, as compiled, if no joint rests, reverses or reaches its stop '
-    'in it; the search for a held joint and the segments after an event are in the times alone. '
+    'to one compiled step of the integrator without events and joints at rest; the active set '
+    'and the segments after an event are included in the times only. '
     'Friction and stops share some of theirs. *step without it* is the least / median time of a '
-    'step over the first windows, {steps} steps or a little more, with what Python does around a '
-    'window, which is in all of them; *full / without* is the ratio of the least times / the '
-    'median ratio of two times taken shortly after each other. *largest* and *rms* are '
-    'differences of joint positions over all joints, steps and windows, of this one effect: '
-    'errors of effects do not add, so they leave out what two missing effects do together. '
-    '*share* is the part of the rms in the sum of this column.'
+    'step over the first windows, {steps} steps or a little more, including the Python overhead '
+    'of a window; *full / without* is the ratio of the least times / the median ratio of two '
+    'interleaved times. *largest* and *rms* are differences of joint positions over all joints, '
+    'steps and windows. Errors of effects do not add: two missing effects may interact. *share* '
+    'is the rms divided by the sum of this column.'
 )
 
 
@@ -66,8 +65,8 @@ def _origin(needs: Needs) -> str:
         f'Written by `pfd report scene --trajectory {needs.trajectory} --tolerance '
         f'{needs.tolerance:g}` for {needs.robot}. Trajectory: {needs.source}; {needs.steps} steps '
         f'of {settings["step_size"]:g} s with {settings["substeps"]} substeps, integrator '
-        f'{settings["integrator"]}. Operations and errors are the same on '
-        'every machine, times are those of one machine on one day.'
+        f'{settings["integrator"]}. Operations and errors are the same on every machine; times '
+        'are from one machine on one day.'
     )
 
 
@@ -80,17 +79,17 @@ def _machine(machine: dict[str, Any]) -> str:
 def _truth(needs: Needs) -> list[str]:
     """Return what an error here is, and what it leaves out."""
     return [
-        f'The full scene is `pfd.{needs.full.scene}`, with {needs.full.operations} operations. It '
-        'is taken for the truth: how far it lies from a real arm is left out.',
-        f'An error is the difference of a joint position [rad, m for joints that slide] from that '
+        f'The full scene is `pfd.{needs.full.scene}`, with {needs.full.operations} operations. '
+        'It is the reference; its difference from a real arm is not considered.',
+        'An error is the difference of a joint position [rad, m for joints that slide] from that '
         f'in the full scene under the same torques, within {needs.windows} windows of at most '
-        f'{needs.window:g} s: at the start of each, every scene begins at the state of the full '
-        'one, and no feedback acts, so that neither chaos nor a controller decides. Longer open '
-        'loops have larger errors. The error of the integrator, the same on both sides, is left '
-        'out.',
+        f'{needs.window:g} s: each window starts from the state of the full scene, without '
+        'feedback, so that neither chaos nor a controller affects the result. Longer windows '
+        'have larger errors. The error of the integrator is excluded, since it is equal on both '
+        'sides.',
         'At the ends of its windows the full scene is at most '
-        f'{_error(needs.departure)} away from the states of the trajectory where those are known; '
-        'that is no part of the errors below.',
+        f'{_error(needs.departure)} away from the known states of the trajectory; this is not '
+        'part of the errors below.',
     ]
 
 
@@ -100,18 +99,18 @@ def _answer(needs: Needs) -> list[str]:
     worst = f' (joint {small.joint}, {small.time:.3f} s; rms {_error(small.rms)})'
     return [
         f'Within {needs.tolerance:g} of the full scene in every window: '
-        f'**{_listed(small.effects)}**; left out: {_listed(gone)}. It differs by at most '
+        f'**{_listed(small.effects)}**; excluded: {_listed(gone)}. It differs by at most '
         f'{_error(small.largest)}{worst if small.largest else ""}, measured in this very scene, '
         f'without what open loops longer than {needs.window:g} s would add.',
         f'It has {small.operations} of {needs.full.operations} operations of one step of the '
-        'integrator, those of events and joints at rest left out. A step takes '
+        'integrator, without events and joints at rest. A step takes '
         f'{times["smallest minimum"]:.0f} / {times["smallest median"]:.0f} ns (least / median) '
-        f'instead of {times["full minimum"]:.0f} / {times["full median"]:.0f} ns, with what '
-        'Python does around a window; the full scene takes '
+        f'instead of {times["full minimum"]:.0f} / {times["full median"]:.0f} ns, including the '
+        'Python overhead of a window; the full scene takes '
         f'{times["times least"]:.2f} times as long by the least times, {times["times"]:.2f} '
         'times in the median over turns.',
         f'Without any effect the difference is {_error(needs.bare.largest)}, at '
-        f'{needs.bare.operations} operations, with the same left out.',
+        f'{needs.bare.operations} operations, also without them.',
     ]
 
 
@@ -144,7 +143,7 @@ def _effects(needs: Needs) -> list[str]:
 
 def _off(needs: Needs) -> list[str]:
     return [
-        'Off in the full scene for this robot, so without operations and without error here: '
+        'Not in the full scene of this robot, so without operations and error: '
         f'{_listed(needs.off)}.',
         *(
             f'The model states {name}, which are off here because the simulation refuses them: '
@@ -161,8 +160,8 @@ def _searched(needs: Needs) -> str:
     if not needs.exhaustive:
         how = (
             f'Of more than {MOST_EXHAUSTED} effects not all subsets were simulated: effects were '
-            'left out one by one, the one with the least error for the operations that it saves '
-            'first, until none could be left out any more. A smaller scene, in which effects '
+            'removed one by one, the one with the least error per saved operation first, until '
+            'none could be removed. A smaller scene, in which effects '
             'cancel each other, may have been missed.'
         )
     if refused:
@@ -171,8 +170,8 @@ def _searched(needs: Needs) -> str:
         how += f' The simulation refused {len(refused)} of {len(needs.scenes)} scenes: {reasons}.'
     cut = f' The first {MOST_SCENES}; the JSON has all.' if needs.scenes[MOST_SCENES:] else ''
     return (
-        f'{how} *best* marks those than which none is both as cheap in operations and as '
-        f'accurate; time is left out of that.{cut}'
+        f'{how} *best* marks scenes on the Pareto front of operations and error, without '
+        f'time.{cut}'
     )
 
 
@@ -223,7 +222,7 @@ def write(needs: Needs, folder: Path) -> list[Path]:
 
     scene.yaml is the smallest scene, as `load_scene` reads it.
 
-    The plots are left out where matplotlib (extra `report`) is not installed. A number that is
+    The plots are skipped if matplotlib (extra `report`) is not installed. A number that is
     not finite is null in the JSON.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -283,7 +282,7 @@ def _draw(axes: Any, needs: Needs) -> None:
     left_end = ('axes fraction', 'data')
     axes.annotate('error 0', (0, zero), (3, 3), left_end, 'offset points', size=8)
     axes.set_yscale('log')
-    axes.margins(x=0.15)  # for the names beside the points
+    axes.margins(x=0.15)  # for the names of the points
     axes.set_xlabel('operations of one step of the integrator, as compiled, without events')
     axes.set_ylabel(
         f'largest difference of a joint position from\nthe full scene within {needs.window:g} s '
@@ -291,7 +290,7 @@ def _draw(axes: Any, needs: Needs) -> None:
     )
     axes.set_title(
         f'{needs.robot}, {needs.trajectory}: error of a scene against its cost\n'
-        '(both sides with one integrator and step, whose own error is left out)',
+        '(both sides with one integrator and step, whose error is excluded)',
         fontsize=10,
     )
     axes.grid(alpha=0.25)

@@ -71,7 +71,7 @@ class Survey:
     pace : Pace
         Durations and repetitions.
     others : quantity_rows.Plan, optional
-        Plan of the quantities beside forward dynamics.
+        Plan of the quantities other than forward dynamics.
 
     """
 
@@ -98,9 +98,9 @@ QUICK = Survey(
 @dataclass(frozen=True)
 class Findings:
     """
-    Rows of a survey, contenders left out with the reason, and the machine.
+    Rows of a survey, excluded contenders with reasons, and the machine.
 
-    `others` are rows of quantities beside forward dynamics.
+    `others` are rows of quantities other than forward dynamics.
     """
 
     rows: list[Row]
@@ -113,7 +113,7 @@ def survey(plan: Survey) -> Findings:
     """Measure everything in a plan; progress goes to a terminal's stderr."""
     before = surroundings()
     rows: list[Row] = []
-    # Way and reason of what was left out, to the robots.
+    # Excluded implementation and reason -> robots.
     left_out: dict[tuple[str, str], list[str]] = {}
     for name in plan.robots:
         arm = robot(name)

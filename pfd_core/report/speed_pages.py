@@ -31,47 +31,48 @@ COMMAND = 'pfd report speed'
 SHARE = 'share of the port limit'
 # Ends of the names of ways that are not the fastest of their kind, and not in the plot.
 SLOWER = (': kernel(q, qd, tau)', 'out=)', ', C order', ' threads')
-INTRODUCTION = f"""# Speed, against peers
+INTRODUCTION = f"""# Speed compared with peers
 
-Written by `{COMMAND}`, forward dynamics first; the numbers are those of one machine on one day.
+Written by `{COMMAND}`, starting with forward dynamics; the numbers are from one machine on one
+day.
 
 {{machine}}.
 
-All ways of doing one work take turns in one process, in chunks of a few milliseconds. A cell holds
-minimum / median of the time per state, or per step of a rollout, and in brackets how many times
-faster than the first row that is: the median over the turns of the ratio of two times taken
-shortly after each other. A chunk begins with a call that is not counted, unless one takes longer
-than a chunk: data and threads are then where they are in a loop that does nothing else. All run on
-one thread unless the row says otherwise.
+All implementations of one task are interleaved in one process, in chunks of a few milliseconds. A
+cell has minimum / median of the time per state, or per step of a rollout, and in brackets the
+speed-up over the first row: the median ratio of two interleaved times. A chunk begins with an
+uncounted call for warm caches, unless one call takes longer than a chunk. All run on one thread
+unless the row states otherwise.
 
-- Sine and cosine are included everywhere, and so is what Python does around a call. *bound* is
-  `kernel.bind(q, qd, tau, out)`. MuJoCo's state is in place before `mj_forward`, and CasADi's
-  before `buffer()`.
-- A rollout is the classical Runge-Kutta method with the torques held, four evaluations a step. It
-  gives the state after each step; ours finds accelerations there only when they are read.
+- Sine and cosine and the Python overhead of a call are included everywhere. *bound* is
+  `kernel.bind(q, qd, tau, out)`. MuJoCo's state is set before `mj_forward`, and CasADi's before
+  `buffer()`.
+- A rollout is the classical Runge-Kutta method with constant torques, four evaluations a step. It
+  returns the state after each step; ours computes accelerations only when they are read.
 - MuJoCo has contacts and constraints switched off. Its batch is `mujoco.rollout` over one step.
 - *CasADi C* is the articulated-body algorithm of Featherstone's textbook (2008, table 7.1) written
   with casadi.SX, and its generated C compiled with `cc -O3 -march=native`.
-- *chainN* has N equal rods, each axis at right angles to the one before; *dense6* has six joints
-  with skew axes, and no number of it is zero. All sides compute with the same numbers.
+- *chainN* has N equal rods, each axis at right angles to the previous one; *dense6* has six joints
+  with skew axes and no zero parameter. All sides use the same numbers.
 - Method names are ours, with the number format; the peers compute in float64. Ours and CasADi's
-  are code for one robot on this processor, whose making is under "Until the first result";
-  Pinocchio and MuJoCo, as their wheels come, take any robot. Not every method is compiled for long
-  chains.
+  code is compiled for one robot on this processor; "Until the first result" has the time of
+  compilation. The wheels of Pinocchio and MuJoCo take any robot. Not every method is compiled for
+  long chains.
 """
 
-PORT_LIMIT = f"""A loop of a kernel's own mix of operations, independent of each other and in
-registers: minimum / median of its time per state, and in brackets its time over that of the
-kernel in a batch of {MIDDLE_BATCH} states in Fortran order (where that is measured, else the
-nearest), the median over turns of both. That is how close the kernel comes to the limit that this
-processor sets to its operations. Loads and stores, checks of the inputs and waiting keep it below
-1, and so do others on the machine: they disturb a kernel, which needs the caches, more than a loop
-in registers. A loop so long that it waits for instructions itself is left out.
+PORT_LIMIT = f"""\
+A loop with the kernel's mix of operations, independent and in registers: minimum / median of its
+time per state, and in brackets its time over that of the kernel in a batch of {MIDDLE_BATCH}
+states in Fortran order (where that is measured, else the nearest), the median over turns of both.
+This is the share of the processor's arithmetic limit that the kernel reaches. Loads and stores,
+input checks and latencies keep it below 1; other processes disturb a kernel, which needs the
+caches, more than a loop in registers. Loops that wait for instructions are excluded.
 """
 
-OTHERS = f"""A short table: one number format, and a call and one batch alone; all ways, robots and
-sizes of a quantity are those of `{COMMAND} --quantity NAME`. Minimum / median of the time per
-state, and how many times faster that is than Pinocchio in Python and than CasADi's C.
+OTHERS = f"""\
+A short table: one number format, one call and one batch; for all implementations, robots and sizes
+run `{COMMAND} --quantity NAME`. Minimum / median of the time per state, and the speed-up over
+Pinocchio in Python and CasADi's C.
 
 {NOTES}{PORT_LIMIT_NOTE}"""
 
@@ -90,8 +91,8 @@ def markdown(findings: Findings) -> str:
         parts += ['## Share of the port limit [ns]\n', PORT_LIMIT, grid(limits, limit_cell)]
     parts.append('## Until the first result [ms]\n')
     parts.append(
-        'From a robot in memory to one result, then on to the first of a batch; from nothing, and '
-        f'with what an earlier process left on the disk. The {PROCESS} imports NumPy first.\n'
+        'Time from a robot in memory to the first result, and then to the first batch, without '
+        f'and with the cache on disk. The {PROCESS} imports NumPy first.\n'
     )
     for work in prepared:
         found = [row for row in rows if row.work == work]
@@ -105,9 +106,9 @@ def markdown(findings: Findings) -> str:
         ('call', 'the accelerations of a state'),
         ('rollout', 'the positions after a rollout'),
     ):
-        parts.append(f'max|difference| / max|reference| of {what}; the largest seen.\n')
+        parts.append(f'Largest max|difference| / max|reference| of {what}.\n')
         parts.append(grid([row for row in far if row.work == work], difference_cell))
-    parts.append('## Left out\n')
+    parts.append('## Excluded\n')
     parts.append('\n'.join(f'- {text}' for text in findings.left_out) or 'Nothing.')
     return '\n'.join(parts).rstrip() + '\n'
 
@@ -127,11 +128,11 @@ def _summary(rows: Sequence[Row]) -> str:
         f'{size}, F order, float32': lambda row: row.work == size and 'float32, F' in row.way,
     }
     lines = [
-        '## The best of ours, in times the speed of Pinocchio\n',
+        '## Our fastest method compared with Pinocchio\n',
         'Against `pinocchio.aba`, a Python loop over it, and `abaInParallel` on one thread, all '
-        'in float64; the last but one is ours in float32 against that. The last column is how '
-        'close the fastest kernel in float64 and Fortran order comes to the limit of this '
-        f'processor ({size}).\n',
+        'in float64; the last but one column is our float32 kernel compared with it. The last '
+        "column is the share of this processor's arithmetic limit that the fastest float64 kernel "
+        f'in Fortran order reaches ({size}).\n',
         *header(' | '.join(['robot', *columns, SHARE])),
     ]
     for robot in dict.fromkeys(row.robot for row in rows):
@@ -178,7 +179,7 @@ def write(findings: Findings, folder: Path) -> list[Path]:
     """
     Write speed.md, speed.json and a plot, speed.png, and return their paths.
 
-    The plot is left out where matplotlib (extra `report`) is not installed.
+    The plot is skipped if matplotlib (extra `report`) is not installed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     page, data, picture = (folder / f'speed.{suffix}' for suffix in ('md', 'json', 'png'))

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `pfd`.
 
-    main      the table of commands, `--ros-args`, errors as one line and an exit status
+    main      the commands, `--ros-args`, errors as one line and an exit status
     demo      pfd demo
     sim       pfd sim: the node
-    replay    pfd replay: a recording verified, with its summary
+    replay    pfd replay: summary and verification of a recording
     report    pfd report: counts, speed, hard cases, a scene
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands counted by verdict: the other threads add, the main thread reads."""
+"""Counts of messages by validation result: other threads add, the main thread reads."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from pfd_ros.text import NAME_COUNT
 
 @dataclass
 class CommandCounts:
-    """Counts by source and verdict, each with the newest detail, and the first unknown names.
+    """Counts by source and validation result, with the newest detail and the first unknown names.
 
-    Its size does not depend on how many messages or names come in.
+    Its size does not depend on the number of messages or names.
 
     Attributes
     ----------
     newest
-        Steady time of the newest command that was accepted, s.
+        Steady time of the newest accepted command, s.
     """
 
     newest: float = 0.0
@@ -42,7 +42,7 @@ class CommandCounts:
             before, _ = self._verdicts.get(key, (0, ''))
             self._verdicts[key] = before + count, judgement.detail
             self._unknown += judgement.unknown_count
-            # As many as the arm has.
+            # Bounded by the joints of the arm.
             self._locked.update(judgement.locked)
             for name in judgement.unknown:
                 if len(self._names) < NAME_COUNT:
@@ -54,11 +54,11 @@ class CommandCounts:
             return dict(self._verdicts)
 
     def unknown(self) -> tuple[int, list[str]]:
-        """Return how many names were of no joint, and the first few of them."""
+        """Return the number of unknown joint names, and the first few."""
         with self._lock:
             return self._unknown, list(self._names)
 
     def locked(self) -> list[str]:
-        """Return the names of locked joints that commands were for, sorted."""
+        """Return the names of locked joints in commands, sorted."""
         with self._lock:
             return sorted(self._locked)

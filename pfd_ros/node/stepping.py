@@ -138,7 +138,7 @@ class Stepper:
                 self.resent += 1
                 for role, _, data in self.engine.present():
                     self._publish(role, data)
-        self.timer.forgive()
+        self.timer.rebase()
 
     def _wait_for_events(self) -> None:
         self._turn.release()

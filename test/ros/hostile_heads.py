@@ -137,7 +137,7 @@ MANY = '["joint1"' + ',"x"' * 9999 + ']'
 
 CASES = {
     **products(),
-    'setting_twice': Case('a name comes twice', say('settings', '{"robot": "a", "robot": "b"}')),
+    'setting_twice': Case('duplicate key', say('settings', '{"robot": "a", "robot": "b"}')),
     'settings_unknown': Case('unknown settings', setting('robot', '"a", "wings": 2')),
     'settings_many_joints': Case('expected 1000 at most', setting('joints', MANY)),
     'settings_rare_states': Case('steps can have been done', setting('publish_rate', '1e-5')),

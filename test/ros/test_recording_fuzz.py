@@ -230,7 +230,7 @@ def test_damaged_bytes_of_a_real_run_are_refused(tmp_path: Path) -> None:
 
 NOTHING_YET = (
     'no recording of this node|holds no states|no robot in its attachment|'
-    'does not begin as MCAP|damaged after byte 8$'
+    'not an MCAP file|damaged after byte 8$'
 )
 
 

@@ -261,7 +261,7 @@ def assert_one_line(done: subprocess.CompletedProcess[str], expected: str) -> No
         ('/dev/zero', 'is no regular file'),
         ('folder', 'directory'),
         ('nix', 'No such file'),
-        ('empty', 'does not begin as MCAP files do'),
+        ('empty', 'not an MCAP file'),
         ('loop', 'symbolic links'),
     ],
 )

@@ -118,7 +118,7 @@ def panda_needs() -> Needs:
     robot, scene = pfd.load_robot('panda'), pfd.Scene(damping='model', armature='model')
     told: list[str] = []
     motion = excited_motion(robot, scene, 'steps')
-    needs = scene_needs.scene_needs(robot, scene, motion, 1e-3, pace=FAST, tell=told.append)
+    needs = scene_needs.scene_needs(robot, scene, motion, 1e-3, pace=FAST, progress=told.append)
     assert [text for text in told if text.startswith('simulating scene')][-1].split()[2] == '8:'
     return needs
 

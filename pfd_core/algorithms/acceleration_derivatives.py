@@ -8,12 +8,12 @@ Derivatives of forward dynamics with respect to q, qd and tau, by the implicit f
     d qdd / d tau    = X T      T = d motor torques / d tau, a diagonal; one without limits
 
 D of the links is that of pfd_core.algorithms.grouped.torque_derivatives, over composite bodies; H
-and the bias come out of it on the way, and H = L' D L gives qdd and X. D of the drives, which are
+and the bias are by-products, and H = L' D L gives qdd and X. D of the motor torques, which are
 of one joint each but for the gravity that they compensate, is the tangent of their own program
 (pfd_core.machine.derivative).
 
-A held joint has zeros in its row and its column of X. At a limit of a drive, where its torque has
-no derivative, the derivative is that on the side that the drive's own text selects.
+A braked joint has zeros in its row and its column of X. At a motor limit, where the torque has
+no derivative, the derivative is that of the side selected by its program.
 
 Carpentier and Mansard 2018 (derivatives of forward dynamics by those of inverse dynamics and
 H^-1).
@@ -71,7 +71,7 @@ def record_derivatives(
     Returns
     -------
     Program
-        Outputs `qdd`, (n,), `X`, (n, n), `D`, (n, 2 n), and where drives have limits `T`, (n,).
+        Outputs `qdd`, (n,), `X`, (n, n), `D`, (n, 2 n), and with motor limits `T`, (n,).
 
     Raises
     ------
@@ -100,7 +100,7 @@ def record_derivatives(
         answer = with_nan_unless_converged(refined, plant)
         qdd = inline(recorder, answer, {})['qdd']
     by_q = by_positions(recorder, plant, chain, tip, qd, qdd, _minus_rotors(plant, torques, qdd))
-    with recorder.section('joints and drives'):
+    with recorder.section('joints and motors'):
         D = _with_joints(plant, by_q, by_qd, motors)
     with recorder.section('inverse'):
         X = _inverse(factors)
@@ -161,7 +161,7 @@ def _free(recorder: Recorder, plant: Plant) -> list[Lanes] | None:
 
 
 def _record_motors(plant: Plant) -> Program:
-    """Return the program of the motors' tau, and with drives of its derivatives."""
+    """Return the program of the motors' tau, and of its derivatives."""
     program = record_motor_torques(plant)
     if not has_drives(plant):
         return program

@@ -3,8 +3,8 @@
 """
 Quantities that a kernel can compute: their arguments, and the effects of a scene that they have.
 
-A quantity is a row of QUANTITIES, and its text one of pfd_core.algorithms. A scene is reduced to
-the effects of a quantity, so that kernels which do not differ are compiled once.
+A quantity is a row of QUANTITIES, and its program one of pfd_core.algorithms. A scene is reduced
+to the effects of a quantity, so that kernels which do not differ are compiled once.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ class Quantity:
     effects : tuple of str
         Fields of Scene that it depends on.
     method : str
-        The method of its text; empty where there is a choice, and steps of refinement.
+        Its method; empty if there is a choice, and steps of refinement.
     of_frame : bool
-        Whether it is that of a frame.
+        Whether it refers to a frame.
     wrench : bool
         Whether a wrench is an argument in every scene.
 
@@ -54,7 +54,7 @@ QUANTITIES = {
     'derivatives': Quantity(('q', 'qd', 'tau'), EVERYTHING),
     'inverse_dynamics': Quantity(
         ('q', 'qd', 'qdd'),
-        # Torques do not depend on the joints that could be held.
+        # Torques do not depend on brakes.
         tuple(name for name in EVERYTHING if name != 'brakes'),
         'newton_euler',
     ),
@@ -80,7 +80,7 @@ def check_options(name: str, method: str, refine: int, frame: str | None) -> Non
     """Raise ValueError for options that a quantity does not have."""
     quantity = quantity_named(name)
     if frame is not None and not quantity.of_frame:
-        raise ValueError(f'{name} is not that of a frame, got frame={quote(frame)}')
+        raise ValueError(f'{name} does not take a frame, got frame={quote(frame)}')
     if not quantity.method:
         return
     if method not in ('auto', quantity.method):

@@ -5,7 +5,7 @@ States at which forward dynamics is hard to compute, as one table (CASES).
 
 A case is a robot in a scene and seeded states, with the cause of its difficulty and bounds of the
 relative error of qdd. The bounds hold for the kernel of method 'auto' with one step of refinement.
-They were set before this table was measured, but for that of static_hold; a case that misses its
+They were set before this table was measured, except for static_hold; a case that misses its
 bound is reported as missed.
 """
 

@@ -4,7 +4,7 @@
 Speed and error of the quantities other than forward dynamics, against the peers.
 
 At one robot, quantity and number of states all ways take turns in one process. Times are compared
-with those of Pinocchio, and results, where asked, with 50 digits as well.
+with those of Pinocchio, and optionally with 50 digits.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from pfd_core.report.timing import (
     take_turns,
 )
 
-# Peer to the class of its contenders, made of a quantity and a robot.
+# Peer to the class of its contenders, constructed from a quantity and a robot.
 PEERS: dict[str, Callable[[str, Robot], Contender]] = {
     'Pinocchio': quantity_peers.PinocchioQuantity,
     'CasADi C': quantity_casadi.CasadiQuantity,
@@ -53,7 +53,7 @@ class Plan:
     quantities : tuple of str
         Names in QUANTITIES.
     batches : tuple of int
-        States in a call of a batch; besides them one state is measured.
+        States in a call of a batch; one state is measured as well.
     dtypes : tuple of str
         Number formats.
     peers : tuple of str

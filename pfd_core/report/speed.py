@@ -141,12 +141,12 @@ def survey(plan: Survey) -> Findings:
             show_progress(f'{name}: fresh process')
             rows += fresh_process(arm, plan.pace.repeats)
     show_progress('')
-    told = [f'{way} on {", ".join(on)}: {why}' for (way, why), on in left_out.items()]
+    found = [f'{way} on {", ".join(on)}: {why}' for (way, why), on in left_out.items()]
     others: list[Row] = []
     if plan.others is not None:
         others, missing = quantity_rows.measure(plan.others)
-        told += missing
-    return Findings(rows, told, before, others)
+        found += missing
+    return Findings(rows, found, before, others)
 
 
 def works(arm: Robot, plan: Survey) -> Iterator[Work]:

@@ -204,7 +204,7 @@ class _Slope:
         )
 
     def start(self, q: ArrayLike | None, qd: ArrayLike | None) -> Array:
-        """Return the state at the start, (2 n,); joints that are held do not move."""
+        """Return the state at the start, (2 n,); braked joints do not move."""
         state = np.zeros(2 * self.n)
         for part, name, value in zip(np.split(state, 2), ('q', 'qd'), (q, qd), strict=True):
             if value is not None:

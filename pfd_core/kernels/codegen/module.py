@@ -114,7 +114,7 @@ def rollout_module(
 
     `dynamics` is the program of @evaluate, `others` are those of further functions, by the names
     that the step calls them. With `contact` the step and the accelerations are of that, and the
-    programs tell its inputs alone.
+    programs only have its inputs.
     """
     form = Format(dtype, 1)
     loops = [rollout(step_program, dynamics, form), accelerations(dynamics, form)]

@@ -141,12 +141,12 @@ def survey(plan: Survey) -> Findings:
             show_progress(f'{name}: fresh process')
             rows += fresh_process(arm, plan.pace.repeats)
     show_progress('')
-    found = [f'{way} on {", ".join(on)}: {why}' for (way, why), on in left_out.items()]
+    excluded = [f'{way} on {", ".join(on)}: {why}' for (way, why), on in left_out.items()]
     others: list[Row] = []
     if plan.others is not None:
         others, missing = quantity_rows.measure(plan.others)
-        found += missing
-    return Findings(rows, found, before, others)
+        excluded += missing
+    return Findings(rows, excluded, before, others)
 
 
 def works(arm: Robot, plan: Survey) -> Iterator[Work]:

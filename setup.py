@@ -52,6 +52,7 @@ setup(
             'colcon-common-extensions',
             'colcon-ros',
             'example-robot-data',
+            'hypothesis',
             'mcap-ros2-support',
             'mypy',
             'pytest',

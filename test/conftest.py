@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What every test finds: a cache of compiled kernels of this run's own, empty at its start."""
+"""Set up every run: an empty cache of compiled kernels, and hypothesis with the same examples."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from hypothesis import HealthCheck, settings
 import pytest
 
 from pfd_core.kernels.runtime import disk_cache as cache
@@ -19,6 +20,22 @@ from pfd_core.kernels.runtime import json_cache, processor
 # Objects between two collections, and collections of one generation between those of the next: a
 # recording makes hundreds of thousands of objects that live on.
 COLLECTED = (50_000, 20, 50)
+
+# Time limits depend on the machine; so does the health check for slow examples.
+settings.register_profile(
+    'repeatable',
+    derandomize=True,
+    database=None,
+    deadline=None,
+    max_examples=50,
+    print_blob=False,
+    suppress_health_check=[HealthCheck.too_slow],
+)
+# Searches for new failures: pytest --hypothesis-profile search -k hypothesis_test_name
+settings.register_profile(
+    'search', settings.get_profile('repeatable'), derandomize=False, max_examples=2000
+)
+settings.load_profile('repeatable')
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:

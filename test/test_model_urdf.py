@@ -22,7 +22,9 @@ from pfd_core.model import Robot, load_robot, lock, resolve
 # Files whose angles are cut off after 9 to 14 digits are compared with angles made exact.
 RIGHT = '1.5707963267948966'
 TRUNCATED = {
-    **dict.fromkeys(('1.570796327', '1.57079632679', '1.57079632679490'), RIGHT),
+    **dict.fromkeys(
+        ('1.570796327', '1.57079632679', '1.5707963267949', '1.57079632679490'), RIGHT
+    ),
     '3.14159265359': '3.141592653589793',
 }
 STATES = 5

@@ -200,6 +200,8 @@ class LinearStep:
 
         The brakes stop a velocity d of joints b, and dqd_f = H_ff^-1 H_fb d is that of the others.
         """
+        if not np.any(brakes):
+            return
         H = self._inertia(q)
         n = H.shape[-1]
         braked = np.broadcast_to(brakes, H.shape[:-1])

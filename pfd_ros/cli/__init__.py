@@ -6,6 +6,8 @@
     demo      pfd demo
     sim       pfd sim: the node
     replay    pfd replay: summary and verification of a recording
+    info      pfd info: topics, times and settings of a log
+    compare   pfd compare: differences of two logs
     report    pfd report: counts, speed, hard cases, a scene
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot

@@ -13,8 +13,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 import math
 import struct
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.messages.cdr import HEADER, CdrReader, CdrWriter
 
@@ -40,9 +42,9 @@ class JointMessage:
     stamp_ns: int
     frame_id: str
     names: tuple[str, ...]
-    position: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
+    position: NDArray[Any]
+    velocity: NDArray[Any]
+    effort: NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class ArrayMessage:
 
     labels: tuple[str, ...]
     sizes: tuple[int, ...]
-    values: np.ndarray
+    values: NDArray[Any]
 
 
 def decode_array(data: bytes) -> ArrayMessage:
@@ -110,7 +112,7 @@ def _read_layout(reader: CdrReader) -> tuple[tuple[str, ...], tuple[int, ...]]:
     return tuple(labels), tuple(sizes)
 
 
-def decode_floats(data: bytes) -> np.ndarray:
+def decode_floats(data: bytes) -> NDArray[Any]:
     """Return the numbers of a Float64MultiArray, (count,); its layout is skipped."""
     # Most publishers leave the layout empty; then everything has its place.
     if data[: len(_NO_LAYOUT)] == _NO_LAYOUT and len(data) > _FIRST_NUMBER:
@@ -194,10 +196,16 @@ class JointStateEncoder:
         header.frame_id.
     fixed
         Position of further joints, which come after the others and stand still.
+    order
+        Place in the arrays of each name; default: the order of the names.
     """
 
     def __init__(
-        self, names: Sequence[str], frame_id: str = '', fixed: Mapping[str, float] | None = None
+        self,
+        names: Sequence[str],
+        frame_id: str = '',
+        fixed: Mapping[str, float] | None = None,
+        order: Sequence[int] = (),
     ) -> None:
         at_rest = {} if fixed is None else fixed
         writer = headed(frame_id)
@@ -207,15 +215,21 @@ class JointStateEncoder:
         starts = [writer.numbers(numbers) for numbers in (positions, zeros, zeros)]
         self._data = writer.data
         self._arrays = [np.frombuffer(self._data, '<f8', len(names), at) for at in starts]
+        self._order = permutation(order)
 
     def encode(
-        self, stamp_ns: int, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray
+        self, stamp_ns: int, position: NDArray[Any], velocity: NDArray[Any], effort: NDArray[Any]
     ) -> bytes:
-        """Return the message; the arrays are (n,) in the order of the names."""
+        """Return the message; the arrays are (n,)."""
         TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
         for target, values in zip(self._arrays, (position, velocity, effort), strict=True):
-            target[:] = values
+            target[:] = values[self._order]
         return bytes(self._data)
+
+
+def permutation(order: Sequence[int]) -> Any:
+    """Return the index that brings an array (n,) into an order; a slice if it is the same."""
+    return slice(None) if list(order) == sorted(order) else np.array(order, np.intp)
 
 
 def headed(frame_id: str) -> CdrWriter:
@@ -250,7 +264,7 @@ class ArrayEncoder:
         self._data = writer.data
         self._numbers = np.frombuffer(self._data, '<f8', math.prod(shape), start).reshape(shape)
 
-    def encode(self, values: np.ndarray) -> bytes:
+    def encode(self, values: NDArray[Any]) -> bytes:
         """Return the message; the values have the shape of the layout."""
         self._numbers[:] = values
         return bytes(self._data)

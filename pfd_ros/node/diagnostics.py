@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -90,7 +91,7 @@ class MassKernels:
         self.error_estimate(zero, zero, zero, {})
 
     def error_estimate(
-        self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, payload: Mapping[str, Any]
+        self, q: NDArray[Any], qd: NDArray[Any], tau: NDArray[Any], payload: Mapping[str, Any]
     ) -> float:
         """Return the relative error of accelerations by the method in use, without refinement."""
         return float(self.accelerations.error_estimate(q, qd, tau, **payload)[1])
@@ -121,7 +122,7 @@ class ArmDiagnostics:
             stepper.timer.missed,
             accepted,
             sum(n for (_, verdict), (n, _) in verdicts.items() if verdict not in QUIET),
-            engine.actuators.fast_cycles,
+            engine.state.actuators.fast_cycles,
             stepper.session.dropped,
         )
 
@@ -183,7 +184,8 @@ class ArmDiagnostics:
         for (source, verdict), (count, _) in sorted(counts.verdicts().items()):
             if verdict is not Verdict.ACCEPTED:
                 values.append((f'{ROLE_OF_SOURCE[source]}.{verdict.name.lower()}', count))
-        link, actuators = self.stepper.engine.link, self.stepper.engine.actuators
+        state = self.stepper.engine.state
+        link, actuators = state.link, state.actuators
         values += [
             ('unknown_names', counts.unknown()[0]),
             ('watchdog_trips', link.timeouts),
@@ -206,9 +208,7 @@ class ArmDiagnostics:
     def _simulation(self, last: _Seen, now: _Seen) -> Task:
         engine = self.stepper.engine
         settings, arm = engine.settings, engine.arm
-        q, qd, tau = np.empty((3, len(arm.order)))
-        for row, values in zip((q, qd, tau), (arm.q, arm.qd, arm.tau), strict=True):
-            row[list(arm.order)] = values
+        q, qd, tau = arm.q.copy(), arm.qd.copy(), arm.tau.copy()
         plant = arm.plant
         if self.kernels.scene is not plant.compiled.scene:
             # The scene has changed.
@@ -218,7 +218,7 @@ class ArmDiagnostics:
         # A controller acts on each published state.
         period = settings.publish_every * settings.step_ns / NANOSECONDS
         level, message = (ERROR, arm.failure) if arm.failure else (OK, 'running')
-        speed = speeding(arm, engine.actuators)
+        speed = speeding(arm)
         if speed is not None and now.fast > last.fast and not arm.failure:
             level, message = WARN, f'beyond the velocity limit: {speed.text}'
         return Task(
@@ -261,16 +261,16 @@ class ArmDiagnostics:
 
 
 def _reason_to_wait(engine: Engine) -> str:
-    pace = engine.pace
+    pace = engine.state.pace
     if not pace.active:
         return 'inactive'
-    if pace.clock is not None and not pace.paused:
+    if engine.pace.follows_clock and not pace.paused:
         return 'waiting for the followed /clock'
     return 'paused' if pace.paused else 'waiting for a command (lockstep)'
 
 
 def _largest_gains(
-    inertia: np.ndarray, period: float, order: Sequence[int]
+    inertia: NDArray[Any], period: float, order: Sequence[int]
 ) -> list[tuple[str, object]]:
     """Return bounds of stable gains, without delay, in one proportion for all joints."""
     try:

@@ -8,8 +8,10 @@ from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
 import time
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 # Short delays are caught up, so that the mean rate is exact. After a longer stall the missed
 # periods are skipped and counted, and the schedule is rebased.
@@ -91,7 +93,9 @@ class StepLengths:
         """Store the duration of a cycle."""
         self._lengths[cycle % self.COUNT] = length_ns
 
-    def newest(self, after: int, last: int) -> np.ndarray:
+    def newest(self, after: int, last: int) -> NDArray[Any]:
         """Return the durations of cycles `after` + 1 to `last`, at most COUNT."""
         first = max(after + 1, last + 1 - self.COUNT)
-        return np.frombuffer(self._lengths, np.int64)[np.arange(first, last + 1) % self.COUNT]
+        lengths = np.frombuffer(self._lengths, np.int64)
+        newest: NDArray[Any] = lengths[np.arange(first, last + 1) % self.COUNT]
+        return newest

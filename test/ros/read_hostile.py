@@ -18,6 +18,7 @@ import resource
 import signal
 import sys
 import traceback
+from typing import Any
 
 from pfd_ros.cli.main import main
 
@@ -42,7 +43,7 @@ def bounded(seconds: float) -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def verify(path: str, seconds: float) -> dict[str, object]:
+def verify(path: str, seconds: float) -> dict[str, Any]:
     out, err = io.StringIO(), io.StringIO()
     try:
         with (

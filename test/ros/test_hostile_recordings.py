@@ -23,6 +23,9 @@ import pytest
 from rewriting import GOLDEN, STATES, Recording, Sent, load
 from ros_processes import environment
 
+# A process and 180 files; drawn damage is in test_recording_random.
+pytestmark = pytest.mark.slow
+
 HERE = Path(__file__).resolve().parent
 # Bounds for a file: processor time in s, and memory of the whole process in MB.
 SECONDS = 3.0
@@ -86,7 +89,6 @@ def outcomes(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, An
     return dict(zip(['good', *EXPECTED, 'good again'], results, strict=True))
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('name', EXPECTED)
 def test_a_hostile_file_is_one_line_and_status_1(
     outcomes: dict[str, dict[str, Any]], name: str

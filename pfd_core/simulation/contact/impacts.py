@@ -29,8 +29,10 @@ One register holds one number; flags are 1 or 0.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, sqrt, where
@@ -175,5 +177,5 @@ def record_inelastic(n: int) -> Program:
     return program_with_outputs(recorder, qd=[where(hits, x[i], qd[i]) for i in range(n)])
 
 
-def _restitution(plant: Plant) -> np.ndarray:
+def _restitution(plant: Plant) -> NDArray[Any]:
     return np.zeros(plant.robot.n) if plant.restitution is None else plant.restitution

@@ -10,13 +10,13 @@ with it in masses and limits, and with Pinocchio in everything else.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from decimal import Decimal, InvalidOperation
 import math
-import random
 import re
 from xml.dom import minidom
 
+from hypothesis import event, find, given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from test_model_urdf import assert_same_physics, exact_angles
@@ -25,14 +25,12 @@ from zoo import FORK, ODD_ARM, STRAIGHT_ARM
 
 from pfd_core.model import Robot, load_robot
 
-FILES = 600
-SEED = 20260
-LOCKED = {
-    'odd': {},
-    'straight': {},
-    'fork': {'left_finger': 0.02, 'right_finger': 0.03},
-}
-TEXTS = {'odd': ODD_ARM, 'straight': exact_angles(STRAIGHT_ARM), 'fork': FORK}
+# URDF texts, and the joints to lock in them.
+FILES = (
+    (ODD_ARM, {}),
+    (exact_angles(STRAIGHT_ARM), {}),
+    (FORK, {'left_finger': 0.02, 'right_finger': 0.03}),
+)
 # Attributes that hold numbers, and how many; those of <limit> may be infinite.
 COUNTS = {
     ('mass', 'value'): 1,
@@ -45,7 +43,7 @@ COUNTS = {
 
 ONCE = ('inertial', 'mass', 'inertia', 'origin', 'axis', 'limit', 'dynamics', 'parent', 'child')
 
-# Texts that are put behind a number, before it, or in its place.
+# Around a number, and in its place.
 ENDS = (
     *(' ', '\t', '\n', '   ', '\u00a0', '\u2009', '_0', 'e', 'kg', ',5', '.5.', 'd0', '\u0664'),
     *('f', ';', 'e1', '0' * 30),
@@ -53,61 +51,73 @@ ENDS = (
 STARTS = (' ', '\t', '\r\n', '\u3000', '\x85', '-', '+', '\u2212', '0')
 OTHERS = (
     *('', 'nan', 'inf', '-inf', '1e-310', '1e400', '0x1p3', '1_0', '\u0661\u0662', '\uff11'),
-    *('1e-400', '9' * 400, '0', '-0.0', '5e-324', '.5', '1.', '+2', '1E-2', '007', '1 1'),
+    *('1e-400', '9' * 400, '-0.0', '5e-324', '.5', '1.', '+2', '1E-2', '007', '1 1'),
+    *('-', '.', '+-1', '1-', '..', '1.2.3'),
 )
-TO_A_NUMBER: list[Callable[[str], str]] = [
-    *(lambda s, end=end: s + end for end in ENDS),
-    *(lambda s, start=start: start + s for start in STARTS),
-    *(lambda _, other=other: other for other in OTHERS),
-    lambda s: s.replace('0', 'O'),
-    lambda s: s.replace('.', ','),
-]
-# And to all of an attribute.
-TO_A_LIST: list[Callable[[str], str]] = [
-    lambda s: ' '.join(s.split()[:-1]),
-    lambda s: s + ' 0',
-    lambda s: s.replace(' ', ', '),
-    lambda s: s.replace(' ', '\t \n'),
-    lambda s: f'  {s}  ',
-    lambda s: s.replace(' ', '\u00a0'),
-    lambda s: ' '.join(reversed(s.split())),
-]
 
 
-def damaged(text: str, rng: random.Random) -> str:
-    """Return a URDF with one to three attributes, elements or names changed."""
+@st.composite
+def respelled(draw: st.DrawFn, word: str) -> str:
+    """Draw what is written in the place of a number: most are numbers, most of them others."""
+    return draw(
+        st.sampled_from(ENDS).map(lambda end: word + end)
+        | st.sampled_from(STARTS).map(lambda start: start + word)
+        | st.sampled_from(OTHERS)
+        | st.floats(-2.0, 2.0).map(repr)
+        | st.sampled_from((word.replace('0', 'O'), word.replace('.', ',')))
+    )
+
+
+def respaced(value: str) -> st.SearchStrategy[str]:
+    """Return what is written in the place of several numbers."""
+    words = value.split()
+    return st.sampled_from(
+        (
+            *(' '.join(words[:-1]), f'{value} 0', f'  {value}  ', ' '.join(reversed(words))),
+            *(between.join(words) for between in (', ', '\t \n', '\u00a0')),
+        )
+    )
+
+
+@st.composite
+def damaged_files(draw: st.DrawFn) -> tuple[str, dict[str, float]]:
+    """Draw a URDF with one to three attributes, elements or names changed, and what is locked."""
+    text, locked = draw(st.sampled_from(FILES))
     document = minidom.parseString(text)
-    for _ in range(rng.choice((1, 1, 1, 2, 3))):
+    for _ in range(draw(st.integers(1, 3))):
         elements = [e for e in document.getElementsByTagName('*') if e.parentNode is not document]
         spots = [
             (e, k) for e in elements for k, _ in e.attributes.items() if (e.tagName, k) in COUNTS
         ]
-        kind = rng.random()
-        if kind < 0.8:
-            element, key = rng.choice(spots)
-            old = element.getAttribute(key)
-            if COUNTS[element.tagName, key] > 1 and rng.random() < 0.3:
-                new = rng.choice(TO_A_LIST)(old)
+        # Most changes are those of a number.
+        change = draw(st.sampled_from(('number',) * 8 + ('list', 'lose', 'cut', 'copy', 'name')))
+        if change in ('number', 'list'):
+            several = [(e, k) for e, k in spots if COUNTS[e.tagName, k] > 1]
+            element, key = draw(st.sampled_from(spots if change == 'number' else several))
+            value = element.getAttribute(key)
+            if change == 'list':
+                value = draw(respaced(value))
             else:
-                words = old.split(' ')
-                at = rng.randrange(len(words))
-                words[at] = rng.choice(TO_A_NUMBER)(words[at])
-                new = ' '.join(words)
-            element.setAttribute(key, new)
-        elif kind < 0.86:
-            element, key = rng.choice(spots)
+                words = value.split(' ')
+                at = draw(st.integers(0, len(words) - 1))
+                words[at] = draw(respelled(words[at]))
+                value = ' '.join(words)
+            element.setAttribute(key, value)
+        elif change == 'lose':
+            element, key = draw(st.sampled_from(spots))
             element.removeAttribute(key)
-        elif kind < 0.91:
-            element = rng.choice(elements)
+        elif change == 'cut':
+            element = draw(st.sampled_from(elements))
             element.parentNode.removeChild(element)
-        elif kind < 0.96:
-            element = rng.choice(elements)
+        elif change == 'copy':
+            element = draw(st.sampled_from(elements))
             element.parentNode.appendChild(element.cloneNode(True))
         else:
             named = [e for e in elements if e.hasAttribute('name')]
             names = [e.getAttribute('name') for e in named]
-            rng.choice(named).setAttribute('name', rng.choice([*names, 'universe', '{0}', '']))
-    return document.toxml()
+            chosen = draw(st.sampled_from(named))
+            chosen.setAttribute('name', draw(st.sampled_from([*names, 'universe', '{0}', ''])))
+    return document.toxml(), locked
 
 
 def number(text: str, infinite: bool) -> float | None:
@@ -209,6 +219,10 @@ def normal(text: str) -> str:
         for key, value in element.attributes.items():
             if (element.tagName, key) in COUNTS:
                 numbers = [number(word, True) for word in value.split()]
+                if element.tagName == 'axis':
+                    # Its length says nothing, and a short one is none to Pinocchio.
+                    longest = max(map(abs, numbers)) or 1.0
+                    numbers = [x / longest for x in numbers]
                 plain = [0.0 if abs(x) < 1e-300 else float(np.nan_to_num(x)) for x in numbers]
                 element.setAttribute(key, ' '.join(map(repr, plain)))
     # Pinocchio refuses a joint without limits; its dynamics do not depend on them.
@@ -227,32 +241,41 @@ def clashes(said: dict[str, object]) -> bool:
     return bool(names & {'universe', *said['masses']})
 
 
-@pytest.mark.slow
+def load_or_refuse(text: str, locked: dict[str, float]) -> Robot | str:
+    """Return the robot of a file, or the error that refuses it."""
+    try:
+        return load_robot(text, locked=locked)
+    except ValueError as error:
+        return str(error)
+
+
 @pytest.mark.filterwarnings('ignore::pfd_core.model.PhysicsWarning')
-def test_a_damaged_file_is_refused_or_loaded_as_written() -> None:
-    rng = random.Random(SEED)
-    accepted, messages = 0, []
-    for _ in range(FILES):
-        base = rng.choice(sorted(TEXTS))
-        text = damaged(TEXTS[base], rng)
-        said, locked = meant(text), LOCKED[base]
-        try:
-            robot = load_robot(text, locked=locked)
-        except ValueError as error:
-            messages.append(str(error))
-            continue
-        accepted += 1
-        assert said is not None, text
-        expected = carried(robot, said, locked)
-        np.testing.assert_allclose(robot.masses, expected, rtol=DYNAMICS, err_msg=text)
-        by_name = {j.getAttribute('name'): j for j in said['joints']}
-        keys = ('position_lower', 'position_upper', 'velocity_limit', 'effort_limit')
-        ours = np.array([getattr(robot, key) for key in (*keys, 'damping', 'friction')]).T
-        theirs = [limits(by_name[name]) for name in robot.joint_names]
-        np.testing.assert_array_equal(ours, theirs, err_msg=text)
-        if not clashes(said):
-            assert_same_physics(robot, normal(text), locked)
-    assert accepted > FILES // 4
-    assert len(messages) > FILES // 4
-    # One line each, that names something of the file.
-    assert not [m for m in messages if '\n' in m or not re.search('link|joint|<robot>|_arm', m)]
+@settings(max_examples=4 * settings().max_examples)
+@given(damaged_files())
+def test_a_damaged_file_is_refused_in_a_line_that_names_a_part_or_loaded_as_written(
+    file: tuple[str, dict[str, float]],
+) -> None:
+    text, locked = file
+    robot = load_or_refuse(text, locked)
+    if isinstance(robot, str):
+        event('refused')
+        assert '\n' not in robot
+        assert re.search('link|joint|<robot>|_arm', robot)
+        return
+    event('accepted')
+    said = meant(text)
+    assert said is not None
+    np.testing.assert_allclose(robot.masses, carried(robot, said, locked), rtol=DYNAMICS)
+    by_name = {j.getAttribute('name'): j for j in said['joints']}
+    keys = ('position_lower', 'position_upper', 'velocity_limit', 'effort_limit')
+    ours = np.array([getattr(robot, key) for key in (*keys, 'damping', 'friction')]).T
+    theirs = [limits(by_name[name]) for name in robot.joint_names]
+    np.testing.assert_array_equal(ours, theirs)
+    if not clashes(said):
+        assert_same_physics(robot, normal(text), locked)
+
+
+@pytest.mark.filterwarnings('ignore::pfd_core.model.PhysicsWarning')
+@pytest.mark.parametrize('refused', [False, True])
+def test_damaged_files_of_both_kinds_are_drawn(refused: bool) -> None:
+    find(damaged_files(), lambda file: isinstance(load_or_refuse(*file), str) is refused)

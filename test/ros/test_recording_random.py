@@ -1,0 +1,293 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Drawn damage of recordings: refused with a LogError, or verified with the same messages."""
+
+from __future__ import annotations
+
+import functools
+import json
+from pathlib import Path
+import random
+
+from hypothesis import event, given, settings
+from hypothesis import strategies as st
+import pytest
+from read_hostile import bounded, verify
+from rewriting import ARRAY, GOLDEN, NAMED, Recording, load
+from simulating import efforts, simulate
+
+from pfd_ros.recording.format import END, HEAD
+from pfd_ros.recording.reader import Log, LogError
+from pfd_ros.replay.verify import Summary, read
+
+# Processor time that one file may take, s.
+SECONDS = 3.0
+BLOCK = 64
+
+Message = tuple[str, int, bytes]
+
+
+@functools.cache
+def run() -> Recording:
+    """Return a short run, moved by commands good and bad."""
+    draw = random.Random(5)
+    commands = {
+        step: [efforts(*(draw.uniform(-3, 3) for _ in range(draw.choice((2, 2, 2, 1)))))]
+        for step in draw.sample(range(1, 60), 20)
+    }
+    return simulate(60, commands, clock_rate=500.0)
+
+
+def messages(path: Path) -> list[Message]:
+    return [(entry.role, entry.sequence, entry.data) for entry in Log(path).entries()]
+
+
+def by_topic(found: list[Message]) -> dict[str, list[Message]]:
+    """Return the messages of each topic: a command may come in a little earlier or later."""
+    return {role: [m for m in found if m[0] == role] for role in sorted({m[0] for m in found})}
+
+
+def is_part(found: list[Message], whole: list[Message]) -> bool:
+    """Return whether messages are some of the original ones, in their order."""
+    rest = iter(whole)
+    return all(message in rest for message in found)
+
+
+def check(path: Path, original: list[Message]) -> Summary | None:
+    """Verify a file that may be damaged; return its summary, or None if it is refused."""
+    try:
+        with bounded(SECONDS):
+            summary = read(path, verify=True)
+    except LogError:
+        return None
+    found, wanted = by_topic(messages(path)), by_topic(original)
+    for role, there in found.items():
+        if summary.complete:
+            assert there == wanted[role]
+        elif role not in summary.lost:
+            assert there == wanted[role][: len(there)]
+        else:
+            assert is_part(there, wanted[role])
+    return summary
+
+
+@pytest.fixture(scope='module')
+def small(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, list[Message]]:
+    """Return a small recording in several chunks, and its messages."""
+    path = run().save(tmp_path_factory.mktemp('small') / 'a.mcap', chunk_size=2000)
+    return path.read_bytes(), messages(path)
+
+
+@pytest.fixture(scope='module')
+def damaged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the path of the file that is written anew for each example."""
+    return tmp_path_factory.mktemp('damaged') / 'a.mcap'
+
+
+# --- bytes of the file
+
+# The last bytes of a whole file.
+MAGIC = b'\x89MCAP0\r\n'
+
+
+@st.composite
+def damaged_bytes(draw: st.DrawFn, whole: bytes) -> bytes:
+    """Draw the content of a file with bytes flipped, removed, repeated, altered or added."""
+    data = bytearray(whole)
+    places = st.integers(0, len(data) - 1)
+    kind = draw(
+        st.sampled_from(
+            ('flip', 'flip', 'cut', 'cut_and_flip', 'remove', 'repeat', 'alter', 'grow')
+        )
+    )
+    at = draw(places)
+    some = draw(st.binary(min_size=1, max_size=BLOCK) | st.integers(1, BLOCK).map(bytes))
+    if kind == 'cut':
+        del data[at:]
+    elif kind == 'remove':
+        del data[at : at + len(some)]
+    elif kind == 'repeat':
+        data[at:at] = data[at : at + len(some)]
+    elif kind == 'alter':
+        data[at : at + len(some)] = some[: len(data) - at]
+    elif kind == 'grow':
+        data += some
+    else:
+        for place in draw(st.lists(places, min_size=1, max_size=8)):
+            data[place] ^= 1 << draw(st.integers(0, 7))
+        if kind == 'cut_and_flip':
+            del data[at:]
+    return bytes(data)
+
+
+def check_bytes(path: Path, data: bytes, whole: bytes, original: list[Message]) -> None:
+    path.write_bytes(data)
+    found = check(path, original)
+    event('refused' if found is None else 'complete' if found.complete else 'cut off')
+    # Damage that reaches the end may leave a file that was cut off.
+    cut_off = found is not None and not found.complete and not data.endswith(MAGIC)
+    assert found is None or cut_off or whole.startswith(data)
+
+
+@settings(max_examples=3 * settings().max_examples)
+@given(st.data())
+def test_damaged_bytes_are_refused(
+    small: tuple[bytes, list[Message]], damaged: Path, data: st.DataObject
+) -> None:
+    whole, original = small
+    check_bytes(damaged, data.draw(damaged_bytes(whole)), whole, original)
+
+
+@given(st.data())
+def test_damaged_bytes_of_a_real_run_are_refused(damaged: Path, data: st.DataObject) -> None:
+    whole = GOLDEN.read_bytes()
+    check_bytes(damaged, data.draw(damaged_bytes(whole)), whole, messages(GOLDEN))
+
+
+# --- messages, with valid checksums
+
+EITHER = ('drop', 'duplicate', 'swap', 'shuffle', 'renumber')
+# A command that is altered, or made up and never taken, may change no state: only a digest
+# tells, and a cut-off file has none.
+CLOSED = (*EITHER, 'alter', 'move')
+CUT_OFF = (*EITHER, 'alter_outputs')
+
+
+def damage_messages(r: Recording, kind: str, draw: st.DrawFn) -> None:
+    """Draw a change of a recording's messages and make it."""
+    places = st.integers(0, len(r.messages) - 1)
+    at = draw(places)
+    message = r.messages[at]
+    if kind == 'drop':
+        del r.messages[at : at + draw(st.sampled_from((1, 1, 5)))]
+    elif kind == 'duplicate':
+        r.messages.insert(at, message)
+    elif kind == 'swap':
+        other = draw(places)
+        r.messages[at], r.messages[other] = r.messages[other], message
+    elif kind == 'shuffle':
+        times = [m.log_ns for m in r.messages]
+        random.Random(draw(st.integers())).shuffle(r.messages)
+        for m, log_ns in zip(r.messages, times, strict=True):
+            m.log_ns = log_ns
+    elif kind == 'renumber':
+        add = draw(st.sampled_from((-1, 1, 1000, 1 << 31)))
+        message.sequence = (message.sequence + add) & 0xFFFFFFFF
+    elif kind == 'move':
+        message.topic = draw(st.sampled_from(r.channels)).topic
+    else:
+        spared = (NAMED, ARRAY) if kind == 'alter_outputs' else ()
+        message = draw(
+            st.sampled_from([m for m in r.messages if m.data and m.topic not in spared])
+        )
+        data = bytearray(message.data)
+        for _ in range(draw(st.integers(1, 8))):
+            data[draw(st.integers(0, len(data) - 1))] ^= 1 << draw(st.integers(0, 7))
+        message.data = bytes(data)
+
+
+@settings(max_examples=3 * settings().max_examples)
+@given(st.data(), st.booleans())
+def test_altered_messages_are_refused(
+    small: tuple[bytes, list[Message]], damaged: Path, data: st.DataObject, closed: bool
+) -> None:
+    whole = run()
+    changed = whole.copy()
+    kind = data.draw(st.sampled_from(CLOSED if closed else CUT_OFF))
+    damage_messages(changed, kind, data.draw)
+    now, before = ([(m.topic, m.sequence, m.data) for m in r.messages] for r in (changed, whole))
+    changed.save(damaged, closed=closed)
+    verified = check(damaged, small[1])
+    event(f'{kind}, closed: {closed}, verified: {bool(verified)}')
+    assert not verified or not closed or by_topic(now) == by_topic(before)
+
+
+# --- settings and other texts of the head
+
+STRANGE_JSON = (
+    *('[' * 5000 + ']' * 5000, '{"a":' * 5000 + '1' + '}' * 5000, '9' * 5000, '1' + '0' * 400),
+    *('NaN', '1e400', '-Infinity', '[1, 2', '"\\ud800"', '', '{}', 'null', 'true', '"x"', '[[1]]'),
+)
+LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5)
+JSON = st.recursive(
+    LEAVES, lambda x: st.lists(x) | st.dictionaries(st.text(max_size=5), x), max_leaves=5
+)
+
+
+@st.composite
+def changed_heads(draw: st.DrawFn) -> Recording:
+    """Draw the beginning of a run with another value of a setting, or of a text of its head."""
+    found = run().copy()
+    found.messages = found.messages[:3]
+    head = found.head(HEAD)
+    value = draw(st.sampled_from(STRANGE_JSON) | JSON.map(json.dumps))
+    name = draw(st.sampled_from(sorted(head)))
+    if name == 'settings':
+        texts = {key: json.dumps(known) for key, known in json.loads(head['settings']).items()}
+        texts[draw(st.sampled_from(sorted(texts)))] = value
+        value = '{' + ', '.join(f'{json.dumps(key)}: {text}' for key, text in texts.items()) + '}'
+    head[name] = value
+    if draw(st.integers(0, 9)) == 0:
+        del head[name]
+    return found
+
+
+@settings(max_examples=3 * settings().max_examples)
+@given(changed_heads())
+def test_a_changed_head_is_refused_in_a_short_line_or_changes_nothing(
+    damaged: Path, recording: Recording
+) -> None:
+    recording.save(damaged, closed=False)
+    found = verify(str(damaged), SECONDS)
+    event(f'status {found["status"]}')
+    assert found['status'] in (0, 1), found
+    if found['status']:
+        (line,) = found['err'].splitlines()
+        assert line.isprintable()
+        assert len(line) < 800
+        assert damaged.name in line
+
+
+NOTHING_YET = (
+    'no recording of this node|holds no states|no robot in its attachment|'
+    'not an MCAP file|damaged after byte 8$'
+)
+
+
+def check_cut(path: Path, data: bytes, size: int, original: list[Message]) -> bool:
+    """Verify a file cut to a size; it must hold the same, or say that it holds nothing yet."""
+    path.write_bytes(data[:size])
+    if check(path, original):
+        return True
+    with pytest.raises(LogError, match=NOTHING_YET):
+        read(path, verify=True)
+    return False
+
+
+@pytest.mark.parametrize('name', ['small', 'golden'])
+def test_a_cut_in_the_last_chunk_is_no_damage(
+    tmp_path: Path, small: tuple[bytes, list[Message]], name: str
+) -> None:
+    whole, original = small if name == 'small' else (GOLDEN.read_bytes(), messages(GOLDEN))
+    # The end record lies before that chunk; behind its name come its texts.
+    start = whole.index(END.encode()) - 4
+    size = start + int.from_bytes(whole[start - 8 : start], 'little') + 20
+    assert check_cut(tmp_path / 'a.mcap', whole, size, original)
+    assert 0 < len(messages(tmp_path / 'a.mcap')) < len(original)
+
+
+@pytest.mark.slow
+def test_every_cut_of_a_recording_verifies_up_to_the_cut_or_holds_no_state(
+    tmp_path: Path, small: tuple[bytes, list[Message]]
+) -> None:
+    whole, original = small
+    sizes = range(0, len(whole), 151)
+    verified = [check_cut(tmp_path / 'a.mcap', whole, size, original) for size in sizes]
+    # Nothing is lost any more once something is there.
+    assert verified == sorted(verified)
+    assert sum(verified) > 10
+
+
+def test_the_golden_recording_says_the_same_when_it_is_copied(tmp_path: Path) -> None:
+    copied = load(GOLDEN).save(tmp_path / 'a.mcap')
+    assert check(copied, messages(GOLDEN))

@@ -34,12 +34,12 @@ From the inputs to the outputs:
     sensors           the true state -> the measured one, which joint_states tell
     outputs           what is published beside joint_states: model, tip, energy, true state
     stable_gains      the largest gains of a PD loop through a zero-order hold
-    judging           the verdict on each event, by the rules for its source
-    verdict_rows      the messages that tell the verdicts
+    validation           the verdict on each event, by the rules for its source
+    validation_rows      the messages that tell the verdicts
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
     driver            runs an engine: for the node, replays and lockstep alike
 
-A new input is a Source in `events`, a rule in `judging`, and a row in node.endpoints and in
+A new input is a Source in `events`, a rule in `validation`, and a row in node.endpoints and in
 recording.format (with always=False: older recordings lack it). A new output beside the state is a
 row of output_settings.OUTPUTS and a writer in `outputs`, and a row in `model_kernels` if it is a
 quantity of the model. Stepping and recording need no change.

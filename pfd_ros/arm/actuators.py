@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 import pfd_core as pfd
+from pfd_ros.arm.actuator_command import ActuatorCommand, Gains, all_braked
 from pfd_ros.arm.command_settings import check_servo
-from pfd_ros.arm.drive import Drive, Gains, held
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import ActuatorState
 from pfd_ros.text import cut
@@ -91,7 +91,9 @@ class Actuators:
         """Whether a reflex looks at the efforts."""
         return self._largest_jump < np.inf
 
-    def wanted(self, state: ActuatorState, drive: Drive, q: np.ndarray, qd: np.ndarray) -> Drive:
+    def wanted(
+        self, state: ActuatorState, actuation: ActuatorCommand, q: np.ndarray, qd: np.ndarray
+    ) -> ActuatorCommand:
         """Return the efforts and brakes of the next step before the limits of the motors.
 
         Parameters
@@ -103,23 +105,23 @@ class Actuators:
         q, qd
             Positions and velocities of the joints, (n,), rad or m, rad/s or m/s.
         """
-        if drive.position is not None:
-            drive = Drive(self._followed(drive, q, qd), drive.braked)
+        if actuation.position is not None:
+            actuation = ActuatorCommand(self._followed(actuation, q, qd), actuation.braked)
         if not self.has_reflex:
             state.before = None
-        elif self._jumps(state, drive):
-            return held(len(drive.effort))
-        return drive
+        elif self._jumps(state, actuation):
+            return all_braked(len(actuation.effort))
+        return actuation
 
-    def _followed(self, drive: Drive, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
+    def _followed(self, actuation: ActuatorCommand, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
         """Return the efforts of servos on the way to their targets, (n,)."""
-        if self._servo is None or self._servo.drive is not drive:
-            self._servo = _servo(drive, self._gains)
+        if self._servo is None or self._servo.actuation is not actuation:
+            self._servo = _servo(actuation, self._gains)
         _, p, position, d, velocity = self._servo
-        effort: np.ndarray = drive.effort + p * (position - q) + d * (velocity - qd)
+        effort: np.ndarray = actuation.effort + p * (position - q) + d * (velocity - qd)
         return effort
 
-    def _jumps(self, state: ActuatorState, wanted: Drive) -> bool:
+    def _jumps(self, state: ActuatorState, wanted: ActuatorCommand) -> bool:
         """Return whether an effort jumps by more than the reflex allows.
 
         The first effort of a joint that comes off its brake may be any: the brake held its load.
@@ -159,18 +161,18 @@ def in_model_order(values: Sequence[float], order: Sequence[int]) -> np.ndarray:
 class _Servo(NamedTuple):
     """Gains and targets of one drive, (n,): a joint without a target has the gain 0."""
 
-    drive: Drive
+    actuation: ActuatorCommand
     p: np.ndarray
     position: np.ndarray
     d: np.ndarray
     velocity: np.ndarray
 
 
-def _servo(drive: Drive, gains: Gains) -> _Servo:
-    position, velocity = np.array([drive.position, drive.velocity])
+def _servo(actuation: ActuatorCommand, gains: Gains) -> _Servo:
+    position, velocity = np.array([actuation.position, actuation.velocity])
     there, moving = ~np.isnan(position), ~np.isnan(velocity)
     return _Servo(
-        drive,
+        actuation,
         np.where(there, gains.p, 0.0),
         np.where(there, position, 0.0),
         # To a position without a velocity it goes to stay there.

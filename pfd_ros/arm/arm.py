@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.drive import held
+from pfd_ros.arm.actuator_command import all_braked
 from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.plant_settings import INPUT, payload_changes
@@ -173,7 +173,7 @@ class Arm:
             qd=zeros,
             tau=zeros,
             braked=np.ones(robot.n, bool),
-            link=LinkState(held(robot.n), held(robot.n)),
+            link=LinkState(all_braked(robot.n), all_braked(robot.n)),
             actuators=ActuatorState(pfd.MotorState(np.zeros(robot.n))),
             wrench=WrenchState(np.zeros(6), np.zeros(6)) if first.external_wrench else None,
         )

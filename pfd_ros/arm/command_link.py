@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pfd_ros.arm.drive import Command, Drive, held, let_go, merge
+from pfd_ros.arm.actuator_command import ActuatorCommand, Command, all_braked, merge, zero_effort
 from pfd_ros.arm.noise import Channel, uniform
 from pfd_ros.arm.settings import Settings, timeout_steps
 from pfd_ros.arm.state import LinkState
@@ -81,29 +81,31 @@ class CommandLink:
             _arrive(link, link.line.pop(0)[1], cycle)
         if link.heard is None or cycle - link.heard < self._timeout:
             return False
-        clear(link, self._without_commands(link.drive, q))
+        clear(link, self._without_commands(link.actuation, q))
         link.timed_out = True
         link.timeouts += 1
         return True
 
-    def _without_commands(self, drive: Drive, q: np.ndarray) -> Drive:
+    def _without_commands(self, actuation: ActuatorCommand, q: np.ndarray) -> ActuatorCommand:
         """Return the drive of an arm whose controller is silent."""
-        braked = drive.braked
+        braked = actuation.braked
         if self._on_timeout == 'brake':
-            return held(len(braked))
+            return all_braked(len(braked))
         if self._on_timeout == 'zero':
-            return let_go(drive)
+            return zero_effort(actuation)
         position = np.where(braked, np.nan, q)
-        return Drive(np.zeros(len(braked)), braked, position, np.full(len(braked), np.nan))
+        return ActuatorCommand(
+            np.zeros(len(braked)), braked, position, np.full(len(braked), np.nan)
+        )
 
 
-def _arrive(link: LinkState, drive: Drive, cycle: int) -> None:
-    link.drive, link.heard, link.timed_out = drive, cycle, False
+def _arrive(link: LinkState, actuation: ActuatorCommand, cycle: int) -> None:
+    link.actuation, link.heard, link.timed_out = actuation, cycle, False
 
 
-def clear(link: LinkState, drive: Drive) -> None:
+def clear(link: LinkState, actuation: ActuatorCommand) -> None:
     """Discard all commands and begin with a drive; the watchdog waits for the first command."""
-    link.drive = link.newest = drive
+    link.actuation = link.newest = actuation
     link.line.clear()
     link.heard = None
     link.timed_out = False

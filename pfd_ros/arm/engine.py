@@ -30,12 +30,12 @@ import numpy as np
 
 import pfd_core as pfd
 from pfd_ros.arm import actuators, command_link, wrench
+from pfd_ros.arm.actuator_command import ActuatorCommand, Command, all_braked, free, zero_effort
 from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.changes import payload_message
 from pfd_ros.arm.command_link import CommandLink
-from pfd_ros.arm.commands import Judgement
-from pfd_ros.arm.drive import Command, Drive, free, held, let_go
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.effects import ClockTick, Request, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
     CLOCK,
@@ -47,29 +47,29 @@ from pfd_ros.arm.events import (
     Output,
     Overflow,
     Source,
+    ValidationRow,
     Verdict,
-    VerdictRow,
 )
-from pfd_ros.arm.judging import Judge
 from pfd_ros.arm.outputs import extra_outputs
 from pfd_ros.arm.pace import Pace, needs_event
 from pfd_ros.arm.sensors import Sensors
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import ArmState, JointArrays
-from pfd_ros.arm.verdict_rows import overflow_messages, rows_message
+from pfd_ros.arm.validation import Validator
+from pfd_ros.arm.validation_rows import overflow_messages, rows_message
 from pfd_ros.messages import convert
 
-OVERFLOWED = Judgement(Verdict.OVERFLOWED, 'newer ones came before the next step')
+OVERFLOWED = Validation(Verdict.OVERFLOWED, 'newer ones came before the next step')
 
 
 class Taken(NamedTuple):
-    """The verdict rows of some events, and the judgements for counts and log lines.
+    """The verdict rows of some events, and the validations for counts and log lines.
 
-    A judgement comes with its source and the number of messages that were judged like that.
+    A validation comes with its source and the number of messages that were validated like that.
     """
 
     outputs: list[Output]
-    judgements: list[tuple[Source, Judgement, int]]
+    validations: list[tuple[Source, Validation, int]]
 
 
 class Engine:
@@ -104,7 +104,7 @@ class Engine:
         self._clock_every = settings.clock_every if settings.publish_clock else 0
         self._step_ns = settings.step_ns
         self.pace = Pace(settings.lockstep, settings.wait_for_controller, settings.follows_clock)
-        self._rules = Judge(self.arm, self.pace)
+        self._rules = Validator(self.arm, self.pace)
         # Place in published order of each joint of the model, None if the two are the same.
         place = np.argsort(self.arm.order)
         self._free = free(robot.n)
@@ -149,7 +149,7 @@ class Engine:
         return self.arm.state.cycle
 
     @property
-    def stands(self) -> bool:
+    def waiting(self) -> bool:
         """Whether the next cycle has to wait for an event."""
         # Of an arm that failed simulated time stands still; cycles go on as if it did not.
         state = self.arm.state
@@ -176,46 +176,47 @@ class Engine:
     def run_cycle(self, events: Iterable[Event] = ()) -> Taken:
         """Run the next cycle on the events since the last one; return all outputs of it."""
         taken = self.take(events)
-        return Taken(taken.outputs + self.step(), taken.judgements)
+        return Taken(taken.outputs + self.step(), taken.validations)
 
     def take(self, events: Iterable[Event]) -> Taken:
-        """Judge events and apply them to the next cycle; return their verdict rows."""
+        """Validator events and apply them to the next cycle; return their verdict rows."""
         outputs: list[Output] = []
-        judgements: list[tuple[Source, Judgement, int]] = []
-        rows: list[VerdictRow] = []
+        validations: list[tuple[Source, Validation, int]] = []
+        rows: list[ValidationRow] = []
         cycle = self.state.cycle + 1
         for event in events:
             if isinstance(event, Overflow):
-                judgements.append((event.source, OVERFLOWED, len(event.sequences)))
+                validations.append((event.source, OVERFLOWED, len(event.sequences)))
                 if self._rows:
                     outputs.extend(overflow_messages(self.state, event, cycle))
                 continue
-            judgement = self.accept(event)
-            judgements.append((event.source, judgement, 1))
+            validation = self.accept(event)
+            validations.append((event.source, validation, 1))
             if self._rows:
-                rows.append(VerdictRow(cycle, event.source, event.sequence, judgement.verdict))
+                rows.append(ValidationRow(cycle, event.source, event.sequence, validation.verdict))
         if rows:
             outputs.append(rows_message(self.state, rows))
-        return Taken(outputs, judgements)
+        return Taken(outputs, validations)
 
-    def accept(self, event: Arrival) -> Judgement:
-        """Judge one message and apply it to the next cycle, without a row."""
-        judgement = self.judge(event)
-        self._apply(event.source, judgement)
-        return judgement
+    def accept(self, event: Arrival) -> Validation:
+        """Validator one message and apply it to the next cycle, without a row."""
+        validation = self.validate(event)
+        self._apply(event.source, validation)
+        return validation
 
-    def judge(self, event: Arrival) -> Judgement:
+    def validate(self, event: Arrival) -> Validation:
         """Return the verdict on a message and its effect, which is not applied."""
-        return self._rules.judge(event, self.actuators.gains)
+        return self._rules.validate(event, self.actuators.gains)
 
-    def command(self, efforts: np.ndarray) -> Judgement:
-        """Judge and apply efforts (n,) in published order, as a command without names has them.
+    def command(self, efforts: np.ndarray) -> Validation:
+        """Validator and apply efforts (n,) in published order, as a command without names has
+        them.
 
         For callers that neither record nor publish the command: it has no bytes.
         """
-        judgement = self._rules.judge_efforts(efforts)
-        self._apply(Source.ARRAY, judgement)
-        return judgement
+        validation = self._rules.validate_efforts(efforts)
+        self._apply(Source.ARRAY, validation)
+        return validation
 
     def stretch(self, efforts: np.ndarray, commands: Sequence[int]) -> np.ndarray | None:
         """Run a cycle for each row of efforts, in one native call.
@@ -289,7 +290,7 @@ class Engine:
     def _end_stretch(self, effort: np.ndarray, heard: int, commands: int) -> None:
         state = self.arm.state
         link = state.link
-        link.drive = link.newest = Drive(effort, self._free)
+        link.actuation = link.newest = ActuatorCommand(effort, self._free)
         link.heard, link.timed_out = heard, False
         link.sent += commands
         state.actuators.before = None
@@ -311,15 +312,15 @@ class Engine:
             or not self._link.passes_all(gap)
         )
 
-    def _apply(self, source: Source, judgement: Judgement) -> None:
-        effect, state = judgement.effect, self.state
+    def _apply(self, source: Source, validation: Validation) -> None:
+        effect, state = validation.effect, self.state
         if source in COMMANDS:
-            self.pace.answer(state.pace, judgement.verdict)
+            self.pace.answer(state.pace, validation.verdict)
         if isinstance(effect, Command):
             self._link.send(state.link, effect, state.cycle + 1)
         elif isinstance(effect, StateChange):
             state.jumps.append(effect)
-            self._discard_commands(let_go(state.link.drive))
+            self._discard_commands(zero_effort(state.link.actuation))
         elif isinstance(effect, SettingsChange):
             self._set(effect)
         elif isinstance(effect, ClockTick):
@@ -335,7 +336,7 @@ class Engine:
         if request.name == 'reset':
             self._reset()
         elif request.name == 'deactivate':
-            self._discard_commands(held(len(state.q)))
+            self._discard_commands(all_braked(len(state.q)))
         elif request.name == 'clear_wrench' and state.wrench is not None:
             wrench.clear(state.wrench)
         self.pace.request(state.pace, request)
@@ -346,15 +347,15 @@ class Engine:
         self.arm.revive(state.cycle)
         state.jumps = [None]
         state.link.sent = 0
-        self._discard_commands(held(len(state.q)))
+        self._discard_commands(all_braked(len(state.q)))
         state.reset_ns = state.since_ns
         if state.wrench is not None:
             wrench.clear(state.wrench)
 
-    def _discard_commands(self, drive: Drive) -> None:
+    def _discard_commands(self, actuation: ActuatorCommand) -> None:
         """Continue with a drive, and without all commands from before the next step."""
         state = self.state
-        command_link.clear(state.link, drive)
+        command_link.clear(state.link, actuation)
         actuators.restart(state.actuators)
         state.since_ns = self.arm.stamp_ns + self._step_ns
 
@@ -396,17 +397,17 @@ class Engine:
         state.cycle += 1
         if state.jumps and state.jumps[0] is None:
             state.epoch = state.cycle
-        drive = state.link.drive if state.failure else self._actuate(state)
+        actuation = state.link.actuation if state.failure else self._actuate(state)
         if state.wrench is not None:
             wrench.advance(state.wrench)
         if state.jumps:
-            state.braked = drive.braked
+            state.braked = actuation.braked
             self.arm.jump(state.jumps)
             state.jumps = []
             if self.sensors is not None:
                 self.sensors.restart(state)
         else:
-            self.arm.advance(drive.effort, drive.braked)
+            self.arm.advance(actuation.effort, actuation.braked)
             if self.sensors is not None:
                 self.sensors.sample(state)
         role = self._state_role(state)
@@ -422,7 +423,7 @@ class Engine:
         dropped = self.sensors is not None and self.sensors.drops(state)
         return DROPPED_STATES if dropped else STATES
 
-    def _actuate(self, state: ArmState) -> Drive:
+    def _actuate(self, state: ArmState) -> ActuatorCommand:
         """Let the commands that are due reach the actuators; return what these want.
 
         A failed arm has no actuators: a gap in its cycles changes nothing.
@@ -432,11 +433,11 @@ class Engine:
             # The watchdog is no controller: a reflex does not look at its jump.
             actuators.restart(driven)
         if state.jumps:
-            return let_go(link.drive)
-        drive = self.actuators.wanted(driven, link.drive, state.q, state.qd)
+            return zero_effort(link.actuation)
+        actuation = self.actuators.wanted(driven, link.actuation, state.q, state.qd)
         if driven.tripped:
-            command_link.clear(link, drive)
-        return drive
+            command_link.clear(link, actuation)
+        return actuation
 
     def measured(self) -> JointArrays:
         """Return the positions, velocities and efforts of this cycle's state, in model order."""

@@ -11,7 +11,7 @@ clock that is lost leaves the arm standing too; the node tells so after some sec
 
 from __future__ import annotations
 
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.effects import ClockTick
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import NANOSECONDS
@@ -20,8 +20,8 @@ from pfd_ros.messages.convert import NANOSECONDS
 MOST_STEPS_AHEAD = 100_000
 
 
-def judge_tick(tick_ns: int, stamp_ns: int, until_ns: int | None, step_ns: int) -> Judgement:
-    """Judge a tick.
+def validate_tick(tick_ns: int, stamp_ns: int, until_ns: int | None, step_ns: int) -> Validation:
+    """Validator a tick.
 
     Parameters
     ----------
@@ -34,16 +34,16 @@ def judge_tick(tick_ns: int, stamp_ns: int, until_ns: int | None, step_ns: int) 
     """
     last = stamp_ns if until_ns is None else until_ns
     if tick_ns < last:
-        return Judgement(
+        return Validation(
             Verdict.STALE,
             f'the clock is at {tick_ns / NANOSECONDS} s and was at {last / NANOSECONDS} s: '
             'simulated time never goes back',
         )
     if until_ns is not None and tick_ns - stamp_ns > MOST_STEPS_AHEAD * step_ns:
-        return Judgement(
+        return Validation(
             Verdict.REFUSED,
             f'the clock is at {tick_ns / NANOSECONDS} s and the arm at '
             f'{stamp_ns / NANOSECONDS} s, more than {MOST_STEPS_AHEAD} steps behind: '
             'a reset lets its time leap there',
         )
-    return Judgement(Verdict.ACCEPTED, effect=ClockTick(tick_ns))
+    return Validation(Verdict.ACCEPTED, effect=ClockTick(tick_ns))

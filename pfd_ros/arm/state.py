@@ -23,7 +23,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.drive import Drive
+from pfd_ros.arm.actuator_command import ActuatorCommand
 from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.settings import Settings, from_values
 
@@ -56,9 +56,9 @@ class LinkState:
         Commands since the start or the last reset, which chance counts by.
     """
 
-    drive: Drive
-    newest: Drive
-    line: list[tuple[int, Drive]] = field(default_factory=list)
+    actuation: ActuatorCommand
+    newest: ActuatorCommand
+    line: list[tuple[int, ActuatorCommand]] = field(default_factory=list)
     heard: int | None = None
     timed_out: bool = False
     timeouts: int = 0
@@ -84,7 +84,7 @@ class ActuatorState:
     tripped: bool = False
     trips: int = 0
     reflex: str = ''
-    before: Drive | None = None
+    before: ActuatorCommand | None = None
 
     @property
     def saturated(self) -> int:
@@ -258,7 +258,7 @@ _RECORDS: dict[str, Any] = {
         PaceState,
         WrenchState,
         StateChange,
-        Drive,
+        ActuatorCommand,
         pfd.MotorState,
     )
 }

@@ -17,7 +17,7 @@ import time
 from typing import Any
 
 from pfd_ros.arm.changes import changed, encode_changes, payload_values
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
@@ -31,7 +31,7 @@ LONGEST_PAYLOAD = 1 << 12
 # The compiler slows the stepping thread down, so it runs at most a fifth of the time: it pauses so
 # many times as long as it ran, s at most.
 PAUSE, LONGEST_PAUSE = 4.0, 1.0
-SUPERSEDED = Judgement(Verdict.OVERFLOWED, 'superseded by a newer one before it was compiled')
+SUPERSEDED = Validation(Verdict.OVERFLOWED, 'superseded by a newer one before it was compiled')
 
 
 @dataclass
@@ -111,9 +111,9 @@ class Changes:
 
     def _pass_on(self, values: dict[str, Any]) -> None:
         """Pass values on and wait for the result; a very slow arm applies them later."""
-        judgement = self.receiver.judgement_on(Source.PARAMETERS, encode_changes(values))
-        if judgement is not None and judgement.verdict is not Verdict.ACCEPTED:
-            raise ValueError(f'{judgement.verdict.name.lower()}: {judgement.detail}')
+        validation = self.receiver.validation_of(Source.PARAMETERS, encode_changes(values))
+        if validation is not None and validation.verdict is not Verdict.ACCEPTED:
+            raise ValueError(f'{validation.verdict.name.lower()}: {validation.detail}')
 
     def _wait(self, source: Source, values: dict[str, Any], data: bytes) -> None:
         self._waiting[source] = values, data
@@ -138,7 +138,7 @@ class Changes:
             except Exception as error:
                 # The arm would fail at it too.
                 detail = f'not compiled: {type(error).__name__}: {error}'
-                self.receiver.counts.add(source, Judgement(Verdict.REFUSED, detail))
+                self.receiver.counts.add(source, Validation(Verdict.REFUSED, detail))
                 with self._lock:
                     self.settings = self._passed
                 continue

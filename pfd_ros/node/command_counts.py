@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import threading
 import time
 
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.events import COMMANDS, Source, Verdict
 from pfd_ros.text import NAME_COUNT
 
@@ -33,18 +33,18 @@ class CommandCounts:
     _names: dict[str, None] = field(default_factory=dict)
     _locked: set[str] = field(default_factory=set)
 
-    def add(self, source: Source, judgement: Judgement, count: int = 1) -> None:
+    def add(self, source: Source, validation: Validation, count: int = 1) -> None:
         """Count a command, or several of one kind."""
-        key = source, judgement.verdict
-        if source in COMMANDS and judgement.verdict is Verdict.ACCEPTED:
+        key = source, validation.verdict
+        if source in COMMANDS and validation.verdict is Verdict.ACCEPTED:
             self.newest = time.monotonic()
         with self._lock:
             before, _ = self._verdicts.get(key, (0, ''))
-            self._verdicts[key] = before + count, judgement.detail
-            self._unknown += judgement.unknown_count
+            self._verdicts[key] = before + count, validation.detail
+            self._unknown += validation.unknown_count
             # Bounded by the joints of the arm.
-            self._locked.update(judgement.locked)
-            for name in judgement.unknown:
+            self._locked.update(validation.locked)
+            for name in validation.unknown:
                 if len(self._names) < NAME_COUNT:
                     self._names[name] = None
 

@@ -166,7 +166,7 @@ class ArmDiagnostics:
             return Task(
                 'stepping', WARN, 'steps late (busy machine or blocked subscriber)', values
             )
-        if engine.stands:
+        if engine.waiting:
             return Task('stepping', OK, _reason_to_wait(engine), values)
         return Task('stepping', OK, 'running', values)
 

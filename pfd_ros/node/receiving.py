@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import itertools
 import threading
 
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.events import Arrival, Event, Overflow, Source, Verdict
 from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.recording.format import ROLE_OF_SOURCE
@@ -123,26 +123,26 @@ class Receiver:
     _sequences: dict[Source, Iterator[int]] = field(
         default_factory=lambda: {source: itertools.count(1) for source in Source}
     )
-    _asked: dict[tuple[Source, int], Future[Judgement]] = field(default_factory=dict)
+    _asked: dict[tuple[Source, int], Future[Validation]] = field(default_factory=dict)
 
     def receive(self, source: Source, data: bytes) -> None:
         """Receive one serialized message."""
         if len(data) > LARGEST_MESSAGE:
             detail = f'{len(data)} bytes, expected {LARGEST_MESSAGE} at most'
-            self.counts.add(source, Judgement(Verdict.MALFORMED, detail))
+            self.counts.add(source, Validation(Verdict.MALFORMED, detail))
             return
         self._pass_on(source, next(self._sequences[source]), data)
 
-    def ask(self, source: Source, data: bytes) -> Future[Judgement]:
+    def ask(self, source: Source, data: bytes) -> Future[Validation]:
         """Receive one serialized request; return the future result of its validation."""
-        sequence, answer = next(self._sequences[source]), Future[Judgement]()
+        sequence, answer = next(self._sequences[source]), Future[Validation]()
         self._asked[source, sequence] = answer
         self._pass_on(source, sequence, data)
         return answer
 
-    def judgement_on(
+    def validation_of(
         self, source: Source, data: bytes, seconds: float = ANSWER_SECONDS
-    ) -> Judgement | None:
+    ) -> Validation | None:
         """Return the validation result of a request, or None if it is late."""
         try:
             return self.ask(source, data).result(seconds)
@@ -155,13 +155,13 @@ class Receiver:
         if not self.at_once():
             self.queue.wake()
 
-    def answer(self, events: Sequence[Event], judgements: Sequence[Judgement]) -> None:
+    def answer(self, events: Sequence[Event], validations: Sequence[Validation]) -> None:
         """Set the results of events, in their order, for waiting callers."""
         if not self._asked:
             return
-        for event, judgement in zip(events, judgements, strict=True):
+        for event, validation in zip(events, validations, strict=True):
             numbers = event.sequences if isinstance(event, Overflow) else [event.sequence]
             for number in numbers:
                 answer = self._asked.pop((event.source, number), None)
                 if answer is not None:
-                    answer.set_result(judgement)
+                    answer.set_result(validation)

@@ -35,14 +35,14 @@ class Services:
 
     def request(self, request: Request, response: Any) -> Any:
         """Pass a request to the arm and wait for its result."""
-        judgement = self.receiver.judgement_on(Source.REQUEST, encode_request(request))
-        if judgement is None:
+        validation = self.receiver.validation_of(Source.REQUEST, encode_request(request))
+        if validation is None:
             response.success, response.message = True, f'{request.name}: queued for the next step'
             return response
-        response.success = judgement.verdict is Verdict.ACCEPTED
+        response.success = validation.verdict is Verdict.ACCEPTED
         seconds = self.engine.arm.stamp_ns / NANOSECONDS
-        result = judgement.verdict.name.lower()
-        response.message = one_line(f'{result}: {judgement.detail}; simulated time {seconds} s')
+        result = validation.verdict.name.lower()
+        response.message = one_line(f'{result}: {validation.detail}; simulated time {seconds} s')
         return response
 
     def pause(self, asked: Any, response: Any) -> Any:

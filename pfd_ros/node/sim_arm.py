@@ -151,14 +151,14 @@ class SimArm:
             later.
         """
         request = encode_request(Request(name))
-        judgement = self._receiver.judgement_on(Source.REQUEST, request, TRANSITION_SECONDS)
-        if judgement is None:
+        validation = self._receiver.validation_of(Source.REQUEST, request, TRANSITION_SECONDS)
+        if validation is None:
             if name == 'activate':
                 # An arm that does not answer now must not start to move later.
                 self._receiver.ask(Source.REQUEST, encode_request(Request('deactivate')))
             raise ValueError(f'the arm did not answer within {TRANSITION_SECONDS:g} s')
-        if judgement.verdict is not Verdict.ACCEPTED:
-            raise ValueError(judgement.detail)
+        if validation.verdict is not Verdict.ACCEPTED:
+            raise ValueError(validation.detail)
 
     def stop_stepping(self) -> None:
         """Signal the stepping thread to end."""

@@ -4,7 +4,7 @@
 
 The messages of a channel are numbered from 1; numbers may be left out, where the disk was too
 slow, but never repeat or decrease; states that the sensors dropped are numbered with those they
-published. Within a cycle come the verdict rows, of events that overflowed or were judged, a new
+published. Within a cycle come the verdict rows, of events that overflowed or were validated, a new
 payload, the state, the outputs beside it, the clock tick. No cycle lies further ahead than the
 arm can have reached at the recorded time: a damaged number would otherwise be simulated through.
 """
@@ -28,8 +28,8 @@ from pfd_ros.arm.events import (
     Event,
     Overflow,
     Source,
+    ValidationRow,
     Verdict,
-    VerdictRow,
 )
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, encode_rows
@@ -77,7 +77,7 @@ class PlacedMessage(NamedTuple):
     cycle: int
     log_ns: int
     data: bytes
-    rows: tuple[VerdictRow, ...] = ()
+    rows: tuple[ValidationRow, ...] = ()
 
 
 @dataclass
@@ -161,7 +161,7 @@ class _Order:
             )
         self._last_ns = entry.log_ns
         number, lost = self._number(entry)
-        rows: tuple[VerdictRow, ...] = ()
+        rows: tuple[ValidationRow, ...] = ()
         if role in SOURCE_OF_ROLE:
             cycle = 0
             if role == PARAMETERS:
@@ -212,7 +212,7 @@ class _Order:
             )
 
 
-def _rows(entry: Entry) -> tuple[VerdictRow, ...]:
+def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
     """Return the rows of a message: all of one cycle, and all of overflow or none."""
     decoded = decode_rows(entry.data, len(TAKEN_COLUMNS))
     if not decoded or encode_rows(decoded, TAKEN_COLUMNS) != entry.data:
@@ -227,5 +227,5 @@ def _rows(entry: Entry) -> tuple[VerdictRow, ...]:
     if len(cycles) > 1 or 0 in cycles:
         raise ValueError(f'taken {entry.sequence} names steps {sorted(cycles)[:5]}, expected one')
     if len({row[3] == Verdict.OVERFLOWED for row in decoded}) > 1:
-        raise ValueError(f'taken {entry.sequence} mixes commands judged and overflowed')
-    return tuple(VerdictRow(c, Source(s), n, Verdict(v)) for c, s, n, v in decoded)
+        raise ValueError(f'taken {entry.sequence} mixes commands validated and overflowed')
+    return tuple(ValidationRow(c, Source(s), n, Verdict(v)) for c, s, n, v in decoded)

@@ -27,7 +27,7 @@ def asked(controller: Controller, names: Sequence[str], t: float, q: Array, qd: 
     """Return the efforts (n,) with which a controller answers a state.
 
     The arrays of the state are the controller's own. The efforts may still be NaN or infinite:
-    the arm judges that, and `refusal` words it.
+    the arm validates that, and `refusal` words it.
 
     Raises
     ------

@@ -189,9 +189,9 @@ class LockstepArm:
                     raise blocked(watch, patience, t, k) from None
                 rows.compute_time[k] = perf_counter() - begun
                 rows.tau[k] = efforts
-                judgement = command(efforts)
-                if judgement.verdict is not Verdict.ACCEPTED:
-                    raise refusal(efforts, names, t, judgement.detail)
+                validation = command(efforts)
+                if validation.verdict is not Verdict.ACCEPTED:
+                    raise refusal(efforts, names, t, validation.detail)
         rows.count = len(rows.time)
         return rows.trajectory(names, self._limits)
 

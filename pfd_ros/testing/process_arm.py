@@ -101,10 +101,11 @@ class ProcessArm:
         self._state: JointMessage | None = None
         self._answer = b''
         self._on_new: Callable[[JointMessage], None] | None = None
-        # What the node has counted so far, the simulated time of that, and what spin has judged.
+        # What the node has counted so far, the simulated time of that, and what spin has
+        # validated.
         self._counted: Counter[str] = Counter()
         self._counted_at = 0.0
-        self._judged: Counter[str] = Counter()
+        self._validated: Counter[str] = Counter()
         self._create_node(ros_args, found.control.topics)
         # The node reads the description itself.
         self.process = NodeProcess(parameters_of(given, self.names), ros_args)
@@ -239,7 +240,7 @@ class ProcessArm:
 
         self._follow(watch, rows, controllers, Waits(patience, start_patience), allowed)
         self._read_counts(DIAGNOSTICS_SECONDS)
-        self._judge_counts(rows.count, allowed)
+        self._validate_counts(rows.count, allowed)
         return rows.trajectory(self.names, self._limits)
 
     def reset(self) -> None:
@@ -320,9 +321,9 @@ class ProcessArm:
                 raise NoAnswerError(f'waited {seconds:g} s for the diagnostics of the node')
             self._readers_executor.spin_once(timeout_sec=LOOK_SECONDS)
 
-    def _judge_counts(self, answers: int, allowed: Collection[str]) -> None:
+    def _validate_counts(self, answers: int, allowed: Collection[str]) -> None:
         """Raise ControllerError if the node has counted rejections that are not allowed."""
-        new, self._judged = self._counted - self._judged, self._counted
+        new, self._validated = self._counted - self._validated, self._counted
         told = ', '.join(
             f'{reason} ({n} times)' for reason, n in new.items() if reason not in allowed
         )
@@ -390,7 +391,7 @@ class ProcessArm:
                         break
                     if allowed is not None:
                         self._readers_executor.spin_once(timeout_sec=0.0)
-                        self._judge_counts(answers(), allowed)
+                        self._validate_counts(answers(), allowed)
                     found.check(self.time, answers())
                     waited = time.perf_counter() - heard
                     if waited > waits.patience:

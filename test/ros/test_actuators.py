@@ -204,17 +204,17 @@ def test_a_jump_ends_the_servo(event: str) -> None:
         engine.run_cycle([Arrival(Source.SET_STATE, 1, targeted(NAMES, [0.2, 0.2])[1])])
     engine.step()
     assert not engine.arm.tau.any()
-    assert engine.state.link.drive.position is None
+    assert engine.state.link.actuation.position is None
 
 
 def test_an_arm_without_gains_takes_efforts_beside_positions_and_refuses_positions_alone() -> None:
     engine = Engine(Settings(robot='planar2'), PLANAR2)
     source, data = targeted(NAMES, [1.0, 1.0], effort=[2.0, 1.0])
-    assert engine.judge(Arrival(source, 1, data)).verdict is Verdict.ACCEPTED
+    assert engine.validate(Arrival(source, 1, data)).verdict is Verdict.ACCEPTED
     engine.run_cycle([Arrival(source, 1, data)])
     assert engine.arm.tau.tolist() == [2.0, 1.0]
     source, data = targeted(NAMES, [1.0, 1.0])
-    assert engine.judge(Arrival(source, 1, data)).verdict is Verdict.NO_EFFORT
+    assert engine.validate(Arrival(source, 1, data)).verdict is Verdict.NO_EFFORT
 
 
 POSE = (0.4, -0.7)

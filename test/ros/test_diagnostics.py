@@ -12,7 +12,7 @@ import pytest
 from ros_processes import JOINTS, Processes
 
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.settings import Settings
@@ -72,7 +72,7 @@ def test_messages_that_are_rejected_are_a_warning_and_no_others() -> None:
     diagnostics = ArmDiagnostics(stepper, SimpleNamespace(mismatched=0), MassKernels(engine.arm))
 
     def level(source: Source, verdict: Verdict) -> bytes:
-        counts.add(source, Judgement(verdict, ''))
+        counts.add(source, Validation(verdict, ''))
         (task,) = (task for task in diagnostics.tasks() if task.name == 'commands')
         return task.level
 

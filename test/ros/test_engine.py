@@ -20,7 +20,7 @@ from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import TAKEN_COLUMNS, Arrival, Event, Output, Overflow, Source, Verdict
 from pfd_ros.arm.settings import Settings
-from pfd_ros.arm.verdict_rows import MOST_ROWS
+from pfd_ros.arm.validation_rows import MOST_ROWS
 from pfd_ros.messages.convert import (
     JointMessage,
     JointStateEncoder,
@@ -128,7 +128,7 @@ def test_a_state_that_overflows_stops_the_arm_at_the_last_finite_one() -> None:
             assert getattr(after, field).tobytes() == getattr(last, field).tobytes()
 
 
-def test_a_failed_arm_goes_on_judging_and_counting_and_a_gap_costs_nothing() -> None:
+def test_a_failed_arm_goes_on_validating_and_counting_and_a_gap_costs_nothing() -> None:
     engine, passed = (made(publish_rate=500.0, effort_limits=False) for _ in range(2))
     for one in (engine, passed):
         run(one, 2, [array(*[1e308] * 6)])
@@ -245,7 +245,7 @@ def test_a_flood_that_overflowed_is_told_in_messages_of_bounded_size() -> None:
     sizes = [len(rows_of([output])) for output in result.outputs[:-2]]
     assert sizes == [MOST_ROWS, MOST_ROWS, 5]
     assert [row[2] for row in rows_of(result.outputs)] == list(range(7, 7 + count))
-    assert [(source, told.verdict, n) for source, told, n in result.judgements] == [
+    assert [(source, told.verdict, n) for source, told, n in result.validations] == [
         (Source.NAMED, Verdict.OVERFLOWED, count)
     ]
 
@@ -260,9 +260,9 @@ def test_nan_leaves_a_joint_as_it_was() -> None:
     assert state.velocity[1] == 0.0
 
 
-def test_judging_a_message_does_not_apply_it() -> None:
+def test_validating_a_message_does_not_apply_it() -> None:
     engine = made(robot='planar2')
-    assert engine.judge(array(1.0, 2.0)).verdict is Verdict.ACCEPTED
+    assert engine.validate(array(1.0, 2.0)).verdict is Verdict.ACCEPTED
     assert not run(engine, 2).effort.any()
 
 
@@ -309,7 +309,7 @@ def test_an_arm_with_a_gripper_has_the_masses_of_the_whole_file() -> None:
 @pytest.mark.parametrize('source', list(Source))
 @pytest.mark.parametrize('data', [b'', b'\x00\x01\x00\x00', b'\xff' * 40])
 def test_bytes_that_are_no_message_do_nothing(source: Source, data: bytes) -> None:
-    assert made().judge(Arrival(source, 1, data)).verdict is Verdict.MALFORMED
+    assert made().validate(Arrival(source, 1, data)).verdict is Verdict.MALFORMED
 
 
 @pytest.mark.parametrize(

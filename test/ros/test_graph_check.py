@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import pytest
 from ros_processes import JOINTS, Process, Processes
 
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.recording.reader import Log
@@ -94,9 +94,9 @@ def test_a_command_of_a_publisher_that_is_gone_is_enough(verdict: Verdict) -> No
     from pfd_ros.node.command_counts import CommandCounts
 
     counts = CommandCounts()
-    counts.add(Source.SET_STATE, Judgement(Verdict.ACCEPTED))
+    counts.add(Source.SET_STATE, Validation(Verdict.ACCEPTED))
     assert len(checked({}, [1.0, 100.0], counts=counts)) == 1
-    counts.add(Source.NAMED, Judgement(verdict))
+    counts.add(Source.NAMED, Validation(verdict))
     assert checked({}, [1.0, 100.0], counts=counts) == []
 
 

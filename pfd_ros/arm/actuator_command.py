@@ -35,7 +35,7 @@ class Gains(NamedTuple):
     d: np.ndarray
 
 
-class Drive(NamedTuple):
+class ActuatorCommand(NamedTuple):
     """The efforts, brakes and servo targets of an arm, in model order.
 
     Attributes
@@ -54,35 +54,37 @@ class Drive(NamedTuple):
     velocity: np.ndarray | None = None
 
 
-def held(count: int) -> Drive:
+def all_braked(count: int) -> ActuatorCommand:
     """Return the drive of an arm without commands: every brake on."""
-    return Drive(np.zeros(count), np.ones(count, bool))
+    return ActuatorCommand(np.zeros(count), np.ones(count, bool))
 
 
-def let_go(drive: Drive) -> Drive:
+def zero_effort(actuation: ActuatorCommand) -> ActuatorCommand:
     """Return a drive without the efforts and targets of commands; brakes stay as they are."""
-    return Drive(np.zeros_like(drive.effort), drive.braked)
+    return ActuatorCommand(np.zeros_like(actuation.effort), actuation.braked)
 
 
-def merge(drive: Drive, command: Command) -> Drive:
+def merge(actuation: ActuatorCommand, command: Command) -> ActuatorCommand:
     """Return the drive after a command."""
-    joints, count = command.joints, len(drive.braked)
+    joints, count = command.joints, len(actuation.braked)
     alone = command.position is None and command.velocity is None
     if alone and len(joints) == count:
         # The usual case, and a fast one: an effort for each joint, none of which is NaN.
         effort = np.empty(count)
         effort[joints] = command.effort
-        return Drive(effort, free(count))
-    braked = drive.braked.copy()
+        return ActuatorCommand(effort, free(count))
+    braked = actuation.braked.copy()
     braked[joints] = False
-    effort = _merged(drive.effort, joints, command.effort, 0.0)
-    if alone and drive.position is None:
-        return Drive(effort, braked)
+    effort = _merged(actuation.effort, joints, command.effort, 0.0)
+    if alone and actuation.position is None:
+        return ActuatorCommand(effort, braked)
     none = np.full(count, np.nan)
-    last = none if drive.position is None else drive.position
+    last = none if actuation.position is None else actuation.position
     position = _merged(last, joints, command.position, np.nan)
-    last = none if drive.velocity is None else drive.velocity
-    return Drive(effort, braked, position, _merged(last, joints, command.velocity, np.nan))
+    last = none if actuation.velocity is None else actuation.velocity
+    return ActuatorCommand(
+        effort, braked, position, _merged(last, joints, command.velocity, np.nan)
+    )
 
 
 @cache

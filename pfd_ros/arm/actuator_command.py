@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The drive of the joints: what all commands so far ask of each, and what the next one changes."""
+"""The actuator command: efforts, brakes and servo targets after all commands so far."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Command(NamedTuple):
     Attributes
     ----------
     joints
-        Indices in the model of the joints it drives, (k,).
+        Indices of its joints in the model, (k,).
     effort, position, velocity
         Their numbers (k,), N m, rad, rad/s or N, m, m/s. NaN keeps the last one; each joint has a
         number of one kind at least. None: no feed-forward, no target.
@@ -41,7 +41,7 @@ class ActuatorCommand(NamedTuple):
     Attributes
     ----------
     effort
-        (n,) N m or N; beside a target it is fed forward.
+        (n,) N m or N; with a target it is the feed-forward effort.
     braked
         (n,) of bool.
     position, velocity
@@ -55,17 +55,17 @@ class ActuatorCommand(NamedTuple):
 
 
 def all_braked(count: int) -> ActuatorCommand:
-    """Return the drive of an arm without commands: every brake on."""
+    """Return the actuator command of an arm without commands: all joints braked."""
     return ActuatorCommand(np.zeros(count), np.ones(count, bool))
 
 
 def zero_effort(actuation: ActuatorCommand) -> ActuatorCommand:
-    """Return a drive without the efforts and targets of commands; brakes stay as they are."""
+    """Return an actuator command with zero efforts, without targets and with the same brakes."""
     return ActuatorCommand(np.zeros_like(actuation.effort), actuation.braked)
 
 
 def merge(actuation: ActuatorCommand, command: Command) -> ActuatorCommand:
-    """Return the drive after a command."""
+    """Return the actuator command after a command."""
     joints, count = command.joints, len(actuation.braked)
     alone = command.position is None and command.velocity is None
     if alone and len(joints) == count:
@@ -89,7 +89,7 @@ def merge(actuation: ActuatorCommand, command: Command) -> ActuatorCommand:
 
 @cache
 def free(count: int) -> np.ndarray:
-    """Return the brakes of an arm that none of them holds, (n,), for all of its drives."""
+    """Return open brakes, (n,), one read-only array per size."""
     released = np.zeros(count, bool)
     released.flags.writeable = False
     return released

@@ -4,10 +4,10 @@
 
     effort = commanded effort + p (target - position) + d (target velocity - velocity)
 
-within the limits of the motors. As drives do, they decide once per cycle and hold the effort for
-it; so the effort that joint_states tells is exactly the one that acted. It is the effort after the
-limits, without friction, and without the gravity torque that drives with gravity compensation add:
-commands and states have one convention. Motors with a lag follow it.
+within the limits of the motors. The effort is computed once per cycle and is constant over it, so
+the effort in joint_states is exactly the one that acted. It is the effort after the limits,
+without friction and without the torque of gravity compensation: commands and states have one
+convention. Motors with a lag follow it.
 
 See docs/decisions/0019-limits-of-actuators.md.
 """
@@ -159,7 +159,7 @@ def in_model_order(values: Sequence[float], order: Sequence[int]) -> np.ndarray:
 
 
 class _Servo(NamedTuple):
-    """Gains and targets of one drive, (n,): a joint without a target has the gain 0."""
+    """Gains and targets of one actuator command, (n,): a joint without a target has the gain 0."""
 
     actuation: ActuatorCommand
     p: np.ndarray

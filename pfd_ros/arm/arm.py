@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated arm: robot, scene, brakes and time, stepped under the efforts that drive it."""
+"""The simulated arm: robot, scene, brakes and time, stepped under efforts."""
 
 from __future__ import annotations
 
@@ -193,7 +193,7 @@ class Arm:
 
     @property
     def settings(self) -> Settings:
-        """The settings now, with the names that 'auto' stood for."""
+        """The settings now, with 'auto' resolved."""
         return self.state.settings
 
     @property
@@ -311,7 +311,7 @@ class Arm:
         Raises
         ------
         ValueError
-            If the state is of another arm; the text says what differs.
+            If the state is of another arm; with the difference.
         """
         if state.robot != self.robot.digest:
             raise ValueError(
@@ -423,14 +423,14 @@ class Arm:
         if not state.failure:
             return
         if state.origin_ns + step * self._step_ns > LATEST_NS:
-            raise ValueError(f'a reset after step {step}, for whose time a stamp has no room')
+            raise ValueError(f'a reset after step {step}, whose time overflows a stamp')
         state.failure = ''
         state.step = step - 1
         state.simulation = self._simulator.new_state(self.start)
         self._end_step(np.zeros(len(self.order)))
 
     def jump(self, changes: Sequence[StateChange | None]) -> None:
-        """Do a step that ends in another state: that of these changes, None the initial one."""
+        """Do a step that ends in the state of these changes; None means the initial state."""
         state = self.state
         if state.failure:
             return

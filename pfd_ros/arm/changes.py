@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rules for settings that change while the arm runs.
 
-A change travels as a text in JSON: {"real_time_factor": 0.5}, new values by the field of Settings.
+A change travels as JSON: {"real_time_factor": 0.5}, new values by the field of Settings.
 Only fields with `dynamic=True` change, all of one text or none.
 """
 
@@ -74,7 +74,7 @@ def changed(arm: Arm, settings: Settings, values: Mapping[str, Any]) -> Settings
 
 
 def validate_changes(text: str, arm: Arm) -> Validation:
-    """Validator new values for the settings of an arm.
+    """Validate new values for the settings of an arm.
 
     Raises
     ------
@@ -85,7 +85,7 @@ def validate_changes(text: str, arm: Arm) -> Validation:
 
 
 def validate_payload(message: InertiaMessage, arm: Arm) -> Validation:
-    """Validator a payload for an arm; a mass of 0 is none."""
+    """Validate a payload for an arm; a mass of 0 is none."""
     try:
         values = payload_values(message, arm)
     except ValueError as error:
@@ -107,7 +107,7 @@ def payload_values(message: InertiaMessage, arm: Arm) -> dict[str, Any]:
 
 
 def validate_values(values: Mapping[str, Any], arm: Arm) -> Validation:
-    """Validator new values, by field, for the settings of an arm."""
+    """Validate new values, by field, for the settings of an arm."""
     compiled = not COMPILED.isdisjoint(values)
     if compiled and arm.failure:
         return Validation(Verdict.REFUSED, 'the simulation has stopped')

@@ -1,14 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The link from a controller to the drives: commands that come late or not at all, and silence.
+"""The link from a controller to the actuators: lost and delayed commands, and the watchdog.
 
-    accepted command -> perhaps lost (drop.commands) -> some cycles late (delay.commands) -> drives
+    accepted command -> drop-out (drop.commands) -> delay (delay.commands) -> actuators
 
-The delay is that of targets and feed-forward efforts: a servo sits in the drive, behind the link,
-and sees the arm as it is. So does the watchdog: when no command has arrived for `command_timeout`,
-it brakes the joints, lets go of them, or has the servos hold them, once, until the next command;
-commands that are under way are lost then. It counts cycles: in a pause it stands still too, and a
-replay does the same.
+The delay applies to targets and feed-forward efforts; servos act after the link, on the true
+state. So does the watchdog: after `command_timeout` without a command it brakes the joints, sets
+zero efforts, or has the servos hold the position, until the next command. Commands in flight are
+lost then. It counts cycles, so it stops in a pause, and a replay is equal.
 """
 
 from __future__ import annotations
@@ -87,7 +86,7 @@ class CommandLink:
         return True
 
     def _without_commands(self, actuation: ActuatorCommand, q: np.ndarray) -> ActuatorCommand:
-        """Return the drive of an arm whose controller is silent."""
+        """Return the actuator command after the timeout."""
         braked = actuation.braked
         if self._on_timeout == 'brake':
             return all_braked(len(braked))
@@ -104,7 +103,7 @@ def _arrive(link: LinkState, actuation: ActuatorCommand, cycle: int) -> None:
 
 
 def clear(link: LinkState, actuation: ActuatorCommand) -> None:
-    """Discard all commands and begin with a drive; the watchdog waits for the first command."""
+    """Discard all commands, set an actuator command, and restart the watchdog."""
     link.actuation = link.newest = actuation
     link.line.clear()
     link.heard = None

@@ -1,13 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rules for commands: which joints a command drives from now on, and with what.
+"""The rules for commands: which joints a command changes, and how.
 
-A brake holds each joint until the first command with a number for it. A command changes the joints
-it names and leaves the others as they were; a message that breaks a rule changes nothing at all.
-An effort alone is a torque. A position, a velocity or both are the target of the joint's servo,
-and the effort beside them is fed forward. NaN keeps the last number of its kind, and with nothing
-but NaN a joint stays as it was, brake included; a kind without numbers says that there is none of
-it, so that an effort alone ends a servo. In a command without names NaN drops the message.
+A joint is braked until the first command with a number for it. A command changes the joints that
+it names and no others; a message that violates a rule changes nothing. An effort alone is a
+torque. A position, a velocity or both are the target of the joint's servo, and their effort is fed
+forward. NaN keeps the last number of its kind; with only NaN a joint is unchanged, brake included.
+An empty array means no number of its kind, so that an effort alone ends a servo. In a command
+without names NaN rejects the message.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.text import NAME_COUNT, cut, listed
 
-# A driver sends NaN until a controller has claimed the joint: no command, and no mistake.
+# A driver sends NaN until a controller has claimed the joint: no command and no error.
 QUIET = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN})
 ERRORS = frozenset({Verdict.INFINITE, Verdict.NOT_FINITE})
 
 
 class Validation(NamedTuple):
-    """The verdict on a message and its effect.
+    """The validation result of a message, and its effect.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Validation(NamedTuple):
     unknown, unknown_count
         The first few names of joints that the arm does not have, cut short; the count of all.
     locked
-        Names of joints of the arm that it commands in vain, as they are welded.
+        Names of locked joints, for which a command has no effect.
     effect
         Of an accepted message.
     """
@@ -65,7 +65,7 @@ class Validation(NamedTuple):
 
 
 def named_values_rule(message: JointMessage, since_ns: int | None = None) -> Validation | None:
-    """Return the validation on a message by joint name that breaks a rule for its arrays.
+    """Return the validation result of a message by joint name that breaks a rule for its arrays.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def kinds_of(message: JointMessage) -> dict[str, np.ndarray]:
 
 
 def too_far(position: np.ndarray, velocity: np.ndarray) -> Validation | None:
-    """Return the validation on positions and velocities that no joint can have."""
+    """Return the validation result of positions and velocities that no joint can have."""
     if (np.abs(position) > LARGEST_POSITION).any() or (np.abs(velocity) > LARGEST_VELOCITY).any():
         return Validation(
             Verdict.REFUSED,
@@ -120,7 +120,7 @@ def validate_named(
     gains: Gains | None = None,
     locked: Collection[str] = (),
 ) -> Validation:
-    """Validator a command by joint name.
+    """Validate a command by joint name.
 
     Parameters
     ----------
@@ -183,7 +183,7 @@ def _commanded(
 def _validate_numbers(
     message: JointMessage, known: list[int], joints: np.ndarray, gains: Gains | None
 ) -> Validation:
-    """Validator the numbers of a command for the joints that the arm has.
+    """Validate the numbers of a command for the joints that the arm has.
 
     Parameters
     ----------
@@ -231,7 +231,7 @@ def _validate_numbers(
 
 
 def validate_array(efforts: np.ndarray, order: np.ndarray) -> Validation:
-    """Validator a command without names: one finite effort for each joint, or it is dropped whole.
+    """Validate a command without names: one finite effort for each joint, or it is dropped whole.
 
     Parameters
     ----------

@@ -31,8 +31,8 @@ class Driver:
     engine
         The arm and its rules.
     put
-        Called with the outputs of each cycle, and with the verdict rows of events. Without it no
-        message is encoded; the arm moves with the same bits.
+        Called with the outputs of each cycle, and with the validation rows of events. Without it
+        no message is encoded; the arm moves with the same bits.
     """
 
     engine: Engine

@@ -1,22 +1,21 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The engine: from the events of a cycle to its messages, and nothing but these two.
+"""The engine: from the events of a cycle to its messages.
 
 No ROS, clock, thread or file: the node feeds it from its topics, the replay from a recording,
 and the same events in the same cycles give the same bytes. One cycle is
 
-    events that came since the cycle before   ->   a verdict on each, in the order of the events
-    accepted commands                         ->   the drive of the joints
-    drive                                     ->   one step of the arm, or a jump to another state
-    outputs     ->   verdict rows, a new payload, state, what is asked beside, clock
+    events since the last cycle   ->   a validation result for each, in order
+    accepted commands             ->   the actuator command
+    actuator command              ->   one step of the arm, or a change to another state
+    outputs                       ->   validation rows, a new payload, state, outputs, clock
 
-`take` does the first half and `step` the second: while the arm stands (a pause, or lockstep
-without an answer to the last state), events are taken and no cycle runs. A caller that
-wants no rows or no bytes uses `accept` or `command`, `advance` and `measured` in their place: the
-same run.
+`take` validates events; `step` advances the simulation. While the arm waits (in a pause, or in
+lockstep for an answer to the last state), events are taken and no cycle runs. Callers that need no
+rows or no bytes use `accept` or `command`, `advance` and `measured` instead, for the same run.
 
 Cycles are counted from 1 and never restart. States and clock ticks are numbered by the cycle
-alone: a failed arm stands still in simulated time and goes on publishing.
+alone: the simulated time of a failed arm is stopped, and it continues to publish.
 """
 
 from __future__ import annotations
@@ -63,7 +62,7 @@ OVERFLOWED = Validation(Verdict.OVERFLOWED, 'newer ones came before the next ste
 
 
 class Taken(NamedTuple):
-    """The verdict rows of some events, and the validations for counts and log lines.
+    """The validation rows of some events, and the validations for counts and log lines.
 
     A validation comes with its source and the number of messages that were validated like that.
     """
@@ -82,7 +81,7 @@ class Engine:
     robot
         From `load_robot` or out of a recording.
     rows
-        Whether `take` encodes verdict rows, which only recordings hold.
+        Whether `take` encodes validation rows, which only recordings hold.
 
     Attributes
     ----------
@@ -151,7 +150,7 @@ class Engine:
     @property
     def waiting(self) -> bool:
         """Whether the next cycle has to wait for an event."""
-        # Of an arm that failed simulated time stands still; cycles go on as if it did not.
+        # Simulated time of a failed arm is stopped; its cycles continue.
         state = self.arm.state
         steps = state.cycle + 1 - state.step
         if self.pace.forbids(state.pace, self.arm.stamp_ns + steps * self._step_ns):
@@ -179,7 +178,7 @@ class Engine:
         return Taken(taken.outputs + self.step(), taken.validations)
 
     def take(self, events: Iterable[Event]) -> Taken:
-        """Validator events and apply them to the next cycle; return their verdict rows."""
+        """Validate events and apply them to the next cycle; return their validation rows."""
         outputs: list[Output] = []
         validations: list[tuple[Source, Validation, int]] = []
         rows: list[ValidationRow] = []
@@ -199,18 +198,17 @@ class Engine:
         return Taken(outputs, validations)
 
     def accept(self, event: Arrival) -> Validation:
-        """Validator one message and apply it to the next cycle, without a row."""
+        """Validate one message and apply it to the next cycle, without a row."""
         validation = self.validate(event)
         self._apply(event.source, validation)
         return validation
 
     def validate(self, event: Arrival) -> Validation:
-        """Return the verdict on a message and its effect, which is not applied."""
+        """Return the validation result of a message, without applying its effect."""
         return self._rules.validate(event, self.actuators.gains)
 
     def command(self, efforts: np.ndarray) -> Validation:
-        """Validator and apply efforts (n,) in published order, as a command without names has
-        them.
+        """Validate and apply efforts (n,) in published order.
 
         For callers that neither record nor publish the command: it has no bytes.
         """
@@ -464,7 +462,7 @@ class Engine:
         The arm is the same in each of them: a gap of any length costs nothing.
         """
         if not self.state.failure:
-            raise RuntimeError('only an arm that failed stands still')
+            raise RuntimeError('only a failed arm skips cycles')
         self.state.cycle = max(self.state.cycle, cycle)
 
     def _add_state_and_tick(self, outputs: list[Output], role: str) -> None:

@@ -36,7 +36,7 @@ MOVING = COMMANDS | {Source.SET_STATE}
 
 
 class Verdict(IntEnum):
-    """The verdict on a message; the numbers are written into recordings and stay."""
+    """Validation results; the numbers are written into recordings and do not change."""
 
     ACCEPTED = 0
     MALFORMED = 1
@@ -50,7 +50,7 @@ class Verdict(IntEnum):
     ALL_NAN = 9
     WRONG_SIZE = 10
     NOT_FINITE = 11
-    # Never validated: newer events needed its place before the next cycle.
+    # Not validated: dropped for newer events before the next cycle.
     OVERFLOWED = 12
     # Understood, but not possible now.
     REFUSED = 13
@@ -75,7 +75,7 @@ Event: TypeAlias = Arrival | Overflow
 
 
 class ValidationRow(NamedTuple):
-    """The cycle that validated or dropped a message, and its verdict."""
+    """The cycle in which a message was validated or dropped, and the result."""
 
     cycle: int
     source: Source
@@ -86,7 +86,7 @@ class ValidationRow(NamedTuple):
 # The fields of a ValidationRow as they are labelled in recordings.
 TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict')
 
-# Roles of the outputs: verdict rows, the arm's state, the clock tick, a new payload.
+# Roles of the outputs: validation rows, the arm's state, the clock tick, a new payload.
 TAKEN, STATES, CLOCK = 'taken', 'joint_states', 'clock'
 PAYLOAD_IN_USE = 'payload_in_use'
 # A state that the sensors drop: recorded, not published; it is numbered with the others.

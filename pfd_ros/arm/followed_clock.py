@@ -1,12 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A clock of another node that the arm follows: each of its ticks lets the arm step up to it.
+"""A clock of another node that the arm follows: at each tick the arm steps up to its time.
 
-The first tick, and the first one after a pause, a reset or an activation, is where simulated time
-goes on: it leaps there without a step. From then on the arm does each step up to the newest tick.
-A tick that is earlier than one before it is stale, since simulated time never goes back, and one
-that is too far ahead is refused; the arm then stands until ticks fit again, or until a reset. A
-clock that is lost leaves the arm standing too; the node tells so after some seconds.
+At the first tick, and at the first one after a pause, a reset or an activation, simulated time is
+set to the tick without a step. After that the arm steps up to the newest tick. A tick earlier than
+a previous one is stale, since simulated time never goes back. A tick too far ahead is rejected;
+the arm then waits for a valid tick or a reset. Without ticks the arm waits; the node reports it
+after some seconds.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from pfd_ros.arm.effects import ClockTick
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import NANOSECONDS
 
-# Steps that one tick may ask for: at 1 kHz a hundred seconds.
+# Largest number of steps for one tick: at 1 kHz a hundred seconds.
 MOST_STEPS_AHEAD = 100_000
 
 
 def validate_tick(tick_ns: int, stamp_ns: int, until_ns: int | None, step_ns: int) -> Validation:
-    """Validator a tick.
+    """Validate a tick.
 
     Parameters
     ----------

@@ -174,7 +174,5 @@ class PlantSettings:
         default = PlantSettings()
         given = [name for name in EFFECTS if getattr(self, name) != getattr(default, name)]
         if self.scene and given:
-            raise ValueError(
-                f'scene stands for {" and ".join(given)}: leave out the one or the other'
-            )
+            raise ValueError(f'scene conflicts with {" and ".join(given)}: set one of them only')
         _ = self.payload

@@ -1,8 +1,8 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rules for requests, and for the states that the arm is asked to jump to.
+"""The rules for requests, and for states to set.
 
-A request travels as a text in JSON: {"request": "step", "count": 5}.
+A request is JSON: {"request": "step", "count": 5}.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from pfd_ros.arm.state import PaceState
 from pfd_ros.messages.convert import JointMessage, encode_string
 from pfd_ros.text import NAME_COUNT, cut, listed
 
-# pause, resume: whether simulated time stands still. step: so many steps in a pause. reset: the
-# initial state, held by the brakes. deactivate: brakes on and no steps, until it is activated.
-# clear_wrench: no external wrench from now on.
+# pause, resume: stop or continue simulated time. step: a number of steps while paused. reset:
+# initial state, braked. deactivate: braked and no steps until activated. clear_wrench: no external
+# wrench.
 REQUESTS = ('pause', 'resume', 'step', 'reset', 'activate', 'deactivate', 'clear_wrench')
 # A request is far shorter.
 LONGEST_REQUEST = 1000
 
 
 def encode_request(request: Request) -> bytes:
-    """Return the message that a request travels as."""
+    """Return the message of a request."""
     told: dict[str, Any] = {'request': request.name}
     if request.name == 'step':
         told['count'] = request.count
@@ -37,12 +37,12 @@ def encode_request(request: Request) -> bytes:
 
 
 def validate_request(text: str, pace: PaceState) -> Validation:
-    """Validator a request to an arm of this pace.
+    """Validate a request to an arm of this pace.
 
     Raises
     ------
     ValueError
-        If the text is no request.
+        If it is no request.
     """
     if len(text) > LONGEST_REQUEST:
         raise ValueError(f'{len(text)} characters, expected {LONGEST_REQUEST} at most')
@@ -65,7 +65,7 @@ def validate_request(text: str, pace: PaceState) -> Validation:
 def validate_state(
     message: JointMessage, index: Mapping[str, int], locked: Collection[str] = ()
 ) -> Validation:
-    """Validator a state to jump to; see `commands.validate_named` for the parameters.
+    """Validate a state to jump to; see `commands.validate_named` for the parameters.
 
     NaN, and an array that is empty, leave a position as it is; a velocity is zero then. Locked
     joints stay where they are. The efforts and the stamp are those of the moment that the state

@@ -158,7 +158,7 @@ class ArmState:
     robot
         Digest of the robot.
     first
-        The settings at the start, with the names that 'auto' stood for.
+        The settings at the start, with 'auto' resolved.
     settings
         The settings now.
     cycle
@@ -191,7 +191,7 @@ class ArmState:
         The payload of the last message about it (mass, center, inertia), () for none; messages
         so far.
     row_messages
-        Messages of verdict rows so far.
+        Messages of validation rows so far.
     """
 
     robot: str

@@ -1,8 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The verdict on each event: its bytes read by source, and validated by the rules for that
-source.
-"""
+"""Validate each event: its bytes are decoded by source and checked by the rules for it."""
 
 from __future__ import annotations
 
@@ -33,7 +31,7 @@ class Validator:
         self._locked = arm.settings.published_locks
 
     def validate(self, event: Arrival, gains: Gains | None) -> Validation:
-        """Return the verdict on a message and its effect; `gains` are those of the servos."""
+        """Validate a message; `gains` are the gains of the servos."""
         source, payload, state = event.source, event.payload, self._arm.state
         if not state.pace.active and source in MOVING:
             return INACTIVE
@@ -63,13 +61,13 @@ class Validator:
             return Validation(Verdict.MALFORMED, one_line(error))
 
     def validate_efforts(self, efforts: np.ndarray) -> Validation:
-        """Return the validation on a command without names, of efforts in published order."""
+        """Validate a command without names, efforts in published order."""
         if not self._arm.state.pace.active:
             return INACTIVE
         return self._unless_tripped(validate_array(efforts, self._order))
 
     def _unless_tripped(self, validation: Validation) -> Validation:
-        """Return the validation on a command, for an arm that a reflex may have braked."""
+        """Return the validation result of a command, for an arm that a reflex may have braked."""
         actuators = self._arm.state.actuators
         if actuators.tripped and validation.verdict is Verdict.ACCEPTED:
             return Validation(Verdict.REFUSED, actuators.reflex)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of verdict rows: for each event the cycle it was taken for, and its verdict."""
+"""The messages of validation rows: for each event its cycle and validation result."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_ROWS = 4096
 
 
 def rows_message(state: ArmState, rows: list[ValidationRow]) -> Output:
-    """Return the next message of verdict rows."""
+    """Return the next message of validation rows."""
     state.row_messages += 1
     return Output(TAKEN, state.row_messages, encode_rows(rows, TAKEN_COLUMNS))
 

@@ -24,7 +24,7 @@ LARGEST_WRENCH = 1e5
 def validate_wrench(
     message: WrenchMessage, robot: pfd.Robot, since_ns: int, *, taken: bool
 ) -> Validation:
-    """Validator an external wrench.
+    """Validate an external wrench.
 
     Parameters
     ----------

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stepping thread: one cycle of the engine per period, its outputs recorded and published.
 
-An arm that stands and has no period (in lockstep as fast as possible, or behind a followed clock)
-is stepped by the executor's thread, right in the callback of the message that lets it go on: to
-wake another thread would take longer than the step. One lock, the turn, says who may step; the
-stepping thread has it always, but while it waits for an event.
+An arm that waits and has no period (in lockstep as fast as possible, or with a followed clock) is
+stepped by the executor's thread, in the callback of the message that ends the wait: waking another
+thread would take longer than the step. A lock decides which thread steps; the stepping thread
+holds it except while it waits for an event.
 
 See docs/decisions/0003-executor-and-stepping-thread.md.
 """

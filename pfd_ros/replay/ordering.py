@@ -1,11 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a recording in their places: which cycle each belongs to, and that it can.
+"""The order of the messages of a recording: the cycle of each, and whether it is possible.
 
-The messages of a channel are numbered from 1; numbers may be left out, where the disk was too
-slow, but never repeat or decrease; states that the sensors dropped are numbered with those they
-published. Within a cycle come the verdict rows, of events that overflowed or were validated, a new
-payload, the state, the outputs beside it, the clock tick. No cycle lies further ahead than the
+The messages of a channel are numbered from 1; numbers may be missing, if the disk was too slow,
+but never repeat or decrease; states that the sensors dropped are numbered with those they
+published. Within a cycle come the validation rows, of events that overflowed or were validated, a
+new payload, the state, its outputs, the clock tick. No cycle lies further ahead than the
 arm can have reached at the recorded time: a damaged number would otherwise be simulated through.
 """
 
@@ -46,7 +46,7 @@ from pfd_ros.recording.reader import Entry, Log
 FASTEST = 1e6
 # By how much the arm may be ahead of its schedule, s: it makes up for delays of 0.05 s.
 AHEAD = 1.0
-# Order of the outputs within a cycle; only verdict rows may be several messages.
+# Order of the outputs within a cycle; only validation rows may be several messages.
 _RANKS = {role: rank for rank, role in enumerate(CHANNELS)}
 
 
@@ -68,7 +68,7 @@ class PlacedMessage(NamedTuple):
     data
         The message.
     rows
-        The verdict rows in it.
+        The validation rows in it.
     """
 
     role: str
@@ -131,7 +131,7 @@ class _Order:
         self._started_ns = self._last_ns = log.started_ns
         self._last = dict.fromkeys(log.roles.values(), 0)
         self._place = (0, _RANKS[CLOCK])
-        # The cycle of the last verdict rows.
+        # The cycle of the last validation rows.
         self._taken = 1
 
     def _allow(self, settings: Settings) -> None:

@@ -110,9 +110,9 @@ class _Replay(Playback):
     Attributes
     ----------
     rows
-        Data of the verdict rows of the last events.
+        Data of the validation rows of the last events.
     outputs
-        Data of the last cycle's outputs but verdict rows, by role.
+        Data of the last cycle's outputs but validation rows, by role.
     """
 
     rows: list[bytes] = field(default_factory=list)
@@ -129,7 +129,7 @@ class _Replay(Playback):
             self.outputs = {output.role: output.data for output in outputs}
 
     def take(self, message: PlacedMessage) -> None:
-        """Compare verdict rows."""
+        """Compare validation rows."""
         super().take(message)
         for data in self.rows:
             self._compare(message, data)

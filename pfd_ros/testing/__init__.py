@@ -26,7 +26,7 @@ Over ROS:
     controllers         the nodes that answer, and why one did not; NoAnswerError
     child_process       a process that ends with the one that started it, and its output
     controller_process  a controller as such a process
-    process_arm         ProcessArm: the node as a process of its own, in lockstep over topics
+    process_arm         ProcessArm: the node as a separate process, in lockstep over topics
     node_process        that process: its parameters and its end
 
 Only `plugin` knows pytest. rclpy is imported inside the functions that need it. A new metric is a

@@ -58,7 +58,7 @@ from pfd_ros.testing.trajectory import Trajectory
 
 
 class LockstepArm:
-    """The stand-in arm in lockstep with a controller in this process.
+    """The simulated arm in lockstep with a controller in this process.
 
     Parameters
     ----------
@@ -148,7 +148,7 @@ class LockstepArm:
     def run(
         self, controller: Controller, seconds: float, *, patience: float = PATIENCE_SECONDS
     ) -> Trajectory:
-        """Let a controller drive the arm; return its motion.
+        """Let a controller command the arm; return its motion.
 
         Parameters
         ----------
@@ -203,7 +203,7 @@ class LockstepArm:
         start_patience: float = START_PATIENCE_SECONDS,
         allow_rejected: Collection[str] = (),
     ) -> Trajectory:
-        """Let a ROS node drive the arm over topics; return its motion.
+        """Let a ROS node command the arm over topics; return its motion.
 
         The arm publishes a state and its clock tick, and goes on when a command answers: one with
         the stamp of the state, or without a stamp. rclpy must be initialised, as by the fixture
@@ -242,7 +242,7 @@ class LockstepArm:
         return run.rows.trajectory(self.names, self._limits)
 
     def reset(self) -> None:
-        """Go back to the initial state, held until the next command; simulated time goes on."""
+        """Restore the initial state, braked until the next command; simulated time continues."""
         self._jump(Source.REQUEST, encode_request(Request('reset')))
 
     def set_state(self, q: JointValues, qd: JointValues | None = None) -> None:

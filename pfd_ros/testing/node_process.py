@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node as a process of its own, which ends with the test, however the test ends."""
+"""The node as a separate process, which ends with the test, however the test ends."""
 
 from __future__ import annotations
 

@@ -18,7 +18,7 @@ import traceback
 from types import FrameType
 from typing import Any, NamedTuple
 
-# Longest wait for an answer, s of wall time, unless the caller says otherwise.
+# Longest wait for an answer, s of wall time, by default.
 PATIENCE_SECONDS = 2.0
 # For a process to start and to be found, s.
 START_PATIENCE_SECONDS = 20.0

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arm as a process of its own, in lockstep with controllers over topics.
+"""The arm as a separate process, in lockstep with controllers over topics.
 
 The node is the one that a user starts, with its topics and threads; this process only watches its
 states. Each state waits for its answer, so the motion has the bits of a run in one process.
@@ -181,7 +181,7 @@ class ProcessArm:
     def run(
         self, controller: Controller, seconds: float, *, patience: float = PATIENCE_SECONDS
     ) -> Trajectory:
-        """Let a controller of this process drive the arm; see LockstepArm.run."""
+        """Let a controller of this process command the arm; see LockstepArm.run."""
         rows = rows_of(self.settings, seconds, len(self.names))
 
         def answer(state: JointMessage) -> bool:
@@ -210,7 +210,7 @@ class ProcessArm:
         start_patience: float = START_PATIENCE_SECONDS,
         allow_rejected: Collection[str] = (),
     ) -> Trajectory:
-        """Watch while ROS nodes, of this process or others, drive the arm; see LockstepArm.spin.
+        """Watch while ROS nodes, of this process or others, command the arm; see LockstepArm.spin.
 
         An arm that nodes of other processes drive does not wait for the next call. Which commands
         it rejected is read in its diagnostics, which come once a second: the end of the run waits
@@ -244,7 +244,7 @@ class ProcessArm:
         return rows.trajectory(self.names, self._limits)
 
     def reset(self) -> None:
-        """Go back to the initial state, held until the next command; simulated time goes on."""
+        """Restore the initial state, braked until the next command; simulated time continues."""
         from std_srvs.srv import Trigger
 
         before = self._last_state().stamp_ns
@@ -343,7 +343,7 @@ class ProcessArm:
     ) -> None:
         """Have each new state taken, from the last one on, until `take` says that it is enough.
 
-        Where reasons are `allowed`, nodes drive the arm.
+        Where reasons are `allowed`, nodes command the arm.
         """
         from rclpy.task import Future
 

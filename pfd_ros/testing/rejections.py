@@ -60,7 +60,7 @@ def rejection(
     Parameters
     ----------
     source, data, validation
-        The command, and the validation on it.
+        The command, and its validation result.
     names, model
         The joints in published order, and in the order of the model.
     """

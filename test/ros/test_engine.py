@@ -168,7 +168,7 @@ def test_no_gap_is_so_long_that_the_time_after_it_has_no_stamp() -> None:
     while not engine.arm.failure:
         engine.step()
     engine.stand_still(10**15)
-    with pytest.raises(ValueError, match='for whose time a stamp has no room'):
+    with pytest.raises(ValueError, match='whose time overflows a stamp'):
         engine.take([asked('reset')])
 
 

@@ -66,7 +66,7 @@ def test_an_arm_in_a_scene_verifies_and_moves_as_the_simulator(tmp_path: Path) -
 @pytest.mark.parametrize(
     ('scene', 'message'),
     [
-        ('/etc/passwd', "scene is '/etc/passwd', expected the text of a scene"),
+        ('/etc/passwd', "scene is '/etc/passwd', expected the YAML of a scene"),
         ('damping: [1, 2, 3]\n', "damping of the scene has 3 numbers, but 'planar2' has 2 joints"),
         ('damping: 5\n', 'damping must be None'),
     ],
@@ -79,7 +79,7 @@ def test_an_arm_reads_no_file_and_refuses_a_wrong_scene(scene: str, message: str
 
 @pytest.mark.parametrize('other', [{'damping': True}, {'gravity': (0.0, 0.0, 0.0)}])
 def test_a_scene_stands_for_the_switches(other: dict[str, object]) -> None:
-    with pytest.raises(ValueError, match=f'scene stands for {next(iter(other))}'):
+    with pytest.raises(ValueError, match=f'scene conflicts with {next(iter(other))}'):
         Settings(scene=TEXT, **other)
 
 

@@ -57,7 +57,7 @@ class Driver:
         engine = self.engine
         while engine.cycles < cycle:
             if engine.state.failure:
-                engine.stand_still(cycle - 1)
+                engine.skip_cycles(cycle - 1)
             self.step()
 
     def answer(self, efforts: np.ndarray) -> Validation:

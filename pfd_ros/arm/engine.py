@@ -261,6 +261,20 @@ class Engine:
                 state.since_ns = state.origin_ns + ended * self._step_ns
         return rows
 
+    def encode_states(self, stamps_ns: np.ndarray, rows: np.ndarray) -> bytes | None:
+        """Return the messages of the states of a stretch, one after the other.
+
+        None if cycles have other messages too, but for the clock.
+
+        Parameters
+        ----------
+        stamps_ns, rows
+            (k,) and (k, 3, n), as `stretch` returns them.
+        """
+        if self._extra is not None or self.arm.plant.payload != self.arm.state.payload:
+            return None
+        return self._encoder.encode_all(stamps_ns, *np.moveaxis(rows, 1, 0))
+
     def answer(self, efforts: np.ndarray) -> bool:
         """Command efforts (n,), published order, and run one cycle, as `stretch` does.
 
@@ -456,7 +470,7 @@ class Engine:
             found.append(Output(CLOCK, 0, convert.encode_clock(arm.stamp_ns)))
         return found
 
-    def stand_still(self, cycle: int) -> None:
+    def skip_cycles(self, cycle: int) -> None:
         """Pass over the cycles up to `cycle`, for an arm that failed and gets no events.
 
         The arm is the same in each of them: a gap of any length costs nothing.

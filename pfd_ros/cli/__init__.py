@@ -8,6 +8,7 @@
     replay    pfd replay: summary and verification of a recording
     info      pfd info: topics, times and settings of a log
     compare   pfd compare: differences of two logs
+    recover   pfd recover: a whole file from one that was cut off or damaged
     report    pfd report: counts, speed, hard cases, a scene
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot

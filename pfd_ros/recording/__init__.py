@@ -16,6 +16,7 @@ Reading, from bytes to a log:
     mcap_stream     the records of the file in order: lengths, chunks, checksums
     head            the metadata records: settings, topics, software versions, totals
     reader          Log: checks the format; messages by role, settings, robot, totals; LogError
+    recover         recover: the readable messages of a cut off or damaged file as a new one
 
 Any bag as arrays, `pfd_ros.read_log`:
 

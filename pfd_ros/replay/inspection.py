@@ -107,6 +107,7 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
             path=log.path,
             settings=settings,
             complete=log.complete,
+            ended=log.ending is not None,
             versions=log.versions,
             steps=newest.last * settings.publish_every,
             states=states.found,
@@ -220,8 +221,6 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
     """Compare the messages of a file with its end record."""
     ending = found.ending
     if ending is None:
-        if log.complete:
-            raise ValueError('it was closed without the end record of the node')
         _add_lost_ends(found.summary, channels)
         return
     found.summary.dropped = sum(ending.dropped.values())

@@ -26,7 +26,7 @@ from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.inspection import inspect
 from pfd_ros.replay.ordering import PlacedMessage
-from pfd_ros.replay.playback import Playback, follow
+from pfd_ros.replay.playback import Playback, Stretch, follow
 from pfd_ros.replay.verify import recorded_robot
 from pfd_ros.text import cut, listed
 
@@ -85,6 +85,7 @@ def read_motion(
             raise ValueError('its arm has an external wrench: its torques alone are no motion')
         reading = _Reading(Driver(engine), scene=engine.arm.scene, steps=steps)
         follow(log, reading)
+        reading.flush()
         reading.run_to(steps)
         motion = _motion(path, settings, reading, steps)
         shortened = f'the first {steps} steps of ' if steps < summary.simulated else ''
@@ -125,18 +126,42 @@ class _Reading(Playback):
     states: list[tuple[int, np.ndarray, np.ndarray]] = field(default_factory=list)
 
     def take(self, message: PlacedMessage) -> None:
-        """Run to the cycle that took inputs, and apply them."""
+        """Follow verdict rows, up to the last step."""
         if message.cycle <= self.steps:
-            self.run_to(message.cycle - 1)
-            self.driver.take(self.inbox.take(message))
+            super().take(message)
 
     def output(self, message: PlacedMessage) -> None:
+        """Follow an output, up to the last step."""
+        if message.cycle <= self.steps:
+            super().output(message)
+
+    def take_now(self, message: PlacedMessage) -> None:
+        """Run to the cycle that took inputs, and apply them."""
+        self.run_to(message.cycle - 1)
+        self.driver.take(self.inbox.take(message))
+
+    def output_now(self, message: PlacedMessage) -> None:
         """Read a state."""
-        if message.cycle > self.steps or message.role != STATES:
+        if message.role != STATES:
             return
         self.run_to(message.cycle)
+        arm = self.driver.engine.arm
+        self._add_state(message, arm.q, arm.qd)
+
+    def stretched(self, stretch: Stretch) -> bool:
+        """Read the states of a stretch."""
+        if self.driver.engine.arm.scene is not self.scene:
+            return False
+        self.efforts += [*stretch.rows[:, 2]]
+        self.braked += [np.zeros(stretch.rows.shape[2], bool)] * len(stretch.rows)
+        for message in stretch.messages:
+            if message.role == STATES:
+                self._add_state(message, *stretch.rows[message.cycle - stretch.first, :2])
+        return True
+
+    def _add_state(self, message: PlacedMessage, q: np.ndarray, qd: np.ndarray) -> None:
+        """Add a recorded state; a measured one is replaced by the true one, q and qd."""
         engine = self.driver.engine
-        q, qd = engine.arm.q, engine.arm.qd
         if engine.sensors is None:
             state = decode_joint_state(message.data)
             order, count = list(engine.arm.order), len(engine.arm.order)

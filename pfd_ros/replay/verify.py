@@ -16,15 +16,15 @@ from pathlib import Path
 import pfd_core as pfd
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import TAKEN, Output
-from pfd_ros.messages.convert import FLOAT_ARRAY, decode_clock, decode_joint_state
+from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Output
+from pfd_ros.messages.convert import FLOAT_ARRAY, decode_clock, decode_joint_state, encode_clocks
 from pfd_ros.recording.format import CHANNELS, ROBOT
 from pfd_ros.recording.head import Ending
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.differences import difference
 from pfd_ros.replay.inspection import Inspection, inspect
 from pfd_ros.replay.ordering import PlacedMessage
-from pfd_ros.replay.playback import Playback, follow
+from pfd_ros.replay.playback import Playback, Stretch, follow
 from pfd_ros.replay.summary import Summary
 
 # Share of the progress that the inspection gets when the file is simulated too.
@@ -82,6 +82,7 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
     engine = Engine(found.summary.settings, recorded_robot(log, found.state))
     replay = _Replay(Driver(engine))
     follow(log, replay, progress)
+    replay.flush()
     if found.ending is not None:
         replay.finish(found.ending)
     arm = engine.arm
@@ -128,13 +129,14 @@ class _Replay(Playback):
         else:
             self.outputs = {output.role: output.data for output in outputs}
 
-    def take(self, message: PlacedMessage) -> None:
+    def take_now(self, message: PlacedMessage) -> None:
         """Compare validation rows."""
-        super().take(message)
+        self.driver.run_to(message.cycle - 1)
+        self.driver.take(self.inbox.take(message))
         for data in self.rows:
             self._compare(message, data)
 
-    def output(self, message: PlacedMessage) -> None:
+    def output_now(self, message: PlacedMessage) -> None:
         """Compare an output of a cycle."""
         # An array has no stamp; if the states have the same gap, theirs says so.
         if message.lost and CHANNELS[message.role].type != FLOAT_ARRAY:
@@ -146,6 +148,16 @@ class _Replay(Playback):
                 f'replayed {" and ".join(self.outputs) or "nothing"}'
             )
         self._compare(message, self.outputs[message.role])
+
+    def stretched(self, stretch: Stretch) -> bool:
+        """Compare the states and ticks of a stretch, all at once."""
+        stamps, rows = stretch.stamps_ns, stretch.rows
+        places, states = stretch.of(STATES)
+        replayed = self.driver.engine.encode_states(stamps[places], rows[places])
+        if replayed != b''.join(states):
+            return False
+        places, ticks = stretch.of(CLOCK)
+        return encode_clocks(stamps[places]) == b''.join(ticks)
 
     def finish(self, ending: Ending) -> None:
         """Run to where the node stopped, and compare whether it had failed by then."""

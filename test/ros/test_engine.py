@@ -135,10 +135,10 @@ def test_a_failed_arm_goes_on_validating_and_counting_and_a_gap_costs_nothing() 
         assert one.arm.failure
     for _ in range(97):
         engine.run_cycle()
-    passed.stand_still(99)
+    passed.skip_cycles(99)
     for command in (array(1.0), array(*[2.0] * 6)):
         assert engine.run_cycle([command]).outputs == passed.run_cycle([command]).outputs
-    passed.stand_still(10**15 - 1)
+    passed.skip_cycles(10**15 - 1)
     assert [output.number for output in passed.run_cycle().outputs] == [10**15 // 2, 10**15]
 
 
@@ -167,14 +167,14 @@ def test_no_gap_is_so_long_that_the_time_after_it_has_no_stamp() -> None:
     run(engine, 1, [array(1e300, 0.0)])
     while not engine.arm.failure:
         engine.step()
-    engine.stand_still(10**15)
+    engine.skip_cycles(10**15)
     with pytest.raises(ValueError, match='whose time overflows a stamp'):
         engine.take([asked('reset')])
 
 
 def test_an_arm_that_moves_cannot_pass_over_cycles() -> None:
-    with pytest.raises(RuntimeError, match='only an arm that failed'):
-        made(robot='planar2').stand_still(5)
+    with pytest.raises(RuntimeError, match='only a failed arm'):
+        made(robot='planar2').skip_cycles(5)
 
 
 EVENTS: dict[int, list[Event]] = {

@@ -122,7 +122,7 @@ class Log:
 
     @property
     def ending(self) -> head.Ending | None:
-        """Totals of the node's run; None if the node never closed the file."""
+        """Totals of the node's run; None if the node did not close the file."""
         with damage_named(self.path):
             return head.read_ending(self.end_texts, self.roles) if self.end_texts else None
 

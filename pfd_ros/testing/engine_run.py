@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The run of an engine in lockstep: numbered messages in, outputs out, all recorded if asked for.
+"""The run of an engine in lockstep: numbered messages in, outputs out, optionally recorded.
 
-A recorded run passes on every message as bytes; one that nobody records has no bytes where it can
-do without, and is twice as fast. Both have the same bits.
+A recorded run passes on every message as bytes; an unrecorded run avoids bytes, and is twice as
+fast. Both have the same bits.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from pfd_ros.testing.run_log import RunLog
 
 
 class ArmError(Exception):
-    """A simulation that stopped: its state is not finite."""
+    """The simulation stopped, because its state is not finite."""
 
 
 @dataclass
@@ -79,7 +79,7 @@ class EngineRun:
         return validation
 
     def send(self, source: Source, data: bytes) -> Validation:
-        """Give the arm a serialized message, as if it had come on a topic; return the verdict."""
+        """Send a serialized message to the arm, as on a topic; return the validation result."""
         arrival = Arrival(source, next(self._numbers[source]), data)
         if self.log is not None:
             self.log.record(ROLE_OF_SOURCE[source], arrival.sequence, data)

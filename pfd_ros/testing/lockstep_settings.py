@@ -63,7 +63,8 @@ def lockstep_settings(robot: RobotSource, given: Mapping[str, Any]) -> Settings:
 
 
 def check_names(names: Iterable[str]) -> None:
-    """Raise ValueError at the first name that is no setting; the text has the most similar one."""
+    """Raise ValueError at the first name that is no setting; the message has the most similar
+    one."""
     known = [field.name for field in fields(Settings)]
     for name in names:
         if name not in known:
@@ -78,7 +79,7 @@ def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as settings have it: paths and scenes as text, arrays as lists."""
+    """Return a value in the form of settings: paths and scenes as strings, arrays as lists."""
     if isinstance(value, pfd.Scene):
         return pfd.scene_to_yaml(value)
     if isinstance(value, os.PathLike):
@@ -87,11 +88,13 @@ def _plain(value: Any) -> Any:
 
 
 def loaded(robot: RobotSource, settings: Settings) -> DescribedRobot:
-    """Return a robot as it is, or the one that the settings name."""
+    """Return a robot, or load it by the settings."""
     if not isinstance(robot, pfd.Robot):
         return described_robot(settings, settings.robot)
     if settings.base_link or settings.tip_link or settings.locked:
-        raise ValueError('base_link, tip_link and locked say how to load a robot: name a file')
+        raise ValueError(
+            'base_link, tip_link and locked need a robot to load: pass a name or a file'
+        )
     return DescribedRobot(robot, settings)
 
 

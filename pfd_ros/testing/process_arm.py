@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The arm as a separate process, in lockstep with controllers over topics.
 
-The node is the one that a user starts, with its topics and threads; this process only watches its
-states. Each state waits for its answer, so the motion has the bits of a run in one process.
+The process is the node of users, with its topics and threads; this process only reads its states.
+The arm waits for an answer to each state, so the motion has the bits of a run in one process.
 """
 
 from __future__ import annotations
@@ -65,24 +65,24 @@ STATE_DEPTH, COMMAND_DEPTH = 100, 10
 
 
 class ProcessArm:
-    """The node as a process, and the topics of a test beside it.
+    """The node as a process, and the topics of a test.
 
     Parameters
     ----------
     robot, ros_args, **settings
-        As for LockstepArm; `robot` is one that the process can load: a name, a path, or a URDF.
+        As for LockstepArm; `robot` must be loadable by the process: a name, a path, or a URDF.
 
     Attributes
     ----------
     settings, robot, names
-        Settings, robot, and joints in published order, in which all arrays are.
+        Settings, robot, and joints in published order, the order of all arrays.
     process
         The process.
 
     Raises
     ------
     ValueError
-        If a setting is refused.
+        If a setting is invalid.
     RuntimeError
         If rclpy is not initialised.
     """
@@ -138,17 +138,17 @@ class ProcessArm:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        """End the process; a fault of it does not hide an error of the test."""
+        """End the process; its errors do not hide an error of the test."""
         with suppress(*([NodeProcessError] if kind is not None else [])):
             self.close()
 
     def close(self) -> None:
-        """End the process and the node beside it.
+        """End the process and the node of the test.
 
         Raises
         ------
         pfd_ros.testing.node_process.NodeProcessError
-            If the process did not work to its end.
+            If the process failed.
         """
         try:
             self.process.close()
@@ -181,7 +181,7 @@ class ProcessArm:
     def run(
         self, controller: Controller, seconds: float, *, patience: float = PATIENCE_SECONDS
     ) -> Trajectory:
-        """Let a controller of this process command the arm; see LockstepArm.run."""
+        """Run a controller of this process; see LockstepArm.run."""
         rows = rows_of(self.settings, seconds, len(self.names))
 
         def answer(state: JointMessage) -> bool:
@@ -210,11 +210,10 @@ class ProcessArm:
         start_patience: float = START_PATIENCE_SECONDS,
         allow_rejected: Collection[str] = (),
     ) -> Trajectory:
-        """Watch while ROS nodes, of this process or others, command the arm; see LockstepArm.spin.
+        """Run controllers in ROS nodes of this process or others; see LockstepArm.spin.
 
-        An arm that nodes of other processes drive does not wait for the next call. Which commands
-        it rejected is read in its diagnostics, which come once a second: the end of the run waits
-        for them.
+        With nodes of other processes the arm does not wait for the next call. Rejected commands
+        are read from its diagnostics, once a second: the end of the run waits for them.
         """
         rows, allowed = (
             rows_of(self.settings, seconds, len(self.names)),
@@ -253,7 +252,7 @@ class ProcessArm:
         self._wait_for_jump(before)
 
     def set_state(self, q: JointValues, qd: JointValues | None = None) -> None:
-        """Jump to a state; see LockstepArm.set_state."""
+        """Set the state; see LockstepArm.set_state."""
         before = self._last_state().stamp_ns
         positions = by_joint(self.names, 'q', q)
         velocities = by_joint(self.names, 'qd', {} if qd is None else qd)

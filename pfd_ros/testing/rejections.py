@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Why the arm rejected a command: the reasons that it counts, by name, and their text."""
+"""Why the arm rejected a command: reasons by name, and messages."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def checked_reasons(given: Collection[str]) -> frozenset[str]:
 def rejection(
     source: Source, data: bytes, validation: Validation, names: Sequence[str], model: Sequence[str]
 ) -> Rejection | None:
-    """Return why the arm left out a command or a part of it, None if it took the whole.
+    """Return why the arm rejected a command or a part of it, None if it accepted all.
 
     The arm accepts a message by joint name that holds a number for one of its joints. Names that
     it does not have and joints that get NaN stay without a command: a part is rejected.

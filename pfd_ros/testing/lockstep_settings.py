@@ -63,8 +63,7 @@ def lockstep_settings(robot: RobotSource, given: Mapping[str, Any]) -> Settings:
 
 
 def check_names(names: Iterable[str]) -> None:
-    """Raise ValueError at the first name that is no setting; the message has the most similar
-    one."""
+    """Raise ValueError for the first unknown setting, with the most similar one."""
     known = [field.name for field in fields(Settings)]
     for name in names:
         if name not in known:

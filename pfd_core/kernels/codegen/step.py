@@ -114,7 +114,6 @@ def torque_row(program: Program) -> str:
 
 
 def _arguments(program: Program, dynamics: Program) -> tuple[str, ...]:
-    """Return the arguments of @step."""
     return *REPORT, *further_rows(program), *extra_arguments(dynamics)
 
 

@@ -44,6 +44,6 @@ def validate_tick(tick_ns: int, stamp_ns: int, until_ns: int | None, step_ns: in
             Verdict.REFUSED,
             f'the clock is at {tick_ns / NANOSECONDS} s and the arm at '
             f'{stamp_ns / NANOSECONDS} s, more than {MOST_STEPS_AHEAD} steps behind: '
-            'a reset lets its time leap there',
+            'call ~/reset to set its time',
         )
     return Validation(Verdict.ACCEPTED, effect=ClockTick(tick_ns))

@@ -159,8 +159,8 @@ class PlantSettings:
         moments = np.linalg.eigvalsh(np.array(inertia)).tolist()
         if moments[2] > (moments[0] + moments[1]) * (1 + TRIANGLE_TOLERANCE):
             raise ValueError(
-                'payload.inertia is of no body: of its principal moments '
-                f'{moments} kg m^2 the largest is above the sum of the others'
+                'payload.inertia is not physically consistent: of its principal moments '
+                f'{moments} kg m^2 the largest exceeds the sum of the others'
             )
         return body
 

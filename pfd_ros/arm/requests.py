@@ -83,10 +83,10 @@ def validate_state(
     velocity = message.velocity if len(message.velocity) else np.zeros(len(message.names))
     strange = [name for name in message.names if name not in index and name not in locked]
     if strange:
-        # A state of half an arm is a mistake, unlike a command for half an arm.
+        # Unlike a command, a state must not name unknown joints.
         return Validation(
             Verdict.UNKNOWN_NAMES,
-            f'{listed(strange)} are no joints of the arm',
+            f'unknown joints {listed(strange)}',
             unknown=tuple(cut(name) for name in strange[:NAME_COUNT]),
             unknown_count=len(strange),
         )

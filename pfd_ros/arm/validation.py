@@ -75,6 +75,6 @@ class Validator:
 
     def _validate_tick(self, tick_ns: int) -> Validation:
         if not self._pace.follows_clock:
-            raise ValueError('no clock is followed')
+            raise ValueError('time_source is not clock')
         arm = self._arm
         return validate_tick(tick_ns, arm.stamp_ns, arm.state.pace.until_ns, arm.settings.step_ns)

@@ -52,7 +52,10 @@ def lockstep_settings(robot: RobotSource, given: Mapping[str, Any]) -> Settings:
     check_names(given)
     fixed = sorted(name for name, value in LOCKSTEP.items() if given.get(name, value) != value)
     if fixed:
-        raise ValueError(f'{fixed[0]} is {given[fixed[0]]!r}, but a test is in lockstep')
+        name = fixed[0]
+        raise ValueError(
+            f'{name} is {given[name]!r}, expected {LOCKSTEP[name]!r} for an arm in lockstep'
+        )
     name = robot.name if isinstance(robot, pfd.Robot) else os.fspath(robot)
     values = plain_values(given)
     settings = from_values({**LOCKSTEP, **values, 'robot': name})
@@ -92,7 +95,7 @@ def loaded(robot: RobotSource, settings: Settings) -> DescribedRobot:
         return described_robot(settings, settings.robot)
     if settings.base_link or settings.tip_link or settings.locked:
         raise ValueError(
-            'base_link, tip_link and locked need a robot to load: pass a name or a file'
+            'base_link, tip_link and locked apply to a robot that is loaded: name a file'
         )
     return DescribedRobot(robot, settings)
 

@@ -186,7 +186,7 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     assert plant.payloads[-1].header.frame_id == 'tip_link'
     successful, reason = client.set(parameter('payload.inertia', [1.0, 0.0, 0.0, 1.0, 0.0, 3.0]))
     assert not successful
-    assert 'payload.inertia is of no body' in reason
+    assert 'payload.inertia is not physically consistent' in reason
     assert client.set(parameter('gravity_compensation', True))[0]
     # A flood: the newest payload counts.
     for mass in range(100):

@@ -103,7 +103,7 @@ def test_a_payload_in_a_carried_frame_moves_the_arm_as_pinocchio_says() -> None:
         (
             {'payload_mass': 1.0, 'payload_inertia': [1.0, 0.0, 0.0, 1.0, 0.0, 3.0]},
             Verdict.REFUSED,
-            'payload.inertia is of no body',
+            'payload.inertia is not physically consistent',
         ),
         ({'payload_inertia': [0.0] * 10_000}, Verdict.MALFORMED, 'holds 10000 values'),
     ],

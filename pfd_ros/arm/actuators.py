@@ -4,10 +4,10 @@
 
     effort = commanded effort + p (target - position) + d (target velocity - velocity)
 
-within the limits of the motors. As drives do, they decide once per cycle and hold the effort for
-it; so the effort that joint_states tells is exactly the one that acted. It is the effort after the
-limits, without friction, and without the gravity torque that drives with gravity compensation add:
-commands and states have one convention. Motors with a lag follow it.
+within the limits of the motors. The effort is computed once per cycle and is constant over it, so
+the effort in joint_states is exactly the one that acted. It is the effort after the limits,
+without friction and without the torque of gravity compensation: commands and states have one
+convention. Motors with a lag follow it.
 
 See docs/decisions/0019-limits-of-actuators.md and 0032-one-table-of-effects.md.
 """
@@ -19,8 +19,8 @@ from collections.abc import Sequence
 import numpy as np
 
 import pfd_core as pfd
+from pfd_ros.arm.actuator_command import Gains
 from pfd_ros.arm.command_settings import check_servo
-from pfd_ros.arm.drive import Gains
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import ActuatorState
 from pfd_ros.text import cut

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated arm: robot, scene, brakes and time, stepped under the efforts that drive it."""
+"""The simulated arm: robot, scene, brakes and time, stepped under efforts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.drive import Drive, held
+from pfd_ros.arm.actuator_command import ActuatorCommand, all_braked
 from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.plant_settings import INPUT, payload_changes
@@ -160,7 +160,7 @@ class Arm:
         # q, qd, tau and commanded efforts of single steps, (ROWS, 4, n); new when all are used.
         self._rows, self._rows_at, self._next_row = np.empty(0), 0, ROWS
         # Whose brakes and targets, and which wrench, native code has as inputs.
-        self._drive: Drive | None = None
+        self._actuation: ActuatorCommand | None = None
         self._wrench: np.ndarray | None = None
         self.limits = np.full((7, robot.n), np.inf)
         self.jumped: np.ndarray | None = None
@@ -178,7 +178,7 @@ class Arm:
             qd=zeros,
             tau=zeros,
             braked=np.ones(robot.n, bool),
-            link=LinkState(held(robot.n), held(robot.n)),
+            link=LinkState(all_braked(robot.n), all_braked(robot.n)),
             actuators=ActuatorState(pfd.MotorState(np.zeros(robot.n))),
             wrench=WrenchState(np.zeros(6), np.zeros(6)) if first.external_wrench else None,
         )
@@ -198,7 +198,7 @@ class Arm:
 
     @property
     def settings(self) -> Settings:
-        """The settings now, with the names that 'auto' stood for."""
+        """The settings now, with 'auto' resolved."""
         return self.state.settings
 
     @property
@@ -316,7 +316,7 @@ class Arm:
         Raises
         ------
         ValueError
-            If the state is of another arm; the text says what differs.
+            If the state is of another arm; with the difference.
         """
         if state.robot != self.robot.digest:
             raise ValueError(
@@ -341,12 +341,11 @@ class Arm:
         self.state = state.copy()
         self._cycles = None
 
-    def advance(self, effort: np.ndarray, drive: Drive) -> np.ndarray:
-        """Do one step under efforts (n,), with the brakes and targets of a drive.
+    def advance(self, effort: np.ndarray, actuation: ActuatorCommand) -> np.ndarray:
+        """Do one step under efforts (n,), with the brakes and targets of an actuator command.
 
         After a failure the arm stops and keeps its last finite state. No step is done if an
-        effort of a joint jumps: `jumped` has the efforts then. Returns a copy of the efforts (n,), which
-        nobody changes.
+        effort of a joint jumps: `jumped` has the efforts then. Returns a copy of the efforts.
         """
         if self.state.failure:
             return effort
@@ -361,22 +360,22 @@ class Arm:
         q, qd, tau, wanted = row
         wanted[:] = effort
         at = self._rows_at + k * row.nbytes
-        if self._run(at + 3 * wanted.nbytes, at, 1, drive):
+        if self._run(at + 3 * wanted.nbytes, at, 1, actuation):
             state = self.state
             state.q, state.qd, state.tau = q, qd, tau
         elif self.state.actuators.motors.jumped:
             self.jumped = tau
         return wanted
 
-    def run(self, efforts: np.ndarray, drive: Drive) -> np.ndarray:
-        """Do a step for each row of efforts (steps, n), with the brakes and targets of a drive.
+    def run(self, efforts: np.ndarray, actuation: ActuatorCommand) -> np.ndarray:
+        """Do a step for each row of efforts (steps, n), with the brakes and targets of a command.
 
         Returns q, qd and the efforts that acted, (steps, 3, n). The rows end where the arm fails,
         and the last one is then not finite; and before a step in which the effort of a joint
         jumps: `jumped` has the efforts then.
         """
         out, efforts = np.empty((len(efforts), 3, self.robot.n)), np.ascontiguousarray(efforts)
-        done = self._run(efforts.ctypes.data, out.ctypes.data, len(out), drive)
+        done = self._run(efforts.ctypes.data, out.ctypes.data, len(out), actuation)
         if done:
             # Copies: whoever gets the rows may change them.
             self.state.q, self.state.qd, self.state.tau = out[done - 1].copy()
@@ -385,12 +384,12 @@ class Arm:
             return out[:done]
         return out[: done + 1]
 
-    def _run(self, efforts: int, out: int, steps: int, drive: Drive) -> int:
+    def _run(self, efforts: int, out: int, steps: int, actuation: ActuatorCommand) -> int:
         """Run native code on arrays at addresses; return the number of finite steps."""
         state = self.state
-        state.braked = drive.braked
+        state.braked = actuation.braked
         try:
-            done: int = self._bound(drive).run_at(efforts, out, steps)
+            done: int = self._bound(actuation).run_at(efforts, out, steps)
         except (ValueError, ArithmeticError) as error:
             self._fail(f'step {state.step + 1} failed: {error}')
             return 0
@@ -402,27 +401,27 @@ class Arm:
                 self._fail(f'the state after step {state.step + 1} is not finite')
         return done
 
-    def _bound(self, drive: Drive) -> Any:
+    def _bound(self, actuation: ActuatorCommand) -> Any:
         """Return the native code, bound to the state, with the inputs of the next step."""
         state, cycles = self.state, self._cycles
         wrench = None if state.wrench is None else state.wrench.acting
         bound = cycles is not None and cycles.state is state.simulation
-        if bound and drive is self._drive and wrench is self._wrench:
+        if bound and actuation is self._actuation and wrench is self._wrench:
             return cycles
-        last, self._drive = (self._drive if bound else None), drive
+        last, self._actuation = (self._actuation if bound else None), actuation
         if not bound:
             motors = state.actuators.motors
             cycles = self._simulator.bind(state.simulation, motors, self.limits)
             self._cycles = cycles
-        if last is None or last.braked is not drive.braked or wrench is not self._wrench:
+        if last is None or last.braked is not actuation.braked or wrench is not self._wrench:
             # Only once they are checked: an error must come again.
-            self._drive = None
+            self._actuation = None
             self._simulator.set_inputs(
-                state.simulation, wrench=wrench, brakes=drive.braked, **self._payload_input
+                state.simulation, wrench=wrench, brakes=actuation.braked, **self._payload_input
             )
-            self._drive, self._wrench = drive, wrench
-        if last is None or drive.position is not last.position:
-            cycles.set_targets(drive.position, drive.velocity)
+            self._actuation, self._wrench = actuation, wrench
+        if last is None or actuation.position is not last.position:
+            cycles.set_targets(actuation.position, actuation.velocity)
         return cycles
 
     def set_limits(self, limits: np.ndarray) -> None:
@@ -445,14 +444,14 @@ class Arm:
         if not state.failure:
             return
         if state.origin_ns + step * self._step_ns > LATEST_NS:
-            raise ValueError(f'a reset after step {step}, for whose time a stamp has no room')
+            raise ValueError(f'a reset after step {step}, whose time overflows a stamp')
         state.failure = ''
         state.step = step - 1
         state.simulation = self._simulator.new_state(self.start)
         self._end_step(np.zeros(len(self.order)))
 
     def jump(self, changes: Sequence[StateChange | None]) -> None:
-        """Do a step that ends in another state: that of these changes, None the initial one."""
+        """Do a step that ends in the state of these changes; None means the initial state."""
         state = self.state
         if state.failure:
             return

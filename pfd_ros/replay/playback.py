@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Playback: the messages of a recording, by kind, for an engine or for a count.
 
-A message is an input, verdict rows that say which cycle took inputs, or another output. This is
+A message is an input, validation rows that say which cycle took inputs, or another output. This is
 the only place that tells them apart.
 """
 
@@ -39,7 +39,7 @@ class Follower(Protocol):
         """Follow an input."""
 
     def take(self, message: PlacedMessage) -> None:
-        """Follow verdict rows."""
+        """Follow validation rows."""
 
     def output(self, message: PlacedMessage) -> None:
         """Follow another output."""

@@ -16,6 +16,7 @@ from pfd_ros.arm.events import Arrival, Source
 
 NAMES = ('shoulder', 'elbow')
 TIP = 'tip_link'
+UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
 SCENES: list[dict[str, Any]] = [
     {},
     {'joints': NAMES[::-1], 'lockstep': True},
@@ -23,7 +24,7 @@ SCENES: list[dict[str, Any]] = [
     {'joint_friction': (0.3, 0.1), 'joint_limits': True, 'motor_lag': (0.01, 0.0)},
     {'torque_speed': False, 'integrator': 'velocity_verlet', 'position_sums': 'compensated'},
     {'external_wrench': True, 'payload_mass': 0.4, 'command_timeout': 0.008},
-    {'effort_limits': False, 'servo_p': (5.0, 5.0)},
+    {**UNLIMITED, 'servo_p': (5.0, 5.0)},
     {'reflex_effort_rate': 1e6},
 ]
 
@@ -79,7 +80,7 @@ def test_a_stretch_has_the_bits_and_the_state_of_single_cycles(settings, every: 
 
 
 def test_a_stretch_that_fails_ends_where_single_cycles_do() -> None:
-    one, other = begun(effort_limits=False), begun(effort_limits=False)
+    one, other = begun(**UNLIMITED), begun(**UNLIMITED)
     rows = commands(50, 1)
     rows[30:] = 1e300
     wanted = single(one, rows, 1)

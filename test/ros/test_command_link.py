@@ -31,8 +31,8 @@ RESET = encode_request(Request('reset'))
 
 
 def send(engine: Engine, data: bytes, source: Source = Source.ARRAY, sequence: int = 1) -> Verdict:
-    ((_, judgement, _),) = engine.take([Arrival(source, sequence, data)]).judgements
-    return judgement.verdict
+    ((_, validation, _),) = engine.take([Arrival(source, sequence, data)]).validations
+    return validation.verdict
 
 
 def taus(engine: Engine, cycles: int) -> list[list[float]]:
@@ -98,7 +98,7 @@ def test_a_pause_is_no_silence() -> None:
     engine = made(command_timeout=0.005)
     send(engine, efforts(1.0, 0.5))
     engine.take([Arrival(Source.REQUEST, 1, encode_request(Request('pause')))])
-    assert engine.stands
+    assert engine.waiting
     assert taus(engine, 5) == [[1.0, 0.5]] * 5
 
 
@@ -227,9 +227,9 @@ def test_a_lost_command_changes_nothing_and_answers_in_lockstep() -> None:
     engine = made(drop_commands=1.0, command_timeout=0.002, lockstep=True)
     send(engine, efforts(1.0, 0.5))
     assert not any(map(any, taus(engine, 1)))
-    assert engine.stands
+    assert engine.waiting
     assert send(engine, efforts(1.0, 0.5)) is Verdict.ACCEPTED
-    assert not engine.stands
+    assert not engine.waiting
     assert (engine.state.link.lost, engine.state.link.timeouts) == (2, 0)
 
 
@@ -306,9 +306,9 @@ def test_in_lockstep_an_arm_that_a_reflex_braked_goes_on() -> None:
     for effort in (1.0, 9.0):
         send(engine, efforts(effort, 0.0))
         engine.step()
-    assert engine.stands
+    assert engine.waiting
     assert send(engine, efforts(1.0, 0.0)) is Verdict.REFUSED
-    assert not engine.stands
+    assert not engine.waiting
 
 
 def test_a_recording_with_a_reflex_verifies_verdicts_included(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from ros_processes import Processes
 
 from pfd_ros.arm.effects import ClockTick
 from pfd_ros.arm.events import Verdict
-from pfd_ros.arm.followed_clock import judge_tick
+from pfd_ros.arm.followed_clock import validate_tick
 from pfd_ros.messages.convert import decode_clock
 
 SECONDS = 6.0
@@ -39,10 +39,10 @@ def test_an_arm_that_refused_a_tick_follows_later_ones() -> None:
         reached = until
         tick = ticks.after(reached)
         with contextlib.suppress(ValueError):
-            judgement = judge_tick(decode_clock(tick), reached, until, MILLISECOND)
-            refused += judgement.verdict is Verdict.REFUSED
-            if isinstance(judgement.effect, ClockTick):
-                until = judgement.effect.stamp_ns
+            validation = validate_tick(decode_clock(tick), reached, until, MILLISECOND)
+            refused += validation.verdict is Verdict.REFUSED
+            if isinstance(validation.effect, ClockTick):
+                until = validation.effect.stamp_ns
         since = 0 if until > reached else since + 1
         # Of a hundred ticks sixty fit.
         assert since < 100

@@ -55,7 +55,7 @@ def test_locked_joints_can_be_left_out_of_the_states() -> None:
 def test_a_command_for_a_locked_joint_moves_the_others_and_is_not_unknown() -> None:
     engine = made(**WRIST)
     command = joint_command(['joint5', 'joint1', 'nobody'], [9.0, 1.0, 9.0])
-    ((_, found, _),) = engine.take([command]).judgements
+    ((_, found, _),) = engine.take([command]).validations
     assert found.verdict is Verdict.ACCEPTED
     (state,) = (decode_joint_state(o.data) for o in engine.step() if o.role == 'joint_states')
     assert state.effort.tolist() == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
@@ -64,30 +64,30 @@ def test_a_command_for_a_locked_joint_moves_the_others_and_is_not_unknown() -> N
 
 @pytest.mark.parametrize('names', [['joint5'], ['joint6', 'joint5'], ['joint5', 'nobody']])
 def test_a_command_for_locked_joints_alone_is_refused(names: list[str]) -> None:
-    found = made(**WRIST).judge(joint_command(names, [1.0] * len(names)))
+    found = made(**WRIST).validate(joint_command(names, [1.0] * len(names)))
     assert found.verdict is Verdict.REFUSED
     assert 'joint5' in found.detail
     assert found.locked == tuple(name for name in names if name != 'nobody')
 
 
 def test_nan_for_the_joints_that_move_is_no_command_whatever_locked_joints_get() -> None:
-    found = made(**WRIST).judge(joint_command(['joint1', 'joint5'], [float('nan'), 1.0]))
+    found = made(**WRIST).validate(joint_command(['joint1', 'joint5'], [float('nan'), 1.0]))
     assert found.verdict is Verdict.ALL_NAN
 
 
 def test_nan_for_a_locked_joint_is_no_command_for_it() -> None:
     # Hardware sends NaN for a gripper that no controller has claimed.
     engine, nan = made(**WRIST), float('nan')
-    found = engine.judge(joint_command(['joint1', 'joint5'], [1.0, nan]))
+    found = engine.validate(joint_command(['joint1', 'joint5'], [1.0, nan]))
     assert (found.verdict, found.locked) == (Verdict.ACCEPTED, ())
     for names in (['joint5'], ['joint1', 'joint5']):
-        found = engine.judge(joint_command(names, [nan] * len(names)))
+        found = engine.validate(joint_command(names, [nan] * len(names)))
         assert (found.verdict, found.locked) == (Verdict.ALL_NAN, ())
 
 
 def test_names_of_locked_joints_that_are_not_published_stay_unknown() -> None:
     engine = made(publish_locked=False, **WRIST)
-    found = engine.judge(joint_command(['joint5'], [1.0]))
+    found = engine.validate(joint_command(['joint5'], [1.0]))
     assert (found.verdict, found.locked) == (Verdict.UNKNOWN_NAMES, ())
 
 

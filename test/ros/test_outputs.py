@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
-from plant_messages import change, judged, wrench
+from plant_messages import change, validated, wrench
 import pytest
 from rewriting import Recording, Sent
 from simulating import efforts, simulate
@@ -122,7 +122,7 @@ def test_torques_come_as_joint_states_and_as_plain_arrays() -> None:
     names = ('external_torques', 'bias_torques', 'gravity_torques')
     both = (*names, *(f'{name}_array' for name in names))
     engine = made(external_wrench=True, outputs=both)
-    judged(engine, wrench('tool0', [3.0, -2.0, 10.0], [0.1, 0.2, -0.3]))
+    validated(engine, wrench('tool0', [3.0, -2.0, 10.0], [0.1, 0.2, -0.3]))
     found = moved(engine)
     for name in names:
         plain = convert.decode_array(found[f'{name}_array'])
@@ -134,7 +134,7 @@ def test_torques_come_as_joint_states_and_as_plain_arrays() -> None:
 def test_the_outputs_fulfil_the_equation_of_motion_with_a_wrench_on_the_tip() -> None:
     engine = made(damping=True, external_wrench=True)
     k = [3.0, -2.0, 10.0, 0.1, 0.2, -0.3]
-    judged(engine, wrench('tool0', k[:3], k[3:]))
+    validated(engine, wrench('tool0', k[:3], k[3:]))
     found = moved(engine)
     expected = Expected(engine)
     base = np.concatenate([expected.pose().rotation @ half for half in np.split(np.array(k), 2)])
@@ -153,7 +153,7 @@ def test_a_payload_that_comes_while_the_arm_runs_is_in_the_model_from_the_next_c
     engine, loaded = made(), made(payload_mass=2.0, payload_center=(0.0, 0.0, 0.1))
     before = moved(engine)
     moved(loaded)
-    judged(engine, change(payload_mass=2.0, payload_center=[0.0, 0.0, 0.1]))
+    validated(engine, change(payload_mass=2.0, payload_center=[0.0, 0.0, 0.1]))
     after = {output.role: output.data for output in engine.step()}
     robot, scene = engine.arm.robot, pfd.Scene(armature='model', payload=engine.arm.scene.payload)
     q = Expected(engine).q

@@ -158,7 +158,7 @@ def test_a_full_file_system_ends_the_recording_and_leaves_it_readable(tmp_path: 
         told = json.loads(process.stdout.readline())
         held = check_cut_off(Path(f'/proc/{process.pid}/root{folder}/a.mcap'))
     assert told['error'].endswith(
-        'a.mcap cannot be written: No space left on device; what was written stays readable'
+        'a.mcap cannot be written: No space left on device; the part written so far is readable'
     )
     assert held == told['recorded']
 

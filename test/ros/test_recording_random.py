@@ -252,7 +252,7 @@ def test_a_changed_head_is_refused_in_a_short_line_or_changes_nothing(
 
 NOTHING_YET = (
     'no recording of this node|holds no states|no robot in its attachment|'
-    'does not begin as MCAP|damaged after byte 8$'
+    'not an MCAP file|damaged after byte 8$'
 )
 
 

@@ -195,7 +195,7 @@ def test_lockstep_does_not_wait_for_an_answer_to_a_dropped_state() -> None:
     for _ in range(100):
         engine.take([PUSH])
         roles = {output.role for output in engine.step()}
-        waits.append((STATES in roles, engine.stands))
+        waits.append((STATES in roles, engine.waiting))
     assert set(waits) == {(True, True), (False, False)}
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Code generation: program -> text of LLVM IR. Each module writes the functions it is named after.
+Code generation: program -> LLVM IR. Each module writes the functions it is named after.
 
     builder          one function: fresh names, loops, branches
     spelling         number formats, types, constants, single operations, arrays

@@ -116,7 +116,7 @@ def rollout_module(
 
     `dynamics` is the program of @evaluate, `others` are those of further functions, by the names
     that the step calls them. With `contact` the step and the accelerations are of that, and the
-    programs tell its inputs alone. With `actuators`, a lowered program, it has @cycles.
+    programs have only its inputs. With `actuators`, a lowered program, it has @cycles.
     """
     form = Format(dtype, 1)
     loops = [rollout(step_program, dynamics, form), accelerations(dynamics, form)]

@@ -344,9 +344,9 @@ class Arm:
     def advance(self, effort: np.ndarray, drive: Drive) -> np.ndarray:
         """Do one step under efforts (n,), with the brakes and targets of a drive.
 
-        After a failure the arm stops and keeps its last finite state. No step is done if the effort
-        of a joint jumps: `jumped` has the efforts then. Returns a copy of the efforts (n,), which
-        nobody changes.
+        After a failure the arm stops and keeps its last finite state. No step is done if the
+        effort of a joint jumps: `jumped` has the efforts then. Returns a copy of the efforts (n,),
+        which nobody changes.
         """
         if self.state.failure:
             return effort

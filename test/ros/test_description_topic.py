@@ -157,7 +157,7 @@ def test_remappings_and_parameters_count_before_the_ros2_control(
         'joint_commands is remapped to /mine, ignoring /robot_joint_commands of <ros2_control>',
         "has other initial values for ['shoulder', 'elbow', 'finger'] than the parameters",
         'subscribed to /mine (',
-        '/effort_controllers/commands (std_msgs/msg/Float64MultiArray: efforts in this order: ',
+        '/effort_controllers/commands (std_msgs/msg/Float64MultiArray: efforts in the order ',
         'publishing /joint_states (',
     ):
         assert text in arm.text()

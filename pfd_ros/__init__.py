@@ -14,5 +14,25 @@ The rooms, in the order in which the data flow; each imports only from those abo
     demo         the node and a controller as two processes, and a look at their recording
     cli          the command `pfd`, one module a command
 
+`pfd_ros.read_log` gives the messages of a recording, or of any bag, as arrays.
+
 Only `node`, `testing` and `demo` know rclpy. For a new input or output of the arm see `arm`.
 """
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from pfd_ros.recording.log_arrays import read_log
+
+__all__ = ['read_log']
+
+
+def __getattr__(name: str) -> Any:
+    # Not with the package: `pfd --help` and the node's start need neither.
+    if name == 'read_log':
+        from pfd_ros.recording.log_arrays import read_log
+
+        return read_log
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

@@ -40,28 +40,28 @@ def test_random_chains_agree_with_pinocchio(schedule: str, jacobi: bool) -> None
         tolerance = ACCELERATION * max(jacobi_condition(H), float(np.linalg.cond(H)))
         assert relative(found['qdd'], oracle.qdd(q, qd, tau, wrench)) < tolerance
         assert found['converged'] == 1
-        assert 1 <= found['trips'] <= default_limit(robot.n)
+        assert 1 <= found['iterations'] <= default_limit(robot.n)
 
 
 @pytest.mark.parametrize('n', [20, 32])
-def test_long_chains_need_more_than_n_trips_and_agree(n: int) -> None:
+def test_long_chains_need_more_than_n_iterations_and_agree(n: int) -> None:
     robot = revolute(n)
     q, qd, tau = random_state(np.random.default_rng(1), n)
     found = run(FORWARD['pcgm'](resolve(robot), 'parallel'), {'q': q, 'qd': qd, 'tau': tau})
     oracle = Oracle(robot)
     tolerance = ACCELERATION * float(np.linalg.cond(oracle.H(q)))
     assert relative(found['qdd'], oracle.qdd(q, qd, tau)) < tolerance
-    assert found['trips'] > n
+    assert found['iterations'] > n
 
 
-def test_fifty_digits_need_no_more_than_n_trips() -> None:
+def test_fifty_digits_need_no_more_than_n_iterations() -> None:
     # Orthogonality is lost to rounding, not by the method: section 3 of the paper is right there.
     for n in (1, 2, 4, 6):
         robot = revolute(n)
         q, qd, tau = random_state(np.random.default_rng(2), n)
         program = FORWARD['pcgm'](resolve(robot), 'parallel', tolerance=1e-20)
         found = run(program, {'q': q, 'qd': qd, 'tau': tau}, digits=60)
-        assert found['trips'] <= n
+        assert found['iterations'] <= n
         oracle = Oracle(robot)
         wanted = oracle.qdd(q, qd, tau)
         tolerance = ACCELERATION * jacobi_condition(oracle.H(q))
@@ -82,17 +82,17 @@ def test_a_start_other_than_zero_leads_to_the_same_answer(schedule: str) -> None
     far = run(program, {**inputs, 'start': rng.normal(size=5) * 10})
     assert relative(far['qdd'], wanted) < tolerance
     near = run(program, {**inputs, 'start': wanted * (1 + 1e-9)})
-    assert near['trips'] <= far['trips']
+    assert near['iterations'] <= far['iterations']
     assert relative(near['qdd'], wanted) < tolerance
 
 
-def test_nothing_to_do_takes_no_trip() -> None:
+def test_nothing_to_do_takes_no_iteration() -> None:
     robot = revolute(3)
     q = np.zeros(3)
     program = FORWARD['pcgm'](resolve(robot, Scene(gravity=None)), 'parallel')
     found = run(program, {'q': q, 'qd': q, 'tau': q})
     np.testing.assert_array_equal(found['qdd'], q)
-    assert (found['trips'], found['converged']) == (0, 1)
+    assert (found['iterations'], found['converged']) == (0, 1)
 
 
 def test_a_limit_that_is_too_low_is_told() -> None:
@@ -100,7 +100,7 @@ def test_a_limit_that_is_too_low_is_told() -> None:
     q, qd, tau = random_state(np.random.default_rng(4), 6)
     program = FORWARD['pcgm'](resolve(robot), 'parallel', at_most=3)
     found = run(program, {'q': q, 'qd': qd, 'tau': tau})
-    assert (found['trips'], found['converged']) == (3, 0)
+    assert (found['iterations'], found['converged']) == (3, 0)
     assert np.isfinite(found['qdd']).all()
 
 
@@ -151,19 +151,19 @@ def packed_sums(n: int) -> int:
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
-def test_a_trip_takes_47_multiplications(n: int) -> None:
+def test_an_iteration_takes_47_multiplications(n: int) -> None:
     # The paper counts 49 multiplications, divisions among them, and 14 L + 30 additions.
     program = FORWARD['pcgm'](resolve(revolute(n)), 'parallel')
-    one, two = program.count(trips=1), program.count(trips=2)
+    one, two = program.count(iterations=1), program.count(iterations=2)
     L = math.ceil(math.log2(n))
     assert two.multiplications - one.multiplications == 47
     assert two.divisions - one.divisions == 2
     assert two.additions - one.additions == 29 + packed_sums(n) + 2 * L + 3
 
 
-def test_six_trips_which_do_not_converge_stay_below_the_papers_count() -> None:
+def test_six_iterations_which_do_not_converge_stay_below_the_papers_count() -> None:
     program = FORWARD['pcgm'](resolve(revolute(6)), 'parallel')
-    steps, given = program.count(trips=6), program.count(section='joint rotation')
+    steps, given = program.count(iterations=6), program.count(section='joint rotation')
     multiplications = steps.multiplications + steps.divisions - given.multiplications
     assert (multiplications, steps.additions - given.additions) == (476, 561)
     assert multiplications < 499
@@ -184,7 +184,7 @@ def test_in_single_precision_the_iteration_ends_at_the_rounding_of_single_precis
     single = pfd.emulate(robot, q, qd, tau, method=method, dtype='float32')
     # The stop of double precision, 2^29 times as small, is beyond the rounding of these numbers.
     program = FORWARD[method](resolve(robot), 'parallel')
-    beyond = run(program, {'q': q, 'qd': qd, 'tau': tau}, 'float32')['trips'].max()
+    beyond = run(program, {'q': q, 'qd': qd, 'tau': tau}, 'float32')['iterations'].max()
     assert single.status == 'ok'
     assert single.iterations is not None
     assert single.iterations < beyond
@@ -193,7 +193,7 @@ def test_in_single_precision_the_iteration_ends_at_the_rounding_of_single_precis
 
 
 @pytest.mark.parametrize('name', ARMS)
-def test_real_arms_converge_in_twice_as_many_trips_as_joints(name: str) -> None:
+def test_real_arms_converge_in_twice_as_many_iterations_as_joints(name: str) -> None:
     robot = pfd.load_robot(name)
     rng = np.random.default_rng(11)
     q, qd, tau = rng.uniform(-1, 1, (3, 8, robot.n))

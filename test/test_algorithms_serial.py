@@ -224,12 +224,12 @@ def test_fifty_digits_agree_with_those_of_pcrbm_and_measure_the_rounding(
 
 
 @pytest.mark.parametrize('n', [1, 2, 4, 6])
-def test_conjugate_gradients_take_at_most_n_trips_when_nothing_is_rounded(n: int) -> None:
+def test_conjugate_gradients_take_at_most_n_iterations_when_nothing_is_rounded(n: int) -> None:
     robot, given = right_angled(n)
     program = record_walker_orin_4(resolve(robot, WRENCH), 'sequential', tolerance=RESIDUAL)
     found = run(program, given, digits=50)
     assert error(found['qdd'], fifty_digits(n)) < SOLUTION
-    assert 1 <= found['trips'][0] <= n
+    assert 1 <= found['iterations'][0] <= n
     assert found['converged'][0] == 1
 
 
@@ -277,12 +277,12 @@ def test_nan_and_infinity_are_told(method: str, value: float, name: str) -> None
     assert not sound(method, run(record(method, resolve(robot)), given))
 
 
-def test_conjugate_gradients_tell_when_the_trips_ran_out() -> None:
+def test_conjugate_gradients_tell_when_the_iterations_ran_out() -> None:
     robot = random_chain(np.random.default_rng(35), 6, 0.0)
     q, qd, tau = random_state(np.random.default_rng(36), 6)
     program = record_walker_orin_4(resolve(robot), 'sequential', at_most=3)
     found = run(program, {'q': q, 'qd': qd, 'tau': tau})
-    assert (found['trips'][0], found['converged'][0]) == (3, 0)
+    assert (found['iterations'][0], found['converged'][0]) == (3, 0)
 
 
 def test_conjugate_gradients_have_nothing_to_do_where_nothing_acts() -> None:
@@ -292,7 +292,7 @@ def test_conjugate_gradients_have_nothing_to_do_where_nothing_acts() -> None:
     for changed in ({}, {'tau': np.ones(4), 'free': np.zeros(4)}):
         found = run(record('walker_orin_4', plant), {**given, **changed})
         np.testing.assert_array_equal(found['qdd'], np.zeros(4))
-        assert (found['trips'][0], found['converged'][0]) == (0, 1)
+        assert (found['iterations'][0], found['converged'][0]) == (0, 1)
 
 
 @pytest.mark.parametrize(

@@ -131,8 +131,8 @@ AT_SIX = {
 
 @pytest.mark.parametrize('method', METHODS)
 def test_six_joints_take_fewer_operations_than_the_paper_prints(method: str) -> None:
-    # Method 4 in the n trips that the paper supposes; its divisions are multiplications.
-    steps = recorded(method, 6).count(trips=6)
+    # Method 4 in the n iterations that the paper supposes; its divisions are multiplications.
+    steps = recorded(method, 6).count(iterations=6)
     found = steps.multiplications, steps.additions, steps.divisions
     assert found == AT_SIX[method]
     assert found[0] + found[2] < PRINTED[method][0]

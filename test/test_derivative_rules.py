@@ -328,7 +328,7 @@ def begun(x: Lanes) -> Lanes:
 
 
 def repeated(x: Lanes) -> Lanes:
-    """Return a result of a loop that starts at a constant and uses x in its trips."""
+    """Return a result of a loop that starts at a constant and uses x in its iterations."""
     one = x.recorder.constant(1.0)
     (result,), _ = iterate(lambda s: ((x * s,), one), (one,), one, 3)
     return result

@@ -242,4 +242,4 @@ def test_the_changelog_tells_the_operations_of_inverse_dynamics() -> None:
     counts = [operations(lower(program, 'float64').compiled) for program in programs]
     # Changes of sign apart.
     now, before = (sum(count.values()) - count.get('neg', 0) for count in counts)
-    assert f'of a UR5 takes {now} arithmetic operations, where it took {before}' in page
+    assert f'of a UR5 takes {now} arithmetic operations instead of {before}' in page

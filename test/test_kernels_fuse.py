@@ -142,8 +142,8 @@ def test_a_loop_is_fused_as_well() -> None:
         following = value * y + x * y
         return (following,), 3.0 - following
 
-    (value,), trips = iterate(step, (x,), recorder.constant(1.0), 50)
-    recorder.output('out', (2,), [(value, 0), (trips, 0)])
+    (value,), iterations = iterate(step, (x,), recorder.constant(1.0), 50)
+    recorder.output('out', (2,), [(value, 0), (iterations, 0)])
     fused = eliminate_dead_code(fuse(recorder.program()))
     assert operations(fused)['fma'] == 1
     found = run(fused, {'x': [[0.5], [1.0], [4.0]], 'y': [[1.5]] * 3})['out']

@@ -40,20 +40,20 @@ def roots(n: int, schedule: str, at_most: int = AT_MOST) -> Program:
         change = following - x
         return (following,), total(change * change) - 1e-20
 
-    (x,), trips = iterate(step, (q,), on(q, [0]), at_most)
+    (x,), iterations = iterate(step, (q,), on(q, [0]), at_most)
     # What follows a loop may use what was computed before and inside it.
     y = x + 0.0 * q
-    recorder.output('y', (n + 1,), [*((y, lane) for lane in range(n)), (trips, 0)])
+    recorder.output('y', (n + 1,), [*((y, lane) for lane in range(n)), (iterations, 0)])
     return recorder.program()
 
 
 def newton(q: np.ndarray, at_most: int = AT_MOST) -> tuple[np.ndarray, int]:
     """Return the same by a plain loop."""
     x = q.copy()
-    for trips in range(1, at_most + 1):
+    for iterations in range(1, at_most + 1):
         x, before = 0.5 * (x + q / x), x
         if ((x - before) ** 2).sum() <= 1e-20:
-            return x, trips
+            return x, iterations
     return x, at_most
 
 
@@ -61,10 +61,10 @@ def newton(q: np.ndarray, at_most: int = AT_MOST) -> tuple[np.ndarray, int]:
 def test_a_loop_ends_when_its_number_falls_to_zero(schedule: str) -> None:
     q = np.array([2.0, 9.0, 1e4, 0.5])
     y = run(roots(4, schedule), {'q': q})['y']
-    x, trips = newton(q)
+    x, iterations = newton(q)
     np.testing.assert_allclose(y[:4], np.sqrt(q), rtol=1e-15)
     np.testing.assert_allclose(y[:4], x, rtol=1e-15)
-    assert y[4] == trips
+    assert y[4] == iterations
 
 
 @pytest.mark.parametrize('schedule', SCHEDULES)
@@ -80,21 +80,23 @@ def test_a_problem_that_is_finished_keeps_its_bits_while_others_go_on() -> None:
     for row, alone in zip(together, q, strict=True):
         np.testing.assert_array_equal(row, run(roots(1, 'sequential'), {'q': alone})['y'])
     assert len(set(together[:4, 1])) > 1
-    # Nothing to do: not one trip is taken over.
+    # Nothing to do: not one iteration is taken over.
     np.testing.assert_array_equal(together[4], [-1.0, 0.0])
 
 
-def test_counts_follow_the_trips() -> None:
+def test_counts_follow_the_iterations() -> None:
     program = roots(4, 'parallel')
-    one, five = program.count(), program.count(trips=5)
+    one, five = program.count(), program.count(iterations=5)
     assert (one.divisions, five.divisions) == (1, 5)
-    # In a trip: sum, change, its two levels of a total, minus the tolerance; one after it.
+    # In an iteration: sum, change, its two levels of a total, minus the tolerance; one after it.
     assert (one.additions, five.additions) == (5 + 1, 25 + 1)
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize('width', [1, 4])
-def test_native_code_takes_the_same_trips_and_leaves_the_same_bits(dtype: str, width: int) -> None:
+def test_native_code_takes_the_same_iterations_and_leaves_the_same_bits(
+    dtype: str, width: int
+) -> None:
     program = lower(roots(3, 'sequential'), dtype).compiled
     form = Format(dtype, width, strided=True)
     parts = [body(program, form), evaluate(program, form, ()), batch(program, form, 4)]

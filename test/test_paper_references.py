@@ -123,20 +123,21 @@ def test_the_guide_gives_the_steps_of_pcrbm_with_what_packing_costs() -> None:
 
 def test_the_guide_gives_what_convergence_and_divide_and_conquer_cost() -> None:
     page = (ROOT / 'docs' / 'report' / 'counts.md').read_text(encoding='utf-8')
-    trips = re.search(r'To rounding they take (\d+) to (\d+) iterations', guide())
-    assert trips is not None
-    few, many = (row('pcgm', 6, int(k)).cells for k in trips.groups())
+    iterations = re.search(r'To rounding they take (\d+) to (\d+) iterations', guide())
+    assert iterations is not None
+    few, many = (row('pcgm', 6, int(k)).cells for k in iterations.groups())
     worst = re.search(r'six iterations leave relative errors of up to (\S+)\. ', guide())
     assert worst is not None
-    price = f'leave errors of up to {worst[1]}; {trips[1]} to {trips[2]} trips converge and take'
-    assert f'both for 6 trips, which {price}' in page
-    assert int(trips[1]) == convergence('pcgm', chain(6)).least
+    few_to_many = f'{iterations[1]} to {iterations[2]} iterations'
+    price = f'leave errors of up to {worst[1]}; {few_to_many} converge and take'
+    assert f'both for 6 iterations, which {price}' in page
+    assert int(iterations[1]) == convergence('pcgm', chain(6)).least
     for kind, name in (
         ('multiplications', 'multiplications and divisions'),
         ('additions', 'additions'),
     ):
         assert f'{few[kind].measured} to {many[kind].measured} {name}' in guide()
-    routes = [row('pcgm', 6, int(k)).steps.routes for k in trips.groups()]
+    routes = [row('pcgm', 6, int(k)).steps.routes for k in iterations.groups()]
     assert f'with {routes[0]} to {routes[1]} routes' in guide()
     counts = row('divide_and_conquer', 6)
     measured = [cell.measured for cell in counts.cells.values()]

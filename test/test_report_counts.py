@@ -178,18 +178,18 @@ def test_divide_and_conquer_grows_with_the_logarithm_alone() -> None:
     assert growth[0] == growth[1] == growth[2] > 0
 
 
-def test_a_verdict_compares_and_a_remark_says_what_contradicts() -> None:
+def test_a_comparison_and_a_remark_on_contradictions() -> None:
     cells = row('walker_orin_4', 6).cells
-    assert cells['multiplications'].verdict == 'higher'
-    assert '117 n in place of 12 n' in cells['multiplications'].remark
-    assert cells['additions'].verdict == 'lower'
-    assert row('pcgm', 6).cells['square_roots'].verdict == 'equal'
-    assert "by way of L D L'" in row('pcrbm', 6).cells['square_roots'].remark
+    assert cells['multiplications'].comparison == 'higher'
+    assert '117 n instead of 12 n' in cells['multiplications'].remark
+    assert cells['additions'].comparison == 'lower'
+    assert row('pcgm', 6).cells['square_roots'].comparison == 'equal'
+    assert "through L D L'" in row('pcrbm', 6).cells['square_roots'].remark
 
 
 @pytest.mark.parametrize('method', ITERATIVE)
 @pytest.mark.parametrize('name', ['uniform6', 'puma560', 'ur5'])
-def test_six_trips_do_not_converge_on_six_joints(method: str, name: str) -> None:
+def test_six_iterations_do_not_converge_on_six_joints(method: str, name: str) -> None:
     found = convergence(method, chain(6) if name == 'uniform6' else load_robot(name))
     assert 6 < found.least <= found.median <= found.most
     assert found.error_after_n > 100 * found.worst_converged
@@ -229,25 +229,25 @@ def test_the_page_has_the_numbers_of_its_data() -> None:
     assert f'| {counts.title} | n {line}' in page
     found = [convergence('pcgm', robot) for robot in (chain(6), *map(load_robot, ARMS[:2]))]
     few, many = min(one.least for one in found), max(one.most for one in found)
-    for trips, note in (
+    for iterations, note in (
         (6, 'not converged'),
         (few, 'the fewest to converge'),
         (many, 'the most to converge'),
     ):
-        cells = row('pcgm', 6, trips).cells
-        line = f'| Parallel conjugate gradients, {trips} trips ({note}) | n '
+        cells = row('pcgm', 6, iterations).cells
+        line = f'| Parallel conjugate gradients, {iterations} iterations ({note}) | n '
         assert f'{line}| {cells["multiplications"].measured} |' in page
-    assert f'{few} to {many} trips converge' in page
+    assert f'{few} to {many} iterations converge' in page
 
 
 @pytest.mark.slow
 @pytest.mark.long
 def test_the_whole_report_is_what_the_command_writes_now(tmp_path: Path) -> None:
-    rows, trips = list(measure()), list(measure_convergence(robots()))
-    pages = write(rows, trips, tmp_path)
+    rows, iterations = list(measure()), list(measure_convergence(robots()))
+    pages = write(rows, iterations, tmp_path)
     assert {page.name for page in pages} >= {'counts.md', 'counts.json', 'array.svg'}
     for page in pages:
         if page.suffix != '.png':
             assert page.read_text() == (PAGES / page.name).read_text(), page.name
     ET.parse(tmp_path / 'array.svg')
-    assert markdown(rows, trips) == (PAGES / 'counts.md').read_text()
+    assert markdown(rows, iterations) == (PAGES / 'counts.md').read_text()

@@ -405,6 +405,14 @@ def test_a_linearisation_is_a_pair_that_can_be_copied_and_pickled() -> None:
         np.testing.assert_array_equal(one.status, found.status)
 
 
+def test_brakes_that_are_all_open_change_no_derivative() -> None:
+    at = state(2)
+    sim = pfd.Simulator(pfd.load_robot('planar2'), pfd.Scene(brakes=True))
+    open_brakes, without = (sim.linearize(*at, brakes=b) for b in ([False, False], None))
+    for one, other in zip(open_brakes, without, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
 def test_braked_joints_of_a_smooth_arm_have_the_status_held() -> None:
     sim = pfd.Simulator(pfd.load_robot('planar2'), pfd.Scene(brakes=True))
     at = state(2)

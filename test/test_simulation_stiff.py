@@ -172,3 +172,26 @@ def test_damping_is_as_accurate_as_the_number_format_carries_and_refused_beyond(
     for stiffness in (1.2 * most, 1e24):
         with pytest.raises(ValueError, match=r'damping of the scene decays .* keep the digits'):
             sim(stiffness)
+
+
+@pytest.mark.parametrize('integrator', ['auto', 'imex2'])
+@pytest.mark.parametrize('first', [1e-18, 1e-20])
+def test_damping_is_refused_where_the_inertia_matrix_has_no_factors(
+    first: float, integrator: str
+) -> None:
+    # H = [[m1 + m2, m2], [m2, m2]] of two slides on one axis: m1 + m2 = m2 in float64.
+    J = '1 1 1 0 0 0'
+    robot = pfd.load_robot(
+        urdf(
+            'slides',
+            *(link('base'), link('a', first, J=J), link('b', 1.0, J=J)),
+            joint('first', 'prismatic', 'base', 'a'),
+            joint('second', 'prismatic', 'a', 'b'),
+        )
+    )
+    scene = pfd.Scene(damping=[1.0, 1.0])
+    with pytest.raises(ValueError, match=r'inertia matrix .* positive definite .* rotors'):
+        pfd.Simulator(robot, scene, integrator=integrator)
+    assert pfd.Simulator(robot, scene, integrator='rk4').integrator == 'rk4'
+    with_rotors = pfd.Scene(damping=[1.0, 1.0], armature=[0.1, 0.1])
+    assert pfd.Simulator(robot, with_rotors, integrator=integrator).step([0.0, 0.0]) is None

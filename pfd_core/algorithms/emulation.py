@@ -150,20 +150,20 @@ def emulate(
     result = run(program, inputs, dtype, digits)
     if check is not None:  # outside the counted program
         result |= run(check, inputs | {'qdd': result['qdd']}, dtype, digits)
-    trips = _trips(result)
+    iterations = _iterations(result)
     return Run(
         qdd=result['qdd'],
-        steps=steps_of(method, robot.n, program, processors, trips or 1),
-        utilisation=_utilisation(method, robot.n, program, processors, trips or 1),
+        steps=steps_of(method, robot.n, program, processors, iterations or 1),
+        utilisation=_utilisation(method, robot.n, program, processors, iterations or 1),
         status=_status(result),
-        iterations=trips,
+        iterations=iterations,
         cycles=solve_cycles(robot.n) if method == 'pcrbm_array' else None,
         program=program,
     )
 
 
 def steps_of(
-    method: str, n: int, program: Program, processors: int | None = None, trips: int = 1
+    method: str, n: int, program: Program, processors: int | None = None, iterations: int = 1
 ) -> Steps:
     """
     Return the steps that a method's program takes on its machine.
@@ -171,7 +171,7 @@ def steps_of(
     The cells of the triangular array work side by side: there the steps of the solve are the
     cycles in which some cell does an operation of a kind, not the operations of all cells.
     """
-    steps = program.count(processors, trips=trips)
+    steps = program.count(processors, iterations=iterations)
     if method != 'pcrbm_array':
         return steps
     return on_cells(steps, program.count(processors, section=SECTION), solve_steps(n))
@@ -195,10 +195,10 @@ def arithmetic(steps: Steps) -> int:
 
 
 def _utilisation(
-    method: str, n: int, program: Program, processors: int | None, trips: int
+    method: str, n: int, program: Program, processors: int | None, iterations: int
 ) -> float:
-    work = arithmetic(program.count(1, trips=trips))
-    steps = arithmetic(steps_of(method, n, program, processors, trips))
+    work = arithmetic(program.count(1, iterations=iterations))
+    steps = arithmetic(steps_of(method, n, program, processors, iterations))
     units = processors_of(method, n, check_processors(processors, program.lanes))
     return work / (steps * units) if steps else 0.0
 
@@ -217,11 +217,11 @@ def _checked(
     }
 
 
-def _trips(result: dict[str, Any]) -> int | None:
+def _iterations(result: dict[str, Any]) -> int | None:
     """Return the iterations of an iterative method, of a batch the most; None for others."""
-    if 'trips' not in result:
+    if 'iterations' not in result:
         return None
-    return int(np.max(np.asarray(result['trips'], dtype=np.float64), initial=0))
+    return int(np.max(np.asarray(result['iterations'], dtype=np.float64), initial=0))
 
 
 def _status(result: dict[str, Any]) -> str:

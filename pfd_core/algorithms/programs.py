@@ -104,7 +104,7 @@ SERIAL = (
 )
 # Methods that take a payload as an input.
 PAYLOAD_METHODS = ('composite_body', 'grouped_articulated_body')
-# Methods with a repeated part, whose outputs are also `trips` and `converged`.
+# Methods with a repeated part, whose outputs are also `iterations` and `converged`.
 ITERATIVE = ('walker_orin_4', 'pcgm')
 # They stop when their residual has fallen to the rounding of the number format.
 TOLERANCES = {'float64': TOLERANCE, 'float32': TOLERANCE * 2.0**29}
@@ -117,9 +117,9 @@ def record_forward_dynamics(
     Return the program of a method.
 
     Its outputs are `qdd`, (n,), and `pivots`, (n,), all above zero exactly if H is positive
-    definite, or, for an iterative method, `trips` and `converged`, (1,). An iterative method stops
-    at a tolerance, by default that of double precision. ValueError for an unknown method, and for
-    effects that act over a step of time.
+    definite, or, for an iterative method, `iterations` and `converged`, (1,). An iterative method
+    stops at a tolerance, by default that of double precision. ValueError for an unknown method,
+    and for effects that act over a step of time.
     """
     check_instant(plant)
     choice('method', method, FORWARD)

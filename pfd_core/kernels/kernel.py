@@ -248,7 +248,7 @@ class Kernel:
         """Return the result for arrays that need no conversion, or None for others."""
         size = self._source.elements
         if out is None:
-            rows = np.empty((len(q), size), self.dtype, 'F' if q.flags.fnc else 'C')
+            rows: NDArray[Any] = np.empty((len(q), size), self.dtype, 'F' if q.flags.fnc else 'C')
         else:
             # A loop: a generator would take a fifth of the time of a small batch.
             for array in given:

@@ -22,8 +22,8 @@ from pfd_core.algorithms.chain.joint_torques import without_joint_torques
 from pfd_core.kernels.codegen.arms import PARAMETERS
 from pfd_core.kernels.codegen.module import ensemble_module, rollout_module
 from pfd_core.kernels.codegen.rollout import written
+from pfd_core.kernels.codegen.segments import Contact
 from pfd_core.kernels.codegen.step import further_rows, torque_row
-from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.runtime.jit import Native, simd_width
 from pfd_core.kernels.source import KernelSource, forward, motors, of_text, turned_joints
@@ -71,8 +71,8 @@ def compile_rollout(
 
     `implicit` is the time [s] by which the damping of the plant that the step solves with is
     multiplied; 0 for a step that calls the accelerations alone. With `contact` the step is that
-    of dry friction and joint stops, with texts that are not lowered yet, and `step_program` tells
-    its state alone.
+    of dry friction and joint stops, with programs that are not lowered yet, and `step_program`
+    tells its state alone.
     """
     sources = _sources(spec, implicit, contact)
 
@@ -148,7 +148,7 @@ class _Sources:
     others : dict
         Sources of other functions, by the names that the step calls them.
     contact : Contact or None
-        Dry friction and joint stops, with lowered texts.
+        Dry friction and joint stops, with lowered programs.
 
     """
 
@@ -175,11 +175,11 @@ class _Sources:
         programs = {name: other.program for name, other in self.others.items()}
         if self.contact is None:
             return programs, None
-        texts = {
+        parts = {
             name: lower(program, self.dtype).compiled
-            for name, program in self.contact.texts.items()
+            for name, program in self.contact.programs.items()
         }
-        return {}, replace(self.contact, texts=texts, dynamics=programs)
+        return {}, replace(self.contact, programs=parts, dynamics=programs)
 
     def step_operations(self, step: Program) -> int:
         """
@@ -193,10 +193,10 @@ class _Sources:
             evaluations = sum(self.others.get(name, self.main).work for name in calls)
             own = sum(count for op, count in operations(step).items() if op != 'call')
             return evaluations + own * step.lanes
-        texts, functions = self.contact.quiet_step()
+        parts, functions = self.contact.quiet_step()
         own = sum(
-            sum(operations(lower(self.contact.texts[name], self.dtype).compiled).values())
-            for name in texts
+            sum(operations(lower(self.contact.programs[name], self.dtype).compiled).values())
+            for name in parts
         )
         return own + sum(self.others[name].work for name in functions if name in self.others)
 
@@ -248,8 +248,8 @@ def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
     plant = without_drives(plant)
     held = replace(plant, brakes=True)
     main = forward(spec, held)
-    others |= {'_held': main, '_inverse': of_text(plant, 'inverse_dynamics', dtype)}
-    if 'hits' in contact.texts or brakes:
+    others |= {'_braked': main, '_inverse': of_text(plant, 'inverse_dynamics', dtype)}
+    if 'hits' in contact.programs or brakes:
         found = impulses(spec, plant)
         others |= {f'_{name}': source for name, source in found.items()}
     if heavier is not None:

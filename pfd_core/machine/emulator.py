@@ -95,7 +95,7 @@ class _Machine:
         self.registers: list[Any] = [None] * len(program.instructions)
         self.rows: list[Any] = []  # the state of the loop, its `go` last
         self.floor: Any = None
-        self.trips: Any = None
+        self.iterations: Any = None
         self.turn = 0
 
     def run(self) -> None:
@@ -105,7 +105,7 @@ class _Machine:
             instruction = self.program.instructions[at]
             if instruction.op == 'loop':
                 *self.rows, self.floor = (self.registers[a] for a in instruction.args)
-                self.trips = np.zeros(self.batch)
+                self.iterations = np.zeros(self.batch)
                 self.turn = 0
             elif instruction.op == 'end':
                 if self._turn(instruction):
@@ -115,14 +115,14 @@ class _Machine:
             at += 1
 
     def _turn(self, end: Instruction) -> bool:
-        """Write the next state of the problems that go on; return whether to take another trip."""
+        """Write the next state of unfinished problems; return whether to iterate again."""
         going = self._going()
         following = [self.registers[a] for a in end.args[1:]]
         self.rows = [
             np.where(going, after, before)
             for before, after in zip(self.rows, following, strict=True)
         ]
-        self.trips = self.trips + going
+        self.iterations = self.iterations + going
         self.turn += 1
         at_most = self.program.instructions[end.args[0]].data
         return bool(np.any(self._going())) and self.turn < at_most
@@ -144,7 +144,7 @@ class _Machine:
         if op == 'call':
             return self.functions[data](*(self.registers[a] for a in args))
         if op in ('state', 'result'):
-            return self.rows[data] if data >= 0 else self._trips()
+            return self.rows[data] if data >= 0 else self._iterations()
         meaning = self.arithmetic.meaning(op)
         operands = [self.registers[a] for a in args]
         lanes = len(operands[0])
@@ -164,8 +164,8 @@ class _Machine:
                 row[lane] = self.arithmetic.number(0.0)
         return row
 
-    def _trips(self) -> Any:
-        one = self.arithmetic.array(self.trips)
+    def _iterations(self) -> Any:
+        one = self.arithmetic.array(self.iterations)
         return np.stack([one] * self.program.lanes)
 
 

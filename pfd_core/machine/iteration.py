@@ -4,7 +4,7 @@
 Bounded iteration: a part of a program that is repeated while a number is above another.
 
 The program has the repeated part once, between the markers `loop` and `end`; `state` reads a row
-of the state at the start of a trip, `result` reads it after the last trip
+of the state at the start of an iteration, `result` reads it after the last iteration
 (pfd_core.machine.operations).
 """
 
@@ -30,21 +30,21 @@ def iterate(
     step : callable
         step(*state) returns the next state and the next `go`; it is recorded once.
     state : tuple of Lanes
-        State before the first trip.
+        State before the first iteration.
     go : Lanes
-        The control unit reads lane 0 before each trip. A problem whose `go` is at the floor or
-        below, or NaN, is finished and keeps its state while other problems of its batch go on.
+        The control unit reads lane 0 before each iteration. A problem whose `go` is at the floor
+        or below, or NaN, is finished and keeps its state while other problems of its batch go on.
     at_most : int
-        Trips after which the iteration ends in any case, at least 1.
+        Largest number of iterations, at least 1.
     floor : Lanes, optional
         Default zero.
 
     Returns
     -------
     state : tuple of Lanes
-        State after the last trip.
-    trips : Lanes
-        Number of trips that were taken, on every lane.
+        State after the last iteration.
+    iterations : Lanes
+        Number of iterations, on every lane.
 
     Raises
     ------
@@ -67,8 +67,8 @@ def iterate(
         for before, after in zip(state, following, strict=True)
     ]
     end = recorder.write('end', (loop, *_registers(kept), _lane0(again)), None, recorder.all)
-    trips = recorder.write('result', (end,), -1, recorder.all)
-    count = Lanes(recorder, (trips,) * len(go.registers), recorder.all)
+    iterations = recorder.write('result', (end,), -1, recorder.all)
+    count = Lanes(recorder, (iterations,) * len(go.registers), recorder.all)
     return _rows_of(recorder, 'result', end, state), count
 
 

@@ -205,8 +205,8 @@ OPERATIONS = {
         ),
         # The rows of a function that is recorded elsewhere: accelerations, for an integrator.
         Operation('call', -1),
-        # A repeated part: `loop` (its initial rows), `state` (a row as this trip finds it),
-        # `end` (the rows for the next trip), `result` (a row after the last one).
+        # A repeated part: `loop` (its initial rows), `state` (a row as this iteration finds it),
+        # `end` (the rows for the next iteration), `result` (a row after the last one).
         Operation('loop', -1),
         Operation('state', 1),
         Operation('end', -1),

@@ -94,7 +94,7 @@ def _sums(x: LaneArray, downward: bool) -> LaneArray:
     if not recorder.packs:
         swept: LaneArray = (suffix if downward else prefix)(lambda a, b: a + b, x)
         return swept
-    values = np.ravel(x)
+    values: LaneArray = np.ravel(x)
     stride = 1
     while stride < recorder.lanes:
         step = -stride if downward else stride

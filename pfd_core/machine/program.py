@@ -33,8 +33,8 @@ class Instruction(NamedTuple):
     data : object
         input: (name, flat index or None per lane); constant: one float per lane;
         route: the lane each lane takes its value from, None for its own lane of the second
-        operand; call: the function's name; loop: the largest number of trips; state, result:
-        index of a row of the loop's state, -1 for the number of trips; otherwise None.
+        operand; call: the function's name; loop: the largest number of iterations; state, result:
+        index of a row of the loop's state, -1 for the number of iterations; otherwise None.
     active : int
         Bit i is set when lane i takes part.
     section : str
@@ -120,7 +120,7 @@ class Program:
         return ' '.join(words)
 
     def count(
-        self, processors: int | None = None, section: str | None = None, trips: int = 1
+        self, processors: int | None = None, section: str | None = None, iterations: int = 1
     ) -> Steps:
         """
         Return the steps that the program takes, without running it.
@@ -132,26 +132,26 @@ class Program:
             steps. Default: one per lane.
         section : str, optional
             Count only this part of the program.
-        trips : int
+        iterations : int
             Number of runs of the repeated part, if there is one.
 
         """
         processors = check_processors(processors, self.lanes)
-        trips = _integer('trips', trips, 0)
+        iterations = _integer('iterations', iterations, 0)
         if section is not None and not isinstance(section, str):
             raise ValueError(f'section must be a name or None, got {section!r:.100}')
         totals = dict.fromkeys(COSTS, 0)
-        for (cost, lanes), times in self._work(trips, section).items():
+        for (cost, lanes), times in self._work(iterations, section).items():
             totals[cost] += times * math.ceil(lanes / processors)
         return Steps(**totals)
 
-    def _work(self, trips: int, section: str | None = None) -> Counter[tuple[str, int]]:
+    def _work(self, iterations: int, section: str | None = None) -> Counter[tuple[str, int]]:
         """Return the number of runs of instructions by cost column and number of busy lanes."""
         work: Counter[tuple[str, int]] = Counter()
         times = 1
         for instruction in self.instructions:
             if instruction.op == 'loop':
-                times = trips
+                times = iterations
             elif instruction.op == 'end':
                 times = 1
             cost = OPERATIONS[instruction.op].cost

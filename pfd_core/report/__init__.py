@@ -9,7 +9,7 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
 
     paper            claims of the paper: formulas and values of Table 1, sums of its parts
     counts           steps of every method measured on recorded programs, beside the claims (Row)
-    convergence      trips of the iterative methods to converge, and errors after n trips
+    convergence      iterations of the iterative methods to converge, and errors after n iterations
     array_activity   picture of the triangular array at work, by cycle
     counts_pages     the page: its sections, tables, columns and plot over n; writes all files
 

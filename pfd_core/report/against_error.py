@@ -198,7 +198,9 @@ def _points(
 ) -> Iterator[Point]:
     """Yield the points of all ways, which take turns, with so many states in a call."""
     show_progress(f'{case.name}: batch of {batch}')
-    states = [np.resize(x, (batch, case.n)) for x in solved.problem.states.values()]
+    states: list[NDArray[Any]] = [
+        np.resize(x, (batch, case.n)) for x in solved.problem.states.values()
+    ]
     default = (case.auto, 'float64', 0)
     sides = [
         replace(way.side(states), reference=(way.name, way.dtype, way.refine) == default)

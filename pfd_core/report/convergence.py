@@ -1,15 +1,15 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Trips that conjugate gradients take to converge in double precision, and the error after n trips.
+Iterations of conjugate gradients to converge in double precision, and the error after n of them.
 
-The paper counts n trips, which exact arithmetic needs at most. Here a state has converged when its
-recursive residual has fallen to the first one times TOLERANCE of pfd_core.algorithms.paper.pcgm,
-which is rounding. An error is max|difference| / max|reference| of qdd, the reference being PCRBM's
-answer.
+The paper counts n iterations, which exact arithmetic needs at most. Here a state has converged
+when its recursive residual has fallen to the first one times TOLERANCE of
+pfd_core.algorithms.paper.pcgm, which is rounding. An error is max|difference| / max|reference| of
+qdd, the reference being PCRBM's answer.
 
-The programs run on the emulator with sine and cosine written out in the other operations, so that
-trips and errors are the same on every machine.
+The programs run on the emulator with sine and cosine expanded into the other operations, so that
+iterations and errors are the same on every machine.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ Array = NDArray[Any]
 @dataclass(frozen=True)
 class Convergence:
     """
-    The trips of an iterative method over many states of one robot.
+    The iterations of an iterative method over many states of one robot.
 
     Attributes
     ----------
@@ -48,9 +48,9 @@ class Convergence:
     n, states : int
         Joints, and number of states.
     least, median, most : int
-        Trips until the residual has fallen to rounding; the median is the lower one.
+        Iterations until the residual has fallen to rounding; the median is the lower one.
     error_after_n, worst_after_n : float
-        Median and largest relative error of qdd after n trips.
+        Median and largest relative error of qdd after n iterations.
     worst_converged : float
         Largest relative error at the end.
 
@@ -75,14 +75,14 @@ def robots(sizes: Iterable[int] = CHAINS, arms: Iterable[str] = ARMS) -> Iterato
 
 
 def measure_convergence(chosen: Iterable[Robot]) -> Iterator[Convergence]:
-    """Yield the trips of both iterative methods for each robot."""
+    """Yield the iterations of both iterative methods for each robot."""
     for robot in chosen:
         for method in ITERATIVE:
             yield convergence(method, robot)
 
 
 def convergence(method: str, robot: Robot) -> Convergence:
-    """Return the trips of one iterative method over STATES states; RuntimeError if one fails."""
+    """Return the iterations of one method over STATES states; RuntimeError if one fails."""
     plant, n = resolve(robot), robot.n
     state = _states(n)
 
@@ -94,15 +94,15 @@ def convergence(method: str, robot: Robot) -> Convergence:
     if not (whole['converged'] > 0).all():
         raise RuntimeError(f'{method} did not converge in some state of {robot.name}')
     after_n = _errors(answer(FORWARD[method](plant, 'parallel', at_most=n))['qdd'], wanted)
-    trips = np.sort(whole['trips'].ravel()).astype(int)
+    iterations = np.sort(whole['iterations'].ravel()).astype(int)
     return Convergence(
         system=method,
         robot=robot.name,
         n=n,
         states=STATES,
-        least=int(trips[0]),
-        median=int(trips[(STATES - 1) // 2]),
-        most=int(trips[-1]),
+        least=int(iterations[0]),
+        median=int(iterations[(STATES - 1) // 2]),
+        most=int(iterations[-1]),
         error_after_n=float(np.sort(after_n)[(STATES - 1) // 2]),
         worst_after_n=float(after_n.max()),
         worst_converged=float(_errors(whole['qdd'], wanted).max()),

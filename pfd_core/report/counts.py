@@ -57,10 +57,10 @@ class Cell:
         Value of the paper's formula; None for a system that the paper does not have.
     printed, parts : float or None
         The value printed for n = 6, and the sum of the parts that the paper counts.
-    verdict : str
+    comparison : str
         Whether `measured` is 'equal' to, 'lower' or 'higher' than `claimed`; '' without a claim.
     remark : str
-        Omissions of the comparison, or contradictions in the paper; or empty.
+        Contradictions in the paper, or limits of the comparison; or empty.
 
     """
 
@@ -69,7 +69,7 @@ class Cell:
     claimed: float | None
     printed: int | None
     parts: float | None
-    verdict: str
+    comparison: str
     remark: str
 
 
@@ -84,7 +84,7 @@ class Row:
         Name of the method, and its name on the page.
     n : int
         Joints.
-    trips : int or None
+    iterations : int or None
         Iterations of an iterative method.
     processors, units : str, int
         Formula in words, and number.
@@ -104,7 +104,7 @@ class Row:
     system: str
     title: str
     n: int
-    trips: int | None
+    iterations: int | None
     processors: str
     units: int
     steps: Steps
@@ -133,22 +133,22 @@ def uniform_chain(n: int) -> Robot:
 
 
 def measure(sizes: Iterable[int] = SIZES) -> Iterator[Row]:
-    """Yield the counts of every method for some n; iterative methods take n trips."""
+    """Yield the counts of every method for some n; iterative methods take n iterations."""
     for n in sizes:
         for method in METHODS:
             yield row(method, n)
 
 
-def row(method: str, n: int, trips: int | None = None) -> Row:
+def row(method: str, n: int, iterations: int | None = None) -> Row:
     """
     Return the counts of one method at one n.
 
-    An iterative method takes `trips`, default n as in the paper. It has no speed-up, since the
-    trips to converge depend on the state.
+    An iterative method takes `iterations`, default n as in the paper. It has no speed-up, since
+    the iterations to converge depend on the state.
     """
     iterative = method in ITERATIVE
-    trips = (n if trips is None else trips) if iterative else None
-    steps, unpacked, work = _counted(method, n, trips or 1)
+    iterations = (n if iterations is None else iterations) if iterative else None
+    steps, unpacked, work = _counted(method, n, iterations or 1)
     lanes = 1 if method in SERIAL else n
     units = processors_of(method, n, lanes)
     taken = arithmetic(steps)
@@ -158,7 +158,7 @@ def row(method: str, n: int, trips: int | None = None) -> Row:
         system=method,
         title=system.title if system else BEYOND[method],
         n=n,
-        trips=trips,
+        iterations=iterations,
         processors=system.processors if system else ('1' if lanes == 1 else 'n'),
         units=units,
         steps=steps,
@@ -198,27 +198,27 @@ def as_data(rows: Iterable[Any]) -> list[dict[str, Any]]:
 
 
 @cache
-def _counted(method: str, n: int, trips: int) -> tuple[Steps, Steps, int]:
+def _counted(method: str, n: int, iterations: int) -> tuple[Steps, Steps, int]:
     """Return the steps, the steps without packing, and the useful operations of a method."""
     program = _program(method, n, 'parallel')
     plain = program if method in SERIAL else _program(method, n, 'unpacked')
-    packed, unpacked = (_on_the_machine(method, n, p, trips) for p in (program, plain))
-    return packed, unpacked, arithmetic(_net(program, 1, trips))
+    packed, unpacked = (_on_the_machine(method, n, p, iterations) for p in (program, plain))
+    return packed, unpacked, arithmetic(_net(program, 1, iterations))
 
 
 def _program(method: str, n: int, schedule: str) -> Program:
     return record_forward_dynamics(resolve(uniform_chain(n)), method, schedule)
 
 
-def _net(program: Program, processors: int | None, trips: int) -> Steps:
+def _net(program: Program, processors: int | None, iterations: int) -> Steps:
     """Return the steps of a program without the sections GIVEN."""
     counted = tuple(one for one in program.instructions if one.section not in GIVEN)
-    return replace(program, instructions=counted).count(processors, trips=trips)
+    return replace(program, instructions=counted).count(processors, iterations=iterations)
 
 
-def _on_the_machine(method: str, n: int, program: Program, trips: int) -> Steps:
+def _on_the_machine(method: str, n: int, program: Program, iterations: int) -> Steps:
     """Return the steps of a method; cells of the array that act in one cycle are one step."""
-    steps = _net(program, None, trips)
+    steps = _net(program, None, iterations)
     if method != 'pcrbm_array':
         return steps
     solve = solve_steps(n)

@@ -167,8 +167,10 @@ def energy(plant: Plant, q: Array, qd: Array) -> tuple[Array, Array]:
     """
     robot = plant.robot
     fall = robot.base_rotation @ plant.gravity
-    pose, place = np.eye(3), np.zeros(3)
-    turning, moving = np.zeros((len(q), 3)), np.zeros((len(q), 3))
+    pose: Array = np.eye(3)
+    place: Array = np.zeros(3)
+    turning: Array = np.zeros((len(q), 3))
+    moving: Array = np.zeros((len(q), 3))
     kinetic, potential = np.zeros(len(q)), np.zeros(len(q))
     for i, (R, p, center, J) in enumerate(joint_frames(robot)):
         reach = pose @ p

@@ -102,13 +102,13 @@ def _roots(count: int = 0, parts: Formula | None = None, remark: str = '') -> Cl
 
 
 ONE_ROOT = (
-    "one root is enough for L of H = L L' by way of L D L' (one_square_root in "
-    'pfd_core.algorithms.paper.cholesky); (11) and (12), taken as printed, take their roots in '
-    "one step and yield another matrix; a solve by L D L', which is counted here, needs none"
+    "one root is enough for L of H = L L' through L D L' (one_square_root in "
+    'pfd_core.algorithms.paper.cholesky); (11) and (12) as printed take all roots in one step and '
+    "give a wrong matrix; a solve by L D L', which is counted here, needs none"
 )
 ROOTS_OF_THE_ARRAY = (
-    'each of the n circular cells takes one root, in n different cycles, in the design as printed '
-    '(literal_array), too; 1 is the count of a cell'
+    'each of the n circular cells takes one root, in n different cycles, also in the design as '
+    'printed (literal_array); 1 is the count of a cell'
 )
 
 TABLE = {
@@ -172,7 +172,7 @@ TABLE = {
             _polynomial(0, '153/2', 12, -21),
             3435,
             None,
-            'the formula gives 2805 at n = 6; 117 n in place of 12 n gives the printed 3435',
+            'the formula gives 2805 at n = 6; 117 n instead of 12 n gives the printed 3435',
         ),
         Claim('56 n^2 + 87 n - 6', _polynomial(0, 56, 87, -6), 2532),
         _roots(),
@@ -225,8 +225,8 @@ TABLE = {
             331,
             None,
             'the formula is that of PCRBM with 3 n - 1 cycles for P6 + h, in which equations (29) '
-            'to (31), taken as printed, yield another matrix; measured are the 5 n - 2 cycles of '
-            'the corrected array, both substitutions among them',
+            'to (31) as printed give a wrong matrix; measured are the 5 n - 2 cycles of the '
+            'corrected array, with both substitutions',
         ),
         Claim(
             '8 n + 5 h + 45 L + 124',
@@ -251,7 +251,7 @@ TABLE = {
             _mixed(n_terms=30, L=34, nL=14, constant=87),
             621,
             _mixed(n_terms=30, L=34, nL=14, constant=87),
-            'steps 7 to 15 as listed have 14 L + 29 a trip',
+            'steps 7 to 15 as listed have 14 L + 29 an iteration',
         ),
         _roots(),
         'n',

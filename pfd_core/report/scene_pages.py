@@ -49,7 +49,7 @@ def markdown(needs: Needs) -> str:
 EFFECTS_TEXT = (
     'Each row is the full scene without one effect. *operations* are those that the effect adds '
     'to one step of the integrator, as compiled, if no joint rests, reverses or reaches its stop '
-    'in it; the search for a held joint and the trips after an event are in the times alone. '
+    'in it; the search for a held joint and the segments after an event are in the times alone. '
     'Friction and stops share some of theirs. *step without it* is the least / median time of a '
     'step over the first windows, {steps} steps or a little more, with what Python does around a '
     'window, which is in all of them; *full / without* is the ratio of the least times / the '

@@ -15,6 +15,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_core.kernels.functions import inverse_dynamics
 from pfd_core.model import Robot, known_robots
@@ -164,7 +165,7 @@ def _firsts(arm: Robot) -> tuple[Work, Work]:
     return Work('call', q[0], qd[0], tau[0]), Work('batch', q, qd, tau)
 
 
-def states(arm: Robot, count: int) -> list[np.ndarray]:
+def states(arm: Robot, count: int) -> list[NDArray[Any]]:
     """Return positions, velocities, and the torques of random accelerations, (count, n) each."""
     rng = np.random.default_rng(SEED)
     q = rng.uniform(-np.pi, np.pi, (count, arm.n))

@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_core.model import Robot, load_robot
 
@@ -28,7 +31,7 @@ def dense(n: int) -> Robot:
 
 
 def _rods(
-    name: str, rotations: np.ndarray, reach: list[float], center: list[float], axes: np.ndarray
+    name: str, rotations: NDArray[Any], reach: list[float], center: list[float], axes: NDArray[Any]
 ) -> Robot:
     n = len(rotations)
     J = axes @ np.diag([0.001, 0.006, 0.006]) @ axes.T
@@ -44,7 +47,7 @@ def _rods(
     )
 
 
-def _skew(a: float, b: float) -> np.ndarray:
+def _skew(a: float, b: float) -> NDArray[Any]:
     """Return a rotation about z by a after one about x by b, without a zero once multiplied."""
     ca, sa, cb, sb = np.cos(a), np.sin(a), np.cos(b), np.sin(b)
     Rz = np.array([[ca, -sa, 0], [sa, ca, 0], [0, 0, 1]])

@@ -41,7 +41,7 @@ from pfd_core.kernels.spec import STEP_IN_MOTION, KernelSpec
 from pfd_core.model import Plant, Robot, Scene, resolve, scene_inputs
 from pfd_core.model.checked_numbers import Array, real_array
 from pfd_core.model.error_text import quote
-from pfd_core.simulation.contact.texts import has_contact
+from pfd_core.simulation.contact.programs import has_contact
 from pfd_core.simulation.integrators import TABLE, record_step
 
 # What Linearization.status says of a joint.
@@ -200,6 +200,8 @@ class LinearStep:
 
         The brakes stop a velocity d of joints b, and dqd_f = H_ff^-1 H_fb d is that of the others.
         """
+        if not np.any(brakes):
+            return
         H = self._inertia(q)
         n = H.shape[-1]
         braked = np.broadcast_to(brakes, H.shape[:-1])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.forking import cached_property
-from pfd_core.kernels.codegen.trips import Contact
+from pfd_core.kernels.codegen.segments import Contact
 from pfd_core.kernels.runtime.threads import MAX_BLOCK_WORK, run_until_stopped
 from pfd_core.kernels.spec import STEP, KernelSpec
 from pfd_core.model import Plant, Robot, Scene, given_scene, resolve, scene_inputs
@@ -23,10 +23,10 @@ from pfd_core.model.checked_numbers import DTYPES, Array, choice, integer, real_
 from pfd_core.model.error_text import quote
 from pfd_core.model.joint_space_checks import check_joint_inertia
 from pfd_core.model.scene_checks import INPUT, switch
-from pfd_core.simulation.contact.events import MOST_TRIPS
+from pfd_core.simulation.contact.events import MOST_SEGMENTS
 from pfd_core.simulation.contact.modes import PIVOTS
+from pfd_core.simulation.contact.programs import contact_programs, has_contact
 from pfd_core.simulation.contact.schemes import RK4, imex2
-from pfd_core.simulation.contact.texts import contact_texts, has_contact
 from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
 from pfd_core.simulation.linearisation import Linearization, LinearStep
 from pfd_core.simulation.rows import LaggedTorque, UnfinishedStep, decays
@@ -147,9 +147,9 @@ class Simulation(ABC):
         exact = None
         if plant.motor_lag is not None:
             exact = decays(plant.motor_lag, scheme.middle * h), decays(plant.motor_lag, h)
-        texts = contact_texts(plant, scheme, self.dtype, h, self.compensated, exact)
+        programs = contact_programs(plant, scheme, self.dtype, h, self.compensated, exact)
         pivots = PIVOTS * self.robot.n
-        return Contact(texts, scheme.stages, h, implicit * h, pivots, MOST_TRIPS)
+        return Contact(programs, scheme.stages, h, implicit * h, pivots, MOST_SEGMENTS)
 
     def __getstate__(self) -> dict[str, Any]:
         own = ('_native', '_count', '_count_at', '_long')
@@ -221,7 +221,7 @@ class Simulation(ABC):
         'ok', or why the state is not a number; `reset` clears it.
 
         'not_finite' once a state has overflowed, 'too_many_events' once a step had more impacts
-        and reversals of joints than pfd_core.simulation.contact.events.MOST_TRIPS.
+        and reversals of joints than pfd_core.simulation.contact.events.MOST_SEGMENTS.
         """
         return self._now.status
 

@@ -47,9 +47,15 @@ def check_damping(plant: Plant, integrator: str, h: float, dtype: str) -> None:
     if not TABLE[integrator].implicit or plant.damping is None:
         return
     rate = fastest_decay(plant)
+    if rate == np.inf:
+        raise ValueError(
+            'damping of the scene needs an inertia matrix that is positive definite in float64: '
+            'the masses of this arm differ too much; rotors (armature), less different masses or '
+            "an explicit integrator ('rk4') are needed"
+        )
     u = float(np.finfo(dtype).eps) / 2
     largest = LOST[dtype] / (u * h)
-    if largest < rate < np.inf:
+    if rate > largest:
         raise ValueError(
             f'damping of the scene decays with {rate:.3g} 1/s, in steps of {h:.3g} s and {dtype} '
             f'at most {largest:.3g} 1/s keep the digits of a velocity: less damping, shorter '
@@ -102,7 +108,8 @@ def inertia_matrices(plant: Plant, q: Array) -> Array:
     """
     robot, (count, n) = plant.robot, q.shape
     H = np.zeros((count, n, n)) + (0.0 if plant.armature is None else np.diag(plant.armature))
-    R, p = np.broadcast_to(np.eye(3), (count, 3, 3)), np.zeros((count, 3))
+    R: Array = np.broadcast_to(np.eye(3), (count, 3, 3))
+    p = np.zeros((count, 3))
     axes, points = np.zeros((n, count, 3)), np.zeros((n, count, 3))
     turning = _turning(robot)
     for i in range(n):

@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import pfd_core as pfd
 
@@ -23,11 +25,11 @@ class Motion:
     The cube starts from rest without a jump in acceleration.
     """
 
-    start: np.ndarray
-    swing: np.ndarray
-    frequency: np.ndarray
+    start: NDArray[Any]
+    swing: NDArray[Any]
+    frequency: NDArray[Any]
 
-    def at(self, t: float | np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def at(self, t: float | NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return position, velocity and acceleration at time t in s: (n,) or (times, n)."""
         angle = np.multiply.outer(t, self.frequency)
         s, c, a, w = np.sin(angle), np.cos(angle), self.swing, self.frequency

@@ -9,8 +9,10 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.demo.bare_timer import missing_share
@@ -30,9 +32,9 @@ TRACKING_LIMIT = 0.1
 class States:
     """All recorded states: times in ns (count,), positions (count, n); messages by role."""
 
-    logged_ns: np.ndarray
-    stamp_ns: np.ndarray
-    position: np.ndarray
+    logged_ns: NDArray[Any]
+    stamp_ns: NDArray[Any]
+    position: NDArray[Any]
     names: tuple[str, ...]
     messages: Counter[str]
 
@@ -141,7 +143,7 @@ def rate_verdict(off: float, bare_off: float) -> tuple[str, list[str]]:
     ]
 
 
-def _show_tracking(names: tuple[str, ...], wanted: np.ndarray, shown: np.ndarray) -> list[str]:
+def _show_tracking(names: tuple[str, ...], wanted: NDArray[Any], shown: NDArray[Any]) -> list[str]:
     if not len(shown):
         return ['the arm never moved']
     error = shown - wanted
@@ -165,7 +167,7 @@ def _show_replay(summary: Summary) -> list[str]:
 
 
 def _plot(
-    path: Path, names: tuple[str, ...], t: np.ndarray, wanted: np.ndarray, shown: np.ndarray
+    path: Path, names: tuple[str, ...], t: NDArray[Any], wanted: NDArray[Any], shown: NDArray[Any]
 ) -> None:
     """Plot commanded and simulated joints, if there is something to plot with."""
     try:

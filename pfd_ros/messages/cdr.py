@@ -12,8 +12,10 @@ Source: OMG DDS-XTYPES 1.3, section 7.4.1 (encoding version 1).
 from __future__ import annotations
 
 import struct
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 HEADER = b'\x00\x01\x00\x00'
 _ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
@@ -33,7 +35,17 @@ class CdrReader:
         self._data = data
         self._at = len(HEADER)
 
-    def _take(self, size: int, align: int) -> int:
+    @property
+    def order(self) -> str:
+        """Byte order of the message, '<' or '>'."""
+        return self._order
+
+    @property
+    def position(self) -> int:
+        """Bytes read so far."""
+        return self._at
+
+    def take(self, size: int, align: int) -> int:
         """Pass over the next `size` bytes from a multiple of `align` on; return their start."""
         start = self._at + (len(HEADER) - self._at) % align
         if start + size > len(self._data):
@@ -52,7 +64,7 @@ class CdrReader:
         return self._integer('I')
 
     def _integer(self, form: str) -> int:
-        value: int = struct.unpack_from(self._order + form, self._data, self._take(4, 4))[0]
+        value: int = struct.unpack_from(self._order + form, self._data, self.take(4, 4))[0]
         return value
 
     def length(self, least: int) -> int:
@@ -72,7 +84,7 @@ class CdrReader:
         if size == 0:
             # Not plain CDR, but some serialisers write an empty string like that.
             return ''
-        start = self._take(size, 1)
+        start = self.take(size, 1)
         data = bytes(self._data[start : start + size])
         if data[-1] != 0:
             raise ValueError(f'string of {size} bytes at byte {start}, expected a closing zero')
@@ -87,7 +99,7 @@ class CdrReader:
         """Return a sequence of strings."""
         return tuple(self.string() for _ in range(self.length(4)))
 
-    def numbers(self, kind: str) -> np.ndarray:
+    def numbers(self, kind: str) -> NDArray[Any]:
         """Return a sequence of eight-byte numbers, (count,); kind 'f8' or 'u8'."""
         count = self.length(8)
         if count == 0:
@@ -95,9 +107,9 @@ class CdrReader:
             return np.zeros(0, kind)
         return self.row(kind, count)
 
-    def row(self, kind: str, count: int) -> np.ndarray:
+    def row(self, kind: str, count: int) -> NDArray[Any]:
         """Return so many eight-byte numbers without a length before them, (count,)."""
-        start = self._take(8 * count, 8)
+        start = self.take(8 * count, 8)
         found = np.frombuffer(self._data, self._order + kind, count, start)
         return found.astype(kind)
 
@@ -133,12 +145,12 @@ class CdrWriter:
         for value in values:
             self.string(value)
 
-    def numbers(self, values: np.ndarray) -> int:
+    def numbers(self, values: NDArray[Any]) -> int:
         """Append a sequence of eight-byte numbers; return the place of its first byte."""
         self.uint32(len(values))
         return self.row(values) if len(values) else len(self.data)
 
-    def row(self, values: np.ndarray) -> int:
+    def row(self, values: NDArray[Any]) -> int:
         """Append eight-byte numbers without their count; return the place of the first byte."""
         self._align(8)
         start = len(self.data)

@@ -13,8 +13,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 import math
 import struct
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.messages.cdr import HEADER, CdrReader, CdrWriter
 
@@ -40,9 +42,9 @@ class JointMessage:
     stamp_ns: int
     frame_id: str
     names: tuple[str, ...]
-    position: np.ndarray
-    velocity: np.ndarray
-    effort: np.ndarray
+    position: NDArray[Any]
+    velocity: NDArray[Any]
+    effort: NDArray[Any]
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ class ArrayMessage:
 
     labels: tuple[str, ...]
     sizes: tuple[int, ...]
-    values: np.ndarray
+    values: NDArray[Any]
 
 
 def decode_array(data: bytes) -> ArrayMessage:
@@ -110,7 +112,7 @@ def _read_layout(reader: CdrReader) -> tuple[tuple[str, ...], tuple[int, ...]]:
     return tuple(labels), tuple(sizes)
 
 
-def decode_floats(data: bytes) -> np.ndarray:
+def decode_floats(data: bytes) -> NDArray[Any]:
     """Return the numbers of a Float64MultiArray, (count,); its layout is skipped."""
     # Most publishers leave the layout empty; then everything has its place.
     if data[: len(_NO_LAYOUT)] == _NO_LAYOUT and len(data) > _FIRST_NUMBER:
@@ -209,7 +211,7 @@ class JointStateEncoder:
         self._arrays = [np.frombuffer(self._data, '<f8', len(names), at) for at in starts]
 
     def encode(
-        self, stamp_ns: int, position: np.ndarray, velocity: np.ndarray, effort: np.ndarray
+        self, stamp_ns: int, position: NDArray[Any], velocity: NDArray[Any], effort: NDArray[Any]
     ) -> bytes:
         """Return the message; the arrays are (n,) in the order of the names."""
         TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
@@ -250,7 +252,7 @@ class ArrayEncoder:
         self._data = writer.data
         self._numbers = np.frombuffer(self._data, '<f8', math.prod(shape), start).reshape(shape)
 
-    def encode(self, values: np.ndarray) -> bytes:
+    def encode(self, values: NDArray[Any]) -> bytes:
         """Return the message; the values have the shape of the layout."""
         self._numbers[:] = values
         return bytes(self._data)

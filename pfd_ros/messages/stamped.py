@@ -9,8 +9,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.messages.cdr import HEADER, CdrReader, CdrWriter
 from pfd_ros.messages.convert import INERTIA, NANOSECONDS, POSE, TIME, WRENCH, headed, read_time
@@ -29,7 +31,7 @@ class StampedMessage:
 
     stamp_ns: int
     frame_id: str
-    values: np.ndarray
+    values: NDArray[Any]
 
 
 def decode_stamped(data: bytes, kind: str) -> StampedMessage:
@@ -60,7 +62,7 @@ class StampedEncoder:
         self._data = writer.data
         self._numbers = np.frombuffer(self._data, '<f8', count, start)
 
-    def encode(self, stamp_ns: int, values: np.ndarray) -> bytes:
+    def encode(self, stamp_ns: int, values: NDArray[Any]) -> bytes:
         """Return the message; the values are (count,)."""
         TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
         self._numbers[:] = values

@@ -23,6 +23,7 @@ from typing import Any, NamedTuple
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 import numpy as np
+from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -90,7 +91,7 @@ class MassKernels:
         self.error_estimate(zero, zero, zero, {})
 
     def error_estimate(
-        self, q: np.ndarray, qd: np.ndarray, tau: np.ndarray, payload: Mapping[str, Any]
+        self, q: NDArray[Any], qd: NDArray[Any], tau: NDArray[Any], payload: Mapping[str, Any]
     ) -> float:
         """Return the relative error of accelerations by the method in use, without refinement."""
         return float(self.accelerations.error_estimate(q, qd, tau, **payload)[1])
@@ -265,7 +266,7 @@ class ArmDiagnostics:
 
 
 def _largest_gains(
-    inertia: np.ndarray, period: float, order: Sequence[int]
+    inertia: NDArray[Any], period: float, order: Sequence[int]
 ) -> list[tuple[str, object]]:
     """Return bounds of stable gains, without delay, in one proportion for all joints."""
     try:

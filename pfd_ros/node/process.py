@@ -4,7 +4,7 @@
 
 rclpy's own signal handlers tear the context down before anything can be closed; so `main.py`
 sets an event instead, and the main thread waits for it here.
-See docs/decisions/0003-executor-and-stepping-thread.md and 0009-a-node-that-goes-on.md.
+See docs/decisions/0003-executor-and-stepping-thread.md and 0009-faults-and-exit-status.md.
 """
 
 from __future__ import annotations

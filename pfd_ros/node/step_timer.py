@@ -11,8 +11,10 @@ from array import array
 from collections.abc import Callable
 from dataclasses import dataclass
 import time
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 # Short delays are made up for, so that the mean rate holds. After a longer stall the arm does
 # not rush through the missed periods: they are counted, and the timer starts anew.
@@ -97,7 +99,9 @@ class StepLengths:
         """Keep the length of a cycle."""
         self._lengths[cycle % self.COUNT] = length_ns
 
-    def newest(self, after: int, last: int) -> np.ndarray:
+    def newest(self, after: int, last: int) -> NDArray[Any]:
         """Return the lengths of the cycles after one, up to another; of the newest at most."""
         first = max(after + 1, last + 1 - self.COUNT)
-        return np.frombuffer(self._lengths, np.int64)[np.arange(first, last + 1) % self.COUNT]
+        lengths = np.frombuffer(self._lengths, np.int64)
+        newest: NDArray[Any] = lengths[np.arange(first, last + 1) % self.COUNT]
+        return newest

@@ -17,6 +17,11 @@ Read, from the bytes to a log:
     head            the metadata records: settings, topics, versions of the software, the ending
     reader          Log: checks the format; messages by role, settings, robot, ending; LogError
 
+Any bag as arrays, `pfd_ros.read_log`:
+
+    bags            messages of MCAP files, of folders of rosbag2 and of SQLite files
+    log_arrays      read_log: arrays by topic and field, in a window of time
+
 A new channel is a row of format.CHANNELS (its role and bytes: see pfd_ros.arm); a new key of the
 head or the end, of HeadKey or EndKey.
 """

@@ -146,7 +146,7 @@ class Log:
             If it cannot be read.
         """
         place = lambda: f' is damaged near byte {self.position}'  # noqa: E731
-        with damage_named(self.path, place), _opened(self.path) as stream:
+        with damage_named(self.path, place), opened(self.path) as stream:
             if self.size < 0:
                 self.size = os.fstat(stream.fileno()).st_size
             self.head_texts = self.end_texts = {}
@@ -256,7 +256,7 @@ def _check_first(found: object, name: str) -> None:
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[BinaryIO]:
+def opened(path: Path) -> Iterator[BinaryIO]:
     """Open a regular file; a pipe or a device would be waited for, or never end."""
     flags = os.O_RDONLY | getattr(os, 'O_NONBLOCK', 0) | getattr(os, 'O_BINARY', 0)
     with open(path, 'rb', opener=lambda name, _: os.open(name, flags)) as stream:

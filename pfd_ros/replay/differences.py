@@ -9,8 +9,10 @@ anything.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.arm.events import STATES, TAKEN_COLUMNS, Source, Verdict
 from pfd_ros.messages import convert
@@ -72,7 +74,7 @@ def _of_values(name: str, recorded: object, computed: object) -> Iterator[str]:
 
 
 def _of_numbers(
-    name: str, recorded: np.ndarray, computed: np.ndarray, places: Sequence[str]
+    name: str, recorded: NDArray[Any], computed: NDArray[Any], places: Sequence[str]
 ) -> Iterator[str]:
     """Yield a difference in numbers, which have a name each and perhaps one together."""
     if len(recorded) != len(computed):

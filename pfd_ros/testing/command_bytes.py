@@ -5,8 +5,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.messages.cdr import CdrWriter
 from pfd_ros.messages.convert import headed
@@ -23,13 +25,13 @@ class EffortArray:
         self._data = writer.data
         self._efforts = np.frombuffer(self._data, '<f8', count, start)
 
-    def encode(self, efforts: np.ndarray) -> bytes:
+    def encode(self, efforts: NDArray[Any]) -> bytes:
         """Return the message with these numbers (n,)."""
         self._efforts[:] = efforts
         return bytes(self._data)
 
 
-def state_bytes(names: Sequence[str], q: np.ndarray, qd: np.ndarray) -> bytes:
+def state_bytes(names: Sequence[str], q: NDArray[Any], qd: NDArray[Any]) -> bytes:
     """Return a JointState of positions and velocities (n,), without a stamp."""
     writer = headed('')
     writer.strings(tuple(names))

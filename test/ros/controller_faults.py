@@ -180,7 +180,7 @@ def told(text: str) -> str:
 def main() -> None:
     from pfd_ros.testing.session import claimed_domain, initialised
 
-    print('| fault | way | fails after [s] | message |\n|---|---|---|---|')
+    print('| fault | runs as | fails after [s] | message |\n|---|---|---|---|')
     with claimed_domain() as domain, initialised(domain):
         for fault in FAULTS:
             for way in WAYS:

@@ -154,6 +154,6 @@ def _base(recorder: Recorder, plant: Plant, frame: Frame) -> tuple[LaneArray, La
 
 
 def _program(recorder: Recorder, name: str, values: LaneArray) -> Program:
-    places: Sequence[tuple[Lanes, int]] = [(value, 0) for value in values.flat]
+    places: Sequence[tuple[Lanes, int]] = [(value, 0) for value in values.ravel().tolist()]
     recorder.output(name, values.shape, places)
     return recorder.program()

@@ -11,20 +11,20 @@ PCGM: H qdd = tau - bias by conjugate gradients, H times a vector by the Newton-
 Lee and Chang 1987, section 3 and Appendix B, after Walker and Orin 1982, method 4; the
 preconditioner is ours. Corrected: a start x_0 other than zero needs w_0 = y - H x_0 (printed: y);
 step 16 goes back to step 7, not to step 5; step 7 leaves x alone (printed: x_1 = tau). The printed
-stops, e = 0 and n trips, are replaced: with rounding e is hardly ever zero beyond one joint, and
-the directions lose their orthogonality, so that beyond three joints most states need more than n
-trips; here the stop is e <= tolerance^2 e_0, and a direction with u't <= 0 ends the iteration. The
-recursive residual that the stop reads is no measure of the error.
+stops, e = 0 and n iterations, are replaced: with rounding e is hardly ever zero beyond one joint,
+and the directions lose their orthogonality, so that beyond three joints most states need more than
+n iterations; here the stop is e <= tolerance^2 e_0, and a direction with u't <= 0 ends the
+iteration. The recursive residual that the stop reads is no measure of the error.
 
 Parallel cost, L = ceil(log2 n), beside that of H u: 5 multiplications, 2 L + 3 additions and
-2 divisions a trip, Jacobi scaling 1 more multiplication. The paper's 49 multiplications and
-14 L + 30 additions a trip leave 7 and 2 L + 4 beside its H u, divisions among them.
+2 divisions an iteration, Jacobi scaling 1 more multiplication. The paper's 49 multiplications and
+14 L + 30 additions an iteration leave 7 and 2 L + 4 beside its H u, divisions among them.
 
-In all, with k trips at n = 6, rotational joints, R_i given, the bias of
+In all, with k iterations at n = 6, rotational joints, R_i given, the bias of
 pfd_core.algorithms.beyond.omega and packed sums in H u: 182 + 47 k multiplications, 2 k divisions,
 189 + 62 k additions and 214 + 116 k routes. The paper has 499 and 621 in all for k = 6 and counts
-no routes; in float64 six joints take 7 to 13 trips to converge, which is 525 to 819 and 623 to 995
-(docs/report/counts.md).
+no routes; in float64 six joints take 7 to 13 iterations to converge, which is 525 to 819 and 623
+to 995 (docs/report/counts.md).
 
 Lane i holds link i + 1 and component i + 1 of every vector; sums lie on lane 0 and are broadcast.
 """
@@ -51,7 +51,7 @@ from pfd_core.model import Plant
 TOLERANCE = 1e-15
 # Walks through directions that rounding has made dependent take a multiple of n; the hardest
 # chains of up to 30 joints need 6 n.
-TRIPS_PER_JOINT, TRIPS_AT_LEAST = 12, 20
+ITERATIONS_PER_JOINT, ITERATIONS_AT_LEAST = 12, 20
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Solution:
     ----------
     x : Lanes
         The solution, component i + 1 on lane i.
-    trips : Lanes
+    iterations : Lanes
         Iterations taken.
     converged : Lanes
         Above zero on lane 0 if the residual fell below the tolerance.
@@ -71,13 +71,13 @@ class Solution:
     """
 
     x: Lanes
-    trips: Lanes
+    iterations: Lanes
     converged: Lanes
 
 
 def default_limit(n: int) -> int:
-    """Return the largest number of trips for n joints."""
-    return TRIPS_PER_JOINT * n + TRIPS_AT_LEAST
+    """Return the largest number of iterations for n joints."""
+    return ITERATIONS_PER_JOINT * n + ITERATIONS_AT_LEAST
 
 
 def conjugate_gradient(
@@ -108,7 +108,7 @@ def conjugate_gradient(
     tolerance : float
         Stop when the (scaled) residual has fallen by this factor.
     at_most : int, optional
-        Largest number of trips; default default_limit(n).
+        Largest number of iterations; default default_limit(n).
 
     """
     with recorder.section('first residual'):
@@ -130,12 +130,12 @@ def conjugate_gradient(
             u = v + broadcast(after / e, 0) * u
             return (x, w, u, after), where(ut, after, 0.0)
 
-    trips_limit = default_limit(recorder.lanes) if at_most is None else at_most
+    limit_of_iterations = default_limit(recorder.lanes) if at_most is None else at_most
     state = (x, w, v, e0)
-    (x, _, _, e), trips = iterate(step, state, e0, trips_limit, floor=limit)
-    with recorder.section('verdict'):
+    (x, _, _, e), iterations = iterate(step, state, e0, limit_of_iterations, floor=limit)
+    with recorder.section('convergence'):
         # One if e <= limit, zero residuals included; NaN fails the comparison with minus one.
-        return Solution(x, trips, where(e - limit, 0.0, where(e + 1.0, 1.0, 0.0)))
+        return Solution(x, iterations, where(e - limit, 0.0, where(e + 1.0, 1.0, 0.0)))
 
 
 def record_pcgm(
@@ -149,7 +149,7 @@ def record_pcgm(
     at_most: int | None = None,
 ) -> Program:
     """
-    Return the program of qdd, (n,), trips and converged, (1,), from q, qd and tau.
+    Return the program of qdd, (n,), iterations and converged, (1,), from q, qd and tau.
 
     Parameters
     ----------
@@ -188,5 +188,5 @@ def record_pcgm(
         at_most=at_most,
     )
     return program_with_outputs(
-        recorder, trips=[solution.trips], converged=[solution.converged], qdd=solution.x
+        recorder, iterations=[solution.iterations], converged=[solution.converged], qdd=solution.x
     )

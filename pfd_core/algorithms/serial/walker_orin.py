@@ -14,7 +14,7 @@ totals only. The last column is our split of the totals: it sums to their formul
 to 3, two misprints apart, if the divisions of the solve are among the multiplications and its n
 square roots are left out, as Table 1 has none (L D L' needs none).
 
-Serial cost, rotational joints, no wrench, n > 1; k trips in method 4:
+Serial cost, rotational joints, no wrench, n > 1; k iterations in method 4:
 
     part      multiplications               additions                   our split of Table 1
     rotation  4n                            2n                          taken as given
@@ -38,8 +38,9 @@ the paper's formulas and printed values:
 
 The linear terms of 1 and 2 are misprints (114 1/2 for 114 1/3, 151 1/2 for 151 1/3, which give
 the printed values and whole numbers for every n); the 12n of method 4 (76 1/2 n^2 + 12n - 21 and
-56n^2 + 87n - 6) does not give the value printed beside it, which 117n would. Method 4 in n trips
-also supposes exact arithmetic: in float64 k is 7 to 12 for n = 6 (docs/report/counts.md).
+56n^2 + 87n - 6) does not give the value printed beside it, which 117n would. Method 4 in n
+iterations also supposes exact arithmetic: in float64 k is 7 to 12 for n = 6
+(docs/report/counts.md).
 
 One register holds one number.
 """
@@ -63,10 +64,10 @@ from pfd_core.model import Plant
 
 # The recursive residual goes on falling where the true one has stopped, at the rounding of H.
 TOLERANCE = 1e-15
-# With rounding the directions lose their orthogonality, and n trips are not enough: skew chains
-# of 32 joints take 90, with masses from 1 to 1e4 140, in float32 ten times as many.
-TRIPS_PER_JOINT = 20
-SPARE_TRIPS = 10
+# With rounding the directions lose their orthogonality, and n iterations are not enough: skew
+# chains of 32 joints take 90, with masses from 1 to 1e4 140, in float32 ten times as many.
+ITERATIONS_PER_JOINT = 20
+SPARE_ITERATIONS = 10
 
 
 def record_walker_orin_1(plant: Plant, schedule: str) -> Program:
@@ -99,13 +100,13 @@ def record_walker_orin_4(
     tolerance : float
         The iteration ends when the residual has fallen by this factor, at least 0 and below 1.
     at_most : int, optional
-        Largest number of trips; default 20 n + 10.
+        Largest number of iterations; default 20 n + 10.
 
     Returns
     -------
     Program
-        Outputs qdd, (n,), `trips`, (1,), the number taken, and `converged`, (1,), one if the
-        residual fell below the tolerance. It is zero if the trips ran out, if H was found not
+        Outputs qdd, (n,), `iterations`, (1,), the number taken, and `converged`, (1,), one if the
+        residual fell below the tolerance. It is zero if the iterations ran out, if H was found not
         positive definite (u'Hu <= 0; qdd is then the iterate so far) or with NaN and infinity.
 
     Raises
@@ -132,13 +133,15 @@ def record_walker_orin_4(
             return _conjugate_step(state, t)
 
     start = (*[recorder.constant(0.0)] * n, *y, *y, first)
-    limit = TRIPS_PER_JOINT * n + SPARE_TRIPS if at_most is None else at_most
-    state, trips = iterate(step, start, first, limit, floor=enough)
+    limit = ITERATIONS_PER_JOINT * n + SPARE_ITERATIONS if at_most is None else at_most
+    state, iterations = iterate(step, start, first, limit, floor=enough)
     with recorder.section('status'):
         # NaN is not above `enough`; like infinity, it fails the test of 1 / (1 + e).
         finite = where(1.0 / (1.0 + state[-1]), 1.0, 0.0)
         converged = where(state[-1] - enough, 0.0, finite)
-    return program_with_outputs(recorder, qdd=state[:n], trips=[trips], converged=[converged])
+    return program_with_outputs(
+        recorder, qdd=state[:n], iterations=[iterations], converged=[converged]
+    )
 
 
 def _direct(plant: Plant, schedule: str, inertia_matrix: Callable[[Chain], Triangle]) -> Program:

@@ -107,8 +107,8 @@ class _Repeat:
     """
     The repeated part of a program while it is written.
 
-    `rows` are its rows and, last, the number of trips, which a program reads as row -1; `begun`
-    are their values at the beginning of a trip.
+    `rows` are its rows and, last, the number of iterations, which a program reads as row -1;
+    `begun` are their values at the beginning of an iteration.
     """
 
     def __init__(self, ir: Function, form: Format, operands: Sequence[str], at_most: int) -> None:
@@ -121,14 +121,14 @@ class _Repeat:
         self.begun = [row.value for row in self.rows]
 
     def end(self, following: Sequence[str]) -> None:
-        """Finish a trip with the rows for the next one."""
+        """Finish an iteration with the rows for the next one."""
         ir, form = self._ir, self._form
         T, zero = form.type, form.zero
-        *rows, trips = self.rows
+        *rows, iterations = self.rows
         on = ir.let(f'fcmp ogt {T} {rows[-1]}, {self._floor}')
         for row, value in zip(rows, following, strict=True):
             row.value = form.select(ir, on, value, row.value)
         one = form.select(ir, on, form.constant(1.0), zero)
-        trips.value = ir.let(f'fadd {T} {trips}, {one}')
+        iterations.value = ir.let(f'fadd {T} {iterations}, {one}')
         self._again.value = form.any(ir, ir.let(f'fcmp ogt {T} {rows[-1]}, {self._floor}'))
         self._stack.close()

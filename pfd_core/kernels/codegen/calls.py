@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Writer of a function that runs texts and dynamics on arrays, by their names.
+Writer of a function that calls programs and dynamics on named arrays.
 
-A text is a procedure, whose inputs and outputs are arrays of the same names; dynamics are
-@evaluate_NAME. The function holds the arrays, and says in which order all run, and for how long.
+A program is a procedure whose inputs and outputs are arrays of the same names; dynamics are
+@evaluate_NAME. The function owns the arrays and determines the order and number of calls.
 """
 
 from __future__ import annotations
@@ -16,21 +16,21 @@ from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.spelling import Array, Format, arguments
 from pfd_core.machine.program import Program
 
-# Arrays of one number for each arm; all others have one for each joint.
+# Arrays with one number per arm; all others have one per joint.
 SINGLE = ('watch', 'busy', 'hits', 'still', 'again', 'event', 'rest', 'rest.end')
 
 
 class Calls:
     """
-    Writer of one function: its arrays by name, and the texts and dynamics that run on them.
+    Writer of one function: named arrays, and the programs and dynamics called on them.
 
     Parameters
     ----------
     head : str
         Result and name of the function, as `define internal void @step`.
     given : sequence of str
-        Arrays that are parameters; others are made on the stack when they are first used.
-    texts, dynamics : dict
+        Arrays that are parameters; others are allocated on the stack at their first use.
+    programs, dynamics : dict
         Lowered programs by name; the dynamics under the suffix of their @evaluate.
     form : Format
         Number format and width.
@@ -41,14 +41,14 @@ class Calls:
         self,
         head: str,
         given: Sequence[str],
-        texts: Mapping[str, Program],
+        programs: Mapping[str, Program],
         dynamics: Mapping[str, Program],
         form: Format,
     ) -> None:
         self.ir = Function(f'{head}({", ".join(f"ptr %{name}" for name in given)})')
         self._arrays = {name: f'%{name}' for name in given}
-        self._texts, self._dynamics, self._form = texts, dynamics, form
-        self._n = dynamics['_held'].inputs['q']
+        self._programs, self._dynamics, self._form = programs, dynamics, form
+        self._n = dynamics['_braked'].inputs['q']
 
     def address(self, name: str) -> str:
         """Return the address of an array."""
@@ -57,7 +57,7 @@ class Calls:
         return self._arrays[name]
 
     def size(self, name: str) -> int:
-        """Return the numbers of an array for each arm."""
+        """Return the length of an array per arm."""
         return 1 if name in SINGLE else self._n
 
     def fill(self, name: str, value: float) -> None:
@@ -71,21 +71,21 @@ class Calls:
             value = self._form.read(self.ir, Array(self.address(source)), k)
             self._form.write(self.ir, Array(self.address(target)), k, value)
 
-    def run(self, text: str, **arrays: str) -> None:
-        """Run a text on the arrays of its names, or of other names if given."""
-        program = self._texts[text]
-        self.call(text, [arrays.get(name, name) for name in (*program.inputs, *program.outputs)])
+    def run(self, name: str, **arrays: str) -> None:
+        """Call a program on the arrays of its names, or on other arrays if given."""
+        program = self._programs[name]
+        self.call(name, [arrays.get(key, key) for key in (*program.inputs, *program.outputs)])
 
     def motor(self, q: str, qd: str, tau: str) -> str:
-        """Return the array of the motors' torques under commanded ones at some state."""
+        """Return the array of motor torques for commanded torques at a state."""
         if '_motor' not in self._dynamics:
             return tau
         self.evaluate('_motor', 'motor', q=q, qd=qd, tau=tau)
         return 'motor'
 
     def effort(self, qd: str, tau: str) -> str:
-        """Return the array of torques less the friction at some velocities."""
-        if 'effort' not in self._texts:
+        """Return the array of torques minus friction."""
+        if 'effort' not in self._programs:
             return tau
         self.run('effort', qd=qd, tau=tau)
         return 'effort'
@@ -95,26 +95,25 @@ class Calls:
         self.ir.call('void', function, *(f'ptr {self.address(name)}' for name in names))
 
     def evaluate(self, suffix: str, result: str, **arrays: str) -> None:
-        """Evaluate dynamics: inputs are the arrays of their names, or of other names if given."""
+        """Evaluate dynamics on the arrays of their names, or on other arrays if given."""
         names = arguments(self._dynamics[suffix])
         self.call(f'evaluate{suffix}', [*(arrays.get(name, name) for name in names), result])
 
     def any(self, name: str) -> str:
-        """Return an i1: whether a number is above zero for any of `width` arms."""
+        """Return an i1, true if a number is above zero for any of `width` arms."""
         value = self._form.read(self.ir, Array(self.address(name)), 0)
         above = self.ir.let(f'fcmp ogt {self._form.type} {value}, {self._form.zero}')
         return self._form.any(self.ir, above)
 
     @contextmanager
     def while_any(self, name: str, at_most: int) -> Iterator[None]:
-        """Repeat the body, at least once, while a number is above zero for any arm."""
+        """Repeat the body while a number is above zero for any arm, at least once."""
         again = Variable('i1', 'true')
         with self.ir.loop(at_most, condition=again):
             yield
             again.value = self.any(name)
 
-    @property
-    def text(self) -> str:
-        """The whole function."""
+    def finish(self) -> str:
+        """End the function and return its IR."""
         self.ir.ret()
         return str(self.ir)

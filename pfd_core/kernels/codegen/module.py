@@ -26,9 +26,9 @@ from pfd_core.kernels.codegen.linear_step import linear_step, linearisation, sta
 from pfd_core.kernels.codegen.product import factors_body, jacobian, product, vector_widths
 from pfd_core.kernels.codegen.python_entry import batch_entry_ir, entry_ir
 from pfd_core.kernels.codegen.rollout import accelerations, rollout
+from pfd_core.kernels.codegen.segments import Contact
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.codegen.step import brake, extra_arguments, further_rows, step
-from pfd_core.kernels.codegen.trips import Contact
 from pfd_core.kernels.codegen.wrap import WRAP_ANGLE_IR
 from pfd_core.machine.program import Program
 

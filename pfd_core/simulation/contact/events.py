@@ -1,16 +1,17 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Events: the end of a trip, and the trip cut at the earliest event in it.
+Events: the end of a segment, and the segment cut at the earliest event in it.
 
-The modes of the joints are fixed over a trip, whose length is the rest of the step. If a sliding
-joint reverses in it, or a joint passes its stop, the trip is cut at the earliest such event, found
-on the polynomials of pfd_core.simulation.contact.schemes. At the event the velocity is 0.0, or the
-position the stop, exactly. A step has as many trips as it has events, up to MOST_TRIPS. Beyond
-that it is given up: the velocities become NaN, and the row `unfinished` of the state is set.
+The modes of the joints are fixed over a segment, whose length is the rest of the step. If a
+sliding joint reverses in it, or a joint passes its stop, the segment is cut at the earliest such
+event, found on the polynomials of pfd_core.simulation.contact.schemes. At the event the velocity
+is 0.0, or the position the stop, exactly. A step has as many segments as it has events, up to
+MOST_SEGMENTS. Beyond that the step fails: the velocities become NaN, and the row `unfinished` of
+the state is set.
 
-A joint that turns within a trip may have been beyond its stop: the polynomial's minimum decides.
-A joint that begins at rest or at its stop has a root at t = 0, which is divided out.
+A joint that turns within a segment may have been beyond its stop: the polynomial's minimum
+decides. A joint that begins at rest or at its stop has a root at t = 0, which is divided out.
 
 One register holds one number; flags are 1 or 0.
 """
@@ -40,18 +41,18 @@ from pfd_core.simulation.contact.modes import (
 )
 from pfd_core.simulation.contact.schemes import Cubic, Scheme
 
-# Largest number of trips in a step. A joint that bounces to the least height
+# Largest number of segments in a step. A joint that bounces to the least height
 # (pfd_core.simulation.contact.impacts) under 800 rad/s^2 without loss has this many in 1 ms.
-MOST_TRIPS = 10_000
-# Trips of Newton's method in a bracket; bisection alone would need 53.
-ROOT_TRIPS = 60
-# Part of a trip within which an event is found: a few units of rounding.
+MOST_SEGMENTS = 10_000
+# Iterations of Newton's method in a bracket; bisection alone would need 53.
+ROOT_ITERATIONS = 60
+# Tolerance of the time of an event, as a fraction of a segment: a few units of rounding.
 ROOT_TOLERANCE = {'float64': 2.0**-51, 'float32': 2.0**-22}
 
 
 def record_end(plant: Plant, scheme: Scheme) -> Program:
     """
-    Return the program of the end of a trip.
+    Return the program of the end of a segment.
 
     Inputs are q, qd, the stages, direction and, (1,), rest. Outputs are q.end = q + dq, dq,
     qd.end, stopped, zeros, and, (1,), rest.end = 0 and `event`: whether a joint may have reversed
@@ -80,12 +81,12 @@ def record_end(plant: Plant, scheme: Scheme) -> Program:
 
 def record_cut(plant: Plant, scheme: Scheme, dtype: str) -> Program:
     """
-    Return the program that cuts a trip at its earliest event.
+    Return the program that cuts a segment at its earliest event.
 
-    Inputs are those of `record_end` and its results. Outputs are the results for the shorter trip,
-    and `stopped`, flags of the joints that have reached their stop. With `scheme.sticks` there are
-    flags `sticks`: a trip in which a joint reverses that was at rest, or passes a stop at which it
-    was at rest, begins again with that joint held.
+    Inputs are those of `record_end` and its results. Outputs are the results for the shorter
+    segment, and `stopped`, flags of the joints that have reached their stop. With `scheme.sticks`
+    there are flags `sticks`: a segment in which a joint reverses that was at rest, or passes a
+    stop at which it was at rest, is repeated with that joint sticking.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
@@ -150,11 +151,11 @@ def record_cut(plant: Plant, scheme: Scheme, dtype: str) -> Program:
 
 def record_commit(n: int, compensated: bool, lagging: bool) -> Program:
     """
-    Return the program of the state after a trip; a finished step keeps its own.
+    Return the program of the state after a segment; a finished step keeps its own.
 
     Inputs and outputs are q, qd, rest and the further rows of the state. With q_low the position
-    is the sum q + q_low + dq, whose rounding error is kept (pfd_core.simulation.rows), but where a
-    joint was stopped, as `stopped` says.
+    is the sum q + q_low + dq, whose rounding error is kept (pfd_core.simulation.rows), except for
+    joints flagged in `stopped`.
     """
     recorder = Recorder(1, 'sequential')
 
@@ -191,7 +192,7 @@ def record_unfinished(n: int) -> Program:
     """
     Return the program of a step that had too many events; inputs are qd, unfinished and rest.
 
-    Outputs are qd, NaN, and unfinished, 1, for an arm with a rest of its step left.
+    Outputs are qd, NaN, and unfinished, 1, for an arm whose step is incomplete.
     """
     recorder = Recorder(1, 'sequential')
     qd, unfinished = (input_list(recorder, name, n) for name in ('qd', 'unfinished'))
@@ -218,7 +219,7 @@ class _Event:
         return result
 
     def polynomial(self, position: Sequence[Cubic], velocity: Sequence[Cubic]) -> Cubic:
-        """Return the coefficients of the function over a trip, from the constant one on."""
+        """Return the coefficients of the function over a segment, from the constant one on."""
         row = list((velocity if self.stop is None else position)[self.joint])
         if self.stop is not None:
             row[0] = row[0] - self.stop
@@ -248,7 +249,7 @@ def _deflated(c: Cubic) -> Cubic:
 
 
 def _minimum(c: Cubic) -> tuple[Lanes, Lanes]:
-    """Return whether a polynomial falls at 0 and rises at 1, and the place of the minimum then."""
+    """Return whether a polynomial falls at 0 and rises at 1, and the argument of its minimum."""
     rises = c[1] + (2.0 * c[2] + 3.0 * c[3])
     root = sqrt(c[2] * c[2] - 3.0 * (c[1] * c[3]))
     return both(sign_of(-c[1]), sign_of(rises)), -c[1] / (c[2] + root)
@@ -278,7 +279,7 @@ def _roots(
     count = len(functions)
     zero, one = (passed[0].recorder.constant(x) for x in (0.0, 1.0))
 
-    def trip(*state: Lanes) -> tuple[tuple[Lanes, ...], Lanes]:
+    def iteration(*state: Lanes) -> tuple[tuple[Lanes, ...], Lanes]:
         following: list[Lanes] = []
         furthest = zero
         for k, c in enumerate(functions):
@@ -296,5 +297,5 @@ def _roots(
         return tuple(following), furthest
 
     start = tuple(x for end in ends for x in (zero, end, end))
-    state, _ = iterate(trip, start, one, ROOT_TRIPS, one * tolerance)
+    state, _ = iterate(iteration, start, one, ROOT_ITERATIONS, one * tolerance)
     return [state[3 * k + 2] for k in range(count)]

@@ -29,8 +29,10 @@ One register holds one number; flags are 1 or 0.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, sqrt, where
@@ -83,20 +85,20 @@ def record_compression(plant: Plant) -> Program:
     """
     Return the program of the beginning of a compression.
 
-    Inputs are q, unlocked and, (1,), hits. Outputs are those of `record_modes` of
+    Inputs are q, unbraked and, (1,), hits. Outputs are those of `record_modes` of
     pfd_core.simulation.contact.modes.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
-    q, unlocked = (input_list(recorder, name, n) for name in ('q', 'unlocked'))
+    q, unbraked = (input_list(recorder, name, n) for name in ('q', 'unbraked'))
     (hits,) = input_list(recorder, 'hits', 1)
     zeros = [recorder.constant(0.0)] * n
     at_lower, at_upper = at_stops(plant, q)
-    candidate = [both(unlocked[i], either(at_lower[i], at_upper[i])) for i in range(n)]
+    candidate = [both(unbraked[i], either(at_lower[i], at_upper[i])) for i in range(n)]
     return program_with_outputs(
         recorder,
         direction=zeros,
-        moving=[where(candidate[i], 0.0, unlocked[i]) for i in range(n)],
+        moving=[where(candidate[i], 0.0, unbraked[i]) for i in range(n)],
         candidate=candidate,
         lower=[where(at_upper[i], -math.inf, 0.0) for i in range(n)],
         upper=[where(at_lower[i], math.inf, 0.0) for i in range(n)],
@@ -129,20 +131,20 @@ def record_restitution(plant: Plant) -> Program:
     Return the program of the velocities after a restitution.
 
     Inputs are q, `before`, the velocities before the impact, x = v0, impulse, thrown,
-    returned = H^-1 E p, unlocked and, (1,), hits. Outputs are qd, as before without a hit, and
+    returned = H^-1 E p, unbraked and, (1,), hits. Outputs are qd, as before without a hit, and
     `still`, (1,): whether a joint still moves into its stop.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
-    names = ('q', 'before', 'x', 'impulse', 'thrown', 'returned', 'unlocked')
-    q, qd, v0, p, thrown, returned, unlocked = (input_list(recorder, m, n) for m in names)
+    names = ('q', 'before', 'x', 'impulse', 'thrown', 'returned', 'unbraked')
+    q, qd, v0, p, thrown, returned, unbraked = (input_list(recorder, m, n) for m in names)
     (hits,) = input_list(recorder, 'hits', 1)
     lost = sum((p[i] * (v0[i] - qd[i]) for i in range(1, n)), p[0] * (v0[0] - qd[0]))
     gained = sum((thrown[i] * returned[i] for i in range(1, n)), thrown[0] * returned[0])
     # Both are above zero but for rounding.
     alpha = where(lost, where(gained - lost, sqrt(lost / gained), 1.0), 0.0)
     after = [where(hits, v0[i] + alpha * returned[i], qd[i]) for i in range(n)]
-    still = [both(unlocked[i], flag) for i, flag in enumerate(into_stops(plant, q, after))]
+    still = [both(unbraked[i], flag) for i, flag in enumerate(into_stops(plant, q, after))]
     return program_with_outputs(recorder, qd=after, still=[any_of(still)])
 
 
@@ -175,5 +177,5 @@ def record_inelastic(n: int) -> Program:
     return program_with_outputs(recorder, qd=[where(hits, x[i], qd[i]) for i in range(n)])
 
 
-def _restitution(plant: Plant) -> np.ndarray:
+def _restitution(plant: Plant) -> NDArray[Any]:
     return np.zeros(plant.robot.n) if plant.restitution is None else plant.restitution

@@ -1,11 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Motors that follow their command with a lag, over the trips of a step.
+Motors that follow their command with a lag, over the segments of a step.
 
     tau(t) = u + (tau - u) exp(-t/T)
 
-Over a whole step the exponentials are constants. A trip that begins or ends at an event has any
+Over a whole step the exponentials are constants. A segment that begins or ends at an event has any
 length r; its exponential is the approximation
 
     exp(-z) = (1 - z/3) / (1 + 2 z/3 + z^2/6),   z = r/T
@@ -29,10 +29,10 @@ from pfd_core.model.checked_numbers import Array
 
 def record_lag(plant: Plant, h: float, middle: float, at_middle: Array, at_end: Array) -> Program:
     """
-    Return the program of the torques tau.begin, tau.mid and tau.end of a trip, (n,).
+    Return the program of the torques tau.begin, tau.mid and tau.end of a segment, (n,).
 
-    Inputs are tau, the command, tau_motor and, (1,), rest. The exponentials of a trip of a whole
-    step h after its part `middle`, and at its end, are given.
+    Inputs are tau, the command, tau_motor and, (1,), rest. The exponentials of a segment of a
+    whole step h after its part `middle`, and at its end, are given.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
@@ -41,7 +41,7 @@ def record_lag(plant: Plant, h: float, middle: float, at_middle: Array, at_end: 
     parts = []
     for part, exact in ((middle, at_middle), (1.0, at_end)):
         decay = _decays(plant, rest * part)
-        # No trip is longer than a step.
+        # No segment is longer than a step.
         decay = [where(h - rest, d, float(e)) for d, e in zip(decay, exact, strict=True)]
         parts.append(_followed(plant, command, motor, decay))
     begin = _followed(plant, command, motor, [recorder.constant(1.0)] * n)
@@ -52,7 +52,7 @@ def record_lag(plant: Plant, h: float, middle: float, at_middle: Array, at_end: 
 
 def record_follow(plant: Plant) -> Program:
     """
-    Return the program of motor.end, (n,), the torques at the end of a trip that was cut.
+    Return the program of motor.end, (n,), the torques at the end of a segment that was cut.
 
     Inputs are tau, tau_motor, tau.end and, (1,), event, rest and rest.end.
     """

@@ -1,26 +1,27 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Modes of the joints: which slide, which are held, and by which bounds.
+Modes of the joints: which slide, which stick, and within which bounds.
 
     H x = c + lambda,   lower <= lambda <= upper where x = 0
 
-is the problem of holding (x the accelerations, c = tau - bias) and that of an impact (x the
-velocities after it, c = H qd). Both are the stationary conditions of a strictly convex function,
-x'Hx/2 - c'x plus convex terms of single joints, so that the solution is one and always there.
+is the problem of sticking (x the accelerations, c = tau - bias) and of an impact (x the velocities
+after it, c = H qd). Both are the optimality conditions of a strictly convex function, x'Hx/2 - c'x
+plus convex terms of single joints, so the solution exists and is unique.
 
-A joint is at rest exactly if its velocity is 0.0; then it is a candidate for being held, by static
-friction, by a stop, or by both. A primal active set starts with all candidates held and changes
-one joint at a time (`pivot`):
+A joint is at rest exactly if its velocity is 0.0. Then static friction, a stop or both may hold
+it: it is a candidate. A primal active set starts with all candidates sticking and changes one
+joint at a time (`pivot`):
 
-    released joints whose x has the wrong sign     the first on the way from the last feasible x is
-                                                   held again
-    otherwise                                      the held joint with the largest excess of lambda
-                                                   over its bounds is released
+    released joints whose x has the wrong sign     the first one on the line from the last feasible
+                                                   x sticks again
+    otherwise                                      the sticking joint whose lambda exceeds its
+                                                   bounds most is released
 
-Every change with a way above zero lowers the function, and a joint that is held again without one
-stays held, so that no set comes twice. The solution for a set is the forward dynamics of a scene
-with brakes, lambda is inverse dynamics minus the load; neither needs the inertia matrix itself.
+Each change with a nonzero step strictly decreases the objective, and a joint that sticks again
+after a zero step is not released again, so no active set repeats. The solution for a set is the
+forward dynamics of a scene with brakes; lambda is inverse dynamics minus the load. Neither needs
+the inertia matrix itself.
 
 Nocedal and Wright, Numerical Optimization, 2nd ed., 16.5 (active sets).
 
@@ -49,7 +50,7 @@ def record_watch(plant: Plant) -> Program:
     """
     Return the program of `watch`, (1,): whether a joint may be at rest or at a stop.
 
-    Inputs are q and qd. It is the short way past the texts that only such joints need.
+    Inputs are q and qd. If it is 0, the programs for such joints are skipped.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
@@ -72,21 +73,22 @@ def record_modes(plant: Plant, sticks: bool) -> Program:
     """
     Return the program of the modes in which an integration begins.
 
-    Inputs are q, qd and unlocked, 0 for a joint that a brake holds. Outputs, (n,): moving, 0 for a
-    held joint; candidate; lower and upper, the bounds of a candidate's lambda; last and barred,
-    zeros, for `record_pivot`. Output, (1,): busy, whether any joint is a candidate. With `sticks`
-    there is an input of this name, flags of the joints that are not released in this step.
+    Inputs are q, qd and unbraked, 0 for a braked joint. Outputs, (n,): moving, 0 for a braked or
+    sticking joint; candidate; lower and upper, the bounds of a candidate's lambda; last and
+    barred, zeros, for `record_pivot`. Output, (1,): busy, whether any joint is a candidate. With
+    `sticks` there is an input of this name, flags of the joints that are not released in this
+    step.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
-    q, qd, unlocked = (input_list(recorder, name, n) for name in ('q', 'qd', 'unlocked'))
+    q, qd, unbraked = (input_list(recorder, name, n) for name in ('q', 'qd', 'unbraked'))
     zero = recorder.constant(0.0)
     friction = np.zeros(n) if plant.static_friction is None else plant.static_friction
     bound = [recorder.constant(f) for f in friction.tolist()]
     at_lower, at_upper = at_stops(plant, q)
     resting = [negated(absolute(v)) for v in qd]
     bounded = [either(sign_of(bound[i]), either(at_lower[i], at_upper[i])) for i in range(n)]
-    candidate = [both(unlocked[i], both(resting[i], bounded[i])) for i in range(n)]
+    candidate = [both(unbraked[i], both(resting[i], bounded[i])) for i in range(n)]
     lower = [where(at_upper[i], -math.inf, -bound[i]) for i in range(n)]
     upper = [where(at_lower[i], math.inf, bound[i]) for i in range(n)]
     if sticks:
@@ -95,7 +97,7 @@ def record_modes(plant: Plant, sticks: bool) -> Program:
         upper = [where(flag, math.inf, x) for flag, x in zip(stuck, upper, strict=True)]
     return program_with_outputs(
         recorder,
-        moving=[where(candidate[i], 0.0, unlocked[i]) for i in range(n)],
+        moving=[where(candidate[i], 0.0, unbraked[i]) for i in range(n)],
         candidate=candidate,
         lower=lower,
         upper=upper,
@@ -107,7 +109,7 @@ def record_modes(plant: Plant, sticks: bool) -> Program:
 
 def record_pivot(n: int) -> Program:
     """
-    Return the program of one change of the set of held joints.
+    Return the program of one change of the active set.
 
     Inputs, (n,): x, the solution for the set, torque = H x + bias, load = c + bias, and the
     outputs of `record_modes` and `record_directions`. Outputs are those that change.
@@ -121,7 +123,7 @@ def record_pivot(n: int) -> Program:
     (busy,) = input_list(recorder, 'busy', 1)
     zero, one = recorder.constant(0.0), recorder.constant(1.0)
 
-    # The way to x until the first released joint has come to zero, as a part of it.
+    # The fraction of the step to x at which the first released joint comes to zero.
     wrong = [both(both(candidate[i], moving[i]), negated(direction[i] * x[i])) for i in range(n)]
     ways = [last[i] - x[i] for i in range(n)]
     shares = [where(absolute(ways[i]), last[i] / ways[i], 0.0) for i in range(n)]
@@ -131,7 +133,7 @@ def record_pivot(n: int) -> Program:
     held_again = list(map(both, first_equal(parts, part), [blocked] * n))
     halfway = [where(held_again[i], 0.0, last[i] + part * (x[i] - last[i])) for i in range(n)]
 
-    # The held joint that needs more than its bounds allow.
+    # The sticking joint whose lambda exceeds its bounds most.
     lam = [t - c for t, c in zip(torque, load, strict=True)]
     above = [lam[i] - upper[i] for i in range(n)]
     below = [lower[i] - lam[i] for i in range(n)]

@@ -10,10 +10,11 @@ Schemes: integrators whose steps can be cut at events, for joints in fixed modes
             v to v': slopes at the beginning are steep under strong damping; for a joint that
             leaves its stop the parabola through q and q' with the slope r v
 
-Both run over a trip of length r, the rest of the step. The implicit damping of imex2 solves with
-H + c h D, h the whole step, also over a shorter trip. That and the chords are errors of order
-h^2, once for each event, so that the motion is of second order all the same. It also makes the
-modes differ from the motion: a joint at rest that they release may move the other way (`sticks`).
+Both run over a segment of length r, the rest of the step. The implicit damping of imex2 solves
+with H + c h D, h the whole step, also over a shorter segment. That and the chords are errors of
+order h^2, once for each event, so that the motion is of second order all the same. It also makes
+the modes differ from the motion: a joint at rest that they release may move the other way
+(`sticks`).
 
 Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd ed., II.6.
 
@@ -28,7 +29,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
-from pfd_core.kernels.codegen.trips import Stage
+from pfd_core.kernels.codegen.segments import Stage
 from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
@@ -46,31 +47,31 @@ VELOCITIES = ('qd', 'qd2', 'qd3', 'qd4')
 @dataclass(frozen=True)
 class Scheme:
     """
-    An integrator over a trip.
+    An integrator over a segment.
 
     Attributes
     ----------
     stages : tuple of Stage
-        Texts and evaluations of a trip, in their order.
+        Programs and evaluations of a segment, in order.
     middle : float
-        Part of a trip at which the stages with the torque `tau.mid` are.
-    texts : callable
-        texts(plant) returns the programs of the stages by name.
+        Part of a segment at which the stages with the torque `tau.mid` are.
+    programs : callable
+        programs(plant) returns the programs of the stages by name.
     end : callable
         end(recorder, n) returns the change of q, and qd at the end.
     output : callable
-        output(recorder, n, at_stop) returns q and qd over the trip, a polynomial for each joint;
-        at_stop are flags of the joints that begin at a stop.
+        output(recorder, n, at_stop) returns q and qd over the segment, a polynomial for each
+        joint; at_stop are flags of the joints that begin at a stop.
     sticks : bool
         Whether the acceleration at the beginning may have another sign than the change of the
-        velocity over a trip of any length: a joint that is released then reverses at once. It
+        velocity over a segment of any length: a joint that is released then reverses at once. It
         stays at rest until the step ends.
 
     """
 
     stages: tuple[Stage, ...]
     middle: float
-    texts: Callable[[Plant], dict[str, Program]]
+    programs: Callable[[Plant], dict[str, Program]]
     end: Callable[[Recorder, int], tuple[list[Lanes], list[Lanes]]]
     output: Callable[[Recorder, int, list[Lanes]], tuple[list[Cubic], list[Cubic]]]
     sticks: bool
@@ -87,7 +88,7 @@ def _rest(recorder: Recorder) -> Lanes:
 # The classical method.
 
 
-def _rk4_texts(plant: Plant) -> dict[str, Program]:
+def _rk4_programs(plant: Plant) -> dict[str, Program]:
     return {f'stage{stage}': _rk4_stage(plant.robot.n, stage) for stage in (2, 3, 4)}
 
 
@@ -138,7 +139,7 @@ RK4 = Scheme(
         Stage('stage4', 'qdd4', q='at', qd='qd4', tau='tau.end'),
     ),
     middle=0.5,
-    texts=_rk4_texts,
+    programs=_rk4_programs,
     end=_rk4_end,
     output=_rk4_output,
     sticks=False,
@@ -148,7 +149,7 @@ RK4 = Scheme(
 def imex2(c: float, d: float) -> Scheme:
     """Return ARS(2, 2, 2) of diagonal coefficient c and first weight d."""
 
-    def texts(plant: Plant) -> dict[str, Program]:
+    def programs(plant: Plant) -> dict[str, Program]:
         return {
             'implicit1': _first_implicit(plant, c),
             'explicit2': _second_explicit(plant.robot.n, c),
@@ -169,7 +170,7 @@ def imex2(c: float, d: float) -> Scheme:
             Stage('implicit2', 'imex.solved2', q='at', qd='zero', tau='load', function='_stiff'),
         ),
         middle=c,
-        texts=texts,
+        programs=programs,
         end=end,
         output=_chords,
         sticks=True,

@@ -1,6 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The guide about the arm beside a controller: its commands run, with replicas of ros2_control."""
+"""Commands of the guide about the arm alongside a controller run, with replicas of
+ros2_control."""
 
 from __future__ import annotations
 
@@ -23,7 +24,7 @@ from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.replay.verify import read
 
-TEXT = (ROOT / 'docs' / 'guides' / 'beside-a-controller.md').read_text(encoding='utf-8')
+TEXT = (ROOT / 'docs' / 'guides' / 'alongside-a-controller.md').read_text(encoding='utf-8')
 ARM = ('shoulder', 'elbow')
 
 

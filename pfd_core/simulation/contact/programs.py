@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The texts of a step with dry friction and joint stops, by the names that the step runs them."""
+"""The programs of a step with dry friction and joint stops, by name."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def has_contact(plant: Plant) -> bool:
     return plant.friction is not None or plant.joint_limits is not None
 
 
-def contact_texts(
+def contact_programs(
     plant: Plant,
     scheme: Scheme,
     dtype: str,
@@ -47,7 +47,7 @@ def contact_texts(
     decays: tuple[Array, Array] | None,
 ) -> dict[str, Program]:
     """
-    Return the texts that a plant with dry friction or joint stops needs.
+    Return the programs that a plant with dry friction or joint stops needs.
 
     Parameters
     ----------
@@ -67,26 +67,26 @@ def contact_texts(
 
     """
     n = plant.robot.n
-    texts = {
+    programs = {
         'watch': record_watch(plant),
         'directions': record_directions(n),
         'modes': record_modes(plant, scheme.sticks),
         'pivot': record_pivot(n),
-        **scheme.texts(plant),
+        **scheme.programs(plant),
         'end': record_end(plant, scheme),
         'cut': record_cut(plant, scheme, dtype),
         'commit': record_commit(n, compensated, plant.motor_lag is not None),
         'unfinished': record_unfinished(n),
     }
     if decays is not None:
-        texts['lag'] = record_lag(plant, h, scheme.middle, *decays)
-        texts['follow'] = record_follow(plant)
+        programs['lag'] = record_lag(plant, h, scheme.middle, *decays)
+        programs['follow'] = record_follow(plant)
     if scheme is not RK4:
-        texts['drive'] = record_drive(plant)
+        programs['drive'] = record_drive(plant)
     if plant.friction is not None:
-        texts['effort'] = record_effort(plant)
+        programs['effort'] = record_effort(plant)
     if plant.joint_limits is not None:
-        texts |= {
+        programs |= {
             'hits': record_hits(plant, dtype),
             'compression': record_compression(plant),
             'impulses': record_impulses(plant),
@@ -94,4 +94,4 @@ def contact_texts(
             'settling': record_settling(n),
             'inelastic': record_inelastic(n),
         }
-    return texts
+    return programs

@@ -1,0 +1,244 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Messages of any bag: recordings of this node, other MCAP files, folders of rosbag2, SQLite files.
+
+A bag comes from anywhere: sizes are bounded before anything is read, and each error names the
+file. MCAP is read by `mcap_stream`, SQLite by Python's own module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing, suppress
+from dataclasses import dataclass, field
+import os
+from pathlib import Path
+import sqlite3
+import stat
+from typing import NamedTuple
+
+from mcap.records import Attachment, Channel, Message, Metadata, Schema
+import yaml
+
+from pfd_ros.messages.definitions import full_text
+from pfd_ros.recording.format import MESSAGE_ENCODING, RECORD_BYTES, SCHEMA_ENCODING
+from pfd_ros.recording.mcap_stream import CutOffError, McapStream
+from pfd_ros.recording.reader import LogError, damage_named, opened
+from pfd_ros.text import cut
+
+# Bounds of foreign bags, above what robots record.
+TOPIC_LIMIT = 4096
+FILE_LIMIT = 4096
+DESCRIPTION = 'metadata.yaml'
+DESCRIPTION_BYTES = 1 << 20
+DATABASES = ('.db3', '.sqlite3')
+
+
+@dataclass
+class Topic:
+    """A topic of a bag: the type of its messages, and that type's definition, '' if unknown."""
+
+    name: str
+    type: str
+    encoding: str
+    definition: str
+    qos: str = ''
+
+
+class BagMessage(NamedTuple):
+    """One message with its times, ns."""
+
+    topic: str
+    log_ns: int
+    published_ns: int
+    data: bytes
+
+
+@dataclass
+class Bag:
+    """
+    A bag, read from front to back; all but the path is known while its messages are read.
+
+    Attributes
+    ----------
+    path
+        A file, or a folder with metadata.yaml.
+    topics
+        By name.
+    metadata, attachments
+        Those of MCAP files, by name.
+    complete
+        Whether the last file was closed properly; known after the last message.
+
+    """
+
+    path: Path
+    topics: dict[str, Topic] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    complete: bool = False
+
+    def messages(self) -> Iterator[BagMessage]:
+        """
+        Yield all messages in the order in which they were recorded.
+
+        Raises
+        ------
+        LogError
+            If a file is no bag, damaged before its end, or of a kind that is not read.
+        OSError
+            If a file cannot be read.
+
+        """
+        for path in self._files():
+            with damage_named(path):
+                read = self._sqlite if path.suffix in DATABASES else self._mcap
+                yield from read(path)
+
+    def _files(self) -> list[Path]:
+        """Return the files in their order."""
+        if not self.path.is_dir():
+            return [self.path]
+        description = self.path / DESCRIPTION
+        if not description.is_file():
+            raise LogError(f'{self.path} is a folder without {DESCRIPTION}: not a bag of rosbag2')
+        with damage_named(description), opened(description) as stream:
+            text = stream.read(DESCRIPTION_BYTES + 1)
+            if len(text) > DESCRIPTION_BYTES:
+                raise ValueError(f'it has more than {DESCRIPTION_BYTES} bytes')
+            table = yaml.load(text, getattr(yaml, 'CSafeLoader', yaml.SafeLoader))
+            info = table.get('rosbag2_bagfile_information') if isinstance(table, dict) else None
+            if not isinstance(info, dict):
+                raise ValueError('it has no rosbag2_bagfile_information')
+            packed = str(info.get('compression_format') or '')
+            if packed:
+                raise ValueError(
+                    f'the bag is compressed by rosbag2 ({cut(packed)}); '
+                    'unpack it with `ros2 bag convert`'
+                )
+            names = info.get('relative_file_paths')
+            if not isinstance(names, list) or not all(isinstance(x, str) for x in names):
+                raise ValueError('relative_file_paths is not a list of names')
+            if len(names) > FILE_LIMIT:
+                raise ValueError(f'{len(names)} files, expected at most {FILE_LIMIT}')
+            for name in names:
+                # A bag that someone sent may not read other files of this machine.
+                if Path(name).name != name:
+                    raise ValueError(f'file {cut(name)!r} is not in the folder of the bag')
+        return [self.path / name for name in names]
+
+    def _mcap(self, path: Path) -> Iterator[BagMessage]:
+        schemas: dict[int, Schema] = {}
+        channels: dict[int, str] = {}
+        self.complete = False
+        with opened(path) as stream:
+            records = McapStream(stream, os.fstat(stream.fileno()).st_size)
+            with suppress(CutOffError):
+                for record in records:
+                    if isinstance(record, Message):
+                        name = channels.get(record.channel_id)
+                        if name is None:
+                            raise ValueError(f'unknown channel {record.channel_id}')
+                        times = record.log_time, record.publish_time
+                        yield BagMessage(name, *times, record.data)
+                    elif isinstance(record, Schema):
+                        schemas[record.id] = record
+                        if len(schemas) > TOPIC_LIMIT:
+                            raise ValueError(f'more than {TOPIC_LIMIT} schemas')
+                    elif isinstance(record, Channel):
+                        channels[record.id] = record.topic
+                        self._add(_topic_of(record, schemas.get(record.schema_id)))
+                    elif isinstance(record, Metadata):
+                        self.metadata.setdefault(record.name, record.metadata)
+                    elif isinstance(record, Attachment):
+                        self.attachments.setdefault(record.name, record.data)
+            self.complete = records.complete
+
+    def _sqlite(self, path: Path) -> Iterator[BagMessage]:
+        if not stat.S_ISREG(path.stat().st_mode):
+            raise LogError(f'{path} is not a regular file')
+        address = f'{path.resolve().as_uri()}?mode=ro'
+        with closing(sqlite3.connect(address, uri=True)) as database:
+            database.text_factory = lambda data: data.decode('utf-8', 'replace')
+            definitions = self._tables(database)
+            rows = database.execute(
+                'SELECT id, name, type, serialization_format, offered_qos_profiles FROM topics '
+                f'LIMIT {TOPIC_LIMIT + 1}'
+            ).fetchall()
+            names = {}
+            for number, name, kind, encoding, qos in rows:
+                names[number] = name
+                text = definitions.get(kind, '')
+                self._add(Topic(name, kind, encoding, text, qos))
+            if len(names) > TOPIC_LIMIT:
+                raise ValueError(f'more than {TOPIC_LIMIT} topics')
+            query = 'SELECT topic_id, timestamp, length(data), data FROM messages ORDER BY id'
+            for number, at_ns, size, data in database.execute(query):
+                if number not in names or not isinstance(at_ns, int):
+                    raise ValueError(f'a message of unknown topic {number} at {at_ns}')
+                if not isinstance(data, bytes) or size > RECORD_BYTES:
+                    raise ValueError(f'a message of {size} bytes, expected at most {RECORD_BYTES}')
+                yield BagMessage(names[number], at_ns, at_ns, data)
+        self.complete = True
+
+    @staticmethod
+    def _tables(database: sqlite3.Connection) -> dict[str, str]:
+        """Return the definitions by type; ValueError without the tables of a bag."""
+        listed = database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+        # A view of these names could be a query without end.
+        tables = {name for (name,) in listed.fetchmany(TOPIC_LIMIT)}
+        if not tables >= {'topics', 'messages'}:
+            raise ValueError('it has no tables `topics` and `messages`: not a bag of rosbag2')
+        if 'message_definitions' not in tables:
+            return {}
+        rows = database.execute(
+            'SELECT topic_type, encoded_message_definition FROM message_definitions '
+            f"WHERE encoding = '{SCHEMA_ENCODING}' LIMIT {TOPIC_LIMIT}"
+        )
+        return dict(rows.fetchall())
+
+    def _add(self, topic: Topic) -> None:
+        before = self.topics.setdefault(topic.name, topic)
+        if (before.type, before.encoding) != (topic.type, topic.encoding):
+            raise ValueError(f'topic {cut(topic.name)!r} has two types')
+        if len(self.topics) > TOPIC_LIMIT:
+            raise ValueError(f'more than {TOPIC_LIMIT} topics')
+
+
+def _topic_of(channel: Channel, schema: Schema | None) -> Topic:
+    qos = channel.metadata.get('offered_qos_profiles', '')
+    name = schema.name if schema else ''
+    known = schema is not None and schema.encoding == SCHEMA_ENCODING
+    definition = schema.data.decode('utf-8') if schema is not None and known else ''
+    return Topic(channel.topic, name, channel.message_encoding, definition, qos)
+
+
+def definition_of(topic: Topic) -> str:
+    """
+    Return the definition of a topic's type: the bag's, that of ROS, or that of rosbags for Jazzy.
+
+    Raises
+    ------
+    LogError
+        If the messages are not CDR, or no definition is found.
+
+    """
+    if topic.encoding != MESSAGE_ENCODING:
+        raise LogError(
+            f'topic {cut(topic.name)!r} is encoded as {cut(topic.encoding)!r}, '
+            f'expected {MESSAGE_ENCODING!r}'
+        )
+    if topic.definition:
+        return topic.definition
+    with suppress(ValueError):
+        return full_text(topic.type)
+    with suppress(ImportError, KeyError):
+        from rosbags.typesys import Stores, get_typestore
+
+        text, _ = get_typestore(Stores.ROS2_JAZZY).generate_msgdef(topic.type, ros_version=2)
+        return str(text)
+    raise LogError(
+        f'no definition of {cut(topic.type)} for topic {cut(topic.name)!r}, in the bag or in an '
+        'installed ROS 2: pip install rosbags for the definitions of Jazzy'
+    )

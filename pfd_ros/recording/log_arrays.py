@@ -1,0 +1,324 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+read_log: the messages of a recording, or of any bag, as NumPy arrays by topic and field.
+
+Only the messages of the chosen topics and of the chosen window of time are kept in memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+import math
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import pfd_core as pfd
+from pfd_ros.messages.columns import parse_definition, read_columns
+from pfd_ros.messages.convert import JOINT_STATE
+from pfd_ros.recording.bags import Bag, Topic, definition_of
+from pfd_ros.recording.format import HEAD, ROBOT, HeadKey
+from pfd_ros.recording.head import strict_json
+from pfd_ros.recording.reader import damage_named
+from pfd_ros.text import listed
+
+NANO = 1e-9
+# Arrays of a JointState with one number a joint, in the order of `name`.
+PER_JOINT = ('position', 'velocity', 'effort')
+
+
+@dataclass(frozen=True)
+class Fields:
+    """
+    The fields of N messages as arrays: `fields.position`, `fields['header.frame_id']`.
+
+    A number is (N,), a sequence (N, k); a nested message is again Fields. Where lengths differ
+    between messages, shorter rows end with NaN or ''. Strings are str in arrays of objects.
+    """
+
+    arrays: Mapping[str, NDArray[Any]] = field(repr=False)
+
+    def __getitem__(self, path: str) -> Any:
+        if path in self.arrays:
+            return self.arrays[path]
+        nested = {
+            name.removeprefix(f'{path}.'): values
+            for name, values in self.arrays.items()
+            if name.startswith(f'{path}.')
+        }
+        if not nested:
+            raise KeyError(f'no field {path!r}; fields are {listed(list(self.arrays))}')
+        return Fields(nested)
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith('__'):
+            raise AttributeError(name)
+        try:
+            return self[name]
+        except KeyError as error:
+            raise AttributeError(*error.args) from None
+
+
+@dataclass(frozen=True)
+class TopicArrays(Fields):
+    """
+    The N messages of one topic. Bytes that are no message of its type are left out.
+
+    Attributes
+    ----------
+    type : str
+        ROS type, such as 'sensor_msgs/msg/JointState'.
+    places : ndarray of int64, (N,)
+        Places of the messages among all `recorded` of the topic in the window.
+    recorded : int
+        N, and the number of those left out.
+    log_ns, published_ns : ndarray of int64, (N,)
+        Times of the log [ns].
+    names : tuple of str
+        Joints of a JointState, in the order of position, velocity and effort, which are
+        (N, len(names)) and NaN where a message has no value of a joint; () for other types.
+
+    """
+
+    type: str
+    places: NDArray[np.int64] = field(repr=False)
+    recorded: int
+    log_ns: NDArray[np.int64] = field(repr=False)
+    published_ns: NDArray[np.int64] = field(repr=False)
+    names: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.log_ns)
+
+    @cached_property
+    def stamp_ns(self) -> NDArray[np.int64] | None:
+        """The time in the header, or of a Clock, (N,), in ns; None for types without one."""
+        for path in ('header.stamp', 'clock'):
+            if f'{path}.sec' in self.arrays:
+                sec, nanosec = (self.arrays[f'{path}.{x}'] for x in ('sec', 'nanosec'))
+                stamps: NDArray[np.int64] = sec.astype(np.int64) * 10**9 + nanosec
+                return stamps
+        return None
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """The stamp [s], (N,); for types without one the log time."""
+        return _seconds(self.log_ns if self.stamp_ns is None else self.stamp_ns)
+
+    @property
+    def log_time(self) -> NDArray[np.float64]:
+        """The log time [s], (N,)."""
+        return _seconds(self.log_ns)
+
+
+def _seconds(ns: NDArray[np.int64]) -> NDArray[np.float64]:
+    return np.asarray(NANO * ns, np.float64)
+
+
+@dataclass(frozen=True)
+class LogArrays:
+    """
+    The messages of a log: `log['/joint_states'].position`.
+
+    Attributes
+    ----------
+    path : Path
+        The file or folder.
+    topics : mapping of str to str
+        Type of each topic of the whole file.
+    settings : mapping or None
+        Settings of the node by parameter, for a recording of ours.
+    robot : Robot or None
+        Its robot.
+    complete : bool
+        Whether the file was closed properly, rather than cut off.
+
+    """
+
+    path: Path
+    topics: Mapping[str, str]
+    settings: Mapping[str, Any] | None
+    robot: pfd.Robot | None = field(repr=False)
+    complete: bool
+    _raw: Mapping[str, _Raw] = field(repr=False)
+    _read: dict[str, TopicArrays] = field(default_factory=dict, repr=False)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._raw)
+
+    def __len__(self) -> int:
+        return len(self._raw)
+
+    def __contains__(self, topic: object) -> bool:
+        return topic in self._raw
+
+    def __getitem__(self, topic: str) -> TopicArrays:
+        """
+        Return the messages of a topic, decoded at the first access.
+
+        Raises
+        ------
+        KeyError
+            If no such topic was read.
+        LogError
+            If its type is unknown.
+
+        """
+        if topic not in self._raw:
+            raise KeyError(f'no topic {topic!r}; topics are {listed(list(self._raw))}')
+        if topic not in self._read:
+            with damage_named(self.path, lambda: f', topic {topic!r}'):
+                self._read[topic] = _decoded(self._raw[topic])
+        return self._read[topic]
+
+    def to_pandas(self, topic: str) -> Any:
+        """
+        Return a pandas.DataFrame of a topic: a row a message, indexed by `time` [s].
+
+        Columns are paths of fields; `position.shoulder` for a joint, `data.0` for an element.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+
+        """
+        import pandas  # an optional package
+
+        found = self[topic]
+        columns: dict[str, NDArray[Any]] = {}
+        for path, values in found.arrays.items():
+            if found.names and path == 'name':
+                continue
+            flat = values.reshape(len(values), -1) if len(values) else values.reshape(0, 0)
+            if values.ndim == 1:
+                columns[path] = values
+            elif found.names and path in PER_JOINT:
+                columns |= {f'{path}.{n}': flat[:, k] for k, n in enumerate(found.names)}
+            else:
+                columns |= {f'{path}.{k}': flat[:, k] for k in range(flat.shape[1])}
+        return pandas.DataFrame(columns, index=pandas.Index(found.time, name='time'))
+
+
+@dataclass
+class _Raw:
+    """The messages of a topic as they are in the file."""
+
+    topic: Topic
+    log_ns: list[int] = field(default_factory=list)
+    published_ns: list[int] = field(default_factory=list)
+    data: list[bytes] = field(default_factory=list)
+
+
+def read_log(
+    path: str | os.PathLike[str],
+    *,
+    topics: Collection[str] | None = None,
+    start: float | None = None,
+    end: float | None = None,
+) -> LogArrays:
+    """
+    Read a log as arrays, without ROS: a recording of this node or any bag.
+
+    Parameters
+    ----------
+    path : str or path
+        An MCAP or SQLite (.db3) file, or a folder of rosbag2.
+    topics : collection of str, optional
+        Names of topics to read, default all.
+    start, end : float, optional
+        Window [s], in log time after the first message of the log: start <= t < end.
+
+    Raises
+    ------
+    ValueError
+        If a topic is not in the log, the window is empty or not finite, or the file is no bag or
+        damaged before its end (LogError, a subclass). A file that was cut off is read up to the
+        cut.
+    OSError
+        If it cannot be read.
+
+    """
+    if isinstance(topics, str):
+        raise ValueError(f'topics must be a list of names, got {topics!r}: write [{topics!r}]')
+    first, last = (-math.inf if start is None else start), (math.inf if end is None else end)
+    if not first < last:
+        raise ValueError(f'start must be before end, got {start} and {end}')
+    bag = Bag(Path(path))
+    wanted = None if topics is None else set(topics)
+    raw: dict[str, _Raw] = {}
+    begin_ns: int | None = None
+    for message in bag.messages():
+        begin_ns = message.log_ns if begin_ns is None else begin_ns
+        if not first <= NANO * (message.log_ns - begin_ns) < last:
+            continue
+        if wanted is not None and message.topic not in wanted:
+            continue
+        if message.topic not in raw:
+            raw[message.topic] = _Raw(bag.topics[message.topic])
+        found = raw[message.topic]
+        found.log_ns.append(message.log_ns)
+        found.published_ns.append(message.published_ns)
+        found.data.append(message.data)
+    missing = sorted((wanted or set()) - set(bag.topics))
+    if missing:
+        raise ValueError(
+            f'{path} has no topic {listed(missing)}; topics are {listed(sorted(bag.topics))}'
+        )
+    for name, topic in bag.topics.items():
+        if wanted is None or name in wanted:
+            raw.setdefault(name, _Raw(topic))
+    settings, robot = None, None
+    if HEAD in bag.metadata:
+        with damage_named(bag.path):
+            settings = strict_json(bag.metadata[HEAD].get(HeadKey.SETTINGS, '{}'))
+            if ROBOT in bag.attachments:
+                text = bag.attachments[ROBOT].decode('utf-8')
+                # A single line would be taken for the name of a robot or a file.
+                robot = pfd.load_robot(f'{text}\n')
+    kinds = {name: topic.type for name, topic in bag.topics.items()}
+    return LogArrays(bag.path, kinds, settings, robot, bag.complete, raw)
+
+
+def _decoded(raw: _Raw) -> TopicArrays:
+    types = parse_definition(raw.topic.type, definition_of(raw.topic))
+    arrays, places = read_columns(raw.topic.type, types, raw.data)
+    names: tuple[str, ...] = ()
+    if raw.topic.type == JOINT_STATE:
+        names, arrays = _by_joint(arrays)
+    log_ns, published_ns = (
+        np.array(times, np.int64)[places] for times in (raw.log_ns, raw.published_ns)
+    )
+    return TopicArrays(arrays, raw.topic.type, places, len(raw.data), log_ns, published_ns, names)
+
+
+def _by_joint(
+    arrays: dict[str, NDArray[Any]],
+) -> tuple[tuple[str, ...], dict[str, NDArray[Any]]]:
+    """Return the joints of JointStates, and the arrays with a column for each of them."""
+    rows = [tuple(row) for row in arrays['name']]
+    names = tuple(dict.fromkeys(name for row in dict.fromkeys(rows) for name in row if name))
+    if len(names) == arrays['name'].shape[1] and len(set(rows)) == 1:
+        widths = {path: arrays[path].shape[1] for path in PER_JOINT}
+        if all(width == len(names) for width in widths.values()):
+            return names, arrays
+    place = {name: k for k, name in enumerate(names)}
+    groups: dict[tuple[str, ...], list[int]] = {}
+    for k, row in enumerate(rows):
+        groups.setdefault(row, []).append(k)
+    sorted_arrays = dict(arrays)
+    for path in PER_JOINT:
+        values = np.full((len(rows), len(names)), np.nan)
+        for row, messages in groups.items():
+            width = min(len(row), arrays[path].shape[1])
+            columns = [place[name] for name in row[:width] if name]
+            source = [k for k, name in enumerate(row[:width]) if name]
+            values[np.ix_(messages, columns)] = arrays[path][np.ix_(messages, source)]
+        sorted_arrays[path] = values
+    return names, sorted_arrays

@@ -88,6 +88,7 @@ def test_the_arms_agree_with_pinocchio(method: str) -> None:
 
 
 @pytest.mark.parametrize('method', METHODS)
+@pytest.mark.slow
 def test_a_chain_of_32_joints_agrees_with_pinocchio(method: str) -> None:
     rng = np.random.default_rng(23)
     robot = random_chain(rng, 32)

@@ -310,9 +310,11 @@ def test_a_test_runner_that_is_ended_leaves_no_node_behind(
     end: signal.Signals, domain: int, tmp_path: Path
 ) -> None:
     code = """
-import time
+import signal, time
 from pfd_ros.testing.process_arm import ProcessArm
 from pfd_ros.testing.session import claimed_domain, initialised
+# The shell may have started the tests with this signal ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 with claimed_domain() as domain, initialised(domain), ProcessArm('planar2') as arm:
     arm.q
     print(arm.process.pid, flush=True)

@@ -26,7 +26,6 @@ from pfd_ros.testing.controllers import NoAnswerError
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.node_process import NodeProcessError
 from pfd_ros.testing.process_arm import ProcessArm
-from pfd_ros.testing.session import claimed_domain, initialised
 from pfd_ros.testing.trajectory import Trajectory
 
 pytestmark = pytest.mark.ros
@@ -41,12 +40,6 @@ def pd(q, qd):
 
 def law(t, q, qd):
     return pd(q, qd)
-
-
-@pytest.fixture(scope='module')
-def domain() -> Iterator[int]:
-    with claimed_domain() as found, initialised(found):
-        yield found
 
 
 @pytest.fixture

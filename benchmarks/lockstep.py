@@ -11,7 +11,9 @@ of its rounds: other work on the machine slows all of them alike, so the ratios 
 say more than the rates.
 
     simulator     Simulator.step and the positions and velocities, nothing else
+    nothing       the whole arm under a callback that returns the same efforts
     callback      the whole arm: engine, verdicts, checks of the answer, rows of the motion
+    stretch       the arm alone, all commands in one native call, as a replay runs it
     recorded      the same, each message written to an MCAP file
     echo          over topics in one process: states of zeros for commands, no arm at all
     node          over topics in one process: the arm, and a node with ordinary messages
@@ -64,6 +66,27 @@ def callback_loop(arm: LockstepArm) -> Callable[[], None]:
     def run() -> None:
         arm.reset()
         arm.run(lambda t, q, qd: pd(q, qd), STEPS * arm.period)
+
+    return run
+
+
+def nothing_loop(arm: LockstepArm) -> Callable[[], None]:
+    efforts = np.zeros(6)
+
+    def run() -> None:
+        arm.reset()
+        arm.run(lambda t, q, qd: efforts, STEPS * arm.period)
+
+    return run
+
+
+def stretch_loop(arm: LockstepArm) -> Callable[[], None]:
+    efforts = np.zeros((STEPS, 6))
+
+    def run() -> None:
+        arm.reset()
+        if arm.engine.stretch(efforts, range(STEPS)) is None:
+            raise RuntimeError('more than commands acts on the arm')
 
     return run
 
@@ -148,7 +171,9 @@ def cases(stack: ExitStack) -> dict[str, Callable[[], None]]:
     recorded = stack.enter_context(LockstepArm(**SETTINGS, recording=folder / 'run.mcap'))
     found = {
         'simulator': simulator_loop(arm.robot),
+        'nothing': nothing_loop(arm),
         'callback': callback_loop(arm),
+        'stretch': stretch_loop(arm),
         'recorded': callback_loop(recorded),
     }
     try:

@@ -51,7 +51,9 @@ from pfd_core.simulation.ensemble import Ensemble
 from pfd_core.simulation.feedback import Feedback, StateFeedback
 from pfd_core.simulation.integrators import INTEGRATORS
 from pfd_core.simulation.linearisation import Linearization
+from pfd_core.simulation.motors import MotorSimulator, MotorState
 from pfd_core.simulation.simulator import Simulator
+from pfd_core.simulation.state import SimulationState
 from pfd_core.simulation.trajectory import Trajectory
 
 try:
@@ -69,12 +71,15 @@ __all__ = [
     'Feedback',
     'Kernel',
     'Linearization',
+    'MotorSimulator',
+    'MotorState',
     'Payload',
     'PhysicsWarning',
     'Program',
     'Robot',
     'Run',
     'Scene',
+    'SimulationState',
     'Simulator',
     'StateFeedback',
     'Steps',

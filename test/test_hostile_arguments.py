@@ -27,6 +27,7 @@ RESULTS = {
     'PhysicsWarning',
     'Program',
     'Run',
+    'SimulationState',
     'Steps',
     'Trajectory',
     'TreeError',
@@ -36,6 +37,8 @@ RESULTS = {
 VALID: dict[str, dict[str, Any]] = {
     'Ensemble': {'robot': ROBOT, 'size': 2},
     'Feedback': {'kp': 1.0, 'kd': 1.0, 'q': STATE},
+    'MotorSimulator': {'robot': ROBOT},
+    'MotorState': {'peaks': np.zeros(2)},
     'Payload': {'mass': 1.0},
     'Robot': {
         name: getattr(ROBOT, name)
@@ -146,6 +149,7 @@ def instances() -> dict[str, Any]:
         'AdaptiveTrajectory': pfd.integrate(ROBOT, STATE, duration=0.01, dense=True),
         'Ensemble': ensemble,
         'Kernel': kernel,
+        'MotorSimulator': pfd.MotorSimulator(ROBOT),
         'Program': kernel.program,
         'Robot': ROBOT,
         'Scene': pfd.Scene(),
@@ -156,6 +160,7 @@ def instances() -> dict[str, Any]:
 
 STATES: dict[str, Any] = {'q': STATE, 'qd': STATE, 'tau': STATE}
 OUT = np.zeros(2)
+MOTION = pfd.MotorSimulator(ROBOT).new_state()
 # Valid arguments of each public method with parameters.
 METHODS: dict[str, dict[str, dict[str, Any]]] = {
     'AdaptiveTrajectory': {'at': {'times': [0.0]}},
@@ -166,6 +171,23 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
         'take_state': {},
     },
     'Kernel': {'__call__': STATES, 'bind': STATES | {'out': OUT}, 'error_estimate': STATES},
+    'MotorSimulator': {
+        'accelerations': {'state': MOTION},
+        'bind': {
+            'state': MOTION,
+            'motors': pfd.MotorState(np.zeros(2)),
+            'limits': np.ones((4, 2)),
+        },
+        'converted': {'state': MOTION},
+        'linearize': STATES,
+        'new_state': {},
+        'prepare_payload': {'payload': None},
+        'reset': {},
+        'rollout': {'taus': np.zeros((2, 2))},
+        'set_inputs': {'state': MOTION},
+        'step': {'tau': STATE},
+        'take_state': {},
+    },
     'Program': {'count': {}},
     'Robot': {'frame': {}},
     'Scene': {'save': {}},
@@ -180,7 +202,7 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
     'Urdf': {'with_followers': {'locked': {}}},
 }
 # Of the simulations among themselves.
-INTERNAL = {'take_step'}
+INTERNAL = {'take_step', 'clear', 'copy_from', 'take_rows'}
 
 
 def public_methods(owner: type) -> set[str]:

@@ -19,7 +19,9 @@ import numpy as np
 
 from pfd_core.algorithms.chain.drives import has_drives, without_drives
 from pfd_core.algorithms.chain.joint_torques import without_joint_torques
+from pfd_core.algorithms.chain.motor_limits import record_motor_limits
 from pfd_core.kernels.codegen.arms import PARAMETERS
+from pfd_core.kernels.codegen.cycles import block_names
 from pfd_core.kernels.codegen.module import ensemble_module, rollout_module
 from pfd_core.kernels.codegen.rollout import written
 from pfd_core.kernels.codegen.segments import Contact
@@ -45,6 +47,8 @@ class Rollout:
     run: Callable[..., int]  # @rollout (pfd_core.kernels.codegen.rollout)
     accelerations: Callable[..., None]  # @accelerations
     native: Native  # owner of the code
+    cycles: Callable[..., int] | None = None  # @cycles (pfd_core.kernels.codegen.cycles)
+    block: tuple[str, ...] = ()  # what the addresses in the block of @cycles are of
 
 
 @dataclass(frozen=True)
@@ -65,6 +69,7 @@ def compile_rollout(
     *,
     implicit: float = 0.0,
     contact: Contact | None = None,
+    motors: bool = False,
 ) -> Rollout:
     """
     Compile the simulation of a robot by an integrator's step; `spec` is of a STEP.
@@ -72,26 +77,34 @@ def compile_rollout(
     `implicit` is the time [s] by which the damping of the plant that the step solves with is
     multiplied; 0 for a step that calls the accelerations alone. With `contact` the step is that
     of dry friction and joint stops, with programs that are not lowered yet, and `step_program`
-    tells its state alone.
+    returns its state alone. With `motors` there is @cycles, with the limits of motors on efforts.
     """
     sources = _sources(spec, implicit, contact)
 
     def text() -> str:
+        limits = None
+        if motors:
+            # Without fused operations: the limits are exact, and compared with the efforts.
+            recorded = record_motor_limits(spec.robot.n)
+            limits = lower(recorded, spec.dtype, fma=False).compiled
         return rollout_module(
             step_program,
             sources.signature,
             spec.dtype,
             turned_joints(spec.robot),
             *sources.further(),
+            limits,
         )
 
-    native = sources.main.compile(f'rollout{sources.key} {step_program}', text)
+    name = 'rollout with motors' if motors else 'rollout'
+    native = sources.main.compile(f'{name}{sources.key} {step_program}', text)
     integer = ctypes.c_int64
     inputs: list[Any] = [ctypes.c_void_p] * len(sources.inputs)
     rows, out = further_rows(step_program), written(step_program)
     states: list[Any] = [ctypes.c_void_p] * len((*rows, *out))
     run = ctypes.CFUNCTYPE(integer, integer, ctypes.c_void_p, *inputs, *states)
     accelerate = ctypes.CFUNCTYPE(None, integer, *inputs, ctypes.c_void_p)
+    pointed = ctypes.CFUNCTYPE(integer, integer, ctypes.c_void_p)
     calls = sum(instruction.op == 'call' for instruction in step_program.instructions)
     return Rollout(
         sources.main.work * calls,
@@ -102,6 +115,8 @@ def compile_rollout(
         run(native.address('rollout')),
         accelerate(native.address('accelerations')),
         native,
+        pointed(native.address('cycles')) if motors else None,
+        block_names(step_program, sources.signature) if motors else (),
     )
 
 

@@ -9,10 +9,11 @@ Time: the motion of an arm, or of many arms at once, in native code.
     contact/        dry friction, joint stops and impacts within a step
     feedback        laws that compute torques from the state, within native code
     turns           angles and whole turns of positions
-    state_buffer    a state in memory; double buffering of steps
+    state           SimulationState: a state as one record; double buffering of steps
     linearisation   A and B of a step
     simulation      settings, copies and reset of Simulator and Ensemble
     simulator       Simulator: one arm, step by step or in a rollout
+    motors          MotorSimulator: efforts within the limits of motors, on a state of the caller
     ensemble        Ensemble: many arms, in rollouts
     trajectory      Trajectory: the states that a rollout returns
     embedded_pairs  Runge-Kutta pairs for adaptive steps as data; their dense output

@@ -30,7 +30,7 @@ from pfd_core.simulation.contact.schemes import RK4, imex2
 from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
 from pfd_core.simulation.linearisation import Linearization, LinearStep
 from pfd_core.simulation.rows import LaggedTorque, UnfinishedStep, decays
-from pfd_core.simulation.state_buffer import StateBuffer
+from pfd_core.simulation.state import SimulationState
 from pfd_core.simulation.stiffness import check_damping, check_springs, chosen
 from pfd_core.simulation.turns import check_angles, positions_grow, split_turns
 
@@ -87,7 +87,7 @@ class Simulation(ABC):
         self._inputs += ('payload',) * plant.payload_input
         shapes = self._shapes()
         # The valid state lies in the buffer to which `_turn` points; native code uses the other.
-        self._buffers = StateBuffer(shapes, dtype), StateBuffer(shapes, dtype)
+        self._buffers = SimulationState(shapes, dtype), SimulationState(shapes, dtype)
         self._turn = 0
 
     @abstractmethod
@@ -239,7 +239,17 @@ class Simulation(ABC):
         `tau_motor` are the torques of motors with a lag; only if the scene has one. Positions may
         lie beyond the joint limits. ValueError for an angle above turns.LARGEST_ANGLE.
         """
-        following = self._buffers[1 - self._turn]
+        self._set(self._buffers[1 - self._turn], q, qd, time, tau_motor)
+        self._turn ^= 1
+
+    def _set(
+        self,
+        following: SimulationState,
+        q: ArrayLike | None,
+        qd: ArrayLike | None,
+        time: float,
+        tau_motor: ArrayLike | None,
+    ) -> None:
         following.clear(start=real_number('time', time))
         for name, value in (('q', q), ('qd', qd), (LaggedTorque.name, tau_motor)):
             if value is not None:
@@ -255,7 +265,6 @@ class Simulation(ABC):
                     joints=self.robot.joint_names,
                 )
         check_angles(self.robot, following.arrays['q'], self.dtype)
-        self._turn ^= 1
 
     def take_state(self, other: Simulation) -> None:
         """
@@ -272,9 +281,7 @@ class Simulation(ABC):
             )
         following = self._buffers[1 - self._turn]
         following.clear(start=other.time)
-        for name, target in following.arrays.items():
-            if name in other._now.arrays:
-                target[...] = other._now.arrays[name]
+        following.take_rows(other._now)
         self._turn ^= 1
 
     def linearize(
@@ -334,18 +341,18 @@ class Simulation(ABC):
     def take_step(self, tau: Array, wrench: ArrayLike | None, brakes: ArrayLike | None) -> None:
         """Advance the state by one step, under torques (n,) or (B, n)."""
 
-    def _why_not_finite(self, buffer: StateBuffer) -> str:
+    def _why_not_finite(self, buffer: SimulationState) -> str:
         """Return the status of a state that is not a number."""
         unfinished = buffer.arrays.get(UnfinishedStep.name)
         gave_up = unfinished is not None and bool(unfinished.any())
         return 'too_many_events' if gave_up else 'not_finite'
 
     @property
-    def _now(self) -> StateBuffer:
+    def _now(self) -> SimulationState:
         """The valid state."""
         return self._buffers[self._turn]
 
-    def _copied_state(self) -> StateBuffer:
+    def _copied_state(self) -> SimulationState:
         """Return the other buffer as a copy of the valid state, for native code to advance."""
         following = self._buffers[1 - self._turn]
         following.copy_from(self._now)

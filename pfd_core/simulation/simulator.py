@@ -32,7 +32,7 @@ from pfd_core.model.error_text import quote
 from pfd_core.model.joint_space_checks import check_joint_inertia
 from pfd_core.model.scene_checks import INPUT
 from pfd_core.simulation.simulation import Simulation
-from pfd_core.simulation.state_buffer import StateBuffer
+from pfd_core.simulation.state import SimulationState
 from pfd_core.simulation.stiffness import check_springs
 from pfd_core.simulation.trajectory import Trajectory
 
@@ -101,8 +101,11 @@ class Simulator(Simulation):
         The torque is that of the motors, where they lag behind the commanded one. Zero before the
         first step.
         """
-        arrays = self._now.arrays
-        if not self._now.steps:
+        return self._accelerations_of(self._now)
+
+    def _accelerations_of(self, state: SimulationState) -> Array:
+        arrays = state.arrays
+        if not state.steps:
             return np.zeros(self.robot.n, self.dtype)
         q, qd, tau = (arrays[name][np.newaxis] for name in ('q', 'qd', self._native.torque))
         inputs = [arrays[name] for name in self._inputs]
@@ -249,7 +252,7 @@ class Simulator(Simulation):
             count = max(1, min(2 * count, int(count * PIECE_SECONDS / spent)))
         return finite_steps
 
-    def _following(self, tau: Array, inputs: dict[str, Array]) -> StateBuffer:
+    def _following(self, tau: Array, inputs: dict[str, Array]) -> SimulationState:
         """Return the buffer to advance: the valid state with the inputs of the next step."""
         following = self._copied_state()
         following.arrays['tau'][:] = tau
@@ -265,7 +268,7 @@ class Simulator(Simulation):
         names = ['q', 'qd', 'tau', *self._inputs, *native.rows, *native.written]
         return itemgetter(*names)
 
-    def _advance(self, following: StateBuffer, steps: int, addresses: tuple[int, ...]) -> int:
+    def _advance(self, following: SimulationState, steps: int, addresses: tuple[int, ...]) -> int:
         """
         Run native code on a buffer, and make its state the valid one.
 

@@ -15,6 +15,7 @@ From the inputs to the outputs:
     scene             the scene of the settings: from a file or from their switches
     events            the event rule: events and outputs, sources, verdicts
     effects           the effects of events that are no commands: requests, states to jump to
+    state             ArmState: everything that changes while an arm runs
     drive             the drive of the joints, and what a command changes in it
     commands          the rules for a command, NaN and infinity among them
     tip_frames        frames that the last link carries: wrenches and inertias brought to its own
@@ -36,6 +37,7 @@ From the inputs to the outputs:
     judging           the verdict on each event, by the rules for its source
     verdict_rows      the messages that tell the verdicts
     engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
+    driver            runs an engine: for the node, replays and lockstep alike
 
 A new input is a Source in `events`, a rule in `judging`, and a row in node.endpoints and in
 recording.format (with always=False: older recordings lack it). A new output beside the state is a

@@ -15,7 +15,6 @@ See docs/decisions/0019-limits-of-actuators.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +23,7 @@ import pfd_core as pfd
 from pfd_ros.arm.command_settings import check_servo
 from pfd_ros.arm.drive import Drive, Gains, held
 from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.state import ActuatorState
 from pfd_ros.text import cut
 
 # For a joint whose model states no limit: the weight of all links at an arm of 5 m, N m or N, and
@@ -48,160 +48,112 @@ def _stated(limits: np.ndarray, wide: float) -> np.ndarray:
 
 
 class Actuators:
-    """The drives of one arm.
+    """The actuators of one arm: what its settings decide; their state is an ActuatorState.
+
+    All arrays are in model order.
 
     Attributes
     ----------
     gains
         Of the servos, None if all are zero.
-    saturated
-        Cycles in which a limit cut an effort.
-    tripped
-        Whether a reflex has braked all joints, until `restart`.
-    trips, reflex
-        How often it has, and why it did last.
-    speeds
-        Speed up to which each motor has its full effort, (n,) in model order, rad/s or m/s.
-    fast_cycles
-        Cycles in which a joint was beyond its velocity limit.
-    peaks
-        Largest speed of each joint beyond its limit so far, as a multiple of the limit, in
-        published order; 0 for a joint that was never beyond.
+    limits
+        Limits of the motors, (4, n), as pfd_core.MotorSimulator.bind takes them.
 
     Parameters
     ----------
     settings, robot
-        Of the arm.
+        Of the arm, as they are now.
     order
         Index in the model of each joint, in published order.
     """
 
     def __init__(self, settings: Settings, robot: pfd.Robot, order: Sequence[int]) -> None:
-        self.saturated = self.trips = self.fast_cycles = 0
-        self.peaks = [0.0] * len(order)
-        self.reflex = ''
-        self._names = robot.joint_names
-        self._order = list(order)
-        self._place = np.argsort(order)
-        self._full, self.speeds = effort_limits(robot), speed_limits(robot)
-        self._servo: _Servo | None = None
-        # The drive of the last cycle, before the limits, where a reflex looks at it.
-        self._before: Drive | None = None
-        self.tripped = False
         check_servo(settings)
-        self.set(settings)
-
-    def set(self, settings: Settings) -> None:
-        """Take over settings."""
-        full, endless = self._full.tolist(), [math.inf] * len(self._order)
-        most = full if settings.effort_limits else endless
-        speeds = self.speeds.tolist()
-        self._torque_speed = settings.torque_speed
-        # Index in the model, largest effort, speed up to which the motor has it, and effort of
-        # the motor, of each joint in published order.
-        self._motors = [(i, most[i], speeds[i], full[i]) for i in self._order]
-        self._gains = Gains(self._of_joints(settings.servo_p), self._of_joints(settings.servo_d))
-        self.gains = self._gains if self._gains.p.any() or self._gains.d.any() else None
-        self._servo = None
+        self._names = robot.joint_names
+        full, speeds = effort_limits(robot), speed_limits(robot)
+        endless = np.full(robot.n, np.inf)
+        self.limits = np.array(
+            [
+                full if settings.effort_limits else endless,
+                *((full, speeds) if settings.torque_speed else (endless, endless)),
+                speeds,
+            ]
+        )
+        p, d = (in_model_order(x, order) for x in (settings.servo_p, settings.servo_d))
+        self._gains = Gains(p, d)
+        self.gains = self._gains if p.any() or d.any() else None
+        self._servo: _Servo | None = None
         rate = settings.reflex_effort_rate
         self._largest_jump = rate * settings.step_size if rate else np.inf
-        if not rate:
-            self._before = None
 
-    def restart(self) -> None:
-        """Forget the last efforts and the reflex that they tripped."""
-        self.tripped = False
-        self._before = None
+    @property
+    def has_reflex(self) -> bool:
+        """Whether a reflex looks at the efforts."""
+        return self._largest_jump < np.inf
 
-    def _of_joints(self, values: Sequence[float]) -> np.ndarray:
-        """Return a setting with a number for each joint in model order, (n,)."""
-        return np.array(values)[self._place] if values else np.zeros(len(self._order))
-
-    def applied(self, drive: Drive, q: np.ndarray, qd: np.ndarray) -> Drive:
-        """Return the efforts and brakes of the next step.
+    def wanted(self, state: ActuatorState, drive: Drive, q: np.ndarray, qd: np.ndarray) -> Drive:
+        """Return the efforts and brakes of the next step before the limits of the motors.
 
         Parameters
         ----------
+        state
+            Of these actuators.
         drive
             As commanded.
         q, qd
-            Positions and velocities of the joints, (n,) in published order, rad or m, rad/s or
-            m/s.
+            Positions and velocities of the joints, (n,), rad or m, rad/s or m/s.
         """
-        wanted = drive.effort if drive.position is None else self._followed(drive, q, qd)
-        if self._largest_jump < np.inf and self._jumps(Drive(wanted, drive.braked)):
-            return held(len(wanted))
-        efforts = wanted.tolist()
-        limited = self._limited(efforts, qd.tolist())
-        if limited != efforts:
-            self.saturated += 1
-            wanted = np.array(limited)
-        return Drive(wanted, drive.braked)
+        if drive.position is not None:
+            drive = Drive(self._followed(drive, q, qd), drive.braked)
+        if not self.has_reflex:
+            state.before = None
+        elif self._jumps(state, drive):
+            return held(len(drive.effort))
+        return drive
 
     def _followed(self, drive: Drive, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
-        """Return the efforts of servos on the way to their targets, (n,) in model order."""
+        """Return the efforts of servos on the way to their targets, (n,)."""
         if self._servo is None or self._servo.drive is not drive:
             self._servo = _servo(drive, self._gains)
         _, p, position, d, velocity = self._servo
-        effort: np.ndarray = (
-            drive.effort + p * (position - q[self._place]) + d * (velocity - qd[self._place])
-        )
+        effort: np.ndarray = drive.effort + p * (position - q) + d * (velocity - qd)
         return effort
 
-    def _jumps(self, wanted: Drive) -> bool:
+    def _jumps(self, state: ActuatorState, wanted: Drive) -> bool:
         """Return whether an effort jumps by more than the reflex allows.
 
         The first effort of a joint that comes off its brake may be any: the brake held its load.
         """
-        before, self._before = self._before, wanted
-        if before is None or self.tripped:
-            return self.tripped
+        before, state.before = state.before, wanted
+        if before is None or state.tripped:
+            return state.tripped
         # Halves: a difference of the largest numbers would overflow.
         halves = np.abs(0.5 * wanted.effort - 0.5 * before.effort)
         halves[before.braked | wanted.braked] = 0.0
         joint = int(np.argmax(halves))
         jump = 2.0 * float(halves[joint])
         if jump > self._largest_jump:
-            self.tripped = True
-            self.trips += 1
-            self.reflex = (
+            state.tripped = True
+            state.trips += 1
+            state.reflex = (
                 f'the effort of {cut(self._names[joint])!r} jumped by {jump:.6g} in a '
                 f'cycle, expected {self._largest_jump:.6g} at most; ~/reset ends it'
             )
-        return self.tripped
+        return state.tripped
 
-    def _limited(self, efforts: list[float], velocities: list[float]) -> list[float]:
-        """Return the efforts that motors have at these speeds, in model order.
 
-        Beyond its speed limit a motor drives its joint along with less, and with none at twice
-        that; it brakes it with all.
+def restart(state: ActuatorState) -> None:
+    """Discard the last efforts, and end a reflex."""
+    state.tripped = False
+    state.before = None
 
-        Parameters
-        ----------
-        efforts
-            Those wanted, in model order.
-        velocities
-            Of the joints, in published order.
-        """
-        # Lists: for a few joints faster than NumPy.
-        limited = efforts.copy()
-        fast = False
-        for (i, most, speed, full), velocity in zip(self._motors, velocities, strict=True):
-            effort = efforts[i]
-            if not -most <= effort <= most:
-                effort = min(max(effort, -most), most)
-            if -speed <= velocity <= speed:
-                limited[i] = effort
-                continue
-            fast = True
-            place = self._place[i]
-            self.peaks[place] = max(self.peaks[place], abs(velocity) / speed)
-            if self._torque_speed:
-                there = full * max(2.0 - abs(velocity) / speed, 0.0)
-                effort = min(effort, there) if velocity > 0.0 else max(effort, -there)
-            limited[i] = effort
-        self.fast_cycles += fast
-        return limited
+
+def in_model_order(values: Sequence[float], order: Sequence[int]) -> np.ndarray:
+    """Return a setting with a number for each joint in model order, (n,); zeros if it is empty."""
+    numbers = np.zeros(len(order))
+    if values:
+        numbers[list(order)] = values
+    return numbers
 
 
 class _Servo(NamedTuple):

@@ -5,29 +5,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.drive import Drive
+from pfd_ros.arm.drive import held
 from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.plant_settings import INPUT, payload_changes
-from pfd_ros.arm.scene import payload_of, scene_of
+from pfd_ros.arm.scene import payload_numbers, payload_of, scene_of
 from pfd_ros.arm.setting_fields import check_joint_counts
 from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.state import ActuatorState, ArmState, LinkState, WrenchState
 from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.text import cut, listed
 
 # Joints in the cure for a tree.
 MOST_TO_LOCK = 16
+# States of single steps that share an array: to allocate one takes as long as a step.
+ROWS = 256
 # With payloads as an input: with the payload at the start or another one, with gravity
 # compensation or without. A plant is freed while another one is compiled, not in a step.
 MOST_COMPILED = 4
 # A stamp has 31 bits for its seconds; a day is left for the steps that follow.
 LATEST_NS = (2**31 - 86_400) * NANOSECONDS
+# Settings that may differ between the run that saved a state and the run that continues from it:
+# simulated time is a part of the state, and a recording is of one run.
+PER_RUN = frozenset({'start_time', 'real_time_factor', 'recording'})
 
 
 def load_robot(settings: Settings, source: str | pfd.Urdf | None = None) -> pfd.Robot:
@@ -99,6 +105,8 @@ class Plant(NamedTuple):
 
     scene: pfd.Scene
     compiled: Compiled
+    # Mass, center and inertia of its payload, () without one.
+    payload: tuple[float, ...]
 
     @property
     def payload_input(self) -> dict[str, pfd.Payload | None]:
@@ -109,28 +117,18 @@ class Plant(NamedTuple):
 
 
 class Arm:
-    """A simulator and its last finite state.
+    """The simulated arm: native code and constants, and the one state that changes.
 
     Attributes
     ----------
-    settings
-        Those given, with the names that 'auto' stood for; events change the dynamic ones.
+    state
+        The state; every change of it is made by the engine.
     robot, plant
         The robot, the effects that act on it, and their native code.
-    wrench
-        Force and moment on the last link in the next step, (6,) in its frame; None in a scene
-        without an external wrench.
     order, names
         Index in the model and name of each joint, in published order.
     start
         Positions (n,) in model order, rad or m, before the first step and after a reset.
-    q, qd, tau
-        The last finite state (n,) in published order, rad or m, rad/s or m/s, and the efforts
-        that led to it, N m or N; a joint on its brake has none.
-    step
-        Steps that ended in a finite state.
-    failure, failures
-        Why the simulation stopped, '' while it goes on; how often it has.
 
     Raises
     ------
@@ -142,30 +140,43 @@ class Arm:
         check_joint_counts(settings, robot.n)
         self.order = joint_order(settings.joints, robot)
         self.names = tuple(robot.joint_names[i] for i in self.order)
-        self.step = 0
-        self.failure = ''
-        self.failures = 0
         self.robot = robot
-        self._start_ns, self._step_ns = settings.start_ns, settings.step_ns
-        # As NumPy indexes with: it would convert a list each time.
-        self._columns = np.array(self.order, np.intp)
-        first = scene_of(settings, self.order)
+        self._step_ns = settings.step_ns
         # Native code by the digest of the scene it was compiled for.
         self._compiled: dict[str, Compiled] = {}
-        self._take_over(Plant(first, self._native(settings, first)))
-        self.wrench = np.zeros(6) if self.scene.external_wrench else None
+        first = scene_of(settings, self.order)
         # The payload at the start is a constant of the native code.
         self._first_payload = first.payload
-        self.settings = replace(
+        self._take_over(_plant_of(first, self._native(settings, first)))
+        settings = replace(
             settings,
             payload_changes=payload_changes(settings.payload_changes, self._simulator.method),
             integrator=self._simulator.integrator,
             method=self._simulator.method,
             position_sums='compensated' if self._simulator.compensated else 'plain',
         )
+        # q, qd, tau and commanded efforts of single steps, (ROWS, 4, n); new when all are used.
+        self._rows, self._rows_at, self._next_row = np.empty(0), 0, ROWS
+        self._inputs: tuple[Any, ...] | None = None
+        self.limits = np.full((4, robot.n), np.inf)
         self.start = self._initial_positions(settings.initial_positions)
-        self._simulator.reset(q=self.start, time=settings.start_ns / NANOSECONDS)
-        self._keep_state(np.zeros(robot.n))
+        zeros = np.zeros(robot.n)
+        self.state = ArmState(
+            robot=robot.digest,
+            first=settings,
+            settings=settings,
+            origin_ns=settings.start_ns,
+            since_ns=settings.start_ns,
+            reset_ns=settings.start_ns,
+            simulation=self._simulator.new_state(self.start),
+            q=self.start,
+            qd=zeros,
+            tau=zeros,
+            braked=np.ones(robot.n, bool),
+            link=LinkState(held(robot.n), held(robot.n)),
+            actuators=ActuatorState(pfd.MotorState(np.zeros(robot.n))),
+            wrench=WrenchState(np.zeros(6), np.zeros(6)) if first.external_wrench else None,
+        )
 
     def _initial_positions(self, given: Sequence[float]) -> np.ndarray:
         """Return the initial positions (n,) in model order; they are given in published order."""
@@ -177,28 +188,54 @@ class Arm:
             )
         q = np.zeros(count)
         if given:
-            q[self._columns] = given
+            q[list(self.order)] = given
         return q
+
+    @property
+    def settings(self) -> Settings:
+        """The settings now, with the names that 'auto' stood for."""
+        return self.state.settings
+
+    @property
+    def q(self) -> np.ndarray:
+        """Positions (n,) of the last finite state, model order, rad or m."""
+        return self.state.q
+
+    @property
+    def qd(self) -> np.ndarray:
+        """Velocities (n,) of the last finite state, model order, rad/s or m/s."""
+        return self.state.qd
+
+    @property
+    def tau(self) -> np.ndarray:
+        """Efforts (n,) that led to the last finite state, model order, N m or N."""
+        return self.state.tau
+
+    @property
+    def step(self) -> int:
+        """Steps that ended in a finite state."""
+        return self.state.step
+
+    @property
+    def failure(self) -> str:
+        """Why the simulation stopped, '' while it runs."""
+        return self.state.failure
 
     @property
     def stamp_ns(self) -> int:
         """Simulated time, ns: whole steps, so that it never drifts."""
-        return self._start_ns + self.step * self._step_ns
+        return self.state.origin_ns + self.state.step * self._step_ns
 
     @property
     def acceleration(self) -> np.ndarray:
-        """Accelerations (n,) under the last efforts, published order, rad/s^2 or m/s^2.
+        """Accelerations (n,) under the last efforts, model order, rad/s^2 or m/s^2.
 
         Zero before the first step, after a jump, and once the arm has failed.
         """
-        if self.failure:
-            return np.zeros(len(self._columns))
-        qdd: np.ndarray = self._simulator.qdd[self._columns]
+        if self.state.failure:
+            return np.zeros(self.robot.n)
+        qdd: np.ndarray = self._simulator.accelerations(self.state.simulation)
         return qdd
-
-    def leap(self, stamp_ns: int) -> None:
-        """Let simulated time go on from there, without a step."""
-        self._start_ns = stamp_ns - self.step * self._step_ns
 
     @property
     def scene(self) -> pfd.Scene:
@@ -212,6 +249,7 @@ class Arm:
 
     def _take_over(self, plant: Plant) -> None:
         self.plant = plant
+        self._cycles: Any = None
         self._simulator = plant.compiled.simulator
         self._payload_input = plant.payload_input
 
@@ -220,7 +258,7 @@ class Arm:
         scene = compiled = scene_of(settings, self.order)
         if settings.payload_changes == INPUT and scene.payload != self._first_payload:
             compiled = replace(scene, payload=INPUT)
-        plant = Plant(scene, self._native(settings, compiled))
+        plant = _plant_of(scene, self._native(settings, compiled))
         if plant.payload_input:
             plant.compiled.simulator.prepare_payload(scene.payload)
         return plant
@@ -228,7 +266,7 @@ class Arm:
     def _native(self, settings: Settings, scene: pfd.Scene) -> Compiled:
         found = self._compiled.get(scene.digest)
         if found is None:
-            simulator = pfd.Simulator(self.robot, scene, **simulator_settings(settings))
+            simulator = pfd.MotorSimulator(self.robot, scene, **simulator_settings(settings))
             found = Compiled(scene, simulator, model_kernels(settings, self.robot, scene))
             while len(self._compiled) >= MOST_COMPILED:
                 self._compiled.pop(next(iter(self._compiled)), None)
@@ -260,70 +298,162 @@ class Arm:
 
     def change(self, settings: Settings, plant: Plant | None) -> None:
         """Take over other settings, and the state into another plant if there is one."""
-        self.settings = settings
+        state = self.state
+        state.settings = settings
         if plant is not None:
             if plant.compiled is not self.plant.compiled:
-                plant.compiled.simulator.take_state(self._simulator)
+                state.simulation = plant.compiled.simulator.converted(state.simulation)
             self._take_over(plant)
 
-    def advance(self, drive: Drive) -> None:
-        """Do one step; after a failure the arm stands still and keeps its last finite state."""
-        if self.failure:
-            return
-        # Without brakes a step takes less time than with all of them off.
-        braked = drive.braked if any(drive.braked.tolist()) else None
+    def restore(self, state: ArmState) -> None:
+        """Continue from a copy of a state, of an arm with the same robot and first settings.
+
+        Raises
+        ------
+        ValueError
+            If the state is of another arm; the text says what differs.
+        """
+        if state.robot != self.robot.digest:
+            raise ValueError(
+                f'the state is of a robot with the digest {state.robot[:12]!r}, expected '
+                f'{cut(self.robot.name)!r} with {self.robot.digest[:12]!r}'
+            )
+        values = (
+            (field.name, getattr(state.first, field.name), getattr(self.state.first, field.name))
+            for field in fields(state.first)
+            if field.name not in PER_RUN
+        )
+        different = [
+            f'{name}={cut(repr(theirs))}, expected {cut(repr(ours))}'
+            for name, theirs, ours in values
+            if theirs != ours
+        ]
+        if different:
+            raise ValueError(f'the state is of an arm with {"; ".join(different)}')
+        plant = self.plant_of(state.settings)
+        if plant is not None:
+            self._take_over(plant)
+        self.state = state.copy()
+        self._cycles = None
+
+    def advance(self, effort: np.ndarray, braked: np.ndarray) -> np.ndarray:
+        """Do one step; after a failure the arm stops and keeps its last finite state.
+
+        Returns a copy of the efforts (n,), which nobody changes.
+        """
+        if self.state.failure:
+            return effort
+        k = self._next_row
+        if k == ROWS:
+            k = 0
+            self._rows = np.empty((ROWS, 4, len(effort)))
+            self._rows_at = self._rows.ctypes.data
+        self._next_row = k + 1
+        row = self._rows[k]
+        wanted: np.ndarray
+        q, qd, tau, wanted = row
+        wanted[:] = effort
+        at = self._rows_at + k * row.nbytes
+        if self._run(at + 3 * wanted.nbytes, at, 1, braked):
+            state = self.state
+            state.q, state.qd, state.tau = q, qd, tau
+        return wanted
+
+    def run(self, efforts: np.ndarray, braked: np.ndarray) -> np.ndarray:
+        """Do a step for each row of efforts (steps, n); return q, qd and tau, (steps, 3, n).
+
+        The rows end where the arm fails; the last one is then not finite.
+        """
+        out, efforts = np.empty((len(efforts), 3, self.robot.n)), np.ascontiguousarray(efforts)
+        done = self._run(efforts.ctypes.data, out.ctypes.data, len(out), braked)
+        if done:
+            # Copies: whoever gets the rows may change them.
+            self.state.q, self.state.qd, self.state.tau = out[done - 1].copy()
+        return out[: done + 1]
+
+    def _run(self, efforts: int, out: int, steps: int, braked: np.ndarray) -> int:
+        """Run native code on arrays at addresses; return the number of finite steps."""
+        state = self.state
+        state.braked = braked
         try:
-            self._simulator.step(drive.effort, self.wrench, brakes=braked, **self._payload_input)
+            done: int = self._bound(braked).run_at(efforts, out, steps)
         except (ValueError, ArithmeticError) as error:
-            self._fail(f'step {self.step + 1} failed: {error}')
-            return
-        if self._simulator.status != 'ok':
-            if self._simulator.status == 'too_many_events':
-                self._fail(f'step {self.step + 1} has too many impacts and reversals of joints')
+            self._fail(f'step {state.step + 1} failed: {error}')
+            return 0
+        state.step += done
+        if done < steps:
+            if state.simulation.status == 'too_many_events':
+                self._fail(f'step {state.step + 1} has too many impacts and reversals of joints')
             else:
-                self._fail(f'the state after step {self.step + 1} is not finite')
-            return
-        self.step += 1
-        self._keep_state(drive.effort)
+                self._fail(f'the state after step {state.step + 1} is not finite')
+        return done
+
+    def _bound(self, braked: np.ndarray) -> Any:
+        """Return the native code, bound to the state, with the inputs of the next step."""
+        state = self.state
+        wrench = None if state.wrench is None else state.wrench.acting
+        if self._cycles is None or self._cycles.state is not state.simulation:
+            motors = state.actuators.motors
+            self._cycles = self._simulator.bind(state.simulation, motors, self.limits)
+            self._inputs = None
+        if self._inputs is None or self._inputs[0] is not braked or self._inputs[1] is not wrench:
+            self._inputs = braked, wrench
+            self._simulator.set_inputs(
+                state.simulation, wrench=wrench, brakes=braked, **self._payload_input
+            )
+        return self._cycles
+
+    def set_limits(self, limits: np.ndarray) -> None:
+        """Set the limits of the motors, (4, n), from the next step on."""
+        self.limits, self._cycles = limits, None
 
     def _fail(self, why: str) -> None:
-        self.failure = why
-        self.failures += 1
+        self.state.failure = why
+        self.state.failures += 1
 
     def revive(self, step: int) -> None:
-        """Let an arm that failed go on from its initial state, at the time of this step.
+        """Let an arm that failed continue from its initial state, at the time of this step.
 
         Raises
         ------
         ValueError
             If no stamp holds that time: only a damaged recording has such a gap.
         """
-        if not self.failure:
+        state = self.state
+        if not state.failure:
             return
-        if self._start_ns + step * self._step_ns > LATEST_NS:
+        if state.origin_ns + step * self._step_ns > LATEST_NS:
             raise ValueError(f'a reset after step {step}, for whose time a stamp has no room')
-        self.failure = ''
-        self.step = step
-        self._simulator.reset(q=self.start)
-        self._keep_state(np.zeros(len(self.order)))
+        state.failure = ''
+        state.step = step - 1
+        state.simulation = self._simulator.new_state(self.start)
+        self._end_step(np.zeros(len(self.order)))
 
     def jump(self, changes: Sequence[StateChange | None]) -> None:
         """Do a step that ends in another state: that of these changes, None the initial one."""
-        if self.failure:
+        state = self.state
+        if state.failure:
             return
-        q, qd = self._simulator.q, self._simulator.qd
+        q, qd = state.q.copy(), state.qd.copy()
         for change in changes:
             if change is None:
                 q, qd = self.start.copy(), np.zeros_like(qd)
             else:
                 joints = list(change.joints)
                 q[joints], qd[joints] = change.positions, change.velocities
-        self._simulator.reset(q=q, qd=qd)
-        self.step += 1
-        self._keep_state(np.zeros(len(self.order)))
+        state.simulation = self._simulator.new_state(q, qd)
+        self._end_step(np.zeros(len(self.order)))
 
-    def _keep_state(self, effort: np.ndarray) -> None:
-        # Copies: the simulator's own arrays do not stay finite in a step that fails.
-        self.q = self._simulator.q[self._columns]
-        self.qd = self._simulator.qd[self._columns]
-        self.tau = effort[self._columns]
+    def _end_step(self, effort: np.ndarray) -> None:
+        state = self.state
+        state.step += 1
+        arrays = state.simulation.arrays
+        state.q, state.qd, state.tau = arrays['q'].copy(), arrays['qd'].copy(), effort
+
+
+def _plant_of(scene: pfd.Scene, compiled: Compiled) -> Plant:
+    payload = payload_of(scene)
+    if payload is None:
+        return Plant(scene, compiled, ())
+    mass, center, inertia = payload_numbers(payload)
+    return Plant(scene, compiled, (mass, *center, *inertia))

@@ -13,14 +13,13 @@ from dataclasses import fields, replace
 import json
 from typing import Any
 
-import pfd_core as pfd
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.command_settings import check_servo
 from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import SettingsChange
 from pfd_ros.arm.events import PAYLOAD_IN_USE, Output, Verdict
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
-from pfd_ros.arm.scene import payload_numbers, payload_of, with_own_effects
+from pfd_ros.arm.scene import with_own_effects
 from pfd_ros.arm.setting_fields import check_joint_counts, typed
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.tip_frames import body_at_tip, tip_frame
@@ -120,20 +119,12 @@ def judge_values(values: Mapping[str, Any], arm: Arm) -> Judgement:
     return Judgement(Verdict.ACCEPTED, ', '.join(values), effect=SettingsChange(found, plant))
 
 
-class PayloadEcho:
-    """The payload of an arm, told once from the first state on that it acts on."""
-
-    def __init__(self, arm: Arm) -> None:
-        self._arm = arm
-        self._told: pfd.Payload | None = None
-        self._count = 0
-
-    def output(self) -> Output | None:
-        """Return the message about a payload that was not told yet, after a step."""
-        payload = payload_of(self._arm.scene)
-        if payload is self._told or payload == self._told or self._arm.failure:
-            return None
-        self._told, self._count = payload, self._count + 1
-        numbers = (0.0, (0.0,) * 3, (0.0,) * 6) if payload is None else payload_numbers(payload)
-        message = InertiaMessage(self._arm.stamp_ns, self._arm.robot.tip, *numbers)
-        return Output(PAYLOAD_IN_USE, self._count, encode_inertia(message))
+def payload_message(arm: Arm) -> Output | None:
+    """Return the message about a payload that acted in this step for the first time."""
+    state, payload = arm.state, arm.plant.payload
+    if payload == state.payload or state.failure:
+        return None
+    state.payload, state.payload_messages = payload, state.payload_messages + 1
+    mass, *body = payload or (0.0,) * 10
+    message = InertiaMessage(arm.stamp_ns, arm.robot.tip, mass, tuple(body[:3]), tuple(body[3:]))
+    return Output(PAYLOAD_IN_USE, state.payload_messages, encode_inertia(message))

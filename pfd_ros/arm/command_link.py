@@ -13,15 +13,12 @@ replay does the same.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Sequence
-import math
-
 import numpy as np
 
 from pfd_ros.arm.drive import Command, Drive, held, let_go, merge
 from pfd_ros.arm.noise import Channel, uniform
 from pfd_ros.arm.settings import Settings, timeout_steps
+from pfd_ros.arm.state import LinkState
 
 # What the watchdog does, by `on_timeout`.
 TIMEOUT_ACTIONS = {
@@ -44,91 +41,69 @@ def timeout_text(settings: Settings) -> str:
 
 
 class CommandLink:
-    """The link of one arm.
-
-    Attributes
-    ----------
-    drive
-        The efforts, targets and brakes that have reached the drives.
-    timed_out
-        Whether the watchdog has acted since the last command that arrived.
-    timeouts
-        How often it has.
-    lost
-        Commands that were lost by chance.
-    sent
-        Commands since the start or the last reset, by which chance counts.
+    """The link of one arm: what its settings decide; its state is a LinkState.
 
     Parameters
     ----------
     settings
-        Of the arm.
-    order
-        Index in the model of each joint, in published order.
+        Of the arm, as they are now.
     """
 
-    def __init__(self, settings: Settings, order: Sequence[int]) -> None:
-        self.timed_out = False
-        self.timeouts = self.lost = self.sent = 0
-        self._place = np.argsort(order)
-        # Drives that are under way, with the cycle in which they arrive; one for a cycle.
-        self._line: deque[tuple[int, Drive]] = deque()
-        self.clear(held(len(order)))
-        self.set(settings)
-
-    def set(self, settings: Settings) -> None:
-        """Take over settings."""
+    def __init__(self, settings: Settings) -> None:
         self._on_timeout = settings.on_timeout
         self._seed, self._drop = settings.seed, settings.drop_commands
         self._delay = settings.command_delay_steps
         self._timeout = timeout_steps(settings.command_timeout, settings.step_size)
 
-    def clear(self, drive: Drive) -> None:
-        """Forget all commands and begin with a drive; the watchdog waits for the first command."""
-        self.drive = self._sent = drive
-        self._line.clear()
-        self._heard = math.inf
-        self.timed_out = False
+    def passes_all(self, gap: int) -> bool:
+        """Return whether each of some commands acts at once, with `gap` cycles between two."""
+        return not self._drop and not self._delay and gap <= self._timeout
 
-    def send(self, command: Command, cycle: int) -> None:
+    def send(self, link: LinkState, command: Command, cycle: int) -> None:
         """Send an accepted command, which acts in this cycle if it is not late."""
-        self.sent += 1
-        chance = uniform(self._seed, Channel.COMMAND_DROP, self.sent, 1)[0] if self._drop else 1.0
+        link.sent += 1
+        chance = uniform(self._seed, Channel.COMMAND_DROP, link.sent, 1)[0] if self._drop else 1.0
         if chance < self._drop:
-            self.lost += 1
+            link.lost += 1
             return
-        self._sent = merge(self._sent, command)
+        link.newest = merge(link.newest, command)
         if not self._delay:
-            self._arrive(self._sent, cycle)
+            _arrive(link, link.newest, cycle)
             return
         arrival = cycle + self._delay
-        if self._line and self._line[-1][0] == arrival:
-            self._line.pop()
-        self._line.append((arrival, self._sent))
+        if link.line and link.line[-1][0] == arrival:
+            link.line.pop()
+        link.line.append((arrival, link.newest))
 
-    def _arrive(self, drive: Drive, cycle: int) -> None:
-        self.drive, self._heard, self.timed_out = drive, cycle, False
-
-    def advance(self, cycle: int, q: np.ndarray) -> bool:
-        """Let a cycle begin, with the joints at `q`; return whether the watchdog acts in it.
-
-        Positions are (n,) in published order, rad or m.
-        """
-        while self._line and self._line[0][0] <= cycle:
-            self._arrive(self._line.popleft()[1], cycle)
-        if cycle - self._heard < self._timeout:
+    def advance(self, link: LinkState, cycle: int, q: np.ndarray) -> bool:
+        """Let a cycle begin, with the joints at `q`; return whether the watchdog acts in it."""
+        while link.line and link.line[0][0] <= cycle:
+            _arrive(link, link.line.pop(0)[1], cycle)
+        if link.heard is None or cycle - link.heard < self._timeout:
             return False
-        self.clear(self._without_commands(q))
-        self.timed_out = True
-        self.timeouts += 1
+        clear(link, self._without_commands(link.drive, q))
+        link.timed_out = True
+        link.timeouts += 1
         return True
 
-    def _without_commands(self, q: np.ndarray) -> Drive:
+    def _without_commands(self, drive: Drive, q: np.ndarray) -> Drive:
         """Return the drive of an arm whose controller is silent."""
-        braked = self.drive.braked
+        braked = drive.braked
         if self._on_timeout == 'brake':
             return held(len(braked))
         if self._on_timeout == 'zero':
-            return let_go(self.drive)
-        position = np.where(braked, np.nan, q[self._place])
+            return let_go(drive)
+        position = np.where(braked, np.nan, q)
         return Drive(np.zeros(len(braked)), braked, position, np.full(len(braked), np.nan))
+
+
+def _arrive(link: LinkState, drive: Drive, cycle: int) -> None:
+    link.drive, link.heard, link.timed_out = drive, cycle, False
+
+
+def clear(link: LinkState, drive: Drive) -> None:
+    """Discard all commands and begin with a drive; the watchdog waits for the first command."""
+    link.drive = link.newest = drive
+    link.line.clear()
+    link.heard = None
+    link.timed_out = False

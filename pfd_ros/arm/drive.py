@@ -72,7 +72,7 @@ def merge(drive: Drive, command: Command) -> Drive:
         # The usual case, and a fast one: an effort for each joint, none of which is NaN.
         effort = np.empty(count)
         effort[joints] = command.effort
-        return Drive(effort, _released(count))
+        return Drive(effort, free(count))
     braked = drive.braked.copy()
     braked[joints] = False
     effort = _merged(drive.effort, joints, command.effort, 0.0)
@@ -86,7 +86,7 @@ def merge(drive: Drive, command: Command) -> Drive:
 
 
 @cache
-def _released(count: int) -> np.ndarray:
+def free(count: int) -> np.ndarray:
     """Return the brakes of an arm that none of them holds, (n,), for all of its drives."""
     released = np.zeros(count, bool)
     released.flags.writeable = False

@@ -21,19 +21,22 @@ alone: a failed arm stands still in simulated time and goes on publishing.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from bisect import bisect_left
+from collections.abc import Iterable, Sequence
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 import pfd_core as pfd
+from pfd_ros.arm import actuators, command_link, wrench
 from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.changes import PayloadEcho
+from pfd_ros.arm.changes import payload_message
 from pfd_ros.arm.command_link import CommandLink
 from pfd_ros.arm.commands import Judgement
-from pfd_ros.arm.drive import Command, Drive, held, let_go
-from pfd_ros.arm.effects import ClockTick, SettingsChange, StateChange, WrenchChange
+from pfd_ros.arm.drive import Command, Drive, free, held, let_go
+from pfd_ros.arm.effects import ClockTick, Request, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
     CLOCK,
     COMMANDS,
@@ -47,14 +50,13 @@ from pfd_ros.arm.events import (
     Verdict,
     VerdictRow,
 )
-from pfd_ros.arm.followed_clock import FollowedClock
 from pfd_ros.arm.judging import Judge
 from pfd_ros.arm.outputs import extra_outputs
-from pfd_ros.arm.pace import Pace
-from pfd_ros.arm.sensors import JointArrays, sensors_of
+from pfd_ros.arm.pace import Pace, needs_event
+from pfd_ros.arm.sensors import Sensors
 from pfd_ros.arm.settings import Settings
-from pfd_ros.arm.verdict_rows import VerdictRows
-from pfd_ros.arm.wrench import ExternalWrench
+from pfd_ros.arm.state import ArmState, JointArrays
+from pfd_ros.arm.verdict_rows import overflow_messages, rows_message
 from pfd_ros.messages import convert
 
 OVERFLOWED = Judgement(Verdict.OVERFLOWED, 'newer ones came before the next step')
@@ -84,24 +86,10 @@ class Engine:
 
     Attributes
     ----------
-    settings
-        As they are now: events change the dynamic ones.
-    cycles
-        Number of the last cycle, 0 before the first.
-    pace
-        Whether there may be a next one.
-    link
-        The way of commands to the actuators.
-    actuators
-        From the commands that arrived to the efforts that act.
-    applied
-        The efforts and brakes of the last step.
-    wrench
-        The wrench on the last link, None in a scene without one.
-    jumps
-        The states that the next step jumps to, one after the other.
-    sensors
-        From the true state to the measured one, None where these are the same.
+    arm
+        The simulated arm, which holds the state.
+    publish_every
+        Cycles from one state to the next.
 
     Raises
     ------
@@ -111,44 +99,79 @@ class Engine:
 
     def __init__(self, settings: Settings, robot: pfd.Robot, *, rows: bool = True) -> None:
         self.arm = Arm(settings, robot)
-        self.settings = self.arm.settings
-        self.cycles = 0
-        # The cycle of the start or the last reset, from which noise counts.
-        self._begun = 0
-        self._role = ''
-        clock = FollowedClock(settings.step_ns) if settings.follows_clock else None
-        self.pace = Pace(
-            settings.lockstep, settings.autostart, clock, settings.wait_for_controller
-        )
-        self._rows = VerdictRows() if rows else None
-        self._publish_every = settings.publish_every
+        self._rows = rows
+        self.publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
-        self.applied = held(robot.n)
-        self.link = CommandLink(self.settings, self.arm.order)
-        self.actuators = Actuators(self.settings, robot, self.arm.order)
-        self._rules = Judge(self.arm, self.pace, self.actuators)
-        self.wrench = ExternalWrench(settings) if self.arm.scene.external_wrench else None
-        self._payload_echo = PayloadEcho(self.arm)
-        self.jumps: list[StateChange | None] = []
-        self.sensors = sensors_of(self.settings, self.arm)
-        self._extra = extra_outputs(self.settings, self.arm)
+        self._step_ns = settings.step_ns
+        self.pace = Pace(settings.lockstep, settings.wait_for_controller, settings.follows_clock)
+        self._rules = Judge(self.arm, self.pace)
+        # Place in published order of each joint of the model, None if the two are the same.
+        place = np.argsort(self.arm.order)
+        self._free = free(robot.n)
+        self._published = None if list(place) == list(range(robot.n)) else place
         self._encoder = convert.JointStateEncoder(
-            self.arm.names, settings.frame_id, settings.published_locks
+            self.arm.names, settings.frame_id, settings.published_locks, self.arm.order
+        )
+        self._derive()
+        state = self.state
+        state.pace.active = settings.autostart
+        self.pace.begin(state.pace)
+        if self.sensors is not None:
+            self.sensors.restart(state)
+
+    def _derive(self) -> None:
+        """Set the constants that follow from the settings as they are now."""
+        settings, arm = self.settings, self.arm
+        self._link = CommandLink(settings)
+        self.actuators = Actuators(settings, arm.robot, arm.order)
+        arm.set_limits(self.actuators.limits)
+        sensors = Sensors(settings, arm.order)
+        # None where states are measured as they are.
+        self.sensors = None if sensors.exact else sensors
+        self._extra = extra_outputs(settings, arm)
+        self._plain = (
+            self.sensors is None and not self.actuators.has_reflex and not self.pace.follows_clock
         )
 
     @property
-    def newest_command_ns(self) -> int | None:
-        """Stamp of the newest command by name, accepted or not, ns; None before the first."""
-        return self._rules.newest_ns
+    def state(self) -> ArmState:
+        """Everything that changes while the arm runs."""
+        return self.arm.state
+
+    @property
+    def settings(self) -> Settings:
+        """The settings as they are now: events change the dynamic ones."""
+        return self.arm.state.settings
+
+    @property
+    def cycles(self) -> int:
+        """Number of the last cycle, 0 before the first."""
+        return self.arm.state.cycle
 
     @property
     def stands(self) -> bool:
         """Whether the next cycle has to wait for an event."""
         # Of an arm that failed simulated time stands still; cycles go on as if it did not.
-        steps = self.cycles + 1 - self.arm.step
-        if self.pace.forbids(self.arm.stamp_ns + steps * self.settings.step_ns):
+        state = self.arm.state
+        steps = state.cycle + 1 - state.step
+        if self.pace.forbids(state.pace, self.arm.stamp_ns + steps * self._step_ns):
             return True
-        return self.pace.stands and not self.jumps
+        return needs_event(state.pace) and not state.jumps
+
+    def save(self) -> ArmState:
+        """Return a copy of the state: a run that is restored to it has the same bits."""
+        return self.state.copy()
+
+    def restore(self, state: ArmState) -> None:
+        """Continue from a copy of a state.
+
+        Raises
+        ------
+        ValueError
+            If the state is of another robot, or of an arm with other settings at its start.
+        """
+        self.arm.restore(state)
+        self._derive()
 
     def run_cycle(self, events: Iterable[Event] = ()) -> Taken:
         """Run the next cycle on the events since the last one; return all outputs of it."""
@@ -160,19 +183,19 @@ class Engine:
         outputs: list[Output] = []
         judgements: list[tuple[Source, Judgement, int]] = []
         rows: list[VerdictRow] = []
-        cycle = self.cycles + 1
+        cycle = self.state.cycle + 1
         for event in events:
             if isinstance(event, Overflow):
                 judgements.append((event.source, OVERFLOWED, len(event.sequences)))
-                if self._rows is not None:
-                    outputs.extend(self._rows.of_overflow(event, cycle))
+                if self._rows:
+                    outputs.extend(overflow_messages(self.state, event, cycle))
                 continue
             judgement = self.accept(event)
             judgements.append((event.source, judgement, 1))
-            if self._rows is not None:
+            if self._rows:
                 rows.append(VerdictRow(cycle, event.source, event.sequence, judgement.verdict))
-        if self._rows is not None and rows:
-            outputs.append(self._rows.message(rows))
+        if rows:
+            outputs.append(rows_message(self.state, rows))
         return Taken(outputs, judgements)
 
     def accept(self, event: Arrival) -> Judgement:
@@ -183,47 +206,7 @@ class Engine:
 
     def judge(self, event: Arrival) -> Judgement:
         """Return the verdict on a message and its effect, which is not applied."""
-        return self._rules.judge(event)
-
-    def _apply(self, source: Source, judgement: Judgement) -> None:
-        effect = judgement.effect
-        if self.pace.lockstep and source in COMMANDS:
-            self.pace.answer(judgement.verdict)
-        if isinstance(effect, Command):
-            self.link.send(effect, self.cycles + 1)
-        elif isinstance(effect, StateChange):
-            self.jumps.append(effect)
-            self._forget_commands(let_go(self.link.drive))
-        elif isinstance(effect, SettingsChange):
-            self._set(effect)
-        elif isinstance(effect, ClockTick):
-            self._follow(effect)
-        elif isinstance(effect, WrenchChange):
-            if self.wrench is not None:
-                self.wrench.put(effect, self.settings.external_wrench_timeout)
-        elif effect is not None:
-            if effect.name == 'reset':
-                self._reset()
-            elif effect.name == 'deactivate':
-                self._forget_commands(held(len(self.arm.order)))
-            elif effect.name == 'clear_wrench':
-                self._clear_wrench()
-            self.pace.request(effect)
-
-    def _reset(self) -> None:
-        """Let the next step end in the initial state, without anything from before."""
-        self.arm.revive(self.cycles)
-        self.jumps = [None]
-        self.link.sent = 0
-        self._forget_commands(held(len(self.arm.order)))
-        self._rules.reset_ns = self._rules.since_ns
-        self._clear_wrench()
-
-    def _forget_commands(self, drive: Drive) -> None:
-        """Go on with a drive, and without all commands from before the next step."""
-        self.link.clear(drive)
-        self.actuators.restart()
-        self._rules.since_ns = self.arm.stamp_ns + self.settings.step_ns
+        return self._rules.judge(event, self.actuators.gains)
 
     def command(self, efforts: np.ndarray) -> Judgement:
         """Judge and apply efforts (n,) in published order, as a command without names has them.
@@ -234,88 +217,247 @@ class Engine:
         self._apply(Source.ARRAY, judgement)
         return judgement
 
-    def _clear_wrench(self) -> None:
-        if self.wrench is not None:
-            self.wrench.clear()
+    def stretch(self, efforts: np.ndarray, commands: Sequence[int]) -> np.ndarray | None:
+        """Run a cycle for each row of efforts, in one native call.
+
+        The same as `command` and `advance` in turn, with the same bits, where nothing but
+        commands of efforts acts: without delay, drop-out, sensors' errors, reflex, pause, jump,
+        followed clock, or a wrench with an end. Where something else does, nothing is done.
+
+        Parameters
+        ----------
+        efforts
+            (cycles, n), published order.
+        commands
+            Rows that begin with a command, of which 0 is the first; the others repeat the row
+            before.
+
+        Returns
+        -------
+        numpy.ndarray or None
+            q, qd and the efforts that acted, (cycles, 3, n), model order; fewer rows, the last of
+            which is not finite, if the arm fails. None if nothing was done.
+        """
+        if not self._may_stretch(_longest_gap(commands, len(efforts))):
+            return None
+        if not np.isfinite(efforts).all():
+            return None
+        if self._published is not None:
+            efforts = efforts[:, self._published]
+        state = self.arm.state
+        begin, step = state.cycle, state.step
+        if state.wrench is not None:
+            wrench.advance(state.wrench)
+        rows = self.arm.run(efforts, self._free)
+        state.cycle = cycle = begin + len(rows)
+        taken = bisect_left(commands, len(rows))
+        last = commands[taken - 1]
+        self._end_stretch(efforts[last].copy(), begin + 1 + last, taken)
+        published = cycle - cycle % self.publish_every
+        if self.pace.lockstep:
+            state.pace.commanded = True
+            state.pace.waits = published == cycle
+            if published > begin:
+                ended = step + min(published - begin, state.step - step)
+                state.since_ns = state.origin_ns + ended * self._step_ns
+        return rows
+
+    def encode_states(self, stamps_ns: np.ndarray, rows: np.ndarray) -> bytes | None:
+        """Return the messages of the states of a stretch, one after the other.
+
+        None if cycles have other messages too, but for the clock.
+
+        Parameters
+        ----------
+        stamps_ns, rows
+            (k,) and (k, 3, n), as `stretch` returns them.
+        """
+        if self._extra is not None or self.arm.plant.payload != self.arm.state.payload:
+            return None
+        return self._encoder.encode_all(stamps_ns, *np.moveaxis(rows, 1, 0))
+
+    def answer(self, efforts: np.ndarray) -> bool:
+        """Command efforts (n,), published order, and run one cycle, as `stretch` does.
+
+        Returns whether it was possible; if not, nothing was done.
+        """
+        # For a few joints faster than NumPy; the terms of a finite sum are finite.
+        if not self._may_stretch(1) or not math.isfinite(sum(efforts.tolist())):
+            return False
+        if self._published is not None:
+            efforts = efforts[self._published]
+        arm = self.arm
+        state = arm.state
+        if state.wrench is not None:
+            wrench.advance(state.wrench)
+        state.cycle = cycle = state.cycle + 1
+        self._end_stretch(arm.advance(efforts, self._free), cycle, 1)
+        if self.pace.lockstep:
+            pace = state.pace
+            pace.commanded = True
+            pace.waits = not cycle % self.publish_every
+            if pace.waits:
+                state.since_ns = arm.stamp_ns
+        return True
+
+    def _end_stretch(self, effort: np.ndarray, heard: int, commands: int) -> None:
+        state = self.arm.state
+        link = state.link
+        link.drive = link.newest = Drive(effort, self._free)
+        link.heard, link.timed_out = heard, False
+        link.sent += commands
+        state.actuators.before = None
+
+    def _may_stretch(self, gap: int) -> bool:
+        """Return whether nothing but commands, with at most `gap` cycles between, will act."""
+        if not self._plain:
+            return False
+        state = self.arm.state
+        pace = state.pace
+        return not (
+            state.failure
+            or pace.paused
+            or not pace.active
+            or state.jumps
+            or state.link.line
+            or state.actuators.tripped
+            or (state.wrench is not None and state.wrench.left is not None)
+            or not self._link.passes_all(gap)
+        )
+
+    def _apply(self, source: Source, judgement: Judgement) -> None:
+        effect, state = judgement.effect, self.state
+        if source in COMMANDS:
+            self.pace.answer(state.pace, judgement.verdict)
+        if isinstance(effect, Command):
+            self._link.send(state.link, effect, state.cycle + 1)
+        elif isinstance(effect, StateChange):
+            state.jumps.append(effect)
+            self._discard_commands(let_go(state.link.drive))
+        elif isinstance(effect, SettingsChange):
+            self._set(effect)
+        elif isinstance(effect, ClockTick):
+            self._follow(effect)
+        elif isinstance(effect, WrenchChange):
+            if state.wrench is not None:
+                wrench.put(state.wrench, effect, state.settings)
+        elif effect is not None:
+            self._request(effect)
+
+    def _request(self, request: Request) -> None:
+        state = self.state
+        if request.name == 'reset':
+            self._reset()
+        elif request.name == 'deactivate':
+            self._discard_commands(held(len(state.q)))
+        elif request.name == 'clear_wrench' and state.wrench is not None:
+            wrench.clear(state.wrench)
+        self.pace.request(state.pace, request)
+
+    def _reset(self) -> None:
+        """Let the next step end in the initial state, without anything from before."""
+        state = self.state
+        self.arm.revive(state.cycle)
+        state.jumps = [None]
+        state.link.sent = 0
+        self._discard_commands(held(len(state.q)))
+        state.reset_ns = state.since_ns
+        if state.wrench is not None:
+            wrench.clear(state.wrench)
+
+    def _discard_commands(self, drive: Drive) -> None:
+        """Continue with a drive, and without all commands from before the next step."""
+        state = self.state
+        command_link.clear(state.link, drive)
+        actuators.restart(state.actuators)
+        state.since_ns = self.arm.stamp_ns + self._step_ns
 
     def _set(self, change: SettingsChange) -> None:
         """Take over other values of dynamic settings; all others are as before."""
-        self.settings = change.settings
+        measured = self.sensors is not None
         self.arm.change(change.settings, change.plant)
-        self.link.set(self.settings)
-        self.actuators.set(self.settings)
-        self.sensors = sensors_of(self.settings, self.arm, self.sensors)
-        if change.plant is not None:
-            self._extra = extra_outputs(self.settings, self.arm)
+        self._derive()
+        state = self.state
+        if self.sensors is None:
+            state.sensed = []
+        elif not measured:
+            state.sensed = [(state.q, state.qd, state.tau)]
 
     def _follow(self, tick: ClockTick) -> None:
-        clock = self.pace.clock
-        assert clock is not None
-        if clock.until_ns is None:
-            self.arm.leap(tick.stamp_ns)
-            self._rules.since_ns = tick.stamp_ns
-        clock.until_ns = tick.stamp_ns
+        state = self.state
+        if state.pace.until_ns is None:
+            # Simulated time continues there, without a step.
+            state.origin_ns = tick.stamp_ns - state.step * self._step_ns
+            state.since_ns = tick.stamp_ns
+        state.pace.until_ns = tick.stamp_ns
 
     def step(self) -> list[Output]:
         """Run the next cycle on the events that were taken; return its state and its tick."""
-        self.advance()
+        role = self.advance()
         outputs: list[Output] = []
-        self._add_state_and_tick(outputs)
-        new_payload = self._payload_echo.output()
+        new_payload = payload_message(self.arm)
         if new_payload is not None:
-            outputs.insert(0, new_payload)
+            outputs.append(new_payload)
+        self._add_state_and_tick(outputs, role)
         return outputs
 
-    def advance(self) -> None:
-        """Run the next cycle on the events that were taken, without a message of its outputs."""
-        self.cycles += 1
-        if self.jumps and self.jumps[0] is None:
-            self._begun = self.cycles
-        if not self.arm.failure:
-            self._actuate()
-        if self.wrench is not None:
-            self.arm.wrench = self.wrench.next()
-        if self.jumps:
-            self.arm.jump(self.jumps)
-            self.jumps = []
-            if self.sensors is not None:
-                self.sensors.restart()
-        else:
-            self.arm.advance(self.applied)
-            if self.sensors is not None:
-                self.sensors.sample()
-        self._role = self._state_role()
-        self.pace.stepped(published=self._role == STATES)
-        if self.pace.waits:
-            self._rules.since_ns = self.arm.stamp_ns
+    def advance(self) -> str:
+        """Run the next cycle on the events that were taken, without a message of its outputs.
 
-    def _state_role(self) -> str:
+        Returns the role of this cycle's state, '' if it has none.
+        """
+        state = self.state
+        state.cycle += 1
+        if state.jumps and state.jumps[0] is None:
+            state.epoch = state.cycle
+        drive = state.link.drive if state.failure else self._actuate(state)
+        if state.wrench is not None:
+            wrench.advance(state.wrench)
+        if state.jumps:
+            state.braked = drive.braked
+            self.arm.jump(state.jumps)
+            state.jumps = []
+            if self.sensors is not None:
+                self.sensors.restart(state)
+        else:
+            self.arm.advance(drive.effort, drive.braked)
+            if self.sensors is not None:
+                self.sensors.sample(state)
+        role = self._state_role(state)
+        self.pace.stepped(state.pace, published=role == STATES)
+        if state.pace.waits:
+            state.since_ns = self.arm.stamp_ns
+        return role
+
+    def _state_role(self, state: ArmState) -> str:
         """Return the role of this cycle's state, '' if it has none."""
-        if self.cycles % self._publish_every:
+        if state.cycle % self.publish_every:
             return ''
-        dropped = self.sensors is not None and self.sensors.drops(self.cycles - self._begun)
+        dropped = self.sensors is not None and self.sensors.drops(state)
         return DROPPED_STATES if dropped else STATES
 
-    def _actuate(self) -> None:
-        """Let the commands that are due reach the drives, and the drives decide on their efforts.
+    def _actuate(self, state: ArmState) -> Drive:
+        """Let the commands that are due reach the actuators; return what these want.
 
-        A failed arm has no drives: a gap in its cycles changes nothing.
+        A failed arm has no actuators: a gap in its cycles changes nothing.
         """
-        if self.link.advance(self.cycles, self.arm.q):
+        link, driven = state.link, state.actuators
+        if self._link.advance(link, state.cycle, state.q):
             # The watchdog is no controller: a reflex does not look at its jump.
-            self.actuators.restart()
-        if self.jumps:
-            self.applied = let_go(self.link.drive)
-            return
-        self.applied = self.actuators.applied(self.link.drive, self.arm.q, self.arm.qd)
-        if self.actuators.tripped:
-            self.link.clear(self.applied)
+            actuators.restart(driven)
+        if state.jumps:
+            return let_go(link.drive)
+        drive = self.actuators.wanted(driven, link.drive, state.q, state.qd)
+        if driven.tripped:
+            command_link.clear(link, drive)
+        return drive
 
     def measured(self) -> JointArrays:
-        """Return the positions, velocities and efforts that the state of this cycle tells."""
+        """Return the positions, velocities and efforts of this cycle's state, in model order."""
+        state = self.state
         if self.sensors is None:
-            return self.arm.q, self.arm.qd, self.arm.tau
-        return self.sensors.measured(self.cycles - self._begun)
+            return state.q, state.qd, state.tau
+        return self.sensors.measured(state)
 
     def present(self) -> list[Output]:
         """Return the state, the outputs beside it and the tick, for readers that missed them.
@@ -334,17 +476,17 @@ class Engine:
 
         The arm is the same in each of them: a gap of any length costs nothing.
         """
-        if not self.arm.failure:
+        if not self.state.failure:
             raise RuntimeError('only an arm that failed stands still')
-        self.cycles = max(self.cycles, cycle)
+        self.state.cycle = max(self.state.cycle, cycle)
 
-    def _add_state_and_tick(self, outputs: list[Output]) -> None:
+    def _add_state_and_tick(self, outputs: list[Output], role: str) -> None:
         """Add the state of this cycle, the outputs beside it, and the clock tick."""
-        arm, cycle = self.arm, self.cycles
-        if self._role:
+        arm, cycle = self.arm, self.state.cycle
+        if role:
             state = self._encoder.encode(arm.stamp_ns, *self.measured())
-            number = cycle // self._publish_every
-            outputs.append(Output(self._role, number, state))
+            number = cycle // self.publish_every
+            outputs.append(Output(role, number, state))
             if self._extra is not None:
                 outputs.extend(self._beside_the_state(number))
         if self._clock_every and cycle % self._clock_every == 0:
@@ -354,3 +496,10 @@ class Engine:
     def _beside_the_state(self, number: int) -> list[Output]:
         messages = [] if self._extra is None else self._extra.messages()
         return [Output(role, number, data) for role, data in messages]
+
+
+def _longest_gap(commands: Sequence[int], cycles: int) -> int:
+    """Return the largest number of cycles from a command to the next one, or to the end."""
+    if len(commands) == cycles:
+        return 1
+    return max(int(gap) for gap in np.diff([*commands, cycles]))

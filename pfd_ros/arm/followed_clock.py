@@ -11,8 +11,6 @@ clock that is lost leaves the arm standing too; the node tells so after some sec
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import ClockTick
 from pfd_ros.arm.events import Verdict
@@ -22,39 +20,30 @@ from pfd_ros.messages.convert import NANOSECONDS
 MOST_STEPS_AHEAD = 100_000
 
 
-@dataclass
-class FollowedClock:
-    """The clock of another node, as far as its ticks have come.
+def judge_tick(tick_ns: int, stamp_ns: int, until_ns: int | None, step_ns: int) -> Judgement:
+    """Judge a tick.
 
-    Attributes
+    Parameters
     ----------
+    tick_ns, stamp_ns
+        The simulated times of the tick and of the arm, ns.
+    until_ns
+        The simulated time of the newest tick, ns; None before the first one.
     step_ns
         Simulated time of a step, ns.
-    until_ns
-        Simulated time of the newest tick, ns; None before the first one.
     """
-
-    step_ns: int
-    until_ns: int | None = None
-
-    def judge(self, tick_ns: int, stamp_ns: int) -> Judgement:
-        """Judge a tick while the arm is at the simulated time `stamp_ns`."""
-        last = stamp_ns if self.until_ns is None else self.until_ns
-        if tick_ns < last:
-            return Judgement(
-                Verdict.STALE,
-                f'the clock is at {tick_ns / NANOSECONDS} s and was at {last / NANOSECONDS} s: '
-                'simulated time never goes back',
-            )
-        if self.until_ns is not None and tick_ns - stamp_ns > MOST_STEPS_AHEAD * self.step_ns:
-            return Judgement(
-                Verdict.REFUSED,
-                f'the clock is at {tick_ns / NANOSECONDS} s and the arm at '
-                f'{stamp_ns / NANOSECONDS} s, more than {MOST_STEPS_AHEAD} steps behind: '
-                'a reset lets its time leap there',
-            )
-        return Judgement(Verdict.ACCEPTED, effect=ClockTick(tick_ns))
-
-    def reaches(self, stamp_ns: int) -> bool:
-        """Return whether the clock has come to a simulated time."""
-        return self.until_ns is not None and stamp_ns <= self.until_ns
+    last = stamp_ns if until_ns is None else until_ns
+    if tick_ns < last:
+        return Judgement(
+            Verdict.STALE,
+            f'the clock is at {tick_ns / NANOSECONDS} s and was at {last / NANOSECONDS} s: '
+            'simulated time never goes back',
+        )
+    if until_ns is not None and tick_ns - stamp_ns > MOST_STEPS_AHEAD * step_ns:
+        return Judgement(
+            Verdict.REFUSED,
+            f'the clock is at {tick_ns / NANOSECONDS} s and the arm at '
+            f'{stamp_ns / NANOSECONDS} s, more than {MOST_STEPS_AHEAD} steps behind: '
+            'a reset lets its time leap there',
+        )
+    return Judgement(Verdict.ACCEPTED, effect=ClockTick(tick_ns))

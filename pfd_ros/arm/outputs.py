@@ -72,8 +72,9 @@ class ExtraOutputs:
 
     def messages(self) -> list[tuple[str, bytes]]:
         """Return the messages about the state as it is now, by role."""
-        self.q[self.columns], self.qd[self.columns] = self.arm.q, self.arm.qd
-        self.wrench[:] = 0.0 if self.arm.wrench is None else self.arm.wrench
+        state = self.arm.state
+        self.q[:], self.qd[:] = state.q, state.qd
+        self.wrench[:] = 0.0 if state.wrench is None else state.wrench.acting
         return [(name, write()) for name, write in self._writers]
 
     def bound(
@@ -115,12 +116,14 @@ def _array(layout: Sequence[tuple[str, Sequence[str]]], value: Callable[[], np.n
 
 
 def _true_states(given: ExtraOutputs) -> Writer:
-    arm, encoder = given.arm, JointStateEncoder(given.arm.names, given.frame_id, given.locked)
+    arm = given.arm
+    encoder = JointStateEncoder(arm.names, given.frame_id, given.locked, arm.order)
     return lambda: encoder.encode(arm.stamp_ns, arm.q, arm.qd, arm.tau)
 
 
 def _acceleration(given: ExtraOutputs) -> Writer:
-    return _array([('joint', given.arm.names)], lambda: given.arm.acceleration)
+    layout = [('joint', given.arm.names)]
+    return _array(layout, lambda: given.arm.acceleration[given.columns])
 
 
 def _external_torques(given: ExtraOutputs, form: str = '') -> Writer:
@@ -161,7 +164,11 @@ def _tip_wrench(given: ExtraOutputs) -> Writer:
 
 def _energy(given: ExtraOutputs) -> Writer:
     evaluate, arm = given.bound('energy', given.q, given.qd), given.arm
-    return _array([('item', ENERGIES)], lambda: np.append(evaluate(), _power(arm.tau * arm.qd)))
+
+    def value() -> np.ndarray:
+        return np.append(evaluate(), _power((arm.tau * arm.qd)[given.columns]))
+
+    return _array([('item', ENERGIES)], value)
 
 
 _WRITERS: dict[str, Callable[[ExtraOutputs], Writer]] = {

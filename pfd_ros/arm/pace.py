@@ -10,10 +10,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.events import Verdict
-from pfd_ros.arm.followed_clock import FollowedClock
+from pfd_ros.arm.state import PaceState
 
 # A driver that sends NaN until a controller has claimed its joints answers all the same, and so
 # does a controller whose commands are of no use to an arm that a reflex has braked.
@@ -22,78 +21,60 @@ ANSWERS = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN, Verdict.REFUSED})
 LEAPS = frozenset({'resume', 'activate', 'reset'})
 
 
-@dataclass
+@dataclass(frozen=True)
 class Pace:
-    """Activity, pause, lockstep and followed clock of one arm.
+    """The rules for activity, pauses, lockstep and a followed clock; their state is a PaceState.
 
     Attributes
     ----------
     lockstep
         Whether each published state, from the first command on, waits for a command.
-    active
-        Whether there are steps at all; an inactive arm has its brakes on and takes no commands.
-    clock
-        The clock of another node, if the arm follows one.
     from_start
         Whether, in lockstep, the state before the first command waits too.
-    paused
-        Whether there are only the steps that are asked for.
-    waits
-        Whether the last published state has had no answer.
+    follows_clock
+        Whether the arm follows the clock of another node.
     """
 
     lockstep: bool = False
-    active: bool = True
-    clock: FollowedClock | None = None
     from_start: bool = False
-    paused: bool = False
-    waits: bool = False
-    _left: int = 0
-    _commanded: bool = False
+    follows_clock: bool = False
 
-    def __post_init__(self) -> None:
-        """Begin."""
-        self._begin()
+    def begin(self, state: PaceState) -> None:
+        """Begin: there is a controller to wait for from the start, or else once one commands."""
+        state.waits = state.commanded = self.lockstep and self.from_start
 
-    def _begin(self) -> None:
-        # There is a controller to wait for from the start, or else once one commands.
-        self.waits = self._commanded = self.lockstep and self.from_start
-
-    @property
-    def stands(self) -> bool:
-        """Whether the next step needs an event; a jump goes through a pause, and needs none."""
-        return self.waits or (self.paused and not self._left)
-
-    def forbids(self, stamp_ns: int) -> bool:
+    def forbids(self, state: PaceState, stamp_ns: int) -> bool:
         """Return whether there may be no step, not even a jump, that ends at this time."""
-        return not self.active or (self.clock is not None and not self.clock.reaches(stamp_ns))
+        if not state.active:
+            return True
+        return self.follows_clock and (state.until_ns is None or stamp_ns > state.until_ns)
 
-    def judge_tick(self, tick_ns: int, stamp_ns: int) -> Judgement:
-        """Judge a tick of the followed clock; ValueError if there is none."""
-        if self.clock is None:
-            raise ValueError('no clock is followed')
-        return self.clock.judge(tick_ns, stamp_ns)
-
-    def request(self, request: Request) -> None:
-        """Take note of a request."""
-        if self.clock is not None and request.name in LEAPS:
-            self.clock.until_ns = None
+    def request(self, state: PaceState, request: Request) -> None:
+        """Apply a request."""
+        if request.name in LEAPS:
+            state.until_ns = None
         if request.name == 'step':
-            self._left += request.count
+            state.left += request.count
         elif request.name in ('pause', 'resume'):
-            self.paused, self._left = request.name == 'pause', 0
+            state.paused, state.left = request.name == 'pause', 0
         elif request.name in ('activate', 'deactivate'):
-            self.active = request.name == 'activate'
-            self._begin()
+            state.active = request.name == 'activate'
+            self.begin(state)
 
-    def answer(self, verdict: Verdict) -> None:
-        """Take note of a command."""
-        if verdict in ANSWERS:
-            self._commanded = self._commanded or verdict is Verdict.ACCEPTED
-            self.waits = False
+    def answer(self, state: PaceState, verdict: Verdict) -> None:
+        """Apply the validation result of a command, in lockstep."""
+        if self.lockstep and verdict in ANSWERS:
+            state.commanded = state.commanded or verdict is Verdict.ACCEPTED
+            state.waits = False
 
-    def stepped(self, *, published: bool) -> None:
-        """Take note of a step, and whether its state was published."""
-        self._left = max(0, self._left - 1)
+    def stepped(self, state: PaceState, *, published: bool) -> None:
+        """Apply a step, and whether its state was published."""
+        if state.left:
+            state.left -= 1
         if published:
-            self.waits = self.lockstep and self._commanded
+            state.waits = self.lockstep and state.commanded
+
+
+def needs_event(state: PaceState) -> bool:
+    """Return whether the next step needs an event; a jump runs in a pause and needs none."""
+    return state.waits or (state.paused and not state.left)

@@ -16,7 +16,7 @@ import numpy as np
 from pfd_ros.arm.commands import Judgement, named_values_rule, too_far
 from pfd_ros.arm.effects import MOST_STEPS, Request, StateChange
 from pfd_ros.arm.events import Verdict
-from pfd_ros.arm.pace import Pace
+from pfd_ros.arm.state import PaceState
 from pfd_ros.messages.convert import JointMessage, encode_string
 from pfd_ros.text import NAME_COUNT, cut, listed
 
@@ -36,7 +36,7 @@ def encode_request(request: Request) -> bytes:
     return encode_string(json.dumps(told))
 
 
-def judge_request(text: str, pace: Pace) -> Judgement:
+def judge_request(text: str, pace: PaceState) -> Judgement:
     """Judge a request to an arm of this pace.
 
     Raises

@@ -19,23 +19,20 @@ at; their noise goes on.
 
 from __future__ import annotations
 
-from collections import deque
-from typing import NamedTuple, TypeAlias
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
-from pfd_ros.arm.arm import Arm
+from pfd_ros.arm.actuators import in_model_order
 from pfd_ros.arm.noise import Channel, normal, uniform
 from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.state import ArmState, JointArrays
 
 CHANNELS = Channel.POSITION, Channel.VELOCITY, Channel.EFFORT
 KINDS = 'position', 'velocity', 'effort'
 # From here on a count of steps is finer than a float64.
 _MOST_COUNTS = 2.0**52
-
-
-# Positions, velocities and efforts (n,) of the joints in published order.
-JointArrays: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 class Errors(NamedTuple):
@@ -47,78 +44,73 @@ class Errors(NamedTuple):
 
 
 class Sensors:
-    """The sensors of one arm.
+    """The sensors of one arm: what its settings decide; their state is ArmState.sensed.
 
-    Attributes
+    All arrays are in model order.
+
+    Parameters
     ----------
-    line
-        The true states of the last cycles, the oldest of which is measured.
+    settings
+        Of the arm, as they are now.
+    order
+        Index in the model of each joint, in published order.
     """
 
-    def __init__(self, settings: Settings, arm: Arm) -> None:
+    def __init__(self, settings: Settings, order: Sequence[int]) -> None:
         self._seed, self._drop = settings.seed, settings.drop_state
-        self._errors = [_errors(settings, kind, len(arm.names)) for kind in KINDS]
-        self._arm = arm
-        self.line: deque[JointArrays] = deque(maxlen=settings.state_delay_steps + 1)
-        self.restart()
+        self._errors = [
+            Errors(
+                in_model_order(getattr(settings, f'bias_{kind}'), order),
+                getattr(settings, f'noise_{kind}'),
+                getattr(settings, f'quantization_{kind}'),
+            )
+            for kind in KINDS
+        ]
+        # Noise is numbered in published order.
+        self._place = np.argsort(order)
+        self._length = settings.state_delay_steps + 1
 
-    def restart(self) -> None:
-        """Forget the states before that of the arm now."""
-        if not self._arm.failure:
-            self.line.clear()
-        self.sample()
+    @property
+    def exact(self) -> bool:
+        """Whether states are measured as they are."""
+        errors = any(error.bias.any() or error.noise or error.step for error in self._errors)
+        return not errors and self._length == 1 and not self._drop
 
-    def sample(self) -> None:
-        """Take note of the true state of a cycle."""
-        if not self._arm.failure:
-            self.line.append((self._arm.q, self._arm.qd, self._arm.tau))
+    def restart(self, state: ArmState) -> None:
+        """Discard the states before the one now."""
+        if not state.failure:
+            state.sensed.clear()
+        self.sample(state)
 
-    def measured(self, cycle: int) -> JointArrays:
-        """Return the measured state of a cycle since the last reset; its arrays are finite."""
+    def sample(self, state: ArmState) -> None:
+        """Add the true state of a cycle."""
+        if not state.failure:
+            state.sensed.append((state.q, state.qd, state.tau))
+            if len(state.sensed) > self._length:
+                state.sensed.pop(0)
+
+    def measured(self, state: ArmState) -> JointArrays:
+        """Return the measured state of a cycle; its arrays are finite."""
         position, velocity, effort = (
-            _measured(value, errors, self._seed, channel, cycle)
-            for value, errors, channel in zip(self.line[0], self._errors, CHANNELS, strict=True)
+            self._measured(value, errors, channel, state.cycle - state.epoch)
+            for value, errors, channel in zip(state.sensed[0], self._errors, CHANNELS, strict=True)
         )
         return position, velocity, effort
 
-    def drops(self, cycle: int) -> bool:
-        """Return whether the state of a cycle since the last reset is not published."""
+    def drops(self, state: ArmState) -> bool:
+        """Return whether the state of a cycle is not published."""
         if not self._drop:
             return False
+        cycle = state.cycle - state.epoch
         return bool(uniform(self._seed, Channel.STATE_DROP, cycle, 1)[0] < self._drop)
 
-
-def sensors_of(settings: Settings, arm: Arm, before: Sensors | None = None) -> Sensors | None:
-    """Return the sensors of an arm, None where states are measured as they are.
-
-    Where dynamic settings have changed, `before` are the sensors so far, whose states are kept.
-    """
-    errors = [_errors(settings, kind, len(arm.names)) for kind in KINDS]
-    exact = not any(error.bias.any() or error.noise or error.step for error in errors)
-    if exact and not settings.delay_state and not settings.drop_state:
-        return None
-    made = Sensors(settings, arm)
-    if before is not None:
-        made.line = before.line
-    return made
-
-
-def _errors(settings: Settings, kind: str, count: int) -> Errors:
-    bias = getattr(settings, f'bias_{kind}')
-    return Errors(
-        np.array(bias) if bias else np.zeros(count),
-        getattr(settings, f'noise_{kind}'),
-        getattr(settings, f'quantization_{kind}'),
-    )
-
-
-def _measured(
-    value: np.ndarray, errors: Errors, seed: int, channel: Channel, cycle: int
-) -> np.ndarray:
-    value = value + errors.bias
-    if errors.noise:
-        value += errors.noise * normal(seed, channel, cycle, len(value))
-    return quantized(value, errors.step) if errors.step else value
+    def _measured(
+        self, value: np.ndarray, errors: Errors, channel: Channel, cycle: int
+    ) -> np.ndarray:
+        value = value + errors.bias
+        if errors.noise:
+            value += errors.noise * normal(self._seed, channel, cycle, len(value))[self._place]
+        return quantized(value, errors.step) if errors.step else value
 
 
 def quantized(value: np.ndarray, step: float) -> np.ndarray:

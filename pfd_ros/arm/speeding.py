@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.actuators import Actuators
+from pfd_ros.arm.actuators import speed_limits
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.plant_settings import ESTIMATED
 from pfd_ros.text import cut
@@ -44,14 +44,14 @@ class Speeding(NamedTuple):
         return self.ratio >= RUNAWAY
 
 
-def speeding(arm: Arm, actuators: Actuators) -> Speeding | None:
+def speeding(arm: Arm) -> Speeding | None:
     """Return the joint that was farthest beyond its velocity limit so far, if one was."""
-    peaks = list(actuators.peaks)
+    peaks = arm.state.actuators.peaks[list(arm.order)].tolist()
     ratio = max(peaks)
     if not ratio:
         return None
     joint = arm.order[peaks.index(ratio)]
-    name, limit = cut(arm.robot.joint_names[joint]), float(actuators.speeds[joint])
+    name, limit = cut(arm.robot.joint_names[joint]), float(speed_limits(arm.robot)[joint])
     unit = 'm/s' if arm.robot.joint_types[joint] == 'prismatic' else 'rad/s'
     found = f'{name} at {ratio * limit:.3g} {unit}, limit {limit:.3g} {unit}'
     if arm.robot.velocity_limit[joint] != limit:

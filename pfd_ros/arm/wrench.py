@@ -13,6 +13,7 @@ from pfd_ros.arm.commands import Judgement
 from pfd_ros.arm.effects import WrenchChange
 from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.settings import Settings, timeout_steps
+from pfd_ros.arm.state import WrenchState
 from pfd_ros.arm.tip_frames import tip_frame, wrench_at_tip
 from pfd_ros.messages.stamped import WrenchMessage
 
@@ -56,26 +57,23 @@ def judge_wrench(
     return Judgement(Verdict.ACCEPTED, effect=WrenchChange(wrench))
 
 
-class ExternalWrench:
-    """The wrench that acts on the last link, step by step."""
+def put(state: WrenchState, change: WrenchChange, settings: Settings) -> None:
+    """Let a wrench act for `external_wrench_timeout`, or until it is replaced, for 0."""
+    steps = timeout_steps(settings.external_wrench_timeout, settings.step_size)
+    state.next = np.array(change.wrench)
+    state.left = None if math.isinf(steps) else int(steps)
 
-    def __init__(self, settings: Settings) -> None:
-        self._none = np.zeros(6)
-        self._step_size = settings.step_size
-        self._acting, self._left = self._none, math.inf
 
-    def put(self, change: WrenchChange, timeout: float) -> None:
-        """Let a wrench act for so much simulated time, s, or until it is replaced, for 0."""
-        self._acting = np.array(change.wrench)
-        self._left = timeout_steps(timeout, self._step_size)
+def clear(state: WrenchState) -> None:
+    """Let no wrench act from the next step on."""
+    state.next, state.left = np.zeros(6), None
 
-    def clear(self) -> None:
-        """Let none act."""
-        self._acting, self._left = self._none, math.inf
 
-    def next(self) -> np.ndarray:
-        """Return force and moment, (6,), of the next step, in the last link's frame."""
-        if self._left <= 0:
-            self.clear()
-        self._left -= 1
-        return self._acting
+def advance(state: WrenchState) -> None:
+    """Let a step begin."""
+    if state.left is not None:
+        if state.left <= 0:
+            clear(state)
+        else:
+            state.left -= 1
+    state.acting = state.next

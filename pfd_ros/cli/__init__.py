@@ -6,6 +6,9 @@
     demo      pfd demo
     sim       pfd sim: the node
     replay    pfd replay: a recording verified, with its summary
+    info      pfd info: topics, times and settings of a log
+    compare   pfd compare: differences of two logs
+    recover   pfd recover: a whole file from one that was cut off or damaged
     report    pfd report: counts, speed, hard cases, a scene
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot

@@ -29,7 +29,7 @@ NO_ROS = (
 
 
 # The modules of this package that are commands, in the order of `pfd --help`.
-COMMANDS = ('demo', 'sim', 'replay', 'report', 'robots', 'urdf')
+COMMANDS = ('demo', 'sim', 'replay', 'info', 'compare', 'recover', 'report', 'robots', 'urdf')
 NEED_ROS = {'demo', 'sim'}
 
 

@@ -16,6 +16,8 @@ from pfd_ros.replay.verify import read
 from pfd_ros.text import one_line
 
 HELP = 'look at a recording, or check it bit for bit'
+# Exit status of --verify for a recording that is not whole, and equal as far as it goes.
+INCOMPLETE = 3
 # Software whose versions may change the bits.
 DECISIVE = ('pfd', 'numpy', 'llvmlite')
 # Words for the messages of roles whose names are no words.
@@ -28,12 +30,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--verify', action='store_true', help='simulate it again; fail at the first differing bit'
     )
+    parser.add_argument(
+        '--allow-incomplete',
+        action='store_true',
+        help=f'with --verify: status 0, not {INCOMPLETE}, for a log that is equal and not whole',
+    )
 
 
 def run(given: argparse.Namespace) -> int:
     """Read a recording, replay it if asked to, and print the result.
 
-    The status is 1 if messages are missing from a recording that is to be verified.
+    With --verify the status is 0 if the recording is whole and equal, INCOMPLETE if it is equal as
+    far as it goes.
 
     Raises
     ------
@@ -45,14 +53,13 @@ def run(given: argparse.Namespace) -> int:
     summary = read(given.log, verify=given.verify, progress=progress_on(sys.stderr))
     for line in describe(summary):
         print(line)
-    if given.verify and summary.dropped:
-        print(
-            f'FAILED: {summary.dropped} messages were not recorded, the disk was too slow; the '
-            f'{summary.states} recorded states are equal, every bit{_end(summary)}'
-        )
-        return 1
-    if given.verify:
-        print(f'verified: {summary.states} states, every bit equal{_end(summary)}')
+    if not given.verify:
+        return 0
+    equal = f'{summary.states} states, every bit equal{_end(summary)}'
+    if summary.absent:
+        print(f'equal as far as it goes: {equal}; missing: {", ".join(summary.absent)}')
+        return 0 if given.allow_incomplete else INCOMPLETE
+    print(f'verified: {equal}')
     return 0
 
 
@@ -109,6 +116,8 @@ def describe(summary: Summary) -> list[str]:
         lines.append(f'note       it {summary.obstacle}')
     if not summary.complete:
         lines.append('cut off    the file was never closed; all of this is up to the cut')
+    elif not summary.ended:
+        lines.append('missing    the end record of the node')
     here = versions()
     lines += [
         one_line(f'note       recorded with {name} {summary.versions[name]}, this is {here[name]}')

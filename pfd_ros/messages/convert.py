@@ -146,6 +146,16 @@ def encode_rows(rows: Sequence[Sequence[int]], columns: Sequence[str]) -> bytes:
     return _rows_layout(len(rows), tuple(columns)) + struct.pack(f'<{len(numbers)}Q', *numbers)
 
 
+def rows_as_written(data: bytes, columns: tuple[str, ...]) -> list[tuple[int, ...]] | None:
+    """Return the rows of a message if it has the bytes that `encode_rows` writes, else None."""
+    width, start = len(columns), len(_rows_layout(1, columns))
+    count, rest = divmod(len(data) - start, 8 * width)
+    if count < 1 or rest or data[:start] != _rows_layout(count, columns):
+        return None
+    numbers = struct.unpack_from(f'<{count * width}Q', data, start)
+    return [numbers[k : k + width] for k in range(0, len(numbers), width)]
+
+
 def decode_rows(data: bytes, width: int) -> list[list[int]]:
     """Return the rows that `encode_rows` wrote.
 
@@ -196,28 +206,81 @@ class JointStateEncoder:
         header.frame_id.
     fixed
         Position of further joints, which come after the others and stand still.
+    order
+        Place in the arrays of each name; default: the order of the names.
     """
 
     def __init__(
-        self, names: Sequence[str], frame_id: str = '', fixed: Mapping[str, float] | None = None
+        self,
+        names: Sequence[str],
+        frame_id: str = '',
+        fixed: Mapping[str, float] | None = None,
+        order: Sequence[int] = (),
     ) -> None:
         at_rest = {} if fixed is None else fixed
         writer = headed(frame_id)
         writer.strings((*names, *at_rest))
         zeros = np.zeros(len(names) + len(at_rest))
         positions = np.append(np.zeros(len(names)), list(at_rest.values()))
-        starts = [writer.numbers(numbers) for numbers in (positions, zeros, zeros)]
+        self._starts = [writer.numbers(numbers) for numbers in (positions, zeros, zeros)]
         self._data = writer.data
-        self._arrays = [np.frombuffer(self._data, '<f8', len(names), at) for at in starts]
+        self._arrays = [np.frombuffer(self._data, '<f8', len(names), at) for at in self._starts]
+        self._order = permutation(order)
 
     def encode(
         self, stamp_ns: int, position: NDArray[Any], velocity: NDArray[Any], effort: NDArray[Any]
     ) -> bytes:
-        """Return the message; the arrays are (n,) in the order of the names."""
+        """Return the message; the arrays are (n,)."""
         TIME.pack_into(self._data, len(HEADER), *divmod(stamp_ns, NANOSECONDS))
         for target, values in zip(self._arrays, (position, velocity, effort), strict=True):
-            target[:] = values
+            target[:] = values[self._order]
         return bytes(self._data)
+
+    def encode_all(
+        self,
+        stamps_ns: np.ndarray,
+        position: np.ndarray,
+        velocity: np.ndarray,
+        effort: np.ndarray,
+    ) -> bytes:
+        """Return the messages of many states (k, n), one after the other."""
+        rows = np.tile(np.frombuffer(self._data, np.uint8), (len(stamps_ns), 1))
+        _write_stamps(rows, stamps_ns)
+        for start, values in zip(self._starts, (position, velocity, effort), strict=True):
+            numbers = np.ascontiguousarray(values[:, self._order], '<f8')
+            rows[:, start : start + 8 * numbers.shape[1]] = numbers.view(np.uint8)
+        return rows.tobytes()
+
+
+def decode_efforts(messages: Sequence[bytes], count: int) -> np.ndarray | None:
+    """Return the numbers of many Float64MultiArrays of `count` numbers, (messages, count).
+
+    None if one has another number of them, or a layout.
+    """
+    begin = _NO_LAYOUT + count.to_bytes(4, 'little')
+    size = _FIRST_NUMBER + 8 * count
+    if not all(len(data) == size and data.startswith(begin) for data in messages):
+        return None
+    rows = np.frombuffer(b''.join(messages), np.uint8).reshape(-1, size)
+    return np.ascontiguousarray(rows[:, _FIRST_NUMBER:]).view('<f8').astype('f8')
+
+
+def encode_clocks(stamps_ns: np.ndarray) -> bytes:
+    """Return the messages of `encode_clock` for many stamps (k,), one after the other."""
+    rows = np.tile(np.frombuffer(encode_clock(0), np.uint8), (len(stamps_ns), 1))
+    _write_stamps(rows, stamps_ns)
+    return rows.tobytes()
+
+
+def _write_stamps(rows: np.ndarray, stamps_ns: np.ndarray) -> None:
+    """Write stamps into messages that begin with one, (k, bytes)."""
+    times = np.stack(np.divmod(stamps_ns, NANOSECONDS), axis=1).astype('<u4')
+    rows[:, len(HEADER) : len(HEADER) + TIME.size] = times.view(np.uint8)
+
+
+def permutation(order: Sequence[int]) -> Any:
+    """Return the index that brings an array (n,) into an order; a slice if it is the same."""
+    return slice(None) if list(order) == sorted(order) else np.array(order, np.intp)
 
 
 def headed(frame_id: str) -> CdrWriter:

@@ -122,7 +122,7 @@ class ArmDiagnostics:
             stepper.timer.missed,
             accepted,
             sum(n for (_, verdict), (n, _) in verdicts.items() if verdict not in QUIET),
-            engine.actuators.fast_cycles,
+            engine.state.actuators.fast_cycles,
             stepper.session.dropped,
         )
 
@@ -169,10 +169,10 @@ class ArmDiagnostics:
         return Task('stepping', OK, 'steps', values)
 
     def _why_it_stands(self, engine: Engine) -> str:
-        pace = engine.pace
+        pace = engine.state.pace
         if not pace.active:
             return 'inactive'
-        if pace.clock is not None and not pace.paused:
+        if engine.pace.follows_clock and not pace.paused:
             return 'waits for a tick of the clock it follows'
         return 'paused' if pace.paused else 'waits for a command, in lockstep'
 
@@ -190,7 +190,8 @@ class ArmDiagnostics:
         for (source, verdict), (count, _) in sorted(counts.verdicts().items()):
             if verdict is not Verdict.ACCEPTED:
                 values.append((f'{ROLE_OF_SOURCE[source]}.{verdict.name.lower()}', count))
-        link, actuators = self.stepper.engine.link, self.stepper.engine.actuators
+        state = self.stepper.engine.state
+        link, actuators = state.link, state.actuators
         values += [
             ('unknown_names', counts.unknown()[0]),
             ('watchdog_trips', link.timeouts),
@@ -211,9 +212,7 @@ class ArmDiagnostics:
     def _simulation(self, last: _Seen, now: _Seen) -> Task:
         engine = self.stepper.engine
         settings, arm = engine.settings, engine.arm
-        q, qd, tau = np.empty((3, len(arm.order)))
-        for row, values in zip((q, qd, tau), (arm.q, arm.qd, arm.tau), strict=True):
-            row[list(arm.order)] = values
+        q, qd, tau = arm.q.copy(), arm.qd.copy(), arm.tau.copy()
         plant = arm.plant
         if self.kernels.scene is not plant.compiled.scene:
             # Another scene, which the stepping thread has compiled its own kernels for.
@@ -223,7 +222,7 @@ class ArmDiagnostics:
         # The controller reads each published state.
         period = settings.publish_every * settings.step_ns / NANOSECONDS
         level, message = (ERROR, arm.failure) if arm.failure else (OK, 'runs')
-        speed = speeding(arm, engine.actuators)
+        speed = speeding(arm)
         if speed is not None and now.fast > last.fast and not arm.failure:
             level, message = WARN, f'beyond its velocity limit: {speed.text}'
         return Task(

@@ -74,14 +74,15 @@ class Reporter:
         text = 'messages not recorded: the disk is too slow; use another disk or fewer outputs'
         tell('recorder', self.stepper.session.dropped, text, last=last)
         engine = self.stepper.engine
-        link, actuators, arm = engine.link, engine.actuators, engine.arm
+        state, arm = engine.state, engine.arm
+        link, actuators = state.link, state.actuators
         event('timeouts', link.timeouts, timeout_text(engine.settings), last=last)
         text = f'reflex, brakes on: {actuators.reflex}'
         event('reflex', actuators.trips, text, error=True, last=last)
         text = f'simulation stopped: {arm.failure or "until a reset"}; call ~/reset to start again'
-        event('failure', arm.failures, text, error=True, last=last)
+        event('failure', state.failures, text, error=True, last=last)
         self._report_lockstep(last)
-        speed = speeding(arm, actuators)
+        speed = speeding(arm)
         if speed is not None:
             self.log.once(('speed', speed.runaway), speed.text)
         if not last:
@@ -92,7 +93,7 @@ class Reporter:
         """Log how long a state waits for its command."""
         engine = self.stepper.engine
         waited = int(self.stepper.resent * RESEND_SECONDS)
-        stamp_ns = engine.newest_command_ns
+        stamp_ns = engine.state.newest_ns
         newest = 'none' if stamp_ns is None else f't = {stamp_ns / NANOSECONDS:.9g} s'
         text = (
             f's of waiting for the command to the state at t = '
@@ -103,7 +104,7 @@ class Reporter:
 
     def _report_lost_clock(self) -> None:
         """Log that the clock the arm follows has come to an end, as long as it lasts."""
-        if self.stepper.engine.pace.clock is None:
+        if not self.stepper.engine.pace.follows_clock:
             return
         ticks, _ = self.stepper.receiver.counts.verdicts().get(
             (Source.TICK, Verdict.ACCEPTED), (0, '')

@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 import threading
 import time
 
+from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import NUMBERED_AS_STATES, Output
 from pfd_ros.arm.settings import Settings
@@ -57,6 +58,7 @@ class Stepper:
     session: LogSession
     publishers: Mapping[str, NonblockingPublisher]
     timer: StepTimer = field(init=False)
+    _driver: Driver = field(init=False)
     states: int = 0
     resent: int = 0
     lengths: StepLengths = field(default_factory=StepLengths)
@@ -68,6 +70,7 @@ class Stepper:
         """Set the period."""
         self._settings = self.engine.settings
         self.timer = StepTimer(_period_ns(self._settings))
+        self._driver = Driver(self.engine, self._put_out)
         self.receiver.at_once = self.step_at_once
 
     def run(self, stopped: Callable[[], bool]) -> None:
@@ -133,7 +136,7 @@ class Stepper:
             self._keep_to_settings()
             if self.states != shown:
                 shown, sent = self.states, time.monotonic()
-            elif self.engine.pace.waits and time.monotonic() - sent > RESEND_SECONDS:
+            elif self.engine.state.pace.waits and time.monotonic() - sent > RESEND_SECONDS:
                 sent = time.monotonic()
                 self.resent += 1
                 for role, _, data in self.engine.present():
@@ -154,18 +157,17 @@ class Stepper:
         begun = time.perf_counter_ns()
         self._take_events()
         if not self.engine.stands:
-            self._put_out(self.engine.step())
+            self._driver.step()
             self.lengths.add(self.engine.cycles, time.perf_counter_ns() - begun)
 
     def _take_events(self) -> None:
         events = self.receiver.queue.take()
         if not events:
             return
-        taken = self.engine.take(events)
-        self._put_out(taken.outputs)
-        for source, judgement, count in taken.judgements:
+        judgements = self._driver.take(events)
+        for source, judgement, count in judgements:
             self.receiver.counts.add(source, judgement, count)
-        self.receiver.answer(events, [judgement for _, judgement, _ in taken.judgements])
+        self.receiver.answer(events, [judgement for _, judgement, _ in judgements])
 
     def _put_out(self, outputs: Sequence[Output]) -> None:
         for role, number, data in outputs:

@@ -16,6 +16,7 @@ Read, from the bytes to a log:
     mcap_stream     the records of the file from front to back: lengths, chunks, checksums
     head            the metadata records: settings, topics, versions of the software, the ending
     reader          Log: checks the format; messages by role, settings, robot, ending; LogError
+    recover         recover: the readable messages of a cut off or damaged file as a new one
 
 Any bag as arrays, `pfd_ros.read_log`:
 

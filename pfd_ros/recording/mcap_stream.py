@@ -30,7 +30,7 @@ from pfd_ros.recording.format import DEFINITION_BYTES, NAME_BYTES, RECORD_BYTES,
 
 MAGIC = b'\x89MCAP0\r\n'
 # Kind and length, before the body of a record.
-_FRAME = struct.Struct('<BQ')
+FRAME = struct.Struct('<BQ')
 # Channel, sequence, log time and publish time of a message, before its data.
 _MESSAGE_PREFIX = struct.Struct('<HIQQ')
 
@@ -115,19 +115,19 @@ class McapStream:
         """
         if self._read(min(self._size, len(MAGIC))) != MAGIC[: self._size] or not self._size:
             raise ValueError('it does not begin as MCAP files do')
-        _parse(*self._next(frozenset({Opcode.HEADER})))
+        parse_record(*self._next(frozenset({Opcode.HEADER})))
         opcode = Opcode.HEADER
         while opcode != Opcode.DATA_END:
             before = self._crc
             opcode, body = self._next(_IN_DATA)
             if opcode == Opcode.CHUNK:
-                yield from _records_in_chunk(_parse(opcode, body))
+                yield from records_in_chunk(parse_record(opcode, body))
             elif opcode == Opcode.DATA_END:
                 _compare_checksums(
-                    _parse(opcode, body).data_section_crc, before, 'the data section'
+                    parse_record(opcode, body).data_section_crc, before, 'the data section'
                 )
             elif opcode != Opcode.MESSAGE_INDEX:
-                yield _parse(opcode, body)
+                yield parse_record(opcode, body)
         self._check_summary()
 
     def _check_summary(self) -> None:
@@ -137,13 +137,13 @@ class McapStream:
         while opcode != Opcode.FOOTER:
             before = self._crc
             opcode, body = self._next(_IN_SUMMARY)
-        footer = _parse(opcode, body)
+        footer = parse_record(opcode, body)
         if footer.summary_start not in (0, start):
             raise ValueError(
                 f'the summary begins at byte {start}, its footer says {footer.summary_start}'
             )
         # Of the footer, all but the checksum itself.
-        crc = zlib.crc32(_FRAME.pack(opcode, len(body)) + body[:-4], before)
+        crc = zlib.crc32(FRAME.pack(opcode, len(body)) + body[:-4], before)
         _compare_checksums(footer.summary_crc, crc, 'the summary')
         if self._read(len(MAGIC)) != MAGIC or self.position != self._size:
             raise ValueError('it does not end as MCAP files do')
@@ -151,7 +151,7 @@ class McapStream:
 
     def _next(self, expected: frozenset[Opcode]) -> tuple[Opcode, bytes]:
         """Return kind and body of the next record."""
-        opcode, length = _FRAME.unpack(self._read(_FRAME.size))
+        opcode, length = FRAME.unpack(self._read(FRAME.size))
         if opcode == length == 0 and self._rest_is_zero():
             raise CutOffError  # a file that grew before a power cut, and was never filled
         if opcode not in expected:
@@ -178,7 +178,8 @@ class McapStream:
         return True
 
 
-def _records_in_chunk(chunk: Chunk) -> Iterator[McapRecord]:
+def records_in_chunk(chunk: Chunk) -> Iterator[McapRecord]:
+    """Yield the records of a chunk; ValueError if its size, checksum or a record is wrong."""
     size = chunk.uncompressed_size
     if size > RECORD_BYTES:
         raise ValueError(f'a chunk of {size} bytes, expected at most {RECORD_BYTES}')
@@ -188,13 +189,13 @@ def _records_in_chunk(chunk: Chunk) -> Iterator[McapRecord]:
     _compare_checksums(chunk.uncompressed_crc, zlib.crc32(data), 'a chunk')
     at = 0
     while at < size:
-        if size - at < _FRAME.size:
+        if size - at < FRAME.size:
             raise ValueError('a chunk ends within a record')
-        opcode, length = _FRAME.unpack_from(data, at)
-        at += _FRAME.size
+        opcode, length = FRAME.unpack_from(data, at)
+        at += FRAME.size
         if opcode not in _IN_CHUNK or length > size - at:
             raise ValueError(f'a chunk holds a record of kind {opcode:#04x}, {length} bytes')
-        yield _parse(opcode, data[at : at + length])
+        yield parse_record(opcode, data[at : at + length])
         at += length
 
 
@@ -216,7 +217,7 @@ def _unpacked(chunk: Chunk) -> bytes:
     return chunk.data
 
 
-def _parse(opcode: int, body: bytes | memoryview) -> Any:
+def parse_record(opcode: int, body: bytes | memoryview) -> Any:
     """Return the record of a body.
 
     Raises
@@ -235,7 +236,7 @@ def _parse(opcode: int, body: bytes | memoryview) -> Any:
     with suppress(EndOfFile):
         record = _PARSERS[opcode].read(ReadDataStream(BytesIO(body)))
         record.write(written)
-        if written.end()[_FRAME.size :] == body:
+        if written.end()[FRAME.size :] == body:
             return record
     raise ValueError(f'a record {Opcode(opcode).name} whose fields do not fit')
 

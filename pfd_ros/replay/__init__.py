@@ -5,9 +5,15 @@
 From the file to the verdict:
 
     ordering      each message in its cycle; impossible numbers, orders and times are refused
+    playback      messages by kind, for an engine or for a count
     inspection    whether everything that was recorded is in the file, without simulating
     summary       the result of an inspection for people
     differences   the first difference between a recorded message and the replayed one
     verify        the engine fed from the recording, its outputs compared byte for byte: `read`
     motion        the efforts and brakes of every step, and the states, for reports
+
+Two logs, of simulated or real arms:
+
+    compare       differences by joint, with the lag between the clocks
+    compare_plot  both logs over time
 """

@@ -27,7 +27,8 @@ from pfd_ros.messages.convert import decode_clock
 from pfd_ros.recording.format import DIGEST_PREFIX, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending
 from pfd_ros.recording.reader import Log
-from pfd_ros.replay.ordering import PlacedMessage, placed_messages
+from pfd_ros.replay.ordering import PlacedMessage
+from pfd_ros.replay.playback import follow
 from pfd_ros.replay.summary import Summary
 
 # Most events between their arrival and their row. The node queues 1000 and 32 MB of them for a
@@ -91,22 +92,9 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
     OSError
         If it cannot be read.
     """
-    channels: dict[str, _ChannelCount] = {}
-    verdicts: Counter[Verdict] = Counter()
-    waiting = _WaitingEvents()
-    span = [0, 0]
-    for count, message in enumerate(placed_messages(log)):
-        channel = channels.setdefault(message.role, _ChannelCount())
-        channel.add(message)
-        if message.role in SOURCE_OF_ROLE:
-            waiting.put(message)
-        elif message.role == TAKEN:
-            waiting.take(message)
-            verdicts.update(row.verdict for row in message.rows)
-        elif message.role == STATES:
-            span = [span[0] or message.log_ns, message.log_ns]
-        if progress is not None and count % 1000 == 0:
-            progress(log.position / log.size)
+    counts = _Counts()
+    follow(log, counts, progress)
+    channels = counts.channels
     settings = log.settings
     for role in log.roles.values():
         channels.setdefault(role, _ChannelCount())
@@ -119,17 +107,18 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
             path=log.path,
             settings=settings,
             complete=log.complete,
+            ended=log.ending is not None,
             versions=log.versions,
             steps=newest.last * settings.publish_every,
             states=states.found,
             unpublished=unpublished.found,
             lost={role: channel.lost for role, channel in channels.items() if channel.lost},
             dropped=sum(channel.lost for channel in channels.values()),
-            verdicts=verdicts,
-            waiting=len(waiting),
-            first_ns=span[0],
-            last_ns=span[1],
-            obstacle=waiting.obstacle,
+            verdicts=counts.verdicts,
+            waiting=len(counts.waiting),
+            first_ns=counts.first_ns,
+            last_ns=counts.last_ns,
+            obstacle=counts.waiting.obstacle,
         ),
         # It may lie before the last chunk, which a cut-off file lacks.
         log.ending if log.complete else None,
@@ -138,6 +127,34 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
     _add_failure(found)
     _check_complete(log, found, channels)
     return found
+
+
+class _Counts:
+    """Counts of the messages of a recording, by channel and verdict."""
+
+    def __init__(self) -> None:
+        self.channels: dict[str, _ChannelCount] = {}
+        self.verdicts: Counter[Verdict] = Counter()
+        self.waiting = _WaitingEvents()
+        self.first_ns = self.last_ns = 0
+
+    def _add(self, message: PlacedMessage) -> None:
+        self.channels.setdefault(message.role, _ChannelCount()).add(message)
+
+    def put(self, message: PlacedMessage) -> None:
+        self._add(message)
+        self.waiting.put(message)
+
+    def take(self, message: PlacedMessage) -> None:
+        self._add(message)
+        self.waiting.take(message)
+        self.verdicts.update(row.verdict for row in message.rows)
+
+    def output(self, message: PlacedMessage) -> None:
+        self._add(message)
+        if message.role == STATES:
+            self.first_ns = self.first_ns or message.log_ns
+            self.last_ns = message.log_ns
 
 
 class _WaitingEvents:
@@ -204,8 +221,6 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
     """Compare the messages of a file with its end record."""
     ending = found.ending
     if ending is None:
-        if log.complete:
-            raise ValueError('it was closed without the end record of the node')
         _add_lost_ends(found.summary, channels)
         return
     found.summary.dropped = sum(ending.dropped.values())

@@ -18,14 +18,15 @@ import numpy as np
 import pfd_core as pfd
 from pfd_core.report.scene_motions import Motion
 from pfd_ros.arm.arm import load_robot, simulator_settings
+from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import STATES, TAKEN, Arrival
+from pfd_ros.arm.events import STATES
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import decode_joint_state
-from pfd_ros.recording.format import SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.inspection import inspect
-from pfd_ros.replay.ordering import Inbox, PlacedMessage, placed_messages
+from pfd_ros.replay.ordering import PlacedMessage
+from pfd_ros.replay.playback import Playback, Stretch, follow
 from pfd_ros.replay.verify import recorded_robot
 from pfd_ros.text import cut, listed
 
@@ -79,12 +80,12 @@ def read_motion(
             raise LogError(f'{path} {summary.obstacle}')
         recorded = recorded_robot(log, found.state)
         steps = min(summary.simulated, MOST_STEPS)
-        engine = Engine(settings, recorded)
-        if engine.wrench is not None:
+        engine = Engine(settings, recorded, rows=False)
+        if engine.state.wrench is not None:
             raise ValueError('its arm has an external wrench: its torques alone are no motion')
-        reading = _Reading(engine, engine.arm.scene, len(settings.published_locks))
-        for message in placed_messages(log):
-            reading.add(message, steps)
+        reading = _Reading(Driver(engine), scene=engine.arm.scene, steps=steps)
+        follow(log, reading)
+        reading.flush()
         reading.run_to(steps)
         motion = _motion(path, settings, reading, steps)
         shortened = f'the first {steps} steps of ' if steps < summary.simulated else ''
@@ -102,19 +103,15 @@ def read_motion(
 
 
 @dataclass
-class _Reading:
-    """The drives and the states of a recording, up to the message that was added last.
+class _Reading(Playback):
+    """The drives and the states of a recording, up to the message that was read last.
 
     Attributes
     ----------
-    engine
-        The replayed arm.
     scene
         Of the arm, from the start to the end.
-    locked
-        Number of joints in each state that are welded.
-    inbox
-        Events that have come in and not been taken.
+    steps
+        Number of steps to read.
     efforts, braked
         Of each step, in model order.
     states
@@ -122,62 +119,79 @@ class _Reading:
         model order.
     """
 
-    engine: Engine
-    scene: pfd.Scene
-    locked: int
-    inbox: Inbox = field(default_factory=Inbox)
+    scene: pfd.Scene = field(kw_only=True)
+    steps: int = field(kw_only=True)
     efforts: list[np.ndarray] = field(default_factory=list)
     braked: list[np.ndarray] = field(default_factory=list)
     states: list[tuple[int, np.ndarray, np.ndarray]] = field(default_factory=list)
 
-    def add(self, message: PlacedMessage, steps: int) -> None:
-        """Take one message, up to that of a step."""
-        if message.cycle > steps:
+    def take(self, message: PlacedMessage) -> None:
+        """Follow verdict rows, up to the last step."""
+        if message.cycle <= self.steps:
+            super().take(message)
+
+    def output(self, message: PlacedMessage) -> None:
+        """Follow an output, up to the last step."""
+        if message.cycle <= self.steps:
+            super().output(message)
+
+    def take_now(self, message: PlacedMessage) -> None:
+        """Run to the cycle that took inputs, and apply them."""
+        self.run_to(message.cycle - 1)
+        self.driver.take(self.inbox.take(message))
+
+    def output_now(self, message: PlacedMessage) -> None:
+        """Read a state."""
+        if message.role != STATES:
             return
-        if message.role in SOURCE_OF_ROLE:
-            self.inbox.put(message)
-        elif message.role == TAKEN:
-            self.run_to(message.cycle - 1)
-            for event in self.inbox.take(message):
-                if isinstance(event, Arrival):
-                    self.engine.accept(event)
-        elif message.role == STATES:
-            self.run_to(message.cycle)
+        self.run_to(message.cycle)
+        arm = self.driver.engine.arm
+        self._add_state(message, arm.q, arm.qd)
+
+    def stretched(self, stretch: Stretch) -> bool:
+        """Read the states of a stretch."""
+        if self.driver.engine.arm.scene is not self.scene:
+            return False
+        self.efforts += [*stretch.rows[:, 2]]
+        self.braked += [np.zeros(stretch.rows.shape[2], bool)] * len(stretch.rows)
+        for message in stretch.messages:
+            if message.role == STATES:
+                self._add_state(message, *stretch.rows[message.cycle - stretch.first, :2])
+        return True
+
+    def _add_state(self, message: PlacedMessage, q: np.ndarray, qd: np.ndarray) -> None:
+        """Add a recorded state; a measured one is replaced by the true one, q and qd."""
+        engine = self.driver.engine
+        if engine.sensors is None:
             state = decode_joint_state(message.data)
-            if self.engine.sensors is not None:
-                arm = self.engine.arm
-                at_rest = np.zeros(self.locked)
-                position, velocity = np.append(arm.q, at_rest), np.append(arm.qd, at_rest)
-                state = replace(state, position=position, velocity=velocity)
+            order, count = list(engine.arm.order), len(engine.arm.order)
+            q, qd = np.empty((2, count))
             # Locked joints come after those that move.
-            count = self.engine.arm.q.size
-            place = [*self.engine.arm.order, *range(count, count + self.locked)]
-            q, qd = np.empty((2, len(place)))
-            q[place], qd[place] = state.position, state.velocity
-            self.states.append((message.cycle, q[:count], qd[:count]))
+            q[order], qd[order] = state.position[:count], state.velocity[:count]
+        self.states.append((message.cycle, q, qd))
 
     def run_to(self, cycle: int) -> None:
         """Do the steps up to this one."""
-        while self.engine.cycles < cycle and not self.engine.arm.failure:
-            if self.engine.jumps:
+        engine = self.driver.engine
+        while engine.cycles < cycle and not engine.arm.failure:
+            if engine.state.jumps:
                 raise ValueError(
-                    f'its arm is set to another state before step {self.engine.cycles + 1}: '
+                    f'its arm is set to another state before step {engine.cycles + 1}: '
                     'that is no motion'
                 )
-            if self.engine.arm.scene is not self.scene:
+            if engine.arm.scene is not self.scene:
                 raise ValueError(
                     f'its payload or gravity compensation changes before step '
-                    f'{self.engine.cycles + 1}: that is no motion of one scene'
+                    f'{engine.cycles + 1}: that is no motion of one scene'
                 )
-            self.engine.advance()
-            drive = self.engine.applied
-            self.efforts.append(drive.effort)
-            self.braked.append(drive.braked)
+            self.driver.step()
+            self.efforts.append(engine.state.tau)
+            self.braked.append(engine.state.braked)
 
 
 def _motion(path: Path, settings: Settings, reading: _Reading, steps: int) -> Motion:
     """Return the motion of the first steps of a recording that was read whole."""
-    n = reading.engine.arm.q.size
+    n = reading.driver.engine.arm.q.size
     taus = np.array(reading.efforts[:steps]).reshape(-1, n)
     braked = np.array(reading.braked[:steps]).reshape(-1, n)
     if braked.all():
@@ -186,7 +200,7 @@ def _motion(path: Path, settings: Settings, reading: _Reading, steps: int) -> Mo
             'hold every joint'
         )
     known = [
-        (0, reading.engine.arm.start, np.zeros(n)),
+        (0, reading.driver.engine.arm.start, np.zeros(n)),
         *(state for state in reading.states if state[0] < steps),
     ]
     after, q, qd = zip(*known, strict=True)

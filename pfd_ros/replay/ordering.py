@@ -32,7 +32,7 @@ from pfd_ros.arm.events import (
     VerdictRow,
 )
 from pfd_ros.arm.settings import Settings
-from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, encode_rows
+from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, rows_as_written
 from pfd_ros.recording.format import (
     CHANNELS,
     PARAMETERS,
@@ -89,6 +89,10 @@ class Inbox:
     def put(self, message: PlacedMessage) -> None:
         """Keep an input."""
         self._payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
+
+    def payload(self, row: VerdictRow) -> bytes:
+        """Return the message that a row is about, b'' if it is missing."""
+        return self._payloads.get((row.source, row.sequence), b'')
 
     def take(self, message: PlacedMessage) -> list[Event]:
         """Return the events that the rows of a message are about, and forget them."""
@@ -214,8 +218,10 @@ class _Order:
 
 def _rows(entry: Entry) -> tuple[VerdictRow, ...]:
     """Return the rows of a message: all of one cycle, and all of overflow or none."""
-    decoded = decode_rows(entry.data, len(TAKEN_COLUMNS))
-    if not decoded or encode_rows(decoded, TAKEN_COLUMNS) != entry.data:
+    decoded = rows_as_written(entry.data, TAKEN_COLUMNS)
+    if decoded is None:
+        # Bytes that are no message have an error of their own.
+        decode_rows(entry.data, len(TAKEN_COLUMNS))
         raise ValueError(f'taken {entry.sequence} is not as the node writes it')
     for _, source, _, verdict in decoded:
         if source not in ROLE_OF_SOURCE or verdict not in Verdict._value2member_map_:

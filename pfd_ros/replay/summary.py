@@ -19,6 +19,8 @@ class Summary:
     path: Path
     settings: Settings
     complete: bool = False
+    # Whether the file has the node's end record, with the counts and digests of all messages.
+    ended: bool = False
     versions: dict[str, str] = field(default_factory=dict)
     # Up to the last recorded state; the arm itself stood still from `stopped_at` on, if it failed.
     steps: int = 0
@@ -40,6 +42,21 @@ class Summary:
     def missing(self) -> int:
         """States that were published but not recorded."""
         return self.lost.get('joint_states', 0)
+
+    @property
+    def absent(self) -> list[str]:
+        """The parts that a whole recording has and this one lacks."""
+        found = []
+        if not self.complete:
+            found.append('the end of the file, which was never closed')
+        elif not self.ended:
+            found.append(
+                'the end record of the node, without which messages at the end may be missing'
+            )
+        lost = max(self.dropped, sum(self.lost.values()))
+        if lost:
+            found.append(f'{lost} messages that were not recorded')
+        return found
 
     @property
     def simulated(self) -> int:

@@ -9,20 +9,22 @@ that took it. The file is read twice: first to inspect whether it is whole and p
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import pfd_core as pfd
+from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import TAKEN
-from pfd_ros.messages.convert import FLOAT_ARRAY, decode_clock, decode_joint_state
-from pfd_ros.recording.format import CHANNELS, ROBOT, SOURCE_OF_ROLE
+from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Output
+from pfd_ros.messages.convert import FLOAT_ARRAY, decode_clock, decode_joint_state, encode_clocks
+from pfd_ros.recording.format import CHANNELS, ROBOT
 from pfd_ros.recording.head import Ending
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.differences import difference
 from pfd_ros.replay.inspection import Inspection, inspect
-from pfd_ros.replay.ordering import Inbox, PlacedMessage, placed_messages
+from pfd_ros.replay.ordering import PlacedMessage
+from pfd_ros.replay.playback import Playback, Stretch, follow
 from pfd_ros.replay.summary import Summary
 
 # Share of the progress that the inspection gets when the file is simulated too.
@@ -77,14 +79,13 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
         raise LogError(f'{log.path} holds no states, so there is nothing to verify')
     if found.summary.obstacle:
         raise LogError(f'{log.path} {found.summary.obstacle}')
-    replay = _Replay(Engine(found.summary.settings, recorded_robot(log, found.state)))
-    for count, message in enumerate(placed_messages(log)):
-        replay.follow(message)
-        if progress is not None and count % 1000 == 0:
-            progress(log.position / log.size)
+    engine = Engine(found.summary.settings, recorded_robot(log, found.state))
+    replay = _Replay(Driver(engine))
+    follow(log, replay, progress)
+    replay.flush()
     if found.ending is not None:
         replay.finish(found.ending)
-    arm = replay.engine.arm
+    arm = engine.arm
     if arm.failure:
         found.summary.stopped_at, found.summary.failure = arm.step, arm.failure
 
@@ -104,74 +105,83 @@ def recorded_robot(log: Log, state: bytes) -> pfd.Robot:
 
 
 @dataclass
-class _Replay:
-    """An engine that follows a recording.
+class _Replay(Playback):
+    """A playback that compares every output with the recorded one.
 
     Attributes
     ----------
-    inbox
-        Events that have come in and not been taken.
+    rows
+        Data of the verdict rows of the last events.
     outputs
         Data of the last cycle's outputs but verdict rows, by role.
     """
 
-    engine: Engine
-    inbox: Inbox = field(default_factory=Inbox)
+    rows: list[bytes] = field(default_factory=list)
     outputs: dict[str, bytes] = field(default_factory=dict)
 
-    def follow(self, message: PlacedMessage) -> None:
-        """Take one message: an input, rows that say which cycle took it, or an output."""
-        if message.role in SOURCE_OF_ROLE:
-            self.inbox.put(message)
-        elif message.role == TAKEN:
-            self._run_to(message.cycle - 1)
-            taken = self.engine.take(self.inbox.take(message))
-            for output in taken.outputs:
-                self._compare(message, output.data)
+    def __post_init__(self) -> None:
+        """Have the outputs compared."""
+        self.driver.put = self._keep
+
+    def _keep(self, outputs: Sequence[Output]) -> None:
+        if outputs and outputs[0].role == TAKEN:
+            self.rows = [output.data for output in outputs]
         else:
-            # An array has no stamp; if the states have the same gap, theirs says so.
-            if message.lost and CHANNELS[message.role].type != FLOAT_ARRAY:
-                self._run_to_stamp(message)
-            self._run_to(message.cycle)
-            if message.role not in self.outputs:
-                raise DifferenceError(
-                    f'step {message.cycle}: recorded {message.role} {message.number}, '
-                    f'replayed {" and ".join(self.outputs) or "nothing"}'
-                )
-            self._compare(message, self.outputs[message.role])
+            self.outputs = {output.role: output.data for output in outputs}
+
+    def take_now(self, message: PlacedMessage) -> None:
+        """Compare verdict rows."""
+        self.driver.run_to(message.cycle - 1)
+        self.driver.take(self.inbox.take(message))
+        for data in self.rows:
+            self._compare(message, data)
+
+    def output_now(self, message: PlacedMessage) -> None:
+        """Compare an output of a cycle."""
+        # An array has no stamp; if the states have the same gap, theirs says so.
+        if message.lost and CHANNELS[message.role].type != FLOAT_ARRAY:
+            self._run_to_stamp(message)
+        self.driver.run_to(message.cycle)
+        if message.role not in self.outputs:
+            raise DifferenceError(
+                f'step {message.cycle}: recorded {message.role} {message.number}, '
+                f'replayed {" and ".join(self.outputs) or "nothing"}'
+            )
+        self._compare(message, self.outputs[message.role])
+
+    def stretched(self, stretch: Stretch) -> bool:
+        """Compare the states and ticks of a stretch, all at once."""
+        stamps, rows = stretch.stamps_ns, stretch.rows
+        places, states = stretch.of(STATES)
+        replayed = self.driver.engine.encode_states(stamps[places], rows[places])
+        if replayed != b''.join(states):
+            return False
+        places, ticks = stretch.of(CLOCK)
+        return encode_clocks(stamps[places]) == b''.join(ticks)
 
     def finish(self, ending: Ending) -> None:
-        """Go on to where the node stopped, and compare whether it had failed by then."""
+        """Run to where the node stopped, and compare whether it had failed by then."""
         # The cycle that failed follows the last good step.
-        self._run_to(ending.steps + bool(ending.failure))
-        arm, theirs = self.engine.arm, ending.failure
+        self.driver.run_to(ending.steps + bool(ending.failure))
+        arm, theirs = self.driver.engine.arm, ending.failure
         if bool(arm.failure) != bool(theirs) or arm.step != ending.steps:
             raise DifferenceError(
                 f'the end: recorded {ending.steps} steps and {theirs or "no failure"!r}, '
                 f'replayed {arm.step} steps and {arm.failure or "no failure"!r}'
             )
 
-    def _run_to(self, cycle: int) -> None:
-        while self.engine.cycles < cycle:
-            if self.engine.arm.failure:
-                self.engine.stand_still(cycle - 1)
-            self._run_cycle()
-
-    def _run_cycle(self) -> None:
-        self.outputs = {output.role: output.data for output in self.engine.step()}
-
     def _run_to_stamp(self, message: PlacedMessage) -> None:
         """Run through a gap only if the stamp behind it says that it was run through.
 
         A failed arm has an earlier stamp; then the next step cannot have been done.
         """
-        settings = self.engine.settings
+        settings = self.driver.engine.settings
         stamp = decode_clock(message.data)
         done = (stamp - settings.start_ns) // settings.step_ns
         if done >= message.cycle:
             return
-        self._run_to(done + 1)
-        if not self.engine.arm.failure:
+        self.driver.run_to(done + 1)
+        if not self.driver.engine.arm.failure:
             raise DifferenceError(
                 f'step {message.cycle}: {message.role} {message.number}: recorded stamp '
                 f'{stamp} ns, expected that of step {message.cycle}'
@@ -181,6 +191,6 @@ class _Replay:
         # Almost always one comparison of bytes.
         if message.data != computed:
             where = difference(message.role, message.data, computed)
-            failure = self.engine.arm.failure
+            failure = self.driver.engine.arm.failure
             why = f'; the replay: {failure}' if failure else ''
             raise DifferenceError(f'step {message.cycle}: {where}{why}')

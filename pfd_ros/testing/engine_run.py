@@ -11,11 +11,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 import itertools
+from typing import Any
 
 from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Output, Source, Verdict
-from pfd_ros.messages.convert import NANOSECONDS
+from pfd_ros.arm.state import ArmState
+from pfd_ros.messages.convert import NANOSECONDS, permutation
 from pfd_ros.recording.format import ROLE_OF_SOURCE
 from pfd_ros.testing.command_bytes import EffortArray
 from pfd_ros.testing.metrics import Array
@@ -37,41 +40,63 @@ class EngineRun:
     log: RunLog | None = None
     _numbers: dict[Source, itertools.count[int]] = field(init=False)
     _encoder: EffortArray = field(init=False)
+    _order: Any = field(init=False)
+    _driver: Driver = field(init=False)
+    _silent: Driver = field(init=False)
+    _outputs: list[Output] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         """Begin to number the messages of each source."""
         self._numbers = {source: itertools.count(1) for source in Source}
         self._encoder = EffortArray(len(self.engine.arm.names))
+        order = permutation(self.engine.arm.order)
+        # None where published order is that of the model.
+        self._order = None if isinstance(order, slice) else order
+        self._driver, self._silent = Driver(self.engine, self._put), Driver(self.engine)
 
     @property
     def time(self) -> float:
         """The stamp of the last state, s of simulated time."""
         return self.engine.arm.stamp_ns / NANOSECONDS
 
+    def measured(self) -> tuple[Array, Array, Array]:
+        """Return positions, velocities and efforts of the last state, (n,), published order."""
+        measured, order = self.engine.measured(), self._order
+        if order is None:
+            return measured
+        q, qd, tau = measured
+        return q[order], qd[order], tau[order]
+
     def command(self, efforts: Array) -> Judgement:
-        """Command efforts (n,), published order; if they are accepted, go on to the next state."""
-        engine = self.engine
+        """Command efforts (n,), published order; if accepted, run to the next published state."""
         if self.log is not None:
             judgement = self.send(Source.ARRAY, self._encoder.encode(efforts))
             self.advance()
             return judgement
-        judgement = engine.command(efforts)
-        while not engine.pace.waits:
-            engine.advance()
+        judgement = self._silent.answer(efforts)
+        if self.engine.arm.state.failure:
             self._check()
         return judgement
 
     def send(self, source: Source, data: bytes) -> Judgement:
         """Give the arm a serialized message, as if it had come on a topic; return the verdict."""
         arrival = Arrival(source, next(self._numbers[source]), data)
-        if self.log is None:
-            return self.engine.accept(arrival)
-        self.log.record(ROLE_OF_SOURCE[source], arrival.sequence, data)
-        taken = self.engine.take([arrival])
-        self._record(taken.outputs)
-        ((_, judgement, _),) = taken.judgements
-        self.log.accepted += judgement.verdict is Verdict.ACCEPTED
+        if self.log is not None:
+            self.log.record(ROLE_OF_SOURCE[source], arrival.sequence, data)
+        ((_, judgement, _),) = self._driver.take([arrival])
+        self._outputs.clear()
+        if self.log is not None:
+            self.log.accepted += judgement.verdict is Verdict.ACCEPTED
         return judgement
+
+    def restore(self, state: ArmState) -> None:
+        """Continue from a saved state; ValueError for one of another arm, or in a recorded run."""
+        if self.log is not None:
+            raise ValueError(
+                f'this run is recorded in {self.engine.settings.recording!r}, and a recording '
+                'holds one run from its start: restore a state in an arm without recording'
+            )
+        self.engine.restore(state)
 
     def demand(self, source: Source, data: bytes) -> None:
         """Send a message; ValueError if the arm does not accept it."""
@@ -80,20 +105,22 @@ class EngineRun:
             raise ValueError(f'{judgement.verdict.name.lower()}: {judgement.detail}')
 
     def advance(self) -> list[Output]:
-        """Go on to the next state, if the last one has its answer; return the messages."""
-        found: list[Output] = []
-        while not self.engine.pace.waits:
-            found += self.step()
-        return found
+        """Run to the next published state, if the last one has its answer; return the messages."""
+        self._driver.run_to_answer()
+        return self._ended()
 
     def step(self) -> list[Output]:
         """Run one step; return its messages."""
-        outputs = self.engine.step()
-        self._record(outputs)
-        self._check()
-        return outputs
+        self._driver.step()
+        return self._ended()
 
-    def _record(self, outputs: Sequence[Output]) -> None:
+    def _ended(self) -> list[Output]:
+        self._check()
+        found, self._outputs = self._outputs, []
+        return found
+
+    def _put(self, outputs: Sequence[Output]) -> None:
+        self._outputs += outputs
         if self.log is not None:
             for output in outputs:
                 self.log.record(*output)

@@ -24,7 +24,8 @@ from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.requests import encode_request
-from pfd_ros.messages.convert import WRENCH
+from pfd_ros.arm.state import ArmState
+from pfd_ros.messages.convert import NANOSECONDS, WRENCH
 from pfd_ros.messages.stamped import stamped_encoder
 from pfd_ros.testing.command_bytes import state_bytes
 from pfd_ros.testing.controller import Controller, asked, blocked, refusal
@@ -137,12 +138,12 @@ class LockstepArm:
     @property
     def q(self) -> Array:
         """Positions as the last state tells them, (n,), rad or m; a copy."""
-        return np.array(self.engine.measured()[0])
+        return np.array(self._run.measured()[0])
 
     @property
     def qd(self) -> Array:
         """Velocities as the last state tells them, (n,), rad/s or m/s; a copy."""
-        return np.array(self.engine.measured()[1])
+        return np.array(self._run.measured()[1])
 
     def run(
         self, controller: Controller, seconds: float, *, patience: float = PATIENCE_SECONDS
@@ -173,12 +174,12 @@ class LockstepArm:
             If `seconds` is not above zero and finite.
         """
         rows = rows_of(self.settings, seconds, len(self.names))
-        engine, names = self.engine, self.names
-        command = self._run.command
+        names = self.names
+        command, measured, arm = self._run.command, self._run.measured, self.engine.arm
         with Watch(patience) as watch:
             for k in range(len(rows.time)):
-                t = rows.time[k] = self.time
-                q, qd, _ = engine.measured()
+                t = rows.time[k] = arm.stamp_ns / NANOSECONDS
+                q, qd, _ = measured()
                 rows.q[k], rows.qd[k] = q, qd
                 begun = watch.since = perf_counter()
                 try:
@@ -261,6 +262,25 @@ class LockstepArm:
         positions = by_joint(self.names, 'q', q)
         velocities = by_joint(self.names, 'qd', {} if qd is None else qd)
         self._jump(Source.SET_STATE, state_bytes(self.names, positions, velocities))
+
+    def save(self) -> ArmState:
+        """Return a copy of the state of the arm, from which `restore` continues with equal bits.
+
+        It can be copied, compared and pickled; `to_bytes` and `ArmState.from_bytes` write it.
+        """
+        return self.engine.save()
+
+    def restore(self, state: ArmState) -> None:
+        """Continue from a saved state, of this arm or another one with the same settings.
+
+        Raises
+        ------
+        ValueError
+            If the state is of another robot, or of an arm with other settings at its start; or if
+            the run is recorded, as a recording holds one run.
+        """
+        self._run.restore(state)
+        self.settings = self.engine.settings
 
     def push(self, force: Sequence[float], torque: Sequence[float], frame: str = '') -> None:
         """Let a force and a torque act on the last link until the next push, or a reset.

@@ -13,7 +13,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 import time
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -259,6 +259,17 @@ class ProcessArm:
         self._wait(self._jumps.get_subscription_count, REQUEST_SECONDS, 'a reader of set_state')
         self._jumps.publish(state_bytes(self.names, positions, velocities))
         self._wait_for_jump(before)
+
+    def save(self) -> NoReturn:
+        """Raise ValueError: the state of an arm in another process is not on its topics."""
+        raise ValueError(
+            'the state of an arm in another process cannot be saved or restored: '
+            'use sim_arm without process=True'
+        )
+
+    def restore(self, state: object) -> NoReturn:
+        """Raise ValueError, as `save`."""
+        self.save()
 
     def _wait_for_jump(self, before_ns: int) -> None:
         self._answer = b''

@@ -65,7 +65,7 @@ class TopicRun:
             If it is rejected for a reason that is not allowed; the arm stays in its state.
         """
         run, engine, rows = self.run, self.run.engine, self.rows
-        time, (q, qd, _) = run.time, engine.measured()
+        time, (q, qd, _) = run.time, run.measured()
         judgement = run.send(source, data)
         found = rejection(source, data, judgement, engine.arm.names, engine.arm.robot.joint_names)
         self.rejected = '' if found is None else str(found)
@@ -73,12 +73,12 @@ class TopicRun:
             if found.reason != STALE or not self.repeats:
                 raise RejectedError(str(found))
             self.repeats -= 1
-        if engine.pace.waits:
+        if engine.state.pace.waits:
             return ()
         outputs = run.advance()
         k = rows.count
         rows.time[k], rows.compute_time[k] = time, seconds
-        rows.q[k], rows.qd[k], rows.tau[k] = q, qd, engine.measured()[2]
+        rows.q[k], rows.qd[k], rows.tau[k] = q, qd, run.measured()[2]
         rows.count += 1
         return None if rows.count == len(rows.time) else outputs
 

@@ -151,10 +151,10 @@ def put_in(fault: str) -> None:
 
         real_advance = Arm.advance
 
-        def advance(arm, drive) -> None:
+        def advance(arm, *drive):
             if arm.step == 200:
                 hang_in_c()
-            real_advance(arm, drive)
+            return real_advance(arm, *drive)
 
         Arm.advance = advance
     elif fault == 'configuring_fails':

@@ -216,7 +216,6 @@ CASES = {
         lambda r: r.edit(HEAD, 'settings', lambda s: s.update(publish_clock=False)),
     ),
     'altered_bytes_of_no_effect': Case('not the recorded ones', alter_bytes),
-    'no_end_record': Case('without the end record', lambda r: r.metadata.pop()),
     **{
         f'end_{name}_{value!r:.12}': Case(NAMED_FILE, end('totals', **{name: value}))
         for name, values in TOTALS.items()
@@ -228,7 +227,6 @@ CASES = {
     'end_of_other_topics': Case('messages dropped are of', end('dropped', **{'/x': 1})),
     'end_without_totals': Case('totals of its end', lambda r: r.head(END).pop('totals')),
     'end_totals_list': Case('totals of its end', say(totals='[1]')),
-    'end_empty': Case('without the end record', lambda r: r.head(END).clear()),
     'end_digests_table': Case('digests', say(digests='[]')),
     'end_digests_few': Case('digests are of', say(digests='{}')),
     'end_digest_no_hex': Case('expected SHA-256', say_no_hex),

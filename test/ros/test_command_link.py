@@ -53,22 +53,22 @@ def verified(path: Path) -> list[JointMessage]:
 def test_a_watchdog_waits_for_the_first_command_and_acts_once_after_the_last() -> None:
     engine = made(command_timeout=0.005)
     assert not any(map(any, taus(engine, 20)))
-    assert engine.link.timeouts == 0
+    assert engine.state.link.timeouts == 0
     send(engine, efforts(1.0, 0.5))
     assert taus(engine, 3) == [[1.0, 0.5]] * 3
     send(engine, efforts(2.0, 0.5))
     assert taus(engine, 8) == [[2.0, 0.5]] * 5 + [[0.0, 0.0]] * 3
-    assert (engine.link.timeouts, engine.link.timed_out) == (1, True)
+    assert (engine.state.link.timeouts, engine.state.link.timed_out) == (1, True)
     # Braked: the arm stands from the next state on.
     q = engine.arm.q
     assert not engine.arm.qd.any()
     taus(engine, 50)
     assert engine.arm.q.tobytes() == q.tobytes()
-    assert engine.link.timeouts == 1
+    assert engine.state.link.timeouts == 1
     send(engine, efforts(3.0, 0.5))
-    assert not engine.link.timed_out
+    assert not engine.state.link.timed_out
     assert taus(engine, 7) == [[3.0, 0.5]] * 5 + [[0.0, 0.0]] * 2
-    assert engine.link.timeouts == 2
+    assert engine.state.link.timeouts == 2
 
 
 def test_the_shortest_timeout_is_one_step() -> None:
@@ -92,7 +92,7 @@ def test_messages_that_are_refused_or_nan_do_not_feed_the_watchdog() -> None:
         nothing = joint_state(NAMES, effort=[NAN, NAN])
         assert send(engine, nothing, Source.NAMED) is Verdict.ALL_NAN
     taus(engine, 2)
-    assert engine.link.timed_out
+    assert engine.state.link.timed_out
 
 
 def test_a_pause_is_no_silence() -> None:
@@ -189,14 +189,14 @@ def test_a_reset_and_a_jump_end_what_is_under_way() -> None:
         taus(engine, 2)
         send(engine, data, source)
         assert not any(map(any, taus(engine, 30)))
-        assert engine.link.timeouts == 0
+        assert engine.state.link.timeouts == 0
 
 
 def test_the_watchdog_counts_from_where_the_delay_ends() -> None:
     engine = made(delay_commands=0.003, command_timeout=0.002)
     send(engine, efforts(1.0, 0.5))
     assert taus(engine, 7) == [[0.0, 0.0]] * 3 + [[1.0, 0.5]] * 2 + [[0.0, 0.0]] * 2
-    assert engine.link.timeouts == 1
+    assert engine.state.link.timeouts == 1
 
 
 def test_a_flood_of_delayed_commands_takes_one_place_for_each_cycle() -> None:
@@ -205,7 +205,7 @@ def test_a_flood_of_delayed_commands_takes_one_place_for_each_cycle() -> None:
         for k in range(50):
             send(engine, efforts(float(k), 0.0))
         engine.step()
-    assert len(engine.link._line) == 20
+    assert len(engine.state.link.line) == 20
 
 
 def test_a_delay_is_a_whole_number_of_steps() -> None:
@@ -217,11 +217,11 @@ def test_a_share_of_the_commands_is_lost_by_the_seed() -> None:
     engine = made(drop_commands=0.25, seed=7)
     for k in range(1, 2001):
         assert send(engine, efforts(float(k % 9), 0.0), sequence=k) is Verdict.ACCEPTED
-    assert engine.link.lost == sum(
+    assert engine.state.link.lost == sum(
         uniform(7, Channel.COMMAND_DROP, k, 1)[0] < 0.25 for k in range(1, 2001)
     )
     # Four standard deviations of a binomial distribution.
-    assert abs(engine.link.lost - 500) < 4 * np.sqrt(2000 * 0.25 * 0.75)
+    assert abs(engine.state.link.lost - 500) < 4 * np.sqrt(2000 * 0.25 * 0.75)
 
 
 def test_a_lost_command_changes_nothing_and_answers_in_lockstep() -> None:
@@ -231,7 +231,7 @@ def test_a_lost_command_changes_nothing_and_answers_in_lockstep() -> None:
     assert engine.stands
     assert send(engine, efforts(1.0, 0.5)) is Verdict.ACCEPTED
     assert not engine.stands
-    assert (engine.link.lost, engine.link.timeouts) == (2, 0)
+    assert (engine.state.link.lost, engine.state.link.timeouts) == (2, 0)
 
 
 def test_a_recording_with_late_and_lost_commands_verifies(tmp_path: Path) -> None:
@@ -258,12 +258,12 @@ def test_a_jump_of_an_effort_trips_the_brakes_until_a_reset() -> None:
     assert taus(engine, 2) == [[9.0, 5.0]] * 2
     send(engine, efforts(11.0, 3.0))
     assert taus(engine, 2) == [[11.0, 3.0]] * 2
-    assert not engine.actuators.tripped
+    assert not engine.state.actuators.tripped
     send(engine, efforts(11.0, 5.001))
     assert taus(engine, 3) == [[0.0, 0.0]] * 3
     assert not engine.arm.qd.any()
-    assert (engine.actuators.tripped, engine.actuators.trips) == (True, 1)
-    assert engine.actuators.reflex == (
+    assert (engine.state.actuators.tripped, engine.state.actuators.trips) == (True, 1)
+    assert engine.state.actuators.reflex == (
         "the effort of 'elbow' jumped by 2.001 in a cycle, expected 2 at most; ~/reset ends it"
     )
     assert send(engine, efforts(1.0, 1.0)) is Verdict.REFUSED
@@ -272,7 +272,7 @@ def test_a_jump_of_an_effort_trips_the_brakes_until_a_reset() -> None:
     engine.step()
     assert send(engine, efforts(1.0, 1.0)) is Verdict.ACCEPTED
     assert taus(engine, 2) == [[1.0, 1.0]] * 2
-    assert engine.actuators.trips == 1
+    assert engine.state.actuators.trips == 1
 
 
 def test_a_reflex_sees_the_effort_of_a_servo() -> None:
@@ -281,10 +281,10 @@ def test_a_reflex_sees_the_effort_of_a_servo() -> None:
     taus(engine, 5)
     send(engine, joint_state(NAMES, [0.004, 0.0]), Source.NAMED)
     taus(engine, 1)
-    assert not engine.actuators.tripped
+    assert not engine.state.actuators.tripped
     send(engine, joint_state(NAMES, [0.1, 0.0]), Source.NAMED)
     taus(engine, 1)
-    assert engine.actuators.tripped
+    assert engine.state.actuators.tripped
 
 
 def test_a_reflex_is_tripped_by_a_jump_of_any_size() -> None:
@@ -292,14 +292,14 @@ def test_a_reflex_is_tripped_by_a_jump_of_any_size() -> None:
     for effort in (1e308, -1e308):
         send(engine, efforts(effort, 0.0))
         taus(engine, 1)
-    assert engine.actuators.tripped
+    assert engine.state.actuators.tripped
 
 
 def test_a_reflex_does_not_see_the_jump_of_the_watchdog() -> None:
     engine = made(**REFLEX, command_timeout=0.005, on_timeout='zero')
     send(engine, efforts(9.0, -5.0))
     assert taus(engine, 8) == [[9.0, -5.0]] * 5 + [[0.0, 0.0]] * 3
-    assert (engine.link.timeouts, engine.actuators.tripped) == (1, False)
+    assert (engine.state.link.timeouts, engine.state.actuators.tripped) == (1, False)
 
 
 def test_in_lockstep_an_arm_that_a_reflex_braked_goes_on() -> None:

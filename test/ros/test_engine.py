@@ -152,7 +152,7 @@ def test_a_reset_lets_an_arm_that_failed_go_on_at_the_time_of_its_cycle() -> Non
     stopped = run(engine, 50)
     assert stopped.stamp_ns == (failed - 1) * STEP_NS
     after = run(engine, 1, [asked('reset')])
-    assert (engine.arm.failure, engine.arm.failures) == ('', 1)
+    assert (engine.arm.failure, engine.state.failures) == ('', 1)
     assert after.stamp_ns == engine.arm.stamp_ns == engine.cycles * STEP_NS
     assert after.position.tolist() == [0.3, -0.2]
     assert after.velocity.tolist() == after.effort.tolist() == [0.0, 0.0]

@@ -15,7 +15,7 @@ from ros_processes import Processes
 
 from pfd_ros.arm.effects import ClockTick
 from pfd_ros.arm.events import Verdict
-from pfd_ros.arm.followed_clock import FollowedClock
+from pfd_ros.arm.followed_clock import judge_tick
 from pfd_ros.messages.convert import decode_clock
 
 SECONDS = 4.0
@@ -33,17 +33,17 @@ def test_each_reason_for_a_rejection_has_a_message(seed: int) -> None:
 
 
 def test_an_arm_that_refused_a_tick_follows_later_ones() -> None:
-    ticks, clock = Ticks(random.Random(2)), FollowedClock(MILLISECOND, until_ns=0)
+    ticks, until = Ticks(random.Random(2)), 0
     refused, since = 0, 0
     for _ in range(5000):
-        reached = clock.until_ns
+        reached = until
         tick = ticks.after(reached)
         with contextlib.suppress(ValueError):
-            judgement = clock.judge(decode_clock(tick), reached)
+            judgement = judge_tick(decode_clock(tick), reached, until, MILLISECOND)
             refused += judgement.verdict is Verdict.REFUSED
             if isinstance(judgement.effect, ClockTick):
-                clock.until_ns = judgement.effect.stamp_ns
-        since = 0 if clock.until_ns > reached else since + 1
+                until = judgement.effect.stamp_ns
+        since = 0 if until > reached else since + 1
         # Of a hundred ticks sixty fit.
         assert since < 100
     assert refused > 5

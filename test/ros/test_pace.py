@@ -47,7 +47,7 @@ def test_an_inactive_arm_stands_and_refuses_what_would_move_it() -> None:
     for event in (PUSH, JUMP, asked('step'), asked('reset')):
         assert verdict(engine, event) is Verdict.REFUSED
         assert engine.stands
-    assert engine.link.drive.braked.all()
+    assert engine.state.link.drive.braked.all()
     assert verdict(engine, asked('activate')) is Verdict.ACCEPTED
     assert not engine.stands
     assert verdict(engine, PUSH) is Verdict.ACCEPTED

@@ -7,19 +7,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 import io
 from pathlib import Path
+import re
 import struct
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-from rewriting import GOLDEN, STATES, TAKEN, Sent, load, rewrite
+from rewriting import CLOCK, GOLDEN, STATES, TAKEN, Sent, load, rewrite
 from ros_processes import environment
 from simulating import states_of
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.cli import main as command_line
-from pfd_ros.cli.replay import progress_on
+from pfd_ros.cli.replay import INCOMPLETE, progress_on
 from pfd_ros.messages.convert import decode_clock, decode_joint_state
 from pfd_ros.recording.format import END
 from pfd_ros.recording.reader import Log, LogError
@@ -165,8 +166,8 @@ def test_a_recording_that_lacks_states_for_a_slow_disk_is_no_damage_but_fails_to
     path = slow.save(tmp_path / 'a.mcap')
     summary = read(path, verify=True)
     assert (summary.missing, summary.dropped, summary.states) == (41, 41, last - 41)
-    assert command_line.main(['replay', str(path), '--verify']) == 1
-    assert 'FAILED: 41 messages were not recorded' in capsys.readouterr().out
+    assert command_line.main(['replay', str(path), '--verify']) == INCOMPLETE
+    assert 'missing: 41 messages that were not recorded' in capsys.readouterr().out
 
 
 def test_a_cut_off_recording_verifies_up_to_the_cut(
@@ -176,10 +177,40 @@ def test_a_cut_off_recording_verifies_up_to_the_cut(
     # The footer: the start of the summary, two numbers more, and the magic bytes.
     (summary,) = struct.unpack_from('<Q', data, len(data) - 28)
     (tmp_path / 'a.mcap').write_bytes(data[: int(0.7 * summary)])
-    assert command_line.main(['replay', str(tmp_path / 'a.mcap'), '--verify']) == 0
+    arguments = ['replay', str(tmp_path / 'a.mcap'), '--verify']
+    assert command_line.main(arguments) == INCOMPLETE
     told = capsys.readouterr().out
     assert 'cut off' in told
-    assert 'every bit equal' in told
+    assert 'every bit equal; missing: the end of the file, which was never closed' in told
+    assert command_line.main([*arguments, '--allow-incomplete']) == 0
+
+
+@pytest.mark.parametrize('changed', [False, True])
+def test_a_recording_without_its_end_record_is_equal_as_far_as_it_goes_or_differs(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: bool
+) -> None:
+    run = load(recorded)
+    run.metadata = [item for item in run.metadata if item[0] != END]
+    if changed:
+        state = run.on(STATES)[70]
+        run.messages[run.messages.index(state)] = flipped(state, len(state.data) - 5)
+    status = command_line.main(['replay', str(run.save(tmp_path / 'a.mcap')), '--verify'])
+    said = capsys.readouterr()
+    assert status == (1 if changed else INCOMPLETE)
+    assert ('missing: the end record of the node' in said.out) != changed
+
+
+def test_half_of_the_states_cannot_be_taken_away_without_a_status(
+    recorded: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = load(recorded)
+    states = len(run.on(STATES))
+    run.metadata = [item for item in run.metadata if item[0] != END]
+    run.keep(lambda m: m.topic not in (STATES, CLOCK) or m.sequence % 2 == 0)
+    status = command_line.main(['replay', str(run.save(tmp_path / 'a.mcap')), '--verify'])
+    assert status == INCOMPLETE
+    (lost,) = re.findall(r'(\d+) messages that were not recorded', capsys.readouterr().out)
+    assert int(lost) >= states // 2
     assert 0 < read(tmp_path / 'a.mcap').states < read(recorded).states
 
 

@@ -57,9 +57,9 @@ def test_an_arm_in_a_scene_verifies_and_moves_as_the_simulator(tmp_path: Path) -
     scene = pfd.Scene(**{**vars(SCENE), 'brakes': True})
     wanted = pfd.Simulator(pfd.load_robot('planar2'), scene)
     for _ in range(20):
-        arm._simulator.step([2.0, 5.0])
+        arm.advance(np.array([2.0, 5.0]), np.zeros(2, bool))
         wanted.step([2.0, 5.0])
-    np.testing.assert_array_equal(arm._simulator.q, wanted.q)
+    np.testing.assert_array_equal(arm.q, wanted.q)
     assert wanted.qd.any()
 
 

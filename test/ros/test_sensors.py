@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import plant_messages
+from plant_messages import change
 import pytest
 from rewriting import STATES as STATES_TOPIC
 from rewriting import Recording
@@ -19,7 +20,7 @@ from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import DROPPED_STATES, STATES, Arrival, Output, Source
 from pfd_ros.arm.requests import encode_request
-from pfd_ros.arm.sensors import quantized, sensors_of
+from pfd_ros.arm.sensors import quantized
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import JointMessage, JointStateEncoder, decode_joint_state
 from pfd_ros.replay.motion import read_motion
@@ -150,11 +151,11 @@ def test_an_episode_after_a_reset_is_that_after_the_start_noise_and_losses_inclu
                     found.append((role, state.position.tolist(), state.velocity.tolist()))
         return found
 
-    first, lost = episode(), engine.link.lost
+    first, lost = episode(), engine.state.link.lost
     assert 100 < lost < 200
     outputs(engine, 1, RESET)
     assert episode() == first
-    assert engine.link.lost == 2 * lost
+    assert engine.state.link.lost == 2 * lost
     # A jump is none: its noise goes on.
     place = np.array([0.3, -0.2])
     jump = JointStateEncoder(engine.arm.names).encode(0, place, 0 * place, 0 * place)
@@ -207,10 +208,9 @@ def test_other_noise_while_the_arm_runs_keeps_the_states_under_way() -> None:
     engine, steady = made(**ALL), made(**{**ALL, 'noise_velocity': 0.0})
     states(engine, 30, PUSH)
     states(steady, 30, PUSH)
-    changed = sensors_of(steady.settings, engine.arm, engine.sensors)
-    assert changed is not None
-    assert steady.sensors is not None
-    for one, other in zip(changed.measured(30), steady.sensors.measured(30), strict=True):
+    source, data = change(noise_velocity=0.0)
+    engine.take([Arrival(source, 2, data)])
+    for one, other in zip(engine.measured(), steady.measured(), strict=True):
         assert one.tolist() == other.tolist()
 
 

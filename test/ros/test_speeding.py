@@ -60,7 +60,7 @@ def run_ur5(**chosen) -> Engine:
 
 def test_a_ur5_without_rotors_runs_away_and_the_line_names_the_joint_and_the_cure() -> None:
     engine = run_ur5()
-    found = speeding(engine.arm, engine.actuators)
+    found = speeding(engine.arm)
     assert found.runaway
     joint, _, rest = found.text.partition(' at ')
     assert joint.startswith('wrist_')
@@ -70,8 +70,8 @@ def test_a_ur5_without_rotors_runs_away_and_the_line_names_the_joint_and_the_cur
 
 def test_the_same_ur5_with_estimated_rotors_stays_below_its_velocity_limits() -> None:
     engine = run_ur5(armature='estimated')
-    assert speeding(engine.arm, engine.actuators) is None
-    assert engine.actuators.fast_cycles == 0
+    assert speeding(engine.arm) is None
+    assert engine.state.actuators.fast_cycles == 0
     # It is where it was sent, within what is left after sixty time constants of the controller.
     np.testing.assert_allclose(engine.arm.q, GOAL, rtol=0, atol=1e-6)
 
@@ -85,7 +85,7 @@ def thrown(speed: float, **chosen) -> str:
     state = joint_state(names[-1:], [0.0], [speed])
     engine.run_cycle([Arrival(Source.SET_STATE, 1, state)])
     engine.run_cycle([Arrival(Source.ARRAY, 1, efforts(*[0.0] * robot.n))])
-    found = speeding(engine.arm, engine.actuators)
+    found = speeding(engine.arm)
     return '' if found is None else found.text
 
 

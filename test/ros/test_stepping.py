@@ -151,12 +151,12 @@ def test_another_real_time_factor_counts_at_once_for_a_slow_arm_and_for_one_that
     # A step would take 1000 s.
     slow = Bench(real_time_factor=1e-6)
     with slow.running():
-        slow.engine.settings = replace(slow.engine.settings, real_time_factor=0.0)
+        slow.engine.state.settings = replace(slow.engine.settings, real_time_factor=0.0)
         slow.wait(lambda: slow.engine.cycles > 10)
     waiting = Bench(lockstep=True, real_time_factor=0.0)
     with waiting.running():
         last = waiting.answer_each(5)[-1]
-        waiting.engine.settings = replace(waiting.engine.settings, real_time_factor=0.5)
+        waiting.engine.state.settings = replace(waiting.engine.settings, real_time_factor=0.5)
         waiting.wait(lambda: waiting.stepper.timer.period_ns == 2_000_000)
         # From now on the stepping thread paces it.
         assert not waiting.stepper.step_at_once()

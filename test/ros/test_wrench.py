@@ -51,7 +51,7 @@ TAU = (1.0, -20.0, 5.0, 0.3, -0.2, 0.1)
 @pytest.mark.parametrize('frame', ['wrist_3_link', 'tool0', 'ee_link'])
 def test_a_wrench_moves_the_arm_as_pinocchio_says(frame: str) -> None:
     engine, path = ur5(frame)
-    simulator = engine.arm._simulator
+    arm = engine.arm
     model = pin.buildModelFromUrdf(path)
     # Force and torque at the frame's origin, brought to the frame of its joint.
     place = model.frames[model.getFrameId(frame)]
@@ -59,11 +59,11 @@ def test_a_wrench_moves_the_arm_as_pinocchio_says(frame: str) -> None:
     forces = pin.StdVec_Force()
     forces.extend([pin.Force.Zero() for _ in range(model.njoints)])
     forces[place.parentJoint] = place.placement.act(force)
-    wanted = pin.aba(model, model.createData(), simulator.q, simulator.qd, np.array(TAU), forces)
-    without = pin.aba(model, model.createData(), simulator.q, simulator.qd, np.array(TAU))
-    assert np.abs(simulator.qd).max() > 0.1
+    wanted = pin.aba(model, model.createData(), arm.q, arm.qd, np.array(TAU), forces)
+    without = pin.aba(model, model.createData(), arm.q, arm.qd, np.array(TAU))
+    assert np.abs(arm.qd).max() > 0.1
     assert np.abs(wanted - without).max() > 1.0
-    np.testing.assert_allclose(simulator.qdd, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+    np.testing.assert_allclose(arm.acceleration, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_a_wrong_wrench_is_refused_with_its_reason(message, verdict: Verdict, re
 
 def test_without_the_parameter_a_wrench_is_refused_and_the_cure_told() -> None:
     engine = made()
-    assert engine.arm.wrench is None
+    assert engine.state.wrench is None
     found = judged(engine, wrench(TIP, (1.0, 0.0, 0.0)))
     assert found.verdict is Verdict.REFUSED
     assert 'external_wrench:=true' in found.detail
@@ -102,8 +102,8 @@ def pushed(engine: Engine) -> list[bool]:
     found = []
     for _ in range(10):
         engine.step()
-        assert engine.arm.wrench is not None
-        found.append(bool(engine.arm.wrench.any()))
+        assert engine.state.wrench is not None
+        found.append(bool(engine.state.wrench.acting.any()))
     return found
 
 

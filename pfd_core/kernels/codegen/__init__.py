@@ -19,7 +19,8 @@ Code generation: program -> text of LLVM IR. Each module writes the functions it
     step             @step: an integrator's step around @evaluate
     linear_step      @linear_step, @evaluate: derivatives of a step
     calls            functions that run procedures and @evaluate_NAME on arrays
-    segments            @step with dry friction and joint stops, from event to event
+    segments         @step with dry friction and joint stops, from event to event
+    cycles           @cycles: steps whose efforts pass the limits of motors
     rollout          @rollout, @accelerations: the simulation of one arm
     law              feedback laws of an ensemble
     arms             @arms, @ensemble: simulations of many arms, one per SIMD lane

@@ -20,6 +20,7 @@ from pfd_core.kernels.codegen.arms import arms, ensemble
 from pfd_core.kernels.codegen.body import body
 from pfd_core.kernels.codegen.chunks import batch_of
 from pfd_core.kernels.codegen.copies import copies
+from pfd_core.kernels.codegen.cycles import cycles
 from pfd_core.kernels.codegen.evaluate import evaluate, wrap_row
 from pfd_core.kernels.codegen.law import whole_state
 from pfd_core.kernels.codegen.linear_step import linear_step, linearisation, state_rows
@@ -108,16 +109,19 @@ def rollout_module(
     angles: Sequence[int],
     others: Mapping[str, Program] = MappingProxyType({}),
     contact: Contact | None = None,
+    limits: Program | None = None,
 ) -> str:
     """
     Return the module of the simulation of one arm by an integrator's step.
 
     `dynamics` is the program of @evaluate, `others` are those of further functions, by the names
     that the step calls them. With `contact` the step and the accelerations are of that, and the
-    programs tell its inputs alone.
+    programs tell its inputs alone. With `limits`, the lowered program of motors, it has @cycles.
     """
     form = Format(dtype, 1)
     loops = [rollout(step_program, dynamics, form), accelerations(dynamics, form)]
+    if limits is not None:
+        loops += [body(limits, form, '_limits'), cycles(step_program, dynamics, limits, form)]
     return _simulation(step_program, dynamics, form, angles, loops, others, contact)
 
 

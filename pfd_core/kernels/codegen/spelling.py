@@ -22,7 +22,7 @@ from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Instruction, Program
 
 # All inputs that a program may have, in the order of a kernel's arguments.
-ARGUMENTS = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free', 'payload')
+ARGUMENTS = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free', 'payload', 'motors')
 SCALAR = {'float64': 'double', 'float32': 'float'}
 SUFFIX = {'float64': 'f64', 'float32': 'f32'}
 BYTES = {'float64': 8, 'float32': 4}

@@ -1,8 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Double buffering: a simulation holds its valid state and a second buffer for native code.
+The state of a simulation as one record, and double buffering.
 
+A simulation holds its valid state and a second buffer for native code.
 A step copies the valid state to the second buffer and advances it there; then one assignment
 makes that buffer the valid one. A step that is refused or interrupted before changes nothing.
 """
@@ -18,7 +19,7 @@ import numpy as np
 from pfd_core.model.checked_numbers import Array
 
 
-class StateBuffer:
+class SimulationState:
     """
     Arrays at fixed addresses, and the time of the state in them.
 
@@ -54,7 +55,19 @@ class StateBuffer:
         self._block[:] = 0.0
         self.start, self.steps, self.status = start, 0, 'ok'
 
-    def copy_from(self, other: StateBuffer) -> None:
+    def copy(self) -> SimulationState:
+        """Return an independent buffer with the same numbers."""
+        twin = SimulationState(self._shapes, str(self._block.dtype))
+        twin.copy_from(self)
+        return twin
+
+    def take_rows(self, other: SimulationState) -> None:
+        """Take over the arrays that another buffer has by the same names; the rest stays."""
+        for name, target in self.arrays.items():
+            if name in other.arrays:
+                target[...] = other.arrays[name]
+
+    def copy_from(self, other: SimulationState) -> None:
         """Become equal to another buffer of the same shapes."""
         self._block[:] = other._block
         self.start, self.steps, self.status = other.start, other.steps, other.status
@@ -65,8 +78,8 @@ class StateBuffer:
         return _restored, (self._shapes, str(self._block.dtype), state)
 
 
-def _restored(shapes: dict[str, tuple[int, ...]], dtype: str, state: Any) -> StateBuffer:
+def _restored(shapes: dict[str, tuple[int, ...]], dtype: str, state: Any) -> SimulationState:
     """Return the buffer that a pickle or a copy holds."""
-    buffer = StateBuffer(shapes, dtype)
+    buffer = SimulationState(shapes, dtype)
     buffer._block[:], buffer.start, buffer.steps, buffer.status = state
     return buffer

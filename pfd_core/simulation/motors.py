@@ -1,0 +1,208 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+A simulator with motors: efforts pass the limits of motors once a step, in native code.
+
+    sim = MotorSimulator(robot, scene)
+    state, motors = sim.new_state(q), MotorState(np.zeros(n))
+    cycles = sim.bind(state, motors, limits)
+    finite = cycles.run(efforts, out)       (steps, n) -> (steps, 3, n): q, qd and limited efforts
+
+The state is the caller's: nothing is kept in the simulator. One call runs any number of steps with
+the bits of single steps.
+"""
+
+from __future__ import annotations
+
+from ctypes import addressof, c_int64
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pfd_core.algorithms.chain.motor_limits import MOTOR_ROWS
+from pfd_core.kernels.codegen.cycles import COUNTS, HEAD
+from pfd_core.kernels.simulations import compile_rollout
+from pfd_core.model import Payload
+from pfd_core.model.checked_numbers import Array, real_array
+from pfd_core.model.error_text import quote
+from pfd_core.simulation.simulator import Simulator
+from pfd_core.simulation.state import SimulationState
+
+
+@dataclass
+class MotorState:
+    """
+    The counters of the motors of an arm with n joints.
+
+    Attributes
+    ----------
+    peaks : numpy.ndarray
+        Largest speed of each joint beyond that of its motor, as a multiple, (n,); 0 if never.
+    counts : numpy.ndarray
+        Steps in which a limit cut an effort, and in which a joint was beyond that speed, (2,).
+
+    """
+
+    peaks: Array
+    counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(COUNTS), np.int64))
+
+
+class MotorSimulator(Simulator):
+    """A Simulator, with the parameters of one, whose efforts pass the limits of motors."""
+
+    _compiler = staticmethod(partial(compile_rollout, motors=True))
+
+    def new_state(
+        self, q: ArrayLike | None = None, qd: ArrayLike | None = None
+    ) -> SimulationState:
+        """Return a state at these positions and velocities, default zero, (n,)."""
+        state = SimulationState(self._shapes(), self.dtype)
+        self._set(state, q, qd, 0.0, None)
+        return state
+
+    def accelerations(self, state: SimulationState) -> Array:
+        """Return the accelerations of a state under its last efforts (n,); 0 before any step."""
+        return self._accelerations_of(self._own(state))
+
+    def converted(self, state: SimulationState) -> SimulationState:
+        """
+        Return a state of the same robot in any scene as one of this simulator.
+
+        Parts that only this simulator has, such as those of an effect, are zero.
+        """
+        self._check_state(state)
+        result = self.new_state()
+        result.take_rows(state)
+        return result
+
+    def set_inputs(
+        self,
+        state: SimulationState,
+        wrench: ArrayLike | None = None,
+        brakes: ArrayLike | None = None,
+        payload: Payload | None = None,
+    ) -> None:
+        """Set inputs of the next steps of a state; they are as for `step`."""
+        arrays = self._own(state).arrays
+        for name, value in self._all_inputs(wrench, brakes, payload).items():
+            arrays[name][:] = value
+
+    def bind(self, state: SimulationState, motors: MotorState, limits: ArrayLike) -> Cycles:
+        """
+        Return the function that runs steps of a state in place.
+
+        Parameters
+        ----------
+        state : SimulationState
+            From `new_state`.
+        motors : MotorState
+            Counters of the motors, advanced in place.
+        limits : array_like
+            Rows (4, n): the largest effort [N m or N], the effort and the speed of the
+            torque-speed line, and the full speed [rad/s or m/s]; inf for no limit.
+
+        Raises
+        ------
+        ValueError
+            If one of these is of another robot.
+
+        """
+        n = self.robot.n
+        if not isinstance(motors, MotorState):
+            raise ValueError(f'motors must be a MotorState, got {quote(motors)}')
+        for name, kind, size in (('peaks', self.dtype, n), ('counts', 'int64', len(COUNTS))):
+            array = getattr(motors, name)
+            if not (
+                isinstance(array, np.ndarray)
+                and array.dtype == kind
+                and array.shape == (size,)
+                and array.flags.carray
+            ):
+                raise ValueError(f'motors.{name} must be an array ({size},) of {kind}')
+        rows = real_array('limits', limits, self.dtype, (len(MOTOR_ROWS), n), finite=False)
+        if not (rows >= 0.0).all():
+            raise ValueError('limits must be zero or more')
+        return Cycles(self, self._own(state), motors, rows.copy(order='C'))
+
+    def _check_state(self, state: SimulationState) -> None:
+        if not isinstance(state, SimulationState):
+            raise ValueError(f'state must be a SimulationState, got {quote(state)}')
+        if state.arrays['q'].shape != (self.robot.n,):
+            raise ValueError(
+                f'state must be of {self.robot.n} joints, got {state.arrays["q"].shape}'
+            )
+
+    def _own(self, state: SimulationState) -> SimulationState:
+        self._check_state(state)
+        shapes = {name: array.shape for name, array in state.arrays.items()}
+        if shapes != self._shapes() or state.arrays['q'].dtype != self.dtype:
+            raise ValueError('state must be of this scene: use converted(state)')
+        return state
+
+
+class Cycles:
+    """Native code bound to a state; see MotorSimulator.bind."""
+
+    def __init__(
+        self, simulator: MotorSimulator, state: SimulationState, motors: MotorState, limits: Array
+    ) -> None:
+        self.state = state
+        self._simulator, self._motors, self._limits = simulator, motors, limits
+        native = simulator._native
+        assert native.cycles is not None
+        own = {
+            'substeps': simulator._count_at,
+            'motors': limits.ctypes.data,
+            'counts': motors.counts.ctypes.data,
+            'peaks': motors.peaks.ctypes.data,
+        }
+        addresses = [own.get(name, state.at.get(name, 0)) for name in native.block]
+        self._block = (c_int64 * len(addresses))(*addresses)
+        self._native, self._at = native.cycles, addressof(self._block)
+        self._efforts, self._out = (native.block.index(name) for name in ('efforts', 'out'))
+
+    def run(self, efforts: Array, out: Array) -> int:
+        """
+        Run a step for each row of efforts; return after how many the state was finite.
+
+        `efforts` are (steps, n), `out` is (steps, 3, n): q, qd and the limited efforts after each
+        step. The run ends after the first step that is not finite, and the state cannot be used
+        then.
+        """
+        n = self._simulator.robot.n
+        for name, array, shape in (
+            ('efforts', efforts, (len(efforts), n)),
+            ('out', out, (len(efforts), 3, n)),
+        ):
+            if array.shape != shape or array.dtype != self._simulator.dtype:
+                raise ValueError(
+                    f'{name} must be {shape} of {self._simulator.dtype}, got {array.shape} of '
+                    f'{array.dtype}'
+                )
+            if not array.flags.c_contiguous:
+                raise ValueError(f'{name} must be C-ordered')
+        return self.run_at(efforts.ctypes.data, out.ctypes.data, len(efforts))
+
+    def run_at(self, efforts: int, out: int, steps: int) -> int:
+        """Do as `run`, on arrays given by their addresses, without checks."""
+        block, state = self._block, self.state
+        block[self._efforts], block[self._out] = efforts, out
+        if self._simulator._long:
+            finite = self._simulator._interruptibly(partial(self._run_long, steps))
+        else:
+            finite = self._native(steps, self._at)
+        state.steps += finite
+        if finite < steps:
+            state.steps += 1
+            state.status = self._simulator._why_not_finite(state)
+        return finite
+
+    def _run_long(self, steps: int, count_at: int) -> int:
+        place = HEAD.index('substeps')
+        before, self._block[place] = self._block[place], count_at
+        try:
+            return self._native(steps, self._at)
+        finally:
+            self._block[place] = before

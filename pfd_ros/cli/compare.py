@@ -1,0 +1,106 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd compare`: how two logs differ, joint by joint."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import asdict
+import json
+from pathlib import Path
+
+from pfd_ros.recording.log_arrays import PER_JOINT, read_log
+from pfd_ros.replay.compare import Comparison, compare
+from pfd_ros.text import one_line
+
+HELP = 'differences of two logs, joint by joint'
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the logs and what is compared."""
+    parser.add_argument('a', type=Path, metavar='A', help='MCAP file, .db3 file or rosbag2 folder')
+    parser.add_argument('b', type=Path, metavar='B')
+    parser.add_argument(
+        '--tolerance',
+        type=float,
+        default=0.0,
+        metavar='X',
+        help='largest difference that is none, in the unit of each field (default 0)',
+    )
+    parser.add_argument(
+        '--fields',
+        nargs='+',
+        choices=PER_JOINT,
+        default=PER_JOINT,
+        help='fields to compare (default all)',
+    )
+    parser.add_argument(
+        '--topics', nargs=2, metavar=('TOPIC_A', 'TOPIC_B'), help='one topic of each log'
+    )
+    parser.add_argument(
+        '--lag', type=float, metavar='S', help='lag of B (default: estimated from the positions)'
+    )
+    parser.add_argument('--json', action='store_true', help='print JSON')
+    parser.add_argument('--plot', type=Path, metavar='FILE', help='plot both logs (.png, .svg)')
+
+
+def run(given: argparse.Namespace) -> int:
+    """Compare two logs; the status is 0 if all differences are within the tolerance, else 1."""
+    topics = tuple(given.topics) if given.topics else None
+    logs = [
+        read_log(path, topics=[topics[k]] if topics else None)
+        for k, path in enumerate((given.a, given.b))
+    ]
+    found = compare(
+        *logs, tolerance=given.tolerance, fields=given.fields, topics=topics, lag=given.lag
+    )
+    if given.json:
+        print(json.dumps(as_json(found), allow_nan=False))
+    else:
+        for line in lines_of(found):
+            print(one_line(line))
+    if given.plot:
+        from pfd_ros.replay.compare_plot import plot  # needs matplotlib
+
+        plot(found, (str(given.a), str(given.b)), given.plot)
+    return 0 if found.within else 1
+
+
+def as_json(found: Comparison) -> dict[str, object]:
+    """Return a comparison without its curves."""
+    return {
+        'within': found.within,
+        'tolerance': found.tolerance,
+        'lag': found.lag,
+        'shift': found.shift,
+        'overlap': found.overlap,
+        'only_in_a': found.only_in_a,
+        'only_in_b': found.only_in_b,
+        'unordered': found.unordered,
+        'differences': [asdict(item) for item in found.differences],
+    }
+
+
+def lines_of(found: Comparison) -> list[str]:
+    """Return a comparison as lines."""
+    shift = f', after a shift of {found.shift:.6f} s between their starts' if found.shift else ''
+    lines = [f'lag of B {found.lag * 1e3:.3f} ms{shift}; {found.overlap:.3f} s compared']
+    for name, joints in (('A', found.only_in_a), ('B', found.only_in_b)):
+        lines += [f'only in {name}: {joint}' for joint in joints]
+    lines += [f'not compared, stamps do not increase: {topic}' for topic in found.unordered]
+    width = max(len(item.joint) for item in found.differences)
+    for topic in dict.fromkeys(item.topic for item in found.differences):
+        lines.append(f'{topic}')
+        for item in (item for item in found.differences if item.topic == topic):
+            where = (
+                f'first beyond {found.tolerance:g} at {item.first_at:.6f} s'
+                if item.first_at is not None
+                else 'equal'
+                if item.largest == 0
+                else f'within {found.tolerance:g}'
+            )
+            lines.append(
+                f'  {item.field:9}{item.joint:{width}}  rms {item.rms:.3e}  largest '
+                f'{item.largest:.3e} at {item.largest_at:.6f} s  {where}'
+            )
+    return lines

@@ -1,0 +1,190 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd info`: what a log contains: its topics, and of a recording of the node the run."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from datetime import datetime, timezone
+import json
+from pathlib import Path
+import statistics
+from typing import Any
+
+from pfd_ros.arm.events import Verdict
+from pfd_ros.cli.replay import describe
+from pfd_ros.recording.bags import Bag
+from pfd_ros.recording.format import HEAD, HeadKey
+from pfd_ros.recording.head import strict_json
+from pfd_ros.replay.summary import Summary
+from pfd_ros.replay.verify import read
+from pfd_ros.text import one_line
+
+HELP = 'the topics, times and settings of a log'
+NANO = 1e-9
+# Intervals between messages kept for the median of a topic; later ones are not in it.
+INTERVALS = 100_000
+
+
+@dataclass
+class TopicCount:
+    """Messages of a topic: count, bytes, and the intervals between them [ns], by log time."""
+
+    count: int = 0
+    size: int = 0
+    last_ns: int = 0
+    longest_ns: int = 0
+    intervals_ns: list[int] = field(default_factory=list)
+
+    def add(self, log_ns: int, size: int) -> None:
+        """Count one message."""
+        if self.count:
+            interval = log_ns - self.last_ns
+            self.longest_ns = max(self.longest_ns, interval)
+            if len(self.intervals_ns) < INTERVALS:
+                self.intervals_ns.append(interval)
+        self.count += 1
+        self.size += size
+        self.last_ns = log_ns
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the log."""
+    parser.add_argument('log', type=Path, metavar='LOG', help='MCAP or .db3 file, rosbag2 folder')
+    parser.add_argument('--json', action='store_true', help='print JSON')
+
+
+def run(given: argparse.Namespace) -> int:
+    """Print what a log contains.
+
+    Raises
+    ------
+    LogError
+        If it is no log, or damaged before its end.
+    OSError
+        If it cannot be read.
+    """
+    bag = Bag(given.log)
+    counts: dict[str, TopicCount] = {}
+    first, last = None, 0
+    for message in bag.messages():
+        counts.setdefault(message.topic, TopicCount()).add(message.log_ns, len(message.data))
+        first = message.log_ns if first is None else min(first, message.log_ns)
+        last = max(last, message.log_ns)
+    for topic in bag.topics:
+        counts.setdefault(topic, TopicCount())
+    span = (first or 0, last)
+    run_of_node = read(given.log) if HEAD in bag.metadata else None
+    settings = strict_json(bag.metadata[HEAD].get(HeadKey.SETTINGS, '{}')) if run_of_node else {}
+    if given.json:
+        print(json.dumps(as_json(bag, counts, span, run_of_node, settings), allow_nan=False))
+        return 0
+    for line in lines_of(bag, counts, span):
+        print(one_line(line))
+    if run_of_node is not None:
+        print()
+        for line in describe(run_of_node)[1:]:
+            print(line)
+        print(f'replay     {_replay(run_of_node)}')
+        values = ', '.join(f'{name}={value}' for name, value in settings.items())
+        print(one_line(f'settings   {values}', 4000))
+    return 0
+
+
+def _size(path: Path) -> int:
+    files = path.iterdir() if path.is_dir() else [path]
+    return sum(file.stat().st_size for file in files)
+
+
+def _date(ns: int) -> str:
+    try:
+        return datetime.fromtimestamp(ns * NANO, timezone.utc).isoformat(sep=' ')
+    except (ValueError, OverflowError, OSError):
+        return f'{ns} ns'  # later than the year 9999
+
+
+def _replay(run_of_node: Summary) -> str:
+    """Return whether a recording can be replayed."""
+    if run_of_node.obstacle:
+        return f'up to a gap: it {run_of_node.obstacle}'
+    if run_of_node.dropped:
+        return f'of what is there; {run_of_node.dropped} messages were not recorded'
+    return 'can be verified with `pfd replay LOG --verify`'
+
+
+def lines_of(bag: Bag, counts: Mapping[str, TopicCount], span: tuple[int, int]) -> list[str]:
+    """Return the lines about any log, as `ros2 bag info` has them."""
+    total = sum(found.count for found in counts.values())
+    lines = [
+        f'log        {bag.path}',
+        f'size       {_size(bag.path) / 1e6:.3f} MB{"" if bag.complete else ", cut off"}',
+        f'begin      {_date(span[0])}',
+        f'end        {_date(span[1])}',
+        f'length     {(span[1] - span[0]) * NANO:.6f} s',
+        f'messages   {total}',
+    ]
+    if not counts:
+        return lines
+    names = max(len(name) for name in counts)
+    kinds = max(len(topic.type) for topic in bag.topics.values())
+    for name, found in sorted(counts.items()):
+        line = f'topic      {name:{names}}  {bag.topics[name].type:{kinds}}  {found.count:8}'
+        if found.intervals_ns:
+            median = statistics.median(found.intervals_ns) * 1e-6
+            line += f'  every {median:.3f} ms, longest gap {found.longest_ns * 1e-6:.3f} ms'
+        lines.append(line)
+    return lines
+
+
+def as_json(
+    bag: Bag,
+    counts: Mapping[str, TopicCount],
+    span: tuple[int, int],
+    run_of_node: Summary | None,
+    settings: Mapping[str, Any],
+) -> dict[str, Any]:
+    """Return what a log contains, with times in ns."""
+    found: dict[str, Any] = {
+        'path': str(bag.path),
+        'bytes': _size(bag.path),
+        'complete': bag.complete,
+        'begin_ns': span[0],
+        'end_ns': span[1],
+        'messages': sum(item.count for item in counts.values()),
+        'topics': {
+            name: {
+                'type': bag.topics[name].type,
+                'encoding': bag.topics[name].encoding,
+                'qos': bag.topics[name].qos,
+                'messages': item.count,
+                'bytes': item.size,
+                'median_interval_ns': (
+                    statistics.median(item.intervals_ns) if item.intervals_ns else None
+                ),
+                'longest_gap_ns': item.longest_ns if item.intervals_ns else None,
+            }
+            for name, item in sorted(counts.items())
+        },
+    }
+    if run_of_node is not None:
+        inputs = {verdict.name.lower(): count for verdict, count in run_of_node.verdicts.items()}
+        accepted = inputs.pop(Verdict.ACCEPTED.name.lower(), 0)
+        found['run'] = {
+            'robot': run_of_node.settings.robot,
+            'settings': dict(settings),
+            'versions': run_of_node.versions,
+            'steps': run_of_node.simulated,
+            'simulated_seconds': run_of_node.simulated * run_of_node.settings.step_size,
+            'wall_seconds': run_of_node.seconds,
+            'states': run_of_node.states,
+            'rate': run_of_node.rate,
+            'accepted': accepted,
+            'rejected': inputs,
+            'missing': run_of_node.lost,
+            'failure': run_of_node.failure,
+            'can_be_replayed': not run_of_node.obstacle,
+            'complete': run_of_node.complete,
+        }
+    return found

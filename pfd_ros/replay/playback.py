@@ -1,0 +1,212 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Playback: the messages of a recording, by kind, for an engine or for a count.
+
+A message is an input, verdict rows that say which cycle took inputs, or another output. This is
+the only place that tells them apart.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from bisect import bisect_left
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from pfd_ros.arm.driver import Driver
+from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Source, Verdict
+from pfd_ros.messages.convert import decode_efforts
+from pfd_ros.recording.format import SOURCE_OF_ROLE
+from pfd_ros.recording.reader import Log
+from pfd_ros.replay.ordering import Inbox, PlacedMessage, placed_messages
+
+# Messages from one report of progress to the next.
+PROGRESS_MESSAGES = 1000
+# Outputs of cycles that run in one native call, and how many messages are collected for a call.
+IN_STRETCHES = frozenset({STATES, CLOCK})
+FEWEST_COLLECTED, MOST_COLLECTED = 48, 12_288
+
+
+class Follower(Protocol):
+    """What follows a recording, message by message."""
+
+    def put(self, message: PlacedMessage) -> None:
+        """Follow an input."""
+
+    def take(self, message: PlacedMessage) -> None:
+        """Follow verdict rows."""
+
+    def output(self, message: PlacedMessage) -> None:
+        """Follow another output."""
+
+
+def follow(log: Log, follower: Follower, progress: Callable[[float], None] | None = None) -> None:
+    """Pass the messages of a recording to a follower.
+
+    Raises
+    ------
+    ValueError
+        If the file is damaged.
+    OSError
+        If it cannot be read.
+    """
+    for count, message in enumerate(placed_messages(log)):
+        if message.role in SOURCE_OF_ROLE:
+            follower.put(message)
+        elif message.role == TAKEN:
+            follower.take(message)
+        else:
+            follower.output(message)
+        if progress is not None and count % PROGRESS_MESSAGES == 0:
+            progress(log.position / log.size)
+
+
+class Stretch(NamedTuple):
+    """Cycles of a recording in which commands of efforts came, and nothing else.
+
+    Attributes
+    ----------
+    first
+        The first cycle, which begins with a command.
+    stamps_ns
+        Simulated time of the states (k,), ns.
+    rows
+        q, qd and the efforts that acted, (k, 3, n), model order.
+    messages
+        The recorded states and clock ticks.
+    """
+
+    first: int
+    stamps_ns: np.ndarray
+    rows: np.ndarray
+    messages: list[PlacedMessage]
+
+    def of(self, role: str) -> tuple[np.ndarray, list[bytes]]:
+        """Return the places in `rows` and the data of the recorded messages of a role."""
+        found = [message for message in self.messages if message.role == role]
+        places = np.array([message.cycle for message in found], int) - self.first
+        return places, [message.data for message in found]
+
+
+@dataclass
+class Playback(ABC):
+    """An engine that follows a recording.
+
+    Cycles with nothing but commands are collected, and run in one native call. Where that is not
+    possible, or `stretched` objects, they are followed message by message.
+
+    Attributes
+    ----------
+    driver
+        Of the engine.
+    inbox
+        Inputs that no cycle has taken yet.
+    """
+
+    driver: Driver
+    inbox: Inbox = field(default_factory=Inbox)
+    _collected: list[PlacedMessage] = field(default_factory=list)
+
+    @abstractmethod
+    def take_now(self, message: PlacedMessage) -> None:
+        """Run to the cycle that took inputs, and apply them."""
+
+    @abstractmethod
+    def output_now(self, message: PlacedMessage) -> None:
+        """Follow an output of a cycle."""
+
+    @abstractmethod
+    def stretched(self, stretch: Stretch) -> bool:
+        """Follow a stretch; if it returns False, nothing of it has happened."""
+
+    def put(self, message: PlacedMessage) -> None:
+        """Keep an input until its cycle."""
+        self.inbox.put(message)
+
+    def take(self, message: PlacedMessage) -> None:
+        """Follow verdict rows."""
+        rows = message.rows
+        if (
+            len(rows) == 1
+            and rows[0].source is Source.ARRAY
+            and rows[0].verdict is Verdict.ACCEPTED
+        ):
+            self._collect(message)
+        else:
+            self.flush()
+            self.take_now(message)
+
+    def output(self, message: PlacedMessage) -> None:
+        """Follow another output."""
+        if self._collected and message.role in IN_STRETCHES and not message.lost:
+            self._collect(message)
+        else:
+            self.flush()
+            self.output_now(message)
+
+    def _collect(self, message: PlacedMessage) -> None:
+        self._collected.append(message)
+        if len(self._collected) >= MOST_COLLECTED:
+            self.flush()
+
+    def flush(self) -> None:
+        """Follow all messages that were collected."""
+        messages, self._collected = self._collected, []
+        if not messages:
+            return
+        # The messages of the last cycle may not have come yet.
+        cut = bisect_left(messages, messages[-1].cycle, key=lambda message: message.cycle)
+        if cut >= FEWEST_COLLECTED and self._run_stretch(messages[:cut]):
+            messages = messages[cut:]
+        for message in messages:
+            if message.role == TAKEN:
+                self.take_now(message)
+            else:
+                self.output_now(message)
+
+    def _run_stretch(self, messages: list[PlacedMessage]) -> bool:
+        """Run the cycles of some messages in one native call; return whether it was possible."""
+        engine = self.driver.engine
+        taken = [message for message in messages if message.role == TAKEN]
+        cycles = np.array([message.cycle for message in taken])
+        efforts = decode_efforts(
+            [self.inbox.payload(message.rows[0]) for message in taken], engine.arm.robot.n
+        )
+        first, count = taken[0].cycle, messages[-1].cycle + 1 - taken[0].cycle
+        if efforts is None or (np.diff(cycles) <= 0).any() or not _answered(engine, cycles, count):
+            return False
+        self.run_to(first - 1)
+        if engine.cycles != first - 1:
+            return False
+        before = engine.save()
+        held = np.searchsorted(cycles, np.arange(first, first + count), 'right') - 1
+        rows = engine.stretch(efforts[held], (cycles - first).tolist())
+        if rows is None:
+            return False
+        steps = before.step + 1 + np.arange(len(rows))
+        stamps = before.origin_ns + steps * engine.settings.step_ns
+        others = [message for message in messages if message.role != TAKEN]
+        if engine.state.failure or not self.stretched(Stretch(first, stamps, rows, others)):
+            engine.restore(before)
+            return False
+        engine.state.row_messages += len(taken)
+        for message in taken:
+            self.inbox.take(message)
+        return True
+
+    def run_to(self, cycle: int) -> None:
+        """Run the cycles up to this one."""
+        self.driver.run_to(cycle)
+
+
+def _answered(engine: Engine, cycles: np.ndarray, count: int) -> bool:
+    """Return whether, in lockstep, each published state within a stretch has its command."""
+    if not engine.pace.lockstep:
+        return True
+    first = int(cycles[0])
+    waiting = range(first - first % -engine.publish_every, first + count - 1, engine.publish_every)
+    return {cycle + 1 for cycle in waiting} <= set(cycles.tolist())

@@ -1,0 +1,84 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd info` counts what independent readers count, and knows the run of our recordings."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+import random
+
+from mcap.reader import make_reader
+import pytest
+from rewriting import GOLDEN
+from test_read_log import write_bag
+
+from pfd_ros.cli.main import main
+
+rosbag2 = pytest.importorskip('rosbags.rosbag2')
+
+
+def test_topics_times_and_counts_are_those_of_the_summary_of_the_file(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    assert main(['info', str(GOLDEN), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    with GOLDEN.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    assert summary.statistics is not None
+    counted = summary.statistics.channel_message_counts
+    channels = {channel.topic: counted[number] for number, channel in summary.channels.items()}
+    assert {name: topic['messages'] for name, topic in found['topics'].items()} == channels
+    assert found['messages'] == summary.statistics.message_count
+    assert found['begin_ns'] == summary.statistics.message_start_time
+    assert found['end_ns'] == summary.statistics.message_end_time
+    assert found['bytes'] == GOLDEN.stat().st_size
+    run = found['run']
+    assert (run['robot'], run['accepted'], run['can_be_replayed']) == ('puma560', 25, True)
+    assert sum(run['rejected'].values()) == 12
+    assert run['settings']['step_size'] == 0.001
+
+
+def test_lines_name_each_topic_and_the_settings(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['info', str(GOLDEN)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert any(line.startswith('topic      /joint_states') and ' 269 ' in line for line in lines)
+    assert 'replay     can be verified with `pfd replay LOG --verify`' in lines
+    assert any('robot=puma560' in line for line in lines)
+
+
+def test_a_recording_that_was_cut_off_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'cut.mcap'
+    path.write_bytes(GOLDEN.read_bytes()[:40_000])
+    assert main(['info', str(path)]) == 0
+    text = capsys.readouterr().out
+    assert 'MB, cut off' in text
+    assert 'the file was never closed' in text
+
+
+@pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])
+def test_bags_of_others_are_counted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], storage: str
+) -> None:
+    kinds = ['std_msgs/msg/String', 'sensor_msgs/msg/Imu']
+    write_bag(tmp_path / 'bag', kinds, random.Random(3), rosbag2.StoragePlugin[storage])
+    assert main(['info', str(tmp_path / 'bag'), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    counted = {topic['type']: topic['messages'] for topic in found['topics'].values()}
+    assert counted == dict.fromkeys(kinds, 6)
+    assert 'run' not in found
+    with rosbag2.Reader(tmp_path / 'bag') as reader:
+        assert found['begin_ns'] == reader.start_time
+        assert found['messages'] == reader.message_count
+
+
+def test_a_file_that_is_no_log_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'a.mcap'
+    path.write_text('nothing')
+    assert main(['info', str(path)]) == 1
+    assert len(capsys.readouterr().err.splitlines()) == 1

@@ -1,0 +1,145 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""`pfd recover` keeps every message that can be read, and other readers open the new file."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+import random
+import struct
+
+from mcap.exceptions import McapError
+from mcap.reader import make_reader
+from mcap.records import Chunk, Message
+from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType
+import pytest
+from rewriting import GOLDEN, STATES, load
+
+from pfd_ros.cli.main import main
+from pfd_ros.recording.reader import LogError
+from pfd_ros.recording.recover import recover
+from pfd_ros.replay.verify import read
+
+DATA = GOLDEN.read_bytes()
+
+
+def messages_of(path: Path) -> list[tuple[str, int, int, bytes]]:
+    """Return topic, number, time and bytes of the messages, by the reader of the package mcap."""
+    with path.open('rb') as stream:
+        found = make_reader(stream).iter_messages(log_time_order=False)
+        return [(c.topic, m.sequence, m.log_time, m.data) for _, c, m in found]
+
+
+def streamed(data: bytes) -> int:
+    """Return the messages that the stream reader of mcap finds up to the end of a cut file."""
+    count = 0
+    try:
+        for record in StreamReader(io.BytesIO(data)).records:
+            count += isinstance(record, Message)
+    except (McapError, ValueError, EOFError, struct.error):
+        pass
+    return count
+
+
+def chunks() -> list[tuple[int, int]]:
+    """Return begin and end of the chunks of the golden recording."""
+    with GOLDEN.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    begins = sorted((c.chunk_start_offset, c.chunk_length) for c in summary.chunk_indexes)
+    return [(begin, begin + length) for begin, length in begins]
+
+
+def test_a_whole_file_keeps_all_of_it_and_verifies(tmp_path: Path) -> None:
+    found = recover(GOLDEN, tmp_path / 'a.mcap')
+    assert (found.lost_parts, found.lost) == (0, [])
+    assert messages_of(tmp_path / 'a.mcap') == messages_of(GOLDEN)
+    before, after = load(GOLDEN), load(tmp_path / 'a.mcap')
+    assert (after.metadata, after.attachments) == (before.metadata, before.attachments)
+    summary = read(tmp_path / 'a.mcap', verify=True)
+    assert summary.absent == []
+
+
+@pytest.mark.parametrize('share', [0.2, 0.5, 0.77, 0.9, 0.99])
+def test_a_file_that_was_cut_off_keeps_what_a_stream_reader_finds_and_verifies(
+    tmp_path: Path, share: float
+) -> None:
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(DATA[: int(share * len(DATA))])
+    found = recover(cut, tmp_path / 'a.mcap')
+    assert found.lost_parts == 1
+    kept = messages_of(tmp_path / 'a.mcap')
+    assert kept == messages_of(GOLDEN)[: len(kept)]
+    assert len(kept) == found.messages >= streamed(cut.read_bytes())
+    if any(topic == STATES for topic, *_ in kept):
+        # The end record comes right after the last message: without the index nothing is lost.
+        lacks = bool(read(tmp_path / 'a.mcap', verify=True).absent)
+        assert lacks == (len(kept) < len(messages_of(GOLDEN)))
+
+
+def test_a_damaged_chunk_costs_that_chunk_alone(tmp_path: Path) -> None:
+    begin, end = chunks()[1]
+    damaged = bytearray(DATA)
+    damaged[(begin + end) // 2] ^= 0x55
+    path = tmp_path / 'damaged.mcap'
+    path.write_bytes(damaged)
+    found = recover(path, tmp_path / 'a.mcap')
+    assert found.lost_parts == 1
+    assert f'at byte {begin + 9}' in found.lost[0]
+    kept, whole = messages_of(tmp_path / 'a.mcap'), messages_of(GOLDEN)
+    records = StreamReader(io.BytesIO(DATA), emit_chunks=True).records
+    chunk = [record for record in records if isinstance(record, Chunk)][1]
+    inside = [m for m in whole if chunk.message_start_time <= m[2] <= chunk.message_end_time]
+    assert 0 < len(whole) - len(kept) <= len(inside)
+    assert [m for m in whole if m in kept] == kept
+
+
+def test_messages_of_a_chunk_that_the_file_ends_within_are_kept(tmp_path: Path) -> None:
+    # Without compression each whole message of the last chunk can be read.
+    run = load(GOLDEN)
+    path = run.save(tmp_path / 'plain.mcap', compression=CompressionType.NONE)
+    data = path.read_bytes()
+    path.write_bytes(data[: int(0.6 * len(data))])
+    found = recover(path, tmp_path / 'a.mcap')
+    assert streamed(path.read_bytes()) < found.messages
+    kept = messages_of(tmp_path / 'a.mcap')
+    assert [(topic, data) for topic, _, _, data in kept] == [
+        (sent.topic, sent.data) for sent in run.messages[: len(kept)]
+    ]
+
+
+def test_the_command_prints_what_is_lost_and_never_overwrites(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(DATA[:40_000])
+    assert main(['recover', str(cut)]) == 0
+    out = capsys.readouterr().out
+    assert 'lost       the end, from byte' in out
+    assert f'messages in {tmp_path / "cut.recovered.mcap"}; the log was not whole' in out
+    assert main(['recover', str(cut)]) == 1
+    assert 'File exists' in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_mcap_is_refused_and_leaves_nothing(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    path.write_bytes(b'x' * 1000)
+    with pytest.raises(LogError, match='nothing to recover'):
+        recover(path, tmp_path / 'b.mcap')
+    assert not (tmp_path / 'b.mcap').exists()
+
+
+def test_files_with_random_damage_are_recovered_into_readable_files(tmp_path: Path) -> None:
+    rng = random.Random(5)
+    whole = set(messages_of(GOLDEN))
+    for k in range(60):
+        damaged = bytearray(DATA)
+        for _ in range(rng.choice((1, 5, 50))):
+            damaged[rng.randrange(8, len(DATA))] = rng.randrange(256)
+        path, target = tmp_path / f'{k}.mcap', tmp_path / f'{k}.out.mcap'
+        path.write_bytes(damaged[: rng.choice((len(DATA), rng.randrange(8, len(DATA))))])
+        recover(path, target)
+        # Every chunk has a checksum, so no message is another one; channels have none.
+        assert {m[3] for m in messages_of(target)} <= {m[3] for m in whole}

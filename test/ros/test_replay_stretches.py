@@ -1,0 +1,131 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Replays of stretches in one native call find what replays of single cycles find."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rewriting import ARRAY, CLOCK, STATES, load
+
+from pfd_ros.arm.engine import Engine
+from pfd_ros.replay.motion import read_motion
+from pfd_ros.replay.verify import DifferenceError, read
+from pfd_ros.testing.lockstep_arm import LockstepArm
+
+CYCLES = 600
+
+
+def driven(path: Path, **settings) -> Path:
+    with LockstepArm('planar2', recording=path, **settings) as arm:
+        rng = np.random.default_rng(2)
+        arm.run(lambda t, q, qd: 60.0 * (0.5 - q) - 6.0 * qd + rng.normal(size=2), 0.2)
+        arm.set(servo_p=[1.0, 1.0])
+        arm.run(lambda t, q, qd: 30.0 * (0.2 - q) - 6.0 * qd, 0.2)
+        arm.reset()
+        arm.run(lambda t, q, qd: 400.0 * rng.normal(size=2), CYCLES * 1e-3 - 0.4)
+    return path
+
+
+@pytest.fixture(scope='module')
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return driven(tmp_path_factory.mktemp('runs') / 'run.mcap')
+
+
+@pytest.fixture
+def lengths(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """Return the numbers of cycles that native calls run, which grow."""
+    found: list[int] = []
+    stretch = Engine.stretch
+
+    def counted(engine: Engine, *given):
+        rows = stretch(engine, *given)
+        found.append(0 if rows is None else len(rows))
+        return rows
+
+    monkeypatch.setattr(Engine, 'stretch', counted)
+    return found
+
+
+def single_cycles(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Engine, 'stretch', lambda *given: None)
+
+
+@pytest.mark.parametrize(
+    'settings',
+    [{}, {'joints': ('elbow', 'shoulder')}, {'publish_rate': 200.0}, {'clock_rate': 100.0}],
+)
+def test_almost_all_cycles_of_a_run_are_verified_in_a_few_calls(
+    settings, tmp_path: Path, lengths: list[int]
+) -> None:
+    summary = read(driven(tmp_path / 'a.mcap', **settings), verify=True)
+    lengths_of_replay = [n for n in lengths if n > 10]
+    assert summary.states == summary.steps // (5 if 'publish_rate' in settings else 1)
+    assert sum(lengths_of_replay) > 0.9 * CYCLES
+    assert len(lengths_of_replay) <= 4
+
+
+def test_noise_is_replayed_cycle_by_cycle(tmp_path: Path, lengths: list[int]) -> None:
+    path = driven(tmp_path / 'a.mcap', noise_position=1e-4)
+    lengths.clear()
+    read(path, verify=True)
+    assert not any(lengths)
+
+
+def flip(topic: str, place: int, at: int) -> Callable[[Path, Path], Path]:
+    def alter(path: Path, other: Path) -> Path:
+        recording = load(path)
+        message = recording.on(topic)[place]
+        data = bytearray(message.data)
+        data[at] ^= 1
+        message.data = bytes(data)
+        recording.recount()
+        return recording.save(other)
+
+    return alter
+
+
+@pytest.mark.parametrize(
+    'alter',
+    [flip(STATES, 100, -1), flip(STATES, 300, 5), flip(CLOCK, 150, 5), flip(ARRAY, 50, -2)],
+    ids=['effort', 'stamp', 'tick', 'command'],
+)
+def test_a_flipped_bit_in_a_stretch_is_placed_as_in_single_cycles(
+    run: Path, tmp_path: Path, alter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = alter(run, tmp_path / 'a.mcap')
+    with pytest.raises(DifferenceError) as found:
+        read(path, verify=True)
+    single_cycles(monkeypatch)
+    with pytest.raises(DifferenceError) as wanted:
+        read(path, verify=True)
+    assert str(found.value) == str(wanted.value)
+
+
+def test_an_arm_that_fails_in_a_stretch_is_replayed_to_its_failure(tmp_path: Path) -> None:
+    path = tmp_path / 'a.mcap'
+    with LockstepArm('planar2', recording=path, effort_limits=False) as arm:
+        arm.run(lambda t, q, qd: 10.0 * (0.5 - q) - qd, 0.2)
+        with pytest.raises(Exception, match='not finite'):
+            arm.run(lambda t, q, qd: np.full(2, 1e300), 0.2)
+    summary = read(path, verify=True)
+    assert 'not finite' in summary.failure
+    assert summary.stopped_at == arm.engine.arm.step
+
+
+def test_the_motion_of_a_run_is_that_of_single_cycles(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / 'a.mcap'
+    with LockstepArm('planar2', recording=path, joints=('elbow', 'shoulder')) as arm:
+        arm.run(lambda t, q, qd: 30.0 * (0.5 - q) - 2.0 * qd, 0.3)
+    found = read_motion(path).motion
+    single_cycles(monkeypatch)
+    wanted = read_motion(path).motion
+    assert len(found.taus) == 300
+    for name, value in vars(wanted).items():
+        if isinstance(value, np.ndarray):
+            assert getattr(found, name).tobytes() == value.tobytes(), name

@@ -266,7 +266,11 @@ class CommandedArm(RuleBasedStateMachine):
                 assert getattr(one, kind).tobytes() == getattr(other, kind).tobytes()
 
 
+# An example is a whole run, and its recording.
+FEWER = settings(max_examples=settings().max_examples // 2, stateful_step_count=20)
+
+
 # Smaller failing sequences are looked for during minutes.
 @pytest.mark.timeout(900)
 def test_any_sequence_of_messages_and_cycles_moves_the_arm_as_the_model_says() -> None:
-    run_state_machine_as_test(CommandedArm, settings=settings(stateful_step_count=20))
+    run_state_machine_as_test(CommandedArm, settings=FEWER)

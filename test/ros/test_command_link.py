@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 import numpy as np
 from plant_messages import made
@@ -391,6 +391,8 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp('any')
 
 
+# An example is a whole run, and its recording.
+@settings(max_examples=settings().max_examples // 2)
 @given(
     st.dictionaries(st.integers(2, 80), st.lists(ANYTHING, min_size=1, max_size=2), min_size=5),
     GIVEN,

@@ -39,8 +39,13 @@ def verdict(engine: Engine, event: Arrival) -> Verdict:
     return validation.verdict
 
 
+def request(name: str, count: int = 1) -> Message:
+    return Source.REQUEST, encode_request(Request(name, count))
+
+
 def asked(name: str, count: int = 1) -> Arrival:
-    return Arrival(Source.REQUEST, 1, encode_request(Request(name, count)))
+    source, data = request(name, count)
+    return Arrival(source, 1, data)
 
 
 def change(**values: Any) -> Message:

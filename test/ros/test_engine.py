@@ -6,9 +6,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
+import functools
 from xml.etree import ElementTree
 
 import numpy as np
+import plant_messages
 from plant_messages import asked
 import pytest
 from rewriting import GOLDEN
@@ -35,9 +37,7 @@ STEP_NS = 1_000_000
 NAN = float('nan')
 
 
-def made(**chosen) -> Engine:
-    settings = Settings(**chosen)
-    return Engine(settings, load_robot(settings))
+made = functools.partial(plant_messages.made, robot='puma560')
 
 
 def named(names, effort) -> bytes:

@@ -4,17 +4,16 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from pathlib import Path
 
 import numpy as np
+import plant_messages
 import pytest
 from simulating import efforts, joint_state, simulate, states_of
 
-from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.replay.motion import read_motion
 from pfd_ros.replay.verify import DifferenceError, read
@@ -24,9 +23,7 @@ WRIST = {'locked': ('joint6', 'joint5'), 'locked_positions': (0.25, -0.5)}
 ONE = [1.0, 2.0, 3.0, 4.0]
 
 
-def made(**chosen) -> Engine:
-    settings = Settings(robot='puma560', **chosen)
-    return Engine(settings, load_robot(settings))
+made = functools.partial(plant_messages.made, robot='puma560')
 
 
 def joint_command(names: list[str], effort: list[float]) -> Arrival:

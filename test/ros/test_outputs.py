@@ -4,12 +4,14 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
+import plant_messages
 from plant_messages import change, validated, wrench
 import pytest
 from rewriting import Recording, Sent
@@ -35,18 +37,14 @@ START = (0.3, -1.2, 1.4, -0.6, 1.2, 0.3)
 TORQUES = (1.0, 2.0, -3.0, 0.5, -4.0, 0.25)
 
 
-def made(**chosen: Any) -> Engine:
-    settings = Settings(
-        **{
-            'robot': 'ur5',
-            'joints': ORDER,
-            'initial_positions': START,
-            'outputs': ALL,
-            'armature': True,
-            **chosen,
-        }
-    )
-    return Engine(settings, load_robot(settings))
+made = functools.partial(
+    plant_messages.made,
+    robot='ur5',
+    joints=ORDER,
+    initial_positions=START,
+    outputs=ALL,
+    armature=True,
+)
 
 
 def moved(engine: Engine, steps: int = 100) -> dict[str, bytes]:

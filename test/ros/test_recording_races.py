@@ -27,7 +27,7 @@ from pfd_ros.recording import reader as log
 from pfd_ros.recording.mcap_file import McapFile
 
 HERE = Path(__file__).resolve().parent
-OFTEN = [10, pytest.param(40, marks=[pytest.mark.slow, pytest.mark.long])]
+OFTEN = [4, pytest.param(40, marks=[pytest.mark.slow, pytest.mark.long])]
 # Longest time that a process lives on before its signal, s.
 LIFE = 0.3
 AT_ONCE = 4

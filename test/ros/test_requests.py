@@ -5,26 +5,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import functools
 import json
 
+import plant_messages
 from plant_messages import asked, verdict
 import pytest
 from simulating import efforts, joint_state
 
-from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import JointMessage, decode_joint_state, encode_string
 
 STEP_NS = 1_000_000
 NAN = float('nan')
+made = functools.partial(plant_messages.made, initial_positions=(0.3, -0.2))
 PUSH = Arrival(Source.ARRAY, 1, efforts(1.0, -0.5))
-
-
-def made(**chosen) -> Engine:
-    settings = Settings(**{'robot': 'planar2', 'initial_positions': (0.3, -0.2), **chosen})
-    return Engine(settings, load_robot(settings))
 
 
 def joint_message(source: Source, names: Sequence[str], *args, **other) -> Arrival:

@@ -9,13 +9,13 @@ NAME = 'pfd_ros'
 ROBOTS = glob('config/robots/*')
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp']
 REPORT = ['matplotlib', 'mpmath']
-# What `pfd report speed` compares with, besides Pinocchio.
+# Peers of `pfd report speed` other than Pinocchio.
 PEERS = ['casadi', 'mujoco']
 
 setup(
     name=NAME,
     version='0.1.0',
-    description='A stand-in robot arm for testing torque controllers',
+    description='A simulated robot arm for testing torque controllers',
     long_description=Path('README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     author='The pfd_ros authors',

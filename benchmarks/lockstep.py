@@ -1,18 +1,18 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Print the control steps per second of an arm in lockstep, beside bare loops of the same work.
+Print control steps per second of an arm in lockstep, compared with bare loops of the same work.
 
     python benchmarks/lockstep.py [seconds]
 
 A UR5 with its rotors, two substeps a step, under the same PD controller. Rounds of all cases take
-turns within one run, each after one that is not timed, and each case tells the best and the median
-of its rounds: other work on the machine slows all of them alike, so the ratios to the bare loops
-say more than the rates.
+turns within one run, each after one that is not timed, and each case prints the best and the
+median of its rounds: other work on the machine slows all of them alike, so the ratios to the bare
+loops say more than the rates.
 
     simulator     Simulator.step and the positions and velocities, nothing else
     nothing       the whole arm under a callback that returns the same efforts
-    callback      the whole arm: engine, verdicts, checks of the answer, rows of the motion
+    callback      the whole arm: engine, validation, checks of the answer, rows of the motion
     stretch       the arm alone, all commands in one native call, as a replay runs it
     recorded      the same, each message written to an MCAP file
     echo          over topics in one process: states of zeros for commands, no arm at all

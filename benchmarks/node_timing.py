@@ -6,7 +6,7 @@
     python benchmarks/node_timing.py lockstep [--seconds 10] [--rounds 2]
 
 `period` compares the node, with and without a recording, with a bare loop of `time.sleep` that
-runs in turn with it, and tells what share of a core each takes. `lockstep` compares the node with
+runs in turn with it, and prints the share of a core of each. `lockstep` compares the node with
 a bare ping-pong of the same messages between two processes of rclpy with the same executor. Both
 take turns, so that a load from elsewhere meets all of them; compare ratios, not numbers.
 """
@@ -43,7 +43,7 @@ def cpu_seconds() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def told(times_ns: np.ndarray, period_ns: float, cpu: float) -> None:
+def show(times_ns: np.ndarray, period_ns: float, cpu: float) -> None:
     """Print the errors of a loop's period as JSON."""
     errors = np.abs(np.diff(times_ns) - period_ns) / 1e3
     seconds = (times_ns[-1] - times_ns[0]) / 1e9
@@ -71,7 +71,7 @@ def bare_loop(seconds: float, rate: float) -> None:
         if left > 0:
             time.sleep(left / 1e9)
         times[k] = time.monotonic_ns()
-    told(times, period_ns, cpu_seconds() - cpu)
+    show(times, period_ns, cpu_seconds() - cpu)
 
 
 def node_loop(seconds: float, rate: float, args: Sequence[str]) -> None:
@@ -99,7 +99,7 @@ def node_loop(seconds: float, rate: float, args: Sequence[str]) -> None:
         time.sleep(seconds)
         cpu += cpu_seconds()
         last = count
-        told(times[:last], 1e9 / rate, cpu)
+        show(times[:last], 1e9 / rate, cpu)
         os.kill(os.getpid(), signal.SIGINT)
 
     Stepper.run_cycle = run_cycle  # type: ignore[method-assign]

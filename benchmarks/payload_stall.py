@@ -77,7 +77,7 @@ def main() -> None:
             arm = pfd.Simulator(robot)
             for kind, work in kinds.items():
                 found[kind].append(measured(partial(arm.step, tau), work))
-    print('beside the stepping   longest stall: min  median   processor time: min  median')
+    print('with the stepping     longest stall: min  median   processor time: min  median')
     for kind, runs in found.items():
         stalls, cpus = zip(*runs, strict=True)
         print(

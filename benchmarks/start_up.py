@@ -42,7 +42,7 @@ def spent() -> tuple[float, float]:
     return time.time(), used.ru_utime + used.ru_stime
 
 
-def tell(marks: dict[str, tuple[float, float]]) -> None:
+def show(marks: dict[str, tuple[float, float]]) -> None:
     """Print the ends of stages as JSON, and end this process."""
     print(json.dumps(marks), flush=True)
     os.kill(os.getpid(), signal.SIGTERM)
@@ -63,7 +63,7 @@ def bare() -> None:
     marks['node'] = spent()
     publisher.publish(JointState())
     marks['first state'] = spent()
-    tell(marks)
+    show(marks)
 
 
 def sim(robot: str) -> None:
@@ -101,7 +101,7 @@ def sim(robot: str) -> None:
             put_out(self, outputs)
             if outputs and 'first state' not in marks:
                 marks['first state'] = spent()
-                tell(marks)
+                show(marks)
 
         process.rclpy.init, process.SimArmNode.__init__ = initialise, make
         Stepper.run, Stepper._put_out = run, publish

@@ -3,7 +3,7 @@
 """
 One thread against two, over the size of a batch: `python benchmarks/threads.py [ROBOT]`.
 
-Both take turns in one process, in Fortran order with out=. The ratio says how many times faster
+Both take turns in one process, in Fortran order with out=. The ratio is how many times faster
 two threads are than one; below `threads.LEAST` operations a block they are one.
 """
 

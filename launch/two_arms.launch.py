@@ -12,7 +12,7 @@ from launch_ros.actions import Node
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Return two nodes `sim_arm`, each with a robot of its own."""
+    """Return two nodes `sim_arm`, each with a separate robot."""
     arguments = [
         DeclareLaunchArgument(side, default_value='puma560', description='Name or file')
         for side in ('left', 'right')

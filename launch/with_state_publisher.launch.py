@@ -54,7 +54,7 @@ def generate_launch_description() -> LaunchDescription:
             DeclareLaunchArgument(
                 'ros2_control',
                 default_value='false',
-                description='true beside a controller manager with a joint_state_broadcaster',
+                description='true with a controller manager and a joint_state_broadcaster',
             ),
             OpaqueFunction(function=nodes),
         ]

@@ -3,12 +3,12 @@
 """
 Parallel forward dynamics after Lee and Chang (1987): counted, emulated and compiled.
 
-The packages stand in the order in which data flow; each imports only from those above it.
+Subpackages in the order of data flow; each imports only from those above it.
 
-    forking       locks that are held when the process is forked
+    forking       locks for forking processes
     model         Robot, a serial chain, and Scene, the effects that act on it; loading
     machine       the emulated parallel computer: operations, programs, lanes, the emulator
-    algorithms    the dynamics, each algorithm as one text that records a program
+    algorithms    the dynamics, each algorithm recorded once as a program
     kernels       a program as native code for one robot and scene: one state or a batch
     simulation    time: integrators, Simulator for one arm, Ensemble for many,
                   integrate for adaptive steps offline

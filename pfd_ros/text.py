@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Foreign text made fit to be shown: cut, on one line, and never a format string."""
+"""Shorten text from outside and make it printable on one line."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ LINE_LENGTH = 500
 
 
 def cut(text: str, length: int = NAME_LENGTH) -> str:
-    """Return the first `length` characters of a text; a longer text is followed by its length."""
+    """Return the first `length` characters of a text, with its length if it is longer."""
     return text if len(text) <= length else f'{text[:length]}... ({len(text)} characters)'
 
 
 def one_line(value: object, limit: int = LINE_LENGTH) -> str:
-    """Return a text on one line, with its middle cut and control characters escaped."""
+    """Return a text on one line, shortened in the middle, with control characters escaped."""
     text = str(value)
     if len(text) > limit:
         text = f'{text[: 2 * limit // 3]}... ({len(text)} characters) ...{text[-limit // 3 :]}'
@@ -28,7 +28,7 @@ def one_line(value: object, limit: int = LINE_LENGTH) -> str:
 
 
 def listed(names: Collection[str]) -> str:
-    """Return the text of a list of names: the first few, each cut."""
+    """Return a list of names for a message: the first few, each shortened."""
     shown = [repr(cut(name)) for name in islice(names, NAME_COUNT)]
     more = len(names) - len(shown)
     return f'[{", ".join(shown)}{f", and {more} more" if more > 0 else ""}]'

@@ -25,6 +25,7 @@ def chain(n: int, prismatic: bool = False) -> Robot:
 
 
 def levels(n: int) -> int:
+    """Return ceil(log2 n), the number of levels of recursive doubling."""
     return math.ceil(math.log2(n))
 
 

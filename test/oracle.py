@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+import mpmath
 import numpy as np
 import pinocchio as pin
 from zoo import Array, random_chain, to_pinocchio
@@ -36,6 +37,15 @@ def every(step: int, drawn: Chains) -> Chains:
 def relative(found: Array, wanted: Array) -> float:
     """Return the largest difference relative to the largest wanted element."""
     return float(np.abs(found - wanted).max() / np.abs(wanted).max())
+
+
+def error(found: Array, wanted: Array) -> float:
+    """Return the largest difference of numbers of 50 digits relative to the largest wanted one."""
+    with mpmath.workdps(50):
+        scale = max(abs(x) for x in wanted)
+        return float(
+            max(abs(mpmath.mpf(x) - y) for x, y in zip(found, wanted, strict=True)) / scale
+        )
 
 
 def jacobi_condition(H: Array) -> float:

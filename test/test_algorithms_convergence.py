@@ -67,7 +67,7 @@ def test_emulation_and_kernel_refuse_the_same_states(method: str) -> None:
 @pytest.mark.parametrize('dtype', ['float32', 'float64'])
 @pytest.mark.parametrize('name', ARMS)
 def test_no_ordinary_state_is_refused(name: str, dtype: str) -> None:
-    refuses_none(name, dtype, 200)
+    refuses_none(name, dtype, 60)
 
 
 @pytest.mark.long

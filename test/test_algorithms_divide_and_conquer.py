@@ -1,6 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Divide and conquer: right for any chain, massless links too, in steps that grow as log2 n."""
+"""Divide and conquer: massless links, exchanges of pivots, and steps that grow as log2 n.
+
+Its physics is tested with that of all methods in test_algorithms_methods.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from dataclasses import replace
 
 from closed_forms import SIZES, arithmetic, chain, levels
 import numpy as np
-from oracle import ARMS, WRENCH, Oracle, chains, every, jacobi_condition, relative
+from oracle import Oracle, jacobi_condition, relative
 import pytest
 from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state, without_mass
@@ -21,7 +24,7 @@ from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES, Recorder
 from pfd_core.machine.vectors import array
-from pfd_core.model import Scene, load_robot, resolve
+from pfd_core.model import Scene, resolve
 
 MASSLESS = ((4, (1,)), (5, (1, 2)), (6, (0, 2, 4)), (8, (1, 2, 5, 6)))
 
@@ -32,81 +35,6 @@ LENT = 1e-13
 def solution(oracle: Oracle, q: Array, qd: Array, tau: Array) -> Array:
     """Return qdd by NumPy from Pinocchio's H and bias."""
     return np.linalg.solve(oracle.H(q), tau - oracle.tau(q, qd, 0 * q))
-
-
-@pytest.mark.parametrize('schedule', SCHEDULES)
-@pytest.mark.slow
-def test_random_chains_agree_with_pinocchio(schedule: str) -> None:
-    for rng, robot in every(4, chains(48, seed=31)):
-        plant, oracle = resolve(robot, WRENCH), Oracle(robot)
-        q, qd, qdd = random_state(rng, robot.n)
-        wrench = rng.normal(size=6) * 10
-        tau = oracle.tau(q, qd, qdd, wrench)
-        inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench}
-        found = run(record_divide_and_conquer(plant, schedule), inputs)
-        wanted = oracle.qdd(q, qd, tau, wrench)
-        tolerance = ACCELERATION * jacobi_condition(oracle.H(q))
-        assert relative(found['qdd'], wanted) < tolerance, robot
-        assert (found['pivots'] > 0).all()
-
-
-@pytest.mark.parametrize('n', [16, 27, 32])
-def test_long_chains_agree_with_pinocchio(n: int) -> None:
-    rng = np.random.default_rng(n)
-    robot = random_chain(rng, n, 0.2)
-    oracle = Oracle(robot)
-    q, qd, qdd = random_state(rng, n)
-    inputs = {'q': q, 'qd': qd, 'tau': oracle.tau(q, qd, qdd)}
-    found = run(record_divide_and_conquer(resolve(robot), 'parallel'), inputs)['qdd']
-    wanted = oracle.qdd(q, qd, inputs['tau'])
-    assert relative(found, wanted) < ACCELERATION * jacobi_condition(oracle.H(q))
-
-
-@pytest.mark.parametrize('name', ARMS)
-def test_the_arms_agree_with_pinocchio_with_and_without_rotors(name: str) -> None:
-    # The first link of the PUMA has no mass, as Armstrong measured it.
-    robot = load_robot(name)
-    rng = np.random.default_rng(32)
-    rows = [random_state(rng, robot.n) for _ in range(10)]
-    states = [np.array([row[k] for row in rows]) for k in range(3)]
-    for scene, rotors in ((Scene(), None), (Scene(armature='model'), robot.armature)):
-        oracle = Oracle(robot, rotors)
-        inputs = dict(zip(('q', 'qd', 'tau'), states, strict=True))
-        found = run(record_divide_and_conquer(resolve(robot, scene), 'parallel'), inputs)['qdd']
-        for x, q, qd, tau in zip(found, *states, strict=True):
-            H = oracle.H(q)
-            assert relative(x, oracle.qdd(q, qd, tau)) < ACCELERATION * jacobi_condition(H)
-
-
-def test_fifty_digits_are_those_of_pcrbm_with_everything_on() -> None:
-    scene = Scene(external_wrench=True, brakes=True, damping='model', armature='model')
-    for rng, robot in chains(7, seed=33):
-        plant = resolve(robot, scene)
-        q, qd, tau = random_state(rng, robot.n)
-        free = (rng.random(robot.n) > 0.3).astype(float)
-        inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6), 'free': free}
-        a, b = (
-            run(record(plant, 'parallel'), inputs, digits=50)['qdd']
-            for record in (record_divide_and_conquer, FORWARD['pcrbm'])
-        )
-        assert max(abs(a - b)) <= FIFTY_DIGITS * max(abs(b)), robot
-
-
-@pytest.mark.parametrize('schedule', SCHEDULES)
-@pytest.mark.slow
-def test_held_joints_do_not_accelerate_and_weld_their_links(schedule: str) -> None:
-    for rng, robot in chains(12, seed=34):
-        q, qd, tau = random_state(rng, robot.n)
-        held = rng.random(robot.n) < 0.4
-        inputs = {'q': q, 'qd': qd, 'tau': tau, 'free': 1.0 - held}
-        plant = resolve(robot, Scene(brakes=True))
-        found = run(record_divide_and_conquer(plant, schedule), inputs)['qdd']
-        np.testing.assert_array_equal(found[held], 0.0)
-        free, oracle = ~held, Oracle(robot)
-        if free.any():
-            H = oracle.H(q)[np.ix_(free, free)]
-            wanted = np.linalg.solve(H, (tau - oracle.tau(q, qd, 0 * q))[free])
-            assert relative(found[free], wanted) < ACCELERATION * jacobi_condition(H)
 
 
 @pytest.mark.parametrize('schedule', SCHEDULES)

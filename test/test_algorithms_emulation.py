@@ -14,10 +14,18 @@ import pfd_core as pfd
 from pfd_core.algorithms.programs import ITERATIVE, SERIAL
 from pfd_core.machine.emulator import run
 
+# Methods of which each run has a kernel in float32: one serial, one parallel, one iterative.
+SINGLE = ('articulated_body', 'composite_body', 'pcgm')
 STRUCTURE = ['revolute', 'prismatic', 'revolute', 'continuous', 'revolute']
 
 
-@pytest.mark.parametrize('method', pfd.METHODS)
+@pytest.mark.parametrize(
+    'method',
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name == 'divide_and_conquer'))
+        for name in pfd.METHODS
+    ],
+)
 def test_every_method_gives_pinocchios_accelerations(method: str) -> None:
     rng = np.random.default_rng(1)
     for robot in (random_chain(rng, 5, joint_types=STRUCTURE), pfd.load_robot('panda')):
@@ -40,8 +48,17 @@ def test_every_method_gives_pinocchios_accelerations(method: str) -> None:
         assert np.abs(found - wanted).max() < tolerance
 
 
-@pytest.mark.parametrize('dtype', ['float64', 'float32'])
-@pytest.mark.parametrize('method', pfd.METHODS)
+# The format changes nothing in how the method is lowered.
+@pytest.mark.parametrize(
+    ('method', 'dtype'),
+    [
+        *((name, 'float64') for name in pfd.METHODS),
+        *(
+            pytest.param(name, 'float32', marks=[pytest.mark.long] * (name not in SINGLE))
+            for name in pfd.METHODS
+        ),
+    ],
+)
 @pytest.mark.slow
 def test_kernels_of_every_method_give_the_emulators_bits(method: str, dtype: str) -> None:
     rng = np.random.default_rng(2)

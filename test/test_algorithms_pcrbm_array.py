@@ -1,14 +1,17 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Forward dynamics whose linear system the triangular array solves."""
+"""Forward dynamics whose linear system the triangular array solves: its pivots and its counts.
+
+Its physics is tested with that of all methods in test_algorithms_methods.
+"""
 
 from __future__ import annotations
 
 from closed_forms import SIZES
 import numpy as np
-from oracle import WRENCH, Oracle, chains, every, jacobi_condition, relative
+from oracle import Oracle, jacobi_condition, relative
 import pytest
-from tolerances import ACCELERATION, FIFTY_DIGITS
+from tolerances import ACCELERATION
 from zoo import random_chain, random_state
 
 from pfd_core.algorithms.paper.pcrbm_array import SECTION
@@ -16,65 +19,7 @@ from pfd_core.algorithms.programs import FORWARD
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Steps
-from pfd_core.machine.recorder import SCHEDULES
 from pfd_core.model import Robot, Scene, resolve
-
-
-@pytest.mark.parametrize('schedule', SCHEDULES)
-def test_forward_dynamics_by_the_array_agrees_with_pinocchio(schedule: str) -> None:
-    for rng, robot in every(4, chains(48, seed=21)):
-        oracle = Oracle(robot)
-        q, qd, qdd = random_state(rng, robot.n)
-        wrench = rng.normal(size=6) * 10
-        tau = oracle.tau(q, qd, qdd, wrench)
-        inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench}
-        found = run(FORWARD['pcrbm_array'](resolve(robot, WRENCH), schedule), inputs)
-        wanted = oracle.qdd(q, qd, tau, wrench)
-        H = oracle.H(q)
-        assert relative(found['qdd'], wanted) < ACCELERATION * jacobi_condition(H), robot
-        assert (found['pivots'] > 0).all()
-
-
-@pytest.mark.parametrize('n', [20, 32])
-def test_long_chains_agree_with_pinocchio(n: int) -> None:
-    rng = np.random.default_rng(n)
-    robot = random_chain(rng, n)
-    oracle = Oracle(robot)
-    q, qd, qdd = random_state(rng, n)
-    tau = oracle.tau(q, qd, qdd)
-    inputs = {'q': q, 'qd': qd, 'tau': tau}
-    found = run(FORWARD['pcrbm_array'](resolve(robot), 'parallel'), inputs)['qdd']
-    wanted = oracle.qdd(q, qd, tau)
-    assert relative(found, wanted) < ACCELERATION * jacobi_condition(oracle.H(q))
-
-
-def test_fifty_digits_by_the_array_are_those_by_elimination() -> None:
-    for rng, robot in chains(6, seed=22):
-        plant = resolve(robot, Scene(damping='model', armature='model', gravity=None))
-        q, qd, tau = random_state(rng, robot.n)
-        inputs = {'q': q, 'qd': qd, 'tau': tau}
-        a, b = (
-            run(record(plant, 'parallel'), inputs, digits=50)['qdd']
-            for record in (FORWARD['pcrbm'], FORWARD['pcrbm_array'])
-        )
-        scale = max(abs(x) for x in a)
-        assert max(abs(x - y) for x, y in zip(a, b, strict=True)) < FIFTY_DIGITS * scale
-
-
-@pytest.mark.parametrize('schedule', SCHEDULES)
-def test_held_joints_do_not_move_and_the_others_do_not_feel_them(schedule: str) -> None:
-    for rng, robot in chains(12, seed=23):
-        q, qd, tau = random_state(rng, robot.n)
-        held = rng.random(robot.n) < 0.4
-        inputs = {'q': q, 'qd': qd, 'tau': tau, 'free': 1.0 - held}
-        plant = resolve(robot, Scene(brakes=True))
-        found = run(FORWARD['pcrbm_array'](plant, schedule), inputs)['qdd']
-        np.testing.assert_array_equal(found[held], 0.0)
-        oracle, free = Oracle(robot), ~held
-        if free.any():
-            H, bias = oracle.H(q)[np.ix_(free, free)], oracle.tau(q, qd, 0 * q)
-            wanted = np.linalg.solve(H, (tau - bias)[free])
-            assert relative(found[free], wanted) < ACCELERATION * jacobi_condition(H)
 
 
 @pytest.mark.parametrize('digits', [None, 30])

@@ -1,39 +1,37 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Walker and Orin's methods and articulated bodies: physics, 50 digits, trouble, bits."""
+"""Walker and Orin's methods and articulated bodies: frames, iterations, trouble, bits.
+
+Their physics is tested with that of all methods in test_algorithms_methods.
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
-import mpmath
 import numpy as np
-from oracle import (
-    ARMS,
-    WRENCH,
-    Oracle,
-    chains,
-    every,
-    jacobi_condition,
-    relative,
-)
+from oracle import WRENCH, error
 import pytest
-from tolerances import ACCELERATION, FIFTY_DIGITS
-from zoo import Array, random_chain, random_rotation, random_state
+from zoo import (
+    Array,
+    quarter_turns,
+    random_chain,
+    random_rotation,
+    random_state,
+    right_angled,
+    without_mass,
+)
 
 from pfd_core.algorithms.chain.link_axes import zxz
 from pfd_core.algorithms.programs import FORWARD
-from pfd_core.algorithms.serial.walker_orin import (
-    record_walker_orin_4,
-)
+from pfd_core.algorithms.serial.walker_orin import record_walker_orin_4
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.kernels.source import KernelSource
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
-from pfd_core.model import Plant, Robot, Scene, load_robot, resolve, with_inertia
+from pfd_core.model import Plant, Scene, resolve, with_inertia
 from pfd_core.model.geometry import rotation_x, rotation_z
 
 METHODS = (*(f'walker_orin_{k}' for k in range(1, 5)), 'articulated_body')
@@ -51,114 +49,12 @@ def record(method: str, plant: Plant) -> Program:
     return FORWARD[method](plant, 'sequential')
 
 
-def condition(method: str, H: Array) -> float:
-    """Return what the rounding of H is multiplied by: the iteration does no scaling."""
-    return float(np.linalg.cond(H)) if method == 'walker_orin_4' else jacobi_condition(H)
-
-
-# ---- physics ---------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize('method', METHODS)
-def test_random_chains_agree_with_pinocchio(method: str) -> None:
-    for rng, robot in every(4, chains(48, seed=21)):
-        plant, oracle = resolve(robot, EVERYTHING), Oracle(robot, robot.armature)
-        q, qd, qdd = random_state(rng, robot.n)
-        wrench = rng.normal(size=6) * 10
-        tau = oracle.tau(q, qd, qdd, wrench)
-        given = {'q': q, 'qd': qd, 'tau': tau + robot.damping * qd, 'wrench': wrench}
-        found = run(record(method, plant), given)['qdd']
-        wanted = oracle.qdd(q, qd, tau, wrench)
-        assert relative(found, wanted) < ACCELERATION * condition(method, oracle.H(q)), robot
-
-
-@pytest.mark.parametrize('method', METHODS)
-def test_the_arms_agree_with_pinocchio(method: str) -> None:
-    rng = np.random.default_rng(22)
-    for name in ARMS:
-        robot = load_robot(name)
-        oracle = Oracle(robot)
-        states = [random_state(rng, robot.n) for _ in range(8)]
-        q, qd, tau = (np.array([state[k] for state in states]) for k in range(3))
-        found = run(record(method, resolve(robot)), {'q': q, 'qd': qd, 'tau': tau})['qdd']
-        for k in range(len(states)):
-            wanted = oracle.qdd(q[k], qd[k], tau[k])
-            tolerance = ACCELERATION * condition(method, oracle.H(q[k]))
-            assert relative(found[k], wanted) < tolerance, name
-
-
-@pytest.mark.parametrize('method', METHODS)
-def test_a_chain_of_32_joints_agrees_with_pinocchio(method: str) -> None:
-    rng = np.random.default_rng(23)
-    robot = random_chain(rng, 32)
-    oracle = Oracle(robot)
-    q, qd, tau = random_state(rng, 32)
-    found = run(record(method, resolve(robot)), {'q': q, 'qd': qd, 'tau': tau})['qdd']
-    wanted = oracle.qdd(q, qd, tau)
-    assert relative(found, wanted) < ACCELERATION * condition(method, oracle.H(q))
-
-
-@pytest.mark.parametrize('method', METHODS)
-def test_without_gravity_and_at_rest_only_the_torque_acts(method: str) -> None:
-    for rng, robot in every(4, chains(24, seed=24)):
-        q, _, tau = random_state(rng, robot.n)
-        given = {'q': q, 'qd': 0 * q, 'tau': tau}
-        found = run(record(method, resolve(robot, Scene(gravity=None))), given)['qdd']
-        H = Oracle(robot).H(q)
-        tolerance = ACCELERATION * condition(method, H)
-        assert relative(found, np.linalg.solve(H, tau)) < tolerance
-
-
-@pytest.mark.parametrize('method', METHODS)
-def test_held_joints_do_not_accelerate_and_the_others_do_not_feel_their_torque(
-    method: str,
-) -> None:
-    # Rows and columns of held joints struck out of H qdd = tau - bias, by NumPy.
-    for rng, robot in every(4, chains(24, seed=25)):
-        q, qd, tau = random_state(rng, robot.n)
-        held = rng.random(robot.n) < 0.4
-        given = {'q': q, 'qd': qd, 'tau': tau, 'free': 1.0 - held}
-        found = run(record(method, resolve(robot, Scene(brakes=True))), given)['qdd']
-        np.testing.assert_array_equal(found[held], 0.0)
-        oracle, free = Oracle(robot), ~held
-        if free.any():
-            H = oracle.H(q)[np.ix_(free, free)]
-            wanted = np.linalg.solve(H, (tau - oracle.tau(q, qd, 0 * q))[free])
-            assert relative(found[free], wanted) < ACCELERATION * condition(method, H)
-
-
-def with_massless_end() -> Robot:
-    robot = random_chain(np.random.default_rng(26), 3, 0.0)
-    masses, inertias = robot.masses.copy(), robot.inertias.copy()
-    masses[2], inertias[2] = 0.0, 0.0
-    return replace(robot, masses=masses, inertias=inertias)
-
-
-@pytest.mark.parametrize('method', METHODS)
-def test_a_massless_end_of_the_chain_is_carried_by_its_rotor(method: str) -> None:
-    robot = with_massless_end()
-    armature = np.array([0.0, 0.0, 0.1])
-    q, qd, tau = random_state(np.random.default_rng(27), 3)
-    plant = resolve(robot, Scene(armature=armature))
-    found = run(record(method, plant), {'q': q, 'qd': qd, 'tau': tau})['qdd']
-    oracle = Oracle(robot, armature)
-    H = oracle.H(q)
-    wanted = np.linalg.solve(H, tau - oracle.tau(q, qd, 0 * q))
-    assert relative(found, wanted) < ACCELERATION * condition(method, H)
-
-
 # ---- frames ----------------------------------------------------------------------------------
 
 
 def product_of(angles: tuple[tuple[float, float], ...]) -> Array:
     first, twist, last = angles
     return rotation_z(*first) @ rotation_x(*twist) @ rotation_z(*last)
-
-
-def quarter_turns(rng: np.random.Generator) -> Array:
-    """Return a rotation of zeros and ones."""
-    A = np.eye(3)[rng.permutation(3)] * rng.choice([-1.0, 1.0], 3)
-    return A if np.linalg.det(A) > 0 else -A
 
 
 def test_three_angles_give_the_rotation_back_however_small_the_twist() -> None:
@@ -184,51 +80,13 @@ def test_three_angles_of_quarter_turns_are_exact() -> None:
 # ---- fifty digits ----------------------------------------------------------------------------
 
 
-def right_angled(n: int) -> tuple[Robot, dict[str, Array]]:
-    """Return a chain whose axes are exactly square, in which all frames agree, and a state."""
-    rng = np.random.default_rng(n)
-    robot = random_chain(rng, n)
-    robot = replace(robot, rotations=np.array([quarter_turns(rng) for _ in range(n)]))
-    q, qd, tau = random_state(rng, n)
-    return robot, {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6)}
-
-
-@cache
-def fifty_digits(n: int) -> Array:
-    robot, given = right_angled(n)
-    found: Array = run(FORWARD['pcrbm'](resolve(robot, WRENCH), 'parallel'), given, digits=50)[
-        'qdd'
-    ]
-    return found
-
-
-def error(found: Array, wanted: Array) -> float:
-    with mpmath.workdps(50):
-        scale = max(abs(x) for x in wanted)
-        return float(
-            max(abs(mpmath.mpf(x) - y) for x, y in zip(found, wanted, strict=True)) / scale
-        )
-
-
-@pytest.mark.parametrize('method', DIRECT)
-@pytest.mark.parametrize('n', [1, 2, 4, 6])
-def test_fifty_digits_agree_with_those_of_pcrbm_and_measure_the_rounding(
-    method: str, n: int
-) -> None:
-    robot, given = right_angled(n)
-    program = record(method, resolve(robot, WRENCH))
-    assert error(run(program, given, digits=50)['qdd'], fifty_digits(n)) < FIFTY_DIGITS
-    H = Oracle(robot).H(given['q'])
-    rounding = error(run(program, given)['qdd'], fifty_digits(n))
-    assert 0 < rounding < ACCELERATION * jacobi_condition(H)
-
-
 @pytest.mark.parametrize('n', [1, 2, 4, 6])
 def test_conjugate_gradients_take_at_most_n_iterations_when_nothing_is_rounded(n: int) -> None:
     robot, given = right_angled(n)
     program = record_walker_orin_4(resolve(robot, WRENCH), 'sequential', tolerance=RESIDUAL)
     found = run(program, given, digits=50)
-    assert error(found['qdd'], fifty_digits(n)) < SOLUTION
+    wanted = run(record('pcrbm', resolve(robot, WRENCH)), given, digits=50)['qdd']
+    assert error(found['qdd'], wanted) < SOLUTION
     assert 1 <= found['iterations'][0] <= n
     assert found['converged'][0] == 1
 
@@ -262,7 +120,7 @@ def test_an_inertia_that_is_not_positive_definite_is_told(method: str) -> None:
     for plant, good in (
         (resolve(robot), True),
         (negative, False),
-        (resolve(with_massless_end()), False),
+        (resolve(without_mass(random_chain(np.random.default_rng(26), 3, 0.0), (2,))), False),
     ):
         assert sound(method, run(record(method, plant), given)) == good
 

@@ -225,7 +225,7 @@ CALLS = {
     ],
 )
 def test_brakes_that_are_no_bools_are_refused(call: str, brakes: object) -> None:
-    with pytest.raises(ValueError, match='brakes must be an array of bool, True for held, got'):
+    with pytest.raises(ValueError, match='brakes must be an array of bool, True for braked, got'):
         CALLS[call](BRAKES, brakes)
 
 

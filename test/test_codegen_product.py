@@ -110,8 +110,15 @@ def assert_native_is_emulated(source: ProductSource, robot: Robot, dtype: str) -
         assert_same_bits(np.ascontiguousarray(rows), wanted)
 
 
-@pytest.mark.parametrize('dtype', ['float64', 'float32'])
-@pytest.mark.parametrize('scene', [pfd.Scene(), EVERYTHING], ids=['plain', 'everything'])
+@pytest.mark.parametrize(
+    ('scene', 'dtype'),
+    [
+        pytest.param(pfd.Scene(), 'float64', id='plain-float64'),
+        pytest.param(pfd.Scene(), 'float32', id='plain-float32', marks=pytest.mark.long),
+        pytest.param(EVERYTHING, 'float64', id='everything-float64'),
+        pytest.param(EVERYTHING, 'float32', id='everything-float32'),
+    ],
+)
 @pytest.mark.parametrize('name', ARMS)
 @pytest.mark.slow
 def test_one_state_and_a_batch_give_the_emulators_bits(

@@ -53,7 +53,10 @@ def ran(guide: str) -> tuple[dict[str, Any], list[tuple[str, str]]]:
     return names, printed
 
 
-@pytest.mark.parametrize('guide', GUIDES)
+@pytest.mark.parametrize(
+    'guide',
+    [pytest.param(x, marks=[pytest.mark.slow] * (x == 'linear-feedback')) for x in GUIDES],
+)
 def test_a_guide_prints_what_it_says(guide: str) -> None:
     _, printed = ran(guide)
     assert len(printed) > 3
@@ -66,6 +69,7 @@ def test_the_gains_take_thirty_lines_of_code() -> None:
     assert len([line for line in code if line.strip() and not line.startswith('#')]) <= 30
 
 
+@pytest.mark.slow
 def test_gains_of_the_guide_put_all_eigenvalues_inside_the_unit_circle() -> None:
     names, _ = ran('linear-feedback')
     A, B, K = names['A'], names['B'], names['K']
@@ -76,6 +80,7 @@ def test_gains_of_the_guide_put_all_eigenvalues_inside_the_unit_circle() -> None
     assert -np.log(moduli.max()) / names['period'] == pytest.approx(10, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_recursion_of_the_guide_ends_at_a_solution_of_the_riccati_equation() -> None:
     names, _ = ran('linear-feedback')
     A, B, Q, R, P = (names[key] for key in 'ABQRP')
@@ -84,6 +89,7 @@ def test_the_recursion_of_the_guide_ends_at_a_solution_of_the_riccati_equation()
     assert np.linalg.eigvalsh((P + P.T) / 2).min() > 0
 
 
+@pytest.mark.slow
 def test_scipy_finds_the_solution_of_the_guide() -> None:
     names, _ = ran('linear-feedback')
     (code,) = WITH_SCIPY.findall(text('linear-feedback'))
@@ -94,6 +100,7 @@ def test_scipy_finds_the_solution_of_the_guide() -> None:
         assert relative(own[key], names[key]) < 1e-8
 
 
+@pytest.mark.slow
 def test_arms_of_the_guide_settle_also_at_the_limits_of_their_motors() -> None:
     names, _ = ran('linear-feedback')
     for start, effects in ((1.0, {}), (5.0, {'effort_limits': 'model'})):
@@ -105,6 +112,7 @@ def test_arms_of_the_guide_settle_also_at_the_limits_of_their_motors() -> None:
 
 
 @pytest.mark.parametrize('size', [1e-6, 1e-5, 1e-4, 1e-3])
+@pytest.mark.slow
 def test_the_cost_that_a_simulation_accumulates_is_that_of_the_linear_model(size: float) -> None:
     names, _ = ran('linear-feedback')
     x = np.random.default_rng(7).uniform(-size, size, (64, 12))
@@ -113,6 +121,7 @@ def test_the_cost_that_a_simulation_accumulates_is_that_of_the_linear_model(size
 
 
 @pytest.mark.parametrize('matrix', ['A', 'B'])
+@pytest.mark.slow
 def test_the_cost_would_show_a_model_that_is_wrong_by_one_percent(matrix: str) -> None:
     names, _ = ran('linear-feedback')
     wrong = {key: names[key].copy() for key in 'AB'}
@@ -127,6 +136,7 @@ def test_the_cost_would_show_a_model_that_is_wrong_by_one_percent(matrix: str) -
     assert float(output.getvalue().splitlines()[1].split()[-1]) > 1e-5
 
 
+@pytest.mark.slow
 def test_the_cost_along_a_motion_is_that_of_its_linear_models() -> None:
     names, _ = ran('linear-feedback')
     size = 1e-5
@@ -143,6 +153,7 @@ def test_the_cost_along_a_motion_is_that_of_its_linear_models() -> None:
     np.testing.assert_allclose(measured, predicted, rtol=CUBIC * size)
 
 
+@pytest.mark.slow
 def test_arms_of_the_guide_rest_where_friction_holds_gravity_and_the_gains() -> None:
     names, _ = ran('linear-feedback')
     robot, goal, K = names['robot'], names['goal'], names['K']

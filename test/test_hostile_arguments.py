@@ -176,7 +176,7 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
         'bind': {
             'state': MOTION,
             'motors': pfd.MotorState(np.zeros(2)),
-            'limits': np.ones((4, 2)),
+            'limits': np.ones((7, 2)),
         },
         'converted': {'state': MOTION},
         'linearize': STATES,

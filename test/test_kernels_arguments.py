@@ -73,7 +73,7 @@ def test_brakes_are_taken_by_their_name_and_nowhere_else(shape: tuple[int, ...])
         with pytest.raises(ValueError, match='wrench was given, but'):
             kernel(q, qd, tau, mask)
     for numbers in (np.zeros(shape), np.ones(shape, int)):
-        with pytest.raises(ValueError, match='brakes must be an array of bool, True for held'):
+        with pytest.raises(ValueError, match='brakes must be an array of bool, True for braked'):
             kernel(q, qd, tau, brakes=numbers)
     np.testing.assert_array_equal(kernel(q, qd, tau), free)
     np.testing.assert_array_equal(kernel(q, qd, tau, brakes=np.zeros(shape, bool)), free)

@@ -146,6 +146,7 @@ def test_the_estimate_is_close_to_the_error_in_200_states(
 
 
 @pytest.mark.parametrize('dtype', ROUNDING)
+@pytest.mark.slow
 def test_the_kernel_of_the_estimate_gives_the_bits_of_a_call(dtype: str) -> None:
     rng = np.random.default_rng(8)
     for robot in (pfd.load_robot('planar2'), random_chain(rng, 3, 0.5)):

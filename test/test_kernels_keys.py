@@ -68,6 +68,7 @@ SETTINGS: dict[str, Any] = {
     'compensated': False,
 }
 CHANGES: tuple[dict[str, Any], ...] = (
+    {'integrator': 'imex2'},
     {'step_size': 2e-3},
     {'step_size': 2e-3, 'substeps': 4},
     {'integrator': 'velocity_verlet'},
@@ -120,7 +121,8 @@ def test_keys_of_kernels_decide_their_text(texts: dict[tuple[str, ...], set[str]
     places = [{'b': Frame(link, np.eye(3), np.arange(3.0))} for link in (1, 2)]
 
     def builds() -> Iterator[Callable[[], Any]]:
-        for effects, dtype in product(EFFECTS, ('float64', 'float32')):
+        formats = [*product(EFFECTS, ['float64']), *product(({}, FRICTION), ['float32'])]
+        for effects, dtype in formats:
             common: dict[str, Any] = {'scene': pfd.Scene(**effects), 'dtype': dtype}
             for quantity in QUANTITIES:
                 yield lambda q=quantity, c=common: pfd.compile_kernel(arm, quantity=q, **c)
@@ -145,7 +147,7 @@ def test_keys_of_simulations_and_linearised_steps_decide_their_text(
     def builds() -> Iterator[Callable[[], Any]]:
         for effects in EFFECTS:
             scene = pfd.Scene(**effects)
-            changes = [{}, {'integrator': 'imex2'}]
+            changes: list[dict[str, Any]] = [{}]
             if effects in ({}, FRICTION, {'joint_limits': [[-1, 1], [-1, 1]]}):
                 changes += CHANGES
             for change in changes:

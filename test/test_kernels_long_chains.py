@@ -206,8 +206,8 @@ def test_the_code_of_a_long_text_gives_the_same_bits(monkeypatch: pytest.MonkeyP
         optimise(module, machine, optimisation)
 
     monkeypatch.setattr(jit, '_optimise', optimised)
-    for length in (jit.USUAL.long_text, 0):
-        usual = replace(jit.USUAL, long_text=length)
+    for length in (jit.USUAL.long_ir, 0):
+        usual = replace(jit.USUAL, long_ir=length)
         monkeypatch.setattr(
             jit, 'emit', lambda ir, target, _, usual=usual: emit(ir, target, usual)
         )

@@ -128,6 +128,7 @@ def test_threads_that_compile_one_kernel_together_get_the_same_bits(uncached: No
         assert set(pool.map(bits, range(THREADS))) == {bits(0)}
 
 
+@pytest.mark.slow
 def test_threads_that_call_a_batch_first_together_get_the_same_bits(uncached: None) -> None:
     robot = random_chain(np.random.default_rng(1), 3)
     rows = np.random.default_rng(2).uniform(-1, 1, (3, 5, robot.n))

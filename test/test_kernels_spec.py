@@ -94,7 +94,7 @@ def test_the_effects_over_time_belong_to_the_step_that_evaluates_the_kernel() ->
         ({'dtype': 'float16'}, "dtype must be .*'float16'"),
         ({'refine': -1}, 'refine must be'),
         ({'quantity': ['energy']}, 'quantity must be one of'),
-        ({'frame': 'tip'}, 'forward_dynamics is not that of a frame'),
+        ({'frame': 'tip'}, 'forward_dynamics does not take a frame'),
         ({'quantity': 'tip_pose', 'frame': 'hand'}, "frame 'hand' is not carried by"),
         ({'quantity': 'energy', 'refine': 1}, 'refine must be 0 for energy'),
     ],

@@ -186,7 +186,7 @@ FORMATTED = ('pfd_core', 'pfd_ros', 'test', 'benchmarks', 'launch', 'setup.py')
     [
         ('ruff', 'check', *FORMATTED),
         ('ruff', 'format', '--check', *FORMATTED),
-        ('mypy',),
+        pytest.param(('mypy',), marks=pytest.mark.slow),
     ],
     ids=['lint', 'format', 'types'],
 )

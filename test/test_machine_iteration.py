@@ -120,7 +120,7 @@ def test_printing_shows_the_markers() -> None:
     ('act', 'message'),
     [
         (lambda r, q: iterate(lambda x: ((x,), x), (q,), q, 0), 'at_most must be at least 1'),
-        (lambda r, q: iterate(lambda x: ((x,), x), (q,), on(q, [1]), 1), 'lane 0 has no value'),
+        (lambda r, q: iterate(lambda x: ((x,), x), (q,), on(q, [1]), 1), 'no value on lane 0'),
         (lambda r, q: iterate(lambda x: ((on(x, [1]),), x), (q,), q, 1), 'row 0 .* lacks lanes'),
     ],
 )

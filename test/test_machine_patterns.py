@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
+from closed_forms import levels
 import numpy as np
 import pytest
 
@@ -27,11 +27,6 @@ from pfd_core.machine.vectors import array
 SIZES = range(1, 33)
 # Sums of up to 32 products of numbers near one, in another order than NumPy's.
 ROUNDING = {'rtol': 1e-12, 'atol': 1e-12}
-
-
-def levels(n: int) -> int:
-    """Return ceil(log2 n), the number of levels of recursive doubling."""
-    return math.ceil(math.log2(n))
 
 
 def entries(recorder: Recorder, name: str, count: int) -> LaneArray:

@@ -118,5 +118,5 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
     binary.write_bytes(b'\xff\xfe\x00')
     with pytest.raises(ValueError, match=r'cannot read .*scene\.yaml.*utf-8'):
         pfd.load_scene(binary)
-    with pytest.raises(ValueError, match='source must be a path or text, got 5'):
+    with pytest.raises(ValueError, match='source must be a path or a YAML string, got 5'):
         pfd.load_scene(5)

@@ -351,7 +351,7 @@ def near(position: float, joint: ElementTree.Element) -> float:
 
 
 # Of humanoids with many fingers, not all.
-CHAINS_OF_A_FILE = 12
+CHAINS_OF_A_FILE = 4
 REFUSALS = 'no joint moves|mimics|must not be negative in any|has no <inertial>'
 
 
@@ -369,5 +369,5 @@ def test_every_chain_of_the_examples_has_the_physics_of_pinocchio_or_is_refused(
                 continue
             loaded += 1
             assert_same_physics(robot, other, followed(other, locked))
-    assert loaded > 250
+    assert loaded > 90
     assert not [line for line in refused if not re.search(REFUSALS, line)]

@@ -259,7 +259,7 @@ def test_missing_and_wrong_files_are_named(tmp_path: Path) -> None:
     (tmp_path / 'arm.yaml').write_bytes(b'\xff\xfe\x00')
     with pytest.raises(ValueError, match='cannot read'):
         load_robot(tmp_path / 'arm.yaml')
-    with pytest.raises(ValueError, match='source must be a name, a path or text, got 3'):
+    with pytest.raises(ValueError, match='source must be a name, a path or a string, got 3'):
         load_robot(3)
 
 
@@ -310,7 +310,7 @@ def nested(levels: int) -> str:
         ('#' * 1_000_000 + '\n', 'has 1000001 characters'),
         ('joints: !!python/name:os.system x\n', "tag 'tag:yaml.org,2002:python/name:os.system'"),
         ('joints: !!int 3\n', 'is not used here'),
-        ('joints: 1\n? [a]\n: b\n', 'a key is no text'),
+        ('joints: 1\n? [a]\n: b\n', 'a key is not a string'),
         ('joints: 1\njoints: 2\n', "key 'joints' occurs more than once in line 1"),
         ('joints: \x07\n', 'is not YAML'),
         ('joints: 1\n---\njoints: 2\n', 'is not YAML: but found another document'),
@@ -329,7 +329,7 @@ def nested(levels: int) -> str:
         (ROWS.replace('name: a', 'name: [a]'), 'joint_names must be'),
         (ROWS.replace('robot: two', 'robot: [two]'), 'a robot needs a name'),
         (ROWS.replace('robot: two', 'robot: two\nbase: [a]'), 'base must be a mapping'),
-        (ROWS.replace('robot: two', 'robot: two\ntip: {link: [a]}'), 'tip must be a text'),
+        (ROWS.replace('robot: two', 'robot: two\ntip: {link: [a]}'), 'tip must be a string'),
         (
             ROWS.replace('name: a', f'name: {"a" * 100_000}').replace('mass: 1', 'mass: x'),
             'mass',

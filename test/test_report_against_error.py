@@ -122,7 +122,10 @@ def test_errors_are_those_of_the_kernels_in_units_of_kappa_s_u(points: list[Poin
 
 def test_an_answer_that_is_lost_has_no_error(points: list[Point]) -> None:
     lost = {(p.way, p.dtype, p.refine) for p in points if p.error is None}
-    assert lost == {('composite_body', 'float32', 0), ('composite_body', 'float32', 1)}
+    # Conjugate gradients do not converge there in single precision.
+    assert lost == {
+        (method, 'float32', refine) for method in ('composite_body', 'pcgm') for refine in (0, 1)
+    }
 
 
 def test_pinocchio_is_there_in_both_conventions_and_by_crba(points: list[Point]) -> None:

@@ -17,7 +17,7 @@ from pfd_core.kernels.runtime import jit
 from pfd_core.kernels.runtime.jit import Target
 from pfd_core.machine.fused import fused
 from pfd_core.report import port_limit
-from pfd_core.report.port_limit import Loop, loop_text, mix, numbers
+from pfd_core.report.port_limit import Loop, loop_ir, mix, numbers
 from pfd_core.report.timing import LeftOutError, Pace, Times, Work
 
 # The text of each operation.
@@ -63,7 +63,7 @@ def test_the_text_of_the_loop_holds_exactly_the_operations_of_the_kernel(
     robot: str, method: str, refine: int, dtype: str
 ) -> None:
     counts = kernel_of(robot, method, refine, dtype).operations['compiled']
-    text = loop_text(counts, Format(dtype, 4), 16)
+    text = loop_ir(counts, Format(dtype, 4), 16)
     body = text[text.index('loop') : text.index('done')]
     assert written(body) == counts
     assert written(text) == counts
@@ -79,7 +79,7 @@ def test_there_are_as_many_accumulators_as_registers_are_left(
 
 def test_the_loop_gives_a_compiler_no_operation_to_drop_merge_or_reorder() -> None:
     counts = kernel_of('ur5', 'composite_body', 0).operations['compiled']
-    lines = loop_text(counts, Format('float64', 4), 16).splitlines()
+    lines = loop_ir(counts, Format('float64', 4), 16).splitlines()
     assert not FAST_MATH.intersection(word for line in lines for word in line.split())
     named = [line.strip().split(' = ') for line in lines if ' = ' in line]
     operands = {name: set(re.findall(r'%v\d+', text)) for name, text in named}
@@ -101,7 +101,7 @@ def test_no_operation_waits_for_more_than_its_share_of_the_others() -> None:
     counts = kernel_of('ur5', 'composite_body', 0).operations['compiled']
     chains = 16
     depth: dict[str, int] = {}
-    for line in loop_text(counts, Format('float64', 8), chains).splitlines():
+    for line in loop_ir(counts, Format('float64', 8), chains).splitlines():
         name, _, text = line.strip().partition(' = ')
         if text and 'phi' not in text and written(line):
             operands = re.findall(r'%v\d+', text)
@@ -154,7 +154,7 @@ def test_a_kernel_that_iterates_or_is_cut_into_parts_has_no_limit(
 @pytest.mark.parametrize('counts', [{'neg': 2, 'fma': 1}, {'route': 1}])
 def test_operations_without_a_place_in_the_loop_are_refused(counts: dict[str, int]) -> None:
     with pytest.raises(LeftOutError):
-        loop_text(counts, Format('float64', 4), 8)
+        loop_ir(counts, Format('float64', 4), 8)
 
 
 def test_the_share_is_the_time_of_the_loop_over_that_of_the_kernel(

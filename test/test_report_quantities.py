@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Speed and error of quantities beside forward dynamics: equal work, and pages that hold it."""
+"""Speed and error of quantities other than forward dynamics: equal work, and their pages."""
 
 from __future__ import annotations
 

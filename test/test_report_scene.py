@@ -57,6 +57,7 @@ def test_effects_without_numbers_are_off(disc: pfd.Robot) -> None:
     assert effects_on(pfd.load_robot('panda'), scene) == ('gravity', 'damping', 'armature')
 
 
+@pytest.mark.slow
 def test_the_full_scene_has_what_the_model_states_and_keeps_what_is_given(
     disc: pfd.Robot,
 ) -> None:

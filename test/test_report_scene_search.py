@@ -118,7 +118,7 @@ def panda_needs() -> Needs:
     robot, scene = pfd.load_robot('panda'), pfd.Scene(damping='model', armature='model')
     told: list[str] = []
     motion = excited_motion(robot, scene, 'steps')
-    needs = scene_needs.scene_needs(robot, scene, motion, 1e-3, pace=FAST, tell=told.append)
+    needs = scene_needs.scene_needs(robot, scene, motion, 1e-3, pace=FAST, progress=told.append)
     assert [text for text in told if text.startswith('simulating scene')][-1].split()[2] == '8:'
     return needs
 
@@ -133,7 +133,7 @@ def test_the_pages_hold_the_answer_and_every_scene(panda_needs: Needs, tmp_path:
     page = paths[0].read_text()
     small = panda_needs.smallest
     assert spelled(pfd.load_scene(paths[2])) == small.scene
-    assert f'**{", ".join(small.effects)}**; left out: damping' in page
+    assert f'**{", ".join(small.effects)}**; excluded: damping' in page
     assert f'    pfd.{small.scene}\n' in page
     for row in panda_needs.effects:
         assert f'| {row.name} | {row.operations} |' in page

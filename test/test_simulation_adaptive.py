@@ -133,7 +133,7 @@ def test_the_error_falls_with_the_eighth_power_of_the_step() -> None:
     errors = []
     for size in (0.2, 0.1, 0.05):
         # A tolerance that every step meets leaves the largest step.
-        run = swing_with_the_elbow_held(6.0, 0.5, rtol=0.5, atol=1e3, longest_step=size)
+        run = swing_with_the_elbow_held(6.0, 0.5, rtol=0.5, atol=1e3, max_step=size)
         np.testing.assert_allclose(np.diff(run.time), size, rtol=1e-9)
         # At the same times for all sizes.
         common = pendulum_errors(run, 0.5)[:: round(0.2 / size)]
@@ -238,7 +238,7 @@ def test_the_longest_step_sees_a_pulse_that_an_arm_at_rest_would_step_over() -> 
         return np.full(2, 4.0 <= t < 4.01)
 
     over, seen = (
-        pfd.integrate(robot, lambda *x: 1.0 * pulse(*x), 10.0, scene=scene, longest_step=longest)
+        pfd.integrate(robot, lambda *x: 1.0 * pulse(*x), 10.0, scene=scene, max_step=longest)
         for longest in (np.inf, 0.01)
     )
     np.testing.assert_array_equal(over.q, 0.0)
@@ -331,7 +331,7 @@ def test_a_run_can_be_copied_and_pickled() -> None:
         ({'rtol': 1e-16}, 'rtol must be at least 1e-14 and below 1, got 1e-16'),
         ({'rtol': np.nan}, 'rtol must be finite, got nan'),
         ({'atol': 0.0}, 'atol must be above zero, got 0.0'),
-        ({'longest_step': np.nan}, 'longest_step must be above zero, got nan'),
+        ({'max_step': np.nan}, 'max_step must be above zero, got nan'),
         ({'max_steps': 0}, 'max_steps must be an integer of at least 1, got 0'),
         ({'integrator': 'rk45'}, r"integrator must be one of \('dop853',\), got 'rk45'"),
         ({'method': 'aba'}, "method must be 'auto' or one of .* got 'aba'"),

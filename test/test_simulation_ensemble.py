@@ -254,9 +254,9 @@ ZEROS = np.zeros((5, 2))
 @pytest.mark.parametrize(
     ('options', 'message'),
     [
-        ({}, 'steps is needed where taus does not say'),
+        ({}, 'steps is required without taus of several steps'),
         ({'steps': -1}, 'steps must be an integer of at least 0, got -1'),
-        ({'taus': ZEROS, 'steps': 4}, 'taus holds 5 steps, but steps=4'),
+        ({'taus': ZEROS, 'steps': 4}, 'taus has 5 steps, but steps=4'),
         ({'taus': np.zeros(2)}, r'taus must have shape \(steps, 2\) or \(3, steps, 2\), got \(2,'),
         ({'taus': np.zeros((4, 5, 2))}, r'taus must have shape \(3, 5, 2\) or .* got \(4, 5, 2\)'),
         ({'taus': ZEROS * np.nan}, 'taus must be finite'),

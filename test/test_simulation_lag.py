@@ -66,7 +66,7 @@ def reference(lag: np.ndarray, **scene: Any) -> np.ndarray:
 @pytest.mark.parametrize(
     'lag',
     [
-        np.full(6, 2e-3),
+        pytest.param(np.full(6, 2e-3), marks=pytest.mark.slow),
         pytest.param(np.full(6, 8e-3), marks=pytest.mark.slow),
         MIXED * [1, 1, 1, 0, 1, 1],
     ],

@@ -10,10 +10,14 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
+from pfd_core.algorithms.chain.actuators import record_actuators
+from pfd_core.machine.emulator import run
 
 ROBOT = pfd.load_robot('planar2')
-LIMITS = np.array([[20.0, 10.0], [20.0, 10.0], [3.0, 2.0], [3.0, 2.0]])
-ENDLESS = np.full((4, 2), np.inf)
+ZEROS, INF = np.zeros(2), np.full(2, np.inf)
+# Largest effort, the torque-speed line, its speed; no servo, and any change of an effort.
+LIMITS = np.array([[20.0, 10.0], [20.0, 10.0], [3.0, 2.0], [3.0, 2.0], ZEROS, ZEROS, INF])
+ENDLESS = np.array([INF, INF, INF, INF, ZEROS, ZEROS, INF])
 
 
 def efforts(steps: int, size: float = 30.0) -> np.ndarray:
@@ -22,7 +26,7 @@ def efforts(steps: int, size: float = 30.0) -> np.ndarray:
 
 def limited(effort: float, velocity: float, limits: np.ndarray) -> float:
     """Return the effort that a motor has, by its definition."""
-    most, full, falling, speed = limits
+    most, full, falling, speed, *_ = limits
     effort = min(max(effort, -most), most)
     if abs(velocity) <= speed:
         return effort
@@ -60,7 +64,7 @@ def test_efforts_are_those_within_the_limits_at_the_velocities_before_a_step() -
     ratios = np.abs(velocities) / LIMITS[3]
     assert counters.peaks.tolist() == ratios.max(axis=0).tolist()
     saturated = (out[:, 2] != rows).any(axis=1).sum()
-    assert counters.counts.tolist() == [saturated, (ratios > 1.0).any(axis=1).sum()]
+    assert counters.counts.tolist() == [saturated, (ratios > 1.0).any(axis=1).sum(), 0]
     assert (ratios > 2.0).any()
 
 
@@ -111,3 +115,65 @@ def test_a_step_of_many_substeps_has_the_bits_of_a_simulator() -> None:
     bound = motor.bind(motor.new_state(), pfd.MotorState(np.zeros(2)), ENDLESS)
     assert bound.run(efforts(2), out) == 2
     assert out[:, 0].tobytes() == plain.rollout(efforts(2)).q.tobytes()
+
+
+@pytest.mark.parametrize(
+    ('position', 'velocity'),
+    [((0.4, np.nan), None), (None, (0.3, -0.2)), ((0.4, 0.1), (0.3, np.nan))],
+)
+def test_servos_follow_their_targets(position, velocity) -> None:
+    p, d = np.array([50.0, 20.0]), np.array([5.0, 2.0])
+    motor = pfd.MotorSimulator(ROBOT)
+    limits = np.array([INF, INF, INF, INF, p, d, INF])
+    bound = motor.bind(motor.new_state((0.1, 0.2)), pfd.MotorState(np.zeros(2)), limits)
+    bound.set_targets(position, velocity)
+    out, rows = np.empty((100, 3, 2)), efforts(100, 1.0)
+    bound.run(rows, out)
+    q, qd = (np.vstack([start, out[:-1, k]]) for k, start in enumerate(((0.1, 0.2), ZEROS)))
+    none = np.full(2, np.nan)
+    there, rate = (np.array(none if x is None else x) for x in (position, velocity))
+    # A joint with a position alone goes to rest there, one with a velocity alone is damped.
+    wanted = rows + np.where(np.isnan(there), 0.0, p * (there - q))
+    driven = ~np.isnan(there) | ~np.isnan(rate)
+    wanted += np.where(driven, d * (np.where(np.isnan(rate), 0.0, rate) - qd), 0.0)
+    np.testing.assert_allclose(out[:, 2], wanted, rtol=1e-13, atol=1e-13)
+
+
+def test_a_run_ends_before_the_step_whose_effort_jumps() -> None:
+    motor = pfd.MotorSimulator(ROBOT)
+    counters, state = pfd.MotorState(np.zeros(2)), motor.new_state()
+    limits = np.array([INF, INF, INF, INF, ZEROS, ZEROS, (5.0, 5.0)])
+    rows, out = np.cumsum(np.full((30, 2), 4.0), axis=0), np.zeros((30, 3, 2))
+    rows[20:] += 2.0
+    bound = motor.bind(state, counters, limits)
+    assert bound.run(rows, out) == 20
+    assert (counters.jumped, state.steps, state.status) == (True, 20, 'ok')
+    assert out[20, 2].tolist() == rows[20].tolist()
+    assert counters.before.tolist() == rows[19].tolist()
+    counters.jumped = False
+    # Without an effort before, any is allowed.
+    counters.before[:] = np.nan
+    assert bound.run(rows[20:], out[20:]) == 10
+
+
+def test_the_recorded_program_is_what_native_code_computes() -> None:
+    program = record_actuators(2)
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        q, qd, tau, before = rng.normal(scale=4.0, size=(4, 2))
+        limits = np.array(
+            [(9.0, 4.0), (8.0, 4.0), (2.0, 3.0), (2.0, 3.0), (5.0, 2.0), (1.0, 1.0), INF]
+        )
+        targets = np.where(rng.random((2, 2)) < 0.5, rng.normal(size=(2, 2)), np.nan)
+        motor, counters = pfd.MotorSimulator(ROBOT), pfd.MotorState(np.zeros(2), before)
+        bound = motor.bind(motor.new_state(q, qd), counters, limits)
+        bound.set_targets(*targets)
+        out = np.empty((1, 3, 2))
+        bound.run(tau[np.newaxis], out)
+        inputs = {'q': q, 'qd': qd, 'tau': tau, 'before': before}
+        inputs |= {'motors': limits.ravel(), 'targets': targets.ravel()}
+        found = run(program, inputs)['actuators']
+        limited, excess, wanted, _ = np.reshape(found, (4, 2))
+        assert out[0, 2].tolist() == limited.tolist()
+        assert counters.peaks.tolist() == excess.tolist()
+        assert counters.before.tolist() == wanted.tolist()

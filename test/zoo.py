@@ -151,6 +151,12 @@ def random_rotation(rng: np.random.Generator) -> Array:
     )
 
 
+def quarter_turns(rng: np.random.Generator) -> Array:
+    """Return a rotation of zeros and ones."""
+    A = np.eye(3)[rng.permutation(3)] * rng.choice([-1.0, 1.0], 3)
+    return A if np.linalg.det(A) > 0 else -A
+
+
 def random_inertia(rng: np.random.Generator, mass: float) -> Array:
     """Return the inertia, (3, 3), of a box of 0.05 to 0.4 m in any attitude."""
     a, b, c = rng.uniform(0.05, 0.4, 3) ** 2
@@ -209,6 +215,15 @@ def without_mass(robot: Robot, links: Sequence[int]) -> Robot:
 def random_state(rng: np.random.Generator, n: int) -> tuple[Array, Array, Array]:
     """Return positions, velocities and accelerations, (n,) each, of the order of one."""
     return rng.uniform(-np.pi, np.pi, n), rng.uniform(-2, 2, n), rng.uniform(-5, 5, n)
+
+
+def right_angled(n: int) -> tuple[Robot, dict[str, Array]]:
+    """Return a chain whose axes are exactly square, in which all frames agree, and a state."""
+    rng = np.random.default_rng(n)
+    robot = random_chain(rng, n)
+    robot = replace(robot, rotations=np.array([quarter_turns(rng) for _ in range(n)]))
+    q, qd, tau = random_state(rng, n)
+    return robot, {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6)}
 
 
 def to_pinocchio(robot: Robot, armature: ArrayLike | None = None) -> pin.Model:

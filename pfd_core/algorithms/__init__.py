@@ -1,14 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Forward and inverse dynamics, each method once as text over lanes.
+Forward and inverse dynamics, each method implemented once, over lanes.
 
-Rooms, in the order in which they may import one another:
+Subpackages, in the order in which they may import one another:
 
-    chain      inputs, links and equations of motion, from which every text starts
+    chain      inputs, links and equations of motion, common to all algorithms
     paper      Lee and Chang 1987, one procedure a file: NE1, PCRBM, PCGM, Cholesky, the array
     serial     methods that the paper compares with: Walker and Orin 1 to 4, articulated bodies
-    grouped    serial methods at their cheapest, which kernels are made of
+    grouped    serial methods at their cheapest, which kernels use
     beyond     methods on n lanes that the paper does not have
 
 Modules that take any of them:

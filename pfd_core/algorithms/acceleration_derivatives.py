@@ -12,8 +12,8 @@ and the bias come out of it on the way, and H = L' D L gives qdd and X. D of the
 the drives are tangents of their own programs (pfd_core.machine.derivative). Both are diagonal but
 for the gravity that the drives compensate.
 
-A held joint has zeros in its row and its column of X. At a limit of a drive, where its torque has
-no derivative, the derivative is that on the side that the drive's own text selects.
+A braked joint has zeros in its row and its column of X. At a motor limit, where the torque has
+no derivative, the derivative is that of the side selected by its program.
 
 Carpentier and Mansard 2018 (derivatives of forward dynamics by those of inverse dynamics and
 H^-1).
@@ -72,7 +72,7 @@ def record_derivatives(
     Returns
     -------
     Program
-        Outputs `qdd`, (n,), `X`, (n, n), `D`, (n, 2 n), and where drives have limits `T`, (n,).
+        Outputs `qdd`, (n,), `X`, (n, n), `D`, (n, 2 n), and with motor limits `T`, (n,).
 
     Raises
     ------
@@ -163,7 +163,7 @@ def _free(recorder: Recorder, plant: Plant) -> list[Lanes] | None:
 
 
 def _record_motors(plant: Plant) -> Program:
-    """Return the program of the motors' tau, and with drives of its derivatives."""
+    """Return the program of the motors' tau, and of its derivatives."""
     program = record_motor_torques(plant)
     if not has_drives(plant):
         return program

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Convergence of iterative methods, judged by the equations of motion.
+Convergence of iterative methods, decided by the equations of motion.
 
     r      = tau of the motors - ID(q, qd, qdd)                  the true residual
     delta  = H^-1 r,   y = H^-1 tau                              by composite bodies

@@ -3,8 +3,8 @@
 """
 Forward dynamics on the emulated machine: accelerations, steps, utilisation and status.
 
-The same text that kernels compile runs here in lock-step on n processors. With `digits` it runs on
-mpmath numbers and gives the reference for errors.
+The same program that kernels compile runs here in lock-step on n processors. With `digits` it runs
+on mpmath numbers and gives the reference for errors.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class Run:
     Attributes
     ----------
     qdd : numpy.ndarray
-        Accelerations, (..., n) [rad/s^2 or m/s^2]; mpmath numbers when digits were asked for.
+        Accelerations, (..., n) [rad/s^2 or m/s^2]; mpmath numbers with `digits`.
     steps : Steps
         Lock-step counts of the program as written.
     utilisation : float

@@ -51,7 +51,7 @@ def record_inverse_dynamics(plant: Plant, schedule: str) -> Program:
     """
     Return the program of the commanded tau, (n,), from q, qd and qdd.
 
-    Brakes and limits of the drives play no part.
+    Brakes and motor limits are ignored.
     """
     check_instant(plant)
     _check_payload(plant, 'inverse_dynamics')

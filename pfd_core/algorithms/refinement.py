@@ -16,7 +16,7 @@ A residual in the number format is rounding where tau is close to the bias, and 
 pfd_core.machine.rounding_errors makes it accurate, for several times the operations; only a
 recording of the estimate has it. This residual is that of Luh, Walker and Paul in link axes.
 
-The text of a method is recorded once more for delta. Its part that depends on q alone, the inertia
+A method is recorded once more for delta. Its part that depends on q alone, the inertia
 matrix and its factors or the articulated inertias, consists of the same expressions as before, and
 lowering keeps one of each: of the second recording only a solve with the factors is left.
 

@@ -3,14 +3,14 @@
 """
 Kernels: the recording of an algorithm becomes native code for one robot and scene.
 
-Rooms and modules in the order of the way of the data; each imports only from those above it.
+Subpackages and modules in the order of data flow; each imports only from those above it.
 
     passes/        program -> short equal program, with sine and cosine written out
-    codegen/       program -> text of LLVM IR
-    runtime/       text -> native code in this process; cache on disk, threads, Python's C API
+    codegen/       program -> LLVM IR
+    runtime/       IR -> native code in this process; cache on disk, threads, Python's C API
     quantities     results of kernels: their arguments, and the effects of a scene that they have
     stack          the stack of a thread, and whether matrices fit
-    auto           the method that 'auto' stands for
+    auto           the method that 'auto' selects
     spec           KernelSpec: robot, scene, method, number format, refinement and quantity
     source         spec -> lowered program, recorded only if needed
     arguments      arguments of a call, checked, as rows of states; arrays for results
@@ -22,6 +22,6 @@ Rooms and modules in the order of the way of the data; each imports only from th
     linear_steps   compile_linear_step: the derivatives of a step of a simulation
 
 A new pass is a module of passes and a line of pipeline.lower; a new function in native code a
-module of codegen and a line of codegen.module; a new quantity a text in
+module of codegen and a line of codegen.module; a new quantity a program in
 pfd_core.algorithms.quantities and a row of quantities.QUANTITIES.
 """

@@ -19,7 +19,7 @@ from pfd_core.algorithms.grouped.payload_input import payload_inputs
 from pfd_core.model import Payload, Robot, Scene, scene_inputs
 from pfd_core.model.checked_numbers import real_array
 
-# Inputs that a scene asks for, by name in a call and in a program.
+# Inputs that a scene needs, by name in a call and in a program.
 SCENE_INPUTS = ('wrench', 'free', 'payload')
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The method that 'auto' stands for: the cheapest one that keeps the digits of the answer.
+The method that 'auto' selects: the cheapest one that keeps the digits of the answer.
 
 The cheapest is the serial method whose kernel has the fewest operations. The matrix of
 composite bodies grows with n^2 and its factors with n^3, articulated bodies with n, from a higher
@@ -11,9 +11,9 @@ recorded, lowered and counted.
 
 A pivot d_i of the inertia matrix H is what is left of the diagonal h_ii after the joints nearer
 to the tip are eliminated. The answer of composite bodies loses a factor of up to max h_ii / d_i.
-Beyond LARGEST_LOSS a plain kernel is made of articulated bodies with the parameters as given,
+Beyond LARGEST_LOSS a plain kernel uses articulated bodies with the parameters as given,
 which subtract no such large numbers. A step of refinement squares the loss, in units of u: it is
-mended up to u^-1/2. Beyond LARGEST_LOSS_REFINED a refined kernel is made of articulated bodies
+corrected up to u^-1/2. Beyond LARGEST_LOSS_REFINED a refined kernel uses articulated bodies
 (docs/decisions/0015-auto-under-refinement.md, 0024-accuracy-of-the-default.md).
 """
 
@@ -82,7 +82,7 @@ def _loss(plant: Plant) -> float:
     Return the largest h_ii / d_i of H at POSES poses, at most the largest float.
 
     The first pose is straight, the others are spread. A joint without inertia, which only brakes
-    can hold, loses nothing. The order of the operations is that of the text, without BLAS, so that
+    can hold, loses nothing. The order of the operations is fixed, without BLAS, so that
     the outcome is the same on every machine.
     """
     n = plant.robot.n

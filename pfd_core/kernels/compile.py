@@ -43,13 +43,13 @@ def compile_kernel(
         Steps of iterative refinement, at least 0, of forward dynamics, and of the accelerations
         at which derivatives are taken. One takes nearly every scene to the last
         digits of the number format, for about half as much work again as the default method,
-        and lets `error_estimate` say how far off the answer was without it.
+        and enables `error_estimate`.
     quantity : str
         The result, and its arguments:
 
         'forward_dynamics'   qdd, (n,), of (q, qd, tau)
         'inverse_dynamics'   tau, (n,), of (q, qd, qdd): the commanded torques, so without gravity
-                             that the drives compensate; their limits and brakes are left out
+                             compensated by motor controllers; ignores their limits and brakes
         'derivatives'        d qdd / d (q, qd, tau), (n, 3n), of (q, qd, tau)
         'inertia_matrix'     H, (n, n), of q, with the rotors
         'bias_torques'       (n,), of (q, qd): inverse dynamics at qdd = 0
@@ -58,7 +58,7 @@ def compile_kernel(
                              gravity torques
         'wrench_torques'     (n,), of q and wrench=: the joint torques J' k that a wrench on the
                              frame causes, in its axes, about its origin
-        'tip_pose'           (4, 4), of q: the frame in that of the base link, homogeneous
+        'tip_pose'           (4, 4), of q: homogeneous transform of the frame to the base link
         'tip_jacobian'       (6, n), of q: linear and angular velocity of the frame by qd, in axes
                              of the base link, linear first
         'tip_velocity'       (6,), of (q, qd): the Jacobian times qd
@@ -76,7 +76,7 @@ def compile_kernel(
         If an argument is not one of these, or does not fit the robot.
 
     """
-    quantity_named(quantity)  # those of a step belong to simulations
+    quantity_named(quantity)  # quantities of a step belong to simulations
     spec = KernelSpec(robot, given_scene(scene), method, dtype, refine, quantity, frame)
     return compile_spec(spec)
 

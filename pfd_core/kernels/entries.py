@@ -16,7 +16,7 @@ from pfd_core.kernels.source import KernelSource
 
 class Entries:
     """
-    Native code of a source; that of batches is compiled when it is asked for.
+    Native code of a source; batches are compiled on first use.
 
     Attributes
     ----------
@@ -56,12 +56,12 @@ class Entries:
         batch = self.__dict__.get('batch')
         return self.single.seconds + (batch.seconds if batch else 0.0)
 
-    def text(self, width: int) -> str:
-        """Return the LLVM text of a width."""
+    def ir(self, width: int) -> str:
+        """Return the LLVM IR of a width."""
         return self._source.module(self._dtype, width, self._angles)
 
     def _compile(self, width: int) -> Native:
-        return self._source.compile(f'kernel {width}', partial(self.text, width))
+        return self._source.compile(f'kernel {width}', partial(self.ir, width))
 
     def _entry(self, native: Native) -> Callable[..., Any]:
         # An entry takes arrays in the order of a call, in which brakes have no position.

@@ -4,7 +4,7 @@
 Forward and inverse dynamics as plain functions.
 
 Each compiles a kernel for its robot and scene at the first call and caches it, so that the
-second call costs microseconds. A loop should hold a kernel of its own (compile_kernel).
+second call costs microseconds. A loop should use a compiled kernel (compile_kernel).
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def forward_dynamics(
         Force [N] and moment [N m] exerted on the last link, (..., 6), in its frame and about
         its origin.
     brakes : array_like of bool, optional
-        Joints that are held, (..., n), only if the scene has brakes; default none.
+        Braked joints, (..., n), only if the scene has brakes; default none.
     dtype, refine
         As for compile_kernel.
 

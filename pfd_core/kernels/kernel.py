@@ -117,8 +117,8 @@ class Kernel:
 
     @property
     def ir(self) -> str:
-        """LLVM text of the kernel of one state."""
-        return self._code.text(1)
+        """LLVM IR of the kernel for one state."""
+        return self._code.ir(1)
 
     @property
     def compile_seconds(self) -> float:
@@ -153,7 +153,7 @@ class Kernel:
         out : numpy.ndarray, optional
             Receives the result.
         brakes : array_like of bool
-            Joints that are held, (n,) or (B, n), default none; only if the scene has brakes.
+            Braked joints, (n,) or (B, n), default none; only if the scene has brakes.
         payload : Payload, optional
             The body that the last link holds, default none; only if the scene has
             payload="input".

@@ -25,7 +25,7 @@ from pfd_core.machine.program import Program
 
 
 class LinearSource(KernelSource):
-    """The source of a linearised step, made of the sources of the functions that it calls."""
+    """The source of a linearised step, composed of the sources of the functions that it calls."""
 
     def __init__(self, step: Program, substeps: int, sources: Mapping[str, ProductSource]) -> None:
         self._step, self._substeps, self._sources = step, substeps, sources
@@ -51,7 +51,7 @@ class LinearSource(KernelSource):
         return max(self._sources.values(), key=attrgetter('work')).optimisation
 
     def module(self, dtype: str, width: int, angles: Sequence[int]) -> str:
-        """Return the LLVM text of the kernel."""
+        """Return the LLVM IR of the kernel."""
         programs = {name: source.factors for name, source in self._sources.items()}
         return linear_module(self._step, programs, self._substeps, dtype, width, angles)
 

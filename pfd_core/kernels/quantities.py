@@ -50,9 +50,9 @@ class Quantity:
     effects : tuple of str
         Fields of Scene that it depends on.
     method : str
-        The method of its text; empty where there is a choice, and steps of refinement.
+        Its method; empty if there is a choice, and steps of refinement.
     of_frame : bool
-        Whether it is that of a frame.
+        Whether it refers to a frame.
     wrench : bool
         Whether a wrench is an argument in every scene.
 
@@ -95,7 +95,7 @@ def check_options(name: str, method: str, refine: int, frame: str | None) -> Non
     """Raise ValueError for options that a quantity does not have."""
     quantity = quantity_named(name)
     if frame is not None and not quantity.of_frame:
-        raise ValueError(f'{name} is not that of a frame, got frame={quote(frame)}')
+        raise ValueError(f'{name} does not take a frame, got frame={quote(frame)}')
     if not quantity.method:
         return
     if method not in ('auto', quantity.method):

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from pfd_core.algorithms.chain.motor_limits import record_motor_limits
+from pfd_core.algorithms.chain.actuators import record_actuators
 from pfd_core.kernels.codegen.arms import PARAMETERS
 from pfd_core.kernels.codegen.cycles import block_names
 from pfd_core.kernels.codegen.module import ensemble_module, rollout_module
@@ -26,7 +26,7 @@ from pfd_core.kernels.codegen.segments import Contact
 from pfd_core.kernels.codegen.step import further_rows, torque_row
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.runtime.jit import Native, simd_width
-from pfd_core.kernels.source import KernelSource, forward, motors, of_text, turned_joints
+from pfd_core.kernels.source import KernelSource, forward, motors, quantity_source, turned_joints
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.program import Program
 from pfd_core.model import (
@@ -46,7 +46,7 @@ class Rollout:
 
     work: int  # operations of the evaluations in one call of @step
     operations: Callable[[], int]  # all of one call of @step, see step_operations
-    rows: tuple[str, ...]  # of the state, beside q and qd
+    rows: tuple[str, ...]  # of the state, except q and qd
     written: tuple[str, ...]  # rows that `run` writes after each step
     torque: str  # the row, or input, that is the torque at the end of a step
     run: Callable[..., int]  # @rollout (pfd_core.kernels.codegen.rollout)
@@ -63,7 +63,7 @@ class NativeEnsemble:
     width: int  # arms in a vector register
     work: int  # operations of one evaluation of the accelerations
     operations: Callable[[], int]  # of one call of @step, see step_operations
-    rows: tuple[str, ...]  # of the state, beside q and qd
+    rows: tuple[str, ...]  # of the state, except q and qd
     run: Callable[..., None]  # @ensemble (pfd_core.kernels.codegen.arms)
     native: Native  # owner of the code
 
@@ -82,27 +82,27 @@ def compile_rollout(
     `implicit` is the time [s] by which the viscosity of the plant that the step solves with is
     multiplied; 0 for a step that calls the accelerations alone. With `contact` the step is that
     of dry friction and joint stops, with programs that are not lowered yet, and `step_program`
-    returns its state alone. With `motors` there is @cycles, with the limits of motors on efforts.
+    has only its state. With `motors` there is @cycles, whose efforts pass actuators.
     """
     sources = _sources(spec, implicit, contact)
 
-    def text() -> str:
-        limits = None
+    def ir() -> str:
+        actuators = None
         if motors:
-            # Without fused operations: the limits are exact, and compared with the efforts.
-            recorded = record_motor_limits(spec.robot.n)
-            limits = lower(recorded, spec.dtype, fma=False).compiled
+            # Without fused operations: limited efforts are compared with those wanted.
+            recorded = record_actuators(spec.robot.n)
+            actuators = lower(recorded, spec.dtype, fma=False).compiled
         return rollout_module(
             step_program,
             sources.signature,
             spec.dtype,
             turned_joints(spec.robot),
             *sources.further(),
-            limits,
+            actuators,
         )
 
     name = 'rollout with motors' if motors else 'rollout'
-    native = sources.main.compile(f'{name}{sources.key} {step_program}', text)
+    native = sources.main.compile(f'{name}{sources.key} {step_program}', ir)
     integer = ctypes.c_int64
     inputs: list[Any] = [ctypes.c_void_p] * len(sources.inputs)
     rows, out = further_rows(step_program), written(step_program)
@@ -136,7 +136,7 @@ def compile_ensemble(
     sources = _sources(spec, implicit, contact)
     width = simd_width(spec.dtype)
 
-    def text() -> str:
+    def ir() -> str:
         return ensemble_module(
             step_program,
             sources.signature,
@@ -146,7 +146,7 @@ def compile_ensemble(
             *sources.further(),
         )
 
-    native = sources.main.compile(f'ensemble {width}{sources.key} {step_program}', text)
+    native = sources.main.compile(f'ensemble {width}{sources.key} {step_program}', ir)
     kinds = [ctypes.c_void_p if kind.startswith('ptr') else ctypes.c_int64 for kind in PARAMETERS]
     run = ctypes.CFUNCTYPE(None, *kinds)(native.address('ensemble'))
     rows = further_rows(step_program)
@@ -164,7 +164,7 @@ class _Sources:
     main : KernelSource
         The dynamics that a step evaluates most.
     settings : str
-        All that decides the module besides the sources and the step's program.
+        Everything that determines the module except the sources and the step's program.
     others : dict
         Sources of other functions, by the names that the step calls them.
     contact : Contact or None
@@ -181,7 +181,7 @@ class _Sources:
 
     @property
     def key(self) -> str:
-        """All that decides the module besides the main source and the step's program."""
+        """Everything that determines the module except the main source and the step's program."""
         others = {name: source.key for name, source in self.others.items()}
         return f'{self.settings} {others}'
 
@@ -243,7 +243,7 @@ def impulses(spec: KernelSpec, plant: Plant) -> dict[str, KernelSource]:
     """Return the sources of `momentum`, H qdd, and `inertial`, H^-1 tau of the free joints."""
     still = _at_rest(without_drives(plant))
     return {
-        'momentum': of_text(replace(still, brakes=False), 'inverse_dynamics', spec.dtype),
+        'momentum': quantity_source(replace(still, brakes=False), 'inverse_dynamics', spec.dtype),
         'inertial': forward(spec, replace(still, brakes=True)),
     }
 
@@ -268,7 +268,7 @@ def _contact_sources(spec: KernelSpec, contact: Contact) -> _Sources:
     plant = without_drives(plant)
     held = replace(plant, brakes=True)
     main = forward(spec, held)
-    others |= {'_braked': main, '_inverse': of_text(plant, 'inverse_dynamics', dtype)}
+    others |= {'_braked': main, '_inverse': quantity_source(plant, 'inverse_dynamics', dtype)}
     if 'hits' in contact.programs or brakes:
         found = impulses(spec, plant)
         others |= {f'_{name}': source for name, source in found.items()}

@@ -4,7 +4,7 @@
 Sources of kernels: a robot, a scene and a method as a lowered program, recorded only if needed.
 
 Recording and lowering take longer than loading compiled code from disk. The facts that a kernel
-needs about its program and about the modules made of it are therefore kept on disk, too.
+needs about its program and about its modules is therefore cached on disk, too.
 """
 
 from __future__ import annotations
@@ -54,8 +54,8 @@ class KernelSource:
     lowered : callable
         Records and lowers the program.
     key : tuple of str, optional
-        All that decides the program, besides the source of this package (a plant's digest, a
-        method, a number format); without it nothing is kept on disk.
+        Everything that determines the program, except the source of this package (a plant's
+        digest, a method, a number format); without it nothing is kept on disk.
 
     Attributes
     ----------
@@ -101,19 +101,20 @@ class KernelSource:
         """The operations of the lowered program."""
         return sum(self.operations['compiled'].values())
 
-    def compile(self, module: str, text: Callable[[], str]) -> Native:
+    def compile(self, module: str, ir: Callable[[], str]) -> Native:
         """
         Return native code of the program.
 
         Parameters
         ----------
         module : str
-            All that decides the text besides the program, such as the name of a kind of module.
-        text : callable
+            Everything that determines the IR except the program, such as the name of a kind of
+            module.
+        ir : callable
             Writes the module of LLVM IR; called only if its object is not on disk.
 
         """
-        once = cache(text)
+        once = cache(ir)
         known = self._get_or_compute(module, lambda: asdict(outline(once())), _is_outline)
         return compile_outlined(Outline(**known), once, self.optimisation)
 
@@ -146,7 +147,7 @@ class ProductSource(KernelSource):
     A lowered program whose outputs are factors of the result (pfd_core.kernels.passes.product).
 
     Its `program`, `elements` and `operations` are those of the result, with the operations of the
-    product one by one. Native code is made of `factors`, and multiplies in loops.
+    product one by one. Native code uses `factors` and multiplies in loops.
     """
 
     @cached_property
@@ -179,14 +180,14 @@ def source_of(spec: KernelSpec) -> KernelSource:
     if spec.quantity == 'derivatives':
         return derivatives(spec)
     if spec.quantity in RECORDERS:
-        return of_text(spec.plant, spec.quantity, spec.dtype, spec.frame, spec.place)
+        return quantity_source(spec.plant, spec.quantity, spec.dtype, spec.frame, spec.place)
     return forward(spec)
 
 
 def forward(
     spec: KernelSpec, plant: Plant | None = None, names: Collection[str] = ('qdd',)
 ) -> KernelSource:
-    """Return the source of forward dynamics, of a plant in place of the spec's where given."""
+    """Return the source of forward dynamics, of a plant instead of the spec's if given."""
     plant = spec.plant if plant is None else plant
     method, refine, dtype = spec.method, spec.refine, spec.dtype
 
@@ -198,7 +199,7 @@ def forward(
     return KernelSource(lowered, ('forward', plant.digest, method, str(refine), dtype, *names))
 
 
-def of_text(
+def quantity_source(
     plant: Plant, quantity: str, dtype: str, frame: str | None = None, place: str = ''
 ) -> KernelSource:
     """Return the source of a quantity in pfd_core.algorithms.quantities, of a frame or of none."""
@@ -206,7 +207,7 @@ def of_text(
 
     def lowered() -> Stages:
         recorded = RECORDERS[quantity](plant, frame)
-        # A text need not read all arguments: a sliding joint alone has the same H everywhere.
+        # A program need not read all arguments: a sliding joint alone has the same H everywhere.
         return lower(replace(recorded, inputs=arguments | recorded.inputs), dtype)
 
     return KernelSource(lowered, (quantity, plant.digest, place, dtype))

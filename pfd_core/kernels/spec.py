@@ -15,7 +15,7 @@ from pfd_core.model.checked_numbers import DTYPES, choice
 from pfd_core.model.frames import known_frame
 
 # Forward dynamics at an instant of a step of a simulation, whose effects over time are the step's
-# own: of all joints, and of joints that stay in motion or are held by brakes.
+# own: of all joints, and of joints in motion or braked.
 STEP, STEP_IN_MOTION = 'step', 'step_in_motion'
 PLANTS: Mapping[str, Callable[[Plant], Plant]] = {
     STEP: without_step_effects,

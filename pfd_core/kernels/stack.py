@@ -10,7 +10,7 @@ STACK_BYTES = 4 << 20
 
 
 def check_stack(name: str, numbers: int) -> None:
-    """Raise ValueError for more numbers of a state than the stack of a thread has room for."""
+    """Raise ValueError if the numbers of a state exceed the stack of a thread."""
     # One register holds one number of each of the states that run at once.
     size = REGISTER_BYTES * numbers
     if size > STACK_BYTES:

@@ -3,7 +3,7 @@
 """
 The machine that algorithms are recorded for and run on; it knows no robots.
 
-In the order in which a text becomes a program and a result:
+In the order from recording to result:
 
     operations   the closed table of operations: meaning, LLVM spelling, cost, rules of derivatives
     fused        meaning of `fma` on NumPy arrays, one rounding
@@ -13,8 +13,8 @@ In the order in which a text becomes a program and a result:
     patterns     recurrences (prefix, suffix, affine), totals, sweeps, gather
     packing      partly filled rows of lanes packed onto full rows; packed recurrences
     iteration    a part of a program that is repeated until it has converged
-    program      Program, Instruction, Output; step counts (Steps), text form
-    extension    further instructions behind those of a program, equal expressions once
+    program      Program, Instruction, Output; step counts (Steps), string form
+    extension    further instructions appended to a program, equal expressions once
     rounding_errors   program -> recording of its values with their rounding errors
     derivative   program -> program of its Jacobians or directional derivatives
     emulator     runs a program in lock-step on NumPy or mpmath numbers

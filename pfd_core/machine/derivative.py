@@ -12,7 +12,7 @@ adjoint mode carries them from the outputs back, one sweep for each element of t
 rules of each operation are columns of the table (pfd_core.machine.operations).
 
 The new program is the old one with the derivatives' instructions after it, register by register
-the same, so that its outputs keep their bits. A derivative that is zero whatever the inputs costs
+the same, so that its outputs keep their bits. A derivative that is zero for all inputs costs
 nothing, nor does a factor 1 or -1; an expression that exists already is not recorded again. No
 number is rounded here: the program on 50 digits has 50 correct digits. The result is a program
 like any other: it can be differentiated again, which gives second derivatives.
@@ -24,7 +24,7 @@ already (pfd_core.kernels.passes.fold) are shorter: the adjoint of an expression
 twice goes back twice.
 
 A quotient and a square root have no derivative at zero, which gives infinity or NaN. An entry that
-is zero whatever the inputs stays zero also where the output itself is infinite or NaN. At the
+is zero for all inputs stays zero also where the output itself is infinite or NaN. At the
 switch of a `select` the derivative is that of the operand that is selected there.
 
 Source: Griewank and Walther, Evaluating Derivatives, 2nd ed. 2008, chapter 3.
@@ -66,7 +66,7 @@ def derivative(
     -------
     Program
         The outputs named, and for each output y and each input x an output `d {y}/d {x}`, of
-        shape (*y.shape, elements of x). Elements that are zero whatever the inputs are outputs,
+        shape (*y.shape, elements of x). Elements that are zero for all inputs are outputs,
         too.
 
     Raises
@@ -154,7 +154,7 @@ def directional(
 def _tangents(
     extension: Extension, active: Sequence[int], seeds: Mapping[int, Mapping[Element, Any]]
 ) -> dict[int, Mapping[Element, Any]]:
-    """Return the tangents of active registers by direction, zeros left out."""
+    """Return the tangents of active registers by direction, without zeros."""
     tangents = dict(seeds)
     sums = dict(_sums(extension.old))
     products = {product for product, _ in sums.values()}

@@ -99,7 +99,7 @@ class _Machine:
         self.turn = 0
 
     def run(self) -> None:
-        """Execute the instructions in order, going back where a loop says so."""
+        """Execute the instructions in order, repeating loops."""
         at = 0
         while at < len(self.registers):
             instruction = self.program.instructions[at]

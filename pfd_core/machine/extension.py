@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Further instructions behind those of a sequential program, written as formulas on its values.
+Further instructions appended to a sequential program, written as formulas on its values.
 
 The program's own instructions keep their registers. Equal expressions share a register, also with
 the program, and zeros, ones and signs that are known while recording cost no operation.
@@ -117,5 +117,5 @@ class Extension:
 
 
 def _key(op: str, args: tuple[int, ...], data: Any) -> tuple[Any, ...]:
-    # As text, because 0.0 == -0.0.
+    # As strings, because 0.0 == -0.0.
     return op, args, str(data) if op == 'constant' else data

@@ -33,7 +33,8 @@ def iterate(
         State before the first iteration.
     go : Lanes
         The control unit reads lane 0 before each iteration. A problem whose `go` is at the floor
-        or below, or NaN, is finished and keeps its state while other problems of its batch go on.
+        or below, or NaN, is finished and keeps its state while other problems of its batch
+        continue.
     at_most : int
         Largest number of iterations, at least 1.
     floor : Lanes, optional
@@ -74,7 +75,7 @@ def iterate(
 
 def _lane0(go: Lanes) -> int:
     if not go.defined & 1:
-        raise ValueError('iterate: lane 0 has no value to go on by')
+        raise ValueError('iterate: `go` has no value on lane 0')
     return go.registers[0]
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Functions of lane values that algorithm text calls: lanes switched on and off, data moved.
+Functions of lane values that algorithms call: lanes switched on and off, data moved.
 
     shift, broadcast     move values between lanes, by `route`
     on, merge            empty lanes, and fill empty lanes from another value
@@ -11,7 +11,7 @@ Functions of lane values that algorithm text calls: lanes switched on and off, d
 
 A lane takes part in an operation when all its operands have a value there: `shift` leaves the
 lanes without a neighbour empty, `on` empties lanes on purpose, `merge` fills them. This is how
-a text says which processors are switched on, and it costs nothing.
+an algorithm states which processors are switched on, and it costs nothing.
 """
 
 from __future__ import annotations

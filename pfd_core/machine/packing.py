@@ -3,8 +3,8 @@
 """
 Packing: the same work on many partly filled rows of lanes, moved onto full rows.
 
-A step of n processors costs the same whether all of them work or one. Where a text has rows of
-independent work that leave lanes idle (the pairs i < j of a triangle, a late level of a
+A step of n processors costs the same whether all of them work or one. Where an algorithm has rows
+of independent work that leave lanes idle (the pairs i < j of a triangle, a late level of a
 recurrence), their lanes can be laid side by side: k rows with m filled lanes in all take
 ceil(m / n) steps instead of k. The price is data moved between lanes, which the counts show as
 routes. One processor has nothing to pack, and the schedule `unpacked` does not pack either.

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The parallel patterns of the paper, as text over lanes. L = ceil(log2 n).
+The parallel patterns of the paper, over lanes. L = ceil(log2 n).
 
     prefix      X(i) = X(i-1) * x(i)             FOHRA, section 2.2      L levels
     suffix      X(i) = x(i) * X(i+1)             the same, downward      L levels
@@ -17,7 +17,7 @@ The parallel patterns of the paper, as text over lanes. L = ceil(log2 n).
 Lane i holds element i. `*` is any associative operation, given as a function of its left and
 right operand; an operand is a value over lanes, a vector, a matrix or a tuple of these.
 n processors run a recurrence by recursive doubling; one processor (the sequential schedule) runs
-it as a sweep, because that is less work. The algorithm text is the same.
+it as a sweep, because that is less work. The algorithm is the same.
 
 Corrected here: eq. (3) prints X(i-s) * X(i) for the coefficients of eq. (4), which is the
 order for x(i) = x(i-1) a(i); with matrix coefficients on the left it must be X(i) * X(i-s).
@@ -161,7 +161,7 @@ def column_sweep(
     b : Lanes
         Right-hand side, b_i on lane i.
     diagonal : Lanes or None
-        t_ii on lane i; None stands for ones.
+        t_ii on lane i; None means ones.
     downward : bool
         Whether T is upper triangular, and x is found from the last element to the first.
 
@@ -197,7 +197,7 @@ def gather(places: Mapping[int, tuple[Lanes, int]]) -> Lanes:
     Return on each lane of `places` the element that the mapping names.
 
     A lane can read any of its own registers, so that one route takes one element from each lane
-    to all lanes that ask for it: as many routes as the busiest lane has elements to send.
+    to all lanes that need it: as many routes as the busiest lane has elements to send.
 
     Parameters
     ----------

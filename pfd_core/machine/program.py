@@ -97,7 +97,7 @@ class Program:
     outputs: dict[str, Output]
 
     def __str__(self) -> str:
-        """Return the program as text, one instruction a line, sections as comments."""
+        """Return the program as a string, one instruction a line, sections as comments."""
         return '\n'.join(self._lines())
 
     def _lines(self) -> Iterator[str]:

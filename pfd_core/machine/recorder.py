@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Recording: algorithm text over lanes becomes a program.
+Recording: an algorithm over lanes becomes a program.
 
-A `Lanes` value stands for one number per lane. Arithmetic on it records an instruction; a
+A `Lanes` value is one number per lane. Arithmetic on it records an instruction; a
 vector or a matrix is a NumPy object array of `Lanes`, so that `R @ v` is NumPy's own loop and
 costs as many steps as it has products and sums. Python's `for` and `if` run while recording; the
 truth of a `Lanes` value is not known then, and asking for it raises TypeError.
@@ -11,10 +11,10 @@ truth of a `Lanes` value is not known then, and asking for it raises TypeError.
 A lane takes part in an operation when all its operands have a value there; pfd_core.machine.lanes
 has the functions that move, empty and fill lanes.
 
-Three schedules record the same text. `parallel` writes one instruction for all lanes, for n
+Three schedules record the same algorithm. `parallel` writes one instruction for all lanes, for n
 processors in lock-step, and packs partly filled rows of lanes (pfd_core.machine.packing).
 `unpacked` is the same without packing, for processors on which a route costs as much as
-arithmetic. `sequential` gives every lane of a value a register of its own and moves data by
+arithmetic. `sequential` gives every lane of a value a separate register and moves data by
 renaming, for one processor: its program has a single lane.
 """
 
@@ -99,12 +99,12 @@ class Lanes:
 
 class Recorder:
     """
-    Writes a program while algorithm text runs.
+    Writes a program while an algorithm runs.
 
     Parameters
     ----------
     lanes : int
-        Number of lanes of the text, at least 1.
+        Number of lanes, at least 1.
     schedule : {'parallel', 'unpacked', 'sequential'}
         How lanes become instructions; see the module.
 

@@ -35,7 +35,7 @@ from pfd_core.machine.recorder import Lanes, Recorder
 
 # pi / 2 to 60 digits.
 HALF_PI = Fraction('1.57079632679489661923132169163975144209858469968755291048747')
-# Terms of the series that are smaller than this, in units of rounding, are left out.
+# Terms of the series that are smaller than this, in units of rounding, are ignored.
 SMALLEST_TERM = 1e-3
 # Coefficients of each series whose rounding matters, for angles of at most pi / 4.
 WITH_ERRORS = 2
@@ -215,7 +215,7 @@ class RoundingErrors:
         k = self._fma(x.value, turns, whole) - whole
         angle = self.product(Approximate(k), self.constant(HALF_PI))
         r = self.sum(x, self.negative(angle))
-        # The reduction may leave an error that is not small beside r.
+        # The reduction may leave an error that is not small compared with r.
         return k, self.sum(Approximate(r.value), Approximate(self._or_zero(r.error)))
 
     def _turned(self, k: Lanes, r: Approximate) -> tuple[Approximate, Approximate]:

@@ -3,7 +3,7 @@
 """
 A systolic array: cells on a grid, a latch on every link between neighbours, one clock.
 
-    cycle t, first phase     every cell with an item in a latch of its own computes its next
+    cycle t, first phase     every cell with an item in its latch computes its next
                              state and the items that it sends, from the latches of cycle t - 1
     cycle t, second phase    all states and all latches change at once
 
@@ -45,7 +45,7 @@ class Ports:
     The latches of one cell in one cycle.
 
     `ports['left']` is the item that came from the left, None if nothing came, and a LinkError
-    if there is no such link; `'left' in ports` tells whether the link exists.
+    if there is no such link; `'left' in ports` is whether the link exists.
     """
 
     __slots__ = ('_items', '_linked', '_place')

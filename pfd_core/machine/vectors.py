@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Vectors and matrices of lane values, where NumPy has no product of its own for them.
+Vectors and matrices of lane values, for which NumPy has no product.
 
 A 3-vector is an object array (3,), a matrix (3, 3); `R @ v` is NumPy's. A symmetric matrix is
 kept as its six different elements, object array (6,): xx, xy, xz, yy, yz, zz.

@@ -3,16 +3,16 @@
 """
 Models: a robot is a serial chain, and a scene is the set of effects that act on it.
 
-    loading             load_robot: a robot by name, from a file or from text; load_scene
+    loading             load_robot: a robot by name, from a file or a string; load_scene
     yaml_reader         YAML text -> dict, list and str, bounded; tables with known keys
     yaml_scene          scenes from YAML
     yaml_robot          robots as YAML: tables from papers, and robots stored to the last bit
     rotors              rotors behind gears: their inertia at the joint
-    urdf_reader         URDF text -> Urdf, the one record that all readers of a URDF share
+    urdf_reader         URDF string -> Urdf, the one record for all readers of a URDF
     urdf_chain          which joints of a URDF move, and which links each of them carries
     urdf_robot          the chain of a URDF, welded and brought to the frames of a Robot
     urdf_writer         robots as URDF
-    xacro_files         .xacro files -> URDF text, by the package xacro
+    xacro_files         .xacro files -> URDF string, by the package xacro
     geometry            rotations, frames and rigid bodies as arrays with exact zeros and ones
     rigid_body_checks   conditions on a rotation and an inertia, with their tolerances
     frames              Frame: a frame fixed to a link; the frames of a robot by name

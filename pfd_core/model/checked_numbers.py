@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from pfd_core.model.error_text import quote
 
 Array = NDArray[Any]
-# Lengths of the dimensions; a str names one of any length, and a leading ... stands for a batch.
+# Lengths of the dimensions; a str names one of any length, and a leading ... means a batch.
 Shape = tuple[Any, ...]
 
 # Nothing about a robot is larger, and products of three such numbers are still finite.
@@ -90,8 +90,8 @@ def real_array(
     Raises
     ------
     ValueError
-        If an element is complex, a bool, a text, a date, None, masked or has units; if it is NaN,
-        infinite, larger than `largest` or than the format; if the shape is another.
+        If an element is complex, a bool, a string, a date, None, masked or has units; if it is
+        NaN, infinite, larger than `largest` or than the format; if the shape is another.
 
     """
     if type(value) is np.ndarray and value.dtype is _NATIVE[dtype]:
@@ -113,7 +113,7 @@ def real_number(name: str, value: Any, *, finite: bool = True, largest: float = 
 
 def number_from_text(name: str, text: str, *, infinite: bool = False) -> float:
     """
-    Return the number that a text holds.
+    Return the number in a string.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def fit_shape(name: str, array: Array, shape: Shape, broadcast: bool = False) ->
     """
     Return an array of a shape, broadcast to it on demand; ValueError for another shape.
 
-    In the shape, a str names a dimension of any length, and a leading ... stands for any number
+    In the shape, a str names a dimension of any length, and a leading ... means any number
     of dimensions; not so in a shape to broadcast to.
     """
     if array.shape == shape:

@@ -75,7 +75,7 @@ def with_ends(
     robot: str, frames: Mapping[str, Frame], base: str, tip: str, n: int
 ) -> Mapping[str, Frame]:
     """
-    Return the frames of a robot with n joints, those of its base link and its tip among them.
+    Return the frames of a robot with n joints, including its base link and its tip.
 
     Of two that have one name the tip counts. ValueError for a frame of a link beyond the last.
     """

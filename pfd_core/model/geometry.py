@@ -174,8 +174,8 @@ def welded_frames(placements: list[Placement], bodies: list[Body]) -> dict[str, 
     """
     Bring a chain from the frames of its joints to the frames of Lee and Chang.
 
-    Joint i turns about, or slides along, z of a frame of its own, which stands at
-    `placements[i-1]` in the frame of joint i-1; frame 0 is that of the first joint. Link i moves
+    Joint i turns about, or slides along, z of a separate frame, which is at
+    `placements[i-1]` in the frame of joint i-1; frame 0 is the first joint's. Link i moves
     with the frame of joint i; frame i of the paper is the frame of joint i+1 at rest on link i.
 
     Parameters

@@ -167,7 +167,7 @@ def load_scene(source: str | PathLike[str]) -> Scene:
     if isinstance(source, str) and '\n' in source:
         return scene_from_yaml(source, 'YAML text')
     if not _is_path(source):
-        raise ValueError(f'source must be a path or text, got {quote(source)}')
+        raise ValueError(f'source must be a path or a YAML string, got {quote(source)}')
     path = Path(source)
     if not _is_there(path):
         raise ValueError(f'no scene file {quote(str(path))} (looked in {quote(str(Path.cwd()))})')
@@ -191,7 +191,7 @@ def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:
             known = _robot_files()[source]
             return known.read_text('utf-8'), str(known), False
     if not _is_path(source):
-        raise ValueError(f'source must be a name, a path or text, got {quote(source)}')
+        raise ValueError(f'source must be a name, a path or a string, got {quote(source)}')
     path = Path(source)
     if path.suffix not in (*URDF, XACRO, *YAML) and len(path.parts) == 1 and not _is_there(path):
         raise ValueError(

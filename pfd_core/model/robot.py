@@ -5,7 +5,7 @@ A serial chain in the frames of Lee and Chang (1987), checked once.
 
 Frame 0 is fixed to the base link, frame i to link i. The axis of joint i is z of frame i-1;
 the origin of frame i lies on the axis of joint i+1, and its z axis is that axis. Frame n is
-the frame of the tip link. At joint position q_i, frame i stands in frame i-1 at
+the frame of the tip link. At joint position q_i, the pose of frame i in frame i-1 is
 
     revolute, continuous    R_i = Rz(q_i) A_i    p_i = Rz(q_i) a_i
     prismatic               R_i = A_i            p_i = a_i + q_i z
@@ -66,7 +66,7 @@ class PhysicsWarning(UserWarning):
 @dataclass(frozen=True, eq=False)
 class Robot(FrozenArrays):
     """
-    A chain of n joints; joint i and link i stand at index i-1.
+    A chain of n joints; joint i and link i have index i-1.
 
     Two robots are equal when their numbers and names are (their `digest`).
 
@@ -93,7 +93,7 @@ class Robot(FrozenArrays):
     damping, friction : ndarray
         (n,) [N m s/rad, N m; prismatic N s/m, N]: viscous and Coulomb; 0 where it gives none.
     base, tip : str
-        Names of the link that stands still and of the link whose frame is frame n.
+        Names of the fixed link and of the link whose frame is frame n.
     source : str
         Origin of the numbers.
     accepted : tuple of str
@@ -101,17 +101,18 @@ class Robot(FrozenArrays):
     snapped_joints : tuple of str
         Joints of the URDF, also fixed ones, with a nearly right angle that was made exact.
     frames : mapping
-        Name -> Frame of each link that the chain carries or stands on, of base and tip at least.
+        Name -> Frame of each link fixed to a link of the chain or to the base; at least base and
+        tip.
 
     Raises
     ------
     ValueError
-        If a shape, a name or a number is wrong; the text names it.
+        If a shape, a name or a number is wrong, with its name.
 
     Warns
     -----
     PhysicsWarning
-        If principal moments of inertia break the triangle rule, as those of no body do.
+        If principal moments of inertia violate the triangle inequality.
 
     """
 
@@ -148,7 +149,7 @@ class Robot(FrozenArrays):
         _check_numbers(self)
         frames = with_ends(self.name, self.frames, self.base, self.tip, self.n)
         object.__setattr__(self, 'frames', frames)
-        # Symmetric to rounding becomes symmetric to the bit: half of a file's text suffices.
+        # Symmetrize to the bit.
         J = self.inertias
         object.__setattr__(self, 'inertias', frozen((J + J.transpose(0, 2, 1)) / 2))
         _warn_of_impossible_bodies(self)
@@ -164,7 +165,7 @@ class Robot(FrozenArrays):
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256 of all numbers and names but those of frames, as 64 hexadecimal digits."""
+        """SHA-256 of all numbers and names except frames, as 64 hexadecimal digits."""
         state = hashlib.sha256()
         for item in fields(self):
             if item.name in ('source', 'accepted', 'snapped_joints', 'frames'):
@@ -213,7 +214,7 @@ def _names(key: str, value: Iterable[str]) -> tuple[str, ...]:
         with suppress(TypeError):  # not iterable
             names = tuple(value)
     if names is None or not all(isinstance(name, str) for name in names):
-        raise ValueError(f'{key} must be a tuple of texts, got {quote(value)}')
+        raise ValueError(f'{key} must be a tuple of strings, got {quote(value)}')
     return names
 
 
@@ -242,7 +243,7 @@ def _check_joints(robot: Robot) -> None:
         )
     for key in ('base', 'tip', 'source'):
         if not isinstance(getattr(robot, key), str):
-            raise ValueError(f'{key} must be a text, got {quote(getattr(robot, key))}')
+            raise ValueError(f'{key} must be a string, got {quote(getattr(robot, key))}')
     many = [name for name, count in Counter(robot.joint_names).items() if count > 1]
     if many:
         raise ValueError(f'{quote(robot.name)}: joint name {quote(many[0])} occurs more than once')

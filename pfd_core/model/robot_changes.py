@@ -32,7 +32,7 @@ from pfd_core.model.robot import JOINT_FIELDS, LINK_FIELDS, Robot, check_robot
 @dataclass(frozen=True)
 class Payload:
     """
-    A body held rigidly by the last link.
+    A body fixed rigidly to the last link.
 
     Attributes
     ----------

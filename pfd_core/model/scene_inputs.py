@@ -38,15 +38,15 @@ def scene_inputs(
     wrench : array_like or None
         Force [N] and moment [N m] on the last link, (..., 6); exactly if the scene has one.
     brakes : array_like of bool or None
-        True for joints that are held, (..., n); only if the scene has brakes. None holds none.
+        True for braked joints, (..., n); only if the scene has brakes. None means no joint.
     batch : tuple of int, optional
         Leading dimensions to which the inputs are broadcast; default: as given.
 
     Returns
     -------
     dict
-        `wrench`, (..., 6), and `free`, (..., n), 1 for joints that move and 0 for held ones; each
-        only if the scene has it.
+        `wrench`, (..., 6), and `free`, (..., n), 1 for joints that move and 0 for braked ones;
+        each only if the scene has it.
 
     Raises
     ------
@@ -69,8 +69,8 @@ def scene_inputs(
         if brakes is None:
             inputs['free'] = _all_free((*(batch or ()), n), dtype)
         else:
-            held = _in_batch('brakes', _bools('brakes', brakes), n, batch)
-            inputs['free'] = (~held).astype(dtype)
+            braked = _in_batch('brakes', _bools('brakes', brakes), n, batch)
+            inputs['free'] = (~braked).astype(dtype)
     elif brakes is not None:
         raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
     return inputs
@@ -102,5 +102,5 @@ def _bools(name: str, value: ArrayLike) -> NDArray[np.bool_]:
     except (TypeError, ValueError, RuntimeError):
         array = np.asarray(None)
     if array.dtype != bool:
-        raise ValueError(f'{name} must be an array of bool, True for held, got {quote(value)}')
+        raise ValueError(f'{name} must be an array of bool, True for braked, got {quote(value)}')
     return array

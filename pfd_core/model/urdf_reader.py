@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-URDF text -> `Urdf`, the one record of a model that all readers of a URDF share.
+URDF string -> `Urdf`, the one record of a model for all readers of a URDF.
 
 Other readers drop an <inertial> that they cannot read and carry on without the link's mass. Here
 a number, an element or a name that breaks the format is an error that names its link or joint.
@@ -33,7 +33,7 @@ INERTIA_KEYS = ('ixx', 'ixy', 'ixz', 'iyy', 'iyz', 'izz')
 # Rotors: local name of the inertia -> local name of the ratio. The format has no element for the
 # inertia of a rotor. Two extensions are read, both in the <actuator> of a <transmission> with one
 # joint: Drake's <drake:rotor_inertia value> with <drake:gear_ratio value>, and <motorInertia> with
-# the format's <mechanicalReduction>. A reduction alone says nothing: most files have 1 or its
+# the format's <mechanicalReduction>. A reduction alone is ambiguous: most files have 1 or its
 # inverse there (docs/decisions/0013-motor-torques.md).
 ROTORS = {'rotor_inertia': 'gear_ratio', 'motorInertia': 'mechanicalReduction'}
 BOUNDS, LARGEST_VALUES, LOSSES = (
@@ -117,7 +117,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Mimic:
-    """A joint that stands at multiplier * (position of the joint `leader`) + offset [rad, m]."""
+    """A joint at position multiplier * (position of the joint `leader`) + offset [rad, m]."""
 
     leader: str
     multiplier: float
@@ -149,7 +149,7 @@ class ControlledJoint:
     """
     A joint of a <ros2_control> block.
 
-    `initial_positions` are the texts of all initial values of its position.
+    `initial_positions` are the strings of all initial values of its position.
     """
 
     name: str
@@ -255,7 +255,7 @@ def parse_urdf(text: str, source: str = 'URDF text') -> Urdf:
     """
     root = _parsed(text)
     if root.tag != 'robot':
-        raise ValueError(f'a URDF starts with <robot>, this text with <{quote(root.tag)[1:-1]}>')
+        raise ValueError(f'a URDF starts with <robot>, this string with <{quote(root.tag)[1:-1]}>')
     links: dict[str, Inertial | None] = {}
     for element in root.findall('link'):
         name = _name(element, links)

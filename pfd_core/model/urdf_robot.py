@@ -147,7 +147,7 @@ def _link_frames(
     """
     Return the frame of each link in the frame of the moving joint that carries it.
 
-    The axis of a moving joint is z of its frame. Links that stand still are given in the frame of
+    The axis of a moving joint is z of its frame. Fixed links are given in the frame of
     the topmost one.
     """
     frames: dict[str, Placement] = {chain.held: (np.eye(3), np.zeros(3))}
@@ -164,7 +164,7 @@ def _link_frames(
 def _carried_frames(
     chain: Chain, frames: Mapping[str, Placement], placements: list[Placement], length: float
 ) -> dict[str, Frame]:
-    """Return the frames of all links that the chain carries or stands on."""
+    """Return the frames of all links fixed to a link of the chain or to the base."""
     numbers = {joint.name: k for k, joint in enumerate(chain.joints, 1)}
     # The base link, and frames 1 to n of the Robot, in the frames in which links are given.
     ends = [frames[chain.base], *placements[1:]]
@@ -255,7 +255,7 @@ def _warn_of_missing_limits(chain: Chain) -> None:
 def _placements(
     chain: Chain, turns: Mapping[str, Array], frames: Mapping[str, Placement]
 ) -> list[Placement]:
-    """Return each joint's frame in that of the joint before it, and the tip in the last one."""
+    """Return each joint's frame in the previous joint's frame, and the tip in the last one."""
     base = inverse(frames[chain.base])
     placements = []
     for k, joint in enumerate(chain.joints):

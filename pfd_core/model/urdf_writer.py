@@ -31,7 +31,7 @@ def robot_to_urdf(robot: Robot) -> str:
     """
     Return a robot as URDF; `load_robot` reads the same robot from it, to rounding.
 
-    ValueError if a URDF cannot hold it: a name that XML cannot hold, or one that occurs twice.
+    ValueError for a name that XML cannot represent, or a duplicate name.
     """
     check_robot(robot)
     root = ElementTree.Element('robot', name=robot.name)
@@ -143,5 +143,5 @@ def _add(parent: ElementTree.Element, tag: str, **attributes: str) -> None:
 
 
 def _text(numbers: Iterable[float]) -> str:
-    """Return numbers as text, to the last bit."""
+    """Return numbers as a string, exact to the last bit."""
     return ' '.join(repr(float(number)) for number in numbers)

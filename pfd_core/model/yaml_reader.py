@@ -3,12 +3,12 @@
 """
 YAML as dict, list and str, with bounds on size and depth.
 
-    read_yaml    the document of a text
+    read_yaml    the document of a YAML string
     table        a table of it with the keys that it must and may have
-    yaml_text    the text of a document
+    yaml_text    the YAML of a document
 
 YAML 1.1 reads `no` as false, 1:30 as 90 and 1_0 as 10, and takes the last of two equal keys. Here
-every scalar stays a text, which the caller converts, and two equal keys are an error.
+every scalar stays a string, which the caller converts, and two equal keys are an error.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ def read_yaml(text: str, source: str) -> Any:
     Parameters
     ----------
     text : str
-        The text; anchors, aliases and merge keys may be used.
+        The YAML; anchors, aliases and merge keys may be used.
     source : str
-        Origin of the text, for errors.
+        Origin of the YAML, for errors.
 
     Raises
     ------
     ValueError
-        If the text is no YAML, has two equal keys or a tag, or is too large with its aliases
+        If it is no YAML, has two equal keys or a tag, or is too large with its aliases
         expanded.
 
     """
@@ -80,7 +80,7 @@ def yaml_text(document: Mapping[str, Any]) -> str:
 
 
 class _Loader(yaml.SafeLoader):  # type: ignore[misc]
-    """Composes texts, lists and tables, and counts their nodes with aliases expanded."""
+    """Composes strings, lists and tables, and counts their nodes with aliases expanded."""
 
     # Of all scalars, only the merge key << keeps its meaning.
     yaml_implicit_resolvers = {'<': yaml.SafeLoader.yaml_implicit_resolvers['<']}  # noqa: RUF012
@@ -124,7 +124,7 @@ def _check_node(node: Any) -> None:
         counts = Counter(keys)
         twice = [key for key in counts if counts[key] > 1 and key != '<<']
         if len(keys) != len(node.value):
-            problem = 'a key is no text'
+            problem = 'a key is not a string'
         elif twice:
             problem = f'key {quote(twice[0])} occurs more than once'
     if problem:

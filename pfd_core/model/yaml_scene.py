@@ -28,19 +28,19 @@ SCENE, PAYLOAD = (tuple(item.name for item in fields(part)) for part in (Scene, 
 
 def scene_from_yaml(text: str, source: str) -> Scene:
     """
-    Return the scene that a YAML text describes.
+    Return the scene of a YAML string.
 
     Parameters
     ----------
     text : str
-        The text, in the format of this module.
+        The YAML, in the format of this module.
     source : str
-        Origin of the text, for errors.
+        Origin of the YAML, for errors.
 
     Raises
     ------
     ValueError
-        If the text is no YAML, a key is unknown or occurs twice, or a value is refused by Scene.
+        If it is no YAML, a key is unknown or duplicate, or Scene rejects a value.
 
     """
     document = read_yaml(text, source)
@@ -64,7 +64,7 @@ def _scene(label: str, value: Any) -> Scene:
 
 
 def _value(key: str, item: Any) -> Any:
-    """Return a text as a number or the value of a word, and a list with all its texts so."""
+    """Return a string as a number or a keyword's value; also each element of a list."""
     if isinstance(item, list):
         return [_value(key, entry) for entry in item]
     if not isinstance(item, str):

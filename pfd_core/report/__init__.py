@@ -8,7 +8,8 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
 `pfd report counts` (docs/report/counts.md, .json, .png and array.svg):
 
     paper            claims of the paper: formulas and values of Table 1, sums of its parts
-    counts           steps of every method measured on recorded programs, beside the claims (Row)
+    counts           steps of every method measured on recorded programs, compared with the paper
+    (Row)
     convergence      iterations of the iterative methods to converge, and errors after n iterations
     array_activity   picture of the triangular array at work, by cycle
     counts_pages     the page: its sections, tables, columns and plot over n; writes all files
@@ -27,13 +28,13 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
     speed_tables     tables of ways over robots, and their cells
     speed_pages      the page: its tables and columns, JSON and plot
 
-Quantities beside forward dynamics, short tables of both reports of the speed, and pages of one
+Quantities other than forward dynamics, short tables of both reports of the speed, and pages of one
 with `--quantity NAME` (speed-NAME.md, speed-against-error-NAME.md, .json, .png and .svg):
 
     quantity_kernels  the table of quantities, kernels, states and references (QUANTITIES)
     quantity_peers    Pinocchio's function of each quantity, called from Python (PINOCCHIO)
-    quantity_casadi   texts of a textbook for CasADi's C (TEXTS)
-    quantity_rows     times, port limits and errors beside 50 digits (Plan)
+    quantity_casadi   textbook algorithms for CasADi's C (TEXTS)
+    quantity_rows     times, port limits and errors compared with 50 digits (Plan)
     quantity_tables   ratios to the peers, time and error, and notes on what figures leave out
     quantity_plot     the plot of time against error
     quantity_pages    the pages of one quantity
@@ -43,9 +44,11 @@ with `--quantity NAME` (speed-NAME.md, speed-against-error-NAME.md, .json, .png 
     hard_case_problems   robots and states of the cases: chains of rods, arms (Problem)
     hard_cases           the table of cases: cause, problem and bounds (Case)
     hard_case_reference  qdd in 50 digits with its certificate, and condition numbers
-    error_estimates      estimates of refined kernels beside their errors, over random states (Row)
-    hard_case_errors     errors of the kernel, every method and peers beside it (Result)
-    hard_case_motions    motions without acceleration: a held arm, an hour of turning (SteadyRun)
+    error_estimates      estimates of refined kernels compared with their errors, over random
+    states (Row)
+    hard_case_errors     errors of the kernel, every method and peers (Result)
+    hard_case_motions    motions without acceleration: an arm at rest, an hour of turning
+    (SteadyRun)
     decimals             programs on Python's decimal numbers, one state at a time
     extrapolation        end of a motion, extrapolated in extended precision
     trajectory_cases     the tables of hard motions and of their runs' bounds (Motion, Check)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Time of an evaluation of forward dynamics beside its error, at ordinary and hard cases.
+Time of an evaluation of forward dynamics over its error, at ordinary and hard cases.
 
 Each point is a method, number format and number of refinement steps, or a peer, with a batch
 size: seconds for each state, and the largest error over the states of the case. Cases, references
@@ -81,7 +81,7 @@ class CaseFacts:
     """
     A case with its condition numbers and the certificate of its reference.
 
-    `auto` and `refined` are the methods that 'auto' stands for, without and with refinement.
+    `auto` and `refined` are the methods that 'auto' selects, without and with refinement.
     """
 
     name: str
@@ -96,7 +96,7 @@ class CaseFacts:
     residual: float
 
     def default(self, refine: int) -> str:
-        """Return the method that 'auto' stands for with some steps of refinement."""
+        """Return the method that 'auto' selects with some steps of refinement."""
         return self.refined if refine else self.auto
 
 
@@ -167,7 +167,7 @@ class Solved:
 
 
 def measure(name: str, plan: Plan) -> tuple[CaseFacts, list[Point], list[str]]:
-    """Return a case, its points, and the ways that were left out with the reasons."""
+    """Return a case, its points, and the excluded implementations with reasons."""
     (case,) = (case for case in CASES if case.name == name)
     show_progress(f'{name}: reference')
     problem = case.make()

@@ -3,7 +3,8 @@
 """
 Plots of speed against error: one panel for each case, and work-precision of the integrators.
 
-Colours are those of Okabe and Ito, which the colour-blind tell apart; markers differ as well.
+Colours are those of Okabe and Ito, which colour-blind readers can distinguish; markers differ as
+well.
 """
 
 from __future__ import annotations
@@ -162,7 +163,7 @@ def _place(point: Point) -> tuple[float, float] | None:
 
 
 def _explain(axes: Any, points: Sequence[Point]) -> None:
-    """Draw the legend into a panel of its own."""
+    """Draw the legend into a separate panel."""
     from matplotlib.lines import Line2D
 
     def entry(colour: str, marker: str, label: str, size: int, edge: str) -> Any:

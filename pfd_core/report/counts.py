@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Steps of every system, measured on recorded programs, beside the formulas of the paper's Table 1.
+Steps of every system, counted on recorded programs, compared with the paper's Table 1.
 
 The paper counts divisions as multiplications and takes the rotation of each joint as given; so do
 the comparisons here, and the tables show divisions in a column of their own. Routes, steps that

@@ -249,7 +249,7 @@ def write(rows: Sequence[Row], iterations: Sequence[Convergence], folder: Path) 
     """
     Write counts.md, counts.json, the activity of the array, array.svg, and a plot, counts.png.
 
-    The plot is left out where matplotlib (extra `report`) is not installed.
+    The plot is skipped if matplotlib (extra `report`) is not installed.
     """
     folder.mkdir(parents=True, exist_ok=True)
     page, data = folder / 'counts.md', folder / 'counts.json'

@@ -5,8 +5,8 @@ Programs run one state at a time on Python's decimal numbers, for long motions i
 
 Python's decimal numbers are written in C: an evaluation takes a twentieth of the emulator's time
 with mpmath. Products with zero and one and sums with zero, which a recording has many of, are
-left out; all else is done as recorded. Sine and cosine are Taylor series of an angle that is
-halved first.
+skipped; everything else is executed as recorded. Sine and cosine are Taylor series of an angle
+that is halved first.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Error estimates of refined kernels beside the errors that they estimate, over random states.
+Error estimates of refined kernels compared with the errors that they estimate, over random states.
 
 An estimate is of the answer before the step of refinement. That answer is read from the refined
 program itself: a kernel without refinement rounds differently in its last bits. Estimate and
@@ -144,7 +144,7 @@ def estimated(problem: Problem, dtype: str, method: str = 'auto') -> Estimated:
     method = choose(problem.plant, method, 1)
     recorded = record_with_first_answer(problem.plant, method, dtype)
     program = lower(recorded, dtype, ['qdd', 'error', 'before']).compiled
-    # A lost answer divides by zero and overflows: its error says so.
+    # A lost answer divides by zero and overflows: its error is infinite.
     with np.errstate(all='ignore'):
         result = run(program, problem.states, dtype)
     return Estimated(result['qdd'], result['before'], result['error'][:, 0].astype(np.float64))

@@ -55,11 +55,11 @@ class KernelRow:
     Attributes
     ----------
     dtype, refine, method : str, int, str
-        Number format, steps of refinement, and the method that 'auto' stands for.
+        Number format, steps of refinement, and the method that 'auto' selects.
     error, in_units : float
         Largest error, and largest error over kappa_s u.
     bound : str or None
-        The bound of the case as text, where it has one.
+        The bound of the case as a string, if any.
     met : bool or None
         Whether the bound is met, and the bits of the twin, if the case has one, are the same.
     before : float or None
@@ -133,7 +133,7 @@ def _record(plant: Plant, method: str, refine: int, dtype: str) -> Program:
 
 
 def _run(program: Program, states: States, dtype: str) -> dict[str, Any]:
-    # A lost answer divides by zero and overflows: its error says so.
+    # A lost answer divides by zero and overflows: its error is infinite.
     with np.errstate(all='ignore'):
         return run(program, states, dtype)
 

@@ -24,7 +24,7 @@ from pfd_core.simulation.simulator import Simulator
 
 SAMPLES = 100
 STEP = 1e-3
-# Part of its friction that gravity takes at each joint of the arm that is held.
+# Part of its friction that gravity takes at each joint of the arm in equilibrium.
 HELD = 0.95
 # Friction of the joints that gravity hardly loads [N m].
 LEAST_FRICTION = 0.1

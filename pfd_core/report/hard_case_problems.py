@@ -180,7 +180,7 @@ def one_link(index: int, mass: float) -> Problem:
 
 
 def far(distance: float) -> Problem:
-    """Return a chain with its base at a distance [m]; its twin stands at the origin."""
+    """Return a chain with its base at a distance [m]; its twin is at the origin."""
 
     def at(x: float) -> Problem:
         return problem(replace(chain(6, 'yz'), base_position=np.array([x, 0.0, 0.0])))

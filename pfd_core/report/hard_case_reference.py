@@ -1,18 +1,19 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Certified references of the hard cases, condition numbers, and errors beside the references.
+Certified references of the hard cases, condition numbers, and errors relative to the references.
 
 The reference is qdd in 50 digits by articulated bodies, in the axes of each link. It is certified
 by PCRBM, which solves with an inertia matrix of sums in other frames, and by the torque that
 Newton and Euler's equations miss, both in 50 digits.
 
-    error      |x - qdd| / |qdd|, Euclidean; for a held arm relative to |qdd| without torques
+    error      |x - qdd| / |qdd|, Euclidean; for an arm in equilibrium relative to |qdd| without
+    torques
     kappa_j    condition number of D^-1/2 H D^-1/2, D the diagonal of H
     kappa_s    largest |change of qdd| / |qdd| when every number of the robot, scene and state
                changes by its 2^-40th part up or down, over 2^-40, in DIRECTIONS drawn signs
 
-Rotations between the joints are left out of kappa_s.
+Rotations between the joints do not enter kappa_s.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ States at which forward dynamics is hard to compute, as one table (CASES).
 
 A case is a robot in a scene and seeded states, with the cause of its difficulty and bounds of the
 relative error of qdd. The bounds hold for the kernel of method 'auto' with one step of refinement.
-They were set before this table was measured, but for that of static_hold; a case that misses its
+They were set before this table was measured, except for static_hold; a case that misses its
 bound is reported as missed.
 """
 
@@ -108,11 +108,11 @@ LAW = Bound(100, 'kappa_s u')
 TIGHT, SINGLE = Bound(20, 'u'), Bound(1e-6)
 STRETCHED = 'H is nearly singular: its condition grows with n^4 along a stretched chain'
 HEAVY = 'small inertias are differences of large ones that the heavy last link leaves'
-COAXIAL = 'the inertia between two joints on one axis is all that tells them apart'
+COAXIAL = 'two joints on one axis are distinguished only by the inertia between them'
 LIGHT_TIP = 'sums about the base swamp the inertia of the last link'
 WRIST = 'two axes of the wrist nearly coincide: singular kinematics'
 UNITS = 'a hidden absolute tolerance, or an exponent out of range'
-MASSLESS = 'a link without inertia of its own: a pivot of zero in a careless elimination'
+MASSLESS = 'a link without inertia: a zero pivot in a careless elimination'
 
 CASES: Sequence[Case] = (
     Case('stretched_12', STRETCHED, lambda: problem(chain(12, 'y'), q=0.0), LAW),
@@ -174,7 +174,7 @@ CASES: Sequence[Case] = (
     Case('wrist_q5_1e-4', WRIST, lambda: wrist(1e-4), TIGHT, SINGLE),
     Case(
         'fast_qd_1e6',
-        'velocity products of 1e12 beside torques of 1',
+        'velocity products of 1e12 compared with torques of 1',
         lambda: problem(chain(6, 'yz'), qd=1e6),
         LAW,
         Bound(1e-5),
@@ -221,10 +221,10 @@ CASES: Sequence[Case] = (
 
 # Cases of other lists that are not in the report, by the reason.
 LATER = {
-    'inputs, repeated runs and iterations of pcgm, tested elsewhere': (
+    'inputs, repeated runs and iterations of pcgm (see the tests)': (
         'bad_inputs',
         'determinism',
         'cg_baseline',
     ),
-    'arms that config/robots does not have': ('seven of the eleven ordinary arms',),
+    'arms not included in config/robots': ('seven of the eleven ordinary arms',),
 }

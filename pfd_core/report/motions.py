@@ -149,7 +149,7 @@ def _states(motion: Motion, method: str, longest: float) -> tuple[Array, Array]:
             method=method,
             refine=1,
             dense=False,
-            longest_step=longest,
+            max_step=longest,
         )
         if run.status != 'ok':
             raise ArithmeticError(f'{motion.name} has no reference: {run.status}')

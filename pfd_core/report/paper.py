@@ -5,11 +5,11 @@ Claims of Lee and Chang (1987): Table 1, the sums of their own parts, and contra
 
 Each claim is a formula in n with L = ceil(log2 n), h = ceil((n-1)/2), P6 = ceil((n^2-1)/6) and
 P2 = ceil((n^2-1)/2), as printed, with the value printed for n = 6. `parts` is the sum of the
-counts that the text derives for the parts of the method: items (a) to (f) of section 2.5 for
+counts that the paper derives for the parts of the method: items (a) to (f) of section 2.5 for
 PCRBM, (d) and (e) of section 3 for PCGM. The serial methods and the array have no `parts`.
 
-The text at hand is a scan. Of the multiplications of PCRBM in Table 1 it shows P6, 10 h and 4 n;
-31 L + 170 is from the formula of section 2.5, which prints 2 n in place of 4 n.
+The available copy is a scan. Of the multiplications of PCRBM in Table 1 it shows P6, 10 h and 4 n;
+31 L + 170 is from the formula of section 2.5, which prints 2 n instead of 4 n.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class Claim:
     printed : int or None
         The value printed for n = 6.
     parts : callable or None
-        Sum of the parts that the text counts.
+        Sum of the parts that the paper counts.
     remark : str
         Contradictions in the paper, or omissions of a comparison; or empty.
 

@@ -4,7 +4,7 @@
 Pinocchio and MuJoCo as contenders, made from the numbers of our own robot.
 
 Both sides then compute with the same angles, without the rounding of a URDF. Each peer is
-installed by the extra `peers`, and left out where it is absent. CasADi is in textbook.py.
+installed by the extra `peers`, and skipped if absent. CasADi is in textbook.py.
 """
 
 from __future__ import annotations

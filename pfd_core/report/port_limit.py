@@ -83,7 +83,7 @@ def mix(operations: Mapping[str, int]) -> list[str]:
     return [name for _, name in sorted(places)]
 
 
-def loop_text(operations: Mapping[str, int], form: Format, chains: int) -> str:
+def loop_ir(operations: Mapping[str, int], form: Format, chains: int) -> str:
     """
     Return `void @port_limit(i64 count, ptr numbers, ptr results)`: the mix, `count` times.
 
@@ -105,7 +105,7 @@ def loop_text(operations: Mapping[str, int], form: Format, chains: int) -> str:
         raise LeftOutError(f'{signs} changes of sign are more than its multiply-adds')
     unknown = counts.keys() - {*OPERANDS, 'select'}
     if unknown:
-        raise LeftOutError(f'the loop has no text for {sorted(unknown)}')
+        raise LeftOutError(f'no loop for operations {sorted(unknown)}')
     ir = Function('define void @port_limit(i64 %count, ptr %numbers, ptr %results)')
     places = [ir.element(form.type, '%numbers', k) for k in range(SHARED + chains)]
     one, small, *values = [ir.load(form.type, place, form.bytes) for place in places]
@@ -131,14 +131,14 @@ class Loop:
 
     def __init__(self, kernel: Kernel, states: int) -> None:
         if kernel.quantity not in QUANTITIES:
-            raise LeftOutError('it calls functions, whose operations are not its own')
+            raise LeftOutError('its operations are in called functions')
         if kernel.method in ITERATIVE:
             raise LeftOutError('it iterates: how often its operations run depends on the state')
         if sum(kernel.operations['compiled'].values()) > LONGEST:
             raise LeftOutError(f'a loop of more than {LONGEST} operations waits for instructions')
         width, chains = simd_width(kernel.dtype), accumulators()
         form = Format(kernel.dtype, width)
-        text = loop_text(kernel.operations['compiled'], form, chains)
+        text = loop_ir(kernel.operations['compiled'], form, chains)
         self._native = compile_ir(module([text], form, ()))
         self._numbers = numbers(kernel.dtype, width, chains)
         self.results = np.empty((chains, width), kernel.dtype)
@@ -165,7 +165,7 @@ def of_kernels(
     """
     Yield the port limit of named kernels, in the batch whose size is nearest MIDDLE_BATCH.
 
-    What is left out is added to `reasons`.
+    Exclusions are added to `reasons`.
     """
     batches = [work for work in works if work.kind == 'batch']
     if not batches:

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Quantities beside forward dynamics as C that CasADi generates, from the texts of a textbook.
+Quantities other than forward dynamics as C that CasADi generates, from textbook algorithms.
 
     inverse dynamics   recursive Newton-Euler, table 5.1 of Featherstone 2008; the bias and gravity
                        torques are those at zero acceleration, and at rest
@@ -147,7 +147,7 @@ class CasadiQuantity:
         casadi = installed('casadi')
         compiler()
         if quantity not in TEXTS:
-            raise LeftOutError('there is no text of it for CasADi here')
+            raise LeftOutError('not implemented with CasADi here')
         names = argument_names(quantity)
         given = [casadi.SX.sym(name, robot.n) for name in names]
         arm = function(casadi, given, TEXTS[quantity](casadi, robot, *given))

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Quantities beside forward dynamics: their kernels as contenders, states, and 50-digit references.
+Quantities other than forward dynamics: kernels as contenders, states, and 50-digit references.
 
 A quantity is a row of QUANTITIES; its peers are rows of tables of the same names in
 pfd_core.report.quantity_peers and quantity_casadi. `linear_step` is the linearised step of a

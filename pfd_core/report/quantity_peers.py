@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Pinocchio's functions for quantities beside forward dynamics, called from Python.
+Pinocchio's functions for quantities other than forward dynamics, called from Python.
 
 A function leaves its result in Pinocchio's data or returns it; copying it out is not timed, and
 neither is filling the lower triangle of a symmetric matrix, which Pinocchio leaves at zero. Only

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Plot of time against error of the quantities beside forward dynamics, a panel for each."""
+"""Plot of time against error of the quantities other than forward dynamics, a panel for each."""
 
 from __future__ import annotations
 

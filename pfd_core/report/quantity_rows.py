@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Speed and error of the quantities beside forward dynamics, against the peers.
+Speed and error of the quantities other than forward dynamics, against the peers.
 
 At one robot, quantity and number of states all ways take turns in one process. Times are compared
-with those of Pinocchio, and results, where asked, with 50 digits as well.
+with those of Pinocchio, and optionally with 50 digits.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from pfd_core.report.timing import (
     take_turns,
 )
 
-# Peer to the class of its contenders, made of a quantity and a robot.
+# Peer to the class of its contenders, constructed from a quantity and a robot.
 PEERS: dict[str, Callable[[str, Robot], Contender]] = {
     'Pinocchio': quantity_peers.PinocchioQuantity,
     'CasADi C': quantity_casadi.CasadiQuantity,
@@ -53,7 +53,7 @@ class Plan:
     quantities : tuple of str
         Names in QUANTITIES.
     batches : tuple of int
-        States in a call of a batch; besides them one state is measured.
+        States in a call of a batch; one state is measured as well.
     dtypes : tuple of str
         Number formats.
     peers : tuple of str
@@ -75,7 +75,7 @@ class Plan:
 
 
 def measure(plan: Plan) -> tuple[list[Row], list[str]]:
-    """Return the rows of a plan, and the ways that were left out with reasons."""
+    """Return the rows of a plan, and the excluded implementations with reasons."""
     rows: list[Row] = []
     left_out: dict[tuple[str, str], list[str]] = {}
     for arm in map(robot, plan.robots):
@@ -92,7 +92,7 @@ def measure(plan: Plan) -> tuple[list[Row], list[str]]:
 def _rows(
     arm: Robot, quantity: str, states: dict[str, Array], plan: Plan, reasons: dict[str, str]
 ) -> Iterator[Row]:
-    """Yield the rows of one quantity of a robot; what is left out is added to `reasons`."""
+    """Yield the rows of one quantity of a robot; exclusions are added to `reasons`."""
     contenders = list(_contenders(arm, quantity, plan, reasons))
     known = None
     if plan.references:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Tables of the quantities beside forward dynamics, for all pages that have them."""
+"""Tables of quantities other than forward dynamics, for all pages that have them."""
 
 from __future__ import annotations
 
@@ -12,30 +12,32 @@ from pfd_core.report.quantity_kernels import LINEAR_STEP, QUANTITIES
 from pfd_core.report.speed_tables import batch_name, error_cell, least_and_median, short
 from pfd_core.report.timing import Row
 
-# How the figures are to be read, each with the parts of the work that it leaves out.
-NOTES = f"""- *bound* is `kernel.bind(q, ..., out=out)`, which leaves out making and converting
-  arrays; batches are evaluated into an array that is there, on one thread.
-- Pinocchio's functions are called from Python, so that its times hold Python's share of a call,
-  which a program in C++ does not have, but leave out copying the results out of Pinocchio's data
-  and filling the lower triangle of symmetric matrices, which ours do. Its batches are loops in
-  Python, but for `rneaInParallel`, which leaves Python's share out.
+# How to read the figures, and what each excludes.
+NOTES = f"""\
+- *bound* is `kernel.bind(q, ..., out=out)`, which excludes creating and converting arrays; batches
+  are evaluated into an existing array, on one thread.
+- Pinocchio's functions are called from Python, so its times include Python's overhead, which a C++
+  program does not have. They exclude copying results out of Pinocchio's data and filling the lower
+  triangle of symmetric matrices, which ours include. Its batches are loops in Python, except
+  `rneaInParallel`.
 - Its functions are `rnea`, `crba`, `nonLinearEffects`, `computeGeneralizedGravity`,
   `framesForwardKinematics`, `computeFrameJacobian` and `computeABADerivatives`. A linearised step
-  is four calls of the last, filled in and multiplied up with NumPy, which takes most of its time.
-- *CasADi C* is a textbook's text (recursive Newton-Euler, articulated bodies, products of
-  transforms), differentiated by CasADi, its C compiled with `cc -O3 -march=native`; one state is a
-  call of `buffer()`, which leaves out copying the arguments in, and there is no linearised step.
+  is four calls of the last, multiplied with NumPy, which takes most of its time.
+- *CasADi C* is textbook algorithms (recursive Newton-Euler, articulated bodies, products of
+  transforms), differentiated by CasADi, with its C compiled by `cc -O3 -march=native`; one state
+  is a call of `buffer()`, which excludes copying the arguments; it has no linearised step.
 - *linear_step* is [A B] of a step of {LINEAR_STEP * 1e3:.3g} ms of classical Runge-Kutta;
-  `simulator.linearize` checks its arguments, which *bound* leaves out.
+  `simulator.linearize` checks its arguments, which *bound* does not.
 """
 PORT_LIMIT_NOTE = """\
-- The share of the port limit leaves out loads and stores: d qdd / d(q, qd, tau) of six joints
-  writes 864 bytes a state. A linearised step has none, since it calls functions in a loop.
+- The share of the port limit excludes loads and stores: d qdd / d(q, qd, tau) of six joints writes
+  864 bytes a state. A linearised step has none, since it calls functions in a loop.
 """
-ERRORS = """An error is max|difference| / max|entry| beside the same result in 50 digits, the
-largest over {states} states whose numbers are those of float32; the robots' numbers are rounded to
-the number format, which is a part of the error in float32. *refined* takes derivatives at
-accelerations after one step of refinement, which cost time and leave other roundings as they are.
+ERRORS = """\
+An error is max|difference| / max|entry| compared with 50 digits, the largest over {states} states
+with float32 numbers. The robots' numbers are rounded to the number format, which is part of the
+error in float32. *refined* computes derivatives at accelerations after one step of refinement,
+which costs time and does not change other rounding errors.
 """
 
 

@@ -7,7 +7,7 @@ The trajectory is cut into short windows. At the start of each, every scene begi
 the full one (of the recording, where that has a state), and runs through the window under the
 recorded torques, without feedback. An error is the difference of the joint positions: over long
 times a chaotic arm would make any difference as large as the arm's motion. Both sides have the
-same integrator and step, whose own error is left out.
+same integrator and step, whose error is excluded.
 """
 
 from __future__ import annotations
@@ -122,7 +122,7 @@ def run_full(robot: Robot, scene: Scene, motion: Motion, seconds: float) -> Full
 
     """
     simulator = simulator_of(robot, scene, motion)
-    # The name that 'auto' stands for in the full scene, so that all scenes have the same.
+    # The name that 'auto' selects in the full scene, so that all scenes have the same.
     motion = replace(motion, settings={**motion.settings, 'integrator': simulator.integrator})
     windows = cut(motion, seconds)
     starts = []
@@ -133,7 +133,7 @@ def run_full(robot: Robot, scene: Scene, motion: Motion, seconds: float) -> Full
         if found < len(motion.after) and motion.after[found] == first:
             known = motion.q[found], motion.qd[found]
             departure = max(departure, float(np.abs(simulator.q - known[0]).max()) if k else 0.0)
-            # A simulation that is there already goes on, with all of its state.
+            # An existing simulation continues with its complete state.
             if not np.array_equal((simulator.q, simulator.qd), known):
                 simulator.reset(*known)
         starts.append(copy(simulator))

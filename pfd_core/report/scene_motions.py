@@ -125,7 +125,9 @@ def _steps(t: Array, n: int) -> Reference:
 
 EXCITATIONS: Mapping[str, Excitation] = {
     'swing': Excitation('all joints swing over at once and back, at rest at both ends', 2, _swing),
-    'sine': Excitation('each joint follows a sine of its own, of 0.4 to 1 Hz', 2 * np.pi, _sine),
+    'sine': Excitation(
+        'each joint follows a sine of a different frequency, 0.4 to 1 Hz', 2 * np.pi, _sine
+    ),
     # The PD law overshoots nothing: 2 W / e is its fastest answer to a jump by 2.
     'steps': Excitation(
         'the set-points jump once a second, neighbours against each other',

@@ -44,11 +44,11 @@ class EffectRow:
     name : str
         Name of the effect.
     operations : int
-        Operations of the full scene less those of the scene without the effect.
+        Operations of the full scene minus those of the scene without the effect.
     without : SceneRow
         The scene without the effect, and its errors.
     share : float
-        Its part of the sum of the rms errors of all effects, each left out alone; NaN if that
+        Its part of the sum of the rms errors of all effects, each removed alone; NaN if that
         sum is zero or infinite.
     nanoseconds, median : float
         Least and median time of a step without the effect.
@@ -141,7 +141,7 @@ def scene_needs(
     window: float = WINDOW,
     refused: Mapping[str, str] | None = None,
     pace: Pace | None = None,
-    tell: Callable[[str], None] = lambda text: None,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> Needs:
     """
     Return which effects of a scene a motion needs within a tolerance.
@@ -162,8 +162,8 @@ def scene_needs(
         Effects that `full_scene` could not take from the model, for the page.
     pace : Pace
         Durations and repetitions of the timing.
-    tell : callable
-        Told what is being done, for a terminal.
+    progress : callable
+        Called with each progress message.
 
     Raises
     ------
@@ -173,7 +173,7 @@ def scene_needs(
     """
     tolerance, window = _above_zero('tolerance', tolerance), _above_zero('window', window)
     machine = surroundings()
-    tell('simulating the full scene')
+    progress('simulating the full scene')
     full = run_full(robot, scene, motion, window)
     names = effects_on(robot, scene)
     rows: dict[Scene, SceneRow] = {}
@@ -181,7 +181,7 @@ def scene_needs(
     def row(left_out: frozenset[str]) -> SceneRow:
         changed = without(scene, left_out)
         if changed not in rows:
-            tell(f'simulating scene {len(rows) + 1}: without {", ".join(left_out)}')
+            progress(f'simulating scene {len(rows) + 1}: without {", ".join(left_out)}')
             rows[changed] = measure(full, changed)
         return rows[changed]
 
@@ -190,10 +190,10 @@ def scene_needs(
     left_out = search(names, row, tolerance)
     singles = {name: row(frozenset({name})) for name in names}
     bare = row(frozenset(names))
-    tell('timing')
+    progress('timing')
     timed = {name: without(scene, {name}) for name in names if not singles[name].refused}
     times = time_steps(full, {**timed, SMALLEST: without(scene, left_out)}, pace or PACE)
-    tell('')
+    progress('')
     return Needs(
         robot=robot.name,
         trajectory=motion.name,

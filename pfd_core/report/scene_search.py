@@ -5,7 +5,7 @@ The search for the smallest scene within a tolerance, and the best scene of ever
 
 Small means few operations, then few effects, then a small error. Up to MOST_EXHAUSTED effects the
 search takes every subset of them. With more, it leaves effects out one by one, the one with the
-least error for the operations that it saves first, until none can be left out any more: it then
+least error for the operations that it saves first, until none can be removed: it then
 measures at most m (m + 1)/2 scenes of m effects, and may miss a scene in which effects cancel.
 """
 
@@ -43,7 +43,7 @@ def smallest_of_all(names: Sequence[str], measure: Measure, tolerance: float) ->
 def smallest_one_by_one(
     names: Sequence[str], measure: Measure, tolerance: float
 ) -> frozenset[str]:
-    """Return the effects left out greedily: least error per operation saved first."""
+    """Return the effects removed greedily: least error per operation saved first."""
     left_out: frozenset[str] = frozenset()
     while True:
         here = measure(left_out)

@@ -72,7 +72,7 @@ class Survey:
     pace : Pace
         Durations and repetitions.
     others : quantity_rows.Plan, optional
-        Plan of the quantities beside forward dynamics.
+        Plan of the quantities other than forward dynamics.
 
     """
 
@@ -99,9 +99,9 @@ QUICK = Survey(
 @dataclass(frozen=True)
 class Findings:
     """
-    Rows of a survey, contenders left out with the reason, and the machine.
+    Rows of a survey, excluded contenders with reasons, and the machine.
 
-    `others` are rows of quantities beside forward dynamics.
+    `others` are rows of quantities other than forward dynamics.
     """
 
     rows: list[Row]
@@ -114,7 +114,7 @@ def survey(plan: Survey) -> Findings:
     """Measure everything in a plan; progress goes to a terminal's stderr."""
     before = surroundings()
     rows: list[Row] = []
-    # Way and reason of what was left out, to the robots.
+    # Excluded implementation and reason -> robots.
     left_out: dict[tuple[str, str], list[str]] = {}
     for name in plan.robots:
         arm = robot(name)
@@ -142,12 +142,12 @@ def survey(plan: Survey) -> Findings:
             show_progress(f'{name}: fresh process')
             rows += fresh_process(arm, plan.pace.repeats)
     show_progress('')
-    told = [f'{way} on {", ".join(on)}: {why}' for (way, why), on in left_out.items()]
+    excluded = [f'{way} on {", ".join(on)}: {why}' for (way, why), on in left_out.items()]
     others: list[Row] = []
     if plan.others is not None:
         others, missing = quantity_rows.measure(plan.others)
-        told += missing
-    return Findings(rows, told, before, others)
+        excluded += missing
+    return Findings(rows, excluded, before, others)
 
 
 def works(arm: Robot, plan: Survey) -> Iterator[Work]:

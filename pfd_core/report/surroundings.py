@@ -41,7 +41,7 @@ def surroundings() -> dict[str, Any]:
     }
 
 
-def told(machine: dict[str, Any]) -> str:
+def described(machine: dict[str, Any]) -> str:
     """Return surroundings in one line of a page."""
     versions = ', '.join(f'{name} {number}' for name, number in machine['versions'].items())
     parts = [f'{machine["processor"]}, {machine["cores"]} cores, vectors of {machine["vector"]}']
@@ -56,7 +56,7 @@ def _processor() -> str:
 
 
 def _cpuinfo(key: str) -> str:
-    """Return what Linux says of the first core under a key; empty on other systems."""
+    """Return the value in Linux's data of the first core under a key; empty on other systems."""
     try:
         text = Path('/proc/cpuinfo').read_text(encoding='utf-8')
     except OSError:

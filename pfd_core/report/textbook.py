@@ -3,7 +3,7 @@
 """
 A textbook articulated-body algorithm, written with CasADi and compiled as C.
 
-The text is table 7.1 of Featherstone, Rigid Body Dynamics Algorithms, 2008, in 6-D vectors,
+The algorithm is table 7.1 of Featherstone, Rigid Body Dynamics Algorithms, 2008, in 6-D vectors,
 angular part first. CasADi knows which elements are zero, shares common sub-expressions and
 writes C, which the machine's own compiler translates for its processor: the usual way to generate
 such code today. A loop in C goes over the states of a batch.
@@ -120,7 +120,7 @@ def coordinates(casadi: Any, robot: Robot, i: int, R: Array, p: Array, q: Any) -
 
 
 def at_rest(casadi: Any) -> Any:
-    """Return the acceleration of the base that stands for gravity along -z, (6,)."""
+    """Return the acceleration of the base equivalent to gravity along -z, (6,)."""
     return exact(casadi, np.array([0, 0, 0, 0, 0, GRAVITY]))
 
 
@@ -231,7 +231,7 @@ def compiled(casadi: Any, arm: Any, loops: str, **sizes: int) -> tuple[ctypes.CD
     Return CasADi's function `arm` as C with loops around it, compiled and loaded, twice.
 
     The first is the library, the second CasADi's own view of the function. `sizes` are known to
-    the text of the loops, and so are the sizes of the function's work, SZ_ARG, SZ_RES, SZ_IW and
+    the C of the loops, and so are the sizes of the function's work, SZ_ARG, SZ_RES, SZ_IW and
     SZ_W. LeftOutError has the message of the compiler.
     """
     generator = casadi.CodeGenerator('arm.c')

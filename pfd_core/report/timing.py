@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[Any]
 
-# States of a batch that fits into the caches, and takes long beside its call.
+# States of a batch that fits into the caches, and takes long compared with its call overhead.
 MIDDLE_BATCH = 4096
 # Number of other sides between two turns of the reference.
 BETWEEN_REFERENCES = 3
@@ -35,7 +35,7 @@ STEP_SIZE = 1e-5
 
 
 class LeftOutError(Exception):
-    """A contender cannot be measured here; the text says why."""
+    """A contender cannot be measured here; the message has the reason."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Work:
     Attributes
     ----------
     kind : {'call', 'rollout', 'batch'}
-        One state, the steps of a simulation with the torques held, or many states at once.
+        One state, the steps of a simulation with constant torques, or many states at once.
     q, qd, tau : ndarray
         Positions [rad or m], velocities and torques, or accelerations for inverse dynamics, (n,),
         or (B, n) for a batch.
@@ -133,7 +133,7 @@ class Row:
         Name of the result; the rows of `pfd report speed` are forward dynamics but for those of
         pfd_core.report.quantity_rows.
     error : float or None
-        Largest error beside the result in 50 digits, relative to its largest entry, of a state.
+        Largest error compared with 50 digits, relative to its largest entry, of a state.
 
     """
 
@@ -157,8 +157,8 @@ class Pace:
     Attributes
     ----------
     chunk : float
-        Seconds of one turn: long beside the clock's resolution, short beside changes of the
-        machine's speed.
+        Seconds of one turn: long compared with the clock's resolution, short compared with changes
+        of the machine's speed.
     turns, fewest : int
         Turns of each side; fewer for long works, but never fewer than `fewest`.
     budget : float

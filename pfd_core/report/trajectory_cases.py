@@ -258,7 +258,7 @@ MOTIONS: Sequence[Motion] = (
     ),
 )
 
-# Bounds were set before these motions were measured, but for those of the SO-100 and of dop853.
+# Bounds were set before these motions were measured, except for the SO-100 and dop853.
 CHECKS: Sequence[Check] = (
     *(
         Check(motion, integrator, 1e-3, 'energy', bound, 60.0)

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Runs of the hard motions: errors beside the stored references, and two effects of time.
+Runs of the hard motions: errors relative to the stored references, and two effects of time.
 
     runs                 every check of trajectory_cases.CHECKS, in native code (Run)
     formulation          evaluations of the adaptive integrator, by steps of refinement (Effort)
@@ -206,7 +206,7 @@ def _smallest(robot: Robot, scene: Scene) -> tuple[float, Array]:
 
 
 def _decays(robot: Robot, scene: Scene, period: float, kp: float, kd: float) -> bool:
-    """Return whether a deviation along the lightest direction decays, under torques held."""
+    """Return whether a deviation along the lightest direction decays, with zero-order hold."""
     sim = Simulator(robot, scene, step_size=period, substeps=8)
     held = np.full(robot.n, 0.5)
     sim.reset(q=held, qd=DEVIATION / period * _smallest(robot, scene)[1])

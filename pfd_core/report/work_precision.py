@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Work-precision of integrators: time and evaluations of a motion beside its errors.
+Work-precision of integrators: time and evaluations of a motion over its errors.
 
 Runs of one motion:
 
@@ -120,7 +120,7 @@ class RunPoint:
 
     @property
     def setting(self) -> str:
-        """Step or tolerance as text."""
+        """Step or tolerance as a string."""
         if self.step is None:
             return f'rtol {self.tolerance:.0e}'
         return f'{self.step * 1e3:g} ms'
@@ -147,7 +147,7 @@ class Run:
 
 
 def measure(motion: Motion, plan: Plan) -> tuple[MotionFacts, list[RunPoint], list[str]]:
-    """Return a motion, its points, and the ways that were left out with the reasons."""
+    """Return a motion, its points, and the excluded implementations with reasons."""
     show_progress(f'{motion.name}: reference')
     known = reference(motion)
     facts = MotionFacts(
@@ -167,7 +167,7 @@ def measure(motion: Motion, plan: Plan) -> tuple[MotionFacts, list[RunPoint], li
 
 
 def _point(motion: Motion, known: Reference, run: Run) -> RunPoint:
-    """Return the errors of a run, without times, or the status of one that blew up."""
+    """Return the errors of a run, without times, or the status of one that diverged."""
     found = run.run()
     point = partial(RunPoint, motion.name, run.way, run.step, run.tolerance)
     if found.status != 'ok':
@@ -200,7 +200,7 @@ def _runs(motion: Motion, plan: Plan, left_out: list[str]) -> Iterator[Run]:
 
 
 def _fixed(motion: Motion, way: str, step: float) -> Callable[[], Outcome]:
-    """Return a run of a Simulator; the torque, which is zero, is held between two samples."""
+    """Return a run of a Simulator; the torque, which is zero, is constant between two samples."""
     substeps = round(motion.interval / step)
     simulator = Simulator(
         motion.robot,
@@ -257,7 +257,7 @@ def _mujoco(peer: Mujoco, motion: Motion, way: str, step: float) -> Callable[[],
         for k in range(SAMPLES):
             mj.mj_step(model, data, nstep=substeps)
             q[k], qd[k] = data.qpos, data.qvel
-        # After a warning about a number that is too large MuJoCo goes on from its own start.
+        # After a warning about a number that is too large MuJoCo restarts from its initial state.
         status = 'reset by MuJoCo' if data.warning.number.any() else 'ok'
         if not np.isfinite([q, qd]).all():
             status = 'not_finite'

@@ -3,9 +3,9 @@
 """
 Time: the motion of an arm, or of many arms at once, in native code.
 
-    rows            rows of the state beside q and qd: compensated positions, motor torques
+    rows            further rows of the state: compensated positions, motor torques
     integrators     one step of qdd = f(q, qd, t); the table of integrators
-    stiffness       the integrator that 'auto' stands for
+    stiffness       the integrator that 'auto' selects
     contact/        dry friction, joint stops and impacts within a step
     feedback        laws that compute torques from the state, within native code
     turns           angles and whole turns of positions
@@ -22,6 +22,6 @@ Time: the motion of an arm, or of many arms at once, in native code.
 
 A new integrator is a function and a row of integrators.TABLE (INTEGRATORS are its names), a new
 adaptive one its coefficients and a row of embedded_pairs.PAIRS, a new law of feedback a class in
-`feedback` and its text in kernels.codegen.law, a new row of the state a class in `rows` and a line
+`feedback` and its IR in kernels.codegen.law, a new row of the state a class in `rows` and a line
 of integrators.record_step.
 """

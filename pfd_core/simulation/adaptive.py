@@ -106,7 +106,7 @@ def integrate(
     method: str = 'auto',
     refine: int = 0,
     dense: bool = True,
-    longest_step: float = math.inf,
+    max_step: float = math.inf,
     max_steps: int = 100_000,
 ) -> AdaptiveTrajectory:
     """
@@ -137,7 +137,7 @@ def integrate(
         As for compile_kernel.
     dense : bool
         Whether the run has states between the steps; costs three evaluations a step.
-    longest_step : float
+    max_step : float
         Largest step [s], for torques with pulses that a longer step would not see.
     max_steps : int
         Steps to try at most, accepted or rejected.
@@ -152,7 +152,7 @@ def integrate(
     resolve(robot, scene)  # ValueError for a wrong robot or scene
     choice('integrator', integrator, PAIRS)
     duration = _above_zero('duration', duration)
-    longest = min(duration, _above_zero('longest_step', longest_step, finite=False))
+    longest = min(duration, _above_zero('max_step', max_step, finite=False))
     tolerances = _above_zero('atol', atol), real_number('rtol', rtol)
     if not SMALLEST_RTOL <= tolerances[1] < 1:
         raise ValueError(f'rtol must be at least {SMALLEST_RTOL} and below 1, got {rtol}')
@@ -204,7 +204,7 @@ class _Slope:
         )
 
     def start(self, q: ArrayLike | None, qd: ArrayLike | None) -> Array:
-        """Return the state at the start, (2 n,); joints that are held do not move."""
+        """Return the state at the start, (2 n,); braked joints do not move."""
         state = np.zeros(2 * self.n)
         for part, name, value in zip(np.split(state, 2), ('q', 'qd'), (q, qd), strict=True):
             if value is not None:

@@ -10,7 +10,7 @@ An ensemble: many simulations of one robot at once, one arm per SIMD lane.
     runs = many.rollout(taus, feedback=StateFeedback(gain, q_ref, qd_ref))
 
 The whole loop over the steps is in native code, also with feedback. Each arm moves by the same
-bits as in a Simulator of its own, whatever the size of the ensemble and the number of threads.
+bits as in a Simulator, whatever the size of the ensemble and the number of threads.
 """
 
 from __future__ import annotations
@@ -222,7 +222,7 @@ class Ensemble(Simulation):
         n = self.robot.n
         if taus is None:
             if steps is None:
-                raise ValueError('steps is needed where taus does not say how many there are')
+                raise ValueError('steps is required without taus of several steps')
             return np.broadcast_to(np.zeros(n, self.dtype), (self.size, n)), steps
         array = real_array('taus', taus, self.dtype, joints=self.robot.joint_names)
         if array.ndim not in (2, 3):
@@ -232,7 +232,7 @@ class Ensemble(Simulation):
             )
         found = array.shape[-2]
         if steps not in (None, found):
-            raise ValueError(f'taus holds {found} steps, but steps={steps} were asked for')
+            raise ValueError(f'taus has {found} steps, but steps={steps}')
         return fit_shape('taus', array, (self.size, found, n), broadcast=True), found
 
 

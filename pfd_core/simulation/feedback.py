@@ -18,7 +18,8 @@ class Feedback:
     """
     A law that adds kp (q - state q) + kd (qd - state qd) to the torques of a step.
 
-    The state is that at the beginning of the step, for which the torque is held; B arms, n joints.
+    The state is that at the beginning of the step, over which the torque is constant; B arms, n
+    joints.
 
     Attributes
     ----------

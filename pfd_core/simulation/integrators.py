@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Integrators: one step of size h of qdd = f(q, qd, t), with the commanded torque held.
+Integrators: one step of size h of qdd = f(q, qd, t), with constant commanded torque.
 
-An integrator is a function, text over one lane per joint, and its row in TABLE: to add one, write
+An integrator is a function over one lane per joint, and its row in TABLE: to add one, write
 both. A simulation then offers it under its name, and the tests measure its order. It sees the arm
 as a System: where its torque comes from and how its positions are summed is not its business.
 

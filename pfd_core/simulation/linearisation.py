@@ -5,11 +5,11 @@ Linearisation of a simulation's step: x' = A x + B tau, exact to rounding.
 
     x = (q, qd), and tau_motor where motors lag;  x' is the state after one step of the simulation
 
-Every integrator is differentiated as it stands: A and B are the derivatives of the numbers that a
+Every integrator is differentiated exactly: A and B are the derivatives of the numbers that a
 step computes, not of the motion that it approximates (pfd_core.kernels.linear_steps).
 
 Dry friction and stops. As long as no joint comes to rest, breaks loose or reaches its stop, a step
-is that of a smooth arm: joints at rest are held by brakes, and the friction of the others depends
+is that of a smooth arm: joints at rest are braked, and the friction of the others depends
 on their velocities alone. Both arms take the step; if their ends differ, an event has fallen into
 it, and there is no derivative.
 
@@ -44,7 +44,7 @@ from pfd_core.model.error_text import quote
 from pfd_core.simulation.contact.programs import has_contact
 from pfd_core.simulation.integrators import TABLE, record_step
 
-# What Linearization.status says of a joint.
+# Values of Linearization.status.
 MOVING, HELD, ONE_SIDED = 'moving', 'held', 'one_sided'
 # Two ways to the same state, of a step: roundings of a few hundred operations, relative to it.
 SAME = {'float64': 1e-9, 'float32': 1e-3}
@@ -284,7 +284,7 @@ def _add_velocity_columns(A: Array, H: Array, resting: Array, moves: Array) -> N
 
 def _one_sided(simulation: Simulation, q: Array, resting: Array, reaction: Array) -> Array:
     """
-    Return the resting joints, (..., n), that some change does not leave held where they are.
+    Return the resting joints, (..., n), that some change releases.
 
     `reaction` are the torques, (..., n), of friction and stops that hold them.
     """

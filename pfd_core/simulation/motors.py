@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-A simulator with motors: efforts pass the limits of motors once a step, in native code.
+A simulator with motors: efforts pass servos and limits of motors once a step, in native code.
 
     sim = MotorSimulator(robot, scene)
     state, motors = sim.new_state(q), MotorState(np.zeros(n))
@@ -21,7 +21,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pfd_core.algorithms.chain.motor_limits import MOTOR_ROWS
+from pfd_core.algorithms.chain.actuators import MOTOR_ROWS, TARGET_ROWS
 from pfd_core.kernels.codegen.cycles import COUNTS, HEAD
 from pfd_core.kernels.simulations import compile_rollout
 from pfd_core.model import Payload
@@ -40,17 +40,39 @@ class MotorState:
     ----------
     peaks : numpy.ndarray
         Largest speed of each joint beyond that of its motor, as a multiple, (n,); 0 if never.
+    before : numpy.ndarray, optional
+        Efforts of the last step before the limits, (n,); NaN for none, and for braked joints.
     counts : numpy.ndarray
-        Steps in which a limit cut an effort, and in which a joint was beyond that speed, (2,).
+        Steps in which a limit cut an effort, and in which a joint was beyond that speed; and 1
+        where an effort jumped, which the caller sets back, (3,).
 
     """
 
     peaks: Array
+    before: Array = field(default_factory=lambda: np.empty(0))
     counts: NDArray[np.int64] = field(default_factory=lambda: np.zeros(len(COUNTS), np.int64))
+
+    def __post_init__(self) -> None:
+        """Check the arrays, which are copied; ValueError for other ones."""
+        dtype = 'float32' if getattr(self.peaks, 'dtype', None) == np.float32 else 'float64'
+        self.peaks = real_array('peaks', self.peaks, dtype, ('n',)).copy()
+        if isinstance(self.before, np.ndarray) and not self.before.size:
+            self.before = np.full_like(self.peaks, np.nan)
+        shape = self.peaks.shape
+        self.before = real_array('before', self.before, dtype, shape, finite=False).copy()
+
+    @property
+    def jumped(self) -> bool:
+        """Whether the last run ended at an effort that jumped."""
+        return bool(self.counts[COUNTS.index('jumped')])
+
+    @jumped.setter
+    def jumped(self, value: bool) -> None:
+        self.counts[COUNTS.index('jumped')] = value
 
 
 class MotorSimulator(Simulator):
-    """A Simulator, with the parameters of one, whose efforts pass the limits of motors."""
+    """A Simulator, with the parameters of one, whose efforts pass servos and limits of motors."""
 
     _compiler = staticmethod(partial(compile_rollout, motors=True))
 
@@ -100,8 +122,9 @@ class MotorSimulator(Simulator):
         motors : MotorState
             Counters of the motors, advanced in place.
         limits : array_like
-            Rows (4, n): the largest effort [N m or N], the effort and the speed of the
-            torque-speed line, and the full speed [rad/s or m/s]; inf for no limit.
+            Rows (7, n): the largest effort [N m or N]; the effort and the speed of the
+            torque-speed line; the full speed [rad/s or m/s]; gains of the servo [N m/rad and N m
+            s/rad]; the largest change of an effort from step to step. inf for no limit.
 
         Raises
         ------
@@ -112,7 +135,12 @@ class MotorSimulator(Simulator):
         n = self.robot.n
         if not isinstance(motors, MotorState):
             raise ValueError(f'motors must be a MotorState, got {quote(motors)}')
-        for name, kind, size in (('peaks', self.dtype, n), ('counts', 'int64', len(COUNTS))):
+        kinds = (
+            ('peaks', self.dtype, n),
+            ('before', self.dtype, n),
+            ('counts', 'int64', len(COUNTS)),
+        )
+        for name, kind, size in kinds:
             array = getattr(motors, name)
             if not (
                 isinstance(array, np.ndarray)
@@ -150,11 +178,16 @@ class Cycles:
     ) -> None:
         self.state = state
         self._simulator, self._motors, self._limits = simulator, motors, limits
+        self._no_targets = self._targets = np.full(
+            (len(TARGET_ROWS), simulator.robot.n), np.nan, simulator.dtype
+        )
         native = simulator._native
         assert native.cycles is not None
         own = {
             'substeps': simulator._count_at,
             'motors': limits.ctypes.data,
+            'targets': self._no_targets.ctypes.data,
+            'before': motors.before.ctypes.data,
             'counts': motors.counts.ctypes.data,
             'peaks': motors.peaks.ctypes.data,
         }
@@ -163,13 +196,22 @@ class Cycles:
         self._native, self._at = native.cycles, addressof(self._block)
         self._efforts, self._out = (native.block.index(name) for name in ('efforts', 'out'))
 
+    def set_targets(self, position: Array | None = None, velocity: Array | None = None) -> None:
+        """Set the targets of the servos, (n,) each; NaN is none, as are those not given."""
+        self._targets = self._no_targets
+        if position is not None or velocity is not None:
+            self._targets = self._no_targets.copy()
+            for row, values in zip(self._targets, (position, velocity), strict=True):
+                row[:] = np.nan if values is None else values
+        self._block[HEAD.index('targets')] = self._targets.ctypes.data
+
     def run(self, efforts: Array, out: Array) -> int:
         """
         Run a step for each row of efforts; return after how many the state was finite.
 
-        `efforts` are (steps, n), `out` is (steps, 3, n): q, qd and the limited efforts after each
-        step. The run ends after the first step that is not finite, and the state cannot be used
-        then.
+        `efforts` are (steps, n), `out` is (steps, 3, n): q, qd and the efforts that acted, after
+        each step. The run ends after the first step that is not finite, and the state cannot be
+        used then; and before a step whose effort jumps, with the efforts wanted in `out`.
         """
         n = self._simulator.robot.n
         for name, array, shape in (
@@ -194,7 +236,7 @@ class Cycles:
         else:
             finite = self._native(steps, self._at)
         state.steps += finite
-        if finite < steps:
+        if finite < steps and not self._motors.jumped:
             state.steps += 1
             state.status = self._simulator._why_not_finite(state)
         return finite

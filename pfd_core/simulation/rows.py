@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Rows of the state beside q and qd: parts of an arm that have a state of their own.
+Rows of the state in addition to q and qd, for effects with a state.
 
     q_low        rounding errors of the positions, for sums that keep them
     tau_motor    torques of motors that follow their command with a lag
@@ -30,7 +30,7 @@ EXACT = Context(prec=40)
 
 class CompensatedSum:
     """
-    Positions as sums q + q_low, whose second part holds the digits that q has no room for.
+    Positions as sums q + q_low, whose second part holds the digits below those of q.
 
     q' = fl(q + y) with y = fl(dq + q_low), and q_low' = (q + y) - q' exactly: D. E. Knuth, The
     Art of Computer Programming 2, 4.2.2, theorem B. Only dq is rounded, never the sum: a slow

@@ -82,7 +82,7 @@ class Simulation(ABC):
         self.spec = KernelSpec(robot, self.scene, method, self.dtype, refine, STEP)
         self._load_native()
         check_damping(plant, self.integrator, self.step_size / self.substeps, dtype)
-        # Inputs beside the torque, in the order of the native code.
+        # Inputs other than the torque, in the order of the native code.
         self._inputs = ('wrench',) * self.scene.external_wrench + ('free',) * self.scene.brakes
         self._inputs += ('payload',) * plant.payload_input
         shapes = self._shapes()
@@ -171,7 +171,7 @@ class Simulation(ABC):
 
     @property
     def method(self) -> str:
-        """The method that 'auto' stood for."""
+        """The method that 'auto' selected."""
         return self.spec.method
 
     @property
@@ -296,7 +296,7 @@ class Simulation(ABC):
         """
         Return A and B of one step: d x' / d x and d x' / d tau, x = (q, qd), exact to rounding.
 
-        `A, B = simulation.linearize(q, qd, tau)`; the `status` of the result says of each joint
+        `A, B = simulation.linearize(q, qd, tau)`; the `status` of the result states for each joint
         whether they are derivatives in both directions. The state of the simulation plays no part.
         In a scene with a motor lag the torques of the motors follow qd in x; they are taken to
         have reached tau.
@@ -361,7 +361,7 @@ class Simulation(ABC):
     def _scene_inputs(
         self, wrench: ArrayLike | None, brakes: ArrayLike | None
     ) -> dict[str, Array]:
-        """Return the inputs that the scene asks for, checked and the same for all steps."""
+        """Return the inputs that the scene needs, checked and the same for all steps."""
         return scene_inputs(self.scene, self.robot.n, self.dtype, wrench, brakes, self.batch)
 
 

@@ -4,7 +4,7 @@
 The simulator: an arm in time, advanced by native code.
 
     sim = Simulator(robot)
-    sim.step(tau)               one step, the torque held
+    sim.step(tau)               one step with constant torque
     sim.rollout(taus)           many, without returning to Python
 
 A step of `step_size` seconds holds the torque, as the controller of a real arm does between two
@@ -54,18 +54,18 @@ class Simulator(Simulation):
     scene : Scene, optional
         Which effects are on; default: rigid links and gravity.
     step_size : float
-        Seconds per step, for which the torque is held.
+        Seconds per step, over which the torque is constant.
     substeps : int
         Steps of the integrator in one step, from 1 to 100 000.
     integrator : str
         A name in pfd_core.INTEGRATORS; 'auto' takes 'imex2' where damping is strong, see
-        pfd_core.simulation.stiffness, and else 'rk4'. The attribute `integrator` says which.
+        pfd_core.simulation.stiffness, and else 'rk4'. The attribute `integrator` has the choice.
     method, dtype, refine
         As for compile_kernel.
     compensated : bool, optional
         Whether positions are summed without loss, so that they stay right to the last digit
         however often a joint turns and however slowly it moves; default: where joints turn
-        without limit, and in float32. The attribute `compensated` says which.
+        without limit, and in float32. The attribute `compensated` has the choice.
 
     Copies and pickles carry the state on with the same bits; the native code is compiled again,
     or found on disk, where a pickle is opened.
@@ -153,7 +153,7 @@ class Simulator(Simulation):
         Parameters
         ----------
         tau : array_like
-            Torques [N m or N], (n,), held for the step.
+            Torques [N m or N], (n,), constant over the step.
         wrench : array_like
             Force and moment on the last link, (6,); exactly if the scene has one.
         brakes : array_like of bool
@@ -244,8 +244,8 @@ class Simulator(Simulation):
             following = self._following(rows[done + count - 1], inputs)
             tau, *written = (address + done * rows.strides[0] for address in addresses)
             at = following.at
-            beside = (at[name] for name in (*self._inputs, *self._native.rows))
-            finite = self._advance(following, count, (at['q'], at['qd'], tau, *beside, *written))
+            further = (at[name] for name in (*self._inputs, *self._native.rows))
+            finite = self._advance(following, count, (at['q'], at['qd'], tau, *further, *written))
             finite_steps += finite if finite_steps == done else 0
             done += count
             spent = max(time.perf_counter() - begin, 1e-9)

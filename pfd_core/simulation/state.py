@@ -28,7 +28,7 @@ class SimulationState:
     arrays : dict of numpy.ndarray
         State and last inputs by name; views of one block.
     at : dict of int
-        Their addresses: NumPy takes longer to tell one than an arm takes to move.
+        Their addresses: NumPy takes longer to return one than an arm takes to step.
     start : float
         Time of the state before the first step [s].
     steps : int

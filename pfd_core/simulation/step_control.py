@@ -29,7 +29,7 @@ SAFETY, SHRINK, GROW = 0.9, 1 / 3, 6.0
 SMALLEST_STEP = 2.0**-48
 # Steps whose sum is rounded may be longer by this fraction, so that none is left over at the end.
 ROUNDED_TIME = 1e-9
-# Below this the rounding of a step is larger than the error that is asked for.
+# Below this the rounding of a step is larger than the tolerance.
 SMALLEST_RTOL = 1e-14
 
 

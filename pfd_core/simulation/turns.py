@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Angles: how large they may be, whole turns of a joint, and the angle beside them."""
+"""Angles: their largest value, whole turns of a joint, and the remaining angle."""
 
 from __future__ import annotations
 

@@ -6,41 +6,41 @@ From the inputs to the outputs:
 
     setting_fields    the fields of settings: description, range, reading
     command_settings  the settings of commands; these and the next four are parts of `settings`
-    description_settings  those of the model that controllers share
-    plant_settings    those of the simulated plant
-    output_settings   those of what is published beside joint_states, and its types
-    sensor_settings   those of the sensors
+    description_settings  settings of the model that controllers share
+    plant_settings    settings of the simulated plant
+    output_settings   settings and types of outputs in addition to joint_states
+    sensor_settings   settings of the sensors
     settings          everything that is not an event: robot, scene, step size, rates
     noise             random numbers as a function of seed, channel and cycle
     scene             the scene of the settings: from a file or from their switches
-    events            the event rule: events and outputs, sources, verdicts
-    effects           the effects of events that are no commands: requests, states to jump to
+    events            events, outputs, sources, verdicts of the validation
+    effects           the effects of events other than commands: requests, states to set
     state             ArmState: everything that changes while an arm runs
-    drive             the drive of the joints, and what a command changes in it
+    actuator_command  efforts, brakes and servo targets, and how a command changes them
     commands          the rules for a command, NaN and infinity among them
-    tip_frames        frames that the last link carries: wrenches and inertias brought to its own
+    tip_frames        frames on the last link: wrenches and inertias transformed to its frame
     wrench            the rules for external wrenches, and how long one acts
-    requests          the rules for requests (pause, step, reset) and for states to jump to
+    requests          the rules for requests (pause, step, reset) and for states to set
     described_robot   the robot that settings name, and what its URDF adds to them
-    ros2_control      the <ros2_control> blocks of a URDF: topics, initial positions; followers
+    ros2_control      the <ros2_control> blocks of a URDF: topics, initial positions, mimic joints
     followed_clock    the rules for ticks of another node's clock
     pace              whether there may be a step: activity, pauses, lockstep, followed clock
-    command_link      the way of commands to the drives: delay, drop-out, watchdog
+    command_link      commands on the way to the actuators: delay, drop-out, watchdog
     actuators         from commands to the efforts that act: servos, limits of the motors
     model_kernels     the native code of the outputs that are quantities of the model
     arm               the simulated arm: robot, brakes, simulator, failure
-    speeding          joints beyond their velocity limits, and the cure
+    speeding          joints beyond their velocity limits, and the remedy
     changes           the rules for settings that change while the arm runs: new payloads, gains
-    sensors           the true state -> the measured one, which joint_states tell
-    outputs           what is published beside joint_states: model, tip, energy, true state
+    sensors           true state -> measured state, published as joint_states
+    outputs           further outputs: model, tip, energy, true state
     stable_gains      the largest gains of a PD loop through a zero-order hold
-    judging           the verdict on each event, by the rules for its source
-    verdict_rows      the messages that tell the verdicts
-    engine            one cycle: events -> verdicts -> drive -> step -> verdict rows, state, tick
+    validation        validates each event by the rules for its source
+    validation_rows   the messages with the validation results
+    engine            one cycle: events -> validation -> actuators -> step -> rows, state, tick
     driver            runs an engine: for the node, replays and lockstep alike
 
-A new input is a Source in `events`, a rule in `judging`, and a row in node.endpoints and in
-recording.format (with always=False: older recordings lack it). A new output beside the state is a
+A new input is a Source in `events`, a rule in `validation`, and a row in node.endpoints and in
+recording.format (with always=False: older recordings lack it). A new output is a
 row of output_settings.OUTPUTS and a writer in `outputs`, and a row in `model_kernels` if it is a
 quantity of the model. Stepping and recording need no change.
 """

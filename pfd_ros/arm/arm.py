@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The simulated arm: robot, scene, brakes and time, stepped under the efforts that drive it."""
+"""The simulated arm: robot, scene, brakes and time, stepped under efforts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.drive import held
+from pfd_ros.arm.actuator_command import ActuatorCommand, all_braked
 from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.plant_settings import INPUT, payload_changes
@@ -129,6 +129,8 @@ class Arm:
         Index in the model and name of each joint, in published order.
     start
         Positions (n,) in model order, rad or m, before the first step and after a reset.
+    jumped
+        The efforts (n,) of a step that was not done, since one of them jumped; None if none did.
 
     Raises
     ------
@@ -157,8 +159,11 @@ class Arm:
         )
         # q, qd, tau and commanded efforts of single steps, (ROWS, 4, n); new when all are used.
         self._rows, self._rows_at, self._next_row = np.empty(0), 0, ROWS
-        self._inputs: tuple[Any, ...] | None = None
-        self.limits = np.full((4, robot.n), np.inf)
+        # Whose brakes and targets, and which wrench, native code has as inputs.
+        self._actuation: ActuatorCommand | None = None
+        self._wrench: np.ndarray | None = None
+        self.limits = np.full((7, robot.n), np.inf)
+        self.jumped: np.ndarray | None = None
         self.start = self._initial_positions(settings.initial_positions)
         zeros = np.zeros(robot.n)
         self.state = ArmState(
@@ -173,7 +178,7 @@ class Arm:
             qd=zeros,
             tau=zeros,
             braked=np.ones(robot.n, bool),
-            link=LinkState(held(robot.n), held(robot.n)),
+            link=LinkState(all_braked(robot.n), all_braked(robot.n)),
             actuators=ActuatorState(pfd.MotorState(np.zeros(robot.n))),
             wrench=WrenchState(np.zeros(6), np.zeros(6)) if first.external_wrench else None,
         )
@@ -193,7 +198,7 @@ class Arm:
 
     @property
     def settings(self) -> Settings:
-        """The settings now, with the names that 'auto' stood for."""
+        """The settings now, with 'auto' resolved."""
         return self.state.settings
 
     @property
@@ -311,7 +316,7 @@ class Arm:
         Raises
         ------
         ValueError
-            If the state is of another arm; the text says what differs.
+            If the state is of another arm; with the difference.
         """
         if state.robot != self.robot.digest:
             raise ValueError(
@@ -336,17 +341,18 @@ class Arm:
         self.state = state.copy()
         self._cycles = None
 
-    def advance(self, effort: np.ndarray, braked: np.ndarray) -> np.ndarray:
-        """Do one step; after a failure the arm stops and keeps its last finite state.
+    def advance(self, effort: np.ndarray, actuation: ActuatorCommand) -> np.ndarray:
+        """Do one step under efforts (n,), with the brakes and targets of an actuator command.
 
-        Returns a copy of the efforts (n,), which nobody changes.
+        After a failure the arm stops and keeps its last finite state. No step is done if an
+        effort of a joint jumps: `jumped` has the efforts then. Returns a copy of the efforts.
         """
         if self.state.failure:
             return effort
         k = self._next_row
         if k == ROWS:
             k = 0
-            self._rows = np.empty((ROWS, 4, len(effort)))
+            self._rows = np.empty((ROWS, 4, self.robot.n))
             self._rows_at = self._rows.ctypes.data
         self._next_row = k + 1
         row = self._rows[k]
@@ -354,57 +360,72 @@ class Arm:
         q, qd, tau, wanted = row
         wanted[:] = effort
         at = self._rows_at + k * row.nbytes
-        if self._run(at + 3 * wanted.nbytes, at, 1, braked):
+        if self._run(at + 3 * wanted.nbytes, at, 1, actuation):
             state = self.state
             state.q, state.qd, state.tau = q, qd, tau
+        elif self.state.actuators.motors.jumped:
+            self.jumped = tau
         return wanted
 
-    def run(self, efforts: np.ndarray, braked: np.ndarray) -> np.ndarray:
-        """Do a step for each row of efforts (steps, n); return q, qd and tau, (steps, 3, n).
+    def run(self, efforts: np.ndarray, actuation: ActuatorCommand) -> np.ndarray:
+        """Do a step for each row of efforts (steps, n), with the brakes and targets of a command.
 
-        The rows end where the arm fails; the last one is then not finite.
+        Returns q, qd and the efforts that acted, (steps, 3, n). The rows end where the arm fails,
+        and the last one is then not finite; and before a step in which the effort of a joint
+        jumps: `jumped` has the efforts then.
         """
         out, efforts = np.empty((len(efforts), 3, self.robot.n)), np.ascontiguousarray(efforts)
-        done = self._run(efforts.ctypes.data, out.ctypes.data, len(out), braked)
+        done = self._run(efforts.ctypes.data, out.ctypes.data, len(out), actuation)
         if done:
             # Copies: whoever gets the rows may change them.
             self.state.q, self.state.qd, self.state.tau = out[done - 1].copy()
+        if done < len(out) and self.state.actuators.motors.jumped:
+            self.jumped = out[done, 2]
+            return out[:done]
         return out[: done + 1]
 
-    def _run(self, efforts: int, out: int, steps: int, braked: np.ndarray) -> int:
+    def _run(self, efforts: int, out: int, steps: int, actuation: ActuatorCommand) -> int:
         """Run native code on arrays at addresses; return the number of finite steps."""
         state = self.state
-        state.braked = braked
+        state.braked = actuation.braked
         try:
-            done: int = self._bound(braked).run_at(efforts, out, steps)
+            done: int = self._bound(actuation).run_at(efforts, out, steps)
         except (ValueError, ArithmeticError) as error:
             self._fail(f'step {state.step + 1} failed: {error}')
             return 0
         state.step += done
-        if done < steps:
+        if done < steps and not state.actuators.motors.jumped:
             if state.simulation.status == 'too_many_events':
                 self._fail(f'step {state.step + 1} has too many impacts and reversals of joints')
             else:
                 self._fail(f'the state after step {state.step + 1} is not finite')
         return done
 
-    def _bound(self, braked: np.ndarray) -> Any:
+    def _bound(self, actuation: ActuatorCommand) -> Any:
         """Return the native code, bound to the state, with the inputs of the next step."""
-        state = self.state
+        state, cycles = self.state, self._cycles
         wrench = None if state.wrench is None else state.wrench.acting
-        if self._cycles is None or self._cycles.state is not state.simulation:
+        bound = cycles is not None and cycles.state is state.simulation
+        if bound and actuation is self._actuation and wrench is self._wrench:
+            return cycles
+        last, self._actuation = (self._actuation if bound else None), actuation
+        if not bound:
             motors = state.actuators.motors
-            self._cycles = self._simulator.bind(state.simulation, motors, self.limits)
-            self._inputs = None
-        if self._inputs is None or self._inputs[0] is not braked or self._inputs[1] is not wrench:
-            self._inputs = braked, wrench
+            cycles = self._simulator.bind(state.simulation, motors, self.limits)
+            self._cycles = cycles
+        if last is None or last.braked is not actuation.braked or wrench is not self._wrench:
+            # Only once they are checked: an error must come again.
+            self._actuation = None
             self._simulator.set_inputs(
-                state.simulation, wrench=wrench, brakes=braked, **self._payload_input
+                state.simulation, wrench=wrench, brakes=actuation.braked, **self._payload_input
             )
-        return self._cycles
+            self._actuation, self._wrench = actuation, wrench
+        if last is None or actuation.position is not last.position:
+            cycles.set_targets(actuation.position, actuation.velocity)
+        return cycles
 
     def set_limits(self, limits: np.ndarray) -> None:
-        """Set the limits of the motors, (4, n), from the next step on."""
+        """Set the limits of the motors and gains, (7, n), from the next step on."""
         self.limits, self._cycles = limits, None
 
     def _fail(self, why: str) -> None:
@@ -423,14 +444,14 @@ class Arm:
         if not state.failure:
             return
         if state.origin_ns + step * self._step_ns > LATEST_NS:
-            raise ValueError(f'a reset after step {step}, for whose time a stamp has no room')
+            raise ValueError(f'a reset after step {step}, whose time overflows a stamp')
         state.failure = ''
         state.step = step - 1
         state.simulation = self._simulator.new_state(self.start)
         self._end_step(np.zeros(len(self.order)))
 
     def jump(self, changes: Sequence[StateChange | None]) -> None:
-        """Do a step that ends in another state: that of these changes, None the initial one."""
+        """Do a step that ends in the state of these changes; None means the initial state."""
         state = self.state
         if state.failure:
             return

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The rules for settings that change while the arm runs.
 
-A change travels as a text in JSON: {"real_time_factor": 0.5}, new values by the field of Settings.
+A change travels as JSON: {"real_time_factor": 0.5}, new values by the field of Settings.
 Only fields with `dynamic=True` change, all of one text or none.
 """
 
@@ -15,7 +15,7 @@ from typing import Any
 
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.command_settings import check_servo
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.effects import SettingsChange
 from pfd_ros.arm.events import PAYLOAD_IN_USE, Output, Verdict
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
@@ -73,24 +73,24 @@ def changed(arm: Arm, settings: Settings, values: Mapping[str, Any]) -> Settings
     return found
 
 
-def judge_changes(text: str, arm: Arm) -> Judgement:
-    """Judge new values for the settings of an arm.
+def validate_changes(text: str, arm: Arm) -> Validation:
+    """Validate new values for the settings of an arm.
 
     Raises
     ------
     ValueError
         If the text is no such table.
     """
-    return judge_values(read_changes(text), arm)
+    return validate_values(read_changes(text), arm)
 
 
-def judge_payload(message: InertiaMessage, arm: Arm) -> Judgement:
-    """Judge a payload for an arm; a mass of 0 is none."""
+def validate_payload(message: InertiaMessage, arm: Arm) -> Validation:
+    """Validate a payload for an arm; a mass of 0 is none."""
     try:
         values = payload_values(message, arm)
     except ValueError as error:
-        return Judgement(Verdict.UNKNOWN_NAMES, str(error))
-    return judge_values(values, arm)
+        return Validation(Verdict.UNKNOWN_NAMES, str(error))
+    return validate_values(values, arm)
 
 
 def payload_values(message: InertiaMessage, arm: Arm) -> dict[str, Any]:
@@ -106,17 +106,17 @@ def payload_values(message: InertiaMessage, arm: Arm) -> dict[str, Any]:
     return dict(zip(PAYLOAD, (message.mass, *body), strict=True))
 
 
-def judge_values(values: Mapping[str, Any], arm: Arm) -> Judgement:
-    """Judge new values, by field, for the settings of an arm."""
+def validate_values(values: Mapping[str, Any], arm: Arm) -> Validation:
+    """Validate new values, by field, for the settings of an arm."""
     compiled = not COMPILED.isdisjoint(values)
     if compiled and arm.failure:
-        return Judgement(Verdict.REFUSED, 'the simulation has stopped')
+        return Validation(Verdict.REFUSED, 'the simulation has stopped')
     try:
         found = changed(arm, arm.settings, values)
         plant = arm.plant_of(found) if compiled else None
     except ValueError as error:
-        return Judgement(Verdict.REFUSED, str(error))
-    return Judgement(Verdict.ACCEPTED, ', '.join(values), effect=SettingsChange(found, plant))
+        return Validation(Verdict.REFUSED, str(error))
+    return Validation(Verdict.ACCEPTED, ', '.join(values), effect=SettingsChange(found, plant))
 
 
 def payload_message(arm: Arm) -> Output | None:

@@ -1,21 +1,20 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The link from a controller to the drives: commands that come late or not at all, and silence.
+"""The link from a controller to the actuators: lost and delayed commands, and the watchdog.
 
-    accepted command -> perhaps lost (drop.commands) -> some cycles late (delay.commands) -> drives
+    accepted command -> drop-out (drop.commands) -> delay (delay.commands) -> actuators
 
-The delay is that of targets and feed-forward efforts: a servo sits in the drive, behind the link,
-and sees the arm as it is. So does the watchdog: when no command has arrived for `command_timeout`,
-it brakes the joints, lets go of them, or has the servos hold them, once, until the next command;
-commands that are under way are lost then. It counts cycles: in a pause it stands still too, and a
-replay does the same.
+The delay applies to targets and feed-forward efforts; servos act after the link, on the true
+state. So does the watchdog: after `command_timeout` without a command it brakes the joints, sets
+zero efforts, or has the servos hold the position, until the next command. Commands in flight are
+lost then. It counts cycles, so it stops in a pause, and a replay is equal.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from pfd_ros.arm.drive import Command, Drive, held, let_go, merge
+from pfd_ros.arm.actuator_command import ActuatorCommand, Command, all_braked, merge, zero_effort
 from pfd_ros.arm.noise import Channel, uniform
 from pfd_ros.arm.settings import Settings, timeout_steps
 from pfd_ros.arm.state import LinkState
@@ -81,29 +80,31 @@ class CommandLink:
             _arrive(link, link.line.pop(0)[1], cycle)
         if link.heard is None or cycle - link.heard < self._timeout:
             return False
-        clear(link, self._without_commands(link.drive, q))
+        clear(link, self._without_commands(link.actuation, q))
         link.timed_out = True
         link.timeouts += 1
         return True
 
-    def _without_commands(self, drive: Drive, q: np.ndarray) -> Drive:
-        """Return the drive of an arm whose controller is silent."""
-        braked = drive.braked
+    def _without_commands(self, actuation: ActuatorCommand, q: np.ndarray) -> ActuatorCommand:
+        """Return the actuator command after the timeout."""
+        braked = actuation.braked
         if self._on_timeout == 'brake':
-            return held(len(braked))
+            return all_braked(len(braked))
         if self._on_timeout == 'zero':
-            return let_go(drive)
+            return zero_effort(actuation)
         position = np.where(braked, np.nan, q)
-        return Drive(np.zeros(len(braked)), braked, position, np.full(len(braked), np.nan))
+        return ActuatorCommand(
+            np.zeros(len(braked)), braked, position, np.full(len(braked), np.nan)
+        )
 
 
-def _arrive(link: LinkState, drive: Drive, cycle: int) -> None:
-    link.drive, link.heard, link.timed_out = drive, cycle, False
+def _arrive(link: LinkState, actuation: ActuatorCommand, cycle: int) -> None:
+    link.actuation, link.heard, link.timed_out = actuation, cycle, False
 
 
-def clear(link: LinkState, drive: Drive) -> None:
-    """Discard all commands and begin with a drive; the watchdog waits for the first command."""
-    link.drive = link.newest = drive
+def clear(link: LinkState, actuation: ActuatorCommand) -> None:
+    """Discard all commands, set an actuator command, and restart the watchdog."""
+    link.actuation = link.newest = actuation
     link.line.clear()
     link.heard = None
     link.timed_out = False

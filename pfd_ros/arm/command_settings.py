@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The settings of commands: how they reach the drives, and what the drives do with them."""
+"""The settings of commands: link, servos, limits, watchdog, reflex."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from pfd_ros.arm.setting_fields import setting
 
 # Longest delay, s: a line of commands this long is kept.
 LONGEST_DELAY = 1.0
-# Stiffer than any drive; the efforts of a servo stay finite with it.
+# Stiffer than any servo; the efforts of a servo stay finite with it.
 LARGEST_GAIN = 1e9
 
 
@@ -28,7 +28,7 @@ class CommandSettings:
     step_count: int = setting(1, 'Steps of one call of ~/step', 1, MOST_STEPS)
     convention: str = setting(
         'plain',
-        'Efforts with gravity (plain), or without it, which the drives add (franka)',
+        'Efforts with gravity (plain), or without it, compensated by the arm (franka)',
         values=('plain', 'franka'),
     )
     effort_limits: bool = setting(
@@ -68,13 +68,13 @@ class CommandSettings:
     )
     on_timeout: str = setting(
         'brake',
-        'Joints without commands: on their brakes, without effort, or held by their servos',
+        'After command_timeout: brake, zero efforts, or hold by the servos',
         values=('brake', 'zero', 'hold'),
         dynamic=True,
     )
     delay_commands: float = setting(
         0.0,
-        'From the arrival of a command until it acts, s of simulated time, whole steps',
+        'From the reception of a command until it acts, s of simulated time, whole steps',
         0.0,
         LONGEST_DELAY,
         name='delay.commands',
@@ -84,7 +84,7 @@ class CommandSettings:
     )
     reflex_effort_rate: float = setting(
         0.0,
-        'Rate of an effort, servo included, that trips the brakes, N m/s or N/s; 0 is none',
+        'Rate of an effort, servo included, that brakes all joints, N m/s or N/s; 0 means off',
         0.0,
         1e9,
         dynamic=True,

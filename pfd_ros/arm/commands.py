@@ -1,13 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rules for commands: which joints a command drives from now on, and with what.
+"""The rules for commands: which joints a command changes, and how.
 
-A brake holds each joint until the first command with a number for it. A command changes the joints
-it names and leaves the others as they were; a message that breaks a rule changes nothing at all.
-An effort alone is a torque. A position, a velocity or both are the target of the joint's servo,
-and the effort beside them is fed forward. NaN keeps the last number of its kind, and with nothing
-but NaN a joint stays as it was, brake included; a kind without numbers says that there is none of
-it, so that an effort alone ends a servo. In a command without names NaN drops the message.
+A joint is braked until the first command with a number for it. A command changes the joints that
+it names and no others; a message that violates a rule changes nothing. An effort alone is a
+torque. A position, a velocity or both are the target of the joint's servo, and their effort is fed
+forward. NaN keeps the last number of its kind; with only NaN a joint is unchanged, brake included.
+An empty array means no number of its kind, so that an effort alone ends a servo. In a command
+without names NaN rejects the message.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pfd_ros.arm.drive import Command, Gains
+from pfd_ros.arm.actuator_command import Command, Gains
 from pfd_ros.arm.effects import (
     LARGEST_POSITION,
     LARGEST_VELOCITY,
@@ -32,13 +32,13 @@ from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.text import NAME_COUNT, cut, listed
 
-# A driver sends NaN until a controller has claimed the joint: no command, and no mistake.
+# A driver sends NaN until a controller has claimed the joint: no command and no error.
 QUIET = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN})
 ERRORS = frozenset({Verdict.INFINITE, Verdict.NOT_FINITE})
 
 
-class Judgement(NamedTuple):
-    """The verdict on a message and its effect.
+class Validation(NamedTuple):
+    """The validation result of a message, and its effect.
 
     Attributes
     ----------
@@ -49,7 +49,7 @@ class Judgement(NamedTuple):
     unknown, unknown_count
         The first few names of joints that the arm does not have, cut short; the count of all.
     locked
-        Names of joints of the arm that it commands in vain, as they are welded.
+        Names of locked joints, for which a command has no effect.
     effect
         Of an accepted message.
     """
@@ -64,8 +64,8 @@ class Judgement(NamedTuple):
     )
 
 
-def named_values_rule(message: JointMessage, since_ns: int | None = None) -> Judgement | None:
-    """Return the judgement on a message by joint name that breaks a rule for its arrays.
+def named_values_rule(message: JointMessage, since_ns: int | None = None) -> Validation | None:
+    """Return the validation result of a message by joint name that breaks a rule for its arrays.
 
     Parameters
     ----------
@@ -78,18 +78,18 @@ def named_values_rule(message: JointMessage, since_ns: int | None = None) -> Jud
     names = message.names
     for kind, values in kinds_of(message).items():
         if len(values) not in (0, len(names)):
-            return Judgement(
+            return Validation(
                 Verdict.RAGGED, f'{len(names)} names and {len(values)} numbers in {kind}'
             )
         # The terms of a finite sum are finite; for a few joints faster than NumPy.
         if not math.isfinite(sum(values.tolist())) and np.isinf(values).any():
-            return Judgement(Verdict.INFINITE, f'{kind} holds an infinity')
+            return Validation(Verdict.INFINITE, f'{kind} holds an infinity')
     if since_ns is not None and 0 != message.stamp_ns < since_ns:
-        return Judgement(
+        return Validation(
             Verdict.STALE, f'stamp {message.stamp_ns} ns, expected {since_ns} ns or later'
         )
     if len(set(names)) < len(names):
-        return Judgement(Verdict.DUPLICATE_NAMES, 'a joint is named twice')
+        return Validation(Verdict.DUPLICATE_NAMES, 'a joint is named twice')
     return None
 
 
@@ -102,10 +102,10 @@ def kinds_of(message: JointMessage) -> dict[str, np.ndarray]:
     }
 
 
-def too_far(position: np.ndarray, velocity: np.ndarray) -> Judgement | None:
-    """Return the judgement on positions and velocities that no joint can have."""
+def too_far(position: np.ndarray, velocity: np.ndarray) -> Validation | None:
+    """Return the validation result of positions and velocities that no joint can have."""
     if (np.abs(position) > LARGEST_POSITION).any() or (np.abs(velocity) > LARGEST_VELOCITY).any():
-        return Judgement(
+        return Validation(
             Verdict.REFUSED,
             f'expected positions up to {LARGEST_POSITION:g} and velocities up to '
             f'{LARGEST_VELOCITY:g}',
@@ -113,14 +113,14 @@ def too_far(position: np.ndarray, velocity: np.ndarray) -> Judgement | None:
     return None
 
 
-def judge_named(
+def validate_named(
     message: JointMessage,
     index: Mapping[str, int],
     since_ns: int,
     gains: Gains | None = None,
     locked: Collection[str] = (),
-) -> Judgement:
-    """Judge a command by joint name.
+) -> Validation:
+    """Validate a command by joint name.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ def judge_named(
         Joints that are welded: models of controllers have them, and commands may name them.
     """
     if not message.names:
-        return Judgement(
+        return Validation(
             Verdict.NO_NAMES, 'no joint names; ~/commands takes efforts without names'
         )
     broken = named_values_rule(message, since_ns)
@@ -146,7 +146,7 @@ def judge_named(
         return broken
     kinds = [kind for kind, values in kinds_of(message).items() if len(values)]
     if 'effort' not in kinds and (gains is None or not kinds):
-        return Judgement(
+        return Validation(
             Verdict.NO_EFFORT, f'holds {" and ".join(kinds or ["nothing"])} but no effort'
         )
     known = [place for place, name in enumerate(message.names) if name in index]
@@ -154,17 +154,17 @@ def judge_named(
     welded = _commanded(message, locked, gains) if locked else ()
     unknown = tuple(cut(name) for name in strange[:NAME_COUNT])
     if len(strange) == len(message.names):
-        judgement = Judgement(
+        validation = Validation(
             Verdict.UNKNOWN_NAMES, f'none of {listed(strange)} is a joint of the arm'
         )
     elif known:
         joints = np.array([index[message.names[place]] for place in known])
-        judgement = _judge_numbers(message, known, joints, gains)
+        validation = _validate_numbers(message, known, joints, gains)
     elif welded:
-        judgement = Judgement(Verdict.REFUSED, f'locked: {listed(welded)}')
+        validation = Validation(Verdict.REFUSED, f'locked: {listed(welded)}')
     else:
-        judgement = Judgement(Verdict.ALL_NAN, 'every number is NaN')
-    return judgement._replace(unknown=unknown, unknown_count=len(strange), locked=welded)
+        validation = Validation(Verdict.ALL_NAN, 'every number is NaN')
+    return validation._replace(unknown=unknown, unknown_count=len(strange), locked=welded)
 
 
 def _commanded(
@@ -180,15 +180,15 @@ def _commanded(
     )
 
 
-def _judge_numbers(
+def _validate_numbers(
     message: JointMessage, known: list[int], joints: np.ndarray, gains: Gains | None
-) -> Judgement:
-    """Judge the numbers of a command for the joints that the arm has.
+) -> Validation:
+    """Validate the numbers of a command for the joints that the arm has.
 
     Parameters
     ----------
     message, gains
-        As in `judge_named`.
+        As in `validate_named`.
     known
         Places in the message of the joints.
     joints
@@ -196,7 +196,7 @@ def _judge_numbers(
     """
     if gains is None and math.isfinite(sum(message.effort.tolist())):
         # The usual case, and a fast one: efforts alone, none of which is NaN.
-        return Judgement(Verdict.ACCEPTED, effect=Command(joints, message.effort[known]))
+        return Validation(Verdict.ACCEPTED, effect=Command(joints, message.effort[known]))
     none = np.full(len(known), np.nan)
     effort, position, velocity = (
         values[known] if len(values) else none
@@ -215,11 +215,11 @@ def _judge_numbers(
         given = (effort == effort) | (position == position) | (velocity == velocity)
         if (asked & ~given).any():
             idle = [message.names[known[k]] for k in np.flatnonzero(asked & ~given)]
-            return Judgement(
+            return Validation(
                 Verdict.NO_EFFORT, f'no effort for {listed(idle)}, whose servo has no gain for it'
             )
     if not given.any():
-        return Judgement(Verdict.ALL_NAN, 'every number is NaN')
+        return Validation(Verdict.ALL_NAN, 'every number is NaN')
     servo = gains is not None
     command = Command(
         joints[given],
@@ -227,11 +227,11 @@ def _judge_numbers(
         position[given] if servo and len(message.position) else None,
         velocity[given] if servo and len(message.velocity) else None,
     )
-    return Judgement(Verdict.ACCEPTED, effect=command)
+    return Validation(Verdict.ACCEPTED, effect=command)
 
 
-def judge_array(efforts: np.ndarray, order: np.ndarray) -> Judgement:
-    """Judge a command without names: one finite effort for each joint, or it is dropped whole.
+def validate_array(efforts: np.ndarray, order: np.ndarray) -> Validation:
+    """Validate a command without names: one finite effort for each joint, or it is dropped whole.
 
     Parameters
     ----------
@@ -241,8 +241,8 @@ def judge_array(efforts: np.ndarray, order: np.ndarray) -> Judgement:
         Place in the model of each number, in the order of the parameter `joints`, (n,).
     """
     if len(efforts) != len(order):
-        return Judgement(Verdict.WRONG_SIZE, f'{len(efforts)} numbers for {len(order)} joints')
+        return Validation(Verdict.WRONG_SIZE, f'{len(efforts)} numbers for {len(order)} joints')
     # For a few joints faster than NumPy; the terms of a finite sum are finite.
     if not math.isfinite(sum(efforts.tolist())) and not np.isfinite(efforts).all():
-        return Judgement(Verdict.NOT_FINITE, 'holds a number that is not finite')
-    return Judgement(Verdict.ACCEPTED, effect=Command(order, efforts))
+        return Validation(Verdict.NOT_FINITE, 'holds a number that is not finite')
+    return Validation(Verdict.ACCEPTED, effect=Command(order, efforts))

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Event, Output, Source, Verdict
 
-ANSWERED = Judgement(Verdict.ACCEPTED)
+ANSWERED = Validation(Verdict.ACCEPTED)
 # The only command of a control period comes at its start.
 FIRST = (0,)
 
@@ -31,19 +31,19 @@ class Driver:
     engine
         The arm and its rules.
     put
-        Called with the outputs of each cycle, and with the verdict rows of events. Without it no
-        message is encoded; the arm moves with the same bits.
+        Called with the outputs of each cycle, and with the validation rows of events. Without it
+        no message is encoded; the arm moves with the same bits.
     """
 
     engine: Engine
     put: Callable[[Sequence[Output]], None] | None = None
 
-    def take(self, events: Iterable[Event]) -> list[tuple[Source, Judgement, int]]:
+    def take(self, events: Iterable[Event]) -> list[tuple[Source, Validation, int]]:
         """Validate events and apply them to the next cycle; return the validation results."""
         taken = self.engine.take(events)
         if self.put is not None and taken.outputs:
             self.put(taken.outputs)
-        return taken.judgements
+        return taken.validations
 
     def step(self) -> None:
         """Run the next cycle."""
@@ -57,10 +57,10 @@ class Driver:
         engine = self.engine
         while engine.cycles < cycle:
             if engine.state.failure:
-                engine.stand_still(cycle - 1)
+                engine.skip_cycles(cycle - 1)
             self.step()
 
-    def answer(self, efforts: np.ndarray) -> Judgement:
+    def answer(self, efforts: np.ndarray) -> Validation:
         """Command efforts (n,), published order; if accepted, run to the next published state.
 
         For an arm in lockstep that neither records nor publishes: the command has no bytes.
@@ -73,9 +73,9 @@ class Driver:
             cycles = engine.publish_every - engine.state.cycle % engine.publish_every
             if engine.stretch(np.tile(efforts, (cycles, 1)), FIRST) is not None:
                 return ANSWERED
-        judgement = engine.command(efforts)
+        validation = engine.command(efforts)
         self.run_to_answer()
-        return judgement
+        return validation
 
     def run_to_answer(self) -> None:
         """Run to the next published state, if the last one has its answer, or to a failure."""

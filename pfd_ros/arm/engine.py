@@ -1,22 +1,21 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The engine: from the events of a cycle to its messages, and nothing but these two.
+"""The engine: from the events of a cycle to its messages.
 
 No ROS, clock, thread or file: the node feeds it from its topics, the replay from a recording,
 and the same events in the same cycles give the same bytes. One cycle is
 
-    events that came since the cycle before   ->   a verdict on each, in the order of the events
-    accepted commands                         ->   the drive of the joints
-    drive                                     ->   one step of the arm, or a jump to another state
-    outputs     ->   verdict rows, a new payload, state, what is asked beside, clock
+    events since the last cycle   ->   a validation result for each, in order
+    accepted commands             ->   the actuator command
+    actuator command              ->   one step of the arm, or a change to another state
+    outputs                       ->   validation rows, a new payload, state, outputs, clock
 
-`take` does the first half and `step` the second: while the arm stands (a pause, or lockstep
-without an answer to the last state), events are taken and no cycle runs. A caller that
-wants no rows or no bytes uses `accept` or `command`, `advance` and `measured` in their place: the
-same run.
+`take` validates events; `step` advances the simulation. While the arm waits (in a pause, or in
+lockstep for an answer to the last state), events are taken and no cycle runs. Callers that need no
+rows or no bytes use `accept` or `command`, `advance` and `measured` instead, for the same run.
 
 Cycles are counted from 1 and never restart. States and clock ticks are numbered by the cycle
-alone: a failed arm stands still in simulated time and goes on publishing.
+alone: the simulated time of a failed arm is stopped, and it continues to publish.
 """
 
 from __future__ import annotations
@@ -30,12 +29,12 @@ import numpy as np
 
 import pfd_core as pfd
 from pfd_ros.arm import actuators, command_link, wrench
+from pfd_ros.arm.actuator_command import ActuatorCommand, Command, all_braked, free, zero_effort
 from pfd_ros.arm.actuators import Actuators
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.changes import payload_message
 from pfd_ros.arm.command_link import CommandLink
-from pfd_ros.arm.commands import Judgement
-from pfd_ros.arm.drive import Command, Drive, free, held, let_go
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.effects import ClockTick, Request, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
     CLOCK,
@@ -47,29 +46,29 @@ from pfd_ros.arm.events import (
     Output,
     Overflow,
     Source,
+    ValidationRow,
     Verdict,
-    VerdictRow,
 )
-from pfd_ros.arm.judging import Judge
 from pfd_ros.arm.outputs import extra_outputs
 from pfd_ros.arm.pace import Pace, needs_event
 from pfd_ros.arm.sensors import Sensors
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import ArmState, JointArrays
-from pfd_ros.arm.verdict_rows import overflow_messages, rows_message
+from pfd_ros.arm.validation import Validator
+from pfd_ros.arm.validation_rows import overflow_messages, rows_message
 from pfd_ros.messages import convert
 
-OVERFLOWED = Judgement(Verdict.OVERFLOWED, 'newer ones came before the next step')
+OVERFLOWED = Validation(Verdict.OVERFLOWED, 'newer ones came before the next step')
 
 
 class Taken(NamedTuple):
-    """The verdict rows of some events, and the judgements for counts and log lines.
+    """The validation rows of some events, and the validations for counts and log lines.
 
-    A judgement comes with its source and the number of messages that were judged like that.
+    A validation comes with its source and the number of messages that were validated like that.
     """
 
     outputs: list[Output]
-    judgements: list[tuple[Source, Judgement, int]]
+    validations: list[tuple[Source, Validation, int]]
 
 
 class Engine:
@@ -82,7 +81,7 @@ class Engine:
     robot
         From `load_robot` or out of a recording.
     rows
-        Whether `take` encodes verdict rows, which only recordings hold.
+        Whether `take` encodes validation rows, which only recordings hold.
 
     Attributes
     ----------
@@ -104,10 +103,11 @@ class Engine:
         self._clock_every = settings.clock_every if settings.publish_clock else 0
         self._step_ns = settings.step_ns
         self.pace = Pace(settings.lockstep, settings.wait_for_controller, settings.follows_clock)
-        self._rules = Judge(self.arm, self.pace)
+        self._rules = Validator(self.arm, self.pace)
         # Place in published order of each joint of the model, None if the two are the same.
         place = np.argsort(self.arm.order)
         self._free = free(robot.n)
+        self._zero_effort = ActuatorCommand(np.zeros(robot.n), self._free)
         self._published = None if list(place) == list(range(robot.n)) else place
         self._encoder = convert.JointStateEncoder(
             self.arm.names, settings.frame_id, settings.published_locks, self.arm.order
@@ -129,9 +129,7 @@ class Engine:
         # None where states are measured as they are.
         self.sensors = None if sensors.exact else sensors
         self._extra = extra_outputs(settings, arm)
-        self._plain = (
-            self.sensors is None and not self.actuators.has_reflex and not self.pace.follows_clock
-        )
+        self._plain = self.sensors is None and not self.pace.follows_clock
 
     @property
     def state(self) -> ArmState:
@@ -149,9 +147,9 @@ class Engine:
         return self.arm.state.cycle
 
     @property
-    def stands(self) -> bool:
+    def waiting(self) -> bool:
         """Whether the next cycle has to wait for an event."""
-        # Of an arm that failed simulated time stands still; cycles go on as if it did not.
+        # Simulated time of a failed arm is stopped; its cycles continue.
         state = self.arm.state
         steps = state.cycle + 1 - state.step
         if self.pace.forbids(state.pace, self.arm.stamp_ns + steps * self._step_ns):
@@ -176,53 +174,53 @@ class Engine:
     def run_cycle(self, events: Iterable[Event] = ()) -> Taken:
         """Run the next cycle on the events since the last one; return all outputs of it."""
         taken = self.take(events)
-        return Taken(taken.outputs + self.step(), taken.judgements)
+        return Taken(taken.outputs + self.step(), taken.validations)
 
     def take(self, events: Iterable[Event]) -> Taken:
-        """Judge events and apply them to the next cycle; return their verdict rows."""
+        """Validate events and apply them to the next cycle; return their validation rows."""
         outputs: list[Output] = []
-        judgements: list[tuple[Source, Judgement, int]] = []
-        rows: list[VerdictRow] = []
+        validations: list[tuple[Source, Validation, int]] = []
+        rows: list[ValidationRow] = []
         cycle = self.state.cycle + 1
         for event in events:
             if isinstance(event, Overflow):
-                judgements.append((event.source, OVERFLOWED, len(event.sequences)))
+                validations.append((event.source, OVERFLOWED, len(event.sequences)))
                 if self._rows:
                     outputs.extend(overflow_messages(self.state, event, cycle))
                 continue
-            judgement = self.accept(event)
-            judgements.append((event.source, judgement, 1))
+            validation = self.accept(event)
+            validations.append((event.source, validation, 1))
             if self._rows:
-                rows.append(VerdictRow(cycle, event.source, event.sequence, judgement.verdict))
+                rows.append(ValidationRow(cycle, event.source, event.sequence, validation.verdict))
         if rows:
             outputs.append(rows_message(self.state, rows))
-        return Taken(outputs, judgements)
+        return Taken(outputs, validations)
 
-    def accept(self, event: Arrival) -> Judgement:
-        """Judge one message and apply it to the next cycle, without a row."""
-        judgement = self.judge(event)
-        self._apply(event.source, judgement)
-        return judgement
+    def accept(self, event: Arrival) -> Validation:
+        """Validate one message and apply it to the next cycle, without a row."""
+        validation = self.validate(event)
+        self._apply(event.source, validation)
+        return validation
 
-    def judge(self, event: Arrival) -> Judgement:
-        """Return the verdict on a message and its effect, which is not applied."""
-        return self._rules.judge(event, self.actuators.gains)
+    def validate(self, event: Arrival) -> Validation:
+        """Return the validation result of a message, without applying its effect."""
+        return self._rules.validate(event, self.actuators.gains)
 
-    def command(self, efforts: np.ndarray) -> Judgement:
-        """Judge and apply efforts (n,) in published order, as a command without names has them.
+    def command(self, efforts: np.ndarray) -> Validation:
+        """Validate and apply efforts (n,) in published order.
 
         For callers that neither record nor publish the command: it has no bytes.
         """
-        judgement = self._rules.judge_efforts(efforts)
-        self._apply(Source.ARRAY, judgement)
-        return judgement
+        validation = self._rules.validate_efforts(efforts)
+        self._apply(Source.ARRAY, validation)
+        return validation
 
     def stretch(self, efforts: np.ndarray, commands: Sequence[int]) -> np.ndarray | None:
         """Run a cycle for each row of efforts, in one native call.
 
         The same as `command` and `advance` in turn, with the same bits, where nothing but
-        commands of efforts acts: without delay, drop-out, sensors' errors, reflex, pause, jump,
-        followed clock, or a wrench with an end. Where something else does, nothing is done.
+        commands of efforts acts: without delay, drop-out, sensors' errors, pause, jump, followed
+        clock, or a wrench with an end. Where something else does, nothing is done.
 
         Parameters
         ----------
@@ -248,11 +246,15 @@ class Engine:
         begin, step = state.cycle, state.step
         if state.wrench is not None:
             wrench.advance(state.wrench)
-        rows = self.arm.run(efforts, self._free)
-        state.cycle = cycle = begin + len(rows)
-        taken = bisect_left(commands, len(rows))
+        rows = self.arm.run(efforts, self._zero_effort)
+        jumped = self.arm.jumped is not None
+        state.cycle = cycle = begin + len(rows) + jumped
+        taken = bisect_left(commands, cycle - begin)
         last = commands[taken - 1]
         self._end_stretch(efforts[last].copy(), begin + 1 + last, taken)
+        if jumped:
+            self._trip()
+            rows = np.append(rows, [(state.q, state.qd, state.tau)], axis=0)
         published = cycle - cycle % self.publish_every
         if self.pace.lockstep:
             state.pace.commanded = True
@@ -291,7 +293,10 @@ class Engine:
         if state.wrench is not None:
             wrench.advance(state.wrench)
         state.cycle = cycle = state.cycle + 1
-        self._end_stretch(arm.advance(efforts, self._free), cycle, 1)
+        wanted = arm.advance(efforts, self._zero_effort)
+        self._end_stretch(wanted, cycle, 1)
+        if arm.jumped is not None:
+            self._trip()
         if self.pace.lockstep:
             pace = state.pace
             pace.commanded = True
@@ -303,10 +308,9 @@ class Engine:
     def _end_stretch(self, effort: np.ndarray, heard: int, commands: int) -> None:
         state = self.arm.state
         link = state.link
-        link.drive = link.newest = Drive(effort, self._free)
+        link.actuation = link.newest = ActuatorCommand(effort, self._free)
         link.heard, link.timed_out = heard, False
         link.sent += commands
-        state.actuators.before = None
 
     def _may_stretch(self, gap: int) -> bool:
         """Return whether nothing but commands, with at most `gap` cycles between, will act."""
@@ -325,15 +329,15 @@ class Engine:
             or not self._link.passes_all(gap)
         )
 
-    def _apply(self, source: Source, judgement: Judgement) -> None:
-        effect, state = judgement.effect, self.state
+    def _apply(self, source: Source, validation: Validation) -> None:
+        effect, state = validation.effect, self.state
         if source in COMMANDS:
-            self.pace.answer(state.pace, judgement.verdict)
+            self.pace.answer(state.pace, validation.verdict)
         if isinstance(effect, Command):
             self._link.send(state.link, effect, state.cycle + 1)
         elif isinstance(effect, StateChange):
             state.jumps.append(effect)
-            self._discard_commands(let_go(state.link.drive))
+            self._discard_commands(zero_effort(state.link.actuation))
         elif isinstance(effect, SettingsChange):
             self._set(effect)
         elif isinstance(effect, ClockTick):
@@ -349,7 +353,7 @@ class Engine:
         if request.name == 'reset':
             self._reset()
         elif request.name == 'deactivate':
-            self._discard_commands(held(len(state.q)))
+            self._discard_commands(all_braked(len(state.q)))
         elif request.name == 'clear_wrench' and state.wrench is not None:
             wrench.clear(state.wrench)
         self.pace.request(state.pace, request)
@@ -360,24 +364,27 @@ class Engine:
         self.arm.revive(state.cycle)
         state.jumps = [None]
         state.link.sent = 0
-        self._discard_commands(held(len(state.q)))
+        self._discard_commands(all_braked(len(state.q)))
         state.reset_ns = state.since_ns
         if state.wrench is not None:
             wrench.clear(state.wrench)
 
-    def _discard_commands(self, drive: Drive) -> None:
-        """Continue with a drive, and without all commands from before the next step."""
+    def _discard_commands(self, actuation: ActuatorCommand) -> None:
+        """Continue with an actuator command; drop all commands from before the next step."""
         state = self.state
-        command_link.clear(state.link, drive)
+        command_link.clear(state.link, actuation)
         actuators.restart(state.actuators)
         state.since_ns = self.arm.stamp_ns + self._step_ns
 
     def _set(self, change: SettingsChange) -> None:
         """Take over other values of dynamic settings; all others are as before."""
-        measured = self.sensors is not None
+        measured, jump = self.sensors is not None, self.actuators.largest_jump
         self.arm.change(change.settings, change.plant)
         self._derive()
         state = self.state
+        if np.isinf(jump):
+            # A reflex looks at efforts from the next one on.
+            state.actuators.motors.before[:] = np.nan
         if self.sensors is None:
             state.sensed = []
         elif not measured:
@@ -410,17 +417,19 @@ class Engine:
         state.cycle += 1
         if state.jumps and state.jumps[0] is None:
             state.epoch = state.cycle
-        drive = state.link.drive if state.failure else self._actuate(state)
+        actuation = state.link.actuation if state.failure else self._actuate(state)
         if state.wrench is not None:
             wrench.advance(state.wrench)
         if state.jumps:
-            state.braked = drive.braked
+            state.braked = actuation.braked
             self.arm.jump(state.jumps)
             state.jumps = []
             if self.sensors is not None:
                 self.sensors.restart(state)
         else:
-            self.arm.advance(drive.effort, drive.braked)
+            self.arm.advance(actuation.effort, actuation)
+            if self.arm.jumped is not None:
+                self._trip()
             if self.sensors is not None:
                 self.sensors.sample(state)
         role = self._state_role(state)
@@ -436,7 +445,7 @@ class Engine:
         dropped = self.sensors is not None and self.sensors.drops(state)
         return DROPPED_STATES if dropped else STATES
 
-    def _actuate(self, state: ArmState) -> Drive:
+    def _actuate(self, state: ArmState) -> ActuatorCommand:
         """Let the commands that are due reach the actuators; return what these want.
 
         A failed arm has no actuators: a gap in its cycles changes nothing.
@@ -446,11 +455,18 @@ class Engine:
             # The watchdog is no controller: a reflex does not look at its jump.
             actuators.restart(driven)
         if state.jumps:
-            return let_go(link.drive)
-        drive = self.actuators.wanted(driven, link.drive, state.q, state.qd)
-        if driven.tripped:
-            command_link.clear(link, drive)
-        return drive
+            return zero_effort(link.actuation)
+        return link.actuation
+
+    def _trip(self) -> None:
+        """Let the reflex brake all joints for the step that was not done."""
+        state, wanted, brakes = self.state, self.arm.jumped, all_braked(len(self._free))
+        assert wanted is not None
+        self.arm.jumped = None
+        names = self.arm.robot.joint_names
+        actuators.trip(state.actuators, wanted, names, self.actuators.largest_jump)
+        command_link.clear(state.link, brakes)
+        self.arm.advance(brakes.effort, brakes)
 
     def measured(self) -> JointArrays:
         """Return the positions, velocities and efforts of this cycle's state, in model order."""
@@ -471,13 +487,13 @@ class Engine:
             found.append(Output(CLOCK, 0, convert.encode_clock(arm.stamp_ns)))
         return found
 
-    def stand_still(self, cycle: int) -> None:
+    def skip_cycles(self, cycle: int) -> None:
         """Pass over the cycles up to `cycle`, for an arm that failed and gets no events.
 
         The arm is the same in each of them: a gap of any length costs nothing.
         """
         if not self.state.failure:
-            raise RuntimeError('only an arm that failed stands still')
+            raise RuntimeError('only a failed arm skips cycles')
         self.state.cycle = max(self.state.cycle, cycle)
 
     def _add_state_and_tick(self, outputs: list[Output], role: str) -> None:

@@ -5,8 +5,8 @@
 Wall time and thread order reach the arm only as events. Everything else follows from the
 settings, the events and the number of the cycle, so a recording of the events proves a run.
 
-A new kind of input is a new `Source`, with its rule in `judging.py`. It needs no queue, no
-numbering and no row of its own: an `Arrival` and a `VerdictRow` hold every kind.
+A new kind of input is a new `Source`, with its rule in `validation.py`. It needs no queue, no
+numbering and no row of its own: an `Arrival` and a `ValidationRow` hold every kind.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ MOVING = COMMANDS | {Source.SET_STATE}
 
 
 class Verdict(IntEnum):
-    """The verdict on a message; the numbers are written into recordings and stay."""
+    """Validation results; the numbers are written into recordings and do not change."""
 
     ACCEPTED = 0
     MALFORMED = 1
@@ -50,7 +50,7 @@ class Verdict(IntEnum):
     ALL_NAN = 9
     WRONG_SIZE = 10
     NOT_FINITE = 11
-    # Never judged: newer events needed its place before the next cycle.
+    # Not validated: dropped for newer events before the next cycle.
     OVERFLOWED = 12
     # Understood, but not possible now.
     REFUSED = 13
@@ -74,8 +74,8 @@ class Overflow(NamedTuple):
 Event: TypeAlias = Arrival | Overflow
 
 
-class VerdictRow(NamedTuple):
-    """The cycle that judged or dropped a message, and its verdict."""
+class ValidationRow(NamedTuple):
+    """The cycle in which a message was validated or dropped, and the result."""
 
     cycle: int
     source: Source
@@ -83,10 +83,10 @@ class VerdictRow(NamedTuple):
     verdict: Verdict
 
 
-# The fields of a VerdictRow as they are labelled in recordings.
+# The fields of a ValidationRow as they are labelled in recordings.
 TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict')
 
-# Roles of the outputs: verdict rows, the arm's state, the clock tick, a new payload.
+# Roles of the outputs: validation rows, the arm's state, the clock tick, a new payload.
 TAKEN, STATES, CLOCK = 'taken', 'joint_states', 'clock'
 PAYLOAD_IN_USE = 'payload_in_use'
 # A state that the sensors drop: recorded, not published; it is numbered with the others.

@@ -28,10 +28,10 @@ QUANTITIES = {
 
 
 def model_kernels(settings: Settings, robot: pfd.Robot, scene: pfd.Scene) -> Mapping[str, Any]:
-    """Return the kernel of each output that the settings ask for and that is such a quantity.
+    """Return the kernel of each enabled output that is a quantity of the model.
 
-    The wrench on the tip and the gravity torques of the drives are left out of the scene: they
-    act on the arm, and its model is asked for.
+    The wrench on the tip and the gravity torques of the drives are not in the scene, since
+    the outputs describe the model of the arm.
     """
     alone = replace(scene, external_wrench=False, gravity_compensation=False)
     return MappingProxyType(

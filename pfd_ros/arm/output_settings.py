@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The settings of what is published beside joint_states, and the types of it."""
+"""The settings and types of outputs in addition to joint_states."""
 
 from __future__ import annotations
 
@@ -30,8 +30,8 @@ OUTPUTS = {
 
 @dataclass(frozen=True)
 class OutputSettings:
-    """The part of the settings that is about what is published beside joint_states."""
+    """The settings of outputs in addition to joint_states."""
 
     outputs: tuple[str, ...] = setting(
-        (), 'Published beside each state, on ~/<name>; empty is nothing', values=tuple(OUTPUTS)
+        (), 'Published with each state, on ~/<name>; empty means nothing', values=tuple(OUTPUTS)
     )

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What is published beside joint_states: what real arms tell, and what only a simulation knows.
+"""Outputs in addition to joint_states: quantities of the model, of the tip, and the true state.
 
 All of it describes the true state of the cycle whose joint_states it follows, not the measured
 one. With the joints in published order, H qdd + b = tau + tau_ext, where
@@ -12,16 +12,16 @@ one. With the joints in published order, H qdd + b = tau + tau_ext, where
     bias_torques      b = C qd + g + damping qd
     gravity_torques   g, with springs of the scene
     tip_jacobian      J of the origin of the tip's frame, linear first, base axes, (6, n)
-    tip_pose          the tip's frame in that of the base link
+    tip_pose          the tip's frame in the base link's frame
     tip_wrench        k on the tip, in its axes
     energy            kinetic and potential, J, and the power of tau, W
 
 The three torques come as JointState, with names and stamp, and under the same name with _array as
 Float64MultiArray: a topic of ROS 2 has one type.
 
-These are of the arm with its payload, as if no drive compensated its gravity; drives that do add
-a torque of their own to tau. Dry friction, stops and brakes have no place in that equation. Every
-number is finite: one that overflows is 0. No step compiles a kernel.
+These are of the arm with its payload, without gravity compensation, whose torque is added to tau.
+Dry friction, stops and brakes are not in that equation. Numbers are finite: an overflow is 0. No
+step compiles a kernel.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ Writer: TypeAlias = Callable[[], bytes]
 
 
 def roles_of(settings: Settings) -> frozenset[str]:
-    """Return the roles of all outputs of an arm but verdict rows."""
+    """Return the roles of all outputs of an arm but validation rows."""
     roles = {STATES, PAYLOAD_IN_USE, *settings.outputs}
     if settings.publish_clock:
         roles.add(CLOCK)
@@ -58,7 +58,7 @@ def roles_of(settings: Settings) -> frozenset[str]:
 
 
 class ExtraOutputs:
-    """The outputs of an arm that its settings ask for beside its states."""
+    """The outputs of an arm that its settings enable."""
 
     def __init__(self, settings: Settings, arm: Arm) -> None:
         self.arm, self.frame_id, self.locked = arm, settings.frame_id, settings.published_locks
@@ -106,7 +106,7 @@ class ExtraOutputs:
 
 
 def extra_outputs(settings: Settings, arm: Arm) -> ExtraOutputs | None:
-    """Return the outputs that the settings ask for beside states, None if there are none."""
+    """Return the outputs that the settings enable, or None."""
     return ExtraOutputs(settings, arm) if settings.outputs else None
 
 

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Whether the arm may step: activity, pauses, lockstep with a controller, a followed clock.
 
-The node paces cycles by its clock; this says when there is to be none at all. It follows from
+The node paces cycles by its clock; this module decides when no cycle runs. It follows from
 settings, events and cycles, never from wall time.
 """
 
@@ -14,11 +14,11 @@ from pfd_ros.arm.effects import Request
 from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.state import PaceState
 
-# A driver that sends NaN until a controller has claimed its joints answers all the same, and so
-# does a controller whose commands are of no use to an arm that a reflex has braked.
+# NaN from a driver whose joints no controller has claimed counts as an answer, and so do commands
+# for an arm braked by a reflex.
 ANSWERS = frozenset({Verdict.ACCEPTED, Verdict.ALL_NAN, Verdict.REFUSED})
-# Requests after which the time of a followed clock is where the arm goes on, without steps.
-LEAPS = frozenset({'resume', 'activate', 'reset'})
+# Requests after which the arm continues at the time of the followed clock, without steps.
+JUMPS = frozenset({'resume', 'activate', 'reset'})
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Pace:
 
     def request(self, state: PaceState, request: Request) -> None:
         """Apply a request."""
-        if request.name in LEAPS:
+        if request.name in JUMPS:
             state.until_ns = None
         if request.name == 'step':
             state.left += request.count

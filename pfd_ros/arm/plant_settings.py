@@ -211,8 +211,8 @@ class PlantSettings:
         moments = np.linalg.eigvalsh(np.array(inertia)).tolist()
         if moments[2] > (moments[0] + moments[1]) * (1 + TRIANGLE_TOLERANCE):
             raise ValueError(
-                'payload.inertia is of no body: of its principal moments '
-                f'{moments} kg m^2 the largest is above the sum of the others'
+                'payload.inertia is not physically consistent: of its principal moments '
+                f'{moments} kg m^2 the largest exceeds the sum of the others'
             )
         return body
 
@@ -227,7 +227,5 @@ class PlantSettings:
         effects = ['gravity', *(name for name, *_ in _effect_settings())]
         given = [name for name in effects if getattr(self, name) != getattr(default, name)]
         if self.scene and given:
-            raise ValueError(
-                f'scene stands for {" and ".join(given)}: leave out the one or the other'
-            )
+            raise ValueError(f'scene conflicts with {" and ".join(given)}: set one of them only')
         _ = self.payload

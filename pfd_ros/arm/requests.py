@@ -1,8 +1,8 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The rules for requests, and for the states that the arm is asked to jump to.
+"""The rules for requests, and for states to set.
 
-A request travels as a text in JSON: {"request": "step", "count": 5}.
+A request is JSON: {"request": "step", "count": 5}.
 """
 
 from __future__ import annotations
@@ -13,36 +13,36 @@ from typing import Any
 
 import numpy as np
 
-from pfd_ros.arm.commands import Judgement, named_values_rule, too_far
+from pfd_ros.arm.commands import Validation, named_values_rule, too_far
 from pfd_ros.arm.effects import MOST_STEPS, Request, StateChange
 from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.state import PaceState
 from pfd_ros.messages.convert import JointMessage, encode_string
 from pfd_ros.text import NAME_COUNT, cut, listed
 
-# pause, resume: whether simulated time stands still. step: so many steps in a pause. reset: the
-# initial state, held by the brakes. deactivate: brakes on and no steps, until it is activated.
-# clear_wrench: no external wrench from now on.
+# pause, resume: stop or continue simulated time. step: a number of steps while paused. reset:
+# initial state, braked. deactivate: braked and no steps until activated. clear_wrench: no external
+# wrench.
 REQUESTS = ('pause', 'resume', 'step', 'reset', 'activate', 'deactivate', 'clear_wrench')
 # A request is far shorter.
 LONGEST_REQUEST = 1000
 
 
 def encode_request(request: Request) -> bytes:
-    """Return the message that a request travels as."""
+    """Return the message of a request."""
     told: dict[str, Any] = {'request': request.name}
     if request.name == 'step':
         told['count'] = request.count
     return encode_string(json.dumps(told))
 
 
-def judge_request(text: str, pace: PaceState) -> Judgement:
-    """Judge a request to an arm of this pace.
+def validate_request(text: str, pace: PaceState) -> Validation:
+    """Validate a request to an arm of this pace.
 
     Raises
     ------
     ValueError
-        If the text is no request.
+        If it is no request.
     """
     if len(text) > LONGEST_REQUEST:
         raise ValueError(f'{len(text)} characters, expected {LONGEST_REQUEST} at most')
@@ -56,37 +56,37 @@ def judge_request(text: str, pace: PaceState) -> Judgement:
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_STEPS:
         raise ValueError(f'count is {cut(repr(count))}, expected 1 to {MOST_STEPS}')
     if name in ('step', 'reset') and not pace.active:
-        return Judgement(Verdict.REFUSED, f'{name}: the arm is inactive')
+        return Validation(Verdict.REFUSED, f'{name}: the arm is inactive')
     if name == 'step' and not pace.paused:
-        return Judgement(Verdict.REFUSED, 'step: the arm is not in a pause')
-    return Judgement(Verdict.ACCEPTED, name, effect=Request(name, count))
+        return Validation(Verdict.REFUSED, 'step: the arm is not in a pause')
+    return Validation(Verdict.ACCEPTED, name, effect=Request(name, count))
 
 
-def judge_state(
+def validate_state(
     message: JointMessage, index: Mapping[str, int], locked: Collection[str] = ()
-) -> Judgement:
-    """Judge a state to jump to; see `commands.judge_named` for the parameters.
+) -> Validation:
+    """Validate a state to jump to; see `commands.validate_named` for the parameters.
 
     NaN, and an array that is empty, leave a position as it is; a velocity is zero then. Locked
     joints stay where they are. The efforts and the stamp are those of the moment that the state
     was measured, and have no effect: a message of joint_states can be sent back as it came.
     """
     if not message.names:
-        return Judgement(Verdict.NO_NAMES, 'no joint names')
+        return Validation(Verdict.NO_NAMES, 'no joint names')
     broken = named_values_rule(message)
     if broken is not None:
         return broken
     if not len(message.position):
-        return Judgement(
+        return Validation(
             Verdict.MALFORMED, 'no positions; expected a position for each joint that is named'
         )
     velocity = message.velocity if len(message.velocity) else np.zeros(len(message.names))
     strange = [name for name in message.names if name not in index and name not in locked]
     if strange:
-        # A state of half an arm is a mistake, unlike a command for half an arm.
-        return Judgement(
+        # Unlike a command, a state must not name unknown joints.
+        return Validation(
             Verdict.UNKNOWN_NAMES,
-            f'{listed(strange)} are no joints of the arm',
+            f'unknown joints {listed(strange)}',
             unknown=tuple(cut(name) for name in strange[:NAME_COUNT]),
             unknown_count=len(strange),
         )
@@ -101,5 +101,5 @@ def judge_state(
         if name in index and q == q
     ]
     if not given:
-        return Judgement(Verdict.ALL_NAN, 'no position for a joint that moves')
-    return Judgement(Verdict.ACCEPTED, '', effect=StateChange(*zip(*given, strict=True)))
+        return Validation(Verdict.ALL_NAN, 'no position for a joint that moves')
+    return Validation(Verdict.ACCEPTED, '', effect=StateChange(*zip(*given, strict=True)))

@@ -59,7 +59,7 @@ def scene_of(settings: Settings, order: Sequence[int]) -> pfd.Scene:
 
 def _from_text(text: str) -> pfd.Scene:
     if '\n' not in text:
-        raise ValueError(f'scene is {cut(repr(text))}, expected the text of a scene')
+        raise ValueError(f'scene is {cut(repr(text))}, expected the YAML of a scene')
     scene = pfd.load_scene(text)
     if scene.payload == INPUT:
         raise ValueError(

@@ -1,20 +1,20 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The sensors: from the true state of the arm to the measured one, which joint_states tell.
+"""The sensors: from the true state of the arm to the measured state in joint_states.
 
 Each kind of number (position, velocity, effort) is
 
     measured = quantized(true value, delay.state ago + bias + noise)
 
-Velocities are quantized by a step of their own, not made of differences of positions. The stamp
-of a state is the time of its publication: a driver does not know how old its numbers are.
-`drop.state` is the share of states that are measured and not published: they keep their numbers
-and are recorded under a role of their own, so that no reader takes one for a lost message.
+Velocities have a separate quantization and are not differences of positions. The stamp of a state
+is the time of its publication: a driver does not know the age of its numbers. `drop.state` is the
+share of states that are measured and not published. They keep their numbers and are recorded under
+a separate role, so that no reader takes one for a lost message.
 
-A jump of the arm (reset, set_state) is seen at once, whatever the delay. Noise is a function of
+A reset or set_state is visible without delay. Noise is a function of
 seed, channel and cycle, counted from the start or the last reset: what follows a reset is what
-followed the start. A failed arm stands still, and so does the state that its sensors are behind
-at; their noise goes on.
+followed the start. The state of a failed arm is constant, delayed or not; noise
+continues.
 """
 
 from __future__ import annotations

@@ -55,7 +55,7 @@ def speeding(arm: Arm) -> Speeding | None:
     unit = 'm/s' if arm.robot.joint_types[joint] == 'prismatic' else 'rad/s'
     found = f'{name} at {ratio * limit:.3g} {unit}, limit {limit:.3g} {unit}'
     if arm.robot.velocity_limit[joint] != limit:
-        found += ' (assumed, the model states none)'
+        found += ' (assumed, the model has none)'
     slower = 'a real arm would stop with a fault; move slower'
     return Speeding(ratio, f'{found}: {_cure(arm, joint) if ratio >= RUNAWAY else slower}')
 
@@ -89,4 +89,4 @@ def estimate_text(robot: pfd.Robot) -> str:
     )
     if np.all(numbers > 0):
         return text
-    return f'{text}; joints with 0 have no stated limits: give armature.<joint> for them'
+    return f'{text}; joints with 0 have no limits in the model: set armature.<joint> for them'

@@ -23,7 +23,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.drive import Drive
+from pfd_ros.arm.actuator_command import ActuatorCommand
 from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.settings import Settings, from_values
 
@@ -40,7 +40,7 @@ class LinkState:
 
     Attributes
     ----------
-    drive
+    actuation
         The actuator command in effect.
     newest
         The actuator command after the newest message, which may still be delayed.
@@ -56,9 +56,9 @@ class LinkState:
         Commands since the start or the last reset, which chance counts by.
     """
 
-    drive: Drive
-    newest: Drive
-    line: list[tuple[int, Drive]] = field(default_factory=list)
+    actuation: ActuatorCommand
+    newest: ActuatorCommand
+    line: list[tuple[int, ActuatorCommand]] = field(default_factory=list)
     heard: int | None = None
     timed_out: bool = False
     timeouts: int = 0
@@ -76,15 +76,12 @@ class ActuatorState:
         Counters of the limits, which native code advances.
     tripped, trips, reflex
         Whether a reflex has braked all joints, how often it has, and why it last did.
-    before
-        The actuator command of the last cycle before the limits, where a reflex needs it.
     """
 
     motors: pfd.MotorState
     tripped: bool = False
     trips: int = 0
     reflex: str = ''
-    before: Drive | None = None
 
     @property
     def saturated(self) -> int:
@@ -158,7 +155,7 @@ class ArmState:
     robot
         Digest of the robot.
     first
-        The settings at the start, with the names that 'auto' stood for.
+        The settings at the start, with 'auto' resolved.
     settings
         The settings now.
     cycle
@@ -191,7 +188,7 @@ class ArmState:
         The payload of the last message about it (mass, center, inertia), () for none; messages
         so far.
     row_messages
-        Messages of verdict rows so far.
+        Messages of validation rows so far.
     """
 
     robot: str
@@ -258,7 +255,7 @@ _RECORDS: dict[str, Any] = {
         PaceState,
         WrenchState,
         StateChange,
-        Drive,
+        ActuatorCommand,
         pfd.MotorState,
     )
 }

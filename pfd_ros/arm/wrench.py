@@ -9,7 +9,7 @@ import math
 import numpy as np
 
 import pfd_core as pfd
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.effects import WrenchChange
 from pfd_ros.arm.events import Verdict
 from pfd_ros.arm.settings import Settings, timeout_steps
@@ -21,10 +21,10 @@ from pfd_ros.messages.stamped import WrenchMessage
 LARGEST_WRENCH = 1e5
 
 
-def judge_wrench(
+def validate_wrench(
     message: WrenchMessage, robot: pfd.Robot, since_ns: int, *, taken: bool
-) -> Judgement:
-    """Judge an external wrench.
+) -> Validation:
+    """Validate an external wrench.
 
     Parameters
     ----------
@@ -39,22 +39,22 @@ def judge_wrench(
         Whether the arm's scene has an external wrench at all.
     """
     if not taken:
-        return Judgement(Verdict.REFUSED, 'start the arm with external_wrench:=true')
+        return Validation(Verdict.REFUSED, 'start the arm with external_wrench:=true')
     numbers = (*message.force, *message.torque)
     if not all(map(math.isfinite, numbers)):
-        return Judgement(Verdict.NOT_FINITE, 'holds a number that is not finite')
+        return Validation(Verdict.NOT_FINITE, 'holds a number that is not finite')
     if max(map(abs, numbers)) > LARGEST_WRENCH:
-        return Judgement(Verdict.REFUSED, f'expected {LARGEST_WRENCH:g} N and N m at most')
+        return Validation(Verdict.REFUSED, f'expected {LARGEST_WRENCH:g} N and N m at most')
     if 0 != message.stamp_ns < since_ns:
-        return Judgement(
+        return Validation(
             Verdict.STALE, f'stamp {message.stamp_ns} ns, expected {since_ns} ns or later'
         )
     try:
         frame = tip_frame(robot, message.frame_id)
     except ValueError as error:
-        return Judgement(Verdict.UNKNOWN_NAMES, str(error))
+        return Validation(Verdict.UNKNOWN_NAMES, str(error))
     wrench = wrench_at_tip(frame, message.force, message.torque)
-    return Judgement(Verdict.ACCEPTED, effect=WrenchChange(wrench))
+    return Validation(Verdict.ACCEPTED, effect=WrenchChange(wrench))
 
 
 def put(state: WrenchState, change: WrenchChange, settings: Settings) -> None:

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The command `pfd`.
 
-    main      the table of commands, `--ros-args`, errors as one line and an exit status
+    main      the commands, `--ros-args`, errors as one line and an exit status
     demo      pfd demo
     sim       pfd sim: the node
-    replay    pfd replay: a recording verified, with its summary
+    replay    pfd replay: summary and verification of a recording
     info      pfd info: topics, times and settings of a log
     compare   pfd compare: differences of two logs
     recover   pfd recover: a whole file from one that was cut off or damaged

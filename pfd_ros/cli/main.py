@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Runs the command that the arguments name; errors become one line and an exit status.
+"""Run the command of the arguments; errors become one line and an exit status.
 
-A command is imported when it is named, not with this module: `pfd sim` imports no other, and a
-signal during these imports, which take a second, ends it like one that comes later.
+A command is imported when it runs, not with this module: `pfd sim` imports no other command, and a
+signal during the imports, which take a second, ends it like a later one.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from typing import Any
 from pfd_ros.node.main import stop_on_signals
 from pfd_ros.text import one_line
 
-# Exit status of a program that Ctrl-C ended, as shells have it.
+# Exit status after Ctrl-C, as in shells.
 INTERRUPTED = 130
 NO_ROS = (
-    'this needs ROS 2 (rclpy), which this Python does not have; '
+    'this command needs ROS 2 (rclpy), which is not installed; '
     "install it with: pip install 'pfd_ros[ros]'"
 )
 
@@ -34,14 +34,14 @@ NEED_ROS = {'demo', 'sim'}
 
 
 def _commands(words: Sequence[str]) -> dict[str, Any]:
-    """Import the command that the first word names, or all; none imports rclpy before it runs."""
+    """Import the command of the first word, or all; none imports rclpy before it runs."""
     names = words[:1] if words and words[0] in COMMANDS else COMMANDS
     return {name: import_module(f'pfd_ros.cli.{name}') for name in names}
 
 
 def _parser(commands: dict[str, Any]) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog='pfd', description='A stand-in robot arm: torques in, simulated joint states out.'
+        prog='pfd', description='A simulated robot arm: torques in, joint states out.'
     )
     subparsers = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name, command in commands.items():
@@ -50,18 +50,18 @@ def _parser(commands: dict[str, Any]) -> argparse.ArgumentParser:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit status: 0 only if it did what was asked."""
+    """Run one command and return its exit status, 0 only for success."""
     words = list(sys.argv[1:] if args is None else args)
     try:
         return _run(words, stop_on_signals() if words[:1] == ['sim'] else None)
     except KeyboardInterrupt:
-        _give_up_output()
+        _close_output()
         return INTERRUPTED
 
 
 def _run(words: list[str], stop: threading.Event | None) -> int:
     commands = _commands(words)
-    # These arguments are for ROS, and argparse would not understand them.
+    # Arguments for ROS, which argparse would reject.
     cut = words.index('--ros-args') if '--ros-args' in words else len(words)
     given = _parser(commands).parse_args(words[:cut])
     given.ros_args, given.stop = words[cut:], stop
@@ -73,19 +73,19 @@ def _run(words: list[str], stop: threading.Event | None) -> int:
         return 1
     try:
         status: int = commands[given.command].run(given)
-        # Here, while a full disk or a closed pipe can still be reported.
+        # While a full disk or a closed pipe can still be reported.
         if sys.stdout is not None:
             sys.stdout.flush()
     except (ValueError, OSError) as error:
-        _give_up_output()
+        _close_output()
         if sys.stderr is not None:
             print(one_line(f'pfd {given.command}: {error}'), file=sys.stderr)
         return 1
     return status
 
 
-def _give_up_output() -> None:
-    """Flush as much as can be flushed; Python would report the rest once more at exit."""
+def _close_output() -> None:
+    """Flush the output; without errors at exit if it cannot be written."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()

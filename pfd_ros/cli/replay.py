@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd replay`: tells about a recording, or checks it bit for bit."""
+"""`pfd replay`: print the summary of a recording, or verify it bit for bit."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from pfd_ros.replay.summary import Summary
 from pfd_ros.replay.verify import read
 from pfd_ros.text import one_line
 
-HELP = 'look at a recording, or check it bit for bit'
-# Exit status of --verify for a recording that is not whole, and equal as far as it goes.
+HELP = 'summary of a recording, or its verification bit for bit'
+# Exit status of --verify for an incomplete recording whose recorded part is equal.
 INCOMPLETE = 3
 # Software whose versions may change the bits.
 DECISIVE = ('pfd', 'numpy', 'llvmlite')
-# Words for the messages of roles whose names are no words.
-NOUNS = {STATES: 'states', CLOCK: 'clock ticks', TAKEN: 'records of commands taken'}
+# Nouns for the messages of some roles.
+NOUNS = {STATES: 'states', CLOCK: 'clock ticks', TAKEN: 'rows of applied commands'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,15 +38,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(given: argparse.Namespace) -> int:
-    """Read a recording, replay it if asked to, and print the result.
+    """Read a recording, replay it with --verify, and print the result.
 
-    With --verify the status is 0 if the recording is whole and equal, INCOMPLETE if it is equal as
-    far as it goes.
+    With --verify the status is 0 if the recording is complete and equal, INCOMPLETE if its
+    recorded part is equal.
 
     Raises
     ------
     LogError
-        If it is damaged or differs; the text says where.
+        If it is damaged or differs, with the place.
     OSError
         If it cannot be read.
     """
@@ -64,7 +64,7 @@ def run(given: argparse.Namespace) -> int:
 
 
 def progress_on(stream: object) -> Callable[[float], None] | None:
-    """Return a function that draws the progress on a terminal, or None where there is none."""
+    """Return a function that prints the progress on a terminal, or None without a terminal."""
     if stream is None or not getattr(stream, 'isatty', bool)():
         return None
     shown = -1
@@ -79,7 +79,7 @@ def progress_on(stream: object) -> Callable[[float], None] | None:
 
 
 def _end(summary: Summary) -> str:
-    """Return the end of the last line: a failed arm replays to the same bits too."""
+    """Return the end of the last line, for a simulation that stopped."""
     if summary.stopped_at is None:
         return ''
     return f', and the simulation stopped after step {summary.stopped_at} as recorded'
@@ -104,7 +104,7 @@ def describe(summary: Summary) -> list[str]:
         if verdict is not Verdict.ACCEPTED
     ]
     if summary.stopped_at is not None:
-        reason = summary.failure or 'its states stand still from there on'
+        reason = summary.failure or 'its states are constant from there on'
         lines.append(
             one_line(f'FAILED     simulation stopped after step {summary.stopped_at}: {reason}')
         )
@@ -115,7 +115,7 @@ def describe(summary: Summary) -> list[str]:
     if summary.obstacle:
         lines.append(f'note       it {summary.obstacle}')
     if not summary.complete:
-        lines.append('cut off    the file was never closed; all of this is up to the cut')
+        lines.append('cut off    the file was not closed; the summary is up to the cut')
     elif not summary.ended:
         lines.append('missing    the end record of the node')
     here = versions()

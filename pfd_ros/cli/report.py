@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd report`: tables and plots, measured here and now."""
+"""`pfd report`: tables and plots, measured on this machine."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from pfd_core.report.quantity_kernels import QUANTITIES
 from pfd_ros.cli.replay import progress_on
 
 REPORTS = {
-    'counts': 'steps of every method beside what the paper claims',
-    'speed': 'times beside those of other libraries, some ten minutes',
-    'hard-cases': 'errors where forward dynamics is hard to compute, some ten minutes',
-    'mechanisms': 'errors of the default on mechanisms in unusual proportions, some minutes',
-    'scene': 'cost and error of each effect of a scene, and the smallest scene in a tolerance',
+    'counts': 'steps of every method compared with the paper',
+    'speed': 'times compared with other libraries, some ten minutes',
+    'hard-cases': 'errors of ill-conditioned forward dynamics, some ten minutes',
+    'mechanisms': 'errors of the default method for unusual mechanisms, some minutes',
+    'scene': 'cost and error of each effect of a scene, and the smallest scene within a tolerance',
 }
-HELP = 'tables and plots, measured here and now'
+HELP = 'tables and plots, measured on this machine'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -43,14 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
                 '--quantity',
                 choices=sorted(QUANTITIES),
                 metavar='NAME',
-                help='one quantity beside forward dynamics, on more robots: %(choices)s',
+                help='one quantity and forward dynamics, for more robots: %(choices)s',
             )
-            kind.add_argument('--quick', action='store_true', help='a few turns only')
+            kind.add_argument('--quick', action='store_true', help='a few rounds only')
 
 
 def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        '--robot', help='a robot that `pfd robots` lists, or a file; default: that of the log'
+        '--robot', help='a robot that `pfd robots` lists, or a file; default: the robot of the log'
     )
     parser.add_argument(
         '--trajectory',
@@ -68,10 +68,10 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         '--scene',
         type=Path,
         metavar='FILE',
-        help='the full scene; default: all that the model and the settings of the log say',
+        help='the full scene; default: all effects in the model and the settings of the log',
     )
     parser.add_argument(
-        '--window', type=float, default=0.1, help='length of an open loop, s; default 0.1'
+        '--window', type=float, default=0.1, help='length of an open-loop window, s; default 0.1'
     )
 
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd robots`: the robots it knows, with their joints."""
+"""`pfd robots`: the included robots, with their joints."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import argparse
 
 import pfd_core as pfd
 
-HELP = 'the robots it knows'
+HELP = 'the included robots'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

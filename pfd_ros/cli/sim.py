@@ -6,13 +6,13 @@ from __future__ import annotations
 
 import argparse
 
-HELP = 'the node; takes --ros-args as every ROS 2 node does'
+HELP = 'the node; accepts --ros-args like every ROS 2 node'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the robot; all else is for ROS."""
+    """Declare the robot; other arguments are for ROS."""
     parser.add_argument('--robot', help='robot to simulate, the same as -p robot:=...')
-    # The node knows what is wrong with these.
+    # The node reports errors in these.
     parser.add_argument('words', nargs='*', help=argparse.SUPPRESS)
 
 

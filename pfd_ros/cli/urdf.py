@@ -16,7 +16,7 @@ HELP = 'the URDF of a robot'
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the robot and the file."""
     parser.add_argument('robot', help='a name of `pfd robots`, or a .urdf, .xacro or .yaml file')
-    parser.add_argument('--out', type=Path, metavar='FILE', help='write it here, not to stdout')
+    parser.add_argument('--out', type=Path, metavar='FILE', help='file to write instead of stdout')
 
 
 def run(given: argparse.Namespace) -> int:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A timer loop that does nothing else, alongside the arm: the rate that the machine allows."""
+"""A bare timer loop alongside the arm, which measures the rate that the machine permits."""
 
 from __future__ import annotations
 
@@ -16,13 +16,12 @@ import numpy as np
 @contextmanager
 def bare_timer(period: float) -> Iterator[array[int]]:
     """
-    Run the loop in a thread; yields the times at which it woke, ns since the epoch, as they come.
+    Run the loop in a thread; yield the growing array of its wake-up times, ns since the epoch.
 
     Parameters
     ----------
     period
-        Of the loop, s. A period that has passed before the loop wakes is left out: such a loop
-        shows how long threads wait for a processor.
+        Period of the loop, s. Periods that have passed at a wake-up are skipped.
     """
     woke, ended = array('q'), threading.Event()
 

@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A controller under test: computed torque, as one would write it for a real arm.
+"""A controller under test: computed torque, as for a real arm.
 
-Listens to `joint_states` and answers each with efforts on `joint_commands`. Prints one line of
-JSON about itself when its motion is over.
+Subscribes to `joint_states` and answers each with efforts on `joint_commands`. Prints one line of
+JSON with its counts when its motion is over.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ import pfd_core as pfd
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.messages.convert import NANOSECONDS
 
-# Critically damped, 20 rad/s: slow enough for the odd millisecond that a message takes.
+# Critically damped, 20 rad/s: slow enough for delays of a millisecond.
 STIFFNESS, DAMPING = 400.0, 40.0
-# Simulated time between finding the arm and moving it: both ends must have found each other.
+# Simulated time between discovery of the arm and the motion.
 SETTLE_NS = NANOSECONDS // 2
 LONGEST_SECONDS = 1e8
 
@@ -39,7 +39,7 @@ class Controller(Node):
         super().__init__('demo_controller')
         self.robot = pfd.load_robot(robot_name)
         self.motion = motion_of(self.robot)
-        # The first call compiles the robot, which takes longer than an arm can wait.
+        # The first call compiles the robot, which takes too long during control.
         pfd.inverse_dynamics(self.robot, *self.motion.at(0.0))
         self.length_ns = round(seconds * NANOSECONDS)
         self.ended: Future = Future()
@@ -87,10 +87,10 @@ def main(args: list[str] | None = None) -> int:
     node.publisher.wait_for_all_acked(Duration(seconds=1))
     assert node.found_ns is not None
     start_ns = node.found_ns + SETTLE_NS
-    told = {'sent': node.sent, 'start_ns': start_ns, 'end_ns': start_ns + node.length_ns}
+    counts = {'sent': node.sent, 'start_ns': start_ns, 'end_ns': start_ns + node.length_ns}
     node.destroy_node()
     try_shutdown()
-    print(json.dumps(told), flush=True)
+    print(json.dumps(counts), flush=True)
     return 0
 
 

@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd demo`: runs the node and a controller as two processes, then shows the results.
+"""`pfd demo`: run the node and a controller as two processes, then print the results.
 
-Recording, parameters, the output of both processes and a plot go into one folder; a later run
-adds its own files beside them. The processes get a ROS domain of their own, and no variable of
-the environment that leads to another system.
+Recording, parameters, the output of both processes and a plot are written to one folder; a later
+run adds further files. The processes use a separate ROS domain, without variables of the
+environment that connect to other systems.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from pfd_ros.recording.reader import LogError
 from pfd_ros.testing.child_process import ChildProcess
 from pfd_ros.testing.domains import FIRST, LAST, environment, own_domain
 
-# Finding each other and compiling the robot, with a busy machine in mind.
+# For discovery and compilation on a busy machine.
 START_SECONDS = 60.0
 STOP_SECONDS = 20.0
 POLL_SECONDS = 0.05
@@ -54,12 +54,12 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
     seconds
         Simulated length of the motion, s.
     folder
-        Where the files go; made if it is not there.
+        Folder for the files; created if missing.
 
     Raises
     ------
     ValueError
-        If the robot is not known or the length is not positive.
+        If the robot is unknown or the length is not positive.
     OSError
         If the files cannot be written.
     """
@@ -68,7 +68,7 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
     robot = pfd.load_robot(robot_name)
     folder.mkdir(parents=True, exist_ok=True)
     base = free_name(folder)
-    # A name that nobody else has, in case a domain is not our own after all.
+    # A unique name, in case the domain is used by others.
     namespace = f'/pfd_demo_{secrets.token_hex(4)}'
     parameters = {
         'robot': robot_name,
@@ -83,7 +83,7 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
         yaml.safe_dump({'/**': {'ros__parameters': parameters}}), encoding='utf-8'
     )
     print(f'{robot_name}: arm and controller for {seconds:g} s, recorded to {base}.mcap')
-    # Not the one that the environment names: an arm may be on its way to it.
+    # Not the domain of the environment, where an arm may be running.
     avoided = os.environ.get('ROS_DOMAIN_ID', '')
     start = secrets.randbelow(LAST - FIRST + 1)
     with own_domain(start=start, avoided=avoided) as domain:
@@ -105,8 +105,8 @@ def run_demo(robot_name: str, seconds: float, folder: Path) -> int:
 def _run_processes(
     robot_name: str, seconds: float, base: Path, namespace: str, env: dict[str, str]
 ) -> tuple[dict[str, Any] | None, list[str]]:
-    """Run both processes; return the controller's report on itself and the problems."""
-    # /clock is the one topic that a namespace leaves alone.
+    """Run both processes; return the controller's counts and the problems."""
+    # /clock is absolute, so a namespace does not change it.
     names = ['--ros-args', '-r', f'__ns:={namespace}', '-r', '/clock:=clock']
     arm_output, output = (Path(f'{base}.{name}.txt') for name in ('sim_arm', 'controller'))
     python = [sys.executable, '-m']
@@ -118,7 +118,7 @@ def _run_processes(
             [*python, 'pfd_ros.demo.controller', *options, *names], output, env
         )
         deadline = time.monotonic() + START_SECONDS + 4 * seconds
-        # If the arm is gone, the controller would wait for it in vain.
+        # Without the arm the controller would wait forever.
         while not controller.end() and not arm.end() and time.monotonic() < deadline:
             time.sleep(POLL_SECONDS)
     finally:

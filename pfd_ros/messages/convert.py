@@ -265,6 +265,56 @@ def decode_efforts(messages: Sequence[bytes], count: int) -> np.ndarray | None:
     return np.ascontiguousarray(rows[:, _FIRST_NUMBER:]).view('<f8').astype('f8')
 
 
+class _Spans(CdrReader):
+    """A reader that keeps the places of what it reads; the other bytes are padding."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self.spans: list[tuple[int, int]] = []
+
+    def take(self, size: int, align: int) -> int:
+        start = super().take(size, align)
+        self.spans.append((start, start + size))
+        return start
+
+
+def decode_named_efforts(
+    messages: Sequence[bytes],
+) -> tuple[tuple[str, ...], np.ndarray, np.ndarray] | None:
+    """Return names, stamps (k,) in ns and efforts (k, n) of JointStates with efforts alone.
+
+    None if the messages differ in anything but stamps, efforts and padding, or have positions or
+    velocities.
+
+    Raises
+    ------
+    ValueError
+        If the first one is no such message.
+    """
+    first = messages[0]
+    reader = _Spans(first)
+    read_time(reader)
+    reader.string()
+    names = reader.strings()
+    others = len(reader.numbers('f8')) + len(reader.numbers('f8'))
+    if others or reader.order != '<' or len(reader.numbers('f8')) != len(names) or not names:
+        return None
+    (stamp, *_), numbers = reader.spans[0], reader.spans.pop()
+    if any(len(data) != len(first) for data in messages):
+        return None
+    rows = np.frombuffer(b''.join(messages), np.uint8).reshape(len(messages), -1)
+    same = [place for start, end in reader.spans[2:] for place in range(start, end)]
+    if (rows[:, same] != rows[0, same]).any() or (rows[:, : len(HEADER)] != rows[0, :4]).any():
+        return None
+    times = np.ascontiguousarray(rows[:, stamp : stamp + TIME.size])
+    seconds = times[:, :4].copy().view('<i4')[:, 0].astype(np.int64)
+    nanoseconds = times[:, 4:].copy().view('<u4')[:, 0].astype(np.int64)
+    if (nanoseconds >= NANOSECONDS).any():
+        return None
+    efforts = np.ascontiguousarray(rows[:, slice(*numbers)]).view('<f8').astype('f8')
+    return names, seconds * NANOSECONDS + nanoseconds, efforts
+
+
 def encode_clocks(stamps_ns: np.ndarray) -> bytes:
     """Return the messages of `encode_clock` for many stamps (k,), one after the other."""
     rows = np.tile(np.frombuffer(encode_clock(0), np.uint8), (len(stamps_ns), 1))

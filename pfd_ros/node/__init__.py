@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """The ROS 2 node `sim_arm` around the engine: topics, threads, the recording, log lines.
 
-The way of a command and of the state it leads to:
+Data flow of a command and the resulting state:
 
     endpoints        publishers and subscriptions: topics, types, QoS; publishers that cannot block
     receiving        executor's thread: numbers and records each command; the bounded queue
@@ -14,23 +14,23 @@ Around it:
 
     description      the model from a file or a topic, and published; topics of its <ros2_control>
     parameters       the settings as ROS parameters
-    changing         changes of settings and payloads: checked, compiled beside the arm, passed on
-    compile_report   log lines about a first start, which compiles for seconds
-    services         pause, step, reset: requests to the arm, answered by their verdicts
-    command_counts   verdicts counted by source
-    graph_check      other nodes on the topics: foreign types, QoS, second publishers
-    throttled_log    log lines that become rarer while a trouble lasts
+    changing         changes of settings and payloads: checked, compiled, passed on
+    compile_report   log lines about compilation at a first start
+    services         pause, step, reset: requests to the arm and their results
+    command_counts   validation results counted by source
+    graph_check      other nodes on the topics: wrong types, QoS, second publishers
+    throttled_log    log lines at growing intervals while a problem lasts
     diagnostics      main thread: /diagnostics once a second
     reporting        main thread: log lines once a second, totals, problems at the end
-    sim_arm          one configured arm: puts these parts together
+    sim_arm          one configured arm: connects these parts
     lifecycle        the rclpy node: parameters, transitions, the arm from configure to cleanup
-    workers          threads that are watched: the end of one stops all
+    workers          supervised threads: the end of one stops all
     process          starts and stops ROS, the node and its threads; exit status
     main             signals; the entry point `sim_node`
 
-Threads: main (reporting), signals, the executor, which process starts, stepping, which lifecycle
-starts for each arm, compiling, while a new payload waits for its code (changing), and the
-recording's own (recording.recorder); those of the middleware beside them. The pool of pfd_core is
-not used: one arm is stepped by one thread at a time. A new topic is a row in endpoints, the last
-but one of the steps that pfd_ros.arm lists; a new parameter is a field of arm.settings.
+Threads: main (reporting), signals, the executor (started by process), stepping (started by
+lifecycle for each arm), compiling (while a payload waits for its code, changing), recording
+(recording.recorder), and those of the middleware. The pool of pfd_core is not used: one arm is
+stepped by one thread at a time. A new topic is a row in endpoints and the steps that pfd_ros.arm
+lists; a new parameter is a field of arm.settings.
 """

@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Changes of the arm's settings on their way to it: checked, compiled beside it, in order.
+"""Changes of the arm's settings: checked, compiled on a separate thread, passed on in order.
 
-A first payload needs other native code, which takes some tenths of a second to compile. A thread
-does it before the event reaches the arm, so that neither the stepping thread nor the executor's
-waits for it; of the changes that come meanwhile the newest count.
+A first payload needs new native code, which takes some tenths of a second to compile. A thread
+compiles it before the event reaches the arm, so neither the stepping thread nor the executor waits
+for it. Of the changes received meanwhile only the newest are applied.
 See docs/decisions/0020-changes-while-the-arm-runs.md.
 """
 
@@ -17,7 +17,7 @@ import time
 from typing import Any
 
 from pfd_ros.arm.changes import changed, encode_changes, payload_values
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.plant_settings import COMPILED, PAYLOAD
@@ -26,25 +26,24 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.stamped import decode_inertia
 from pfd_ros.node.receiving import Receiver
 
-# A payload message has a hundred bytes; a longer one is left to the arm, which refuses it.
+# A payload message has a hundred bytes; the arm rejects longer ones.
 LONGEST_PAYLOAD = 1 << 12
-# Of a flood of payloads the compiler, which slows the stepping thread down, gets a fifth of the
-# time: pauses are so many times as long as it ran, s at most.
+# The compiler slows the stepping thread down, so it runs at most a fifth of the time: it pauses so
+# many times as long as it ran, s at most.
 PAUSE, LONGEST_PAUSE = 4.0, 1.0
-SUPERSEDED = Judgement(Verdict.OVERFLOWED, 'a newer one came before it was compiled')
+SUPERSEDED = Validation(Verdict.OVERFLOWED, 'superseded by a newer one before it was compiled')
 
 
 @dataclass
 class Changes:
-    """Passes changes on to the arm; any thread may bring them.
+    """Passes changes on to the arm, from any thread.
 
-    They are checked by the arm's own rules first: a client that is refused leaves nothing in the
-    recording.
+    They are validated by the arm's rules first; a rejected change is not recorded.
 
     Attributes
     ----------
     settings
-        The arm's once it has taken over all that was accepted.
+        Settings of the arm after all accepted changes.
     """
 
     receiver: Receiver
@@ -52,23 +51,23 @@ class Changes:
     settings: Settings = field(init=False)
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _thread: threading.Thread | None = None
-    # Values by field of what waits for the compiler, the message of a payload with them. A payload
-    # goes first: values that came later and go with it are left in the other.
+    # Values by field that wait for the compiler, with the message of a payload. A payload goes
+    # first; later values of other fields wait in the second entry.
     _waiting: dict[Source, tuple[dict[str, Any], bytes]] = field(default_factory=dict)
     _passed: Settings = field(init=False)
     _rested: float = 0.0
 
     def __post_init__(self) -> None:
-        """Begin with the settings of the arm."""
+        """Start with the settings of the arm."""
         self.settings = self._passed = self.engine.settings
 
     def set(self, values_of: Callable[[Settings], dict[str, Any]]) -> None:
-        """Have the arm take over values by field, which may depend on the settings before.
+        """Apply new values by field, which may depend on the current settings.
 
         Raises
         ------
         ValueError
-            If it does not; the text is the reason.
+            If the arm rejects them, with the reason.
         """
         with self._lock:
             values = values_of(self.settings)
@@ -82,7 +81,7 @@ class Changes:
             self.settings = settings
 
     def take_payload(self, data: bytes) -> None:
-        """Pass on the message of a payload."""
+        """Pass on a payload message."""
         with self._lock:
             try:
                 if len(data) > LONGEST_PAYLOAD:
@@ -90,7 +89,7 @@ class Changes:
                 values = payload_values(decode_inertia(data), self.engine.arm)
                 self.settings = self._checked(values)
             except ValueError:
-                # For the arm to refuse, as a message of any other topic.
+                # The arm rejects it, as a message of any other topic.
                 self.receiver.receive(Source.PAYLOAD, data)
                 return
             before, _ = self._waiting.pop(Source.PARAMETERS, ({}, b''))
@@ -111,10 +110,10 @@ class Changes:
         return settings
 
     def _pass_on(self, values: dict[str, Any]) -> None:
-        """Pass values on and wait for the verdict; a very slow arm takes them over later."""
-        judgement = self.receiver.judgement_on(Source.PARAMETERS, encode_changes(values))
-        if judgement is not None and judgement.verdict is not Verdict.ACCEPTED:
-            raise ValueError(f'{judgement.verdict.name.lower()}: {judgement.detail}')
+        """Pass values on and wait for the result; a very slow arm applies them later."""
+        validation = self.receiver.validation_of(Source.PARAMETERS, encode_changes(values))
+        if validation is not None and validation.verdict is not Verdict.ACCEPTED:
+            raise ValueError(f'{validation.verdict.name.lower()}: {validation.detail}')
 
     def _wait(self, source: Source, values: dict[str, Any], data: bytes) -> None:
         self._waiting[source] = values, data
@@ -137,9 +136,9 @@ class Changes:
                 if not COMPILED.isdisjoint(values):
                     self._prepare(settings)
             except Exception as error:
-                # The arm would fail at it too, and end.
+                # The arm would fail at it too.
                 detail = f'not compiled: {type(error).__name__}: {error}'
-                self.receiver.counts.add(source, Judgement(Verdict.REFUSED, detail))
+                self.receiver.counts.add(source, Validation(Verdict.REFUSED, detail))
                 with self._lock:
                     self.settings = self._passed
                 continue
@@ -147,7 +146,7 @@ class Changes:
             self.receiver.receive(source, data or encode_changes(values))
 
     def _prepare(self, settings: Settings) -> None:
-        """Compile the plant of some settings, and note when the next one may follow."""
+        """Compile the plant of some settings, and set the end of the pause after it."""
         begun = time.monotonic()
         self.engine.arm.prepare(settings)
         ended = time.monotonic()

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Commands counted by verdict: the other threads add, the main thread reads."""
+"""Counts of messages by validation result: other threads add, the main thread reads."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from dataclasses import dataclass, field
 import threading
 import time
 
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.events import COMMANDS, Source, Verdict
 from pfd_ros.text import NAME_COUNT
 
 
 @dataclass
 class CommandCounts:
-    """Counts by source and verdict, each with the newest detail, and the first unknown names.
+    """Counts by source and validation result, with the newest detail and the first unknown names.
 
-    Its size does not depend on how many messages or names come in.
+    Its size does not depend on the number of messages or names.
 
     Attributes
     ----------
     newest
-        Steady time of the newest command that was accepted, s.
+        Steady time of the newest accepted command, s.
     """
 
     newest: float = 0.0
@@ -33,18 +33,18 @@ class CommandCounts:
     _names: dict[str, None] = field(default_factory=dict)
     _locked: set[str] = field(default_factory=set)
 
-    def add(self, source: Source, judgement: Judgement, count: int = 1) -> None:
+    def add(self, source: Source, validation: Validation, count: int = 1) -> None:
         """Count a command, or several of one kind."""
-        key = source, judgement.verdict
-        if source in COMMANDS and judgement.verdict is Verdict.ACCEPTED:
+        key = source, validation.verdict
+        if source in COMMANDS and validation.verdict is Verdict.ACCEPTED:
             self.newest = time.monotonic()
         with self._lock:
             before, _ = self._verdicts.get(key, (0, ''))
-            self._verdicts[key] = before + count, judgement.detail
-            self._unknown += judgement.unknown_count
-            # As many as the arm has.
-            self._locked.update(judgement.locked)
-            for name in judgement.unknown:
+            self._verdicts[key] = before + count, validation.detail
+            self._unknown += validation.unknown_count
+            # Bounded by the joints of the arm.
+            self._locked.update(validation.locked)
+            for name in validation.unknown:
                 if len(self._names) < NAME_COUNT:
                     self._names[name] = None
 
@@ -54,11 +54,11 @@ class CommandCounts:
             return dict(self._verdicts)
 
     def unknown(self) -> tuple[int, list[str]]:
-        """Return how many names were of no joint, and the first few of them."""
+        """Return the number of unknown joint names, and the first few."""
         with self._lock:
             return self._unknown, list(self._names)
 
     def locked(self) -> list[str]:
-        """Return the names of locked joints that commands were for, sorted."""
+        """Return the names of locked joints in commands, sorted."""
         with self._lock:
             return sorted(self._locked)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A first start compiles native code for seconds: log lines before and after."""
+"""Log lines before and after compilation, which takes seconds at a first start."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import time
 
 from pfd_ros.text import cut
 
-# The logger of pfd_core with a record for each module that is compiled.
+# The logger of pfd_core that has a record for each compiled module.
 COMPILE_LOG = logging.getLogger('pfd_core.compile')
 
 

@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The model of the arm: from a name, a file or the topic `robot_description`; and published.
+"""Load the model from a name, a file or the topic `robot_description`, and publish it.
 
-The `<ros2_control>` block of a URDF gives defaults for topics and initial positions; remappings
-and parameters count before it.
+The `<ros2_control>` block of a URDF has defaults for topics and initial positions; remappings and
+parameters override them.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Model:
     described
         The robot and its settings.
     topics
-        Topic of each source and output that does not have its own name.
+        Topic of each source and output that differs from the default.
     """
 
     described: DescribedRobot
@@ -57,7 +57,7 @@ class Model:
 
 
 def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> Model:
-    """Return the model that the settings name, and log what its URDF adds.
+    """Load the model that the settings name, and log settings taken from its URDF.
 
     Parameters
     ----------
@@ -66,12 +66,12 @@ def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> M
     settings
         Of the parameters.
     stopped
-        Whether to give up waiting for the topic.
+        Returns whether to stop waiting for the topic.
 
     Raises
     ------
     ValueError
-        If no model comes, or it cannot be used.
+        If no model is received, or it cannot be used.
     """
     topics: dict[Source | str, str] = {}
     if settings.command_topic:
@@ -79,16 +79,18 @@ def load_model(node: Node, settings: Settings, stopped: Callable[[], bool]) -> M
     source = settings.robot
     if source == TOPIC:
         if settings.publish_description:
-            raise ValueError(f'publish_description: the model comes from {TOPIC} already')
+            raise ValueError(
+                f'publish_description is true, but the model is read from {TOPIC}: set it to false'
+            )
         source = wait_for_description(node, settings.description_timeout, stopped)
     found = described_robot(settings, source)
-    _tell(node, settings, found)
+    _log_description(node, settings, found)
     topics |= _topics(node, found.control)
     return Model(found, topics)
 
 
-def _tell(node: Node, given: Settings, found: DescribedRobot) -> None:
-    """Log which positions come from the description, and where it disagrees."""
+def _log_description(node: Node, given: Settings, found: DescribedRobot) -> None:
+    """Log positions taken from the description, and conflicts with parameters."""
     moving, control = found.robot.joint_names, found.control
     filled = with_initial_values(given, moving, control)
     for name in ('initial_positions', 'locked_positions'):
@@ -105,13 +107,13 @@ def _tell(node: Node, given: Settings, found: DescribedRobot) -> None:
 
 
 def _topics(node: Node, control: Ros2Control) -> dict[Source | str, str]:
-    """Return the topics that the hardware names, but for those that are remapped."""
+    """Return the topics of the hardware component, except remapped ones."""
     chosen: dict[Source | str, str] = {}
     for end, theirs in control.topics.items():
         own = (SUBSCRIBED[end] if isinstance(end, Source) else PUBLISHED[end])[1]
         name = remapped(node, own)
         if name:
-            text = f'{own} is remapped to {name}, <ros2_control> has {theirs}'
+            text = f'{own} is remapped to {name}, ignoring {theirs} of <ros2_control>'
         else:
             chosen[end] = theirs
             text = f'{own} is {theirs}, from <ros2_control>'
@@ -120,17 +122,17 @@ def _topics(node: Node, control: Ros2Control) -> dict[Source | str, str]:
 
 
 def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]) -> str:
-    """Return the text that another node publishes as `robot_description`.
+    """Return the URDF that another node publishes as `robot_description`.
 
-    A node of its own listens, so that it can be spun wherever the caller runs.
+    A separate node subscribes, so that any thread can spin it.
 
     Raises
     ------
     ValueError
-        If none comes in time, or it is no URDF.
+        If none is received in time, or it is no URDF.
     """
-    topic, came = node.resolve_topic_name(TOPIC), list[bytes]()
-    node.get_logger().info(f'waits for the model on {topic} (std_msgs/msg/String)')
+    topic, received = node.resolve_topic_name(TOPIC), list[bytes]()
+    node.get_logger().info(f'waiting for the model on {topic} (std_msgs/msg/String)')
     listener = Node(
         f'{node.get_name()}_description',
         namespace=node.get_namespace(),
@@ -141,37 +143,37 @@ def wait_for_description(node: Node, seconds: float, stopped: Callable[[], bool]
     )
     executor = SingleThreadedExecutor(context=node.context)
     try:
-        listener.create_subscription(String, topic, came.append, _LATCHED, raw=True)
+        listener.create_subscription(String, topic, received.append, _LATCHED, raw=True)
         executor.add_node(listener)
         deadline = time.monotonic() + seconds
-        while not came and not stopped() and time.monotonic() < deadline:
+        while not received and not stopped() and time.monotonic() < deadline:
             executor.spin_once(timeout_sec=LOOK_SECONDS)
     finally:
         executor.shutdown()
         listener.destroy_node()
-    if not came:
-        told = 'until the node was stopped' if stopped() else f'within {seconds:g} s'
+    if not received:
+        when = 'until the node was stopped' if stopped() else f'within {seconds:g} s'
         raise ValueError(
-            f'no model came on {topic} {told}: a publisher must be reliable and transient local, '
-            'as robot_state_publisher is'
+            f'no model received on {topic} {when}: publish it reliable and transient local, as '
+            'robot_state_publisher does'
         )
-    if len(came[0]) > LARGEST_DESCRIPTION:
+    if len(received[0]) > LARGEST_DESCRIPTION:
         raise ValueError(
-            f'{topic} has {len(came[0])} bytes, expected {LARGEST_DESCRIPTION} at most'
+            f'{topic} has {len(received[0])} bytes, expected {LARGEST_DESCRIPTION} at most'
         )
-    text = decode_string(came[0])
+    text = decode_string(received[0])
     if not text.lstrip().startswith('<'):
-        raise ValueError(f'{topic} holds no URDF: it starts with {text[:20]!r}')
+        raise ValueError(f'{topic} is no URDF: it starts with {text[:20]!r}')
     return text
 
 
 def publish_description(node: Node, described: DescribedRobot) -> None:
-    """Publish the URDF of a robot once, for every reader that comes.
+    """Publish the URDF of a robot once, latched.
 
     Raises
     ------
     ValueError
-        If the robot is from elsewhere and cannot be written as URDF.
+        If the robot cannot be written as URDF.
     """
     publisher = node.create_publisher(
         String,

@@ -142,7 +142,7 @@ class ArmDiagnostics:
         factor = (now.stamp_ns - last.stamp_ns) / NANOSECONDS / (now.seconds - last.seconds)
         values: list[tuple[str, object]] = [
             ('real_time_factor', f'{factor:.4f}'),
-            ('wanted_real_time_factor', engine.settings.real_time_factor),
+            ('requested_real_time_factor', engine.settings.real_time_factor),
             ('simulated_time_s', now.stamp_ns / NANOSECONDS),
             ('cycles', now.cycles),
         ]
@@ -157,35 +157,29 @@ class ArmDiagnostics:
         values += [
             ('late_steps', now.late - last.late),
             ('missed_periods', now.missed - last.missed),
-            ('missed_periods_in_all', now.missed),
+            ('missed_periods_total', now.missed),
             ('states_sent_again', self.stepper.resent),
         ]
         if engine.arm.failure:
             return Task('stepping', ERROR, engine.arm.failure, values)
         if now.missed > last.missed:
-            return Task('stepping', WARN, 'steps late: a busy machine or a blocked reader', values)
-        if engine.stands:
-            return Task('stepping', OK, self._why_it_stands(engine), values)
-        return Task('stepping', OK, 'steps', values)
-
-    def _why_it_stands(self, engine: Engine) -> str:
-        pace = engine.state.pace
-        if not pace.active:
-            return 'inactive'
-        if engine.pace.follows_clock and not pace.paused:
-            return 'waits for a tick of the clock it follows'
-        return 'paused' if pace.paused else 'waits for a command, in lockstep'
+            return Task(
+                'stepping', WARN, 'steps late (busy machine or blocked subscriber)', values
+            )
+        if engine.waiting:
+            return Task('stepping', OK, _reason_to_wait(engine), values)
+        return Task('stepping', OK, 'running', values)
 
     def _commands(self, last: _Seen, now: _Seen) -> Task:
         seconds = now.seconds - last.seconds
         counts = self.stepper.receiver.counts
         age = f'{now.seconds - counts.newest:.3f}' if now.accepted else 'none'
-        deaf = self.graph.deaf
+        mismatched = self.graph.mismatched
         values: list[tuple[str, object]] = [
             ('accepted_per_s', f'{(now.accepted - last.accepted) / seconds:.1f}'),
             ('accepted', now.accepted),
             ('age_of_newest_s', age),
-            ('endpoints_of_other_qos_or_type', deaf),
+            ('endpoints_with_qos_or_type_mismatch', mismatched),
         ]
         for (source, verdict), (count, _) in sorted(counts.verdicts().items()):
             if verdict is not Verdict.ACCEPTED:
@@ -195,19 +189,21 @@ class ArmDiagnostics:
         values += [
             ('unknown_names', counts.unknown()[0]),
             ('watchdog_trips', link.timeouts),
-            ('lost_on_their_way', link.lost),
+            ('lost_commands', link.lost),
             ('saturated_steps', actuators.saturated),
             ('reflex_trips', actuators.trips),
         ]
         if actuators.tripped:
-            return Task('commands', ERROR, f'brakes on after a reflex: {actuators.reflex}', values)
+            return Task(
+                'commands', ERROR, f'all joints braked by the reflex: {actuators.reflex}', values
+            )
         if link.timed_out:
             return Task('commands', WARN, 'no command for command_timeout', values)
         if now.rejected > last.rejected:
             return Task('commands', WARN, 'messages rejected', values)
-        if deaf:
+        if mismatched:
             return Task('commands', WARN, 'QoS or type mismatch with another node', values)
-        return Task('commands', OK, 'received' if now.accepted else 'none so far', values)
+        return Task('commands', OK, 'received' if now.accepted else 'no commands yet', values)
 
     def _simulation(self, last: _Seen, now: _Seen) -> Task:
         engine = self.stepper.engine
@@ -215,16 +211,16 @@ class ArmDiagnostics:
         q, qd, tau = arm.q.copy(), arm.qd.copy(), arm.tau.copy()
         plant = arm.plant
         if self.kernels.scene is not plant.compiled.scene:
-            # Another scene, which the stepping thread has compiled its own kernels for.
+            # The scene has changed.
             self.kernels = MassKernels(arm)
         payload = plant.payload_input
         kinetic, potential = self.kernels.energy(q, qd, **payload)
-        # The controller reads each published state.
+        # A controller acts on each published state.
         period = settings.publish_every * settings.step_ns / NANOSECONDS
-        level, message = (ERROR, arm.failure) if arm.failure else (OK, 'runs')
+        level, message = (ERROR, arm.failure) if arm.failure else (OK, 'running')
         speed = speeding(arm)
         if speed is not None and now.fast > last.fast and not arm.failure:
-            level, message = WARN, f'beyond its velocity limit: {speed.text}'
+            level, message = WARN, f'beyond the velocity limit: {speed.text}'
         return Task(
             'simulation',
             level,
@@ -261,7 +257,16 @@ class ArmDiagnostics:
             return Task('recording', ERROR, recorder.error, values)
         if now.not_recorded > last.not_recorded:
             return Task('recording', WARN, 'the disk is too slow', values)
-        return Task('recording', OK, 'runs', values)
+        return Task('recording', OK, 'running', values)
+
+
+def _reason_to_wait(engine: Engine) -> str:
+    pace = engine.state.pace
+    if not pace.active:
+        return 'inactive'
+    if engine.pace.follows_clock and not pace.paused:
+        return 'waiting for the followed /clock'
+    return 'paused' if pace.paused else 'waiting for a command (lockstep)'
 
 
 def _largest_gains(
@@ -271,7 +276,7 @@ def _largest_gains(
     try:
         limits = gain_limits(inertia, period)
     except np.linalg.LinAlgError:
-        # An arm so far from any use that its inertia matrix is not finite.
+        # The inertia matrix is not finite or singular.
         return []
     return [
         ('pd_limit.kp_over_kd', f'{limits.ratio:.6g}'),

@@ -44,8 +44,8 @@ MOST_ENDPOINTS = 100
 # The end of a sentence about another node that publishes the same.
 SECOND_PUBLISHER = {
     STATES: (
-        'too: readers get the states of both; joint_state_broadcaster and other arms want topics '
-        'of their own'
+        'too: subscribers receive both; use a separate topic for joint_state_broadcaster or '
+        'another arm'
     ),
     CLOCK: (
         'too: simulated time jumps back and forth; set publish_clock:=false on all but one node'
@@ -62,15 +62,15 @@ def _who(info: Any) -> str:
 
 @dataclass
 class GraphCheck:
-    """Tells once each: no commands, foreign types, incompatible QoS, other publishers.
+    """Log missing publishers, wrong types, incompatible QoS and second publishers, once each.
 
-    Best-effort publishers of commands are served from then on. `now` is steady time in s; a
-    message in `counts` proves that there was a publisher, though it may be gone already.
+    Best-effort publishers of commands get a best-effort subscription. `now` returns steady time in
+    s. A message in `counts` proves that there was a publisher, though it may have left.
 
     Attributes
     ----------
-    deaf
-        Endpoints of other nodes that did not fit ours when the graph was last asked.
+    mismatched
+        Number of endpoints of other nodes that did not match ours at the last check.
     """
 
     node: Node
@@ -80,18 +80,18 @@ class GraphCheck:
     counts: CommandCounts = field(default_factory=CommandCounts)
 
     def __post_init__(self) -> None:
-        """Begin to wait for a first publisher."""
-        self.deaf = 0
+        """Start waiting for a first publisher."""
+        self.mismatched = 0
         self._since = self.now()
         self._commanded = False
         self._nameless_since: dict[tuple[int, ...], float] = {}
         self._best_effort: set[Source] = set()
 
     def check(self) -> None:
-        """Ask the graph and log why a connection cannot work."""
+        """Query the graph and log connections that cannot work."""
         # Another thread replaces a subscription that is to be best effort.
         subscribed = dict(self.endpoints.subscriptions)
-        self.deaf = 0
+        self.mismatched = 0
         commands = {source: end for source, end in subscribed.items() if source in COMMANDS}
         for source, end in subscribed.items():
             self._check_publishers(source, end)
@@ -112,7 +112,7 @@ class GraphCheck:
                 self._check_alone(self.endpoints.publishers[role], trouble)
 
     def _settled(self, found: Iterable[Any]) -> Iterator[Any]:
-        """Yield the endpoints whose node has a name, or has had none for a while."""
+        """Yield the endpoints whose node has a name, or had none for PATIENCE_SECONDS."""
         if len(self._nameless_since) > MOST_ENDPOINTS:
             self._nameless_since.clear()
         for info in islice(found, MOST_ENDPOINTS):
@@ -130,7 +130,7 @@ class GraphCheck:
                 self._commanded = True
 
     def _serve_best_effort(self, source: Source, end: Any, info: Any) -> bool:
-        """Return whether a publisher is heard by a best-effort subscription and no other."""
+        """Return whether only a best-effort subscription can receive a publisher; create it."""
         fits, fits_relaxed = (
             _fit(info.qos_profile, _effective(profile))[0]
             for profile in (end.qos_profile, relaxed(end.qos_profile))
@@ -144,15 +144,15 @@ class GraphCheck:
         self._best_effort.add(source)
         self.log.once(
             ('best effort', source),
-            f'{_who(info)} publishes {end.topic_name} best effort: from now on the topic is taken '
-            'best effort from all publishers, and a message may be lost',
+            f'{_who(info)} publishes {end.topic_name} best effort: subscribed best effort from '
+            'now on, so messages may be lost; publish reliable to avoid it',
         )
         return True
 
     def _check_pair(self, end: Any, info: Any, *, publishing: bool) -> bool:
-        """Return whether an endpoint of another node fits ours; count and log it if not."""
+        """Return whether an endpoint of another node matches ours; count and log it if not."""
         fits = self._fits(end, info, publishing)
-        self.deaf += not fits
+        self.mismatched += not fits
         return fits
 
     def _fits(self, end: Any, info: Any, publishing: bool) -> bool:
@@ -162,7 +162,7 @@ class GraphCheck:
             self.log.once(
                 ('type', key),
                 f'{_who(info)} {does} {cut(info.topic_type)!r} on {end.topic_name}, which has the '
-                f'type {wanted}: no messages are received{self._other_topic(info, publishing)}',
+                f'type {wanted}: no messages received{self._other_topic(info, publishing)}',
             )
             return False
         own, theirs = _effective(end.qos_profile), info.qos_profile
@@ -171,16 +171,16 @@ class GraphCheck:
             self.log.once(
                 ('qos', key),
                 f'{_who(info)} {does} {end.topic_name} with incompatible QoS ({reason.strip()}): '
-                f'no messages are received; {_cure(end, info, publishing)}',
+                f'no messages received; {_cure(end, info, publishing)}',
             )
         return fits
 
     def _other_topic(self, info: Any, publishing: bool) -> str:
-        """Return the topic that takes commands of that type, as the end of a sentence."""
+        """Return a hint at the topic for commands of that type, or ''."""
         fitting: Iterable[Any] = self.endpoints.subscriptions.values() if publishing else ()
         for end in fitting:
             if type_name(end) == info.topic_type:
-                return f'; {end.topic_name} takes that type'
+                return f'; use {end.topic_name} for this type'
         return ''
 
     def _check_alone(self, end: Any, trouble: str) -> None:
@@ -195,15 +195,15 @@ class GraphCheck:
             )
 
 
-def _fit(offered: QoSProfile, asked: QoSProfile) -> tuple[bool, str]:
+def _fit(offered: QoSProfile, requested: QoSProfile) -> tuple[bool, str]:
     """Return whether a publisher's profile satisfies a subscription's, and why not."""
-    level, reason = qos_check_compatible(offered, asked)
+    level, reason = qos_check_compatible(offered, requested)
     # An enumeration of the C++ part, which equals none of Python's.
     return bool(int(level) != QoSCompatibility.ERROR), reason
 
 
 def _effective(profile: QoSProfile) -> QoSProfile:
-    """Return our profile as the graph has it: there, policies without a value are infinite."""
+    """Return our profile as the graph reports it, with infinite instead of unset policies."""
     return QoSProfile(
         depth=profile.depth,
         reliability=profile.reliability,
@@ -218,7 +218,7 @@ def _cure(end: Any, info: Any, publishing: bool) -> str:
     if not publishing:
         return 'subscribe reliable or best effort, volatile, without deadline and liveliness'
     if info.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT:
-        return f'publish reliable, or leave out the parameter {reliability_parameter(end)}'
+        return f'publish reliable, or remove the parameter {reliability_parameter(end)}'
     latched = end.qos_profile.durability is DurabilityPolicy.TRANSIENT_LOCAL
     durability = 'transient local' if latched else 'volatile'
     return f'publish reliable and {durability}, without deadline and liveliness'

@@ -3,28 +3,27 @@
 """The rclpy node `sim_arm` and its lifecycle.
 
     unconfigured    parameters and transitions, nothing else
-    inactive        robot loaded, recording open, topics and services there; every brake is on and
-                    simulated time stands still; commands are refused, and counted
+    inactive        robot loaded, recording open, topics and services created; all joints are
+                    braked and simulated time is stopped; commands are rejected and counted
     active          the arm steps
     finalized       shut down; the process ends
 
-configure     makes the arm. A model that does not load, or a recording that exists, is one line in
-              the log and a failed transition; the node stays unconfigured.
-activate      lets the arm step: a request, which is recorded as those of services are.
-deactivate    puts every brake on; simulated time stands still from then on.
-cleanup       closes the recording and forgets the arm; the next configure makes a new one, whose
-              simulated time begins where that of the last one ended, so that /clock never goes
-              back.
+configure     creates the arm. A model that does not load, or a recording that exists, is logged in
+              one line and fails the transition; the node stays unconfigured.
+activate      starts the steps, by a request that is recorded like requests of services.
+deactivate    brakes all joints and stops simulated time.
+cleanup       closes the recording and deletes the arm. Simulated time of the next arm continues
+              from its last value, so that /clock never goes back.
 shutdown      does the same and ends the process.
-An error      that nobody expected is told, and the arm is cleaned up: unconfigured, exit status 1.
+An unexpected error is logged, and the arm is cleaned up: unconfigured, exit status 1.
 
-With `autostart` (the default) the node configures and activates itself before it takes anything
-from outside, and a model that does not load ends the process with status 1. Without it the
-parameters of the arm may change until configure and after cleanup; with it they are read-only.
+With `autostart` (the default) the node configures and activates itself before it processes any
+message, a model that does not load ends the process with status 1, and parameters of the arm are
+read-only. Without it they may change before configure and after cleanup.
 
-The exit status is 0 if every arm that was configured, and its recording, worked to its end.
-A signal during a transition waits for it, ten seconds at most, and then closes the recording.
-Transitions run on the executor's thread, one at a time; nothing they raise reaches it.
+The exit status is 0 if every configured arm and its recording worked to the end. A signal during a
+transition waits for it, ten seconds at most, and then closes the recording. Transitions run on the
+executor's thread, one at a time; they raise no exceptions there.
 """
 
 from __future__ import annotations
@@ -58,23 +57,23 @@ class SimArmNode(LifecycleNode):
     workers
         The threads of the process.
     mistakes
-        Errors for a wrong parameter or file: they fail a transition; others are faults.
+        Exceptions for a wrong parameter or file, which fail a transition; others are faults.
 
     Attributes
     ----------
     arm
         The configured arm, or None.
     callback_failures
-        Number of callbacks that raised: a fault, but no reason to let the arm go deaf.
+        Number of callbacks that raised; the executor continues.
     rejected_transitions
-        Number of requests for a transition that the state does not have.
+        Number of requests for a transition that is not possible in the state.
     hung
         Whether a thread of an arm did not end, and may still use ROS.
 
     Raises
     ------
     rclpy.exceptions.ParameterException
-        If a parameter has a value that no arm can have.
+        If a parameter has an invalid value.
     """
 
     def __init__(self, workers: Workers, mistakes: tuple[type[Exception], ...]) -> None:
@@ -86,10 +85,10 @@ class SimArmNode(LifecycleNode):
         self._newest_failure = self._newest_rejection = ''
         self._workers = workers
         self._mistakes = mistakes
-        # Held by a transition, and by the main thread while it reports or closes.
+        # Locked by transitions, and by the main thread while it reports or closes.
         self._lock = threading.Lock()
         self._closed = False
-        # Simulated time that the arms so far have reached.
+        # Simulated time reached by earlier arms.
         self._reached_ns = 0
         self._error: Exception | None = None
         self._problems: list[str] = []
@@ -99,15 +98,17 @@ class SimArmNode(LifecycleNode):
         self._guard_services()
 
     def start(self) -> None:
-        """Configure and activate the arm, if the node is to do that itself.
+        """Configure and activate the arm with `autostart`.
 
         Raises
         ------
         Exception
-            That of a transition that failed; nothing has been recorded then.
+            The error of a failed transition; nothing has been recorded then.
         """
         if not self._autostart:
-            self.get_logger().info('unconfigured: autostart is false, waits for transitions')
+            self.get_logger().info(
+                'unconfigured: autostart is false, waiting for lifecycle transitions'
+            )
             return
         self.trigger_configure()
         if self._error is None:
@@ -117,19 +118,19 @@ class SimArmNode(LifecycleNode):
             raise self._error
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Make the arm."""
+        """Create the arm."""
         return self._transition('configure', self._configure)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Let the arm step."""
+        """Start the steps of the arm."""
         return self._transition('activate', self._activate)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Put the brakes on and let simulated time stand still."""
+        """Brake all joints and stop simulated time."""
         return self._transition('deactivate', self._deactivate)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Close the recording and forget the arm."""
+        """Close the recording and delete the arm."""
         return self._transition('cleanup', self._clean_up)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -145,7 +146,7 @@ class SimArmNode(LifecycleNode):
         return result
 
     def _transition(self, name: str, work: Callable[[], None]) -> TransitionCallbackReturn:
-        """Do the work of a transition; an error of it is told, and goes no further."""
+        """Run a transition; log its error instead of raising it."""
         with self._lock:
             if self._closed:
                 return TransitionCallbackReturn.FAILURE
@@ -165,12 +166,12 @@ class SimArmNode(LifecycleNode):
     def _configure(self) -> None:
         settings = replace(parameters.read(self), autostart=self._starting)
         self.arm = SimArm(self, settings, self._log, self._workers.stop.is_set, self._reached_ns)
-        # Now that the joints are known, too.
+        # Only now the parameters of joints are known.
         misspelt = parameters.misspelt(self)
         if misspelt:
             self._log.once('misspelt', f'unknown parameters ignored: {misspelt}')
         self._guard_services()
-        # Start-up garbage is looked at once, not again and again while the arm runs.
+        # Objects of the start are excluded from later garbage collections.
         gc.unfreeze()
         gc.collect()
         gc.freeze()
@@ -193,7 +194,7 @@ class SimArmNode(LifecycleNode):
                 arm.destroy_entities()
 
     def _end(self, arm: SimArm) -> None:
-        """Stop an arm, close its recording and keep the problems that it had."""
+        """Stop an arm, close its recording and keep its problems."""
         workers = self._workers
         arm.stop_stepping()
         ended = arm.thread is None or workers.join(arm.thread, END_SECONDS)
@@ -203,12 +204,12 @@ class SimArmNode(LifecycleNode):
         self._problems += arm.reporter.problems()
         self.get_logger().info(one_line(arm.reporter.summary()))
         if not ended:
-            # It may still use what would be destroyed.
+            # The thread may still use the entities.
             self.hung = True
             workers.stop.set()
 
     def _guard_services(self) -> None:
-        """Answer each request, though its callback raises: rclpy's own do for some requests."""
+        """Answer each request even if its callback raises, as some callbacks of rclpy do."""
         for service in self.services:
             if isinstance(service.callback, _Guarded):
                 continue
@@ -217,9 +218,9 @@ class SimArmNode(LifecycleNode):
             service.callback = _Guarded(service.callback, self.callback_failed)
 
     def _change_state(self, change: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
-        """Answer `~/change_state`; rcl would log two errors of its own for what is refused here.
+        """Answer `~/change_state`; reject unknown transitions before rcl logs two errors.
 
-        As rclpy has it, a label that is not empty counts, and the id does not.
+        As in rclpy, a label that is not empty takes precedence over the id.
         """
         asked = request.transition
         machine = self._state_machine
@@ -240,11 +241,11 @@ class SimArmNode(LifecycleNode):
         self._newest_failure = f'{type(error).__name__}: {error}'
 
     def report(self) -> None:
-        """Log the troubles since the last call, unless a transition is on its way."""
+        """Log the problems since the last call, unless a transition is running."""
         if not self._lock.acquire(blocking=False):
             return
         try:
-            # The public way asks a service of this node.
+            # The public API calls a service of this node.
             _, label = self._state_machine.current_state
             level = ERROR if self._problems else OK
             tasks = [Task('lifecycle', level, label, [('problems', len(self._problems))])]

@@ -23,8 +23,8 @@ from pfd_ros.recording.format import CHANNELS, PARAMETERS, REQUESTS, ROLE_OF_SOU
 if TYPE_CHECKING:
     from pfd_ros.recording.recorder import LogRecorder
 
-# Channels that only the file has: the verdict rows, the requests of services, parameters set, and
-# the states that the sensors drop, if they do.
+# Channels that only the file has: validation rows, requests of services, changed parameters, and
+# the states dropped by the sensors.
 OWN_TOPICS = {
     TAKEN: '~/applied_commands',
     REQUESTS: '~/requests',
@@ -35,13 +35,13 @@ OWN_TOPICS = {
 
 @dataclass(frozen=True)
 class LogSession:
-    """An open recording with channels of these roles, or none where the settings name no file."""
+    """An open recording with channels of these roles, or none if the settings name no file."""
 
     recorder: LogRecorder | None = None
     roles: Sequence[str] = ()
 
     def record(self, role: str, number: int, data: bytes) -> None:
-        """Record one message; returns at once."""
+        """Record one message without blocking."""
         if self.recorder is not None:
             self.recorder.record(self.roles.index(role), number, data)
 
@@ -54,30 +54,30 @@ class LogSession:
 
     @property
     def waiting_share(self) -> float:
-        """The same for any thread to ask."""
+        """The same, for any thread."""
         return 0.0 if self.recorder is None else self.recorder.waiting_share
 
     @property
     def dropped(self) -> int:
-        """Messages left out because of a slow disk; the recorder reports a failure itself."""
+        """Number of messages dropped because of a slow disk; 0 after a failure."""
         if self.recorder is None or self.recorder.failed:
             return 0
         return sum(self.recorder.dropped)
 
     def problems(self) -> list[str]:
-        """Return why the recording is not that of the whole run."""
+        """Return why the recording is incomplete."""
         if self.recorder is None:
             return []
         if self.recorder.failed:
-            return ['the recording does not hold everything']
+            return ['the recording is incomplete']
         if not self.dropped:
             return []
         topics = zip(self.recorder.topics, self.recorder.dropped, strict=True)
         vital = sum(count for topic, count in topics if topic.vital)
-        needed = f', {vital} of which a replay needs' if vital else ''
+        needed = f', {vital} of them needed by a replay' if vital else ''
         return [
-            f'the recording lacks {self.dropped} messages{needed}: the disk was too slow; record '
-            'to a faster one or fewer outputs'
+            f'{self.dropped} messages missing in the recording{needed} (slow disk): use a faster '
+            'disk or fewer outputs'
         ]
 
     def close(self, totals: Callable[[], Mapping[str, Any]]) -> None:
@@ -90,9 +90,9 @@ class LogSession:
 def open_session(
     node: Node, settings: Settings, robot: pfd.Robot, endpoints: Endpoints
 ) -> LogSession:
-    """Open the file that the settings name, with a channel for each endpoint and the verdict rows.
+    """Open the recording, with a channel for each endpoint and for the validation rows.
 
-    The settings name what 'auto' stands for here: another version may choose otherwise.
+    The recorded settings have 'auto' resolved, since another version may choose differently.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def open_session(
     """
     if not settings.recording:
         return LogSession()
-    # Here, since a node without a recording starts sooner without the library.
+    # Imported here: a node without a recording starts faster.
     from pfd_ros.recording import provenance
     from pfd_ros.recording.mcap_file import TimeBase, Topic
     from pfd_ros.recording.recorder import LogRecorder
@@ -127,7 +127,7 @@ def open_session(
 
 
 def qos_of(profile: QoSProfile) -> str:
-    """Return the text of an endpoint's profile for the recording."""
+    """Return an endpoint's QoS profile as YAML for the recording."""
     return qos_text(
         profile.depth,
         profile.history.short_key,

@@ -1,11 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Starts the node `sim_arm` and takes its signals; the entry point `sim_node`.
+"""Start the node `sim_arm` and handle its signals; the entry point `sim_node`.
 
 A second SIGINT (a terminal sends one, a launcher another) would interrupt the clean-up after the
-first. So signals are only counted, from before the slow imports until the interpreter goes down:
-the first stops the node, the second changes nothing, and the third ends a process that hangs,
-after a moment in which a close that does not hang still finishes.
+first. So signals are only counted, from before the slow imports until the interpreter ends. The
+first stops the node, the second has no effect, the third ends a hanging process after one second,
+in which a close that does not hang still finishes.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ def stop_on_signals() -> threading.Event:
         signal.signal(number, lambda *_: None)
 
     def count() -> None:
-        came = 0
-        while came < LAST:
+        received = 0
+        while received < LAST:
             number = os.read(reading, 1)[0]
             if number in SIGNALS:
-                came += 1
+                received += 1
                 stop.set()
         time.sleep(GRACE_SECONDS)
         os.write(2, b'sim_arm: ended by a third signal; the recording was not closed\n')
@@ -65,7 +65,7 @@ def main(args: list[str] | None = None, stop: threading.Event | None = None) -> 
     """
     if stop is None:
         stop = stop_on_signals()
-    # It would visit the imported modules again and again; `run` has it enabled after the start.
+    # Collections during imports cost time; `run` enables them after the start.
     gc.disable()
     try:
         from pfd_ros.node.process import run

@@ -3,8 +3,8 @@
 """The settings as parameters of the node: declared, read back, and set while the arm runs.
 
 A setting with a number for each joint is a group of parameters, `damping.<joint>`, which is
-declared once the robot is known. A dynamic setting that is set becomes an event of the arm, which
-answers with its verdict; no other changes while there is an arm.
+declared once the robot is known. Setting a dynamic parameter is an event of the arm, which accepts
+or rejects it; other parameters cannot change while there is an arm.
 """
 
 from __future__ import annotations
@@ -67,10 +67,10 @@ def _descriptor(field: dataclasses.Field[Any], *, fixed: bool = True) -> Paramet
 
 
 def declare(node: Node) -> bool:
-    """Declare every setting but those for each joint, and return that of `autostart`.
+    """Declare every setting except those per joint, and return the value of `autostart`.
 
-    They are read-only, but for dynamic ones and those of a node without autostart: such a node
-    may be configured again and again, with other values.
+    They are read-only, except dynamic ones and all those of a node without autostart, which may be
+    configured repeatedly with different values.
 
     Raises
     ------
@@ -96,12 +96,12 @@ def declare(node: Node) -> bool:
 
 
 def read(node: Node) -> Settings:
-    """Return the settings that the parameters of a node say.
+    """Return the settings from the parameters of a node.
 
     Raises
     ------
     ValueError
-        If the values do not go together.
+        If the values are inconsistent.
     """
     values: dict[str, Any] = {}
     for field in dataclasses.fields(Settings):
@@ -112,10 +112,10 @@ def read(node: Node) -> Settings:
 
 
 def declare_joints(node: Node, settings: Settings, robot: pfd.Robot) -> Settings:
-    """Declare the settings with a number for each joint, and return settings with those chosen.
+    """Declare the settings with a number for each joint, and return the settings with them.
 
-    A group in which no number differs from its default stays empty in the settings. The numbers
-    that the user starts the node with count again whenever an arm is made.
+    A group without a number that differs from its default stays empty in the settings. Values from
+    the start of the node apply again to each new arm.
 
     Raises
     ------
@@ -140,7 +140,7 @@ def declare_joints(node: Node, settings: Settings, robot: pfd.Robot) -> Settings
 
 
 def _undeclare_group(node: Node, group: str) -> None:
-    """Forget the parameters of the joints of an arm before, which may have been another robot."""
+    """Undeclare the joint parameters of the previous arm, which may have been another robot."""
     for joint in node.get_parameters_by_prefix(group):
         name = f'{group}.{joint}'
         if not node.describe_parameter(name).read_only:
@@ -148,7 +148,7 @@ def _undeclare_group(node: Node, group: str) -> None:
 
 
 def joint_parameter(field: dataclasses.Field[Any], joint: str) -> str:
-    """Return the name of the parameter that a setting is for one joint."""
+    """Return the name of a setting's parameter for one joint."""
     return f'{parameter_name(field)}.{joint}'
 
 
@@ -158,13 +158,13 @@ def _plain(value: Any) -> Any:
 
 def given_parameters(node: Node) -> Mapping[str, Parameter]:
     """Return the parameters on the command line and in files, by name."""
-    # rclpy keeps them here, and nowhere public.
+    # rclpy has no public access to them.
     found: Mapping[str, Parameter] = getattr(node, '_parameter_overrides', {})
     return found
 
 
 def misspelt(node: Node) -> str:
-    """Return the parameters the user set that the node does not have, as a list to show."""
+    """Return the parameters set by the user that the node does not have, for a log line."""
     unknown = sorted(name for name in given_parameters(node) if not node.has_parameter(name))
     known = sorted(node.get_parameters_by_prefix(''))
     near = [get_close_matches(cut(name), known, 1) for name in unknown[:NAME_COUNT]]
@@ -175,10 +175,10 @@ def misspelt(node: Node) -> str:
 
 @dataclass
 class ParameterChanges:
-    """The callback that rclpy asks before it sets parameters; any thread may set them."""
+    """The callback that validates parameters before rclpy sets them, from any thread."""
 
     changes: Changes
-    # Parameter -> its field, and the place of its joint, -1 where it is for none.
+    # Parameter -> its field, and the index of its joint or -1.
     _places: dict[str, tuple[Any, int]] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -191,9 +191,9 @@ class ParameterChanges:
                 self._places[parameter_name(field)] = field, -1
 
     def set(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        """Have the arm take over new values, all or none; return whether it does, or the reason.
+        """Apply new values, all or none; return success or the reason.
 
-        Parameters of others, such as use_sim_time, pass.
+        Parameters of rclpy, such as use_sim_time, are accepted.
         """
         ours = [parameter for parameter in parameters if parameter.name in self._places]
         reason = ''
@@ -205,7 +205,7 @@ class ParameterChanges:
         return SetParametersResult(successful=not reason, reason=reason)
 
     def _values(self, parameters: Sequence[Parameter], settings: Settings) -> dict[str, Any]:
-        """Return the new values by field, for an arm with these settings."""
+        """Return the new values by field."""
         arm = self.changes.engine.arm
         values: dict[str, Any] = {}
         for parameter in parameters:
@@ -225,9 +225,9 @@ class ParameterChanges:
 
 
 class StrictParameterService(ParameterService):
-    """The parameter services; a value of no type is refused, where rclpy's own raise.
+    """The parameter services; reject a value of unknown type, for which rclpy raises.
 
-    The reason for an integer that is refused says how to write it as a floating-point number.
+    The reason for rejecting an integer shows how to write it as a floating-point number.
     It overrides callbacks of rclpy (Jazzy) that have no public name.
     """
 
@@ -255,7 +255,7 @@ class StrictParameterService(ParameterService):
         return response
 
     def _explain(self, result: SetParametersResult, messages: Sequence[Any]) -> None:
-        """Replace the reason of a refusal if an integer is the cause."""
+        """Replace the reason if an integer is the cause."""
         if result.successful:
             return
         for message in messages:
@@ -268,7 +268,7 @@ class StrictParameterService(ParameterService):
 
 
 def _integer_trouble(given: Parameter, declared: Parameter.Type) -> str:
-    """Return how to write a parameter whose integers must be floating-point numbers, or ''."""
+    """Return how to write integers of a floating-point parameter, or ''."""
     kinds = given.type_, declared
     if kinds == (Parameter.Type.INTEGER, Parameter.Type.DOUBLE):
         written = f'{given.value}.0'
@@ -291,10 +291,10 @@ def _declare(
 
 
 def _untyped(parameters: Sequence[Any]) -> SetParametersResult | None:
-    """Return the answer to parameters of which one has a value of no type; None if none has."""
+    """Return the rejection of parameters with a value of unknown type, or None."""
     types = {int(kind.value) for kind in Parameter.Type}
     strange = [parameter.name for parameter in parameters if parameter.value.type not in types]
     if not strange:
         return None
-    reason = f'{listed(strange)} has a value of no type of ROS'
+    reason = f'{listed(strange)} has a value of unknown type'
     return SetParametersResult(successful=False, reason=one_line(reason))

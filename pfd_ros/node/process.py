@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Starts ROS, the node and its threads, and takes them down: stepping, then the file, then ROS.
+"""Start ROS, the node and its threads, and shut them down: stepping, then the file, then ROS.
 
-rclpy's own signal handlers tear the context down before anything can be closed; so `main.py`
-sets an event instead, and the main thread waits for it here.
+The signal handlers of rclpy shut the context down before anything can be closed. So `main.py` sets
+an event instead, and the main thread waits for it here.
 See docs/decisions/0003-executor-and-stepping-thread.md and 0009-faults-and-exit-status.md.
 """
 
@@ -33,7 +33,7 @@ from pfd_ros.text import cut, listed, one_line
 REPORT_SECONDS = 1.0
 # In these wheels spin() without a timeout never runs a callback; this is three years.
 FOREVER_SECONDS = 1e8
-# Callbacks that may fail before the node gives up: rclpy logs each one at length.
+# Number of failed callbacks after which the node ends: rclpy logs each one at length.
 MOST_FAILURES = 1000
 # A parameter, a remapping or a log level, and the options that take one.
 RULE = re.compile(r'[^-\s=]\S*?:=')
@@ -73,7 +73,7 @@ def run(args: list[str], stop: threading.Event) -> int:
 
 
 def _limit_the_rest() -> None:
-    """Have the kernel end whatever hangs from here on until the process is gone."""
+    """Have the kernel end the process if it hangs from here on."""
     signal.signal(signal.SIGALRM, signal.SIG_DFL)
     signal.alarm(END_SECONDS)
 
@@ -99,7 +99,7 @@ def _run(args: list[str], stop: threading.Event) -> int:
     for problem in problems:
         node.get_logger().error(problem)
     if node.hung or not spun:
-        # ROS cannot be taken down under a thread that may still use it.
+        # ROS cannot be shut down under a thread that may still use it.
         sys.stderr.flush()
         os._exit(1)
     _limit_the_rest()
@@ -108,9 +108,9 @@ def _run(args: list[str], stop: threading.Event) -> int:
 
 
 def _check_arguments(args: list[str]) -> None:
-    """Raise ValueError for arguments that the node does not have, and rules without an option.
+    """Raise ValueError for unknown arguments, and for rules without an option.
 
-    rcl takes `robot:=ur5` for a remapping of a topic, and the robot would be another one.
+    rcl treats `robot:=ur5` as a remapping of a topic, and the robot would stay the default.
     """
     for before, argument in zip(['', *args], args, strict=False):
         if RULE.match(argument) and before not in TAKE_RULES:
@@ -127,7 +127,7 @@ def _report(node: SimArmNode, stop: threading.Event) -> None:
 
 
 def _spin(executor: Any, ended: Future, node: SimArmNode) -> None:
-    """Run callbacks until `ended` is done; a failed callback is counted and the next one runs."""
+    """Run callbacks until `ended` is done; count failed callbacks and continue."""
     failures = 0
     while not ended.done():
         try:

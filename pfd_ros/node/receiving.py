@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The executor's thread: messages are numbered, recorded, and queued for the stepping thread."""
+"""Executor's thread: number and record messages, and queue them for the stepping thread."""
 
 from __future__ import annotations
 
@@ -12,39 +12,39 @@ from dataclasses import dataclass, field
 import itertools
 import threading
 
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.events import Arrival, Event, Overflow, Source, Verdict
 from pfd_ros.node.command_counts import CommandCounts
 from pfd_ros.recording.format import ROLE_OF_SOURCE
 
-# Messages that wait for one cycle; more than that is a flood, not control.
+# Messages that may wait for one cycle.
 MOST_MESSAGES = 1000
 MOST_BYTES = 1 << 25
 # A command for ten joints has half a kilobyte; decoding this much takes about a second. A larger
-# message is refused unread: it is counted, but gets no number and no row.
+# message is rejected unread: it is counted, but has no number and no row.
 LARGEST_MESSAGE = 1 << 22
-# Someone waits for the verdicts on these; no flood of commands takes their place.
+# A caller waits for the results of these; a flood of commands does not displace them.
 KEPT = frozenset({Source.REQUEST, Source.PARAMETERS})
-# The arm answers within a cycle, and a slow one within some hundredths of a second. The executor's
+# The arm answers within a cycle, a slow one within some hundredths of a second. The executor's
 # thread waits for it, so not for long: an arm that waits for the disk answers later.
 ANSWER_SECONDS = 0.5
 
 
 @dataclass
 class EventQueue:
-    """A queue that drops its oldest message when it is full: the newest command counts.
+    """A queue that drops its oldest message when it is full, since the newest command matters.
 
-    Requests and parameters stay, as long as there are others to drop.
+    Requests and parameters are dropped last.
 
-    Any thread puts, one takes. The messages of a source are numbered without gaps, so
-    the dropped ones are a range, however many there are.
+    Any thread puts, one takes. The messages of a source are numbered without gaps, so the dropped
+    ones are a range.
 
     Parameters
     ----------
     most
-        Most messages that wait.
+        Largest number of waiting messages.
     most_bytes
-        Most bytes that wait; one message may be larger.
+        Largest number of waiting bytes; one message may be larger.
     """
 
     most: int = MOST_MESSAGES
@@ -56,7 +56,7 @@ class EventQueue:
     _dropped: dict[Source, range] = field(default_factory=dict)
 
     def put(self, arrival: Arrival) -> None:
-        """Add a message, and drop the oldest ones until there is room for it."""
+        """Add a message, and drop the oldest ones until the queue is within its limits."""
         with self._lock:
             self._waiting.append(arrival)
             self._bytes += len(arrival.payload)
@@ -66,13 +66,13 @@ class EventQueue:
                 self._drop_oldest()
 
     def wake(self) -> None:
-        """End a `wait`, or else the next one: there is an event, or other work."""
+        """End the current or the next `wait`."""
         with self._lock:
             self._woken = True
             self._lock.notify()
 
     def wait(self, seconds: float) -> None:
-        """Return when there is an event or `wake` says so, or after so many seconds."""
+        """Return at an event, at `wake`, or after so many seconds."""
         with self._lock:
             self._lock.wait_for(lambda: self._woken or bool(self._waiting), seconds)
             self._woken = False
@@ -99,7 +99,7 @@ class EventQueue:
 
 @dataclass
 class Receiver:
-    """Takes the messages of all sources, and judges none of them.
+    """Receives the messages of all sources, without validating them.
 
     Topics and services call it on the executor's thread.
 
@@ -110,9 +110,9 @@ class Receiver:
     record
         Called with role, number and bytes of each message.
     counts
-        For messages that are refused unread.
+        For messages that are rejected unread.
     at_once
-        Called for each message in the queue: whether it has been taken; if not, the stepping
+        Called for each queued message; returns whether it has been taken. If not, the stepping
         thread is woken.
     """
 
@@ -123,27 +123,27 @@ class Receiver:
     _sequences: dict[Source, Iterator[int]] = field(
         default_factory=lambda: {source: itertools.count(1) for source in Source}
     )
-    _asked: dict[tuple[Source, int], Future[Judgement]] = field(default_factory=dict)
+    _asked: dict[tuple[Source, int], Future[Validation]] = field(default_factory=dict)
 
     def receive(self, source: Source, data: bytes) -> None:
-        """Take one serialized message."""
+        """Receive one serialized message."""
         if len(data) > LARGEST_MESSAGE:
             detail = f'{len(data)} bytes, expected {LARGEST_MESSAGE} at most'
-            self.counts.add(source, Judgement(Verdict.MALFORMED, detail))
+            self.counts.add(source, Validation(Verdict.MALFORMED, detail))
             return
         self._pass_on(source, next(self._sequences[source]), data)
 
-    def ask(self, source: Source, data: bytes) -> Future[Judgement]:
-        """Take one serialized request; the judgement comes with the next cycle, if any does."""
-        sequence, answer = next(self._sequences[source]), Future[Judgement]()
+    def ask(self, source: Source, data: bytes) -> Future[Validation]:
+        """Receive one serialized request; return the future result of its validation."""
+        sequence, answer = next(self._sequences[source]), Future[Validation]()
         self._asked[source, sequence] = answer
         self._pass_on(source, sequence, data)
         return answer
 
-    def judgement_on(
+    def validation_of(
         self, source: Source, data: bytes, seconds: float = ANSWER_SECONDS
-    ) -> Judgement | None:
-        """Return the judgement on a request, None if it does not come in time."""
+    ) -> Validation | None:
+        """Return the validation result of a request, or None if it is late."""
         try:
             return self.ask(source, data).result(seconds)
         except LateError:
@@ -155,13 +155,13 @@ class Receiver:
         if not self.at_once():
             self.queue.wake()
 
-    def answer(self, events: Sequence[Event], judgements: Sequence[Judgement]) -> None:
-        """Give the judgements on events, in their order, to those who asked."""
+    def answer(self, events: Sequence[Event], validations: Sequence[Validation]) -> None:
+        """Set the results of events, in their order, for waiting callers."""
         if not self._asked:
             return
-        for event, judgement in zip(events, judgements, strict=True):
+        for event, validation in zip(events, validations, strict=True):
             numbers = event.sequences if isinstance(event, Overflow) else [event.sequence]
             for number in numbers:
                 answer = self._asked.pop((event.source, number), None)
                 if answer is not None:
-                    answer.set_result(judgement)
+                    answer.set_result(validation)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The main thread: log lines about topics and, once a second, troubles; totals and problems."""
+"""Log lines of the main thread: topics, problems once a second, totals at the end."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from pfd_ros.node.throttled_log import ThrottledLog
 from pfd_ros.recording.format import ROLE_OF_SOURCE
 from pfd_ros.text import cut, listed
 
-# A clock may be slow, and discovery takes up to three seconds.
+# A followed clock may be slow, and discovery takes up to three seconds.
 LOST_CLOCK_SECONDS = 5
 
 
 @dataclass
 class Reporter:
-    """Logs the counts of the other parts, which other threads write and only this one reads."""
+    """Logs counters that other threads write and only this thread reads."""
 
     log: ThrottledLog
     endpoints: Endpoints
@@ -47,37 +47,37 @@ class Reporter:
             for publisher in self.endpoints.publishers.values()
         )
         self.log.info(
-            f'takes commands on {named.topic_name} ({type_name(named)}: name and {kinds}) and '
-            f'{plain.topic_name} ({type_name(plain)}: efforts in this order: {order})'
+            f'subscribed to {named.topic_name} ({type_name(named)}: name and {kinds}) and '
+            f'{plain.topic_name} ({type_name(plain)}: efforts in the order {order})'
         )
-        self.log.info(f'publishes {published}')
+        self.log.info(f'publishing {published}')
         self.log.info(
-            f'{cut(engine.settings.robot)}: brakes hold all {len(engine.arm.names)} joints until '
+            f'{cut(engine.settings.robot)}: all {len(engine.arm.names)} joints are braked until '
             f'the first command; simulated time starts at {engine.arm.stamp_ns / NANOSECONDS:g} s'
         )
 
     def report(self, *, last: bool = False) -> None:
-        """Log the troubles since the last call, and look at the other nodes unless it ends."""
-        tell, event = self.log.count, self.log.event
+        """Log the problems since the last call, and check the ROS graph unless the node ends."""
+        count, event = self.log.count, self.log.event
         self._report_commands(last)
         text = (
-            'steps late: a busy machine or a blocked reader; '
-            'lower real_time_factor or publish_rate'
+            'steps late (busy machine or blocked subscriber): lower real_time_factor or '
+            'publish_rate'
         )
-        tell('missed', self.stepper.timer.missed, text, last=last)
+        count('missed', self.stepper.timer.missed, text, last=last)
         for publisher in self.stepper.publishers.values():
             text = (
-                f'messages not published on {publisher.topic}: a reader with history keep_all '
-                f'does not take them ({publisher.detail})'
+                f'messages not published on {publisher.topic}: a keep_all subscriber does not '
+                f'read them ({publisher.detail})'
             )
-            tell(publisher.topic, publisher.refused, text, last=last)
-        text = 'messages not recorded: the disk is too slow; use another disk or fewer outputs'
-        tell('recorder', self.stepper.session.dropped, text, last=last)
+            count(publisher.topic, publisher.refused, text, last=last)
+        text = 'messages not recorded (slow disk): use a faster disk or fewer outputs'
+        count('recorder', self.stepper.session.dropped, text, last=last)
         engine = self.stepper.engine
         state, arm = engine.state, engine.arm
         link, actuators = state.link, state.actuators
         event('timeouts', link.timeouts, timeout_text(engine.settings), last=last)
-        text = f'reflex, brakes on: {actuators.reflex}'
+        text = f'all joints braked by the reflex: {actuators.reflex}; call ~/reset to release them'
         event('reflex', actuators.trips, text, error=True, last=last)
         text = f'simulation stopped: {arm.failure or "until a reset"}; call ~/reset to start again'
         event('failure', state.failures, text, error=True, last=last)
@@ -90,20 +90,20 @@ class Reporter:
             self.graph.check()
 
     def _report_lockstep(self, last: bool) -> None:
-        """Log how long a state waits for its command."""
+        """Log how long the arm has waited for a command in lockstep."""
         engine = self.stepper.engine
         waited = int(self.stepper.resent * RESEND_SECONDS)
         stamp_ns = engine.state.newest_ns
         newest = 'none' if stamp_ns is None else f't = {stamp_ns / NANOSECONDS:.9g} s'
         text = (
-            f's of waiting for the command to the state at t = '
+            f's without a command for the state at t = '
             f'{engine.arm.stamp_ns / NANOSECONDS:.9g} s, last stamp received: {newest}; '
-            'does the controller run at publish_rate, and by this /clock?'
+            'does the controller run at publish_rate and on this /clock?'
         )
         self.log.count('lockstep', waited, text, last=last)
 
     def _report_lost_clock(self) -> None:
-        """Log that the clock the arm follows has come to an end, as long as it lasts."""
+        """Log while no tick of the followed clock is received."""
         if not self.stepper.engine.pace.follows_clock:
             return
         ticks, _ = self.stepper.receiver.counts.verdicts().get(
@@ -116,7 +116,7 @@ class Reporter:
         if silent >= LOST_CLOCK_SECONDS:
             self._silent += 1
             text = f'no {topic} for {silent} s: simulation paused until it resumes'
-            # Each look is counted, so that the line comes again, more rarely, while it lasts.
+            # Each check is counted, so the line is repeated at growing intervals.
             self.log.repeated('clock', self._silent, text)
 
     def _report_commands(self, last: bool) -> None:
@@ -133,17 +133,17 @@ class Reporter:
         count, names = self.stepper.receiver.counts.unknown()
         if names:
             known = listed(self.stepper.engine.arm.names)
-            text = f'unknown joints in messages ignored: {listed(names)}; this arm has {known}'
+            text = f'unknown joints in messages ignored: {listed(names)}; known joints: {known}'
             self.log.count('unknown', count, text, last=last)
 
     def problems(self) -> list[str]:
-        """Return why the run was no success, though it came to its end."""
+        """Return the problems of a run that ended normally."""
         failed = bool(self.stepper.engine.arm.failure)
         found = ['the simulation failed before the end'] if failed else []
         return found + self.stepper.session.problems()
 
     def totals(self) -> dict[str, Any]:
-        """Return the totals of the run, for the log and for the recording's last record."""
+        """Return the totals of the run for the log and the recording's last record."""
         engine, timer = self.stepper.engine, self.stepper.timer
         verdicts = self.stepper.receiver.counts.verdicts()
         accepted = sum(n for (_, v), (n, _) in verdicts.items() if v is Verdict.ACCEPTED)

@@ -1,11 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The services of the node: each is a request to the arm, answered by its verdict.
+"""The services of the node: each is a request to the arm, answered by its validation result.
 
-~/pause    std_srvs/SetBool    simulated time stands still, or goes on
-~/step     std_srvs/Trigger    in a pause: the steps of the parameter `step_count`
-~/reset    std_srvs/Trigger    the initial state, held by the brakes; simulated time goes on, noise
-                               begins again, an arm whose state overflowed is revived
+~/pause    std_srvs/SetBool    pause or resume simulated time
+~/step     std_srvs/Trigger    while paused: as many steps as the parameter `step_count`
+~/reset    std_srvs/Trigger    initial state, braked; simulated time continues, noise restarts, and
+                               the failure of an arm whose state overflowed is cleared
 ~/clear_external_wrench    std_srvs/Trigger    no external wrench from the next step on
 """
 
@@ -34,15 +34,15 @@ class Services:
     engine: Engine
 
     def request(self, request: Request, response: Any) -> Any:
-        """Pass a request to the arm and wait for its verdict."""
-        judgement = self.receiver.judgement_on(Source.REQUEST, encode_request(request))
-        if judgement is None:
-            response.success, response.message = True, f'{request.name}: at the next step'
+        """Pass a request to the arm and wait for its result."""
+        validation = self.receiver.validation_of(Source.REQUEST, encode_request(request))
+        if validation is None:
+            response.success, response.message = True, f'{request.name}: queued for the next step'
             return response
-        response.success = judgement.verdict is Verdict.ACCEPTED
+        response.success = validation.verdict is Verdict.ACCEPTED
         seconds = self.engine.arm.stamp_ns / NANOSECONDS
-        verdict = judgement.verdict.name.lower()
-        response.message = one_line(f'{verdict}: {judgement.detail}; simulated time {seconds} s')
+        result = validation.verdict.name.lower()
+        response.message = one_line(f'{result}: {validation.detail}; simulated time {seconds} s')
         return response
 
     def pause(self, asked: Any, response: Any) -> Any:

@@ -1,8 +1,8 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""One configured arm on the topics of a node, from its configuration to its clean-up.
+"""One configured arm on the topics of a node, from configure to cleanup.
 
-It only puts the parts together; the package's docstring has a map of them.
+This module only connects the parts; the package's docstring lists them.
 """
 
 from __future__ import annotations
@@ -48,22 +48,22 @@ TRANSITION_SECONDS = 5.0
 class SimArm:
     """An arm, its topics, services and recording, and the thread that steps it.
 
-    `stopped` ends the wait for a model that comes over a topic; `reached_ns` is the simulated
-    time of the arm before, which the own clock of this one continues.
+    `stopped` ends the wait for a model from a topic. `reached_ns` is the simulated time of the
+    previous arm, from which this one continues.
 
     Attributes
     ----------
     stepper
         For the stepping thread.
     thread
-        The thread that steps it, once it is started.
+        The stepping thread, once started.
     reporter, diagnostics
         For the main thread.
 
     Raises
     ------
     ValueError, OSError, rclpy.exceptions.ParameterException
-        If a parameter cannot be used; the node is as it was then, and nothing has been recorded.
+        If a parameter cannot be used; the node is unchanged then, and nothing has been recorded.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class SimArm:
         reached_ns: int = 0,
     ) -> None:
         self._node = node
-        self._told = threading.Event()
+        self._stop = threading.Event()
         self.thread: threading.Thread | None = None
         self._subscriptions: Mapping[Source, Any] = {}
         before = set(_entities(node))
@@ -107,7 +107,7 @@ class SimArm:
             publish_description(node, model.described)
         counts = CommandCounts()
         graph = GraphCheck(node, endpoints, log, counts=counts)
-        # After everything that a parameter can make fail: a refused parameter leaves no file.
+        # Last, so that a rejected parameter leaves no file.
         session = open_session(node, engine.settings, robot, endpoints)
         publishers = {
             role: NonblockingPublisher(publisher)
@@ -125,51 +125,51 @@ class SimArm:
         self.stepper = stepper
 
     def _receive(self, source: Source, data: bytes) -> None:
-        # The endpoints are there before the receiver; messages come once an executor spins.
+        # The endpoints exist before the receiver; messages arrive once an executor spins.
         if source is Source.PAYLOAD:
             self._changes.take_payload(data)
         else:
             self._receiver.receive(source, data)
 
     def start(self, workers: Workers) -> None:
-        """Start the thread that steps it."""
+        """Start the stepping thread."""
 
         def stopped() -> bool:
-            return self._told.is_set() or workers.stop.is_set()
+            return self._stop.is_set() or workers.stop.is_set()
 
         self.thread = workers.start(
-            'stepping', lambda: self.stepper.run(stopped), self._told.is_set
+            'stepping', lambda: self.stepper.run(stopped), self._stop.is_set
         )
 
     def request(self, name: str) -> None:
-        """Pass a request to the arm, and return when it is carried out.
+        """Pass a request to the arm, and return when it has been executed.
 
         Raises
         ------
         ValueError
-            If the arm refuses it, or is so busy that it does not answer: then the request is
-            carried out later.
+            If the arm rejects it, or does not answer in time: then the request is executed
+            later.
         """
         request = encode_request(Request(name))
-        judgement = self._receiver.judgement_on(Source.REQUEST, request, TRANSITION_SECONDS)
-        if judgement is None:
+        validation = self._receiver.validation_of(Source.REQUEST, request, TRANSITION_SECONDS)
+        if validation is None:
             if name == 'activate':
-                # An arm that does not answer now must not begin to move later.
+                # An arm that does not answer now must not start to move later.
                 self._receiver.ask(Source.REQUEST, encode_request(Request('deactivate')))
             raise ValueError(f'the arm did not answer within {TRANSITION_SECONDS:g} s')
-        if judgement.verdict is not Verdict.ACCEPTED:
-            raise ValueError(judgement.detail)
+        if validation.verdict is not Verdict.ACCEPTED:
+            raise ValueError(validation.detail)
 
     def stop_stepping(self) -> None:
-        """Tell its thread to end."""
-        self._told.set()
+        """Signal the stepping thread to end."""
+        self._stop.set()
 
     def close_recording(self) -> None:
         """Write the queue and the totals, and close the file."""
         self.stepper.session.close(self.reporter.totals)
 
     def destroy_entities(self) -> None:
-        """Take its topics, services and callback from the node."""
+        """Remove its topics, services and callback from the node."""
         if hasattr(self, 'stepper'):
             self._node.remove_on_set_parameters_callback(self._set_parameters)
         destroy: dict[str, Callable[[Any], bool]] = {
@@ -179,7 +179,7 @@ class SimArm:
         }
         for kind, entity in self._entities:
             destroy[kind](entity)
-        # One that has been replaced since; those that are gone are passed over.
+        # Replaced subscriptions; destroying one twice has no effect.
         for subscription in self._subscriptions.values():
             self._node.destroy_subscription(subscription.end)
 

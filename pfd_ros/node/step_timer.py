@@ -1,9 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""When the next step is due, in multiples of a period on the steady clock, never on ROS time.
-
-And how long the steps took.
-"""
+"""Schedule of the steps on the steady clock, and how long the steps took."""
 
 from __future__ import annotations
 
@@ -16,16 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Short delays are made up for, so that the mean rate holds. After a longer stall the arm does
-# not rush through the missed periods: they are counted, and the timer starts anew.
+# Short delays are caught up, so that the mean rate is exact. After a longer stall the missed
+# periods are skipped and counted, and the schedule is rebased.
 CATCH_UP_NS = 50_000_000
-# Sleeps are cut into pieces of this length, so that a slow arm still stops and hears promptly.
+# Sleeps are divided into pieces of this length, so that a slow arm still reacts promptly.
 LONGEST_SLEEP_NS = 50_000_000
 
 
 @dataclass
 class StepTimer:
-    """Waits until `origin + k * period` for step k, and counts how well that was kept.
+    """Waits until `origin + k * period` for step k, and counts late and missed steps.
 
     Parameters
     ----------
@@ -42,22 +39,19 @@ class StepTimer:
     missed: int = 0
 
     def start(self) -> None:
-        """Begin: the first step is due one period from now."""
+        """Start: the first step is due one period from now."""
         self.origin_ns = self.clock()
         self.count = 0
 
-    def forgive(self) -> None:
-        """Let the next step be due now if its time has passed: it had to wait for an event."""
+    def rebase(self) -> None:
+        """Make an overdue step due now, because it had to wait for an event."""
         due = self.origin_ns + round((self.count + 1) * self.period_ns)
         self.origin_ns += max(0, self.clock() - due)
 
     def wait(self) -> bool:
-        """Return whether the next step is due: after a sleep until then, if it is not a long one.
-
-        A longer sleep is cut: then the step is not due yet, and the caller calls again.
-        """
+        """Sleep until the next step is due and return True, or False after LONGEST_SLEEP_NS."""
         if self.period_ns == 0:
-            # Lets the other threads at the interpreter.
+            # Yields to other threads.
             self.sleep(0)
             return True
         due = self.origin_ns + round((self.count + 1) * self.period_ns)
@@ -84,23 +78,23 @@ class StepTimer:
 
 
 class StepLengths:
-    """How long the newest steps took, ns: written by one thread, read by another.
+    """Durations of the newest steps, ns: written by one thread, read by another.
 
-    No lock, and no memory is made for a step: the reader may see a few lengths of newer steps.
+    Without a lock and without allocation; the reader may see durations of a few newer steps.
     """
 
     COUNT = 1 << 13
 
     def __init__(self) -> None:
-        # Writes to it cost half of those to an array of NumPy.
+        # Faster to write than a NumPy array.
         self._lengths = array('q', bytes(8 * self.COUNT))
 
     def add(self, cycle: int, length_ns: int) -> None:
-        """Keep the length of a cycle."""
+        """Store the duration of a cycle."""
         self._lengths[cycle % self.COUNT] = length_ns
 
     def newest(self, after: int, last: int) -> NDArray[Any]:
-        """Return the lengths of the cycles after one, up to another; of the newest at most."""
+        """Return the durations of cycles `after` + 1 to `last`, at most COUNT."""
         first = max(after + 1, last + 1 - self.COUNT)
         lengths = np.frombuffer(self._lengths, np.int64)
         newest: NDArray[Any] = lengths[np.arange(first, last + 1) % self.COUNT]

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 """The stepping thread: one cycle of the engine per period, its outputs recorded and published.
 
-An arm that stands and has no period (in lockstep as fast as possible, or behind a followed clock)
-is stepped by the executor's thread, right in the callback of the message that lets it go on: to
-wake another thread would take longer than the step. One lock, the turn, says who may step; the
-stepping thread has it always, but while it waits for an event.
+An arm that waits and has no period (in lockstep as fast as possible, or with a followed clock) is
+stepped by the executor's thread, in the callback of the message that ends the wait: waking another
+thread would take longer than the step. A lock decides which thread steps; the stepping thread
+holds it except while it waits for an event.
 
 See docs/decisions/0003-executor-and-stepping-thread.md.
 """
@@ -102,16 +102,16 @@ class Stepper:
             return False
         self._take_events()
         for _ in range(MOST_CYCLES_AT_ONCE):
-            if self.engine.stands:
+            if self.engine.waiting:
                 return True
             self.run_cycle()
-        return self.engine.stands
+        return self.engine.waiting
 
     def _run(self, stopped: Callable[[], bool]) -> None:
         self.timer.start()
         while not stopped():
             self._keep_to_settings()
-            if self.engine.stands:
+            if self.engine.waiting:
                 self._stand(stopped)
             elif self.timer.period_ns == 0 and self.session.backlog > BACKLOG_LIMIT:
                 time.sleep(DISK_POLL_SECONDS)
@@ -130,7 +130,7 @@ class Stepper:
     def _stand(self, stopped: Callable[[], bool]) -> None:
         """Take events until one lets the arm go on."""
         shown, sent = self.states, time.monotonic()
-        while self.engine.stands and not stopped():
+        while self.engine.waiting and not stopped():
             self._wait_for_events()
             self._take_events()
             self._keep_to_settings()
@@ -141,7 +141,7 @@ class Stepper:
                 self.resent += 1
                 for role, _, data in self.engine.present():
                     self._publish(role, data)
-        self.timer.forgive()
+        self.timer.rebase()
 
     def _wait_for_events(self) -> None:
         self._turn.release()
@@ -156,7 +156,7 @@ class Stepper:
         """Run one cycle; every output is recorded first, so that no answer precedes it."""
         begun = time.perf_counter_ns()
         self._take_events()
-        if not self.engine.stands:
+        if not self.engine.waiting:
             self._driver.step()
             self.lengths.add(self.engine.cycles, time.perf_counter_ns() - begun)
 
@@ -164,10 +164,10 @@ class Stepper:
         events = self.receiver.queue.take()
         if not events:
             return
-        judgements = self._driver.take(events)
-        for source, judgement, count in judgements:
-            self.receiver.counts.add(source, judgement, count)
-        self.receiver.answer(events, [judgement for _, judgement, _ in judgements])
+        validations = self._driver.take(events)
+        for source, validation, count in validations:
+            self.receiver.counts.add(source, validation, count)
+        self.receiver.answer(events, [validation for _, validation, _ in validations])
 
     def _put_out(self, outputs: Sequence[Output]) -> None:
         for role, number, data in outputs:

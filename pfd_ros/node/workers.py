@@ -1,8 +1,8 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Threads that are watched: the end of one, by itself or by an error, stops all of them.
+"""Supervised threads: if one ends unexpectedly, all of them are stopped.
 
-An arm that is deaf, or does not step, must not look like an arm that works.
+An arm that receives nothing or does not step must not look like an arm that works.
 """
 
 from __future__ import annotations
@@ -28,38 +28,38 @@ class Workers:
     Attributes
     ----------
     failures
-        How workers ended before they were told to.
+        Descriptions of workers that ended unexpectedly.
     """
 
     stop: threading.Event
     failures: list[str] = field(default_factory=list)
 
     def start(
-        self, name: str, work: Callable[[], None], told: Callable[[], bool] | None = None
+        self, name: str, work: Callable[[], None], stopped: Callable[[], bool] | None = None
     ) -> threading.Thread:
-        """Start a thread; `told` says whether it alone has been told to end."""
+        """Start a thread; `stopped` returns whether this thread alone has been asked to end."""
         thread = threading.Thread(
-            target=self.guard, args=(name, work, told), name=name, daemon=True
+            target=self.guard, args=(name, work, stopped), name=name, daemon=True
         )
         thread.start()
         return thread
 
     def guard(
-        self, name: str, work: Callable[[], None], told: Callable[[], bool] | None = None
+        self, name: str, work: Callable[[], None], stopped: Callable[[], bool] | None = None
     ) -> None:
-        """Do some work on this thread that should last until it is told to end, or all are."""
+        """Run work on this thread; it should last until it, or every worker, is stopped."""
         try:
             work()
-            if told is not None and told():
+            if stopped is not None and stopped():
                 return
             if not self.stop.is_set():
-                self.failures.append(f'{name} ended by itself')
+                self.failures.append(f'{name} ended unexpectedly')
         except BaseException as error:
             self.failures.append(f'{name} failed: {described(error)}')
         self.stop.set()
 
     def join(self, thread: threading.Thread, seconds: float) -> bool:
-        """Wait for a thread to end, but not for ever; return whether it has ended."""
+        """Wait for a thread to end; return whether it has ended in time."""
         thread.join(seconds)
         if thread.is_alive():
             self.failures.append(f'{thread.name} did not end within {seconds} s')
@@ -67,7 +67,7 @@ class Workers:
 
 
 def described(error: BaseException) -> str:
-    """Return one line about an error that nobody expected, with its place."""
+    """Return one line about an unexpected error, with its location."""
     where = traceback.extract_tb(error.__traceback__)[-1]
     return one_line(
         f'{type(error).__name__}: {error} ({os.path.basename(where.filename)}:{where.lineno})'

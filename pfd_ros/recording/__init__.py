@@ -1,21 +1,21 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The MCAP file of a run, from the messages to the disk and back; see docs/decisions/0004.
+"""The MCAP file of a run, written and read; see docs/decisions/0004.
 
     format          the format's version, roles, types, columns, bounds, for writer and reader
 
-Written, from the callers to the disk:
+Writing, from the callers to the disk:
 
     provenance      the head of a file: settings, robot, topics, versions, clocks
     recorder        LogRecorder: a bounded queue and the thread that empties it
     mcap_file       the records of the file, and the digests of its topics
-    sink            bytes to the disk in whole flushes
+    sink            bytes to the disk in complete flushes
 
-Read, from the bytes to a log:
+Reading, from bytes to a log:
 
-    mcap_stream     the records of the file from front to back: lengths, chunks, checksums
-    head            the metadata records: settings, topics, versions of the software, the ending
-    reader          Log: checks the format; messages by role, settings, robot, ending; LogError
+    mcap_stream     the records of the file in order: lengths, chunks, checksums
+    head            the metadata records: settings, topics, software versions, totals
+    reader          Log: checks the format; messages by role, settings, robot, totals; LogError
     recover         recover: the readable messages of a cut off or damaged file as a new one
 
 Any bag as arrays, `pfd_ros.read_log`:

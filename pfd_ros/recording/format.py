@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The format of a recording, the only place of it: names, roles, types, columns, bounds.
+"""The format of a recording: names, roles, types, columns, bounds.
 
-A role says what a topic is to the node; topics may be remapped, roles are not. Everything here is
-written into files and stays as it is as long as FORMAT does.
+A role is the purpose of a topic for the node; topics may be remapped, roles are fixed. Everything
+here is written into files and changes only with FORMAT.
 See docs/decisions/0004-recording-layout.md.
 """
 
@@ -19,14 +19,14 @@ from pfd_ros.messages import convert
 FORMAT = '1'
 # Metadata records: the first and the last of a file.
 HEAD, END = 'pfd_ros', 'pfd_ros_end'
-# Attachment: the robot, whole.
+# Attachment: the complete robot.
 ROBOT = 'robot.yaml'
-# As MCAP names the profile of ROS 2, its messages and their definitions.
+# Names in MCAP for the profile, messages and definitions of ROS 2.
 PROFILE, MESSAGE_ENCODING, SCHEMA_ENCODING = 'ros2', 'cdr', 'ros2msg'
 
 
 class HeadKey:
-    """Keys of the record HEAD; each value is JSON, but for FORMAT itself."""
+    """Keys of the record HEAD; each value except FORMAT is JSON."""
 
     FORMAT = 'format'
     SETTINGS = 'settings'
@@ -36,7 +36,7 @@ class HeadKey:
 
 
 class EndKey:
-    """Keys of the record END; each value is JSON, and all but TOTALS are by topic."""
+    """Keys of the record END; each value is JSON, by topic except TOTALS."""
 
     TOTALS = 'totals'
     RECORDED = 'recorded'
@@ -45,16 +45,16 @@ class EndKey:
 
 
 class Channel(NamedTuple):
-    """The properties that all messages of a role share.
+    """The common properties of all messages of a role.
 
     Attributes
     ----------
     type
         ROS type of the messages.
     vital
-        Whether a replay cannot do without a single one: such messages are dropped last.
+        Whether a replay needs every message: such messages are dropped last.
     always
-        Whether each recording has the channel; others may be added without a new FORMAT.
+        Whether each recording has the channel; optional ones need no new FORMAT.
     """
 
     type: str
@@ -98,22 +98,22 @@ SOURCE_OF_ROLE = {role: source for source, role in ROLE_OF_SOURCE.items()}
 SEQUENCE_MASK = 0xFFFFFFFF
 # Before each message in the digest of its topic: sequence and length.
 DIGEST_PREFIX = struct.Struct('<IQ')
-# MCAP holds 64 bits of a time, ROS keeps one of them for the sign.
+# Times have 64 bits in MCAP and 63 bits and a sign in ROS.
 LAST_NS = (1 << 63) - 1
 
-# The recorder keeps to these bounds, and the reader relies on them.
-# No message of an arm comes near; longer ones are dropped.
+# The recorder observes these bounds, and the reader relies on them.
+# Longer messages are dropped; those of an arm are much shorter.
 MESSAGE_BYTES = 1 << 24
-# A chunk is closed at this size, so only one long message makes it longer. Compressing it holds
-# the interpreter for well under a millisecond or two.
+# A chunk is closed at this size; only one long message makes it longer. Compressing it blocks the
+# interpreter for one or two milliseconds at most.
 CHUNK_BYTES = 1 << 18
-# Bounds of the reader alone: of a record or an unpacked chunk, of a record of metadata, of a
-# schema or channel, and of the header.
+# Bounds of the reader: a record or decompressed chunk, a metadata record, a schema or channel, and
+# the header.
 RECORD_BYTES = 1 << 25
 TEXT_BYTES = 1 << 20
 DEFINITION_BYTES = 1 << 16
 NAME_BYTES = 1 << 12
 # A robot of some thousand joints.
 ROBOT_BYTES = 1 << 18
-# The reader keeps a name for each channel; the node has a handful.
+# The reader stores a name for each channel; the node has a few.
 CHANNEL_LIMIT = 256

@@ -1,8 +1,8 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The metadata records HEAD and END of a recording, read strictly.
+"""Read the metadata records HEAD and END of a recording strictly.
 
-Everything here raises ValueError with a text that names the value, and nothing else.
+All functions raise only ValueError, with a message that names the value.
 `provenance.py` writes HEAD; the node and `mcap_file.py` write END.
 """
 
@@ -22,7 +22,7 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.recording.format import CHANNELS, EndKey, HeadKey
 from pfd_ros.text import one_line
 
-# More than any recording counts; a larger number is damage, and no loop should run to it.
+# Larger counts are damage; no loop should run to them.
 COUNT_LIMIT = 1 << 53
 _DIGEST = re.compile('[0-9a-f]{64}')
 
@@ -42,15 +42,15 @@ class Ending:
 
 
 def strict_json(text: str) -> Any:
-    """Return the value of a JSON text; ValueError if a name comes twice or a number is none."""
+    """Parse JSON; raise ValueError for duplicate keys, NaN and infinity."""
 
     def refuse(number: str) -> None:
-        raise ValueError(f'{number} is no number of JSON')
+        raise ValueError(f'invalid JSON number {number}')
 
     def unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         found = dict(pairs)
         if len(found) < len(pairs):
-            raise ValueError('a name comes twice')
+            raise ValueError('duplicate key')
         return found
 
     return json.loads(text, parse_constant=refuse, object_pairs_hook=unique)
@@ -60,7 +60,7 @@ def read_roles(topics: Any) -> dict[str, str]:
     """Return the role of each topic, from the topic of each role."""
     label = f'{HeadKey.TOPICS!r} in its metadata is'
     if not isinstance(topics, dict) or not all(isinstance(t, str) for t in topics.values()):
-        raise ValueError(f'{label} no table of names')
+        raise ValueError(f'{label} not an object of names')
     roles = {topic: role for role, topic in topics.items()}
     if not set(topics) <= set(CHANNELS) or len(roles) < len(topics):
         raise ValueError(f'{label} {topics}, expected topics of {list(CHANNELS)}')
@@ -87,11 +87,11 @@ def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
 
 
 def read_versions(value: Any) -> dict[str, str]:
-    """Return the versions of the software that made a recording."""
+    """Return the software versions of a recording."""
     found = _table(value, HeadKey.VERSIONS)
     for name, version in found.items():
         if not isinstance(version, str):
-            raise ValueError(f'version of {_quoted(name)} is no text')
+            raise ValueError(f'version of {_quoted(name)} is not a string')
     return {name: version[:200] for name, version in found.items()}
 
 
@@ -113,7 +113,7 @@ def read_ending(texts: Mapping[str, str], roles: Mapping[str, str]) -> Ending:
     totals = _table_of(texts, EndKey.TOTALS)
     failure = totals.get('failure')
     if not isinstance(failure, str):
-        raise ValueError(f'failure of its end record is {_quoted(failure)}, expected a text')
+        raise ValueError(f'failure of its end record is {_quoted(failure)}, expected a string')
 
     def counted(key: str) -> dict[str, int]:
         label = f'messages {key}'
@@ -151,7 +151,7 @@ def _table_of(texts: Mapping[str, str], key: str) -> dict[str, Any]:
 
 def _table(value: Any, label: str) -> dict[str, Any]:
     if not isinstance(value, dict):
-        raise ValueError(f'{label} is {_quoted(value)}, expected a table')
+        raise ValueError(f'{label} is {_quoted(value)}, expected an object')
     return value
 
 

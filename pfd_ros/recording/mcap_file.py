@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Writes the MCAP file of a recording: its head, its channels, its last record and its digests.
+"""Write the MCAP file of a recording: head, channels, last record and digests.
 
 See docs/decisions/0004-recording-layout.md.
 """
@@ -35,7 +35,7 @@ from pfd_ros.recording.sink import Sink
 class Topic:
     """One channel of the file.
 
-    A replay needs every message of a `vital` topic: they are dropped last.
+    A replay needs every message of a `vital` topic; they are dropped last.
     """
 
     name: str
@@ -46,20 +46,20 @@ class Topic:
 
 @dataclass(frozen=True)
 class TimeBase:
-    """One moment on two clocks, ns: recorded times follow the steady one, not the date."""
+    """One moment on two clocks, ns: recorded times follow the steady clock."""
 
     wall_ns: int = field(default_factory=time.time_ns)
     steady_ns: int = field(default_factory=time.monotonic_ns)
 
     def now_ns(self) -> int:
-        """Return the time of day, as the steady clock has it since then, within 0 to LAST_NS."""
+        """Return the time of day by the steady clock, within 0 to LAST_NS."""
         now = self.wall_ns + time.monotonic_ns() - self.steady_ns
         return now if 0 <= now <= LAST_NS else max(0, min(now, LAST_NS))
 
 
 @dataclass(frozen=True)
 class FileHead:
-    """The part of a file before its first message: metadata records and attached texts."""
+    """The part of a file before its first message: metadata records and attachments."""
 
     library: str
     metadata: Mapping[str, Mapping[str, str]]
@@ -84,7 +84,7 @@ class McapFile:
     sink
         The file on the disk.
     counts
-        Messages added, by place in `topics`.
+        Number of added messages, by index in `topics`.
     waiting
         Bytes of messages added since the last flush.
 
@@ -93,15 +93,15 @@ class McapFile:
     OSError
         If the file exists or cannot be written.
     ValueError
-        If a message definition is not installed, two topics have one name, or no file can
-        have this one.
+        If a message definition is not installed, two topics have one name, or the name is not
+        valid for a file.
     """
 
     def __init__(self, path: Path, topics: Sequence[Topic], head: FileHead) -> None:
         names = [topic.name for topic in topics]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise ValueError(f'a recording has one channel for a topic; {twice} have more')
+            raise ValueError(f'duplicate topics in a recording: {twice}')
         schemas = {topic.type: full_text(topic.type) for topic in topics}
         self.counts = [0] * len(topics)
         self.waiting = 0
@@ -115,19 +115,19 @@ class McapFile:
             raise
 
     def add(self, topic: int, log_ns: int, sequence: int, data: bytes) -> None:
-        """Take one message for the next flush."""
+        """Add one message to the next flush."""
         self._updates[topic](DIGEST_PREFIX.pack(sequence, len(data)) + data)
         self._writer.add_message(self._channels[topic], log_ns, data, log_ns, sequence)
         self.counts[topic] += 1
         self.waiting += len(data)
 
     def flush(self) -> None:
-        """Hand all messages to the operating system."""
+        """Write all messages to the operating system."""
         self._writer.flush()
         self.waiting = 0
 
     def finish(self, ending: Mapping[str, str]) -> None:
-        """Write the last metadata record and the index, and bring everything to the disk."""
+        """Write the last metadata record and the index, and sync the file."""
         digests = {name: digest.hexdigest() for name, digest in self._digests.items()}
         self._writer.add_metadata(END, {**ending, EndKey.DIGESTS: json.dumps(digests)})
         self._writer.finish()
@@ -140,7 +140,7 @@ def _begin(
 ) -> tuple[Writer, list[int]]:
     """Write the head of the file and return the writer and the channel of each topic."""
     writer = Writer(
-        cast('IO[bytes]', sink),  # it has all of a file that the writer uses
+        cast('IO[bytes]', sink),  # has the methods that the writer uses
         chunk_size=CHUNK_BYTES,
         compression=CompressionType.ZSTD,
         enable_crcs=True,

@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The records of an MCAP file, read strictly from front to back: lengths, chunks, checksums.
+"""Read the records of an MCAP file strictly in order: lengths, chunks, checksums.
 
-The package `mcap` parses the fields of a record. This module checks what the readers of that
-package accept, since a recording may come from anybody: lengths are compared with the file before
-anything is read, chunks are unpacked up to a bound only, every checksum is compared, and a record
+The package `mcap` parses the fields of a record. Recordings may come from anybody, so this module
+adds checks that the readers of that package lack: lengths are compared with the file before
+anything is read, chunks are decompressed up to a bound, every checksum is compared, and a record
 must have the bytes that the package would write for it. See docs/decisions/0010 and 0031.
 Source: the MCAP format specification, version 0.
 """
@@ -34,7 +34,7 @@ FRAME = struct.Struct('<BQ')
 # Channel, sequence, log time and publish time of a message, before its data.
 _MESSAGE_PREFIX = struct.Struct('<HIQQ')
 
-# Messages are parsed here; the index and statistics are not used, and only checked by checksums.
+# Messages are parsed here; of the index and statistics only the checksums are checked.
 _PARSERS: dict[int, Any] = {
     Opcode.HEADER: records.Header,
     Opcode.SCHEMA: Schema,
@@ -45,7 +45,7 @@ _PARSERS: dict[int, Any] = {
     Opcode.DATA_END: records.DataEnd,
     Opcode.FOOTER: records.Footer,
 }
-# Longest body. A hostile file could otherwise make the reader keep any number of long texts.
+# Longest body, which bounds the memory of the reader.
 _LIMITS: dict[int, int] = {
     Opcode.HEADER: NAME_BYTES,
     Opcode.SCHEMA: DEFINITION_BYTES,
@@ -86,7 +86,7 @@ class McapStream:
     stream
         The file, at its beginning.
     size
-        Bytes of it to read; a writer may be adding more behind them.
+        Number of bytes to read; a writer may be appending more.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class McapStream:
             Where it is damaged.
         """
         if self._read(min(self._size, len(MAGIC))) != MAGIC[: self._size] or not self._size:
-            raise ValueError('it does not begin as MCAP files do')
+            raise ValueError('not an MCAP file: wrong magic at its beginning')
         parse_record(*self._next(frozenset({Opcode.HEADER})))
         opcode = Opcode.HEADER
         while opcode != Opcode.DATA_END:
@@ -131,7 +131,7 @@ class McapStream:
         self._check_summary()
 
     def _check_summary(self) -> None:
-        """Check the index behind the data, which is of no use to a reader from the front."""
+        """Check the index after the data, which a sequential reader does not use."""
         start, self._crc = self.position, 0
         opcode = Opcode.DATA_END
         while opcode != Opcode.FOOTER:
@@ -140,22 +140,22 @@ class McapStream:
         footer = parse_record(opcode, body)
         if footer.summary_start not in (0, start):
             raise ValueError(
-                f'the summary begins at byte {start}, its footer says {footer.summary_start}'
+                f'the summary begins at byte {start}, its footer has {footer.summary_start}'
             )
         # Of the footer, all but the checksum itself.
         crc = zlib.crc32(FRAME.pack(opcode, len(body)) + body[:-4], before)
         _compare_checksums(footer.summary_crc, crc, 'the summary')
         if self._read(len(MAGIC)) != MAGIC or self.position != self._size:
-            raise ValueError('it does not end as MCAP files do')
+            raise ValueError('wrong magic at its end')
         self.complete = True
 
     def _next(self, expected: frozenset[Opcode]) -> tuple[Opcode, bytes]:
         """Return kind and body of the next record."""
         opcode, length = FRAME.unpack(self._read(FRAME.size))
         if opcode == length == 0 and self._rest_is_zero():
-            raise CutOffError  # a file that grew before a power cut, and was never filled
+            raise CutOffError  # a file extended before a power cut, but not written
         if opcode not in expected:
-            raise ValueError(f'a record of kind {opcode:#04x} in a place for other kinds')
+            raise ValueError(f'unexpected record of kind {opcode:#04x}')
         if length > self._size - self.position:
             raise CutOffError
         _check_length(opcode, length)
@@ -185,7 +185,7 @@ def records_in_chunk(chunk: Chunk) -> Iterator[McapRecord]:
         raise ValueError(f'a chunk of {size} bytes, expected at most {RECORD_BYTES}')
     data = memoryview(_unpacked(chunk))
     if len(data) != size:
-        raise ValueError(f'a chunk says {size} bytes and holds {len(data)} or more')
+        raise ValueError(f'a chunk of {size} bytes has {len(data)} or more')
     _compare_checksums(chunk.uncompressed_crc, zlib.crc32(data), 'a chunk')
     at = 0
     while at < size:
@@ -213,7 +213,7 @@ def _unpacked(chunk: Chunk) -> bytes:
             raise ValueError('a chunk ends within its LZ4 frame')
         return data
     if chunk.compression:
-        raise ValueError(f'a chunk is packed as {chunk.compression!r}, expected zstd or lz4')
+        raise ValueError(f'a chunk has compression {chunk.compression!r}, expected zstd or lz4')
     return chunk.data
 
 
@@ -224,10 +224,10 @@ def parse_record(opcode: int, body: bytes | memoryview) -> Any:
     ------
     ValueError, struct.error
         If the package `mcap` would not write this body for the record: a field is longer than the
-        body, bytes are left over, a key comes twice, the checksum of an attachment differs.
+        body, trailing bytes, a duplicate key, a wrong checksum of an attachment.
     """
     if opcode == Opcode.MESSAGE:
-        # Nearly all of a file, so without detours.
+        # Nearly all records, so parsed directly.
         channel, sequence, log_ns, published_ns = _MESSAGE_PREFIX.unpack_from(body)
         data = bytes(body[_MESSAGE_PREFIX.size :])
         return Message(channel, log_ns, data, published_ns, sequence)
@@ -238,7 +238,7 @@ def parse_record(opcode: int, body: bytes | memoryview) -> Any:
         record.write(written)
         if written.end()[FRAME.size :] == body:
             return record
-    raise ValueError(f'a record {Opcode(opcode).name} whose fields do not fit')
+    raise ValueError(f'record {Opcode(opcode).name} has inconsistent fields')
 
 
 def _check_length(opcode: int, length: int) -> None:
@@ -247,7 +247,7 @@ def _check_length(opcode: int, length: int) -> None:
         raise ValueError(f'a record of {length} bytes, expected at most {limit}')
 
 
-def _compare_checksums(told: int, computed: int, label: str) -> None:
-    """Raise ValueError if a CRC-32 differs; 0 says that the writer computed none."""
-    if told not in (0, computed):
-        raise ValueError(f'checksum of {label} is {computed:#010x}, expected {told:#010x}')
+def _compare_checksums(expected: int, computed: int, label: str) -> None:
+    """Raise ValueError if a CRC-32 differs; 0 means that the writer computed none."""
+    if expected not in (0, computed):
+        raise ValueError(f'checksum of {label} is {computed:#010x}, expected {expected:#010x}')

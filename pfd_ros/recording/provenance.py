@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Makes the head of a recording: settings, robot, versions, topics and clocks of the run."""
+"""Build the head of a recording: settings, robot, versions, topics and clocks of the run."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def _processor() -> str:
 
 
 def versions() -> dict[str, str]:
-    """Return the versions that the numbers depend on, and the processor."""
+    """Return the software versions that may change the bits, and the processor."""
     found = {name: _installed(name) for name in ('numpy', 'llvmlite', 'mcap')}
     return {
         'pfd': pfd.__version__,
@@ -46,8 +46,8 @@ def versions() -> dict[str, str]:
     }
 
 
-def _robot_text(robot: pfd.Robot) -> str:
-    """Return a robot as text, with the frames in which wrenches and payloads may be given."""
+def _robot_yaml(robot: pfd.Robot) -> str:
+    """Return a robot as YAML, with the frames for wrenches and payloads."""
     frames = {name: frame for name, frame in robot.frames.items() if frame.link == robot.n}
     return pfd.robot_to_yaml(replace(robot, frames=frames), frames=True)
 
@@ -62,13 +62,13 @@ def file_head(
     settings
         Settings of the node.
     robot
-        The robot, stored whole: the file it came from may change.
+        The robot, stored completely, since its file may change.
     topics
         Full name of the topic of each role.
     base
         The recording's clock.
     """
-    told = {
+    metadata = {
         HeadKey.FORMAT: FORMAT,
         HeadKey.SETTINGS: settings_file.to_json(settings),
         HeadKey.TOPICS: json.dumps(dict(topics)),
@@ -84,7 +84,7 @@ def file_head(
     }
     return FileHead(
         library=f'pfd_ros/{pfd.__version__} mcap-python/{_installed("mcap")}',
-        metadata={HEAD: told},
-        attachments={ROBOT: _robot_text(robot)},
+        metadata={HEAD: metadata},
+        attachments={ROBOT: _robot_yaml(robot)},
         base=base,
     )

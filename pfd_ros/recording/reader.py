@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Reads recordings, whole ones and those that a killed process left behind.
+"""Read recordings, complete or truncated.
 
-`mcap_stream.py` yields the records, `head.py` reads the metadata among them; here they become a
-log: messages by role, with the settings, the robot and the ending of the run.
+`mcap_stream.py` yields the records, `head.py` reads the metadata records; here they become a log:
+messages by role, with the settings, the robot and the totals of the run.
 """
 
 from __future__ import annotations
@@ -36,15 +36,15 @@ from pfd_ros.recording.mcap_stream import MAGIC, CutOffError, McapStream
 
 
 class LogError(ValueError):
-    """A file that is no recording of this node, or is damaged."""
+    """The file is no recording of this node, or is damaged."""
 
 
 @contextmanager
 def damage_named(path: Path, place: Callable[[], str] = str) -> Iterator[None]:
     """Turn any exception that the content of a file causes into a LogError that names the file.
 
-    The only place that does: a hostile file reaches the parsers of JSON and YAML, the model,
-    the compiler and the arithmetic, and each has exceptions of its own.
+    A hostile file reaches the parsers of JSON and YAML, the model, the compiler and the
+    arithmetic, and each raises different exceptions.
     """
     try:
         yield
@@ -67,10 +67,10 @@ class Entry(NamedTuple):
 
 @dataclass
 class Log:
-    """A recording, read from front to back.
+    """A recording, read sequentially.
 
-    Its properties need that the iterator `entries` has come to the first message, `ending` that
-    it has ended; they raise LogError if the file does not hold them.
+    Its properties are available once the iterator `entries` has reached the first message,
+    `ending` once it has ended; they raise LogError if the file does not have them.
 
     Parameters
     ----------
@@ -82,11 +82,11 @@ class Log:
     complete
         Whether the file was closed properly; known once `entries` has ended.
     size
-        Bytes of the file when it was opened first: what a node is still adding is left out.
+        Bytes of the file when it was first opened; bytes added later are ignored.
     position
         Bytes read so far.
     head_texts, end_texts
-        The records HEAD and END as they are in the file.
+        The records HEAD and END as written.
     robot_yaml
         The robot.
     roles
@@ -110,7 +110,7 @@ class Log:
 
     @property
     def versions(self) -> dict[str, str]:
-        """Versions of the software that made the recording."""
+        """Software versions of the recording."""
         with damage_named(self.path):
             return head.read_versions(self._json(HeadKey.VERSIONS))
 
@@ -122,7 +122,7 @@ class Log:
 
     @property
     def ending(self) -> head.Ending | None:
-        """Totals of the node's run; None if the node never closed the file."""
+        """Totals of the node's run; None if the node did not close the file."""
         with damage_named(self.path):
             return head.read_ending(self.end_texts, self.roles) if self.end_texts else None
 
@@ -169,7 +169,7 @@ class Log:
                 else:
                     self._note(record)
         except CutOffError as error:
-            # A file that was closed does not end early, unless a length in it is wrong.
+            # A closed file ends early only if a length in it is wrong.
             if _ends_with_magic(stream, self.size):
                 raise LogError(f'{self.path} is damaged after byte {records.position}') from error
         finally:
@@ -177,7 +177,7 @@ class Log:
         self.complete = records.complete
 
     def _note(self, record: McapRecord) -> None:
-        """Keep the head, the end and the robot; each may come once."""
+        """Store the head, the end and the robot; each may occur once."""
         if isinstance(record, Metadata) and record.name == HEAD:
             _check_first(self.head_texts, HEAD)
             self.head_texts = record.metadata
@@ -198,7 +198,7 @@ class Log:
 
 
 class _ChannelTable:
-    """The channels and schemas met so far, without their long texts, and the role of each channel.
+    """The channels and schemas read so far, without definitions, and the role of each channel.
 
     A writer may repeat a schema or a channel, but not change it.
     """
@@ -210,11 +210,11 @@ class _ChannelTable:
         self._roles: dict[int, str] = {}
 
     def add_schema(self, schema: Schema) -> None:
-        """Note the type of messages."""
+        """Add the type of messages."""
         _add(self._schemas, schema.id, (schema.name, schema.encoding))
 
     def add_channel(self, channel: Channel) -> None:
-        """Note a topic; it may have one channel."""
+        """Add a topic; it may have one channel."""
         found = channel.topic, channel.message_encoding, channel.schema_id
         _add(self._channels, channel.id, found)
         topics = {topic for topic, _, _ in self._channels.values()}
@@ -225,7 +225,7 @@ class _ChannelTable:
         """Return the role of a channel, or '' if its topic has none."""
         if number not in self._roles:
             if number not in self._channels:
-                raise ValueError(f'a message of channel {number}, which there is not')
+                raise ValueError(f'a message of unknown channel {number}')
             self._roles[number] = self._checked(*self._channels[number], roles)
         return self._roles[number]
 
@@ -245,19 +245,19 @@ class _ChannelTable:
 def _add(known: dict[int, Any], number: int, found: tuple[Any, ...]) -> None:
     before = known.setdefault(number, found)
     if before != found:
-        raise ValueError(f'channel or schema {number} is {found}, and was {before} before')
+        raise ValueError(f'channel or schema {number} is {found}, conflicting with {before}')
     if len(known) > CHANNEL_LIMIT:
         raise ValueError(f'more than {CHANNEL_LIMIT} channels or schemas')
 
 
 def _check_first(found: object, name: str) -> None:
     if found:
-        raise ValueError(f'it has two records {name!r}')
+        raise ValueError(f'two records {name!r}')
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[BinaryIO]:
-    """Open a regular file; a pipe or a device would be waited for, or never end."""
+    """Open a regular file; a pipe or a device might block or never end."""
     flags = os.O_RDONLY | getattr(os, 'O_NONBLOCK', 0) | getattr(os, 'O_BINARY', 0)
     with open(path, 'rb', opener=lambda name, _: os.open(name, flags)) as stream:
         if not stat.S_ISREG(os.fstat(stream.fileno()).st_mode):

@@ -1,11 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Records all inputs and outputs of the arm in one MCAP file, on a thread of its own.
+"""Record all inputs and outputs of the arm in one MCAP file, on a separate thread.
 
 Callers only append to a queue, bounded in messages and bytes. The thread empties it in bounded
 rounds every few milliseconds, closes a chunk every 0.2 s and syncs once a second, so that a
 killed process loses a fraction of a second and a power cut little more. A fault of the disk or
-of the thread is counted and reported, and does not stop the arm.
+of the thread is reported and does not stop the arm.
 See docs/decisions/0004-recording-layout.md.
 """
 
@@ -25,24 +25,24 @@ from pfd_ros.recording.mcap_file import FileHead, McapFile, Topic
 from pfd_ros.recording.sink import FileLostError
 from pfd_ros.text import one_line
 
-# Waking per message would double the cost; longer drains hold the interpreter too long.
+# Waking per message would double the cost; longer rounds block the interpreter too long.
 DRAIN_SECONDS = 0.015
 FLUSH_SECONDS = 0.2
 SYNC_SECONDS = 1.0
-# A round of the thread ends at either, so that flushes are on time though callers are faster.
+# A round ends at either bound, so that flushes are on time under load.
 ROUND_MESSAGES = 1 << 12
 ROUND_BYTES = 1 << 22
-# About 40 MB of states: more than a minute at 1 kHz with the disk standing still.
+# About 40 MB of states: more than a minute at 1 kHz without the disk.
 QUEUE_LIMIT = 1 << 17
-# Memory for waiting messages, if they are long.
+# Memory for waiting messages.
 QUEUE_BYTES = 1 << 26
 # ros2 launch and docker stop wait 10 s between the first signal and SIGKILL.
 CLOSE_SECONDS = 8.0
 # Longest wait for a disk: some wake up slowly, and network drives come back.
 STALL_SECONDS = 30.0
-# A longer pause between two looks is a pause of this process, not of the disk.
-_LOOK_SECONDS = 0.1
-_READABLE = '; what was written stays readable'
+# A longer interval between two checks is a pause of this process, not of the disk.
+_CHECK_SECONDS = 0.1
+_READABLE = '; the part written so far is readable'
 
 
 class LogRecorder:
@@ -53,29 +53,29 @@ class LogRecorder:
     path
         The file; it must not exist.
     topics
-        The channels; messages are recorded by their place in here.
+        The channels; messages are recorded by index in this sequence.
     head
-        Written first, so that a cut-off file still tells its settings, robot and topics.
+        Written first, so that a truncated file still has its settings, robot and topics.
     report
         Called once, with one line, if the recording fails. It may be called on any thread.
     limit, limit_bytes
-        Most messages and bytes that wait for the disk.
+        Largest number of messages and bytes that wait for the disk.
 
     Attributes
     ----------
     recorded, dropped
-        Number of messages in the file, and of messages left out, by place in `topics`. After a
-        close or a failure their sum is the number of messages that came before it.
+        Number of recorded and dropped messages, by index in `topics`. After closing or a failure
+        their sum is the number of messages before it.
     error
-        The line that was reported, or ''.
+        The reported line, or ''.
 
     Raises
     ------
     OSError
         If the file exists or cannot be written.
     ValueError
-        If a message definition is not installed, two topics have one name, or no file can
-        have this one.
+        If a message definition is not installed, two topics have one name, or the name is not
+        valid for a file.
     """
 
     def __init__(
@@ -96,18 +96,18 @@ class LogRecorder:
         self._report = report
         self._limits = limit, limit_bytes
         # Replaceable messages leave half of the queue to vital ones.
-        self._rooms = [
+        self._capacities = [
             (limit, limit_bytes) if topic.vital else (limit // 2, limit_bytes // 2)
             for topic in topics
         ]
-        # For recording, failing and closing; the thread that writes never holds it for long.
+        # For recording, failing and closing; the writing thread locks it only briefly.
         self._lock = threading.Lock()
         self._queue: deque[tuple[int, int, int, bytes]] = deque()
         # Bytes queued are counted under the lock, bytes written on the recording's thread.
         self._bytes_in = 0
         self._bytes_out = 0
         self._rounds = 0
-        self._seen, self._looked, self._stalled = 0, time.monotonic(), 0.0
+        self._seen, self._checked, self._stalled = 0, time.monotonic(), 0.0
         self._last_ns = 0
         self._closed = False
         self._finished = False
@@ -126,34 +126,34 @@ class LogRecorder:
     @property
     def failed(self) -> bool:
         """Whether the recording ended before it was closed."""
-        self._look_for_death()
+        self._check_thread()
         return bool(self.error)
 
     @property
     def backlog(self) -> float:
-        """How full the queue is, 0 to 1; 0 once the recording has failed.
+        """Filled share of the queue, 0 to 1; 0 once the recording has failed.
 
-        To be asked by one thread only, again and again while it waits for the disk: this is
-        where a disk that does not answer for STALL_SECONDS becomes a failure.
+        One thread only may read it, repeatedly while it waits for the disk: here a disk that does
+        not respond for STALL_SECONDS becomes a failure.
         """
-        self._look_for_stall()
+        self._check_stall()
         if self.failed:
             return 0.0
         return self.waiting_share
 
     @property
     def waiting_share(self) -> float:
-        """How full the queue is, 0 to 1, for any thread to ask."""
+        """Filled share of the queue, 0 to 1, for any thread."""
         waiting = len(self._queue), self._bytes_in - self._bytes_out
         return max(have / most for have, most in zip(waiting, self._limits, strict=True))
 
     def record(self, topic: int, sequence: int, data: bytes) -> None:
-        """Queue one message; it counts as dropped if it has no room or the recording failed.
+        """Queue one message; it counts as dropped if the queue is full or the recording failed.
 
-        A message that comes after `close` is no part of the recording, and is not counted.
+        A message after `close` is not recorded and not counted.
         """
         size = len(data)
-        most, most_bytes = self._rooms[topic]
+        most, most_bytes = self._capacities[topic]
         with self._lock:
             if self._closed:
                 return
@@ -162,7 +162,7 @@ class LogRecorder:
             if full or self.error:
                 self.dropped[topic] += 1
                 return
-            # Readers want the order of the file to be the order of its times.
+            # Times increase in file order.
             now = self._base.now_ns()
             if now > self._last_ns:
                 self._last_ns = now
@@ -180,8 +180,8 @@ class LogRecorder:
         Parameters
         ----------
         ending
-            Called for the texts of that record once everything else is written; the digests of
-            the topics are added to them.
+            Called for the values of that record once everything else is written; the digests of
+            the topics are added.
         timeout
             Longest time to wait, s: a disk that hangs is a failure like others.
         """
@@ -192,32 +192,32 @@ class LogRecorder:
         self._closing.set()
         self._thread.join(timeout)
         if self._thread.is_alive():
-            self._fail(f'the disk did not take it all within {timeout:g} s of closing{_READABLE}')
-        self._look_for_death()
+            self._fail(f'closing took longer than {timeout:g} s (slow disk){_READABLE}')
+        self._check_thread()
 
     def ending(self, totals: Mapping[str, Any]) -> dict[str, str]:
-        """Return the texts of the last record: these totals of a run, and counts by topic."""
+        """Return the values of the last record: totals of the run, and counts by topic."""
         names = [topic.name for topic in self.topics]
-        told: dict[str, Any] = {
+        values: dict[str, Any] = {
             EndKey.TOTALS: totals,
             EndKey.RECORDED: dict(zip(names, self.recorded, strict=True)),
             EndKey.DROPPED: dict(zip(names, self.dropped, strict=True)),
         }
-        return {name: json.dumps(value) for name, value in told.items()}
+        return {name: json.dumps(value) for name, value in values.items()}
 
-    def _look_for_death(self) -> None:
-        # In this order: the thread says that it has finished before it ends.
+    def _check_thread(self) -> None:
+        # In this order: the thread sets `_finished` before it ends.
         if not self._thread.is_alive() and not self._finished:
-            self._fail(f'its thread ended without a word{_READABLE}')
+            self._fail(f'its thread ended unexpectedly{_READABLE}')
 
-    def _look_for_stall(self) -> None:
+    def _check_stall(self) -> None:
         now = time.monotonic()
-        self._stalled += min(now - self._looked, _LOOK_SECONDS)
-        self._looked = now
+        self._stalled += min(now - self._checked, _CHECK_SECONDS)
+        self._checked = now
         if self._rounds != self._seen:
             self._seen, self._stalled = self._rounds, 0.0
         if self._stalled > STALL_SECONDS:
-            self._fail(f'the disk did not answer for {STALL_SECONDS:g} s{_READABLE}')
+            self._fail(f'the disk did not respond for {STALL_SECONDS:g} s{_READABLE}')
 
     def _fail(self, cause: str) -> None:
         """End the recording, once: count the queue as dropped, free its memory, report."""
@@ -256,7 +256,7 @@ class LogRecorder:
         while self._queue:
             self._drain(file)
             self._flush(file)
-        # The counts that `ending` may tell are those of the file from here on.
+        # From here on the counts for `ending` are final.
         self._flush(file)
         file.finish(self._ending())
 
@@ -279,7 +279,7 @@ class LogRecorder:
         file.flush()
         with self._lock:
             if self.error:
-                raise TimeoutError('closing has been given up')
+                raise TimeoutError('closing timed out')
             self.recorded[:] = file.counts
 
 

@@ -70,7 +70,7 @@ def recover(source: Path, target: Path) -> Recovered:
     Raises
     ------
     LogError
-        If the source does not begin as MCAP files do.
+        If the source is not an MCAP file.
     FileExistsError
         If the target exists: nothing is overwritten.
     OSError
@@ -81,7 +81,7 @@ def recover(source: Path, target: Path) -> Recovered:
     with damage_named(source), opened(source) as stream:
         size = os.fstat(stream.fileno()).st_size
         if stream.read(len(MAGIC)) != MAGIC:
-            raise LogError(f'{source} does not begin as MCAP files do: nothing to recover')
+            raise LogError(f'{source} is not an MCAP file: nothing to recover')
         with target.open('xb') as written:
             try:
                 _copy(_readable(stream, size, found), written, found)

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The file on the disk: it ends after a whole flush, even when the disk is full."""
+"""The file on disk, which ends after a complete flush even if the disk is full."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pathlib import Path
 _SHOWN = 200
 
 
-# The end of the line about a file that another program has changed.
+# End of the error about a file that another program has changed.
 CURE = 'while it was written; keep log rotation and other programs away from recordings'
 
 
@@ -24,25 +24,25 @@ class FileLostError(OSError):
 class Sink:
     """A new file, written in whole flushes.
 
-    Nothing reaches the disk between flushes; a flush that fails is taken back, so that all
-    flushes before it stay readable. Never writes over a file, and appends only: of a file that is
-    truncated from outside the part that is left stays readable.
+    Nothing reaches the disk between flushes. A failed flush is removed, so that all flushes before
+    it stay readable. An existing file is never overwritten, and bytes are only appended: what is
+    left of a file that another program truncates stays readable.
 
     Raises
     ------
     FileExistsError
         If the file exists; a folder, a FIFO, a device and a dangling link exist too.
     OSError
-        If it cannot be made.
+        If it cannot be created.
     ValueError
-        If no file can have this name.
+        If the name is not valid.
     """
 
     def __init__(self, path: Path) -> None:
         self._waiting = bytearray()
         self._written = 0
         self._name = _shown(path)
-        # Appending, a truncation shows in the size for ever; at an offset it would leave a hole.
+        # With O_APPEND a truncation stays visible in the size; an offset would leave a hole.
         flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_EXCL | getattr(os, 'O_CLOEXEC', 0)
         try:
             # The process may change its folder.
@@ -50,24 +50,24 @@ class Sink:
             self._file = os.open(self._path, flags, 0o644)
         except FileExistsError as error:
             raise FileExistsError(
-                f'{self._name} exists and is never written over; name another'
+                f'{self._name} exists and is not overwritten; choose another name'
             ) from error
         except OSError as error:
             raise self._refusal(error) from error
         except ValueError as error:
-            raise ValueError(f'{self._name} cannot be the name of a file: {error}') from error
+            raise ValueError(f'{self._name} is no valid file name: {error}') from error
 
     def write(self, data: bytes) -> int:
-        """Take bytes for the next flush."""
+        """Append bytes to the next flush."""
         self._waiting += data
         return len(data)
 
     def tell(self) -> int:
-        """Return how many bytes the file will hold after the next flush."""
+        """Return the size of the file after the next flush."""
         return self._written + len(self._waiting)
 
     def flush(self) -> None:
-        """Hand everything to the operating system, or nothing.
+        """Write everything to the operating system, or nothing.
 
         Raises
         ------
@@ -84,10 +84,10 @@ class Sink:
                 while done < len(view):
                     count = os.write(self._file, view[done:])
                     if count == 0:
-                        raise OSError(errno.EIO, 'it takes no more')
+                        raise OSError(errno.EIO, 'no bytes written')
                     done += count
         except BaseException as error:
-            # A disk that refuses this too leaves a torn end, which readers leave out.
+            # If this fails too, the file has an incomplete end, which readers ignore.
             with suppress(OSError):
                 if os.fstat(self._file).st_size > self._written:
                     os.ftruncate(self._file, self._written)
@@ -97,7 +97,7 @@ class Sink:
         self._written += done
 
     def sync(self) -> None:
-        """Bring all flushed bytes to the disk: a power cut would lose them, a kill would not.
+        """Sync all flushed bytes to the disk, so that a power cut does not lose them.
 
         Raises
         ------
@@ -138,7 +138,7 @@ class Sink:
             raise self._refusal(error) from error
 
     def discard(self) -> None:
-        """Close and remove the file, which holds nothing worth keeping."""
+        """Close and remove the file."""
         with suppress(OSError):
             if not self._loss():
                 os.unlink(self._path)
@@ -146,7 +146,7 @@ class Sink:
             self.close()
 
     def _loss(self) -> str:
-        """Return how the file lost its name, or '' if it has it still."""
+        """Return how the file lost its name, or ''."""
         own = os.fstat(self._file)
         if own.st_nlink == 0:
             return 'removed'
@@ -155,7 +155,7 @@ class Sink:
         except (FileNotFoundError, NotADirectoryError):
             return 'moved'
         except PermissionError:
-            return ''  # the folder was closed to us, the file is in it still
+            return ''  # the folder is not readable any more
         return '' if os.path.samestat(own, found) else 'replaced'
 
     def _refusal(self, error: OSError) -> OSError:
@@ -163,7 +163,7 @@ class Sink:
 
 
 def _shown(path: Path) -> str:
-    """Return a path as a message may show it: on one line, and not a page of it."""
+    """Return a path shortened to one line."""
     text = str(path)
     text = text if text.isprintable() else repr(text)
     return text if len(text) <= _SHOWN else f'...{text[-_SHOWN:]}'

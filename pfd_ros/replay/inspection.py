@@ -88,7 +88,7 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
     Raises
     ------
     ValueError
-        If it is damaged, or a closed file lacks messages; the text says where.
+        If it is damaged, or a closed file lacks messages; with the place.
     OSError
         If it cannot be read.
     """
@@ -263,7 +263,7 @@ def _check_totals(found: Inspection, ending: Ending, published: Mapping[str, int
     """Compare the totals of an end record with one another, and with the messages by role."""
     settings = found.summary.settings
     states, every = _count_states(published), settings.publish_every
-    # A failed arm stands still, and goes on publishing.
+    # A failed arm keeps its state and continues to publish.
     last = (states + 1) * every - 1 if ending.failure else ending.steps
     if ending.states != states or last // every != states or ending.steps > last:
         raise ValueError(

@@ -82,7 +82,9 @@ def read_motion(
         steps = min(summary.simulated, MOST_STEPS)
         engine = Engine(settings, recorded, rows=False)
         if engine.state.wrench is not None:
-            raise ValueError('its arm has an external wrench: its torques alone are no motion')
+            raise ValueError(
+                'its arm has an external wrench, so its torques do not determine the motion'
+            )
         reading = _Reading(Driver(engine), scene=engine.arm.scene, steps=steps)
         follow(log, reading)
         reading.flush()
@@ -177,12 +179,12 @@ class _Reading(Playback):
             if engine.state.jumps:
                 raise ValueError(
                     f'its arm is set to another state before step {engine.cycles + 1}: '
-                    'that is no motion'
+                    'not a continuous motion'
                 )
             if engine.arm.scene is not self.scene:
                 raise ValueError(
                     f'its payload or gravity compensation changes before step '
-                    f'{engine.cycles + 1}: that is no motion of one scene'
+                    f'{engine.cycles + 1}: not a motion of one scene'
                 )
             self.driver.step()
             self.efforts.append(engine.state.tau)

@@ -1,11 +1,11 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of a recording in their places: which cycle each belongs to, and that it can.
+"""The order of the messages of a recording: the cycle of each, and whether it is possible.
 
-The messages of a channel are numbered from 1; numbers may be left out, where the disk was too
-slow, but never repeat or decrease; states that the sensors dropped are numbered with those they
-published. Within a cycle come the verdict rows, of events that overflowed or were judged, a new
-payload, the state, the outputs beside it, the clock tick. No cycle lies further ahead than the
+The messages of a channel are numbered from 1; numbers may be missing, if the disk was too slow,
+but never repeat or decrease; states that the sensors dropped are numbered with those they
+published. Within a cycle come the validation rows, of events that overflowed or were validated, a
+new payload, the state, its outputs, the clock tick. No cycle lies further ahead than the
 arm can have reached at the recorded time: a damaged number would otherwise be simulated through.
 """
 
@@ -28,8 +28,8 @@ from pfd_ros.arm.events import (
     Event,
     Overflow,
     Source,
+    ValidationRow,
     Verdict,
-    VerdictRow,
 )
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, rows_as_written
@@ -46,7 +46,7 @@ from pfd_ros.recording.reader import Entry, Log
 FASTEST = 1e6
 # By how much the arm may be ahead of its schedule, s: it makes up for delays of 0.05 s.
 AHEAD = 1.0
-# Order of the outputs within a cycle; only verdict rows may be several messages.
+# Order of the outputs within a cycle; only validation rows may be several messages.
 _RANKS = {role: rank for rank, role in enumerate(CHANNELS)}
 
 
@@ -68,7 +68,7 @@ class PlacedMessage(NamedTuple):
     data
         The message.
     rows
-        The verdict rows in it.
+        The validation rows in it.
     """
 
     role: str
@@ -77,7 +77,7 @@ class PlacedMessage(NamedTuple):
     cycle: int
     log_ns: int
     data: bytes
-    rows: tuple[VerdictRow, ...] = ()
+    rows: tuple[ValidationRow, ...] = ()
 
 
 @dataclass
@@ -90,7 +90,7 @@ class Inbox:
         """Keep an input."""
         self._payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
 
-    def payload(self, row: VerdictRow) -> bytes:
+    def payload(self, row: ValidationRow) -> bytes:
         """Return the message that a row is about, b'' if it is missing."""
         return self._payloads.get((row.source, row.sequence), b'')
 
@@ -135,7 +135,7 @@ class _Order:
         self._started_ns = self._last_ns = log.started_ns
         self._last = dict.fromkeys(log.roles.values(), 0)
         self._place = (0, _RANKS[CLOCK])
-        # The cycle of the last verdict rows.
+        # The cycle of the last validation rows.
         self._taken = 1
 
     def _allow(self, settings: Settings) -> None:
@@ -165,7 +165,7 @@ class _Order:
             )
         self._last_ns = entry.log_ns
         number, lost = self._number(entry)
-        rows: tuple[VerdictRow, ...] = ()
+        rows: tuple[ValidationRow, ...] = ()
         if role in SOURCE_OF_ROLE:
             cycle = 0
             if role == PARAMETERS:
@@ -216,7 +216,7 @@ class _Order:
             )
 
 
-def _rows(entry: Entry) -> tuple[VerdictRow, ...]:
+def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
     """Return the rows of a message: all of one cycle, and all of overflow or none."""
     decoded = rows_as_written(entry.data, TAKEN_COLUMNS)
     if decoded is None:
@@ -233,5 +233,5 @@ def _rows(entry: Entry) -> tuple[VerdictRow, ...]:
     if len(cycles) > 1 or 0 in cycles:
         raise ValueError(f'taken {entry.sequence} names steps {sorted(cycles)[:5]}, expected one')
     if len({row[3] == Verdict.OVERFLOWED for row in decoded}) > 1:
-        raise ValueError(f'taken {entry.sequence} mixes commands judged and overflowed')
-    return tuple(VerdictRow(c, Source(s), n, Verdict(v)) for c, s, n, v in decoded)
+        raise ValueError(f'taken {entry.sequence} mixes commands validated and overflowed')
+    return tuple(ValidationRow(c, Source(s), n, Verdict(v)) for c, s, n, v in decoded)

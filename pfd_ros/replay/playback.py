@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Playback: the messages of a recording, by kind, for an engine or for a count.
 
-A message is an input, verdict rows that say which cycle took inputs, or another output. This is
+A message is an input, validation rows that say which cycle took inputs, or another output. This is
 the only place that tells them apart.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from bisect import bisect_left
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import NamedTuple, Protocol
 
@@ -18,8 +19,8 @@ import numpy as np
 
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Source, Verdict
-from pfd_ros.messages.convert import decode_efforts
+from pfd_ros.arm.events import CLOCK, COMMANDS, STATES, TAKEN, Source, Verdict
+from pfd_ros.messages.convert import decode_efforts, decode_joint_state, decode_named_efforts
 from pfd_ros.recording.format import SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Log
 from pfd_ros.replay.ordering import Inbox, PlacedMessage, placed_messages
@@ -38,7 +39,7 @@ class Follower(Protocol):
         """Follow an input."""
 
     def take(self, message: PlacedMessage) -> None:
-        """Follow verdict rows."""
+        """Follow validation rows."""
 
     def output(self, message: PlacedMessage) -> None:
         """Follow another output."""
@@ -130,11 +131,9 @@ class Playback(ABC):
     def take(self, message: PlacedMessage) -> None:
         """Follow verdict rows."""
         rows = message.rows
-        if (
-            len(rows) == 1
-            and rows[0].source is Source.ARRAY
-            and rows[0].verdict is Verdict.ACCEPTED
-        ):
+        if len(rows) == 1 and rows[0].source in COMMANDS and rows[0].verdict is Verdict.ACCEPTED:
+            if self._collected and self._collected[0].rows[0].source is not rows[0].source:
+                self.flush()
             self._collect(message)
         else:
             self.flush()
@@ -173,20 +172,27 @@ class Playback(ABC):
         engine = self.driver.engine
         taken = [message for message in messages if message.role == TAKEN]
         cycles = np.array([message.cycle for message in taken])
-        efforts = decode_efforts(
-            [self.inbox.payload(message.rows[0]) for message in taken], engine.arm.robot.n
-        )
         first, count = taken[0].cycle, messages[-1].cycle + 1 - taken[0].cycle
-        if efforts is None or (np.diff(cycles) <= 0).any() or not _answered(engine, cycles, count):
+        if (np.diff(cycles) <= 0).any() or not _answered(engine, cycles, count):
             return False
         self.run_to(first - 1)
         if engine.cycles != first - 1:
             return False
         before = engine.save()
+        source = taken[0].rows[0].source
+        payloads = [self.inbox.payload(message.rows[0]) for message in taken]
+        if source is Source.ARRAY:
+            efforts = decode_efforts(payloads, engine.arm.robot.n)
+        else:
+            efforts = _named_efforts(engine, payloads, cycles)
+        if efforts is None:
+            return False
         held = np.searchsorted(cycles, np.arange(first, first + count), 'right') - 1
         rows = engine.stretch(efforts[held], (cycles - first).tolist())
         if rows is None:
             return False
+        if source is Source.NAMED:
+            engine.state.newest_ns = decode_joint_state(payloads[-1]).stamp_ns
         steps = before.step + 1 + np.arange(len(rows))
         stamps = before.origin_ns + steps * engine.settings.step_ns
         others = [message for message in messages if message.role != TAKEN]
@@ -210,3 +216,32 @@ def _answered(engine: Engine, cycles: np.ndarray, count: int) -> bool:
     first = int(cycles[0])
     waiting = range(first - first % -engine.publish_every, first + count - 1, engine.publish_every)
     return {cycle + 1 for cycle in waiting} <= set(cycles.tolist())
+
+
+def _named_efforts(engine: Engine, payloads: list[bytes], cycles: np.ndarray) -> np.ndarray | None:
+    """Return the efforts of commands by name for some cycles, (k, n), published order.
+
+    None if the rules have to look at each of them: for stale stamps, or other joints.
+    """
+    with suppress(ValueError):
+        found = decode_named_efforts(payloads)
+        if found is not None:
+            names, stamps, efforts = found
+            own = engine.arm.names
+            fresh = (stamps == 0) | (stamps >= _oldest_ns(engine, cycles))
+            if sorted(names) == sorted(own) and fresh.all():
+                return efforts[:, [names.index(name) for name in own]]
+    return None
+
+
+def _oldest_ns(engine: Engine, cycles: np.ndarray) -> np.ndarray:
+    """Return the oldest stamp that a command in each cycle may have, ns."""
+    state = engine.state
+    oldest = np.full(len(cycles), state.since_ns)
+    if engine.pace.lockstep:
+        # Of the state that the command answers.
+        answered = cycles - 1 - (cycles - 1) % engine.publish_every
+        steps = state.step + answered - state.cycle
+        after = answered > state.cycle
+        oldest[after] = (state.origin_ns + steps * engine.settings.step_ns)[after]
+    return oldest

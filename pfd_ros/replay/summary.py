@@ -48,7 +48,7 @@ class Summary:
         """The parts that a whole recording has and this one lacks."""
         found = []
         if not self.complete:
-            found.append('the end of the file, which was never closed')
+            found.append('the end of the file, which was not closed')
         elif not self.ended:
             found.append(
                 'the end record of the node, without which messages at the end may be missing'

@@ -111,9 +111,9 @@ class _Replay(Playback):
     Attributes
     ----------
     rows
-        Data of the verdict rows of the last events.
+        Data of the validation rows of the last events.
     outputs
-        Data of the last cycle's outputs but verdict rows, by role.
+        Data of the last cycle's outputs but validation rows, by role.
     """
 
     rows: list[bytes] = field(default_factory=list)
@@ -130,7 +130,7 @@ class _Replay(Playback):
             self.outputs = {output.role: output.data for output in outputs}
 
     def take_now(self, message: PlacedMessage) -> None:
-        """Compare verdict rows."""
+        """Compare validation rows."""
         self.driver.run_to(message.cycle - 1)
         self.driver.take(self.inbox.take(message))
         for data in self.rows:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Processes that end with the process that started them, however it ends."""
+"""Processes that end with their parent, however it ends."""
 
 from __future__ import annotations
 

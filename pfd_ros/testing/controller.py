@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The call of a controller under test, and the one clear error for an answer that is none."""
+"""The call of a controller under test, and the error for an invalid answer."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ Controller: TypeAlias = Callable[[float, Array, Array], ArrayLike]
 
 
 class ControllerError(Exception):
-    """A controller that raised, blocks, or answers anything but a finite effort for each joint."""
+    """A controller raised, blocks, or returned anything but a finite effort for each joint."""
 
 
 def asked(controller: Controller, names: Sequence[str], t: float, q: Array, qd: Array) -> Array:
     """Return the efforts (n,) with which a controller answers a state.
 
     The arrays of the state are the controller's own. The efforts may still be NaN or infinite:
-    the arm judges that, and `refusal` words it.
+    the arm validates them, and `refusal` describes the error.
 
     Raises
     ------

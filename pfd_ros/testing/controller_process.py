@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A controller as a process of its own: its output, its end, and that it ends with the test."""
+"""A controller as a separate process, which ends with the test, and its output."""
 
 from __future__ import annotations
 

@@ -2,8 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 """The controllers of an arm over topics, and why one of them did not answer a state.
 
-Nobody was there, it never published a command, it stopped, it left, its process ended, or the arm
-rejected what it sent: each has a text of its own, with the state and the answers before it.
+There was no controller, it never published a command, it stopped, it left, its process ended, or
+the arm rejected its command: each case has a different message, with the state and the answers
+before.
 """
 
 from __future__ import annotations
@@ -21,23 +22,23 @@ UNKNOWN = '_NODE_NAME_UNKNOWN_'
 
 
 class NoAnswerError(Exception):
-    """Nobody answered a state."""
+    """No controller answered a state."""
 
 
 @dataclass
 class Controllers:
-    """The nodes that answer an arm, as far as its own node can see them.
+    """The nodes of controllers in the ROS graph.
 
     Attributes
     ----------
     node
-        The node of the arm, or the one that watches it.
+        The node of the arm, or a node that monitors it.
     states, commands
-        Full names of the topic of states, and of those of commands.
+        Full names of the topics of states and of commands.
     nodes, processes
-        Controllers in this process, and those that the test started.
+        Controllers in this process, and processes started by the test.
     own
-        Full names of nodes that are no controllers: the arm's.
+        Full names of the nodes of the arm.
     seen
         Full names of the nodes that have published on a topic of commands so far.
     """
@@ -64,10 +65,10 @@ class Controllers:
         }
 
     def found(self) -> bool:
-        """Return whether somebody publishes commands, if there are processes, a new one.
+        """Return whether a node publishes commands; with processes, a new node.
 
-        A node that was killed is in the graph for some seconds more: only a publisher that was not
-        there before is that of a new process.
+        A node that was killed is in the graph for some seconds more: only a new publisher
+        belongs to a new process.
         """
         ends = self._ends()
         self.publishers()

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """A ROS domain that no other process of this kind uses: one lock file for each domain.
 
-The kernel gives a lock back when its process ends, however it ends. Domains above 101 would need
+The kernel releases a lock when its process ends. Domains above 101 would need
 ports of the range that the system gives to outgoing connections.
 """
 
@@ -45,7 +45,7 @@ PROFILES = frozenset({'FASTRTPS_DEFAULT_PROFILES_FILE', 'FASTDDS_DEFAULT_PROFILE
 
 
 def environment(inherited: Mapping[str, str], domain: int) -> dict[str, str]:
-    """Return the environment of processes on a domain: nothing that leads to another system.
+    """Return the environment of processes on a domain: no variables that connect to other systems.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def environment_to_kill(inherited: Mapping[str, str]) -> dict[str, str]:
     Parameters
     ----------
     inherited
-        The environment of this process. It stays as it is for other middleware than Fast DDS, for
+        The environment of this process. It is unchanged for middleware other than Fast DDS, for
         a range other than this host, and with a profile of the user.
     """
     here = inherited.get('ROS_AUTOMATIC_DISCOVERY_RANGE') == 'LOCALHOST'
@@ -86,9 +86,9 @@ def environment_to_kill(inherited: Mapping[str, str]) -> dict[str, str]:
 def own_domain(
     folder: Path | None = None, start: int | None = None, avoided: str = ''
 ) -> Iterator[int]:
-    """Claim a domain and hold it.
+    """Claim a domain in a context.
 
-    A domain in which a participant already runs, such as the user's own nodes, is passed over.
+    A domain in which a participant already runs, such as the user's own nodes, is skipped.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def own_domain(
         Where the search starts, any number; default: the process id, so that domains are not used
         again at once.
     avoided
-        A domain that is passed over, as text.
+        A domain to skip, as a string.
 
     Raises
     ------

@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The run of an engine in lockstep: numbered messages in, outputs out, all recorded if asked for.
+"""The run of an engine in lockstep: numbered messages in, outputs out, optionally recorded.
 
-A recorded run passes on every message as bytes; one that nobody records has no bytes where it can
-do without, and is twice as fast. Both have the same bits.
+A recorded run passes on every message as bytes; an unrecorded run avoids bytes, and is twice as
+fast. Both have the same bits.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import itertools
 from typing import Any
 
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Output, Source, Verdict
@@ -26,7 +26,7 @@ from pfd_ros.testing.run_log import RunLog
 
 
 class ArmError(Exception):
-    """A simulation that stopped: its state is not finite."""
+    """The simulation stopped, because its state is not finite."""
 
 
 @dataclass
@@ -67,27 +67,27 @@ class EngineRun:
         q, qd, tau = measured
         return q[order], qd[order], tau[order]
 
-    def command(self, efforts: Array) -> Judgement:
+    def command(self, efforts: Array) -> Validation:
         """Command efforts (n,), published order; if accepted, run to the next published state."""
         if self.log is not None:
-            judgement = self.send(Source.ARRAY, self._encoder.encode(efforts))
+            validation = self.send(Source.ARRAY, self._encoder.encode(efforts))
             self.advance()
-            return judgement
-        judgement = self._silent.answer(efforts)
+            return validation
+        validation = self._silent.answer(efforts)
         if self.engine.arm.state.failure:
             self._check()
-        return judgement
+        return validation
 
-    def send(self, source: Source, data: bytes) -> Judgement:
-        """Give the arm a serialized message, as if it had come on a topic; return the verdict."""
+    def send(self, source: Source, data: bytes) -> Validation:
+        """Send a serialized message to the arm, as on a topic; return the validation result."""
         arrival = Arrival(source, next(self._numbers[source]), data)
         if self.log is not None:
             self.log.record(ROLE_OF_SOURCE[source], arrival.sequence, data)
-        ((_, judgement, _),) = self._driver.take([arrival])
+        ((_, validation, _),) = self._driver.take([arrival])
         self._outputs.clear()
         if self.log is not None:
-            self.log.accepted += judgement.verdict is Verdict.ACCEPTED
-        return judgement
+            self.log.accepted += validation.verdict is Verdict.ACCEPTED
+        return validation
 
     def restore(self, state: ArmState) -> None:
         """Continue from a saved state; ValueError for one of another arm, or in a recorded run."""
@@ -100,9 +100,9 @@ class EngineRun:
 
     def demand(self, source: Source, data: bytes) -> None:
         """Send a message; ValueError if the arm does not accept it."""
-        judgement = self.send(source, data)
-        if judgement.verdict is not Verdict.ACCEPTED:
-            raise ValueError(f'{judgement.verdict.name.lower()}: {judgement.detail}')
+        validation = self.send(source, data)
+        if validation.verdict is not Verdict.ACCEPTED:
+            raise ValueError(f'{validation.verdict.name.lower()}: {validation.detail}')
 
     def advance(self) -> list[Output]:
         """Run to the next published state, if the last one has its answer; return the messages."""

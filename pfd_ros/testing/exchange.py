@@ -37,7 +37,7 @@ LOOK_SECONDS = 0.1
 
 
 class Exchange:
-    """A node of the arm's name and topics.
+    """A node with the arm's name and topics.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class Exchange:
         Raises
         ------
         NoAnswerError
-            If nobody answers for so long, or a process ended.
+            If there is no answer in time, or a process ended.
         ControllerError
             If a node blocks, or the arm rejects a command.
         """
@@ -142,7 +142,7 @@ class Exchange:
             self._arm = None
 
     def _begin(self, arm: TopicRun, start: float) -> None:
-        """Publish the first state once somebody reads it and somebody publishes commands."""
+        """Publish the first state once there are a subscriber and a publisher of commands."""
         found, now = self._controllers, time.perf_counter()
         heard = any(end.get_subscription_count() for end in self._publishers.values())
         if heard and found.publishers() and self._arm is None:
@@ -164,7 +164,7 @@ class Exchange:
         self._watch.since = 0.0
 
     def _look(self, arm: TopicRun, waits: Waits) -> None:
-        """Raise NoAnswerError if the answer does not come; send the state again before that."""
+        """Raise NoAnswerError without an answer; before that, publish the state again."""
         if self._arm is None:
             return
         now, answers = time.perf_counter(), arm.answers

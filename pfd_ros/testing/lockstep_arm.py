@@ -1,13 +1,13 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arm in this process, under a controller that is called once a control period.
+"""The arm in this process, with a controller that is called once a control period.
 
     arm = LockstepArm(robot='ur5', publish_rate=500)
     trajectory = arm.run(controller, 2.0)          controller(t, q, qd) -> tau
 
-It is the whole arm of the node: events and their verdicts, the recording, the outputs. Only ROS,
-the clock and the threads are missing, so the same settings and the same controller give the same
-bits, here and over topics (`spin`), run after run.
+It is the arm of the node with validation, recording and outputs, but without ROS, clock and
+threads. The same settings and controller give the same bits, here and over topics (`spin`), in
+each run.
 """
 
 from __future__ import annotations
@@ -58,14 +58,14 @@ from pfd_ros.testing.trajectory import Trajectory
 
 
 class LockstepArm:
-    """The stand-in arm in lockstep with a controller in this process.
+    """The simulated arm in lockstep with a controller in this process.
 
     Parameters
     ----------
     robot
         As for the node: a name, a path, a URDF; or a pfd_core.Robot.
     ros_args
-        Of the node that `spin` makes: remappings and the like, as on a command line.
+        Arguments of the node for `spin`, such as remappings, as on a command line.
     **settings
         Fields of pfd_ros.arm.settings.Settings. A control period is the time from one state to the
         next: one step, or 1 / publish_rate. With `recording` the run is written to an MCAP file
@@ -74,12 +74,12 @@ class LockstepArm:
     Attributes
     ----------
     settings, robot, names
-        Settings, robot, and joints in published order, in which all arrays are.
+        Settings, robot, and joints in published order, the order of all arrays.
 
     Raises
     ------
     ValueError
-        If a setting is refused.
+        If a setting is invalid.
     OSError
         If the recording exists or cannot be written.
     """
@@ -118,7 +118,7 @@ class LockstepArm:
         Raises
         ------
         pfd_ros.testing.run_log.RecordingError
-            If it does not hold the whole run.
+            If the recording is incomplete.
         """
         exchange, self._exchange = self._exchange, None
         if exchange is not None:
@@ -137,37 +137,37 @@ class LockstepArm:
 
     @property
     def q(self) -> Array:
-        """Positions as the last state tells them, (n,), rad or m; a copy."""
+        """Positions in the last state, (n,), rad or m; a copy."""
         return np.array(self._run.measured()[0])
 
     @property
     def qd(self) -> Array:
-        """Velocities as the last state tells them, (n,), rad/s or m/s; a copy."""
+        """Velocities in the last state, (n,), rad/s or m/s; a copy."""
         return np.array(self._run.measured()[1])
 
     def run(
         self, controller: Controller, seconds: float, *, patience: float = PATIENCE_SECONDS
     ) -> Trajectory:
-        """Let a controller drive the arm; return its motion.
+        """Run a controller for some simulated seconds; return the motion.
 
         Parameters
         ----------
         controller
             Called as controller(t, q, qd) at the start of each control period, with the stamp [s]
-            and the values (n,) of the last state; returns efforts (n,), which are held for the
+            and the values (n,) of the last state; returns efforts (n,), constant over the
             period.
         seconds
             Simulated time. The last row of the motion is one control period before its end, where
             another run begins.
         patience
-            Longest wall time of one call, s; infinite to stop in a debugger. It is kept in the
-            main thread, and ends whatever Python waits for.
+            Longest wall time of one call, s; infinite for a debugger. It works in the main thread,
+            and interrupts Python code that waits.
 
         Raises
         ------
         ControllerError
             If the controller raises, blocks, or returns anything but a finite effort for each
-            joint. The arm stays in the state that the controller was given.
+            joint. The arm keeps the state passed to the controller.
         ArmError
             If the state does not stay finite.
         ValueError
@@ -189,9 +189,9 @@ class LockstepArm:
                     raise blocked(watch, patience, t, k) from None
                 rows.compute_time[k] = perf_counter() - begun
                 rows.tau[k] = efforts
-                judgement = command(efforts)
-                if judgement.verdict is not Verdict.ACCEPTED:
-                    raise refusal(efforts, names, t, judgement.detail)
+                validation = command(efforts)
+                if validation.verdict is not Verdict.ACCEPTED:
+                    raise refusal(efforts, names, t, validation.detail)
         rows.count = len(rows.time)
         return rows.trajectory(names, self._limits)
 
@@ -203,10 +203,10 @@ class LockstepArm:
         start_patience: float = START_PATIENCE_SECONDS,
         allow_rejected: Collection[str] = (),
     ) -> Trajectory:
-        """Let a ROS node drive the arm over topics; return its motion.
+        """Run a controller over topics for some simulated seconds; return the motion.
 
-        The arm publishes a state and its clock tick, and goes on when a command answers: one with
-        the stamp of the state, or without a stamp. rclpy must be initialised, as by the fixture
+        The arm publishes a state and its clock tick, and continues when it receives a command with
+        the stamp of the state or without a stamp. rclpy must be initialised, as by the fixture
         `ros_domain`.
 
         Parameters
@@ -216,21 +216,21 @@ class LockstepArm:
         controllers
             rclpy nodes of this process whose callbacks are to run meanwhile, and controllers that
             the fixture `controller_process` started, whose end ends the run. Nodes elsewhere in
-            the domain need no mention.
+            the domain are found.
         patience
             Longest wait for an answer, s of wall time.
         start_patience
             Longest wait until a controller in another process has started, s of wall time.
         allow_rejected
             Reasons for which the arm may reject commands, of pfd_ros.testing.rejections.REASONS.
-            'all_nan' also stands for NaN by name for some joints, 'unknown_names' for some names.
+            'all_nan' includes NaN by name for some joints, 'unknown_names' some unknown names.
 
         Raises
         ------
         ControllerError
             If the arm rejects a command for another reason, or a node of this process blocks.
         pfd_ros.testing.controllers.NoAnswerError
-            If a state gets no answer, or a process ended.
+            If a state has no answer, or a process ended.
         ArmError
             If the state does not stay finite.
         """
@@ -242,22 +242,22 @@ class LockstepArm:
         return run.rows.trajectory(self.names, self._limits)
 
     def reset(self) -> None:
-        """Go back to the initial state, held until the next command; simulated time goes on."""
+        """Restore the initial state, braked until the next command; simulated time continues."""
         self._jump(Source.REQUEST, encode_request(Request('reset')))
 
     def set_state(self, q: JointValues, qd: JointValues | None = None) -> None:
-        """Jump to a state; it takes one step.
+        """Set the state; it takes one step.
 
         Parameters
         ----------
         q, qd
-            Positions and velocities (n,), or by joint name; joints without a position stay where
-            they are, and those without a velocity are at rest.
+            Positions and velocities (n,), or by joint name; joints without a position keep
+            theirs, and joints without a velocity are at rest.
 
         Raises
         ------
         ValueError
-            If the arm refuses the state.
+            If the state is invalid.
         """
         positions = by_joint(self.names, 'q', q)
         velocities = by_joint(self.names, 'qd', {} if qd is None else qd)
@@ -283,18 +283,18 @@ class LockstepArm:
         self.settings = self.engine.settings
 
     def push(self, force: Sequence[float], torque: Sequence[float], frame: str = '') -> None:
-        """Let a force and a torque act on the last link until the next push, or a reset.
+        """Apply a force and a torque to the last link until the next push or a reset.
 
-        They are expressed in a frame of the last link, default its own, and act at its origin,
-        N and N m. The arm needs the setting external_wrench=True; external_wrench_timeout ends
-        them by itself.
+        They are expressed in a frame on the last link, by default the link's frame, and act at its
+        origin, N and N m. The arm needs the setting external_wrench=True; external_wrench_timeout
+        ends them.
         """
         wrench = np.array([force, torque], np.float64).ravel()
         encoder = stamped_encoder(WRENCH, frame or self.robot.tip)
         self._run.demand(Source.WRENCH, encoder.encode(0, wrench))
 
     def set(self, **values: Any) -> None:
-        """Change dynamic settings from the next step on; ValueError if one is refused."""
+        """Change dynamic settings from the next step on; ValueError if one is invalid."""
         check_names(values)
         self._run.demand(Source.PARAMETERS, encode_changes(plain_values(values)))
         self.settings = self.engine.settings

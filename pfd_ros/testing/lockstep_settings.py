@@ -52,7 +52,10 @@ def lockstep_settings(robot: RobotSource, given: Mapping[str, Any]) -> Settings:
     check_names(given)
     fixed = sorted(name for name, value in LOCKSTEP.items() if given.get(name, value) != value)
     if fixed:
-        raise ValueError(f'{fixed[0]} is {given[fixed[0]]!r}, but a test is in lockstep')
+        name = fixed[0]
+        raise ValueError(
+            f'{name} is {given[name]!r}, expected {LOCKSTEP[name]!r} for an arm in lockstep'
+        )
     name = robot.name if isinstance(robot, pfd.Robot) else os.fspath(robot)
     values = plain_values(given)
     settings = from_values({**LOCKSTEP, **values, 'robot': name})
@@ -63,7 +66,7 @@ def lockstep_settings(robot: RobotSource, given: Mapping[str, Any]) -> Settings:
 
 
 def check_names(names: Iterable[str]) -> None:
-    """Raise ValueError at the first name that is no setting; the text has the most similar one."""
+    """Raise ValueError for the first unknown setting, with the most similar one."""
     known = [field.name for field in fields(Settings)]
     for name in names:
         if name not in known:
@@ -78,7 +81,7 @@ def plain_values(values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as settings have it: paths and scenes as text, arrays as lists."""
+    """Return a value in the form of settings: paths and scenes as strings, arrays as lists."""
     if isinstance(value, pfd.Scene):
         return pfd.scene_to_yaml(value)
     if isinstance(value, os.PathLike):
@@ -87,11 +90,13 @@ def _plain(value: Any) -> Any:
 
 
 def loaded(robot: RobotSource, settings: Settings) -> DescribedRobot:
-    """Return a robot as it is, or the one that the settings name."""
+    """Return a robot, or load it by the settings."""
     if not isinstance(robot, pfd.Robot):
         return described_robot(settings, settings.robot)
     if settings.base_link or settings.tip_link or settings.locked:
-        raise ValueError('base_link, tip_link and locked say how to load a robot: name a file')
+        raise ValueError(
+            'base_link, tip_link and locked apply to a robot that is loaded: name a file'
+        )
     return DescribedRobot(robot, settings)
 
 

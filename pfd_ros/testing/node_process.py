@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The node as a process of its own, which ends with the test, however the test ends."""
+"""The node as a separate process, which ends with the test."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ END_SECONDS = 20.0
 
 
 class NodeProcessError(Exception):
-    """A node that did not work to its end; the text has the end of its output."""
+    """The node failed; the message has the end of its output."""
 
 
 def parameters_of(settings: Settings, names: Sequence[str]) -> dict[str, Any]:
@@ -83,7 +83,7 @@ class NodeProcess:
         Raises
         ------
         NodeProcessError
-            If it had ended before, did not end, or did not work to its end.
+            If it had ended before, did not end, or failed.
         """
         try:
             self.check()

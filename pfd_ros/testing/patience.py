@@ -1,10 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""An end for a controller that blocks: a thread watches, and a signal interrupts the main thread.
+"""Interrupt a controller that blocks: a thread monitors it and sends a signal to the main thread.
 
-The controller runs in the thread of the test, as it does in any other test. A signal whose handler
-raises ends whatever Python waits for there: a sleep, a lock, a socket, a loop. Code in C that
-neither returns nor lets itself be interrupted stays where it is.
+The controller runs in the thread of the test. A signal whose handler raises interrupts Python code
+there: a sleep, a lock, a socket, a loop. C code that ignores signals is not interrupted.
 """
 
 from __future__ import annotations
@@ -18,7 +17,7 @@ import traceback
 from types import FrameType
 from typing import Any, NamedTuple
 
-# Longest wait for an answer, s of wall time, unless the caller says otherwise.
+# Longest wait for an answer, s of wall time, by default.
 PATIENCE_SECONDS = 2.0
 # For a process to start and to be found, s.
 START_PATIENCE_SECONDS = 20.0
@@ -51,7 +50,7 @@ class Waits(NamedTuple):
     start: float = START_PATIENCE_SECONDS
 
     def start_of(self, nodes: Sequence[Any], processes: Sequence[Any]) -> float:
-        """Return how long to wait for controllers, some of which may be in this process."""
+        """Return how long to wait for controllers."""
         return self.patience if nodes and not processes else self.start
 
     @property

@@ -3,8 +3,8 @@
 """The pytest plugin: the fixtures `sim_arm`, `ros_domain` and `controller_process`.
 
 pytest loads it in every session of an environment in which this package is installed, so nothing
-but pytest is imported before a test uses a fixture. Each worker of pytest-xdist is a process, and
-so has a domain of its own.
+but pytest is imported before a test uses a fixture. Each worker of pytest-xdist is a process with
+a separate domain.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import pytest
 
 @pytest.fixture
 def sim_arm(request: pytest.FixtureRequest) -> Iterator[Callable[..., Any]]:
-    """Return a function that makes simulated arms: sim_arm(robot='ur5', publish_rate=500).
+    """Return a function that creates simulated arms: sim_arm(robot='ur5', publish_rate=500).
 
     The arguments are those of pfd_ros.testing.lockstep_arm.LockstepArm; with process=True, of
     pfd_ros.testing.process_arm.ProcessArm. At the end of the test the arms are closed.
@@ -42,8 +42,8 @@ def sim_arm(request: pytest.FixtureRequest) -> Iterator[Callable[..., Any]]:
 def controller_process(ros_domain: int) -> Iterator[Callable[..., Any]]:
     """Return a function that starts a controller: controller_process([sys.executable, 'node.py']).
 
-    `spin` takes what it returns, and shows how the process ended and the end of its output. It
-    runs in the domain of the test, and ends with it.
+    Pass the result to `spin`, which reports how the process ended and the end of its output. The
+    process runs in the domain of the test, and ends with it.
     """
     from pfd_ros.testing.controller_process import ControllerProcess
 
@@ -55,7 +55,7 @@ def controller_process(ros_domain: int) -> Iterator[Callable[..., Any]]:
 def ros_domain(request: pytest.FixtureRequest) -> Iterator[int]:
     """Initialise rclpy for a test, in a domain that no other worker uses; return the domain.
 
-    Where rclpy is initialised already, its context and domain stay as they are.
+    If rclpy is initialised already, its context and domain are used.
     """
     from pfd_ros.testing.session import current_domain, initialised
 

@@ -1,9 +1,9 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The arm as a process of its own, in lockstep with controllers over topics.
+"""The arm as a separate process, in lockstep with controllers over topics.
 
-The node is the one that a user starts, with its topics and threads; this process only watches its
-states. Each state waits for its answer, so the motion has the bits of a run in one process.
+The process is the node of users, with its topics and threads; this process only reads its states.
+The arm waits for an answer to each state, so the motion has the bits of a run in one process.
 """
 
 from __future__ import annotations
@@ -65,24 +65,24 @@ STATE_DEPTH, COMMAND_DEPTH = 100, 10
 
 
 class ProcessArm:
-    """The node as a process, and the topics of a test beside it.
+    """The node as a process, and the topics of a test.
 
     Parameters
     ----------
     robot, ros_args, **settings
-        As for LockstepArm; `robot` is one that the process can load: a name, a path, or a URDF.
+        As for LockstepArm; `robot` must be loadable by the process: a name, a path, or a URDF.
 
     Attributes
     ----------
     settings, robot, names
-        Settings, robot, and joints in published order, in which all arrays are.
+        Settings, robot, and joints in published order, the order of all arrays.
     process
         The process.
 
     Raises
     ------
     ValueError
-        If a setting is refused.
+        If a setting is invalid.
     RuntimeError
         If rclpy is not initialised.
     """
@@ -101,10 +101,11 @@ class ProcessArm:
         self._state: JointMessage | None = None
         self._answer = b''
         self._on_new: Callable[[JointMessage], None] | None = None
-        # What the node has counted so far, the simulated time of that, and what spin has judged.
+        # What the node has counted so far, the simulated time of that, and what spin has
+        # validated.
         self._counted: Counter[str] = Counter()
         self._counted_at = 0.0
-        self._judged: Counter[str] = Counter()
+        self._validated: Counter[str] = Counter()
         self._create_node(ros_args, found.control.topics)
         # The node reads the description itself.
         self.process = NodeProcess(parameters_of(given, self.names), ros_args)
@@ -137,17 +138,17 @@ class ProcessArm:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *error: object) -> None:
-        """End the process; a fault of it does not hide an error of the test."""
+        """End the process; its errors do not hide an error of the test."""
         with suppress(*([NodeProcessError] if kind is not None else [])):
             self.close()
 
     def close(self) -> None:
-        """End the process and the node beside it.
+        """End the process and the node of the test.
 
         Raises
         ------
         pfd_ros.testing.node_process.NodeProcessError
-            If the process did not work to its end.
+            If the process failed.
         """
         try:
             self.process.close()
@@ -180,7 +181,7 @@ class ProcessArm:
     def run(
         self, controller: Controller, seconds: float, *, patience: float = PATIENCE_SECONDS
     ) -> Trajectory:
-        """Let a controller of this process drive the arm; see LockstepArm.run."""
+        """Run a controller of this process; see LockstepArm.run."""
         rows = rows_of(self.settings, seconds, len(self.names))
 
         def answer(state: JointMessage) -> bool:
@@ -209,11 +210,10 @@ class ProcessArm:
         start_patience: float = START_PATIENCE_SECONDS,
         allow_rejected: Collection[str] = (),
     ) -> Trajectory:
-        """Watch while ROS nodes, of this process or others, drive the arm; see LockstepArm.spin.
+        """Run controllers in ROS nodes of this process or others; see LockstepArm.spin.
 
-        An arm that nodes of other processes drive does not wait for the next call. Which commands
-        it rejected is read in its diagnostics, which come once a second: the end of the run waits
-        for them.
+        With nodes of other processes the arm does not wait for the next call. Rejected commands
+        are read from its diagnostics, once a second: the end of the run waits for them.
         """
         rows, allowed = (
             rows_of(self.settings, seconds, len(self.names)),
@@ -239,11 +239,11 @@ class ProcessArm:
 
         self._follow(watch, rows, controllers, Waits(patience, start_patience), allowed)
         self._read_counts(DIAGNOSTICS_SECONDS)
-        self._judge_counts(rows.count, allowed)
+        self._validate_counts(rows.count, allowed)
         return rows.trajectory(self.names, self._limits)
 
     def reset(self) -> None:
-        """Go back to the initial state, held until the next command; simulated time goes on."""
+        """Restore the initial state, braked until the next command; simulated time continues."""
         from std_srvs.srv import Trigger
 
         before = self._last_state().stamp_ns
@@ -252,7 +252,7 @@ class ProcessArm:
         self._wait_for_jump(before)
 
     def set_state(self, q: JointValues, qd: JointValues | None = None) -> None:
-        """Jump to a state; see LockstepArm.set_state."""
+        """Set the state; see LockstepArm.set_state."""
         before = self._last_state().stamp_ns
         positions = by_joint(self.names, 'q', q)
         velocities = by_joint(self.names, 'qd', {} if qd is None else qd)
@@ -320,9 +320,9 @@ class ProcessArm:
                 raise NoAnswerError(f'waited {seconds:g} s for the diagnostics of the node')
             self._readers_executor.spin_once(timeout_sec=LOOK_SECONDS)
 
-    def _judge_counts(self, answers: int, allowed: Collection[str]) -> None:
+    def _validate_counts(self, answers: int, allowed: Collection[str]) -> None:
         """Raise ControllerError if the node has counted rejections that are not allowed."""
-        new, self._judged = self._counted - self._judged, self._counted
+        new, self._validated = self._counted - self._validated, self._counted
         told = ', '.join(
             f'{reason} ({n} times)' for reason, n in new.items() if reason not in allowed
         )
@@ -342,7 +342,7 @@ class ProcessArm:
     ) -> None:
         """Have each new state taken, from the last one on, until `take` says that it is enough.
 
-        Where reasons are `allowed`, nodes drive the arm.
+        Where reasons are `allowed`, nodes command the arm.
         """
         from rclpy.task import Future
 
@@ -390,7 +390,7 @@ class ProcessArm:
                         break
                     if allowed is not None:
                         self._readers_executor.spin_once(timeout_sec=0.0)
-                        self._judge_counts(answers(), allowed)
+                        self._validate_counts(answers(), allowed)
                     found.check(self.time, answers())
                     waited = time.perf_counter() - heard
                     if waited > waits.patience:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Why the arm rejected a command: the reasons that it counts, by name, and their text."""
+"""Why the arm rejected a command: reasons by name, and messages."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from pfd_ros.arm.commands import Judgement, kinds_of
-from pfd_ros.arm.drive import Command
+from pfd_ros.arm.actuator_command import Command
+from pfd_ros.arm.commands import Validation, kinds_of
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.messages.convert import decode_floats, decode_joint_state
 from pfd_ros.text import listed
@@ -50,29 +50,29 @@ def checked_reasons(given: Collection[str]) -> frozenset[str]:
 
 
 def rejection(
-    source: Source, data: bytes, judgement: Judgement, names: Sequence[str], model: Sequence[str]
+    source: Source, data: bytes, validation: Validation, names: Sequence[str], model: Sequence[str]
 ) -> Rejection | None:
-    """Return why the arm left out a command or a part of it, None if it took the whole.
+    """Return why the arm rejected a command or a part of it, None if it accepted all.
 
     The arm accepts a message by joint name that holds a number for one of its joints. Names that
     it does not have and joints that get NaN stay without a command: a part is rejected.
 
     Parameters
     ----------
-    source, data, judgement
-        The command, and the judgement on it.
+    source, data, validation
+        The command, and its validation result.
     names, model
         The joints in published order, and in the order of the model.
     """
-    if judgement.verdict is not Verdict.ACCEPTED:
-        detail = judgement.detail
-        if judgement.verdict in NOT_FINITE:
+    if validation.verdict is not Verdict.ACCEPTED:
+        detail = validation.detail
+        if validation.verdict in NOT_FINITE:
             detail = _not_finite(source, data, names)
-        return Rejection(judgement.verdict.name.lower(), detail)
-    if judgement.unknown_count:
-        detail = f'{listed(judgement.unknown)} of {judgement.unknown_count} unknown joints'
+        return Rejection(validation.verdict.name.lower(), detail)
+    if validation.unknown_count:
+        detail = f'{listed(validation.unknown)} of {validation.unknown_count} unknown joints'
         return Rejection(Verdict.UNKNOWN_NAMES.name.lower(), detail)
-    effect = judgement.effect
+    effect = validation.effect
     if isinstance(effect, Command) and source is Source.NAMED and len(effect.joints) < len(names):
         driven = {model[j] for j in effect.joints}
         named = decode_joint_state(data).names

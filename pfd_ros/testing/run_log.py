@@ -28,7 +28,7 @@ DISK_POLL_SECONDS = 0.002
 
 
 class RecordingError(Exception):
-    """A recording that does not hold the whole run."""
+    """The recording is incomplete."""
 
 
 @dataclass

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""rclpy for the duration of a test, in a domain of this process's own, on this host alone."""
+"""rclpy for the duration of a test, in a separate domain, on this host only."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def import_rclpy() -> Any:
 def executor_with(nodes: Sequence[Any]) -> Any:
     """Return the one executor of this process's tests, with nodes that are not in it yet.
 
-    Nodes stay in it until they are destroyed: an executor that lets go of a node forgets which of
-    the node's messages it had been told of and had not handed out.
+    Nodes stay in it until they are destroyed: an executor from which a node is removed loses
+    messages of the node that it had not delivered.
     """
     from rclpy.experimental.events_executor import EventsExecutor
 
@@ -54,8 +54,8 @@ def executor_with(nodes: Sequence[Any]) -> Any:
 def spin(executor: Any, seconds: float, ended: Any = None) -> None:
     """Run callbacks for so long, or until a future is done.
 
-    A node that its user has destroyed is called once more for the messages it had got, and cannot
-    publish then: no error of the test.
+    A destroyed node may be called once more for received messages and cannot publish then, which
+    is no error of the test.
     """
     from rclpy._rclpy_pybind11 import InvalidHandle
 
@@ -94,7 +94,7 @@ def current_domain() -> int | None:
 
 @contextmanager
 def claimed_domain() -> Iterator[int]:
-    """Claim a domain; the environment tells it to the processes that are started meanwhile."""
+    """Claim a domain, and set it in the environment of child processes."""
     with own_domain() as domain:
         before, chosen = dict(os.environ), environment(os.environ, domain)
         changed = {name for name, _ in before.items() ^ chosen.items()}

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What happened to a joint that missed its target: measures of its motion, and one line of text.
+"""Diagnosis of a joint that missed its target: measures of its motion, and one line.
 
 All take samples of one joint, once a control period. With the error e = q - target:
 
@@ -13,8 +13,9 @@ All take samples of one joint, once a control period. With the error e = q - tar
                    STEADY of it
     saturation     the share of the samples at or beyond the torque limit
 
-Growth and divergence are those before the first sample at the torque limit, if there are enough.
-A turning point is right to half a control period, and so are the times between two of them.
+Growth and divergence are measured before the first sample at the torque limit, if there are
+enough. A turning point is right to half a control period, and so are the times between two of
+them.
 """
 
 from __future__ import annotations
@@ -115,14 +116,14 @@ def symptoms(
     limits: Sequence[tuple[str, Array, float, float]],
     period: float,
 ) -> str:
-    """Return what happened to one joint, on one line.
+    """Return the diagnosis of one joint, on one line.
 
     Parameters
     ----------
     time, q, qd, tau
         Its samples, (N,).
     target
-        Where it should rest, None if nowhere.
+        Target position, or None.
     limits
         Of each limit its name, the samples that it bounds, and the bounds.
     period

@@ -66,8 +66,8 @@ class TopicRun:
         """
         run, engine, rows = self.run, self.run.engine, self.rows
         time, (q, qd, _) = run.time, run.measured()
-        judgement = run.send(source, data)
-        found = rejection(source, data, judgement, engine.arm.names, engine.arm.robot.joint_names)
+        validation = run.send(source, data)
+        found = rejection(source, data, validation, engine.arm.names, engine.arm.robot.joint_names)
         self.rejected = '' if found is None else str(found)
         if found is not None and found.reason not in self.allowed:
             if found.reason != STALE or not self.repeats:

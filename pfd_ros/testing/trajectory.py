@@ -18,7 +18,7 @@ from pfd_ros.testing.symptoms import symptoms
 
 # One joint by name, several, or all.
 Joints: TypeAlias = str | Sequence[str] | None
-# More limits are not listed in the text of a failed assertion.
+# More limits are not listed in a failed assertion.
 MOST_LISTED = 5
 
 
@@ -75,22 +75,21 @@ class Trajectory:
     Attributes
     ----------
     time
-        Stamps of the states (N,), s of simulated time: above zero, as zero is no time to ROS. It
-        goes on from run to run.
+        Stamps of the states (N,), s of simulated time, above zero, since zero means no time in
+        ROS. It continues from run to run.
     q, qd
-        Positions and velocities as `joint_states` tells them, (N, n).
+        Positions and velocities of `joint_states`, (N, n).
     tau
-        The efforts that the controller commanded then, (N, n). After a run over topics, where a
-        controller may command otherwise: the efforts that the next state told.
+        Commanded efforts, (N, n). After a run over topics: the efforts in the next state.
     names
         Joints of the columns, in published order.
     limits
-        Those of the robot's model.
+        Limits of the robot's model.
     compute_time
         Wall time that the controller took for each command (N,), s. Of a callback: the call alone.
-        Over topics: from the publication of the state to the arrival of the command, which
+        Over topics: from the publication of the state to the reception of the command, which
         includes the transport of both messages and the executor. Of an arm in another process
-        that nodes drive: from one state to the next, which includes the step of the arm too.
+        with nodes: from one state to the next, which includes the step of the arm too.
         Empty if nothing was measured.
     period
         The control period, s of simulated time.
@@ -170,7 +169,7 @@ class Trajectory:
         ]
 
     def symptoms(self, target: ArrayLike | None = None, joint: Joints = None) -> list[str]:
-        """Return what happened to each joint, one line each, as failed assertions tell it.
+        """Return a diagnosis of each joint, one line each, as in failed assertions.
 
         Oscillation with frequency and growth, divergence, or a steady offset from the target; the
         share of the time at the torque limit; the first sample beyond a limit. `target` is as for
@@ -191,8 +190,8 @@ class Trajectory:
             for j in self._columns(joint)
         ]
 
-    def _told(self, target: ArrayLike | None, columns: Sequence[int]) -> str:
-        """Return the symptoms of some joints, for the text of a failed assertion."""
+    def _diagnosis(self, target: ArrayLike | None, columns: Sequence[int]) -> str:
+        """Return the symptoms of some joints, for a failed assertion."""
         lines = self.symptoms(target, [self.names[j] for j in columns])
         return ''.join(f'\n  {line}' for line in lines)
 
@@ -219,7 +218,7 @@ class Trajectory:
             raise AssertionError(
                 f'joint {self.names[j]!r} is {errors[k, j]:.6g} from its target {goals[j]:.6g} at '
                 f't = {self.time[k]:.6g} s, expected within {within:.6g} from '
-                f't = {self.time[0] + by:.6g} s on{self._told(target, outside)}'
+                f't = {self.time[0] + by:.6g} s on{self._diagnosis(target, outside)}'
             )
 
     def assert_overshoot_below(
@@ -227,7 +226,7 @@ class Trajectory:
     ) -> None:
         """Assert that joints go beyond their target by less than `bound` of their step.
 
-        A joint without a step is an error: name those that have one.
+        A joint without a step is an error: name the joints with a step.
         """
         __tracebackhide__ = True
         goals, shares = self._per_joint('target', target), self.overshoot(target)
@@ -243,7 +242,7 @@ class Trajectory:
                     f'joint {self.names[j]!r} is at {self.q[k, j]:.6g} at '
                     f't = {self.time[k]:.6g} s, {100 * shares[j]:.4g} % of its step beyond the '
                     f'target {goals[j]:.6g}, expected below {100 * bound:.4g} %'
-                    f'{self._told(target, [j])}'
+                    f'{self._diagnosis(target, [j])}'
                 )
 
     def assert_torque_rate_below(self, bound: ArrayLike, *, joint: Joints = None) -> None:
@@ -258,7 +257,7 @@ class Trajectory:
                     f'effort of joint {self.names[j]!r} changes by {found[k]:.6g} per second at '
                     f't = {self.time[k + 1]:.6g} s, from {self.tau[k, j]:.6g} to '
                     f'{self.tau[k + 1, j]:.6g}, expected below {bounds[j]:.6g} per second'
-                    f'{self._told(None, [j])}'
+                    f'{self._diagnosis(None, [j])}'
                 )
 
     def assert_computes_within(self, seconds: float, *, quantile: float = 0.99) -> None:
@@ -287,7 +286,7 @@ class Trajectory:
         if hits:
             joints = sorted({self.index(hit.joint) for hit in hits[:MOST_LISTED]})
             more = '; ...' if len(hits) > MOST_LISTED else ''
-            raise AssertionError(f'{shown}{more}{self._told(None, joints)}')
+            raise AssertionError(f'{shown}{more}{self._diagnosis(None, joints)}')
 
     def _columns(self, joint: Joints) -> list[int]:
         if joint is None:
@@ -295,7 +294,7 @@ class Trajectory:
         return [self.index(name) for name in ([joint] if isinstance(joint, str) else joint)]
 
     def _per_joint(self, name: str, value: ArrayLike) -> Array:
-        """Return a number for each joint (n,); one number stands for all."""
+        """Return a number for each joint (n,); one number means all."""
         array = np.asarray(value, np.float64)
         count = len(self.names)
         if array.shape not in ((), (count,)):

@@ -11,6 +11,8 @@ import signal
 import pytest
 from ros_processes import HAS_ROS, JOINTS, Peer, Processes
 
+from pfd_ros.testing.session import claimed_domain, initialised
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Without ROS, leave out what starts nodes."""
@@ -37,6 +39,13 @@ def peer_of() -> Iterator[Callable[..., Peer]]:
     yield make
     for peer in peers:
         peer.close()
+
+
+@pytest.fixture(scope='module')
+def domain() -> Iterator[int]:
+    """Return a ROS domain of this module, in which rclpy is initialised."""
+    with claimed_domain() as found, initialised(found):
+        yield found
 
 
 @pytest.fixture(scope='session')

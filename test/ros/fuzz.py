@@ -14,7 +14,7 @@ must verify. Efforts that are accepted stay small: an arm that is torn apart is 
 success. The messages are those of hostile_traffic.py.
 
 Where sizes vary up to megabytes the middleware itself grows without end, in a bare subscription
-with an empty callback too. So the memory of the process is judged with messages up to a few
+with an empty callback too. So the memory of the process is validated with messages up to a few
 kilobytes, and with larger ones that of its Python objects, the messages and names among them.
 """
 

@@ -68,11 +68,11 @@ def spliced(added: bytes) -> bytes:
 
 # The contents of whole files.
 FILES = {
-    'empty': Case('does not begin as MCAP', lambda: b''),
+    'empty': Case('not an MCAP file', lambda: b''),
     'only_magic': Case('damaged', lambda: MAGIC),
     'magic_twice': Case('damaged', lambda: MAGIC * 2),
-    'text': Case('does not begin as MCAP', lambda: b'certainly no such file'),
-    'zeros': Case('does not begin as MCAP', lambda: bytes(1 << 20)),
+    'text': Case('not an MCAP file', lambda: b'certainly no such file'),
+    'zeros': Case('not an MCAP file', lambda: bytes(1 << 20)),
     'bytes_behind_the_end': Case('GOLDEN', lambda: GOLDEN.read_bytes() + b'x'),
     'twice_the_same': Case('GOLDEN', lambda: GOLDEN.read_bytes() * 2),
 }
@@ -88,13 +88,13 @@ HEADED = {
     'zstd_garbage': Case('damaged', lambda: chunk('zstd', b'\xff' * 99, 10)),
     'lz4_garbage': Case('damaged', lambda: chunk('lz4', b'\xff' * 99, 10)),
     'lz4_cut': Case('damaged', lambda: chunk('lz4', lz4.frame.compress(bytes(9999))[:-9], 9999)),
-    'unknown_compression': Case('is packed as', lambda: chunk('rar', b'', 0)),
+    'unknown_compression': Case('has compression', lambda: chunk('rar', b'', 0)),
     'chunk_size_huge': Case('a chunk of', lambda: chunk('', b'', 1 << 63)),
     'chunk_in_a_chunk': Case('a chunk holds', lambda: chunk('', chunk('', b'', 0), 49)),
     'chunk_crc': Case('checksum', lambda: chunk('', bytes(4), 4, zlib.crc32(bytes(3)))),
     'many_channels': Case('more than', lambda: channels(*((k, str(k)) for k in range(300)))),
     'two_channels_of_a_topic': Case('two channels', lambda: channels((0, '/x'), (1, '/x'))),
-    'channel_changes': Case('before', lambda: channels((1, '/0'), (1, '/1'))),
+    'channel_changes': Case('conflicting', lambda: channels((1, '/0'), (1, '/1'))),
 }
 # Records in a good file.
 SPLICED = {
@@ -102,7 +102,7 @@ SPLICED = {
     'attachment_record_of_gigabytes': Case(
         'damaged', lambda: record(Opcode.ATTACHMENT, length=1 << 33)
     ),
-    'attachment_crc': Case('a record ATTACHMENT', lambda: attachment(0, struct.pack('<I', 1))),
+    'attachment_crc': Case('record ATTACHMENT', lambda: attachment(0, struct.pack('<I', 1))),
     'metadata_key_twice': Case(
         'a record METADATA',
         lambda: record(
@@ -121,8 +121,8 @@ SPLICED = {
         'damaged',
         lambda: record(Opcode.METADATA, struct.pack('<I', 2) + b'\xff\xfe' + bytes(4)),
     ),
-    'unknown_record': Case('in a place for other kinds', lambda: record(0x90, b'xyz')),
-    'message_of_no_channel': Case('which there is not', lambda: record(Opcode.MESSAGE, bytes(22))),
+    'unknown_record': Case('unexpected record of kind', lambda: record(0x90, b'xyz')),
+    'message_of_no_channel': Case('of unknown channel', lambda: record(Opcode.MESSAGE, bytes(22))),
     'message_too_short': Case('damaged', lambda: record(Opcode.MESSAGE, bytes(5))),
 }
 CASES = {

@@ -93,7 +93,7 @@ def add_a_foreign_topic(recording: Recording) -> None:
 MANY = '["joint1"' + ',"x"' * 9999 + ']'
 
 CASES = {
-    'setting_twice': Case('a name comes twice', say('settings', '{"robot": "a", "robot": "b"}')),
+    'setting_twice': Case('duplicate key', say('settings', '{"robot": "a", "robot": "b"}')),
     'settings_unknown': Case('unknown settings', setting('robot', '"a", "wings": 2')),
     'settings_many_joints': Case('expected 1000 at most', setting('joints', MANY)),
     'settings_rare_states': Case('steps can have been done', setting('publish_rate', '1e-5')),

@@ -14,9 +14,9 @@ import struct
 import numpy as np
 from ros_processes import JOINTS
 
+from pfd_ros.arm.actuator_command import Command
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.commands import Judgement
-from pfd_ros.arm.drive import Command
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.effects import WrenchChange
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
@@ -25,7 +25,7 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.cdr import CdrWriter
 from pfd_ros.messages.convert import decode_clock, encode_clock
 
-# Largest message for which the memory of the whole process is judged.
+# Largest message for which the memory of the whole process is validated.
 SMALL_BYTES = 2048
 SMALL = 2.0  # N m; more than one joint of the arm never gets
 SAVAGE = (float('nan'), float('inf'), -float('inf'), 1e308, -1e300, 5e-324, -0.0, 2.0**53)
@@ -201,21 +201,21 @@ class Messages:
                 yield source, data
 
     def _is_gentle(self, source: Source, data: bytes) -> bool:
-        effect = self._judgement(source, data).effect
+        effect = self._validation(source, data).effect
         if isinstance(effect, Command):
             given = [kind for kind in effect[1:] if kind is not None]
             return all(bool((np.abs(kind) <= SMALL).all()) for kind in given)
         return not isinstance(effect, WrenchChange) or max(map(abs, effect.wrench)) <= SMALL
 
-    def _judgement(self, source: Source, data: bytes) -> Judgement:
+    def _validation(self, source: Source, data: bytes) -> Validation:
         # The middleware fills up to four bytes: a message that was cut may come out whole.
-        return self._engine.judge(Arrival(source, 1, data + bytes(-len(data) % 4)))
+        return self._engine.validate(Arrival(source, 1, data + bytes(-len(data) % 4)))
 
     def of_each_verdict(self) -> Iterator[tuple[Verdict, Source, bytes]]:
         """Yield a message for each of REJECTIONS, of a size that every middleware delivers."""
         missing = set(REJECTIONS)
         for source, data in self:
-            verdict = self._judgement(source, data).verdict
+            verdict = self._validation(source, data).verdict
             # One with a stamp would be stale where a followed clock has leapt.
             stamped = source is not Source.ARRAY and any(data[4:12])
             if verdict in missing and len(data) <= SMALL_BYTES and not stamped:

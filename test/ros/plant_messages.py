@@ -11,7 +11,7 @@ import numpy as np
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.changes import encode_changes
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
@@ -28,19 +28,24 @@ def made(**chosen: Any) -> Engine:
     return Engine(settings, load_robot(settings))
 
 
-def judged(engine: Engine, *messages: Message) -> Judgement:
-    """Have an engine take messages; return its judgement on the last one."""
+def validated(engine: Engine, *messages: Message) -> Validation:
+    """Have an engine take messages; return its validation on the last one."""
     taken = engine.take([Arrival(source, 1, data) for source, data in messages])
-    return taken.judgements[-1][1]
+    return taken.validations[-1][1]
 
 
 def verdict(engine: Engine, event: Arrival) -> Verdict:
-    ((_, judgement, _),) = engine.take([event]).judgements
-    return judgement.verdict
+    ((_, validation, _),) = engine.take([event]).validations
+    return validation.verdict
+
+
+def request(name: str, count: int = 1) -> Message:
+    return Source.REQUEST, encode_request(Request(name, count))
 
 
 def asked(name: str, count: int = 1) -> Arrival:
-    return Arrival(Source.REQUEST, 1, encode_request(Request(name, count)))
+    source, data = request(name, count)
+    return Arrival(source, 1, data)
 
 
 def change(**values: Any) -> Message:

@@ -20,8 +20,8 @@ from pfd_ros.arm.events import (
     PAYLOAD_IN_USE,
     Arrival,
     Source,
+    ValidationRow,
     Verdict,
-    VerdictRow,
 )
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
@@ -43,7 +43,7 @@ ROLES = {
 START_NS = 1_700_000_000_000_000_000
 
 
-def rows_of(path: Path) -> list[VerdictRow]:
+def rows_of(path: Path) -> list[ValidationRow]:
     """Return the verdict rows of a recording, in their order."""
     return [row for message in placed_messages(Log(path)) for row in message.rows]
 
@@ -127,7 +127,7 @@ def simulate(
             number = record(ROLE_OF_SOURCE[source], step, data)
             events.append(Arrival(source, number, data))
         result = engine.run_cycle(events)
-        accepted += sum(found.verdict is Verdict.ACCEPTED for _, found, _ in result.judgements)
+        accepted += sum(found.verdict is Verdict.ACCEPTED for _, found, _ in result.validations)
         for role, number, data in result.outputs:
             assert number == record(role, step, data)
     head = provenance.file_head(first, robot, roles, TimeBase(START_NS, 0))

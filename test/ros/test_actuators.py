@@ -14,8 +14,8 @@ import pytest
 from simulating import efforts, joint_state, simulate, states_of
 
 import pfd_core as pfd
+from pfd_core.algorithms.chain.actuators import record_actuators
 from pfd_core.algorithms.chain.drives import record_motor_torques
-from pfd_core.algorithms.chain.motor_limits import record_motor_limits
 from pfd_core.machine.emulator import run as run_program
 from pfd_core.model import resolve
 from pfd_ros.arm.actuators import Actuators, effort_limits, speed_limits
@@ -101,8 +101,15 @@ def test_limits_can_be_switched_off() -> None:
 def limited(made: Actuators, wanted: np.ndarray, velocities: np.ndarray) -> np.ndarray:
     """Return the efforts within the limits of actuators, in model order."""
     n = len(wanted)
-    given = {'tau': wanted, 'qd': velocities, 'motors': made.limits.ravel()}
-    found: np.ndarray = run_program(record_motor_limits(n), given)['limited'][:n]
+    given = {
+        'q': np.zeros(n),
+        'qd': velocities,
+        'tau': wanted,
+        'before': np.full(n, NAN),
+        'motors': made.limits.ravel(),
+        'targets': np.full(2 * n, NAN),
+    }
+    found: np.ndarray = run_program(record_actuators(n), given)['actuators'][:n]
     return found
 
 
@@ -251,17 +258,17 @@ def test_a_jump_ends_the_servo(event: str) -> None:
         engine.run_cycle([Arrival(Source.SET_STATE, 1, targeted(NAMES, [0.2, 0.2])[1])])
     engine.step()
     assert not engine.arm.tau.any()
-    assert engine.state.link.drive.position is None
+    assert engine.state.link.actuation.position is None
 
 
 def test_an_arm_without_gains_takes_efforts_beside_positions_and_refuses_positions_alone() -> None:
     engine = Engine(Settings(robot='planar2'), PLANAR2)
     source, data = targeted(NAMES, [1.0, 1.0], effort=[2.0, 1.0])
-    assert engine.judge(Arrival(source, 1, data)).verdict is Verdict.ACCEPTED
+    assert engine.validate(Arrival(source, 1, data)).verdict is Verdict.ACCEPTED
     engine.run_cycle([Arrival(source, 1, data)])
     assert engine.arm.tau.tolist() == [2.0, 1.0]
     source, data = targeted(NAMES, [1.0, 1.0])
-    assert engine.judge(Arrival(source, 1, data)).verdict is Verdict.NO_EFFORT
+    assert engine.validate(Arrival(source, 1, data)).verdict is Verdict.NO_EFFORT
 
 
 POSE = (0.4, -0.7)

@@ -20,6 +20,8 @@ from pfd_ros.arm.state import ArmState
 from pfd_ros.messages.convert import JointStateEncoder
 from pfd_ros.testing.lockstep_arm import LockstepArm
 
+UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
+
 NAMES = ('shoulder', 'elbow')
 TIP = 'tip_link'
 # Delay, drop-out and noise both ways, servos, watchdog, reflex, wrench, stops, friction, lag.
@@ -172,11 +174,11 @@ def test_damaged_bytes_are_refused(damage) -> None:
 
 
 def test_an_arm_that_failed_and_one_in_a_pause_are_restored_as_they_were() -> None:
-    engine = made(effort_limits=False)
+    engine = made(**UNLIMITED)
     engine.run_cycle([Arrival(Source.ARRAY, 1, efforts(1e300, 0.0))])
     while not engine.state.failure:
         engine.step()
-    fresh = made(effort_limits=False)
+    fresh = made(**UNLIMITED)
     fresh.restore(engine.save())
     reset = Arrival(Source.REQUEST, 1, b'')
     assert fresh.run_cycle([reset]) == engine.run_cycle([reset])

@@ -16,6 +16,7 @@ from pfd_ros.arm.events import Arrival, Source
 
 NAMES = ('shoulder', 'elbow')
 TIP = 'tip_link'
+UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
 SCENES: list[dict[str, Any]] = [
     {},
     {'joints': NAMES[::-1], 'lockstep': True},
@@ -23,7 +24,8 @@ SCENES: list[dict[str, Any]] = [
     {'joint_friction': (0.3, 0.1), 'joint_limits': True, 'motor_lag': (0.01, 0.0)},
     {'torque_speed': False, 'integrator': 'velocity_verlet', 'position_sums': 'compensated'},
     {'external_wrench': True, 'payload_mass': 0.4, 'command_timeout': 0.008},
-    {'effort_limits': False, 'servo_p': (5.0, 5.0), 'robot': 'planar2'},
+    {**UNLIMITED, 'servo_p': (5.0, 5.0)},
+    {'reflex_effort_rate': 1e6},
 ]
 
 
@@ -78,7 +80,7 @@ def test_a_stretch_has_the_bits_and_the_state_of_single_cycles(settings, every: 
 
 
 def test_a_stretch_that_fails_ends_where_single_cycles_do() -> None:
-    one, other = begun(effort_limits=False), begun(effort_limits=False)
+    one, other = begun(**UNLIMITED), begun(**UNLIMITED)
     rows = commands(50, 1)
     rows[30:] = 1e300
     wanted = single(one, rows, 1)
@@ -91,6 +93,21 @@ def test_a_stretch_that_fails_ends_where_single_cycles_do() -> None:
     assert other.state == one.state
 
 
+def test_a_reflex_in_a_stretch_brakes_as_in_single_cycles() -> None:
+    one, other = begun(reflex_effort_rate=1e5), begun(reflex_effort_rate=1e5)
+    rows = commands(60, 1, size=5.0)
+    rows[40] = 150.0
+    wanted = single(one, rows, 1)
+    found = other.stretch(rows, range(len(rows)))
+    assert found is not None
+    assert len(found) == 41
+    assert found.tobytes() == wanted[:41].tobytes()
+    single(other, rows[41:], 1)
+    assert other.state.actuators.trips == 1
+    assert 'jumped by' in other.state.actuators.reflex
+    assert other.state == one.state
+
+
 @pytest.mark.parametrize(
     'settings',
     [
@@ -98,7 +115,6 @@ def test_a_stretch_that_fails_ends_where_single_cycles_do() -> None:
         {'drop_commands': 0.5},
         {'noise_position': 1e-3},
         {'delay_state': 0.001},
-        {'reflex_effort_rate': 1e4},
         {'time_source': 'clock', 'publish_clock': False},
         {'command_timeout': 0.002},
         {'external_wrench': True, 'external_wrench_timeout': 0.02},
@@ -129,8 +145,8 @@ def test_events_between_two_stretches_act(event: tuple[Source, bytes]) -> None:
     rows = commands(20, 1)
     for _ in range(3):
         single(one, rows, 1)
-        if other.stretch(rows, range(20)) is None:
-            single(other, rows, 1)
+        found = other.stretch(rows, range(20))
+        single(other, rows[0 if found is None else len(found) :], 1)
         for engine in (one, other):
             engine.take([Arrival(event[0], 2, event[1])])
         assert other.state == one.state

@@ -7,7 +7,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from plant_messages import change, judged, made
+from plant_messages import change, made, validated
 import pytest
 from rewriting import STATES
 from simulating import efforts, rows_of, simulate
@@ -22,7 +22,7 @@ from pfd_ros.replay.verify import read
 def test_a_dynamic_setting_changes_and_all_others_stay() -> None:
     engine = made(substeps=3)
     before = engine.settings
-    assert judged(engine, change(real_time_factor=0.5)).verdict is Verdict.ACCEPTED
+    assert validated(engine, change(real_time_factor=0.5)).verdict is Verdict.ACCEPTED
     assert engine.settings.real_time_factor == 0.5
     assert engine.settings == Settings(**{**vars(before), 'real_time_factor': 0.5})
 
@@ -56,7 +56,7 @@ def test_a_wrong_change_is_refused_whole_with_its_reason(
 ) -> None:
     engine = made()
     before = engine.settings
-    found = judged(engine, (Source.PARAMETERS, encode_string(text)))
+    found = validated(engine, (Source.PARAMETERS, encode_string(text)))
     assert found.verdict is verdict
     assert reason in found.detail
     assert len(found.detail) < 600
@@ -118,5 +118,5 @@ def test_a_recording_in_which_the_sensors_change_verifies(tmp_path: Path) -> Non
 @pytest.mark.parametrize('values', [{'bias_effort': [1.0]}, {'bias_effort': [0.0, float('nan')]}])
 def test_numbers_for_each_joint_are_one_for_each_or_none(values: dict) -> None:
     engine = made()
-    assert judged(engine, change(**values)).verdict is Verdict.REFUSED
+    assert validated(engine, change(**values)).verdict is Verdict.REFUSED
     assert engine.sensors is None

@@ -31,7 +31,7 @@ def stepping(engine: Engine, receiver: Any) -> Iterator[None]:
     def run_cycle() -> None:
         events = receiver.queue.take()
         taken = engine.run_cycle(events)
-        receiver.answer(events, [judgement for _, judgement, _ in taken.judgements])
+        receiver.answer(events, [validation for _, validation, _ in taken.validations])
 
     def run() -> None:
         while not ended.is_set():
@@ -119,7 +119,7 @@ def test_a_change_that_a_flood_pushed_out_is_told_and_not_taken_over() -> None:
         answer = ask(source, data)
         receiver.receive(Source.PARAMETERS, b'')
         events = receiver.queue.take()
-        receiver.answer(events, [found for _, found, _ in engine.take(events).judgements])
+        receiver.answer(events, [found for _, found, _ in engine.take(events).validations])
         return answer
 
     receiver.ask = ask_in_a_flood

@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-import random
 from typing import Any
 
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 from plant_messages import made
 import pytest
@@ -31,8 +32,8 @@ RESET = encode_request(Request('reset'))
 
 
 def send(engine: Engine, data: bytes, source: Source = Source.ARRAY, sequence: int = 1) -> Verdict:
-    ((_, judgement, _),) = engine.take([Arrival(source, sequence, data)]).judgements
-    return judgement.verdict
+    ((_, validation, _),) = engine.take([Arrival(source, sequence, data)]).validations
+    return validation.verdict
 
 
 def taus(engine: Engine, cycles: int) -> list[list[float]]:
@@ -98,7 +99,7 @@ def test_a_pause_is_no_silence() -> None:
     engine = made(command_timeout=0.005)
     send(engine, efforts(1.0, 0.5))
     engine.take([Arrival(Source.REQUEST, 1, encode_request(Request('pause')))])
-    assert engine.stands
+    assert engine.waiting
     assert taus(engine, 5) == [[1.0, 0.5]] * 5
 
 
@@ -227,9 +228,9 @@ def test_a_lost_command_changes_nothing_and_answers_in_lockstep() -> None:
     engine = made(drop_commands=1.0, command_timeout=0.002, lockstep=True)
     send(engine, efforts(1.0, 0.5))
     assert not any(map(any, taus(engine, 1)))
-    assert engine.stands
+    assert engine.waiting
     assert send(engine, efforts(1.0, 0.5)) is Verdict.ACCEPTED
-    assert not engine.stands
+    assert not engine.waiting
     assert (engine.state.link.lost, engine.state.link.timeouts) == (2, 0)
 
 
@@ -306,9 +307,9 @@ def test_in_lockstep_an_arm_that_a_reflex_braked_goes_on() -> None:
     for effort in (1.0, 9.0):
         send(engine, efforts(effort, 0.0))
         engine.step()
-    assert engine.stands
+    assert engine.waiting
     assert send(engine, efforts(1.0, 0.0)) is Verdict.REFUSED
-    assert not engine.stands
+    assert not engine.waiting
 
 
 def test_a_recording_with_a_reflex_verifies_verdicts_included(tmp_path: Path) -> None:
@@ -341,58 +342,68 @@ def test_a_recording_with_a_reflex_verifies_verdicts_included(tmp_path: Path) ->
 NUMBERS = (0.0, -0.0, 1.0, -3.0, 0.4, 50.0, 1e6, -1e300, NAN, float('inf'))
 
 
-def anything(draw: random.Random) -> bytes | tuple[Source, bytes]:
-    """Return a message of any kind, good or bad."""
-    kind = draw.random()
-    if kind < 0.3:
-        return efforts(*draw.choices(NUMBERS[:8], k=draw.choice((2, 2, 2, 3))))
-    if kind < 0.8:
-        names = draw.sample((*NAMES, 'nobody'), draw.choice((1, 2, 2, 3)))
-        arrays = [
-            draw.choices(NUMBERS, weights=(*[9] * 6, 2, 1, 9, 1), k=draw.choice((0, len(names))))
-            for _ in range(3)
-        ]
-        return Source.NAMED, joint_state(names, *arrays)
-    if kind < 0.84:
-        return Source.REQUEST, RESET
-    if kind < 0.9:
-        return Source.SET_STATE, joint_state(NAMES, draw.choices(NUMBERS[:7], k=2))
-    changes: dict[str, Any] = {
-        'servo_p': draw.choices((0.0, 9.0, 1e9), k=2),
-        'servo_d': draw.choices((0.0, 2.0, 1e9), k=2),
-        'command_timeout': draw.choice((0.0, 0.004)),
-        'on_timeout': draw.choice(('brake', 'zero', 'hold')),
-        'drop_commands': draw.choice((0.0, 0.5)),
-        'reflex_effort_rate': draw.choice((0.0, 0.0, 1e4)),
-        'effort_limits': True,
+PAIR = st.lists(st.sampled_from(NUMBERS[:8]), min_size=2, max_size=2)
+# Mostly small numbers and NaN.
+NUMBER = st.sampled_from((*NUMBERS[:6] * 5, *NUMBERS, *[NAN] * 8))
+CHANGES: dict[str, st.SearchStrategy[Any]] = {
+    'servo_p': st.lists(st.sampled_from((0.0, 9.0, 1e9)), min_size=2, max_size=2),
+    'servo_d': st.lists(st.sampled_from((0.0, 2.0, 1e9)), min_size=2, max_size=2),
+    'command_timeout': st.sampled_from((0.0, 0.004)),
+    'on_timeout': st.sampled_from(('brake', 'zero', 'hold')),
+    'drop_commands': st.sampled_from((0.0, 0.5)),
+    'reflex_effort_rate': st.sampled_from((0.0, 0.0, 1e4)),
+    'effort_limits': st.just(True),
+}
+GIVEN = st.fixed_dictionaries(
+    {
+        'servo_p': st.sampled_from(((80.0, 0.0), (80.0, 40.0))),
+        'servo_d': st.just((8.0, 4.0)),
+        'delay_commands': st.sampled_from((0.0, 0.002)),
+        'convention': st.sampled_from(('plain', 'franka')),
+        'joints': st.sampled_from((NAMES, NAMES[::-1])),
     }
-    name = draw.choice(list(changes))
-    return Source.PARAMETERS, encode_changes({name: changes[name]})
+)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize('seed', range(12))
+@st.composite
+def named_commands(draw: st.DrawFn) -> tuple[Source, bytes]:
+    names = draw(st.lists(st.sampled_from((*NAMES, 'nobody')), min_size=1, unique=True))
+    whole = st.lists(NUMBER, min_size=len(names), max_size=len(names))
+    return Source.NAMED, joint_state(names, *(draw(whole | st.just([])) for _ in range(3)))
+
+
+ANYTHING = st.one_of(
+    PAIR.map(lambda values: efforts(*values)),
+    st.just(efforts(1.0, 2.0, 3.0)),
+    named_commands(),
+    named_commands(),
+    st.just((Source.REQUEST, RESET)),
+    PAIR.map(lambda values: (Source.SET_STATE, joint_state(NAMES, values))),
+    st.sampled_from(sorted(CHANGES))
+    .flatmap(lambda name: st.fixed_dictionaries({name: CHANGES[name]}))
+    .map(lambda values: (Source.PARAMETERS, encode_changes(values))),
+)
+
+
+@pytest.fixture(scope='module')
+def written(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return the folder of the recording that is written anew for each example."""
+    return tmp_path_factory.mktemp('any')
+
+
+# An example is a whole run, and its recording.
+@settings(max_examples=settings().max_examples // 2)
+@given(
+    st.dictionaries(st.integers(2, 80), st.lists(ANYTHING, min_size=1, max_size=2), min_size=5),
+    GIVEN,
+)
 def test_any_messages_leave_a_finite_arm_and_a_recording_that_verifies(
-    tmp_path: Path, seed: int
+    written: Path, commands: dict[int, list[Any]], chosen: dict[str, Any]
 ) -> None:
-    draw = random.Random(seed)
-    settings = {
-        'servo_p': (80.0, draw.choice((0.0, 40.0))),
-        'servo_d': (8.0, 4.0),
-        'delay_commands': draw.choice((0.0, 0.002)),
-        'convention': draw.choice(('plain', 'franka')),
-        'joints': draw.choice((NAMES, NAMES[::-1])),
-    }
-    commands = {
-        cycle: [anything(draw) for _ in range(draw.choice((1, 1, 2)))]
-        for cycle in range(2, 400)
-        if draw.random() < 0.4
-    }
-    recording = simulate(400, commands, **settings)
-    states = verified(recording.save(tmp_path / 'a.mcap'))
-    assert len(states) == 400
+    states = verified(simulate(100, commands, **chosen).save(written / 'a.mcap'))
+    assert len(states) == 100
     # In the published order: 20 N m for the shoulder, 10 for the elbow.
-    limits = [{'shoulder': 20.0, 'elbow': 10.0}[name] for name in settings['joints']]
+    limits = [{'shoulder': 20.0, 'elbow': 10.0}[name] for name in chosen['joints']]
     for state in states:
         assert np.isfinite([state.position, state.velocity]).all()
         assert (np.abs(state.effort) <= limits).all()

@@ -7,8 +7,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pfd_ros.arm.commands import Judgement, judge_array, judge_named
-from pfd_ros.arm.drive import Command, Drive, Gains, held, merge
+from pfd_ros.arm.actuator_command import ActuatorCommand, Command, Gains, all_braked, merge
+from pfd_ros.arm.commands import Validation, validate_array, validate_named
 from pfd_ros.arm.events import Verdict
 from pfd_ros.messages.convert import JointMessage
 from pfd_ros.node.command_counts import CommandCounts
@@ -23,13 +23,13 @@ def message(names, effort=(), position=(), velocity=(), stamp_ns: int = 0) -> Jo
     return JointMessage(stamp_ns, '', tuple(names), *arrays)
 
 
-def judge(*args, **other) -> Judgement:
-    return judge_named(message(*args, **other), INDEX, START_NS)
+def validate(*args, **other) -> Validation:
+    return validate_named(message(*args, **other), INDEX, START_NS)
 
 
-def merged(drive: Drive, judgement: Judgement) -> Drive:
-    assert isinstance(judgement.effect, Command)
-    return merge(drive, judgement.effect)
+def merged(actuation: ActuatorCommand, validation: Validation) -> ActuatorCommand:
+    assert isinstance(validation.effect, Command)
+    return merge(actuation, validation.effect)
 
 
 @pytest.mark.parametrize(
@@ -63,37 +63,37 @@ def merged(drive: Drive, judgement: Judgement) -> Drive:
 def test_each_case_has_its_verdict_and_only_accepted_commands_act(
     command: JointMessage, verdict: Verdict
 ) -> None:
-    got = judge_named(command, INDEX, START_NS)
+    got = validate_named(command, INDEX, START_NS)
     assert got.verdict is verdict
     assert (got.effect is None) == (verdict is not Verdict.ACCEPTED)
     assert bool(got.detail) == (verdict is not Verdict.ACCEPTED)
 
 
 def test_nobody_has_commanded_a_held_arm() -> None:
-    drive = held(3)
-    assert drive.effort.tolist() == [0, 0, 0]
-    assert drive.braked.tolist() == [True, True, True]
+    actuation = all_braked(3)
+    assert actuation.effort.tolist() == [0, 0, 0]
+    assert actuation.braked.tolist() == [True, True, True]
 
 
 def test_a_command_changes_the_joints_it_names_and_keeps_the_others() -> None:
-    drive = merged(held(3), judge('ca', [3.0, 1.0]))
-    assert drive.effort.tolist() == [1, 0, 3]
-    assert drive.braked.tolist() == [False, True, False]
-    drive = merged(drive, judge('bc', [2.0, 4.0]))
-    assert drive.effort.tolist() == [1, 2, 4]
-    assert not drive.braked.any()
+    actuation = merged(all_braked(3), validate('ca', [3.0, 1.0]))
+    assert actuation.effort.tolist() == [1, 0, 3]
+    assert actuation.braked.tolist() == [False, True, False]
+    actuation = merged(actuation, validate('bc', [2.0, 4.0]))
+    assert actuation.effort.tolist() == [1, 2, 4]
+    assert not actuation.braked.any()
 
 
 def test_nan_keeps_the_last_effort_and_leaves_a_held_joint_held() -> None:
-    drive = merged(held(3), judge('a', [1.0]))
-    drive = merged(drive, judge('abc', [NAN, NAN, 3.0]))
-    assert drive.effort.tolist() == [1, 0, 3]
-    assert drive.braked.tolist() == [False, True, False]
+    actuation = merged(all_braked(3), validate('a', [1.0]))
+    actuation = merged(actuation, validate('abc', [NAN, NAN, 3.0]))
+    assert actuation.effort.tolist() == [1, 0, 3]
+    assert actuation.braked.tolist() == [False, True, False]
 
 
 def test_merging_leaves_the_drive_before_it_alone() -> None:
-    before = held(3)
-    merged(before, judge('a', [1.0]))
+    before = all_braked(3)
+    merged(before, validate('a', [1.0]))
     assert before.braked.all()
     assert not before.effort.any()
 
@@ -101,8 +101,8 @@ def test_merging_leaves_the_drive_before_it_alone() -> None:
 GAINS = Gains(np.array([100.0, 100.0, 0.0]), np.array([10.0, 0.0, 1.0]))
 
 
-def steered(drive: Drive, *args, **other) -> Drive:
-    return merged(drive, judge_named(message(*args, **other), INDEX, START_NS, GAINS))
+def steered(actuation: ActuatorCommand, *args, **other) -> ActuatorCommand:
+    return merged(actuation, validate_named(message(*args, **other), INDEX, START_NS, GAINS))
 
 
 @pytest.mark.parametrize(
@@ -135,61 +135,65 @@ def steered(drive: Drive, *args, **other) -> Drive:
 def test_a_servo_adds_positions_and_velocities_to_the_rules(
     command: JointMessage, verdict: Verdict
 ) -> None:
-    got = judge_named(command, INDEX, START_NS, GAINS)
+    got = validate_named(command, INDEX, START_NS, GAINS)
     assert got.verdict is verdict
     assert (got.effect is None) == (verdict is not Verdict.ACCEPTED)
 
 
-def told(drive: Drive) -> list[list[float]]:
-    assert drive.position is not None
-    assert drive.velocity is not None
-    return [x.tolist() for x in (drive.effort, drive.position, drive.velocity)]
+def told(actuation: ActuatorCommand) -> list[list[float]]:
+    assert actuation.position is not None
+    assert actuation.velocity is not None
+    return [x.tolist() for x in (actuation.effort, actuation.position, actuation.velocity)]
 
 
 def test_each_kind_of_a_command_is_kept_for_each_joint() -> None:
-    drive = steered(held(3), 'ab', [1.0, NAN], position=[0.1, 0.2])
-    assert drive.braked.tolist() == [False, False, True]
-    np.testing.assert_equal(told(drive), [[1, 0, 0], [0.1, 0.2, NAN], [NAN] * 3])
-    drive = steered(drive, 'ac', [NAN, 3.0], position=[0.3, 0.4], velocity=[0.5, 0.6])
-    assert not drive.braked.any()
+    actuation = steered(all_braked(3), 'ab', [1.0, NAN], position=[0.1, 0.2])
+    assert actuation.braked.tolist() == [False, False, True]
+    np.testing.assert_equal(told(actuation), [[1, 0, 0], [0.1, 0.2, NAN], [NAN] * 3])
+    actuation = steered(actuation, 'ac', [NAN, 3.0], position=[0.3, 0.4], velocity=[0.5, 0.6])
+    assert not actuation.braked.any()
     # c has no position gain: its velocity is followed, its position is none.
-    np.testing.assert_equal(told(drive), [[1, 0, 3], [0.3, 0.2, NAN], [0.5, NAN, 0.6]])
-    drive = steered(drive, 'a', [7.0], position=[NAN], velocity=[NAN])
-    np.testing.assert_equal(told(drive), [[7, 0, 3], [0.3, 0.2, NAN], [0.5, NAN, 0.6]])
+    np.testing.assert_equal(told(actuation), [[1, 0, 3], [0.3, 0.2, NAN], [0.5, NAN, 0.6]])
+    actuation = steered(actuation, 'a', [7.0], position=[NAN], velocity=[NAN])
+    np.testing.assert_equal(told(actuation), [[7, 0, 3], [0.3, 0.2, NAN], [0.5, NAN, 0.6]])
 
 
 def test_a_kind_without_numbers_is_no_command_of_it() -> None:
-    drive = steered(held(3), 'ab', [1.0, 2.0], position=[0.1, 0.2], velocity=[3.0, 4.0])
-    np.testing.assert_equal(told(drive), [[1, 2, 0], [0.1, 0.2, NAN], [3, NAN, NAN]])
+    actuation = steered(all_braked(3), 'ab', [1.0, 2.0], position=[0.1, 0.2], velocity=[3.0, 4.0])
+    np.testing.assert_equal(told(actuation), [[1, 2, 0], [0.1, 0.2, NAN], [3, NAN, NAN]])
     # A position alone has no feed-forward, and stays there.
-    drive = steered(drive, 'b', position=[0.3])
-    np.testing.assert_equal(told(drive), [[1, 0, 0], [0.1, 0.3, NAN], [3, NAN, NAN]])
+    actuation = steered(actuation, 'b', position=[0.3])
+    np.testing.assert_equal(told(actuation), [[1, 0, 0], [0.1, 0.3, NAN], [3, NAN, NAN]])
     # An effort alone ends the servo, by name and without.
-    drive = steered(drive, 'a', [5.0])
-    np.testing.assert_equal(told(drive), [[5, 0, 0], [NAN, 0.3, NAN], [NAN] * 3])
-    drive = merged(drive, judge_array(np.array([1.0, 2.0, 3.0]), np.arange(3)))
-    assert (drive.effort.tolist(), drive.position, drive.velocity) == ([1, 2, 3], None, None)
+    actuation = steered(actuation, 'a', [5.0])
+    np.testing.assert_equal(told(actuation), [[5, 0, 0], [NAN, 0.3, NAN], [NAN] * 3])
+    actuation = merged(actuation, validate_array(np.array([1.0, 2.0, 3.0]), np.arange(3)))
+    assert (actuation.effort.tolist(), actuation.position, actuation.velocity) == (
+        [1, 2, 3],
+        None,
+        None,
+    )
 
 
 def test_a_position_for_a_joint_without_a_servo_says_which() -> None:
-    got = judge_named(message('abc', position=[1, 2, 3]), INDEX, START_NS, GAINS)
+    got = validate_named(message('abc', position=[1, 2, 3]), INDEX, START_NS, GAINS)
     assert got.detail == "no effort for ['c'], whose servo has no gain for it"
 
 
 def test_unknown_names_are_told_and_the_known_ones_act() -> None:
-    command = judge('xay', [1.0, 2.0, 3.0])
+    command = validate('xay', [1.0, 2.0, 3.0])
     assert command.unknown == ('x', 'y')
-    assert merged(held(3), command).effort.tolist() == [2.0, 0.0, 0.0]
-    assert merged(held(3), command).braked.tolist() == [False, True, True]
+    assert merged(all_braked(3), command).effort.tolist() == [2.0, 0.0, 0.0]
+    assert merged(all_braked(3), command).braked.tolist() == [False, True, True]
 
 
 def test_the_size_of_a_verdict_does_not_depend_on_that_of_the_message() -> None:
     names = [f'{k}{"x" * 1000}' for k in range(3000)]
-    for command in (judge(names, [1.0] * 3000), judge(['a', *names], [1.0] * 3001)):
+    for command in (validate(names, [1.0] * 3000), validate(['a', *names], [1.0] * 3001)):
         assert command.unknown_count == 3000
         assert len(command.unknown) <= 8
         assert len(repr(command)) < 2000
-    assert judge(['x' * 1_000_000], [1.0]).detail.endswith(
+    assert validate(['x' * 1_000_000], [1.0]).detail.endswith(
         "x... (1000000 characters)'] is a joint of the arm"
     )
 
@@ -197,8 +201,8 @@ def test_the_size_of_a_verdict_does_not_depend_on_that_of_the_message() -> None:
 def test_the_counts_stay_small_however_many_names_come() -> None:
     counts = CommandCounts()
     for k in range(1000):
-        counts.add(0, judge([f'{{{k}}}', 'y'], [1.0, 1.0]))
-        counts.add(1, judge('a', [1.0]), 3)
+        counts.add(0, validate([f'{{{k}}}', 'y'], [1.0, 1.0]))
+        counts.add(1, validate('a', [1.0]), 3)
     assert counts.verdicts() == {
         (0, Verdict.UNKNOWN_NAMES): (1000, "none of ['{999}', 'y'] is a joint of the arm"),
         (1, Verdict.ACCEPTED): (3000, ''),
@@ -208,16 +212,16 @@ def test_the_counts_stay_small_however_many_names_come() -> None:
 
 
 def test_the_details_say_what_came() -> None:
-    assert judge('ab', [1]).detail == '2 names and 1 numbers in effort'
-    assert judge('ab', position=[1, 2], velocity=[1, 2]).detail == (
+    assert validate('ab', [1]).detail == '2 names and 1 numbers in effort'
+    assert validate('ab', position=[1, 2], velocity=[1, 2]).detail == (
         'holds position and velocity but no effort'
     )
-    assert judge('ab').detail == 'holds nothing but no effort'
+    assert validate('ab').detail == 'holds nothing but no effort'
 
 
 def test_an_array_goes_to_the_joints_in_their_published_order() -> None:
-    command = judge_array(np.array([10.0, 20.0, 30.0]), np.array([2, 0, 1]))
-    assert merged(held(3), command).effort.tolist() == [20, 30, 10]
+    command = validate_array(np.array([10.0, 20.0, 30.0]), np.array([2, 0, 1]))
+    assert merged(all_braked(3), command).effort.tolist() == [20, 30, 10]
 
 
 @pytest.mark.parametrize(
@@ -233,7 +237,7 @@ def test_an_array_goes_to_the_joints_in_their_published_order() -> None:
 def test_an_array_that_breaks_a_rule_is_dropped_whole(
     values: list[float], verdict: Verdict
 ) -> None:
-    command = judge_array(np.array(values), np.arange(3))
+    command = validate_array(np.array(values), np.arange(3))
     assert command.verdict is verdict
     assert command.effect is None
 

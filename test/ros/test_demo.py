@@ -21,7 +21,7 @@ from pfd_ros.cli.main import main
 from pfd_ros.demo import processes as demo
 from pfd_ros.demo.bare_timer import bare_timer, missing_share
 from pfd_ros.demo.motion import motion_of
-from pfd_ros.demo.results import rate_verdict
+from pfd_ros.demo.results import checked_rate, checked_tracking
 from pfd_ros.replay.verify import read
 from pfd_ros.testing import domains
 from pfd_ros.testing.domains import FIRST, LAST, own_domain
@@ -76,7 +76,7 @@ def test_an_unknown_robot_is_named_before_anything_starts(tmp_path: Path) -> Non
 
 
 def test_a_rate_that_a_bare_timer_misses_too_is_the_machines_and_no_failure() -> None:
-    assert rate_verdict(0.459, 0.2) == (
+    assert checked_rate(0.459, 0.2) == (
         '           this machine is too busy: a bare timer loop lost 20.0% of its periods at the '
         'same time',
         [],
@@ -84,7 +84,7 @@ def test_a_rate_that_a_bare_timer_misses_too_is_the_machines_and_no_failure() ->
 
 
 def test_a_rate_that_a_bare_timer_keeps_is_a_failure() -> None:
-    remark, (problem,) = rate_verdict(0.459, 0.004)
+    remark, (problem,) = checked_rate(0.459, 0.004)
     assert not remark
     expected = 'the rate is 45.9% off; a bare timer loop lost 0.4% of its periods at the same time'
     assert problem == expected
@@ -92,7 +92,16 @@ def test_a_rate_that_a_bare_timer_keeps_is_a_failure() -> None:
 
 def test_a_rate_that_is_kept_needs_no_excuse() -> None:
     for bare_off in (0.0, 0.5):
-        assert rate_verdict(0.01, bare_off) == ('', [])
+        assert checked_rate(0.01, bare_off) == ('', [])
+
+
+def test_tracking_is_judged_unless_the_machine_is_too_busy() -> None:
+    assert checked_tracking(0.02, 0.2) == checked_tracking(0.02, 0.0) == ('', [])
+    remark, problems = checked_tracking(0.401, 0.08)
+    assert 'off its motion, expected 0.1 at most: commands come late' in remark
+    assert problems == []
+    for most in (0.401, float('nan')):
+        assert checked_tracking(most, 0.004)[1][0].startswith(f'the arm was {most:.3g} off')
 
 
 def test_the_periods_that_a_bare_timer_lost_are_those_between_two_times() -> None:
@@ -214,7 +223,7 @@ def test_the_demo_proves_itself_and_no_live_arm_hears_of_it(
     assert commands == peer.states == peer.clocks == []
     assert seen == {'peer'}
     told = (tmp_path / 'here' / 'arm_0.sim_arm.txt').read_text()
-    assert re.search(r'takes commands on /pfd_demo_[0-9a-f]{8}/joint_commands', told)
+    assert re.search(r'subscribed to /pfd_demo_[0-9a-f]{8}/joint_commands', told)
     assert re.search(r'/pfd_demo_[0-9a-f]{8}/clock \(', told)
 
 

@@ -8,7 +8,8 @@ from dataclasses import replace
 import re
 
 import gripper_arm
-import numpy as np
+from hypothesis import event, given, settings
+from hypothesis import strategies as st
 import pytest
 
 import pfd_core as pfd
@@ -204,39 +205,51 @@ def test_the_text_of_a_robot_from_another_file_is_a_urdf_of_it() -> None:
     assert pfd.load_robot(found.text).joint_names == found.robot.joint_names
 
 
-def test_altered_descriptions_are_read_or_refused_with_a_reason() -> None:
-    rng, text = np.random.default_rng(11), gripper_arm.urdf(joint_states_topic='seen')
-    start = text.index('<ros2_control')
-    tokens = [token for token in re.split(r'(<[^>]*>)', text[start:]) if token]
-    read, reasons = 0, []
-    for _ in range(2000):
-        altered = list(tokens)
-        for _ in range(rng.integers(1, 4)):
-            at, other = rng.integers(0, len(altered), 2)
-            kind = rng.integers(0, 4)
-            if kind == 0:
-                del altered[at]
-            elif kind == 1:
-                altered[at] = altered[other]
-            elif kind == 2:
-                altered.insert(at, altered[other])
-            else:
-                letters = list(altered[at])
-                letters[rng.integers(0, len(letters))] = rng.choice(list('<>"=/ 9e.-\u0662{%'))
-                altered[at] = ''.join(letters)
-        whole = text[:start] + ''.join(altered)
-        try:
-            urdf = pfd.read_urdf(whole)
-        except ValueError:
-            continue
-        assert urdf is not None
-        try:
-            found = read_ros2_control(urdf, gripper_arm.ARM)
-        except ValueError as error:
-            reasons.append(str(error))
+WHOLE = gripper_arm.urdf(joint_states_topic='seen')
+HEAD, TOKENS = (
+    WHOLE[: WHOLE.index('<ros2_control')],
+    [token for token in re.split(r'(<[^>]*>)', WHOLE[WHOLE.index('<ros2_control') :]) if token],
+)
+
+
+@st.composite
+def altered_descriptions(draw: st.DrawFn) -> str:
+    """Draw a description with one to three tokens of its blocks removed, moved or misspelt."""
+    altered = list(TOKENS)
+    for _ in range(draw(st.integers(1, 3))):
+        places = st.integers(0, len(altered) - 1)
+        at, other = draw(places), draw(places)
+        kind = draw(st.sampled_from(('remove', 'replace', 'insert', 'misspell')))
+        if kind == 'remove':
+            del altered[at]
+        elif kind == 'replace':
+            altered[at] = altered[other]
+        elif kind == 'insert':
+            altered.insert(at, altered[other])
         else:
-            read += 1
-            assert all(isinstance(value, float) for value in found.positions.values())
-    assert read > 100
-    assert len(reasons) > 10
-    assert all('ros2_control:=false' in reason for reason in reasons)
+            letters = list(altered[at])
+            wrong = draw(st.sampled_from('<>"=/ 9e.-\u0662{%'))
+            letters[draw(st.integers(0, len(letters) - 1))] = wrong
+            altered[at] = ''.join(letters)
+    return HEAD + ''.join(altered)
+
+
+@settings(max_examples=10 * settings().max_examples)
+@given(altered_descriptions())
+def test_altered_descriptions_are_read_or_refused_with_a_reason(text: str) -> None:
+    try:
+        urdf = pfd.read_urdf(text)
+    except ValueError:
+        event('no URDF')
+        return
+    assert urdf is not None
+    try:
+        found = read_ros2_control(urdf, gripper_arm.ARM)
+    except ValueError as error:
+        event('refused')
+        reason = str(error)
+    else:
+        event('read')
+        reason = 'ros2_control:=false'
+        assert all(isinstance(value, float) for value in found.positions.values())
+    assert 'ros2_control:=false' in reason

@@ -12,7 +12,7 @@ import pytest
 from ros_processes import JOINTS, Processes
 
 from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.settings import Settings
@@ -69,10 +69,10 @@ def test_messages_that_are_rejected_are_a_warning_and_no_others() -> None:
     engine, session = Engine(settings, load_robot(settings)), LogSession()
     receiver = Receiver(EventQueue(), session.record, counts)
     stepper = Stepper(engine, receiver, session, {})
-    diagnostics = ArmDiagnostics(stepper, SimpleNamespace(deaf=0), MassKernels(engine.arm))
+    diagnostics = ArmDiagnostics(stepper, SimpleNamespace(mismatched=0), MassKernels(engine.arm))
 
     def level(source: Source, verdict: Verdict) -> bytes:
-        counts.add(source, Judgement(verdict, ''))
+        counts.add(source, Validation(verdict, ''))
         (task,) = (task for task in diagnostics.tasks() if task.name == 'commands')
         return task.level
 
@@ -119,17 +119,17 @@ def test_a_node_tells_how_its_tasks_go(processes: Processes, peer_of) -> None:
     assert (limits > 0).all()
     _, message, values = of('stepping')
     assert float(values['step_p50_us']) <= float(values['step_p99_us'])
-    assert float(values['wanted_real_time_factor']) == 0.5
+    assert float(values['requested_real_time_factor']) == 0.5
     assert 0.0 < float(values['real_time_factor']) < 1.0
     _, message, values = of('recording')
     assert (values['open'], values['failed'], values['dropped']) == ('True', 'False', '0')
 
     # A foreign type, a wrong message, a name that is longer than any line.
     foreign = peer.node.create_publisher(String, '/sim_arm/set_state', 1)
-    peer.wait(lambda: told('commands', 'endpoints_of_other_qos_or_type') == '1')
+    peer.wait(lambda: told('commands', 'endpoints_with_qos_or_type_mismatch') == '1')
     assert of('commands')[0] == b'\x01'
     peer.node.destroy_publisher(foreign)
-    peer.wait(lambda: told('commands', 'endpoints_of_other_qos_or_type') == '0')
+    peer.wait(lambda: told('commands', 'endpoints_with_qos_or_type_mismatch') == '0')
     peer.command(JOINTS, [1.0] * 5)
     peer.command(['x' * 100_000, '\n%s{0}'], [1.0, 1.0])
     peer.wait(lambda: told('commands', 'joint_commands.ragged') == '1')

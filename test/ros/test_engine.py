@@ -6,9 +6,11 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Sequence
+import functools
 from xml.etree import ElementTree
 
 import numpy as np
+import plant_messages
 from plant_messages import asked
 import pytest
 from rewriting import GOLDEN
@@ -20,7 +22,7 @@ from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import TAKEN_COLUMNS, Arrival, Event, Output, Overflow, Source, Verdict
 from pfd_ros.arm.settings import Settings
-from pfd_ros.arm.verdict_rows import MOST_ROWS
+from pfd_ros.arm.validation_rows import MOST_ROWS
 from pfd_ros.messages.convert import (
     JointMessage,
     JointStateEncoder,
@@ -35,9 +37,7 @@ STEP_NS = 1_000_000
 NAN = float('nan')
 
 
-def made(**chosen) -> Engine:
-    settings = Settings(**chosen)
-    return Engine(settings, load_robot(settings))
+made = functools.partial(plant_messages.made, robot='puma560')
 
 
 def named(names, effort) -> bytes:
@@ -137,10 +137,10 @@ def test_a_failed_arm_goes_on_judging_and_counting_and_a_gap_costs_nothing() -> 
         assert one.arm.failure
     for _ in range(97):
         engine.run_cycle()
-    passed.stand_still(99)
+    passed.skip_cycles(99)
     for command in (array(1.0), array(*[2.0] * 6)):
         assert engine.run_cycle([command]).outputs == passed.run_cycle([command]).outputs
-    passed.stand_still(10**15 - 1)
+    passed.skip_cycles(10**15 - 1)
     assert [output.number for output in passed.run_cycle().outputs] == [10**15 // 2, 10**15]
 
 
@@ -173,14 +173,14 @@ def test_no_gap_is_so_long_that_the_time_after_it_has_no_stamp() -> None:
     run(engine, 1, [array(1e300, 0.0)])
     while not engine.arm.failure:
         engine.step()
-    engine.stand_still(10**15)
-    with pytest.raises(ValueError, match='for whose time a stamp has no room'):
+    engine.skip_cycles(10**15)
+    with pytest.raises(ValueError, match='whose time overflows a stamp'):
         engine.take([asked('reset')])
 
 
 def test_an_arm_that_moves_cannot_pass_over_cycles() -> None:
-    with pytest.raises(RuntimeError, match='only an arm that failed'):
-        made(robot='planar2').stand_still(5)
+    with pytest.raises(RuntimeError, match='only a failed arm'):
+        made(robot='planar2').skip_cycles(5)
 
 
 EVENTS: dict[int, list[Event]] = {
@@ -251,7 +251,7 @@ def test_a_flood_that_overflowed_is_told_in_messages_of_bounded_size() -> None:
     sizes = [len(rows_of([output])) for output in result.outputs[:-2]]
     assert sizes == [MOST_ROWS, MOST_ROWS, 5]
     assert [row[2] for row in rows_of(result.outputs)] == list(range(7, 7 + count))
-    assert [(source, told.verdict, n) for source, told, n in result.judgements] == [
+    assert [(source, told.verdict, n) for source, told, n in result.validations] == [
         (Source.NAMED, Verdict.OVERFLOWED, count)
     ]
 
@@ -266,9 +266,9 @@ def test_nan_leaves_a_joint_as_it_was() -> None:
     assert state.velocity[1] == 0.0
 
 
-def test_judging_a_message_does_not_apply_it() -> None:
+def test_validating_a_message_does_not_apply_it() -> None:
     engine = made(robot='planar2')
-    assert engine.judge(array(1.0, 2.0)).verdict is Verdict.ACCEPTED
+    assert engine.validate(array(1.0, 2.0)).verdict is Verdict.ACCEPTED
     assert not run(engine, 2).effort.any()
 
 
@@ -315,7 +315,7 @@ def test_an_arm_with_a_gripper_has_the_masses_of_the_whole_file() -> None:
 @pytest.mark.parametrize('source', list(Source))
 @pytest.mark.parametrize('data', [b'', b'\x00\x01\x00\x00', b'\xff' * 40])
 def test_bytes_that_are_no_message_do_nothing(source: Source, data: bytes) -> None:
-    assert made().judge(Arrival(source, 1, data)).verdict is Verdict.MALFORMED
+    assert made().validate(Arrival(source, 1, data)).verdict is Verdict.MALFORMED
 
 
 @pytest.mark.parametrize(

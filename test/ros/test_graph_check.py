@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import pytest
 from ros_processes import JOINTS, Process, Processes
 
-from pfd_ros.arm.commands import Judgement
+from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.recording.reader import Log
@@ -94,9 +94,9 @@ def test_a_command_of_a_publisher_that_is_gone_is_enough(verdict: Verdict) -> No
     from pfd_ros.node.command_counts import CommandCounts
 
     counts = CommandCounts()
-    counts.add(Source.SET_STATE, Judgement(Verdict.ACCEPTED))
+    counts.add(Source.SET_STATE, Validation(Verdict.ACCEPTED))
     assert len(checked({}, [1.0, 100.0], counts=counts)) == 1
-    counts.add(Source.NAMED, Judgement(verdict))
+    counts.add(Source.NAMED, Validation(verdict))
     assert checked({}, [1.0, 100.0], counts=counts) == []
 
 
@@ -154,7 +154,9 @@ def test_another_publisher_of_the_states_is_told_once() -> None:
     commands = {'/topic': [other_end(3, 'sensor_msgs/msg/JointState', 'peer')]}
     assert checked({'/states': [own], **commands}, [1.0, 6.0]) == []
     (line,) = checked({'/states': [own, broadcaster], **commands}, [1.0, 6.0])
-    assert line.startswith("node '/joint_state_broadcaster' publishes /states too: readers get")
+    assert line.startswith(
+        "node '/joint_state_broadcaster' publishes /states too: subscribers receive both"
+    )
 
 
 def test_topics_types_and_the_order_of_the_joints_are_told_at_the_start(
@@ -166,9 +168,9 @@ def test_topics_types_and_the_order_of_the_joints_are_told_at_the_start(
     )
     for text in (
         '/left/effort (sensor_msgs/msg/JointState: name and effort)',
-        '/left/sim_arm/commands (std_msgs/msg/Float64MultiArray: efforts in this order: '
+        '/left/sim_arm/commands (std_msgs/msg/Float64MultiArray: efforts in the order '
         'elbow, shoulder)',
-        'publishes /left/joint_states (sensor_msgs/msg/JointState) and '
+        'publishing /left/joint_states (sensor_msgs/msg/JointState) and '
         '/left/sim_arm/payload_in_use (geometry_msgs/msg/InertiaStamped)\n',
     ):
         assert text in arm.text()
@@ -198,11 +200,11 @@ def test_a_publisher_of_another_type_is_named_with_the_topic_that_takes_it(
     peer.node.create_publisher(Float64MultiArray, '/joint_commands', 10)
     arm.wait_for_text(
         "node '/other/peer' publishes 'std_msgs/msg/Float64MultiArray' on /joint_commands, "
-        'which has the type sensor_msgs/msg/JointState: no messages are received; '
-        '/sim_arm/commands takes that type'
+        'which has the type sensor_msgs/msg/JointState: no messages received; '
+        'use /sim_arm/commands for this type'
     )
     wait_for_reports(arm)
-    assert arm.text().count('no messages are received') == 1
+    assert arm.text().count('no messages received') == 1
 
 
 def test_a_best_effort_publisher_is_served_and_no_message_is_taken_twice(
@@ -231,7 +233,7 @@ def test_a_best_effort_publisher_is_served_and_no_message_is_taken_twice(
     peer.wait(lambda: send_and_hear(peer.named, best_effort))
     sent[peer.named].clear()
     peer.wait(lambda: send_and_hear(peer.named))
-    arm.wait_for_text("node '/peer' publishes /joint_commands best effort: from now on")
+    arm.wait_for_text("node '/peer' publishes /joint_commands best effort: subscribed best effort")
     wait_for_reports(arm)
     assert arm.text().count('best effort') == 2
     assert 'incompatible QoS' not in arm.text()
@@ -257,7 +259,7 @@ def test_a_subscription_that_a_parameter_makes_reliable_stays_so(
     peer = peer_of(processes)
     peer.node.create_publisher(JointState, 'joint_commands', qos_profile_sensor_data)
     arm.wait_for_text("node '/peer' publishes /joint_commands with incompatible QoS")
-    assert f'publish reliable, or leave out the parameter {override}' in arm.text()
+    assert f'publish reliable, or remove the parameter {override}' in arm.text()
     wait_for_reports(arm)
     assert arm.text().count('incompatible QoS') == 1
 
@@ -303,7 +305,7 @@ def test_a_switch_that_the_model_does_not_fill_is_told(processes: Processes, nam
         '<axis xyz="0 1 0"/></joint></robot>'
     )
     arm = processes.arm('-p', 'robot:=plain.urdf', '-p', f'{name}:=true')
-    assert f"{name} is true, but the model of 'plain' states none" in arm.text()
+    assert f"{name} is true, but the model of 'plain' has none" in arm.text()
     assert arm.end(signal.SIGINT) == 0
 
 
@@ -311,4 +313,4 @@ def test_a_switch_that_the_model_does_not_fill_is_told(processes: Processes, nam
 def test_a_switch_that_the_model_fills_is_nothing_to_tell(processes: Processes) -> None:
     switches = ('-p', 'armature:=true', '-p', 'damping:=true', '-p', 'friction:=true')
     arm = processes.arm('-p', 'robot:=puma560', *switches)
-    assert 'states none' not in arm.text()
+    assert 'has none' not in arm.text()

@@ -140,7 +140,7 @@ def test_in_lockstep_every_state_has_the_command_of_its_cycle(
     peer.wait(lambda: manager.run(1) or any(hardware.latest.effort))
     manager.run(100)
     # A controller manager that has ended answers no more.
-    arm.wait_for_text('s of waiting for the command to the state at t = ')
+    arm.wait_for_text('s without a command for the state at t = ')
     assert arm.end(signal.SIGINT) == 0, arm.text()
     read(processes.folder / 'arm.mcap', verify=True)
     rows = rows_of(processes.folder / 'arm.mcap')

@@ -56,7 +56,7 @@ def test_a_recording_that_was_cut_off_says_so(
     assert main(['info', str(path)]) == 0
     text = capsys.readouterr().out
     assert 'MB, cut off' in text
-    assert 'the file was never closed' in text
+    assert 'the file was not closed' in text
 
 
 @pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])

@@ -53,7 +53,7 @@ def set_text(peer: Peer, name: str, text: str) -> Any:
 
 def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, peer_of) -> None:
     node = processes.arm(*WAITS, '-p', 'robot:=r2d2', '-p', 'recording:=a.mcap', ready=False)
-    node.wait_for_text('waits for transitions')
+    node.wait_for_text('waiting for lifecycle transitions')
     peer = peer_of(processes)
     # A model that does not load, a transition that is not possible, one that does not exist.
     assert state(peer) == 'unconfigured'
@@ -74,7 +74,7 @@ def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, 
 
     assert set_text(peer, 'robot', 'puma560').successful
     assert change(peer, 'configure')
-    node.wait_for_text('brakes hold all 6 joints')
+    node.wait_for_text('all 6 joints are braked')
     refused = set_text(peer, 'robot', 'ur5')
     assert not refused.successful
     assert "['robot'] cannot change until cleanup" in refused.reason
@@ -106,7 +106,7 @@ def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, 
     # The file is closed and stays: the next arm needs another one.
     assert read(processes.folder / 'a.mcap', verify=True).complete
     assert not change(peer, 'configure')
-    node.wait_for_text('a.mcap exists and is never written over')
+    node.wait_for_text('a.mcap exists and is not overwritten')
     assert set_text(peer, 'recording', 'b.mcap').successful
     assert change(peer, 'configure')
     assert change(peer, 'activate')
@@ -122,7 +122,7 @@ def test_an_arm_is_configured_moved_stopped_and_made_anew(processes: Processes, 
 
 def test_simulated_time_continues_after_a_cleanup(processes: Processes, peer_of) -> None:
     node = processes.arm(*WAITS, '-p', 'robot:=planar2', ready=False)
-    node.wait_for_text('waits for transitions')
+    node.wait_for_text('waiting for lifecycle transitions')
     peer = peer_of(processes)
     for _ in range(3):
         assert change(peer, 'configure')
@@ -153,7 +153,7 @@ def test_shutdown_ends_the_process_with_a_closed_file(processes: Processes, peer
 
 def test_a_fault_in_a_transition_is_told_and_the_node_lives(processes: Processes, peer_of) -> None:
     node = processes.faulty('configuring_fails', *WAITS, ready=False)
-    node.wait_for_text('waits for transitions')
+    node.wait_for_text('waiting for lifecycle transitions')
     peer = peer_of(processes)
     assert not change(peer, 'configure')
     assert state(peer) == 'unconfigured'
@@ -173,7 +173,7 @@ def test_a_signal_at_any_moment_of_a_transition_closes_the_file(
     for k in range(20):
         name = f'arm_{k}.mcap'
         node = processes.arm(*WAITS, '-p', f'recording:={name}', ready=False)
-        node.wait_for_text('waits for transitions')
+        node.wait_for_text('waiting for lifecycle transitions')
         client = peer.node.create_client(ChangeState, '/sim_arm/change_state')
         peer.wait(client.service_is_ready)
         for label in ('configure', 'activate', 'deactivate', 'cleanup'):

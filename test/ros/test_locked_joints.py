@@ -4,17 +4,16 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from pathlib import Path
 
 import numpy as np
+import plant_messages
 import pytest
 from simulating import efforts, joint_state, simulate, states_of
 
-from pfd_ros.arm.arm import load_robot
-from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.replay.motion import read_motion
 from pfd_ros.replay.verify import DifferenceError, read
@@ -24,9 +23,7 @@ WRIST = {'locked': ('joint6', 'joint5'), 'locked_positions': (0.25, -0.5)}
 ONE = [1.0, 2.0, 3.0, 4.0]
 
 
-def made(**chosen) -> Engine:
-    settings = Settings(robot='puma560', **chosen)
-    return Engine(settings, load_robot(settings))
+made = functools.partial(plant_messages.made, robot='puma560')
 
 
 def joint_command(names: list[str], effort: list[float]) -> Arrival:
@@ -55,7 +52,7 @@ def test_locked_joints_can_be_left_out_of_the_states() -> None:
 def test_a_command_for_a_locked_joint_moves_the_others_and_is_not_unknown() -> None:
     engine = made(**WRIST)
     command = joint_command(['joint5', 'joint1', 'nobody'], [9.0, 1.0, 9.0])
-    ((_, found, _),) = engine.take([command]).judgements
+    ((_, found, _),) = engine.take([command]).validations
     assert found.verdict is Verdict.ACCEPTED
     (state,) = (decode_joint_state(o.data) for o in engine.step() if o.role == 'joint_states')
     assert state.effort.tolist() == [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]
@@ -64,30 +61,30 @@ def test_a_command_for_a_locked_joint_moves_the_others_and_is_not_unknown() -> N
 
 @pytest.mark.parametrize('names', [['joint5'], ['joint6', 'joint5'], ['joint5', 'nobody']])
 def test_a_command_for_locked_joints_alone_is_refused(names: list[str]) -> None:
-    found = made(**WRIST).judge(joint_command(names, [1.0] * len(names)))
+    found = made(**WRIST).validate(joint_command(names, [1.0] * len(names)))
     assert found.verdict is Verdict.REFUSED
     assert 'joint5' in found.detail
     assert found.locked == tuple(name for name in names if name != 'nobody')
 
 
 def test_nan_for_the_joints_that_move_is_no_command_whatever_locked_joints_get() -> None:
-    found = made(**WRIST).judge(joint_command(['joint1', 'joint5'], [float('nan'), 1.0]))
+    found = made(**WRIST).validate(joint_command(['joint1', 'joint5'], [float('nan'), 1.0]))
     assert found.verdict is Verdict.ALL_NAN
 
 
 def test_nan_for_a_locked_joint_is_no_command_for_it() -> None:
     # Hardware sends NaN for a gripper that no controller has claimed.
     engine, nan = made(**WRIST), float('nan')
-    found = engine.judge(joint_command(['joint1', 'joint5'], [1.0, nan]))
+    found = engine.validate(joint_command(['joint1', 'joint5'], [1.0, nan]))
     assert (found.verdict, found.locked) == (Verdict.ACCEPTED, ())
     for names in (['joint5'], ['joint1', 'joint5']):
-        found = engine.judge(joint_command(names, [nan] * len(names)))
+        found = engine.validate(joint_command(names, [nan] * len(names)))
         assert (found.verdict, found.locked) == (Verdict.ALL_NAN, ())
 
 
 def test_names_of_locked_joints_that_are_not_published_stay_unknown() -> None:
     engine = made(publish_locked=False, **WRIST)
-    found = engine.judge(joint_command(['joint5'], [1.0]))
+    found = engine.validate(joint_command(['joint5'], [1.0]))
     assert (found.verdict, found.locked) == (Verdict.UNKNOWN_NAMES, ())
 
 

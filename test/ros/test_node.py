@@ -41,7 +41,9 @@ def test_a_torque_goes_in_and_a_moving_arm_comes_out(processes: Processes, peer_
     assert ticks == sorted(ticks)
 
 
-def test_every_kind_of_command_is_judged_as_the_rules_say(processes: Processes, peer_of) -> None:
+def test_every_kind_of_command_is_validated_as_the_rules_say(
+    processes: Processes, peer_of
+) -> None:
     # At depth 1 a busy machine would see some replaced by newer ones.
     depths = [
         f'qos_overrides./{topic}.subscription.depth:=20'

@@ -93,7 +93,7 @@ def test_a_node_takes_dynamic_parameters_and_refuses_all_else_with_a_reason(
         'out of range': [parameter('real_time_factor', float('nan'))],
         'expected 0 or 1e-06 and more': [parameter('real_time_factor', 1e-9)],
         'takes floating-point numbers: write 1.0': [parameter('real_time_factor', 1)],
-        'value of no type': [parameter('real_time_factor', 1.0, kind=200)],
+        'value of unknown type': [parameter('real_time_factor', 1.0, kind=200)],
         'cannot be undeclared': [parameter('real_time_factor', 1.0, kind=0)],
         'Invalid access': [parameter('%s{0}\n\x01' + 'x' * 1000, 1.0)],
         'read-only parameter: robot': [
@@ -186,7 +186,7 @@ def test_a_node_takes_numbers_for_each_joint_payloads_and_wrenches(
     assert plant.payloads[-1].header.frame_id == 'tip_link'
     successful, reason = client.set(parameter('payload.inertia', [1.0, 0.0, 0.0, 1.0, 0.0, 3.0]))
     assert not successful
-    assert 'payload.inertia is of no body' in reason
+    assert 'payload.inertia is not physically consistent' in reason
     assert client.set(parameter('gravity_compensation', True))[0]
     # A flood: the newest payload counts.
     for mass in range(100):

@@ -4,7 +4,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+from pathlib import Path
 import signal
 
 import numpy as np
@@ -14,6 +16,7 @@ from ros_processes import MILLISECOND, PATIENCE, Processes, call, example_robot,
 from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
+NODE, SIM = ('pfd_ros.node.main',), ('pfd_ros.cli.main', 'sim')
 PANDA = example_robot('panda_description/urdf/panda.urdf')
 
 
@@ -35,71 +38,97 @@ def test_parameters_come_from_a_yaml_file(processes: Processes, peer_of) -> None
     assert "unknown parameters ignored: ['colour']" in arm.text()
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ('args', 'text'),
-    [
-        (('-p', 'step_size:=5.0'), 'step_size out of range'),
-        (('-p', 'step_size:=1'), 'step_size takes floating-point numbers: write 1.0'),
-        (('-p', 'gravity:=[0, 0, -9]'), 'gravity takes floating-point numbers: write [0.0, 0.0, '),
-        (('-p', 'damping.joint1:=1'), 'damping.joint1 takes floating-point numbers: write 1.0'),
-        (('-p', 'locked:=a'), "'locked' to 'a' of type 'STRING'"),
-        (('robot:=ur5',), "'robot:=ur5' needs -p before it"),
-        (
-            ('-p', f'robot:={PANDA}'),
-            'of the node: write -p locked:=[panda_finger_joint1,panda_finger_joint2]',
-        ),
-        (('-p', 'robot:=r2d2'), 'r2d2'),
-        (('-p', 'publish_rate:=300.0'), 'publish_rate is 300.0 Hz'),
-        (('-p', 'recording:=there.mcap'), 'there.mcap exists and is never written over'),
-        (('--params-file', 'nix.yaml'), 'nix.yaml'),
-        (('-p', 'recording:=folder'), 'folder exists and is never written over'),
-        (('-p', 'recording:=fifo'), 'fifo exists and is never written over'),
-        (('-p', 'recording:=/proc/nowhere/arm.mcap'), '/proc/nowhere/arm.mcap cannot be written'),
-        (('-p', 'recording:=nowhere/arm.mcap'), 'nowhere/arm.mcap cannot be written'),
-        (('-p', f'recording:={"x" * 300}'), 'File name too long'),
-        (('-p', 'robot:=fifo'), "'fifo' must end in .urdf"),
-        (('-p', 'robot:=folder'), 'folder'),
-        (('-p', "robot:='{0}{}%s'"), '{0}{}%s'),
-        (('-p', f'robot:={"x" * 50_000}'), 'xxx'),
-        (('-p', "joints:=['{}','{0}']"), "joints is ['{}', '{0}'], expected each joint"),
-        (('-p', f'step_size:={10**400}'), 'step_size'),
-        (('-p', 'substeps:=1000000000000'), 'substeps out of range'),
-        (('--params-file', 'large.yaml'), 'joints holds 300000 values, expected 1000 at most'),
-        (('-r', '__node:={x}'), 'remap rule'),
-        (('-x',), "['-x']"),
-    ],
-    ids=lambda value: str(value)[:60],
-)
-def test_a_bad_parameter_is_named_and_the_status_is_1(
-    processes: Processes, args: tuple[str, ...], text: str
-) -> None:
-    (processes.folder / 'there.mcap').write_bytes(b'dear')
-    (processes.folder / 'folder').mkdir()
-    os.mkfifo(processes.folder / 'fifo')
+# Arguments of a node that does not start, and a part of its one line.
+BAD = [
+    (('-p', 'step_size:=5.0'), 'step_size out of range'),
+    (('-p', 'step_size:=1'), 'step_size takes floating-point numbers: write 1.0'),
+    (('-p', 'gravity:=[0, 0, -9]'), 'gravity takes floating-point numbers: write [0.0, 0.0, '),
+    (('-p', 'damping.joint1:=1'), 'damping.joint1 takes floating-point numbers: write 1.0'),
+    (('-p', 'locked:=a'), "'locked' to 'a' of type 'STRING'"),
+    (('robot:=ur5',), "'robot:=ur5' needs -p before it"),
+    (
+        ('-p', f'robot:={PANDA}'),
+        'of the node: write -p locked:=[panda_finger_joint1,panda_finger_joint2]',
+    ),
+    (('-p', 'robot:=r2d2'), 'r2d2'),
+    (('-p', 'publish_rate:=300.0'), 'publish_rate is 300.0 Hz'),
+    (('-p', 'recording:=there.mcap'), 'there.mcap exists and is not overwritten'),
+    (('--params-file', 'nix.yaml'), 'nix.yaml'),
+    (('-p', 'recording:=folder'), 'folder exists and is not overwritten'),
+    (('-p', 'recording:=fifo'), 'fifo exists and is not overwritten'),
+    (('-p', 'recording:=/proc/nowhere/arm.mcap'), '/proc/nowhere/arm.mcap cannot be written'),
+    (('-p', 'recording:=nowhere/arm.mcap'), 'nowhere/arm.mcap cannot be written'),
+    (('-p', f'recording:={"x" * 300}'), 'File name too long'),
+    (('-p', 'robot:=fifo'), "'fifo' must end in .urdf"),
+    (('-p', 'robot:=folder'), 'folder'),
+    (('-p', "robot:='{0}{}%s'"), '{0}{}%s'),
+    (('-p', f'robot:={"x" * 50_000}'), 'xxx'),
+    (('-p', "joints:=['{}','{0}']"), "joints is ['{}', '{0}'], expected each joint"),
+    (('-p', f'step_size:={10**400}'), 'step_size'),
+    (('-p', 'substeps:=1000000000000'), 'substeps out of range'),
+    (('--params-file', 'large.yaml'), 'joints holds 300000 values, expected 1000 at most'),
+    (('-r', '__node:={x}'), 'remap rule'),
+    (('-x',), "['-x']"),
+]
+
+
+def make_what_is_in_the_way(folder: Path) -> None:
+    (folder / 'there.mcap').write_bytes(b'dear')
+    (folder / 'folder').mkdir()
+    os.mkfifo(folder / 'fifo')
     names = ', '.join(f'joint{k}' for k in range(300_000))
-    (processes.folder / 'large.yaml').write_text(
-        f'/**: {{ros__parameters: {{joints: [{names}]}}}}'
-    )
-    arm = processes.arm(*args, ready=False)
-    assert arm.end() == 1
-    lines = [line for line in arm.text().splitlines() if not line.startswith('[WARN]')]
-    assert len(lines) == 1, arm.text()
+    (folder / 'large.yaml').write_text(f'/**: {{ros__parameters: {{joints: [{names}]}}}}')
+
+
+@pytest.fixture(scope='module')
+def endings(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[int, str]]:
+    """Return exit status and output by the words of each case, from forks of one process."""
+    folder = tmp_path_factory.mktemp('bad')
+    make_what_is_in_the_way(folder)
+    cases = folder / 'cases.json'
+    cases.write_text(json.dumps([['--ros-args', *args] for args, _ in BAD]), encoding='utf-8')
+    processes = Processes(folder)
+    try:
+        process = processes.python(str(Path(__file__).with_name('forked_nodes.py')), str(cases))
+        assert process.end() == 0, process.text()
+        found = json.loads(process.text())
+    finally:
+        processes.close()
+    assert (folder / 'there.mcap').read_bytes() == b'dear'
+    return {text: tuple(ending) for (_, text), ending in zip(BAD, found, strict=True)}
+
+
+def assert_refused(status: int, output: str, text: str) -> None:
+    assert status == 1
+    lines = [line for line in output.splitlines() if not line.startswith(('[WARN]', '[INFO]'))]
+    assert len(lines) == 1, output
     assert lines[0].startswith('sim_arm: ')
     assert text in lines[0]
     assert len(lines[0]) < 700
-    assert (processes.folder / 'there.mcap').read_bytes() == b'dear'
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('args', 'text'), BAD, ids=lambda value: str(value)[:60])
+def test_a_bad_parameter_is_named_and_the_status_is_1(
+    endings: dict[str, tuple[int, str]], args: tuple[str, ...], text: str
+) -> None:
+    assert_refused(*endings[text], text)
+
+
+def test_a_process_with_a_bad_parameter_ends_so_too(processes: Processes) -> None:
+    args, text = BAD[0]
+    process = processes.arm(*args, ready=False)
+    assert_refused(process.end(), process.text(), text)
 
 
 @pytest.mark.parametrize(
-    ('args', 'text'),
+    ('start', 'args', 'text'),
     [
-        (('robot:=ur5',), "sim_arm: 'robot:=ur5' needs --ros-args -p before it"),
-        (('--ros-args', 'robot:=ur5'), "sim_arm: 'robot:=ur5' needs -p before it"),
-        (('ur5',), "sim_arm: unknown arguments ['ur5']; parameters follow --ros-args -p"),
+        (NODE, ('robot:=ur5',), "sim_arm: 'robot:=ur5' needs --ros-args -p before it"),
+        (SIM, ('--ros-args', 'robot:=ur5'), "sim_arm: 'robot:=ur5' needs -p before it"),
+        (SIM, ('ur5',), "sim_arm: unknown arguments ['ur5']; parameters follow --ros-args -p"),
     ],
 )
-@pytest.mark.parametrize('start', [('pfd_ros.node.main',), ('pfd_ros.cli.main', 'sim')])
 def test_a_parameter_without_its_option_is_named_with_the_cure(
     processes: Processes, start: tuple[str, ...], args: tuple[str, ...], text: str
 ) -> None:

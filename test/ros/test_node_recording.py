@@ -86,7 +86,7 @@ def test_a_full_disk_stops_the_recording_and_not_the_arm(processes: Processes, p
     peer.let_pass(100)
     assert arm.end(signal.SIGINT) == 1, arm.text()
     assert arm.text().count('recording stopped') == 1
-    assert 'the recording does not hold everything' in arm.text()
+    assert 'the recording is incomplete' in arm.text()
     summary = read(processes.folder / 'arm.mcap', verify=True)
     assert not summary.complete
     assert summary.states > 0
@@ -104,7 +104,7 @@ def test_a_failed_recording_does_not_stop_an_arm_at_unlimited_speed(
     peer.connect()
     peer.let_pass(100)
     assert arm.end(signal.SIGINT) == 1, arm.text()
-    assert 'the recording does not hold everything' in arm.text()
+    assert 'the recording is incomplete' in arm.text()
 
 
 @pytest.mark.slow
@@ -141,10 +141,12 @@ def test_a_run_whose_disk_was_too_slow_for_the_recording_ends_with_status_1(
     processes: Processes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     arm = processes.faulty('slow_disk', *('-p', 'recording:=arm.mcap'))
-    arm.wait_for_text('messages not recorded: the disk is too slow')
+    arm.wait_for_text('messages not recorded (slow disk)')
     assert arm.end(signal.SIGINT) == 1, arm.text()
-    (line,) = (line for line in arm.text().splitlines() if 'the recording lacks' in line)
-    assert re.search(r'lacks \d+ messages.*: the disk was too slow; record to a faster', line)
+    (line,) = (
+        line for line in arm.text().splitlines() if 'messages missing in the recording' in line
+    )
+    assert re.search(r'\d+ messages missing in the recording.* \(slow disk\): use a faster', line)
     path = processes.folder / 'arm.mcap'
     assert read(path).dropped > 0
     assert command_line.main(['replay', str(path), '--verify']) == 3

@@ -4,13 +4,15 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from oracle import Oracle
 import pinocchio as pin
-from plant_messages import change, judged, wrench
+import plant_messages
+from plant_messages import change, validated, wrench
 import pytest
 from rewriting import Recording, Sent
 from simulating import efforts, simulate
@@ -35,18 +37,14 @@ START = (0.3, -1.2, 1.4, -0.6, 1.2, 0.3)
 TORQUES = (1.0, 2.0, -3.0, 0.5, -4.0, 0.25)
 
 
-def made(**chosen: Any) -> Engine:
-    settings = Settings(
-        **{
-            'robot': 'ur5',
-            'joints': ORDER,
-            'initial_positions': START,
-            'outputs': ALL,
-            'armature': True,
-            **chosen,
-        }
-    )
-    return Engine(settings, load_robot(settings))
+made = functools.partial(
+    plant_messages.made,
+    robot='ur5',
+    joints=ORDER,
+    initial_positions=START,
+    outputs=ALL,
+    armature=True,
+)
 
 
 def moved(engine: Engine, steps: int = 100) -> dict[str, bytes]:
@@ -122,7 +120,7 @@ def test_torques_come_as_joint_states_and_as_plain_arrays() -> None:
     names = ('external_torques', 'bias_torques', 'gravity_torques')
     both = (*names, *(f'{name}_array' for name in names))
     engine = made(external_wrench=True, outputs=both)
-    judged(engine, wrench('tool0', [3.0, -2.0, 10.0], [0.1, 0.2, -0.3]))
+    validated(engine, wrench('tool0', [3.0, -2.0, 10.0], [0.1, 0.2, -0.3]))
     found = moved(engine)
     for name in names:
         plain = convert.decode_array(found[f'{name}_array'])
@@ -134,7 +132,7 @@ def test_torques_come_as_joint_states_and_as_plain_arrays() -> None:
 def test_the_outputs_fulfil_the_equation_of_motion_with_a_wrench_on_the_tip() -> None:
     engine = made(damping=True, external_wrench=True)
     k = [3.0, -2.0, 10.0, 0.1, 0.2, -0.3]
-    judged(engine, wrench('tool0', k[:3], k[3:]))
+    validated(engine, wrench('tool0', k[:3], k[3:]))
     found = moved(engine)
     expected = Expected(engine)
     base = np.concatenate([expected.pose().rotation @ half for half in np.split(np.array(k), 2)])
@@ -153,7 +151,7 @@ def test_a_payload_that_comes_while_the_arm_runs_is_in_the_model_from_the_next_c
     engine, loaded = made(), made(payload_mass=2.0, payload_center=(0.0, 0.0, 0.1))
     before = moved(engine)
     moved(loaded)
-    judged(engine, change(payload_mass=2.0, payload_center=[0.0, 0.0, 0.1]))
+    validated(engine, change(payload_mass=2.0, payload_center=[0.0, 0.0, 0.1]))
     after = {output.role: output.data for output in engine.step()}
     robot, scene = engine.arm.robot, pfd.Scene(armature='model', payload=engine.arm.scene.payload)
     q = Expected(engine).q

@@ -35,7 +35,7 @@ def tick(stamp_ns: int) -> Arrival:
 def run(engine: Engine) -> int:
     """Step until the arm stands, and return its simulated time, ns."""
     for _ in range(1000):
-        if engine.stands:
+        if engine.waiting:
             return engine.arm.stamp_ns
         engine.step()
     raise AssertionError('it never stands')
@@ -43,13 +43,13 @@ def run(engine: Engine) -> int:
 
 def test_an_inactive_arm_stands_and_refuses_what_would_move_it() -> None:
     engine = made(autostart=False)
-    assert engine.stands
+    assert engine.waiting
     for event in (PUSH, JUMP, asked('step'), asked('reset')):
         assert verdict(engine, event) is Verdict.REFUSED
-        assert engine.stands
-    assert engine.state.link.drive.braked.all()
+        assert engine.waiting
+    assert engine.state.link.actuation.braked.all()
     assert verdict(engine, asked('activate')) is Verdict.ACCEPTED
-    assert not engine.stands
+    assert not engine.waiting
     assert verdict(engine, PUSH) is Verdict.ACCEPTED
 
 
@@ -60,7 +60,7 @@ def test_deactivation_puts_every_brake_on_and_keeps_simulated_time() -> None:
     assert engine.arm.qd.all()
     there, stamp = engine.arm.q.tolist(), engine.arm.stamp_ns
     assert verdict(engine, asked('deactivate')) is Verdict.ACCEPTED
-    assert engine.stands
+    assert engine.waiting
     engine.take([asked('activate')])
     for _ in range(5):
         engine.step()
@@ -72,18 +72,18 @@ def test_deactivation_puts_every_brake_on_and_keeps_simulated_time() -> None:
 def test_a_pause_outlasts_an_activation() -> None:
     engine = made(autostart=False)
     engine.take([asked('pause'), asked('activate')])
-    assert engine.stands
+    assert engine.waiting
     engine.take([asked('resume')])
-    assert not engine.stands
+    assert not engine.waiting
 
 
 def test_lockstep_waits_for_no_controller_from_before_an_activation() -> None:
     engine = made(lockstep=True)
     engine.run_cycle([PUSH])
-    assert engine.stands
+    assert engine.waiting
     engine.take([asked('deactivate'), asked('activate')])
     for _ in range(3):
-        assert not engine.stands
+        assert not engine.waiting
         engine.step()
 
 
@@ -92,9 +92,9 @@ def test_an_arm_that_failed_stands_while_it_is_inactive() -> None:
     engine.run_cycle([Arrival(Source.ARRAY, 1, efforts(1e300, 1e300))])
     while not engine.arm.failure:
         engine.step()
-    assert not engine.stands
+    assert not engine.waiting
     engine.take([asked('deactivate')])
-    assert engine.stands
+    assert engine.waiting
 
 
 def test_an_arm_that_failed_goes_on_with_its_clock_and_a_reset_revives_it() -> None:
@@ -109,7 +109,7 @@ def test_an_arm_that_failed_goes_on_with_its_clock_and_a_reset_revives_it() -> N
     assert engine.cycles == 60
     # A reset lets time leap to the next tick.
     engine.take([asked('reset')])
-    assert engine.stands
+    assert engine.waiting
     engine.take([tick(7_100 * MS), tick(7_110 * MS)])
     assert run(engine) == 7_110 * MS
     assert not engine.arm.failure
@@ -117,7 +117,7 @@ def test_an_arm_that_failed_goes_on_with_its_clock_and_a_reset_revives_it() -> N
 
 def test_time_begins_at_the_first_tick_and_steps_go_up_to_each_later_one() -> None:
     engine = following(step_size=0.002)
-    assert engine.stands
+    assert engine.waiting
     assert verdict(engine, tick(7_000 * MS)) is Verdict.ACCEPTED
     assert run(engine) == 7_000 * MS
     assert engine.cycles == 0
@@ -143,9 +143,9 @@ def test_a_tick_far_ahead_is_refused_until_a_reset_lets_time_leap_there() -> Non
     engine.take([tick(100 * MS)])
     far = tick((101 + MOST_STEPS_AHEAD) * MS)
     assert verdict(engine, far) is Verdict.REFUSED
-    assert engine.stands
+    assert engine.waiting
     engine.take([asked('reset')])
-    assert engine.stands
+    assert engine.waiting
     assert verdict(engine, tick(99 * MS)) is Verdict.STALE
     assert verdict(engine, far) is Verdict.ACCEPTED
     assert run(engine) == (101 + MOST_STEPS_AHEAD) * MS
@@ -176,7 +176,7 @@ def test_bytes_that_are_no_tick_change_nothing(data: bytes) -> None:
     engine = following()
     engine.take([tick(100 * MS)])
     assert verdict(engine, Arrival(Source.TICK, 2, data)) is Verdict.MALFORMED
-    assert engine.stands
+    assert engine.waiting
     engine.take([tick(101 * MS)])
     assert run(engine) == 101 * MS
 

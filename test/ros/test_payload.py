@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from plant_messages import change, judged, made, payload
+from plant_messages import change, made, payload, validated
 import pytest
 from ros_processes import example_robot
 from simulating import efforts, rows_of, simulate
@@ -38,7 +38,7 @@ BODY = {'payload_mass': 2.5, 'payload_center': CENTER, 'payload_inertia': INERTI
 def moving(**chosen) -> Engine:
     """Return an engine whose arm has moved for a while."""
     engine = made(**{'initial_positions': (0.3, -0.2), **chosen})
-    judged(engine, PUSH)
+    validated(engine, PUSH)
     for _ in range(50):
         engine.step()
     return engine
@@ -51,13 +51,13 @@ def bits(engine: Engine) -> bytes:
 def test_a_payload_at_run_time_is_that_from_the_start_in_the_same_state() -> None:
     engine, other = moving(), made(**BODY)
     before = bits(engine)
-    assert judged(engine, payload(TIP, 2.5, CENTER, INERTIA)).verdict is Verdict.ACCEPTED
+    assert validated(engine, payload(TIP, 2.5, CENTER, INERTIA)).verdict is Verdict.ACCEPTED
     assert bits(engine) == before
     assert engine.arm.scene == other.arm.scene
     names, q, qd = engine.arm.names, engine.arm.q, engine.arm.qd
-    judged(other, (Source.SET_STATE, state_bytes(names, q, qd)))
+    validated(other, (Source.SET_STATE, state_bytes(names, q, qd)))
     other.step()
-    judged(other, PUSH)
+    validated(other, PUSH)
     unloaded = moving()
     for one in (engine, other, unloaded):
         for _ in range(20):
@@ -73,7 +73,7 @@ def test_a_payload_in_a_carried_frame_moves_the_arm_as_pinocchio_says() -> None:
     tau = (1.0, -60.0, -5.0, 0.3, -0.2, 0.1)
     engine = made(robot=path, initial_positions=(0.3, -1.2, 0.9, 0.4, -0.7, 1.1), step_size=1e-4)
     message = payload('tool0', 2.5, CENTER, INERTIA)
-    assert judged(engine, (Source.ARRAY, efforts(*tau)), message).verdict is Verdict.ACCEPTED
+    assert validated(engine, (Source.ARRAY, efforts(*tau)), message).verdict is Verdict.ACCEPTED
     for _ in range(200):
         engine.step()
     model = pin.buildModelFromUrdf(path)
@@ -103,7 +103,7 @@ def test_a_payload_in_a_carried_frame_moves_the_arm_as_pinocchio_says() -> None:
         (
             {'payload_mass': 1.0, 'payload_inertia': [1.0, 0.0, 0.0, 1.0, 0.0, 3.0]},
             Verdict.REFUSED,
-            'payload.inertia is of no body',
+            'payload.inertia is not physically consistent',
         ),
         ({'payload_inertia': [0.0] * 10_000}, Verdict.MALFORMED, 'holds 10000 values'),
     ],
@@ -114,7 +114,7 @@ def test_a_payload_that_is_no_body_is_refused_with_the_reason(
 ) -> None:
     engine = moving()
     scene = engine.arm.scene
-    found = judged(engine, change(**values))
+    found = validated(engine, change(**values))
     assert found.verdict is verdict
     assert reason in found.detail
     assert engine.arm.scene is scene
@@ -132,7 +132,7 @@ def test_a_payload_that_is_no_body_is_refused_with_the_reason(
     ids=lambda value: str(value)[:40],
 )
 def test_a_wrong_payload_message_is_refused_with_the_reason(message, verdict, reason) -> None:
-    found = judged(made(), message)
+    found = validated(made(), message)
     assert found.verdict is verdict
     assert reason in found.detail
 
@@ -148,26 +148,26 @@ def test_the_payload_in_use_is_told_from_the_state_on_that_it_acts_on() -> None:
 
     assert told() == [(1, 2.5)]
     assert told() == []
-    judged(engine, change(real_time_factor=0.5), change(payload_mass=2.5))
+    validated(engine, change(real_time_factor=0.5), change(payload_mass=2.5))
     assert told() == []
-    judged(engine, change(payload_mass=1.0), payload(TIP, 3.0))
+    validated(engine, change(payload_mass=1.0), payload(TIP, 3.0))
     assert told() == [(4, 3.0)]
-    judged(engine, payload(TIP, 0.0))
+    validated(engine, payload(TIP, 0.0))
     assert engine.arm.scene.payload is None
     assert told() == [(5, 0.0)]
 
 
 def test_gravity_compensation_holds_the_robot_and_not_its_payload() -> None:
     engine = made(initial_positions=(0.3, -0.2))
-    judged(engine, (Source.ARRAY, efforts(0.0, 0.0)), change(gravity_compensation=True))
+    validated(engine, (Source.ARRAY, efforts(0.0, 0.0)), change(gravity_compensation=True))
     for _ in range(500):
         engine.step()
     np.testing.assert_allclose(engine.arm.q, (0.3, -0.2), rtol=0, atol=1e-12)
-    judged(engine, payload(TIP, 1.0))
+    validated(engine, payload(TIP, 1.0))
     for _ in range(50):
         engine.step()
     assert np.abs(engine.arm.qd).max() > 0.1
-    judged(engine, payload(TIP, 0.0), change(gravity_compensation=False))
+    validated(engine, payload(TIP, 0.0), change(gravity_compensation=False))
     assert engine.arm.scene == made().arm.scene
 
 
@@ -176,10 +176,10 @@ def test_changes_replace_the_effects_of_a_scene_file() -> None:
     scene = pfd.Scene(payload=heavy, gravity_compensation=True, damping=(0.5, 0.2))
     engine = moving(scene=pfd.scene_to_yaml(scene))
     assert engine.arm.scene.payload == heavy
-    judged(engine, change(payload_mass=1.0))
+    validated(engine, change(payload_mass=1.0))
     assert engine.arm.scene.payload == pfd.Payload(1.0, (0.1, 0.0, 0.0))
     assert engine.arm.scene.gravity_compensation
-    judged(engine, change(payload_mass=0.0, gravity_compensation=False))
+    validated(engine, change(payload_mass=0.0, gravity_compensation=False))
     assert engine.arm.scene == pfd.Scene(damping=(0.5, 0.2), brakes=True)
 
 
@@ -187,9 +187,9 @@ def test_a_prepared_plant_is_the_one_compiled_at_the_event() -> None:
     engine, other = moving(), moving()
     engine.arm.prepare(Settings(**{**vars(engine.settings), **BODY}))
     _, native = engine.arm._compiled.values()
-    judged(engine, change(**BODY))
+    validated(engine, change(**BODY))
     assert engine.arm.plant.compiled is native
-    judged(other, change(**BODY))
+    validated(other, change(**BODY))
     for one in (engine, other):
         for _ in range(20):
             one.step()
@@ -208,12 +208,12 @@ def test_payloads_as_constants_are_compiled_for_each_and_few_are_kept(emitted: l
 def test_only_the_first_of_many_payloads_compiles_code(emitted: list[str]) -> None:
     outputs = ('acceleration', 'inertia_matrix', 'gravity_torques', 'energy', 'tip_pose')
     engine = moving(outputs=outputs)
-    judged(engine, payload(TIP, 1.0), change(gravity_compensation=True))
-    judged(engine, change(gravity_compensation=False))
+    validated(engine, payload(TIP, 1.0), change(gravity_compensation=True))
+    validated(engine, change(gravity_compensation=False))
     native = len(emitted)
     for k in range(100):
-        judged(engine, payload(TIP, 0.01 * k, (0.1, 0.001 * k, 0.0), INERTIA))
-        judged(engine, change(gravity_compensation=bool(k % 2)))
+        validated(engine, payload(TIP, 0.01 * k, (0.1, 0.001 * k, 0.0), INERTIA))
+        validated(engine, change(gravity_compensation=bool(k % 2)))
         engine.step()
     assert len(emitted) == native
     assert engine.arm.scene.payload.mass == 0.99
@@ -224,7 +224,7 @@ def test_outputs_and_diagnostics_see_a_payload_that_is_an_input() -> None:
     engine, other = moving(outputs=outputs), moving(outputs=outputs, payload_changes='constant')
     masses = MassKernels(engine.arm)
     for one in (engine, other):
-        judged(one, payload(TIP, 2.5, CENTER, INERTIA))
+        validated(one, payload(TIP, 2.5, CENTER, INERTIA))
         one.step()
     for name in ('inertia_matrix', 'bias_torques', 'gravity_torques', 'energy', 'acceleration'):
         found, wanted = (dict(one._extra.messages())[name] for one in (engine, other))
@@ -243,7 +243,7 @@ def test_outputs_and_diagnostics_see_a_payload_that_is_an_input() -> None:
 def test_a_method_that_takes_no_payload_as_an_input_compiles_it_as_a_constant() -> None:
     engine = moving(method='pcrbm')
     assert engine.settings.payload_changes == 'constant'
-    assert judged(engine, payload(TIP, 1.0)).verdict is Verdict.ACCEPTED
+    assert validated(engine, payload(TIP, 1.0)).verdict is Verdict.ACCEPTED
     with pytest.raises(ValueError, match="'input', but pcrbm takes no payload as an input"):
         made(method='pcrbm', payload_changes='input')
 
@@ -359,10 +359,10 @@ def test_friction_stops_and_lagging_motors_go_on_beside_a_new_payload(tmp_path: 
     path = simulate(80, events, **chosen).save(tmp_path / 'a.mcap')
     assert read(path, verify=True).complete
     engine = made(**chosen)
-    judged(engine, (Source.ARRAY, efforts(4.0, 1.0)))
+    validated(engine, (Source.ARRAY, efforts(4.0, 1.0)))
     for _ in range(40):
         engine.step()
     lagging = engine.state.simulation.arrays['tau_motor'].copy()
     assert 0.5 < lagging[0] < 3.5
-    judged(engine, payload(TIP, 1.5))
+    validated(engine, payload(TIP, 1.5))
     assert engine.state.simulation.arrays['tau_motor'].tolist() == lagging.tolist()

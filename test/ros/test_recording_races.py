@@ -27,7 +27,7 @@ from pfd_ros.recording import reader as log
 from pfd_ros.recording.mcap_file import McapFile
 
 HERE = Path(__file__).resolve().parent
-OFTEN = [10, pytest.param(40, marks=[pytest.mark.slow, pytest.mark.long])]
+OFTEN = [4, pytest.param(40, marks=[pytest.mark.slow, pytest.mark.long])]
 # Longest time that a process lives on before its signal, s.
 LIFE = 0.3
 AT_ONCE = 4
@@ -134,7 +134,7 @@ def test_a_process_whose_disk_hangs_in_the_kernel_ends_all_the_same(
     def once(path: Path) -> None:
         with recording(path, 'clog') as process:
             told = told_by(process)
-        assert 'within 0.2 s of closing' in told['error']
+        assert 'closing took longer than 0.2 s' in told['error']
         assert check_cut_off(path) == told['recorded']
 
     several(often, once, tmp_path)
@@ -158,7 +158,7 @@ def test_a_full_file_system_ends_the_recording_and_leaves_it_readable(tmp_path: 
         told = json.loads(process.stdout.readline())
         held = check_cut_off(Path(f'/proc/{process.pid}/root{folder}/a.mcap'))
     assert told['error'].endswith(
-        'a.mcap cannot be written: No space left on device; what was written stays readable'
+        'a.mcap cannot be written: No space left on device; the part written so far is readable'
     )
     assert held == told['recorded']
 

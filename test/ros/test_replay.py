@@ -181,7 +181,7 @@ def test_a_cut_off_recording_verifies_up_to_the_cut(
     assert command_line.main(arguments) == INCOMPLETE
     told = capsys.readouterr().out
     assert 'cut off' in told
-    assert 'every bit equal; missing: the end of the file, which was never closed' in told
+    assert 'every bit equal; missing: the end of the file, which was not closed' in told
     assert command_line.main([*arguments, '--allow-incomplete']) == 0
 
 

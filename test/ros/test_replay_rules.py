@@ -101,7 +101,7 @@ def test_a_failure_is_no_way_out_of_the_comparison(tmp_path: Path) -> None:
         read(run.save(tmp_path / 'a.mcap'), verify=True)
 
 
-def test_commands_behind_the_last_state_are_judged_too(tmp_path: Path) -> None:
+def test_commands_behind_the_last_state_are_validated_too(tmp_path: Path) -> None:
     run = simulate(14, {12: [efforts(1.0, 2.0)]}, publish_rate=100.0, publish_clock=False)
     assert read(run.save(tmp_path / 'a.mcap'), verify=True).verdicts == {Verdict.ACCEPTED: 1}
     run.on(ARRAY)[0].data = efforts(1.0)
@@ -146,7 +146,7 @@ def test_commands_that_overflowed_are_not_given_to_the_arm(tmp_path: Path) -> No
         (lambda: overflow_rows(), 'not as the node writes it'),
         (
             lambda: convert.encode_rows([[9, 1, 4, 12], [9, 1, 5, 0]], TAKEN_COLUMNS),
-            'mixes commands judged and overflowed',
+            'mixes commands validated and overflowed',
         ),
     ],
     ids=['of a cycle before', 'of two cycles', 'of two sources', 'empty', 'mixed'],
@@ -262,7 +262,7 @@ def assert_one_line(done: subprocess.CompletedProcess[str], expected: str) -> No
         ('/dev/zero', 'is no regular file'),
         ('folder', 'directory'),
         ('nix', 'No such file'),
-        ('empty', 'does not begin as MCAP files do'),
+        ('empty', 'not an MCAP file'),
         ('loop', 'symbolic links'),
     ],
 )

@@ -9,9 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rewriting import ARRAY, CLOCK, STATES, load
+from rewriting import ARRAY, CLOCK, STATES, Recording, load
+from simulating import simulate
 
 from pfd_ros.arm.engine import Engine
+from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.messages.stamped import effort_encoder
 from pfd_ros.replay.motion import read_motion
 from pfd_ros.replay.verify import DifferenceError, read
 from pfd_ros.testing.lockstep_arm import LockstepArm
@@ -103,6 +106,38 @@ def test_a_flipped_bit_in_a_stretch_is_placed_as_in_single_cycles(
     with pytest.raises(DifferenceError) as wanted:
         read(path, verify=True)
     assert str(found.value) == str(wanted.value)
+
+
+def named(stamps: Callable[[int], int], **settings) -> Recording:
+    """Return a run under a command by name in each cycle, the joints not in published order."""
+    encoder = effort_encoder(('elbow', 'shoulder'))
+    rng = np.random.default_rng(4)
+    commands = {
+        k: [(Source.NAMED, encoder.encode(stamps(k), rng.normal(size=2) * 20.0))]
+        for k in range(1, 301)
+    }
+    return simulate(301, commands, **settings)
+
+
+@pytest.mark.parametrize('settings', [{}, {'servo_p': (5.0, 5.0)}, {'lockstep': True}])
+def test_commands_by_name_are_replayed_in_stretches(
+    settings, tmp_path: Path, lengths: list[int]
+) -> None:
+    # In lockstep each command has the stamp of the state that it answers.
+    recording = named(lambda k: (k - 1) * 1_000_000, **settings)
+    summary = read(recording.save(tmp_path / 'a.mcap'), verify=True)
+    assert summary.verdicts[Verdict.ACCEPTED] == 300
+    assert sum(lengths) > 290
+
+
+@pytest.mark.parametrize('late', [0, 150])
+def test_a_stale_command_by_name_is_rejected_as_in_single_cycles(
+    late: int, tmp_path: Path, lengths: list[int]
+) -> None:
+    stamps = {150: 148_000_000} if late else {}
+    recording = named(lambda k: stamps.get(k, (k - 1) * 1_000_000), lockstep=True)
+    summary = read(recording.save(tmp_path / 'a.mcap'), verify=True)
+    assert summary.verdicts.get(Verdict.STALE, 0) == bool(late)
 
 
 def test_an_arm_that_fails_in_a_stretch_is_replayed_to_its_failure(tmp_path: Path) -> None:

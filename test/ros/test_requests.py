@@ -5,26 +5,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import functools
 import json
 
+import plant_messages
 from plant_messages import asked, verdict
 import pytest
 from simulating import efforts, joint_state
 
-from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Source, Verdict
-from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import JointMessage, decode_joint_state, encode_string
 
 STEP_NS = 1_000_000
 NAN = float('nan')
+made = functools.partial(plant_messages.made, initial_positions=(0.3, -0.2))
 PUSH = Arrival(Source.ARRAY, 1, efforts(1.0, -0.5))
-
-
-def made(**chosen) -> Engine:
-    settings = Settings(**{'robot': 'planar2', 'initial_positions': (0.3, -0.2), **chosen})
-    return Engine(settings, load_robot(settings))
 
 
 def joint_message(source: Source, names: Sequence[str], *args, **other) -> Arrival:
@@ -46,16 +42,16 @@ def state(engine: Engine) -> JointMessage:
 
 def test_a_pause_stands_and_lets_through_the_steps_that_are_asked_for() -> None:
     engine = made()
-    assert not engine.stands
+    assert not engine.waiting
     assert verdict(engine, asked('pause')) is Verdict.ACCEPTED
-    assert engine.stands
+    assert engine.waiting
     assert verdict(engine, asked('step', 3)) is Verdict.ACCEPTED
     for _ in range(3):
-        assert not engine.stands
+        assert not engine.waiting
         engine.step()
-    assert engine.stands
+    assert engine.waiting
     assert verdict(engine, asked('resume')) is Verdict.ACCEPTED
-    assert not engine.stands
+    assert not engine.waiting
     assert engine.cycles == engine.arm.step == 3
 
 
@@ -63,7 +59,7 @@ def test_steps_are_refused_outside_of_a_pause_and_forgotten_by_its_end() -> None
     engine = made()
     assert verdict(engine, asked('step')) is Verdict.REFUSED
     engine.take([asked('pause'), asked('step', 9), asked('resume'), asked('pause')])
-    assert engine.stands
+    assert engine.waiting
 
 
 def test_a_reset_is_the_initial_state_at_the_next_stamp_with_every_joint_held() -> None:
@@ -143,9 +139,9 @@ def test_jumps_of_one_cycle_follow_each_other() -> None:
 def test_a_pause_lets_a_jump_through() -> None:
     engine = made()
     engine.take([asked('pause'), placed(['elbow'], [0.7])])
-    assert not engine.stands
+    assert not engine.waiting
     assert state(engine).position[1] == 0.7
-    assert engine.stands
+    assert engine.waiting
 
 
 @pytest.mark.parametrize(
@@ -195,22 +191,22 @@ def test_a_request_is_read_strictly(told: str) -> None:
     engine = made()
     event = Arrival(Source.REQUEST, 1, encode_string(told))
     assert verdict(engine, event) is Verdict.MALFORMED
-    assert not engine.stands
+    assert not engine.waiting
 
 
 def test_lockstep_runs_free_until_the_first_command_and_then_waits_for_each() -> None:
     engine = made(lockstep=True)
     for _ in range(3):
-        assert not engine.stands
+        assert not engine.waiting
         engine.step()
     first = pushed(engine.arm.stamp_ns)
     assert verdict(engine, first) is Verdict.ACCEPTED
     for _ in range(5):
-        assert not engine.stands
+        assert not engine.waiting
         stamp = state(engine).stamp_ns
-        assert engine.stands
+        assert engine.waiting
         assert verdict(engine, pushed(stamp - STEP_NS)) is Verdict.STALE
-        assert engine.stands
+        assert engine.waiting
         assert verdict(engine, pushed(stamp)) is Verdict.ACCEPTED
 
 
@@ -218,10 +214,10 @@ def test_in_lockstep_only_published_states_wait_and_commands_without_a_stamp_ans
     engine = made(lockstep=True, publish_rate=250.0)
     engine.take([PUSH])
     for cycle in range(1, 13):
-        assert not engine.stands
+        assert not engine.waiting
         engine.step()
-        assert engine.stands == (cycle % 4 == 0)
-        engine.take([PUSH] if engine.stands else [])
+        assert engine.waiting == (cycle % 4 == 0)
+        engine.take([PUSH] if engine.waiting else [])
 
 
 def test_in_lockstep_nan_for_every_joint_is_an_answer_and_a_wrong_message_is_none() -> None:
@@ -230,21 +226,21 @@ def test_in_lockstep_nan_for_every_joint_is_an_answer_and_a_wrong_message_is_non
     wrong = Arrival(Source.ARRAY, 1, efforts(1.0))
     quiet = joint_message(Source.NAMED, ['elbow'], effort=[NAN])
     assert verdict(engine, wrong) is Verdict.WRONG_SIZE
-    assert engine.stands
+    assert engine.waiting
     assert verdict(engine, quiet) is Verdict.ALL_NAN
-    assert not engine.stands
+    assert not engine.waiting
 
 
 def test_a_reset_in_lockstep_shows_its_state_and_waits_for_an_answer_to_it() -> None:
     engine = made(lockstep=True)
     engine.run_cycle([PUSH])
     engine.take([asked('reset')])
-    assert not engine.stands
+    assert not engine.waiting
     there = state(engine)
-    assert engine.stands
+    assert engine.waiting
     assert verdict(engine, pushed(there.stamp_ns - STEP_NS)) is Verdict.STALE
     assert verdict(engine, pushed(there.stamp_ns)) is Verdict.ACCEPTED
-    assert not engine.stands
+    assert not engine.waiting
 
 
 def test_the_present_state_can_be_sent_again_without_a_cycle() -> None:
@@ -262,4 +258,4 @@ def test_a_failed_arm_stands_in_a_pause_too() -> None:
     while not engine.arm.failure:
         engine.step()
     engine.take([asked('pause')])
-    assert engine.stands
+    assert engine.waiting

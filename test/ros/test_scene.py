@@ -14,6 +14,7 @@ from ros_processes import Processes
 from simulating import efforts, simulate
 
 import pfd_core as pfd
+from pfd_ros.arm.actuator_command import ActuatorCommand
 from pfd_ros.arm.arm import Arm, load_robot
 from pfd_ros.arm.plant_settings import effect_fields, joint_settings
 from pfd_ros.arm.scene import scene_of, with_scene_text
@@ -59,7 +60,8 @@ def test_an_arm_in_a_scene_verifies_and_moves_as_the_simulator(tmp_path: Path) -
     scene = pfd.Scene(**{**vars(SCENE), 'brakes': True})
     wanted = pfd.Simulator(pfd.load_robot('planar2'), scene)
     for _ in range(20):
-        arm.advance(np.array([2.0, 5.0]), np.zeros(2, bool))
+        efforts = np.array([2.0, 5.0])
+        arm.advance(efforts, ActuatorCommand(efforts, np.zeros(2, bool)))
         wanted.step([2.0, 5.0])
     np.testing.assert_array_equal(arm.q, wanted.q)
     assert wanted.qd.any()
@@ -83,7 +85,7 @@ def test_the_numbers_of_each_joint_make_the_scene_of_the_table() -> None:
 @pytest.mark.parametrize(
     ('scene', 'message'),
     [
-        ('/etc/passwd', "scene is '/etc/passwd', expected the text of a scene"),
+        ('/etc/passwd', "scene is '/etc/passwd', expected the YAML of a scene"),
         ('damping: [1, 2, 3]\n', "damping of the scene has 3 numbers, but 'planar2' has 2 joints"),
         ('damping: 5\n', 'damping must be None'),
     ],
@@ -96,7 +98,7 @@ def test_an_arm_reads_no_file_and_refuses_a_wrong_scene(scene: str, message: str
 
 @pytest.mark.parametrize('other', [{'damping': True}, {'gravity': (0.0, 0.0, 0.0)}])
 def test_a_scene_stands_for_the_switches(other: dict[str, object]) -> None:
-    with pytest.raises(ValueError, match=f'scene stands for {next(iter(other))}'):
+    with pytest.raises(ValueError, match=f'scene conflicts with {next(iter(other))}'):
         Settings(scene=TEXT, **other)
 
 

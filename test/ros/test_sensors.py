@@ -4,9 +4,11 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import numpy as np
+import plant_messages
 from plant_messages import change
 import pytest
 from rewriting import STATES as STATES_TOPIC
@@ -14,7 +16,6 @@ from rewriting import Recording
 from scipy import stats
 from simulating import efforts, simulate
 
-from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import DROPPED_STATES, STATES, Arrival, Output, Source
@@ -40,9 +41,7 @@ ALL = {
 }
 
 
-def made(**chosen) -> Engine:
-    settings = Settings(**{'robot': 'planar2', 'initial_positions': (0.3, -0.2), **chosen})
-    return Engine(settings, load_robot(settings))
+made = functools.partial(plant_messages.made, initial_positions=(0.3, -0.2))
 
 
 def outputs(engine: Engine, cycles: int, *events: Arrival) -> list[Output]:
@@ -195,7 +194,7 @@ def test_lockstep_does_not_wait_for_an_answer_to_a_dropped_state() -> None:
     for _ in range(100):
         engine.take([PUSH])
         roles = {output.role for output in engine.step()}
-        waits.append((STATES in roles, engine.stands))
+        waits.append((STATES in roles, engine.waiting))
     assert set(waits) == {(True, True), (False, False)}
 
 

@@ -150,7 +150,7 @@ def check_early_signals(processes: Processes, count: int) -> None:
 @pytest.mark.ros
 @pytest.mark.slow
 def test_a_signal_while_the_node_starts_ends_it_like_a_later_one(processes: Processes) -> None:
-    check_early_signals(processes, 12)
+    check_early_signals(processes, 6)
 
 
 @pytest.mark.ros

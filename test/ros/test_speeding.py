@@ -120,7 +120,7 @@ def test_a_joint_a_little_too_fast_is_no_runaway_and_a_slow_one_is_nothing_to_te
 
 def test_a_limit_that_the_model_does_not_state_is_called_an_assumption() -> None:
     assert thrown(250.0, robot=PLAIN) == (
-        'only at 250 rad/s, limit 100 rad/s (assumed, the model states none): '
+        'only at 250 rad/s, limit 100 rad/s (assumed, the model has none): '
         'no rotor inertia in this model? armature.only:=0.1'
     )
 

@@ -88,7 +88,7 @@ class Bench:
         self.wait(lambda: states)
         self.answer(states[-1])
         # It stands before the state it waits with is published.
-        self.wait(lambda: self.engine.stands and stamp(states[-1]) == self.engine.arm.stamp_ns)
+        self.wait(lambda: self.engine.waiting and stamp(states[-1]) == self.engine.arm.stamp_ns)
         answered = [states[-1]]
         while len(answered) < count:
             self.answer(answered[-1])
@@ -173,8 +173,8 @@ def test_a_request_for_many_steps_is_done_to_its_end() -> None:
 
     with bench.running():
         ask('pause')
-        bench.wait(lambda: bench.engine.stands)
+        bench.wait(lambda: bench.engine.waiting)
         before = bench.engine.cycles
         ask('step', 1234)
         bench.wait(lambda: bench.engine.cycles == before + 1234)
-        assert bench.engine.stands
+        assert bench.engine.waiting

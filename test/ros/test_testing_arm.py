@@ -212,17 +212,17 @@ def test_a_state_that_the_arm_refuses_is_an_error_and_changes_nothing(q, text: s
 def test_an_arm_that_waits_for_its_controller_does_no_step_before_a_command() -> None:
     settings = Settings(robot='planar2', lockstep=True, wait_for_controller=True)
     engine = Engine(settings, load_robot(settings))
-    assert engine.stands
+    assert engine.waiting
     nothing = np.zeros(2)
     # A message that is no command is no answer.
     assert engine.command(np.full(2, np.nan)).verdict is Verdict.NOT_FINITE
-    assert engine.stands
+    assert engine.waiting
     assert engine.command(nothing).verdict is Verdict.ACCEPTED
-    assert not engine.stands
+    assert not engine.waiting
     engine.advance()
-    assert engine.stands
+    assert engine.waiting
     free = Engine(replace(settings, lockstep=False), engine.arm.robot)
-    assert not free.stands
+    assert not free.waiting
 
 
 def test_a_controller_may_write_into_its_arguments() -> None:

@@ -96,6 +96,7 @@ def test_left_alone():
 
 
 @pytest.mark.ros
+@pytest.mark.slow
 def test_workers_have_domains_of_their_own(site: Path, tmp_path: Path) -> None:
     code = """
 import pathlib, time

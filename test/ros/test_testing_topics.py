@@ -26,7 +26,6 @@ from pfd_ros.testing.controllers import NoAnswerError
 from pfd_ros.testing.lockstep_arm import LockstepArm
 from pfd_ros.testing.node_process import NodeProcessError
 from pfd_ros.testing.process_arm import ProcessArm
-from pfd_ros.testing.session import claimed_domain, initialised
 from pfd_ros.testing.trajectory import Trajectory
 
 pytestmark = pytest.mark.ros
@@ -41,12 +40,6 @@ def pd(q, qd):
 
 def law(t, q, qd):
     return pd(q, qd)
-
-
-@pytest.fixture(scope='module')
-def domain() -> Iterator[int]:
-    with claimed_domain() as found, initialised(found):
-        yield found
 
 
 @pytest.fixture
@@ -310,9 +303,11 @@ def test_a_test_runner_that_is_ended_leaves_no_node_behind(
     end: signal.Signals, domain: int, tmp_path: Path
 ) -> None:
     code = """
-import time
+import signal, time
 from pfd_ros.testing.process_arm import ProcessArm
 from pfd_ros.testing.session import claimed_domain, initialised
+# The shell may have started the tests with this signal ignored.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 with claimed_domain() as domain, initialised(domain), ProcessArm('planar2') as arm:
     arm.q
     print(arm.process.pid, flush=True)

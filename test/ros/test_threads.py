@@ -17,7 +17,7 @@ pytestmark = pytest.mark.ros
 @pytest.mark.parametrize(
     ('fault', 'text'),
     [
-        ('executor_returns', 'the executor ended by itself'),
+        ('executor_returns', 'the executor ended unexpectedly'),
         ('executor_fails', 'the executor failed: RuntimeError: 3 callbacks failed'),
         ('executor_exits', 'the executor failed: SystemExit: 0'),
         ('stepping_fails', "stepping failed: KeyError: '{0}'"),

@@ -69,7 +69,7 @@ def test_findings_are_told_once_each_and_not_without_end() -> None:
     for k in range(1000):
         log.once(k % 500, f'found {k}')
     assert len(logger) == MOST_FINDINGS + 2
-    assert logger[-1][1] == 'further findings of this kind are not logged'
+    assert logger[-1][1] == 'further warnings of this kind are not logged'
     # What is counted is of a kind known beforehand, and told all the same.
     log.count('failure', 1, 'failure', error=True)
     assert logger[-1] == ('error', '1 failure')

@@ -48,10 +48,12 @@ def test_topics_of_a_urdf_follow_the_namespace_unless_they_are_absolute(
         *(*args, '-r', '__ns:=/right', '-p', 'publish_clock:=false', '-p', override),
     )
     left.wait_for_text('until the first command')
-    assert 'takes commands on /left/commands (' in left.text()
-    assert 'takes commands on /right/commands (' in right.text()
+    assert 'subscribed to /left/commands (' in left.text()
+    assert 'subscribed to /right/commands (' in right.text()
     # A mistake: one absolute topic for the states of both.
-    right.wait_for_text("node '/left/sim_arm' publishes /shared/states too: readers get the")
+    right.wait_for_text(
+        "node '/left/sim_arm' publishes /shared/states too: subscribers receive both"
+    )
     peer = peer_of(processes, 'right')
     for side, reliability in (('left', 'RELIABLE'), ('right', 'BEST_EFFORT')):
         topic = f'/{side}/commands'

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-from plant_messages import change, judged, made, wrench
+from plant_messages import change, made, validated, wrench
 import pytest
 from ros_processes import example_robot
 from simulating import efforts, rows_of, simulate
@@ -39,7 +39,7 @@ def ur5(frame: str) -> tuple[Engine, str]:
         step_size=1e-4,
     )
     pushed = wrench(frame, (12.0, -7.0, 20.0), (0.8, -1.5, 0.6))
-    assert judged(engine, (Source.ARRAY, efforts(*TAU)), pushed).verdict is Verdict.ACCEPTED
+    assert validated(engine, (Source.ARRAY, efforts(*TAU)), pushed).verdict is Verdict.ACCEPTED
     for _ in range(200):
         engine.step()
     return engine, path
@@ -82,7 +82,7 @@ def test_a_wrench_moves_the_arm_as_pinocchio_says(frame: str) -> None:
     ids=lambda value: str(value)[:30],
 )
 def test_a_wrong_wrench_is_refused_with_its_reason(message, verdict: Verdict, reason: str) -> None:
-    found = judged(made(**WEIGHTLESS), message)
+    found = validated(made(**WEIGHTLESS), message)
     assert found.verdict is verdict
     assert reason in found.detail
     assert len(found.detail) < 500
@@ -91,10 +91,10 @@ def test_a_wrong_wrench_is_refused_with_its_reason(message, verdict: Verdict, re
 def test_without_the_parameter_a_wrench_is_refused_and_the_cure_told() -> None:
     engine = made()
     assert engine.state.wrench is None
-    found = judged(engine, wrench(TIP, (1.0, 0.0, 0.0)))
+    found = validated(engine, wrench(TIP, (1.0, 0.0, 0.0)))
     assert found.verdict is Verdict.REFUSED
     assert 'external_wrench:=true' in found.detail
-    assert judged(engine, CLEAR).verdict is Verdict.ACCEPTED
+    assert validated(engine, CLEAR).verdict is Verdict.ACCEPTED
 
 
 def pushed(engine: Engine) -> list[bool]:
@@ -111,14 +111,14 @@ def test_a_wrench_holds_until_it_is_replaced_cleared_or_the_arm_reset() -> None:
     engine = made(**WEIGHTLESS)
     on = wrench(TIP, (0.0, 3.0, 0.0))
     assert pushed(engine) == [False] * 10
-    judged(engine, PUSH, on)
+    validated(engine, PUSH, on)
     assert pushed(engine) == [True] * 10
     assert engine.arm.qd.all()
-    judged(engine, wrench(TIP))
+    validated(engine, wrench(TIP))
     assert pushed(engine) == [False] * 10
-    judged(engine, on, CLEAR)
+    validated(engine, on, CLEAR)
     assert pushed(engine) == [False] * 10
-    judged(engine, on, RESET)
+    validated(engine, on, RESET)
     assert pushed(engine) == [False] * 10
     assert not engine.arm.qd.any()
 
@@ -131,12 +131,12 @@ def test_a_wrench_with_a_timeout_acts_for_so_much_simulated_time(
 ) -> None:
     engine = made(**WEIGHTLESS, external_wrench_timeout=timeout)
     on = wrench(TIP, (0.0, 3.0, 0.0))
-    judged(engine, on)
+    validated(engine, on)
     assert pushed(engine) == [True] * steps + [False] * (10 - steps)
     # The timeout counts for the wrenches that come after it.
-    judged(engine, on, change(external_wrench_timeout=0.0))
+    validated(engine, on, change(external_wrench_timeout=0.0))
     assert pushed(engine) == [True] * steps + [False] * (10 - steps)
-    judged(engine, on)
+    validated(engine, on)
     assert pushed(engine) == [True] * 10
 
 
@@ -144,10 +144,10 @@ def test_a_wrench_stamped_before_a_reset_is_stale() -> None:
     engine = made(**WEIGHTLESS)
     for _ in range(5):
         engine.step()
-    judged(engine, RESET)
+    validated(engine, RESET)
     engine.step()
-    assert judged(engine, wrench(TIP, stamp_ns=5 * STEP_NS)).verdict is Verdict.STALE
-    assert judged(engine, wrench(TIP, stamp_ns=6 * STEP_NS)).verdict is Verdict.ACCEPTED
+    assert validated(engine, wrench(TIP, stamp_ns=5 * STEP_NS)).verdict is Verdict.STALE
+    assert validated(engine, wrench(TIP, stamp_ns=6 * STEP_NS)).verdict is Verdict.ACCEPTED
 
 
 def test_a_recording_with_wrenches_in_carried_frames_verifies(tmp_path: Path) -> None:
@@ -174,5 +174,5 @@ def test_a_recording_with_wrenches_in_carried_frames_verifies(tmp_path: Path) ->
 
 def test_a_scene_file_may_ask_for_the_wrench() -> None:
     engine = made(scene=pfd.scene_to_yaml(pfd.Scene(gravity=None, external_wrench=True)))
-    judged(engine, wrench(TIP, (0.0, 3.0, 0.0)))
+    validated(engine, wrench(TIP, (0.0, 3.0, 0.0)))
     assert pushed(engine) == [True] * 10

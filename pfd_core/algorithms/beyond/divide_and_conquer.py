@@ -35,12 +35,12 @@ is invertible for any links, as C_1 N_2 has no positive eigenvalue. The divisor 
 model; a joint whose D is nearly zero gets a rotor that is taken back at the end
 (pfd_core.algorithms.beyond.lent_rotors), at the cost of one more column in every vector.
 
-Parallel cost without such joints, beside pose and bias, L = ceil(log2 n): 135 multiplications and
-53 additions for single links, 1276 L - 1026 and 1114 L - 882 for joining (L > 1; 358 and 322 for
-L = 1), 72 (L - 1) each for parting, 13 and 12 for the accelerations; 6 L + 1 divisions. By these
-forms PCRBM with its n^2/6 takes fewer multiplications up to 220 joints. With rotors lent, which a
-chain of equal links needs from somewhere between 80 and 96 joints on, the steps grow faster than
-log2 n, and PCRBM takes fewer at every length tried (128).
+Parallel cost without such joints, in addition to pose and bias, L = ceil(log2 n): 135
+multiplications and 53 additions for single links, 1276 L - 1026 and 1114 L - 882 for joining (L >
+1; 358 and 322 for L = 1), 72 (L - 1) each for parting, 13 and 12 for the accelerations; 6 L + 1
+divisions. By these forms PCRBM with its n^2/6 takes fewer multiplications up to 220 joints. With
+rotors lent, which a chain of equal links needs from somewhere between 80 and 96 joints on, the
+steps grow faster than log2 n, and PCRBM takes fewer at every length tried (128).
 
 Lane i holds joint and link i + 1; of a piece, its first lane holds N, nu and A, its last C, beta.
 """
@@ -135,7 +135,7 @@ def _join(
     Return the cuts of one level, for the way down, and the joined pieces.
 
     The whole chain has no neighbours, and each of its halves only one: C, N or A that no cut
-    reads are left out.
+    reads are excluded.
     """
     C, beta, N, nu, A = pieces.C, pieces.beta, pieces.N, pieces.nu, pieces.A
     base, first, last, tip = zip(*joins, strict=True)

@@ -16,7 +16,7 @@ E - E X E is symmetric, and positive definite exactly when H is (both are Schur 
 
 Parallel cost without light joints: none. Otherwise a dense solve on n lanes
 (pfd_core.algorithms.paper.cholesky) and, for each light joint, 4 multiplications and 2 additions,
-beside the columns.
+next to the columns.
 
 Lane i holds joint i + 1.
 """

@@ -3,7 +3,7 @@
 """
 T X = B for a general T, by elimination with row exchanges on every lane.
 
-Each lane holds a problem of its own and exchanges rows as its own numbers ask: of the rows that
+Each lane holds a separate problem and exchanges rows as its numbers require: of the rows that
 are left, the one with the largest element leads (partial pivoting). An exchange is a selection,
 which moves data within a lane; finding the largest element costs a subtraction a comparison.
 

@@ -8,7 +8,7 @@ o_(i-1) to o_i, u = X S, D = S' I S + rotor, y the joint's right-hand side:
 
     C = u u'/D,  A = X - u (I S)'/D,  N = (I S)(I S)'/D - I,  beta = u y/D,  nu = -I S y/D
 
-These are the quantities of pfd_core.algorithms.beyond.divide_and_conquer. A held joint has 1/D =
+These are the quantities of pfd_core.algorithms.beyond.divide_and_conquer. A braked joint has 1/D =
 0, which leaves A = X and N = -I: a link welded to the one before it.
 
 Parallel cost, rotational joints: 135 multiplications, 53 additions and 1 division, and
@@ -45,7 +45,7 @@ class Joints:
     IS, u : LaneArray
         (6,), I S and X S.
     D, inverse : Lanes
-        S' I S with rotors, and 1/D; infinity and zero for a held joint.
+        S' I S with rotors, and 1/D; infinity and zero for a braked joint.
     y : LaneArray
         (k,), right-hand sides.
 
@@ -85,7 +85,7 @@ def single_links(
     chain: Links, pose: Pose, rotors: Sequence[Lanes], y: LaneArray, free: Lanes | None
 ) -> tuple[Joints, Pieces]:
     """
-    Return each joint with its link, and as a piece of its own.
+    Return each joint with its link, and as a separate piece.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def single_links(
     y : LaneArray
         (k,), columns of right-hand sides [N m or N].
     free : Lanes or None
-        One for joints that move, zero for held ones.
+        One for joints that move, zero for braked ones.
 
     """
     body = bodies(chain, pose, pose.p_star + pose.s)

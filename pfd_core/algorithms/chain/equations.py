@@ -60,10 +60,10 @@ def armature(recorder: Recorder, plant: Plant) -> Lanes | None:
 
 def held_joints(rows: list[Lanes], y: Lanes) -> tuple[list[Lanes], Lanes, Lanes]:
     """
-    Return H and y with the accelerations of held joints set to zero, and the input `free`.
+    Return H and y with the accelerations of braked joints set to zero, and the input `free`.
 
-    Of a held joint's equation the diagonal element remains. It may be zero, so that a solve takes
-    its pivot as infinite, whose reciprocal is zero.
+    Of a braked joint's equation the diagonal element remains. It may be zero, so that a solve
+    takes its pivot as infinite, whose reciprocal is zero.
     """
     recorder = y.recorder
     with recorder.section('brakes'):

@@ -3,7 +3,7 @@
 """
 Inputs and outputs of whole programs.
 
-Inputs are `q`, `qd` and `qdd` or `tau`, (n,), and where the scene asks for them `wrench`, (6,):
+Inputs are `q`, `qd` and `qdd` or `tau`, (n,), and where the scene needs them `wrench`, (6,):
 force and moment exerted on the last link, in its axes, about its origin, and `free`, (n,): 1 for
 a joint that moves and 0 for a joint that its brake holds.
 

@@ -20,7 +20,7 @@ fixed to link i, with z along the joint's axis.
 Cost: 4 multiplications, 2 additions, a sine and a cosine for a rotational joint; 2 and 2 for a
 translational joint, none for the last.
 
-None stands for a vector that is known to be zero while recording, and costs nothing. Without an
+None means a vector that is known to be zero while recording, and costs nothing. Without an
 external wrench frame n is laid on the last joint's axis: its twist is None, and so is its offset
 unless the joint is translational.
 """
@@ -213,7 +213,7 @@ def known(chain: Chain, values: Sequence[Lanes | None]) -> list[Lanes]:
 
 
 def released(free: Sequence[Lanes] | None, values: Sequence[Lanes]) -> list[Lanes]:
-    """Return values, zero for held joints; all of them without brakes (free is None)."""
+    """Return values, zero for braked joints; all of them without brakes (free is None)."""
     if free is None:
         return list(values)
     return [where(moves, value, 0.0) for moves, value in zip(free, values, strict=True)]
@@ -277,7 +277,7 @@ def _back(angle: Planar) -> Planar:
 
 
 def plus(*terms: Any) -> Any:
-    """Return the sum of vectors or numbers, None left out; None if all are None."""
+    """Return the sum of vectors or numbers, ignoring None; None if all are None."""
     result = None
     for term in terms:
         if term is not None:

@@ -71,11 +71,11 @@ class Joint:
     U_n, U_f : LaneArray
         (3,), moment and force that a unit acceleration of the joint takes.
     d : Lanes
-        S.U + rotor, a pivot of H; infinite for a held joint.
+        S.U + rotor, a pivot of H; infinite for a braked joint.
     inverse : Lanes
-        1/d, or zero for a held joint.
+        1/d, or zero for a braked joint.
     kept : Lanes
-        Share of U in the row of I - U g' along the joint: rotor/d, or one for a held joint.
+        Share of U in the row of I - U g' along the joint: rotor/d, or one for a braked joint.
     stiff : bool
         Whether `kept` can be other than zero.
 
@@ -177,7 +177,7 @@ def _inward_matrix(link: Link, X: LaneArray) -> LaneArray:
     if link.square:  # y and z change places, which takes no rounding
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = X
         return array([[xx, -(sa * xz), sa * xy], [-(sa * zx), zz, -zy], [sa * yx, -yz, yy]])
-    # About x: the same with y, z, x in place of x, y, z.
+    # About x: the same with y, z, x instead of x, y, z.
     X = np.roll(X, (-1, -1), (0, 1))
     return np.roll(_turned(ca, sa, X), (1, 1), (0, 1))
 

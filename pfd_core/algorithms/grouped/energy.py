@@ -8,7 +8,7 @@ The velocity of each link, base to tip, and its kinetic energy:
     w_i = R'w [+ z qd],  v_i = R'(v + w x r) {+ z qd}                [rotational], {translational}
     T = sum of w . (I w / 2 + h x v) + m v.v / 2 + rotor qd^2 / 2
 
-A grouped link has an energy of its own that no body need have; only the sum has a meaning. The
+The energy of a single grouped link has no physical meaning; only the sum has. The
 potential energy is that of pfd_core.algorithms.grouped.gravity.
 
 Base parameters of pfd_core.algorithms.grouped.links. One register holds one number; everything of

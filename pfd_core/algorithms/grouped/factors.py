@@ -3,7 +3,7 @@
 """
 H = L' D L of an inertia matrix on one processor, from the last row on, and H x = y.
 
-The pivot of a held joint is infinite, so that a massless joint can be held: its reciprocal is
+The pivot of a braked joint is infinite, so that a massless joint can be braked: its reciprocal is
 zero, and so are its x and all its factors, by which its row would change others.
 """
 
@@ -28,11 +28,11 @@ class Factors:
     Attributes
     ----------
     L : list of list of Lanes
-        Rows of the lower triangle without its diagonal of ones; zeros in those of held joints.
+        Rows of the lower triangle without its diagonal of ones; zeros in those of braked joints.
     inverses, pivots : list of Lanes
-        1 / D and D; zero and infinite for held joints.
+        1 / D and D; zero and infinite for braked joints.
     free : sequence of Lanes or None
-        Zero for a held joint.
+        Zero for a braked joint.
 
     """
 
@@ -68,7 +68,7 @@ def factorise(H: Sequence[Sequence[Lanes]], free: Sequence[Lanes] | None = None)
 
 
 def solution(factors: Factors, y: Sequence[Lanes]) -> list[Lanes]:
-    """Return x of H x = y, zero for held joints."""
+    """Return x of H x = y, zero for braked joints."""
     x = list(y)
     for k in range(len(x) - 1, -1, -1):
         for i, factor in enumerate(factors.L[k]):

@@ -6,12 +6,12 @@ Inverse dynamics and the bias on one processor, with grouped inertial parameters
     tau = H(q) qdd + bias(q, qd)
 
 The torques are the commanded ones: those of the links, gravity, the wrench, damping, springs and
-rotors, minus the gravity torques that the drives add by themselves. Brakes and limits of the
-drives play no part. The recursion is pfd_core.algorithms.grouped.newton_euler (Luh, Walker and
+rotors, minus the gravity torques that the motor controllers add. Brakes and motor
+limits are ignored. The recursion is pfd_core.algorithms.grouped.newton_euler (Luh, Walker and
 Paul 1980).
 
-This text takes half the operations of pfd_core.algorithms.programs.record_inverse_dynamics
-(NE1, written for n lanes), and a tenth fewer than link_torques, beside this module, whose
+This program takes half the operations of pfd_core.algorithms.programs.record_inverse_dynamics
+(NE1, written for n lanes), and a tenth fewer than link_torques, whose
 parameters are not grouped.
 """
 

@@ -17,7 +17,7 @@ Tip to base, r the position of o_i and v_o its velocity, relative to o_(i-1), in
     P <- R P + m v_o,   N <- R N R' + (m r + R h) v_o' + r (R P)',   c <- R c + 2 v_o x f
 
 H has the elements [n_z], {f_z} of (f, n) in joints i <= j. 2 P, 2 N, 2 v_o and 2 w are what the
-text carries: no factor 2 is left.
+program carries: no factor 2 is left.
 
 Walker and Orin 1982 (method 3) for m, h, J and H.
 
@@ -214,7 +214,7 @@ def _moved_body(link: Link, drift: LaneArray, body: Body) -> Body:
 
 
 def _shifted(J: LaneArray, r: LaneArray, h: LaneArray, m: Lanes) -> LaneArray:
-    """Return the inertia of a body about -r, in place of that about its origin."""
+    """Return the inertia of a body about -r, instead of that about its origin."""
     twice = h + h + m * r
     far = h + m * r
     result: LaneArray = J.copy()

@@ -12,7 +12,7 @@ The bias, base to tip and back (W = [wd] + [w][w], so that W p is the accelerati
 
 [rotational], {translational}. Luh, Walker and Paul 1980; base parameters of
 pfd_core.algorithms.grouped.links, Khalil and Kleinfinger 1987. H qdd = y is solved by
-composite_body and by articulated_body, beside this module.
+composite_body and articulated_body.
 
 One register holds one number; everything of link i is in axes B_i.
 """
@@ -155,7 +155,7 @@ def inward_symmetric(link: Axes, X: LaneArray) -> LaneArray:
     xx, xy, xz, yy, yz, zz = turned_about_z(c, s, X)
     if link.square:  # y and z change places, which takes no rounding
         return array([xx, -(sa * xz), sa * xy, zz, -yz, yy])
-    # About x: the same with y, z, x in place of x, y, z.
+    # About x: the same with y, z, x instead of x, y, z.
     yy, yz, xy, zz, xz, xx = turned_about_z(ca, sa, array([yy, yz, xy, zz, xz, xx]))
     return array([xx, xy, xz, yy, yz, zz])
 

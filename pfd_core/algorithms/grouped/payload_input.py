@@ -3,7 +3,7 @@
 """
 A payload as an input: the parameters of links that it changes, as numbers given at run time.
 
-    payload_numbers      the input that stands for a payload of a robot
+    payload_numbers      the input for a payload of a robot
     payload_inputs       the same for a scene, which may have none
     with_payload_input   grouped parameters of a recording, with inputs for those that change
     last_body            the last link as given, for the residual of refinement
@@ -15,7 +15,7 @@ parameter that a payload changes, robot and payload together. These numbers are 
 payload, so that an evaluation reads them in the place of constants. Parameters that no payload
 changes stay constants.
 
-Sums have a fixed order, not that of a library: a payload has the same bits on every machine.
+Sums have a fixed order, so a payload has the same bits on every machine.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ class _Parameters(NamedTuple):
 
 
 def payload_numbers(robot: Robot, payload: Payload | None) -> Array:
-    """Return the input that stands for a payload of a robot, None for no payload; read-only."""
+    """Return the input for a payload of a robot, None for no payload; read-only."""
     if payload is not None and not isinstance(payload, Payload):
         raise ValueError(f'payload must be a Payload or None, got {quote(payload)}')
     return _payload_numbers(robot, payload)

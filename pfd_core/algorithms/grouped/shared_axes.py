@@ -10,7 +10,7 @@ B_i, fixed to link i with z along the axis of joint i, is turned about that z by
 
 So a group of parallel joints has the axes of its last link, and parameters and positions of the
 links before that one depend on q. A force is moved from joint to joint of a group by 4
-multiplications and 4 additions in place of 10 and 8.
+multiplications and 4 additions instead of 10 and 8.
 
 One register holds one number.
 """

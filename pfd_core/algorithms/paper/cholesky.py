@@ -23,7 +23,7 @@ root, where with c_r = r(r + 3)/2
 which no order of this kind can be below (pfd_core.algorithms.paper.elimination_order). At n
 = 6 that is 15, 15, 6 and 0 with 53 routes, or without packing 30, 25, 6 and 0 with 30; the paper
 has 31 (divisions among them), 28 and one square root, and counts no routes. Without a right-hand
-side a factorisation has c_r = r(r + 1)/2 and n - 1 divisions; L L' has n square roots besides, and
+side a factorisation has c_r = r(r + 1)/2 and n - 1 divisions; L L' also has n square roots, and
 one_square_root one, with ceil((n - 1)/2) multiplications.
 
 Lane j holds row j of the lower triangle of H and of L, and y_j, z_j and x_j. Where a step works
@@ -93,9 +93,9 @@ def solve(
     apart = recorder.parallel and not recorder.packs
     with recorder.section('factorisation'):
         # As one more row of H, y would take lanes that each column needs.
-        beside = None if apart else y
+        column = None if apart else y
         factors = factorise(
-            recorder, rows, beside, order=order, square_roots=square_roots, free=free
+            recorder, rows, column, order=order, square_roots=square_roots, free=free
         )
     with recorder.section('column sweep'):
         z = factors.z
@@ -239,11 +239,11 @@ class _Elimination:
         self.right.append(quotient if self.square_roots else column)
 
     def _or_infinite(self, pivot: Lanes, j: int) -> Lanes:
-        """Return a pivot, or infinity where its joint is held."""
+        """Return a pivot, or infinity if its joint is braked."""
         if self.free is None:
             return pivot
-        held: Lanes = where(on(self.free, [j]), pivot, math.inf)
-        return held
+        pivot_or_inf: Lanes = where(on(self.free, [j]), pivot, math.inf)
+        return pivot_or_inf
 
     def eliminate(self, products: Sequence[Product]) -> None:
         """Form products and subtract them from their elements, n or fewer and all different."""

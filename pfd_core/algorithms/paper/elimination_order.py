@@ -64,7 +64,7 @@ Stage = list[tuple[Product, ...]]
 
 
 def by_columns(n: int, augmented: bool) -> list[Stage]:
-    """Return the plain order: each column of the elements left in a step of its own."""
+    """Return the plain order: each column of the elements left in a separate step."""
     stages = []
     for m in range(1, n):
         columns = [[(k, i) for k in range(i, n)] for i in range(m, n)]

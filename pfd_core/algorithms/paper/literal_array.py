@@ -10,17 +10,17 @@ pfd_core.algorithms.paper.set_ordering and run here; the array:
     C_ki^(1) = h_ki,  C_ki^(m+1) = C_ki^(m) - h_im h_km      eqs (29), (30)
     l_kk = sqrt(C_kk^(k)),  l_ki = C_ki^(i) / h_ii           eq. (31)
 
-Lee and Chang 1987, section 2.6, Figures 1 and 2. The drawing of Figure 1 is not in the text at
-hand; the streams are reconstructed from the text. Row 1 is at the bottom. Column i gets
+Lee and Chang 1987, section 2.6, Figures 1 and 2. The drawing of Figure 1 is not available;
+the streams are reconstructed from the description. Row 1 is at the bottom. Column i gets
 h_ii ... h_ni and the flag * from below, from cycle 3i - 2; row k gets h_(k+1)k ... h_nk, h_kk from
 the left, from cycle 2k. A cell keeps the first item that comes from below, h_ki, and sends the
-others on. The times of the text follow: h_n1 is stored at 2n - 1, h_nn and the flag meet
+others on. The times of the paper follow: h_n1 is stored at 2n - 1, h_nn and the flag meet
 in P_n1 at 2n, the last result leaves at 3n - 1. (That all input is stored after 2n - 1 cycles
 holds for column 1 only; h_nn is stored in P_nn at 3n - 2.) The result is the matrix of equations
 (11) and (12): for PUMA 560, UR5 and Panda a wrong matrix, or the root of a negative number.
 pfd_core.algorithms.paper.triangular_array is the design that works.
 
-The text calls h_ij the elements of H. Were each h_ki replaced by l_ki as soon as that is known,
+The paper calls h_ij the elements of H. Were each h_ki replaced by l_ki as soon as that is known,
 (11), (12) and (29) to (31) would be Cholesky's, column after column; the products could then not
 be formed first, as Procedure Set-Ordering has it.
 
@@ -97,10 +97,10 @@ def literal_cholesky(H: ArrayLike) -> Literal:
     """
     H = square_matrix(H)
     result = run(record_literal_cholesky(len(H), 'parallel'), {'H': H.ravel()})
-    return judged(H, result['L'])
+    return checked(H, result['L'])
 
 
-def judged(H: NDArray[Any], L: NDArray[Any]) -> Literal:
+def checked(H: NDArray[Any], L: NDArray[Any]) -> Literal:
     """Return a would-be factor of a matrix with its residual and status."""
     n = len(H)
     lower = np.tril_indices(n)
@@ -167,7 +167,7 @@ def literal_array(H: ArrayLike) -> LiteralRun:
         *off_diagonal, diagonal = trace.leaving((k + 1, k + 1), 'right')
         L[k + 1 :, k] = [item.value for item in off_diagonal]
         L[k, k] = diagonal.value
-    return LiteralRun(judged(H, L), trace)
+    return LiteralRun(checked(H, L), trace)
 
 
 def literal_streams(H: NDArray[Any]) -> dict[Link, dict[int, Item]]:

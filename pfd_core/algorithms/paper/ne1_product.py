@@ -17,7 +17,7 @@ out external forces, too. Otherwise the result is not linear in u.
 Parallel cost a product, rotational joints, L = ceil(log2 n): 42 multiplications and 12 L + 29
 additions; the paper prints 42 and 12 L + 26, a vector sum less. A prismatic joint anywhere
 in the chain adds 3 additions, rotor inertia 1 multiplication and 1 addition. Every
-vector refers to a point of its own link, so that the product is as accurate as H itself.
+vector refers to a point of its link, so that the product is as accurate as H itself.
 
 Lane i holds the quantities of link i + 1, vectors in base axes.
 """

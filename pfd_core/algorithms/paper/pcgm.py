@@ -16,9 +16,9 @@ and the directions lose their orthogonality, so that beyond three joints most st
 n iterations; here the stop is e <= tolerance^2 e_0, and a direction with u't <= 0 ends the
 iteration. The recursive residual that the stop reads is no measure of the error.
 
-Parallel cost, L = ceil(log2 n), beside that of H u: 5 multiplications, 2 L + 3 additions and
+Parallel cost, L = ceil(log2 n), plus the cost of H u: 5 multiplications, 2 L + 3 additions and
 2 divisions an iteration, Jacobi scaling 1 more multiplication. The paper's 49 multiplications and
-14 L + 30 additions an iteration leave 7 and 2 L + 4 beside its H u, divisions among them.
+14 L + 30 additions an iteration leave 7 and 2 L + 4 in addition to its H u, divisions among them.
 
 In all, with k iterations at n = 6, rotational joints, R_i given, the bias of
 pfd_core.algorithms.beyond.omega and packed sums in H u: 182 + 47 k multiplications, 2 k divisions,

@@ -3,7 +3,7 @@
 """
 PCRBM: forward dynamics by parallel composite rigid bodies, which give the inertia matrix H.
 
-For the body made of links j..n, with M its mass, c its centre of mass from o_(j-1), E its
+For the body of links j..n, with M its mass, c its centre of mass from o_(j-1), E its
 inertia about that centre (downward recurrences):
 
     M_j = M_(j+1) + m_j                                                   eq. (15)
@@ -26,7 +26,7 @@ divides by one instead of zero, since c_j is then unused.
 Parallel cost for rotational joints, L = ceil(log2 n), h = ceil((n-1)/2), n > 1: 4 L + 9 h + 42
 multiplications, 10 L + 5 h + 3 n + 32 additions and 2 divisions. The n(n-1)/2 pairs i < j are
 packed onto full rows of lanes, h rounds of them: the paper has the same 9 h and 5 h in item (f),
-and does not say how. At n = 6 that saves 18 multiplications and 10 additions of the pairs and
+without stating how. At n = 6 that saves 18 multiplications and 10 additions of the pairs and
 costs 48 routes more (78 instead of 30).
 
 Lane j holds the composite body of links j + 1..n, and column j of H: h_ij with i <= j.

@@ -13,16 +13,16 @@ the best there is for independent sums. The sums are of the wrong products: L L'
 l_ij l_kj and l_ii where (11) and (12) have h_ij h_kj and h_ii. The result is right
 for a diagonal H; otherwise, as a rule, it is a wrong matrix or the root of a negative number: both
 occur for each of PUMA 560, UR5 and Panda. pfd_core.algorithms.paper.literal_array runs the
-equations and tells the outcome; pfd_core.algorithms.paper.cholesky has correct ones.
+equations and reports the outcome; pfd_core.algorithms.paper.cholesky has correct ones.
 
-Misprints. Procedure: the sum in the text runs over j from 1 to i - 1, and over k from i; Step 4
+Misprints. Procedure: the sum as printed runs over j from 1 to i - 1, and over k from i; Step 4
 of the factorisation must leave out k = 1. Appendix C: S_42^(2) is S_42^(4), the a_32^(1) in the
 sums of S_33 is a_33^(1), NS is NA, S_32^(1,0) is a_32^(1,0), and the sets left for the last
 iteration are S_44 and S_22. Left open in the paper: sets of the same length keep the order
 they have, at first decreasing i, then k; so Appendix C comes out set by set.
 
 Parallel cost: ceil((n^2 - 1)/6) multiplications and as many additions, ceil((n - 1)/2)
-divisions and one square root on n lanes. The paper counts n(n - 1)/2 additions in the text and
+divisions and one square root on n lanes. The paper counts n(n - 1)/2 additions in its text and
 ceil((n^2 - 1)/2) in item (b): 15 and 18 at n = 6, where its own procedure takes 6.
 
 Lane l holds the set that the (l + 1)-th processor works on, another in every iteration.

@@ -25,7 +25,7 @@ pfd_core.algorithms.paper.literal_array, sends h_mi up column i where l_mi is ne
 matrix of equations (29) to (31) instead of Cholesky's. Two things differ here. P_ii sends its own
 result, so that the streams from below and their memories disappear; and the diagonal element and
 its flag come first, because l_mk needs l_kk, which also takes a cycle off the paper's 3n - 1. The
-way back is ours: in Table 1 n general-purpose processors stand beside the array.
+way back is ours: in Table 1 n general-purpose processors are used alongside the array.
 
 Cost of the whole solve, all cells together: (n^3 - n)/6 + n(n - 1) multiplications and as many
 additions, n(n - 1)/2 + 2n divisions, n square roots. A cell multiplies and subtracts, divides

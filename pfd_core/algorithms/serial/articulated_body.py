@@ -14,10 +14,10 @@ Forward dynamics on one processor by articulated bodies (Featherstone 1983, 1987
     qdd_i = r - g.(wd, a)_(i-1),   (wd, a)_i = (wd, a)_(i-1) + c + S qdd,    base to tip
             a += wd x p + b
 
-Accelerations are those of points, as Newton and Euler have them, so that no linear velocity is
+Accelerations are those of points, as in the Newton-Euler equations, so that no linear velocity is
 needed. Signs are those of Lee and Chang 1987: the base accelerates by minus gravity, and the
 wrench acts on the last link with a minus sign. Nothing is divided by a mass; d is the pivot of H
-eliminated from the tip, and H is positive definite exactly when all are above zero. A held joint
+eliminated from the tip, and H is positive definite exactly when all are above zero. A braked joint
 has an infinite pivot and g = r = 0: its whole body passes to the link before.
 
 Serial cost, rotational joints, no wrench, n > 1:
@@ -29,10 +29,11 @@ Serial cost, rotational joints, no wrench, n > 1:
     in all               284n - 226    257n - 227     n = 6: 1478 and 1315
 
 Lee and Chang 1987 have 380n - 198 and 302n - 173, which is 2082 and 1639 for n = 6, print 2280
-and 1816 beside it, and 2250 in the introduction. Both counts hold the bias. In multiplications and
-additions together this text is cheaper than method 3 of Walker and Orin, as recorded here, from
-n = 11; by the formulas of Table 1 from n = 12. That this recurrence cannot be parallelised, as the
-paper concludes, is discussed in pfd_core.algorithms.beyond.divide_and_conquer.
+and 1816 next to it, and 2250 in the introduction. Both counts include the bias. In multiplications
+and additions together this algorithm is cheaper than method 3 of Walker and Orin, as recorded
+here, from n = 11; by the formulas of Table 1 from n = 12. That this recurrence cannot be
+parallelised, as the paper concludes, is discussed in
+pfd_core.algorithms.beyond.divide_and_conquer.
 
 One register holds one number.
 """
@@ -249,8 +250,8 @@ def _joint(link: Link, body: Body, tau: Lanes, rotor: Lanes | None, free: Lanes 
     inverse = 1.0 / pivot
     if free is not None:
         inverse, pivot = where(free, inverse, 0.0), where(free, pivot, math.inf)
-    held = body.f if link.slides else body.n
-    u = tau if held is None else tau - held[2]
+    force = body.f if link.slides else body.n
+    u = tau if force is None else tau - force[2]
     return Joint(inverse * U_n, inverse * U_f, inverse * u, pivot)
 
 

@@ -3,7 +3,7 @@
 """
 The inertia matrix by composite rigid bodies, on one processor, in link coordinates.
 
-For the body made of links j..n, from the tip; d, c_(j+1) and E_(j+1) in the axes of link j
+For the body of links j..n, from the tip; d, c_(j+1) and E_(j+1) in the axes of link j
 
     M_j = M_(j+1) + m_j,   k = m_j / M_j,   d = s_j - c_(j+1)
     c_j = R_j (c_(j+1) + k d + p_j)                               from o_(j-1), axes j-1

@@ -12,7 +12,7 @@ The bias and H u are the recursion of Luh, Walker and Paul; the solve is H = L D
 column, with the right-hand side. Lee and Chang 1987, Table 1, compare with these methods and print
 totals only. The last column is our split of the totals: it sums to their formulas for methods 1
 to 3, two misprints apart, if the divisions of the solve are among the multiplications and its n
-square roots are left out, as Table 1 has none (L D L' needs none).
+square roots are excluded, as Table 1 has none (L D L' needs none).
 
 Serial cost, rotational joints, no wrench, n > 1; k iterations in method 4:
 
@@ -38,7 +38,7 @@ the paper's formulas and printed values:
 
 The linear terms of 1 and 2 are misprints (114 1/2 for 114 1/3, 151 1/2 for 151 1/3, which give
 the printed values and whole numbers for every n); the 12n of method 4 (76 1/2 n^2 + 12n - 21 and
-56n^2 + 87n - 6) does not give the value printed beside it, which 117n would. Method 4 in n
+56n^2 + 87n - 6) does not give the printed value, which 117n would. Method 4 in n
 iterations also supposes exact arithmetic: in float64 k is 7 to 12 for n = 6
 (docs/report/counts.md).
 
@@ -62,7 +62,7 @@ from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes
 from pfd_core.model import Plant
 
-# The recursive residual goes on falling where the true one has stopped, at the rounding of H.
+# The recursive residual continues to fall where the true one has stopped, at the rounding of H.
 TOLERANCE = 1e-15
 # With rounding the directions lose their orthogonality, and n iterations are not enough: skew
 # chains of 32 joints take 90, with masses from 1 to 1e4 140, in float32 ten times as many.
@@ -94,7 +94,7 @@ def record_walker_orin_4(
     Parameters
     ----------
     plant : Plant
-        Robot and scene; equations and unknowns of held joints are left out.
+        Robot and scene; equations and unknowns of braked joints are excluded.
     schedule : str
         Any of SCHEDULES gives the same program: there is one processor.
     tolerance : float
@@ -216,7 +216,7 @@ def solve(
     y : sequence of Lanes
         Right-hand side, (n,).
     free : sequence of Lanes, optional
-        Zero for a held joint; its pivot is infinite, so that a massless joint can be held.
+        Zero for a braked joint; its pivot is infinite, so that a massless joint can be braked.
 
     Returns
     -------

@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Code generation: program -> text of LLVM IR. Each module writes the functions it is named after.
+Code generation: program -> LLVM IR. Each module writes the functions it is named after.
 
     builder          one function: fresh names, loops, branches
     spelling         number formats, types, constants, single operations, arrays
@@ -20,7 +20,7 @@ Code generation: program -> text of LLVM IR. Each module writes the functions it
     linear_step      @linear_step, @evaluate: derivatives of a step
     calls            functions that run procedures and @evaluate_NAME on arrays
     segments         @step with dry friction and joint stops, from event to event
-    cycles           @cycles: steps whose efforts pass the limits of motors
+    cycles           @cycles: steps whose efforts pass actuators
     rollout          @rollout, @accelerations: the simulation of one arm
     law              feedback laws of an ensemble
     arms             @arms, @ensemble: simulations of many arms, one per SIMD lane

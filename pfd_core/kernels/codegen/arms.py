@@ -8,8 +8,8 @@ LLVM IR of many simulations at once: one arm per SIMD lane, all steps in native 
     @ensemble    a block of arms
 
 The torque of a step is taken from an array, to which a law may add a feedback of the state at its
-beginning (pfd_core.kernels.codegen.law); it is held for the step. Every operation on an arm is
-one that the simulation of a single arm does, in the same order.
+beginning (pfd_core.kernels.codegen.law); it is constant over the step. Every operation on an arm
+is one that the simulation of a single arm does, in the same order.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ SLOTS = (
     *REFERENCES,
     *(f'{name}.out' for name in REPORT),
 )
-# Parameters of @arms besides its first arm.
+# Parameters of @arms except its first arm.
 COMMON = (
     *('i64 %last', 'i64 %steps', 'ptr %substeps', 'i64 %every', 'i64 %law', 'ptr %table'),
     'ptr %finite_steps',
@@ -129,7 +129,7 @@ def arms(program: Program, dynamics: Program, form: Format) -> str:
 
 
 def _slot(ir: Function, name: str, k: int, n: int, form: Format) -> _Slot:
-    """Read one row of the table and make room for `width` arms."""
+    """Read one row of the table and allocate arrays for `width` arms."""
     base, arm, column, step = table_row(ir, k, 4)
     size = 6 if name == 'wrench' else n
     in_place = name == MATRIX or name.endswith('.out')

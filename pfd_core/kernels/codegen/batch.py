@@ -28,7 +28,7 @@ def batch(program: Program, form: Format, size: int, name: str = 'batch') -> str
     ir = Function(f'define i64 @{name}(i64 %count, ptr %table)')
     tables = {array: Rows(*table_row(ir, slot, 3)) for slot, array in enumerate(sizes)}
     buffers = {array: ir.array(form.type, elements) for array, elements in sizes.items()}
-    beside = {
+    adjacent = {
         array: ir.let(f'icmp eq i64 {rows.row}, {form.bytes}') for array, rows in tables.items()
     }
     last = ir.let('sub i64 %count, 1')
@@ -38,7 +38,7 @@ def batch(program: Program, form: Format, size: int, name: str = 'batch') -> str
         block = Block(b, last, ir.let(f'icmp ule i64 {end}, {last}'))
         direct, arrays = {}, {}
         for array, rows in tables.items():
-            direct[array] = ir.let(f'and i1 {beside[array]}, {block.whole}')
+            direct[array] = ir.let(f'and i1 {adjacent[array]}, {block.whole}')
             arrays[array] = _place(ir, form, rows, b, buffers[array], direct[array])
             if array != 'out':
                 copy(ir, 'in', rows, buffers[array], sizes[array], block, direct[array])

@@ -11,9 +11,9 @@ Builder: writes one function of LLVM IR, with fresh names and structured control
     with ir.when(ir.let(f'fcmp uno double {total}, {total}')):
         ir.ret('double', '-1.0')
     ir.ret('double', total)
-    text = str(ir)
+    source = str(ir)
 
-A value is text: the name of a parameter or global, a constant, or a fresh name that `let` and
+A value is a string: the name of a parameter or global, a constant, or a fresh name that `let` and
 its relatives return. Instructions are written as LLVM spells them. A value that a loop or a
 branch changes is a Variable: it is listed when the loop or branch begins and assigned inside; the
 phi instructions follow from that. After the loop or branch it holds the merged value.
@@ -28,7 +28,7 @@ from dataclasses import dataclass
 
 @dataclass
 class Variable:
-    """A value that a loop or a branch may change; as text it is the current value."""
+    """A value that a loop or a branch may change; as a string it is the current value."""
 
     kind: str  # an LLVM type
     value: str
@@ -48,7 +48,7 @@ class Function:
         self._block = 'entry'  # where the next instruction goes; empty after a return
 
     def __str__(self) -> str:
-        """Return the text of the function."""
+        """Return the IR of the function."""
         return '\n'.join([f'{self._head} {{', 'entry:', *self._allocas, *self._lines, '}'])
 
     # Straight-line instructions.

@@ -3,7 +3,7 @@
 """
 LLVM IR of @batch for arms of many joints: chunks of columns are copied side by side first.
 
-In Fortran order each element of a state lies in a column of its own. Many columns are more streams
+In Fortran order each element of a state has a separate column. Many columns are more streams
 than a processor prefetches, and if the number of states is a power of two they evict each other
 from its caches. Pieces of the columns are therefore copied side by side, for CHUNK registers of
 states at a time, and the results are copied back. With few elements that takes longer than it
@@ -38,7 +38,7 @@ def batch_of(program: Program, form: Format, size: int) -> str:
     own = ir.array('i64', 3 * len(sizes))
     near = [ir.array(form.type, elements * chunk) for elements in sizes]
     table = [Rows(*table_row(ir, slot, 3)) for slot in range(len(sizes))]
-    beside = [ir.let(f'icmp eq i64 {rows.row}, {form.bytes}') for rows in table]
+    adjacent = [ir.let(f'icmp eq i64 {rows.row}, {form.bytes}') for rows in table]
     for slot, rows in enumerate(table):
         ir.store('i64', rows.row, ir.element('i64', own, 3 * slot + 1))
     wrong = Variable('i64', '0')
@@ -48,7 +48,7 @@ def batch_of(program: Program, form: Format, size: int) -> str:
         count = ir.call('i64', 'llvm.umin.i64', f'i64 {left}', f'i64 {states}')
         chunks = []
         for slot, rows in enumerate(table):
-            copied = ir.let(f'and i1 {beside[slot]}, {whole}')
+            copied = ir.let(f'and i1 {adjacent[slot]}, {whole}')
             there = ir.offset(rows.base, c, rows.row)
             place = ir.let(f'select i1 {copied}, ptr {near[slot]}, ptr {there}')
             run = states * form.bytes

@@ -119,7 +119,7 @@ def _transpose_rows(ir: Function, form: Format, start: str, inward: bool) -> Non
     """
     Write the loop over elements that lie side by side: rows become columns, LANE bytes at a time.
 
-    The last turn takes elements of the one before again where their number asks for it.
+    The last round repeats elements of the previous one if their number requires it.
     """
     T, S, W = form.type, form.scalar, form.width
     across = LANE // form.bytes

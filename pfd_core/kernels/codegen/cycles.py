@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-LLVM IR of control cycles of one arm: the limits of its motors, then a step, over and over.
+LLVM IR of control cycles of one arm: its actuators, then a step, over and over.
 
     @cycles     all cycles, each with its own commanded efforts
 
@@ -11,6 +11,9 @@ would spend more time on handing over fifteen pointers than the arm takes to mov
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
+from pfd_core.algorithms.chain.actuators import MOTOR_ROWS, OUTPUT_ROWS
 from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.spelling import Array, Format, arguments
 from pfd_core.kernels.codegen.step import (
@@ -25,10 +28,13 @@ from pfd_core.kernels.codegen.step import (
 from pfd_core.machine.program import Program
 
 # Addresses in the block before those of the state: of the number of substeps, the efforts
-# (steps, n), the result (steps, 3, n), the motors (4, n), the counts and the peaks (n,).
-HEAD = ('substeps', 'efforts', 'out', 'motors', 'counts', 'peaks')
-# Of the counts: cycles in which a limit cut an effort, and in which a joint was too fast.
-COUNTS = ('saturated', 'fast')
+# (steps, n), the result (steps, 3, n), the motors (7, n), the targets (2, n), the efforts of the
+# cycle before (n,), the counts and the peaks (n,).
+HEAD = ('substeps', 'efforts', 'out', 'motors', 'targets', 'before', 'counts', 'peaks')
+# Of the counts: cycles in which a limit cut an effort, and in which a joint was too fast; and
+# whether an effort jumped by more than it may, which ends a run before the step.
+COUNTS = ('saturated', 'fast', 'jumped')
+NAN = '0x7FF8000000000000'
 
 
 def block_names(program: Program, dynamics: Program) -> tuple[str, ...]:
@@ -36,13 +42,14 @@ def block_names(program: Program, dynamics: Program) -> tuple[str, ...]:
     return (*HEAD, *MOTION, *extra_arguments(dynamics), *further_rows(program))
 
 
-def cycles(program: Program, dynamics: Program, limits: Program, form: Format) -> str:
+def cycles(program: Program, dynamics: Program, actuators: Program, form: Format) -> str:
     """
     Return `i64 @cycles(i64 steps, ptr block)`.
 
-    Each cycle limits a row of efforts by @body_limits at the velocities of the state, holds the
-    result for a step, and writes q, qd and the limited efforts. It ends after the first step
-    whose state is not finite; the result is the number of steps before that.
+    Each cycle turns a row of efforts into those that act by @body_actuators, holds these for a
+    step, and writes q, qd and the efforts that acted. It ends after the first step whose state is
+    not finite, and before a step whose effort jumps, which writes the efforts wanted. The result
+    is the number of steps before that.
     """
     n, T = program.lanes, form.type
     ir = Function('define i64 @cycles(i64 %steps, ptr %block)')
@@ -51,26 +58,28 @@ def cycles(program: Program, dynamics: Program, limits: Program, form: Format) -
         for k, name in enumerate(block_names(program, dynamics))
     }
     arrays['qdd'] = ir.array(T, n)
-    limited = Array(ir.array(T, 2 * n))
+    result = Array(ir.array(T, len(OUTPUT_ROWS) * n))
     finite_steps = Variable('i64', '0')
     more = Variable('i1', 'true')
     with ir.loop('%steps', finite_steps, condition=more) as t:
-        wanted = Array(ir.element(T, arrays['efforts'], ir.let(f'mul i64 {t}, {n}')))
-        given = {**arrays, 'tau': wanted.address}
+        effort = ir.element(T, arrays['efforts'], ir.let(f'mul i64 {t}, {n}'))
+        given = {**arrays, 'tau': effort}
         ir.call(
             'void',
-            'body_limits',
-            pointers([*(given[name] for name in arguments(limits)), limited.address]),
+            'body_actuators',
+            pointers([*(given[name] for name in arguments(actuators)), result.address]),
         )
-        _count(ir, form, n, wanted, limited, arrays)
-        efforts = [form.read(ir, limited, k) for k in range(n)]
-        for k, effort in enumerate(efforts):
-            form.write(ir, Array(arrays['tau']), k, effort)
+        values = [form.read(ir, result, k) for k in range(len(OUTPUT_ROWS) * n)]
+        efforts, excess, wanted, jumps = (values[k : k + n] for k in range(0, 4 * n, n))
+        row = Array(ir.element(T, arrays['out'], ir.let(f'mul i64 {t}, {3 * n}')))
+        _end_at_jump(ir, form, arrays, jumps, wanted, row, finite_steps)
+        _count(ir, form, arrays, (efforts, excess, wanted))
+        for k, value in enumerate(efforts):
+            form.write(ir, Array(arrays['tau']), k, value)
         if 'free' in arrays:
             close_brakes(ir, arrays)
         take_steps(ir, arrays['substeps'], program, dynamics, arrays)
         motion = count_finite(ir, finite_steps, t, arrays, n, form)
-        row = Array(ir.element(T, arrays['out'], ir.let(f'mul i64 {t}, {3 * n}')))
         for k, value in enumerate([*motion['q'], *motion['qd'], *efforts]):
             form.write(ir, row, k, value)
         more.value = ir.let(f'icmp ugt i64 {finite_steps}, {t}')
@@ -78,27 +87,62 @@ def cycles(program: Program, dynamics: Program, limits: Program, form: Format) -
     return str(ir)
 
 
+def _free(ir: Function, form: Format, arrays: Mapping[str, str], k: int) -> str:
+    """Return an i1: whether joint k is free of its brake."""
+    if 'free' not in arrays:
+        return 'true'
+    free = form.read(ir, Array(arrays['free']), k)
+    return ir.let(f'fcmp ogt {form.type} {free}, {form.zero}')
+
+
+def _end_at_jump(
+    ir: Function,
+    form: Format,
+    arrays: Mapping[str, str],
+    jumps: Sequence[str],
+    wanted: Sequence[str],
+    row: Array,
+    finite_steps: Variable,
+) -> None:
+    """Return if the effort of a free joint jumps; keep the efforts wanted for the next cycle."""
+    n, T = len(jumps), form.type
+    free = [_free(ir, form, arrays, k) for k in range(n)]
+    jumped = 'false'
+    for k, jump in enumerate(jumps):
+        most = form.read(ir, Array(arrays['motors']), MOTOR_ROWS.index('jump') * n + k)
+        beyond = ir.let(f'fcmp ogt {T} {jump}, {most}')
+        beyond = ir.let(f'and i1 {beyond}, {free[k]}')
+        jumped = ir.let(f'or i1 {jumped}, {beyond}')
+    with ir.when(jumped, rarely=True):
+        for k, value in enumerate(wanted):
+            form.write(ir, row, 2 * n + k, value)
+        ir.store('i64', 1, ir.element('i64', arrays['counts'], COUNTS.index('jumped')))
+        ir.ret('i64', finite_steps)
+    for k, value in enumerate(wanted):
+        # The first effort of a joint that comes off its brake may be any.
+        kept = ir.let(f'select i1 {free[k]}, {T} {value}, {T} {NAN}')
+        form.write(ir, Array(arrays['before']), k, kept)
+
+
 def _count(
-    ir: Function, form: Format, n: int, wanted: Array, limited: Array, arrays: dict[str, str]
+    ir: Function, form: Format, arrays: Mapping[str, str], values: Sequence[Sequence[str]]
 ) -> None:
     """Count a cycle with limited efforts, and one with joints that are too fast; keep peaks."""
-    cut, fast = [], []
-    for k in range(n):
-        effort, acting = (form.read(ir, x, k) for x in (wanted, limited))
-        cut.append(ir.let(f'fcmp une {form.type} {effort}, {acting}'))
-        excess = form.read(ir, limited, n + k)
-        fast.append(ir.let(f'fcmp ogt {form.type} {excess}, {form.zero}'))
-    for place, flags in enumerate((cut, fast)):
+    efforts, excess, wanted = values
+    T = form.type
+    cut = [
+        ir.let(f'fcmp une {T} {acting}, {effort}')
+        for acting, effort in zip(efforts, wanted, strict=True)
+    ]
+    fast = [ir.let(f'fcmp ogt {T} {value}, {form.zero}') for value in excess]
+    for name, flags in (('saturated', cut), ('fast', fast)):
         flag = flags[0]
         for other in flags[1:]:
             flag = ir.let(f'or i1 {flag}, {other}')
         with ir.when(flag, rarely=True):
-            address = ir.element('i64', arrays['counts'], place)
-            count = ir.load('i64', address)
-            ir.store('i64', ir.let(f'add i64 {count}, 1'), address)
-            for k in range(n if flags is fast else 0):
-                excess = form.read(ir, limited, n + k)
+            address = ir.element('i64', arrays['counts'], COUNTS.index(name))
+            ir.store('i64', ir.let(f'add i64 {ir.load("i64", address)}, 1'), address)
+            for k, value in enumerate(excess if name == 'fast' else ()):
                 peak = form.read(ir, Array(arrays['peaks']), k)
-                higher = ir.let(f'fcmp ogt {form.type} {excess}, {peak}')
-                highest = form.select(ir, higher, excess, peak)
-                form.write(ir, Array(arrays['peaks']), k, highest)
+                higher = ir.let(f'fcmp ogt {T} {value}, {peak}')
+                form.write(ir, Array(arrays['peaks']), k, form.select(ir, higher, value, peak))

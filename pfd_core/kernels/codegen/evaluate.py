@@ -24,7 +24,7 @@ def evaluate(program: Program, form: Format, angles: Sequence[int], suffix: str 
     arrays = wrapped_inputs(ir, program, form, angles)
     ir.call('void', f'body{suffix}', *map(str, arrays), str(form.parameter('out')))
     ir.ret()
-    # Functions with a suffix stand in a module beside one without.
+    # A module with suffixed functions also has one without a suffix.
     return '\n'.join([str(ir), *([wrap_row(form)] if angles and not suffix else [])])
 
 

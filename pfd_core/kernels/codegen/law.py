@@ -65,8 +65,8 @@ def whole_state(n: int, form: Format) -> str:
         'define internal void @whole_state(ptr %tau, ptr %error, ptr %gain, i64 %arm, '
         'i64 %column, i64 %b, i64 %last)'
     )
-    room = form.splat(ir, ir.let('sub i64 %last, %b'))
-    arm = ir.call(lanes, umin, f'{lanes} {lane_numbers(W)}', f'{lanes} {room}')
+    limit = form.splat(ir, ir.let('sub i64 %last, %b'))
+    arm = ir.call(lanes, umin, f'{lanes} {lane_numbers(W)}', f'{lanes} {limit}')
     offsets = ir.let(f'mul {lanes} {arm}, {form.splat(ir, "%arm")}')
     here = Variable('ptr', ir.offset('%gain', '%b', '%arm'))
     with ir.loop(n, here) as i:

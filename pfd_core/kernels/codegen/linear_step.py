@@ -309,7 +309,7 @@ def linearisation(
 
 
 def _copied(ir: Function, form: Format, names: Sequence[str], n: int) -> dict[str, str]:
-    """Return the addresses of copies of the inputs, with velocities of held joints zero."""
+    """Return the addresses of copies of the inputs, with zero velocities of braked joints."""
     own, inner = {}, Format(form.dtype, form.width)
     for name in names:
         size = 6 if name == 'wrench' else n

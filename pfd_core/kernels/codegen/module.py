@@ -109,19 +109,22 @@ def rollout_module(
     angles: Sequence[int],
     others: Mapping[str, Program] = MappingProxyType({}),
     contact: Contact | None = None,
-    limits: Program | None = None,
+    actuators: Program | None = None,
 ) -> str:
     """
     Return the module of the simulation of one arm by an integrator's step.
 
     `dynamics` is the program of @evaluate, `others` are those of further functions, by the names
     that the step calls them. With `contact` the step and the accelerations are of that, and the
-    programs tell its inputs alone. With `limits`, the lowered program of motors, it has @cycles.
+    programs have only its inputs. With `actuators`, a lowered program, it has @cycles.
     """
     form = Format(dtype, 1)
     loops = [rollout(step_program, dynamics, form), accelerations(dynamics, form)]
-    if limits is not None:
-        loops += [body(limits, form, '_limits'), cycles(step_program, dynamics, limits, form)]
+    if actuators is not None:
+        loops += [
+            body(actuators, form, '_actuators'),
+            cycles(step_program, dynamics, actuators, form),
+        ]
     return _simulation(step_program, dynamics, form, angles, loops, others, contact)
 
 

@@ -215,7 +215,7 @@ class _Product:
 
 
 def _tiles(count: int, size: int) -> Iterator[range]:
-    """Yield ranges whose steps are tiles: the whole ones, and one that is smaller."""
+    """Yield ranges whose steps are tiles: complete ones and a smaller one."""
     whole = count - count % size
     if whole:
         yield range(0, whole, size)

@@ -57,7 +57,7 @@ def entry_ir(program: Program, dtype: str, shape: Sequence[int]) -> str:
     form = Format(dtype, 1)
     names = arguments(program)
     message = (
-        f'what is bound cannot be evaluated: {", ".join(names)} must be finite, and all arrays '
+        f'the bound kernel cannot be evaluated: {", ".join(names)} must be finite, and all arrays '
         'as they were when they were bound'
     )
     entry, bound = (Function(f'define ptr @{name}({FASTCALL})') for name in ('entry', 'bound'))
@@ -133,8 +133,8 @@ def _require_contiguous(ir: Function, array: str, shape: Sequence[int], form: Fo
             for field in (DIMENSIONS, STRIDES)
         )
         fits = ir.let(f'icmp eq i64 {length}, {shape[axis]}')
-        beside = ir.let(f'icmp eq i64 {stride}, {distance}')
-        ir.require(ir.let(f'and i1 {fits}, {beside}'), 'ptr null')
+        adjacent = ir.let(f'icmp eq i64 {stride}, {distance}')
+        ir.require(ir.let(f'and i1 {fits}, {adjacent}'), 'ptr null')
         distance *= shape[axis]
 
 

@@ -8,7 +8,7 @@ LLVM IR of the simulation of one arm: an integrator's step in two loops.
     @accelerations    qdd of states that were written before
 
 A step computes no more than the next state needs. The accelerations at the ends of steps are
-computed by @accelerations, only when a caller asks for them.
+computed by @accelerations, only when a caller reads them.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ def rollout(program: Program, dynamics: Program, form: Format) -> str:
     Return `i64 @rollout(steps, substeps, q, qd, taus, extra..., further..., out...)`.
 
     Each of `steps` steps takes one row of `taus` for as many calls of @step as `substeps` points
-    to, and writes the motion that it ends with, and the torque, if that is a row of its own.
+    to, and writes the motion that it ends with, and the torque, if it is a separate row.
     `further` are the other rows of the state. Braked joints are brought to rest first. The result
     is the number of steps after which the state was finite.
     """

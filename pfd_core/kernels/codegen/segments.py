@@ -148,7 +148,6 @@ def _hold_arguments(contact: Contact, extra: Sequence[str]) -> tuple[str, ...]:
 
 
 def _hold(contact: Contact, extra: Sequence[str], form: Format) -> str:
-    """Return @hold."""
     names = _hold_arguments(contact, extra)
     calls = _calls('define internal void @hold', names, contact, form)
 
@@ -188,7 +187,6 @@ def _compress_arguments(contact: Contact, hits: str = 'hits', suffix: str = '') 
 
 
 def _compress(contact: Contact, form: Format) -> str:
-    """Return @compress."""
     given = _compress_arguments(contact)
     calls = _calls('define internal void @compress', given, contact, form)
     calls.fill('zero', 0.0)
@@ -208,7 +206,6 @@ def _compress(contact: Contact, form: Format) -> str:
 
 
 def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: Format) -> str:
-    """Return @step."""
     given = (*REPORT, *further, *extra)
     calls = _calls('define internal void @step', given, contact, form)
     lags = 'lag' in contact.programs
@@ -251,7 +248,6 @@ def _step(contact: Contact, further: Sequence[str], extra: Sequence[str], form: 
 
 
 def _evaluate(contact: Contact, extra: Sequence[str], form: Format) -> str:
-    """Return @evaluate."""
     calls = _calls('define void @evaluate', (*MOTION, *extra, 'qdd'), contact, form)
     _unbrake(calls, extra)
     calls.run('watch')

@@ -4,7 +4,7 @@
 Spelling: number formats, types, constants and single operations as LLVM IR.
 
 One writer serves a single state (width 1, scalars) and a batch (one state per SIMD lane): the
-text and the order of operations are the same, and no flag lets LLVM change either, so that a
+source and the order of operations are the same, and no flag lets LLVM change either, so that a
 state gives the same bits alone, in any batch, and on the emulator.
 
 Element k of an array holds `width` numbers that lie side by side, one per state. Elements follow
@@ -22,7 +22,7 @@ from pfd_core.machine.operations import OPERATIONS
 from pfd_core.machine.program import Instruction, Program
 
 # All inputs that a program may have, in the order of a kernel's arguments.
-ARGUMENTS = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free', 'payload', 'motors')
+ARGUMENTS = ('q', 'qd', 'qdd', 'tau', 'wrench', 'free', 'payload', 'motors', 'targets', 'before')
 SCALAR = {'float64': 'double', 'float32': 'float'}
 SUFFIX = {'float64': 'f64', 'float32': 'f32'}
 BYTES = {'float64': 8, 'float32': 4}

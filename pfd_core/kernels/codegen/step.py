@@ -3,7 +3,7 @@
 """
 LLVM IR of an integrator's step around @evaluate.
 
-The step is a program recorded over one lane per joint. Each lane is a value of its own here,
+The step is a program recorded over one lane per joint. Each lane is a separate value here,
 which holds one number, or one for each of `width` arms: numbers that are written one by one and
 read as a vector would have to reach the cache first, which takes longer than the operations of
 the step.
@@ -104,7 +104,7 @@ def step(
 
 
 def further_rows(program: Program) -> tuple[str, ...]:
-    """Return the rows of the state beside MOTION that an integrator's program advances."""
+    """Return the rows of the state other than MOTION that an integrator's program advances."""
     return tuple(name for name in program.outputs if name not in REPORT)
 
 
@@ -114,7 +114,6 @@ def torque_row(program: Program) -> str:
 
 
 def _arguments(program: Program, dynamics: Program) -> tuple[str, ...]:
-    """Return the arguments of @step."""
     return *REPORT, *further_rows(program), *extra_arguments(dynamics)
 
 
@@ -124,7 +123,7 @@ def begins_with_acceleration(program: Program) -> bool:
 
 
 def extra_arguments(dynamics: Program) -> list[str]:
-    """Return the arguments of @evaluate besides q and qd."""
+    """Return the arguments of @evaluate after q and qd."""
     return [name for name in arguments(dynamics) if name not in MOTION]
 
 

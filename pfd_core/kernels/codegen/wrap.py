@@ -47,7 +47,7 @@ _TURNS = (1 << (2 * _TABLE_BITS + 64)) // _pi(_TABLE_BITS + 65)  # 2^1280 / 2 pi
 _TWO_PI = (_pi(_TWO_PI_BITS + 32) >> 30) + 1 >> 1  # to nearest
 
 
-# This text declares @llvm.ctlz.i256; a module must not declare it again.
+# This IR declares @llvm.ctlz.i256; a module must not declare it again.
 WRAP_ANGLE_IR = f"""
 declare i256 @llvm.ctlz.i256(i256, i1 immarg)
 

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Dead code elimination: instructions that no output depends on are left out."""
+"""Dead code elimination: remove instructions that no output depends on."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def fuse(program: Program) -> Program:
 
 
 def _users(program: Program) -> list[list[int]]:
-    """Return for each register the instructions that read it; -1 stands for an output."""
+    """Return for each register the instructions that read it; -1 for an output."""
     users: list[list[int]] = [[] for _ in program.instructions]
     for register, instruction in enumerate(program.instructions):
         for a in instruction.args:

@@ -1,10 +1,10 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The pipeline: a sequential recording becomes the short equal program that a kernel is made of.
+The pipeline: a sequential recording becomes the short equivalent program of a kernel.
 
     fold         constants meet constants, zeros and ones disappear, equal expressions are shared
-    dead_code    instructions that no output depends on are left out
+    dead_code    remove instructions that no output depends on
     sincos       sine and cosine are written out in the other operations
     fuse         additions take in the multiplications that they add
     schedule     operations change places, so that registers suffice and few operations wait
@@ -40,7 +40,7 @@ class Stages:
     folded : Program
         The recording partially evaluated for one robot and scene; a sine is still one operation.
     compiled : Program
-        The program that native code is made of: sines written out, additions fused with the
+        The program of the native code: sines written out, additions fused with the
         products they add, operations in their final order.
 
     """
@@ -71,7 +71,7 @@ def lower(
     fma : bool
         Whether additions take in multiplications, with one rounding for both.
     longest : int
-        Instructions beyond which a program stays in the order of its text.
+        Instructions beyond which a program keeps its recorded order.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def joined(program: Program) -> Program:
 
 
 def operations(program: Program) -> dict[str, int]:
-    """Return how many of each operation a program holds, inputs and constants left out."""
+    """Return the number of each operation in a program, without inputs and constants."""
     counts: dict[str, int] = {}
     for instruction in program.instructions:
         if instruction.op not in ('constant', *UNFOLDED):

@@ -27,7 +27,7 @@ from pfd_core.kernels.passes.fuse import LATENCY
 from pfd_core.machine.program import Instruction, Program, renamed
 
 # Values alive at once, above which freeing registers comes first: the 32 registers of AVX-512
-# and NEON, less those of constants.
+# and NEON, minus those of constants.
 REGISTERS = 28
 # Operations begun in a cycle.
 WIDTH = 2
@@ -74,7 +74,7 @@ def schedule_instructions(program: Program, longest: int = LONGEST) -> Program:
 
 
 def _operands(instructions: Sequence[Instruction]) -> list[list[int]]:
-    """Return for each instruction the computed registers it reads, signs left out."""
+    """Return for each instruction the computed registers it reads, without signs."""
     bases: list[int] = []  # the register that each one equals up to its sign
     operands: list[list[int]] = []
     for register, (op, args, *_) in enumerate(instructions):

@@ -1,12 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Sine and cosine as text over the machine's operations.
+Sine and cosine in the machine's operations.
 
-The text knows `+ - *` and floats; it runs on NumPy arrays and on lane values that are being
+The algorithm uses `+ - *` and floats; it runs on NumPy arrays and on lane values that are being
 recorded. Every operation in it is rounded correctly and the order is fixed, so
 it gives the same bits on every machine, in the emulator and in a kernel. The table of
-operations counts sine and cosine as one step each; `expand_sines` puts this text in their place.
+operations counts sine and cosine as one step each; `expand_sines` inserts this algorithm instead.
 
 Method: x = k pi/2 + r with the nearest integer k, where pi/2 is cut into parts so short that k
 times a part is exact (Cody and Waite, Software Manual for the Elementary Functions, 1980), a
@@ -31,7 +31,7 @@ Operations for sine and cosine together:
 A kernel fuses additions and multiplications of these (pfd_core.kernels.passes.fuse), which leaves
 36 operations and signs. The errors are then at most 1.42 in float32 (the largest of all its
 arguments) and have been seen up to 1.34 in float64 (4e7 arguments; no bound was added up for the
-fused text); the rest holds as well. `sincos` promises 1.5 for all of these.
+fused form); the rest holds as well. `sincos` guarantees 1.5 for all of these.
 
 The coefficients are printed by benchmarks/fit_sine.py.
 """

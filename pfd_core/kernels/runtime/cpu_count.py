@@ -3,7 +3,7 @@
 """
 The number of processors that this process may use: its affinity, and the CPU quotas of cgroups.
 
-A container with two CPUs of a machine of 64 sees 64 in its affinity; its quota says two. A process
+A container with two CPUs of a machine of 64 sees 64 in its affinity; its quota is two. A process
 lies in a cgroup within others, and the smallest of their quotas counts.
 """
 

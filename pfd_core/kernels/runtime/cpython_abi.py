@@ -92,7 +92,7 @@ def refuse(*_: object) -> None:
 
 @cache
 def supported() -> bool:
-    """Return whether Python can call native code that reads its arrays; say once why not."""
+    """Return whether Python can call native code that reads its arrays; log once why not."""
     try:
         obstacle = _obstacle()
     except Exception as error:  # reading an object of another layout may raise anything

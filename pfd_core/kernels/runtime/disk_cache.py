@@ -7,7 +7,7 @@ Bytes on disk: a cache of results, each under a digest of everything that decide
 
 The folder is `pfd_ros` in the user's cache folder (XDG_CACHE_HOME, or ~/.cache). The environment
 variable PFD_CACHE names another one (`~` is expanded, a relative path begins at the current
-folder), or, set to nothing, switches the cache off. A file is written beside its place and moved
+folder), or, if empty, disables the cache. A file is written under a temporary name and moved
 there whole, so that several processes may write at once; it begins with a checksum of its name
 and contents, and a damaged file counts as absent. Once the files hold more than LIMIT bytes, the
 least recently used ones are removed.
@@ -87,7 +87,7 @@ def folder() -> Path | None:
 
 
 def digest(*parts: str) -> str:
-    """Return the SHA-256 of some texts, each kept apart from the next, in hexadecimal."""
+    """Return the SHA-256 of some strings, separated from each other, in hexadecimal."""
     state = hashlib.sha256()
     for part in parts:
         data = part.encode()
@@ -114,13 +114,13 @@ def read(name: str) -> bytes | None:
     start = len(HEAD) + CHECKSUM
     payload = data[start:]
     if data[:start] != _head(name, payload):
-        LOG.info('%r is damaged: what it held is made again', str(path))
+        LOG.info('%r is damaged and is compiled again', str(path))
         return None
     return payload
 
 
 def write(name: str, payload: bytes) -> None:
-    """Write some bytes under a name; where that is impossible, warn once and go on."""
+    """Write some bytes under a name; warn once if that is impossible."""
     where = folder()
     if where is None or len(payload) > LARGEST:
         return
@@ -133,8 +133,9 @@ def write(name: str, payload: bytes) -> None:
                 _evict(where, len(data))
             return
         except OSError as error:
-            # Another process may remove the folder meanwhile.
-            if last or not isinstance(error, FileNotFoundError):
+            # Another process may remove the folder meanwhile, also between the `mkdir` that finds
+            # it and the look at what it found.
+            if last or not isinstance(error, (FileNotFoundError, FileExistsError)):
                 _warn(
                     str(where),
                     f'compiled kernels cannot be kept in {str(where)!r} ({error.strerror}), so '

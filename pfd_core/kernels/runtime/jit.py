@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Compiling: LLVM IR text becomes native code in this process.
+Compile LLVM IR to native code in this process.
 
 No option lets the code generator change a result: no fast-math flags, no contraction of a
 multiplication and an addition into one. All processors compute the same bits.
@@ -45,7 +45,7 @@ _symbols: dict[str, int] = {}
 class Outline:
     """The facts about a module of LLVM IR by which its object is found and linked."""
 
-    digest: str  # SHA-256 of the text
+    digest: str  # SHA-256 of the IR
     functions: Sequence[str]  # the functions that it exports
 
 
@@ -72,9 +72,9 @@ class Optimisation:
     Attributes
     ----------
     passes, code : int
-        Levels of the passes over the text and of the code generator.
-    long_text, long_code : int
-        Length from which a text is long, and the level of the code generator for such a text:
+        Levels of the IR passes and of the code generator.
+    long_ir, long_code : int
+        Length from which IR is long, and the level of the code generator for long IR:
         derivatives of thirty joints are as fast, and made in three quarters of the time.
     slp_vectorization, loop_vectorization : bool
         Whether scalars and loops are turned into vectors.
@@ -85,7 +85,7 @@ class Optimisation:
 
     passes: int = 1
     code: int = 2
-    long_text: int = 4_000_000
+    long_ir: int = 4_000_000
     long_code: int = 1
     slp_vectorization: bool = False
     loop_vectorization: bool = False
@@ -107,9 +107,9 @@ def compile_ir(ir: str) -> Native:
 
 
 def compile_outlined(
-    known: Outline, text: Callable[[], str], optimisation: Optimisation = USUAL
+    known: Outline, ir: Callable[[], str], optimisation: Optimisation = USUAL
 ) -> Native:
-    """Return native code of a module whose text is written only if its object is not on disk."""
+    """Return native code of a module; its IR is written only if its object is not on disk."""
     start = time.perf_counter()
     target = processor.current()
     name = object_key(known.digest, target, optimisation)
@@ -117,7 +117,7 @@ def compile_outlined(
     library = None if entry is None else _load_entry(entry, known.functions, target)
     if library is None:
         COMPILE_LOG.info('compiling %s', ', '.join(known.functions))
-        code = emit(text(), target, optimisation)
+        code = emit(ir(), target, optimisation)
         disk.write(name, code)
         library = _load(code, known.functions, target)
     return Native(time.perf_counter() - start, library)
@@ -145,10 +145,10 @@ def emit(ir: str, target: Target, optimisation: Optimisation = USUAL) -> bytes:
     Raises
     ------
     RuntimeError
-        If the text is not a valid module, or this LLVM cannot compile for the target.
+        If the IR is not a valid module, or this LLVM cannot compile for the target.
 
     """
-    if len(ir) >= optimisation.long_text:
+    if len(ir) >= optimisation.long_ir:
         optimisation = replace(optimisation, code=optimisation.long_code)
     machine = _machine(target, optimisation)
     module = llvm.parse_assembly(ir)
@@ -183,7 +183,7 @@ def _initialise(triple: str) -> None:
 
 def _machine(target: Target, optimisation: Optimisation) -> Any:
     _initialise(target.triple)
-    # Constants lie beside the code, in reach of an instruction; only symbols of the process
+    # Constants are next to the code, in reach of an instruction; only symbols of the process
     # are reached through a table.
     return llvm.Target.from_triple(target.triple).create_target_machine(
         cpu=target.cpu,

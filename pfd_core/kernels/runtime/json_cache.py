@@ -70,8 +70,8 @@ def get_or_compute(
     Parameters
     ----------
     key : tuple of str
-        All that the result depends on, besides the source of this package and the versions of
-        Python and NumPy.
+        Everything that the result depends on, except the source of this package and the versions
+        of Python and NumPy.
     compute : callable
         Returns a JSON value: dict with str for keys, list, str, int, float, bool, None.
     valid : callable

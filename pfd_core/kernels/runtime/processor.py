@@ -1,7 +1,7 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The processor to compile for: this machine's, or the one that PFD_TARGET_CPU names.
+The processor to compile for: this machine's, or PFD_TARGET_CPU.
 
 The environment variable takes a name that LLVM knows (x86-64-v2, skylake-avx512, znver4, ...) and
 is read at each compilation. What a processor has comes from LLVM's own tables. The code runs in
@@ -103,11 +103,11 @@ def named(cpu: str) -> Target:
     found: list[str] = []
     if re.fullmatch(r'[\w.-]+', cpu):
         least, base = ('x86-64', '+64bit,') if triple.startswith('x86_64') else ('generic', '')
-        text = ''.join(
+        ir = ''.join(
             QUESTION.format(n=n, least=least, base=base, cpu=cpu, feature=feature)
             for n, feature in enumerate(names)
         )
-        left = set(re.findall(r'@needs(\d+)\(', _inlined(text, triple)))
+        left = set(re.findall(r'@needs(\d+)\(', _inlined(ir, triple)))
         found = [feature for n, feature in enumerate(names) if str(n) not in left]
     if not found:
         raise ValueError(
@@ -140,12 +140,12 @@ def _flat(features: dict[str, bool]) -> str:
     return ','.join(f'{"+" if on else "-"}{name}' for name, on in sorted(features.items()))
 
 
-def _inlined(text: str, triple: str) -> str:
+def _inlined(ir: str, triple: str) -> str:
     """Return a module after LLVM put functions into each other."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     machine = llvm.Target.from_triple(triple).create_target_machine()
-    module = llvm.parse_assembly(text)
+    module = llvm.parse_assembly(ir)
     module.triple = triple
     options = llvm.create_pipeline_tuning_options(speed_level=1)
     builder = llvm.create_pass_builder(machine, options)

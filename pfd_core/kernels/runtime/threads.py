@@ -46,7 +46,7 @@ SINGLE_THREAD_WORK = 2_500_000
 MIN_BLOCK_WORK = 250_000
 # Most work of a block: 50 ms at one operation a nanosecond; most processors are five times faster.
 MAX_BLOCK_WORK = 50_000_000
-# Blocks for each thread, unless they become too small: a thread that is held up by other processes
+# Blocks for each thread, unless they become too small: a thread that is delayed by other processes
 # can leave half of its share to others. More blocks cost more than they bring.
 BLOCKS_PER_THREAD = 2
 BATCH = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p)

@@ -172,8 +172,8 @@ def record_effort(plant: Plant) -> Program:
     Return the program of `effort`, (n,): torques less the dry friction of sliding joints.
 
     Inputs are tau, direction s and qd. Friction is s F(qd), F(v) = Fc + (Fs - Fc)/(1 + (v/vs)^2)
-    with the speed vs of Stribeck; F(0) = Fs bounds a held joint, too, so that a joint is released
-    without a jump.
+    with the speed vs of Stribeck; F(0) = Fs bounds a sticking joint, too, so that a joint is
+    released without a jump.
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
@@ -193,7 +193,7 @@ def record_effort(plant: Plant) -> Program:
 
 
 def record_drive(plant: Plant) -> Program:
-    """Return the program of `drive`, (n,): torques tau less the damping D qd."""
+    """Return the program of `drive`, (n,): torques tau minus the damping D qd."""
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
     tau, qd = (input_list(recorder, name, n) for name in ('tau', 'qd'))

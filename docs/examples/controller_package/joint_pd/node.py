@@ -14,7 +14,7 @@ from joint_pd.control import DAMPING, STIFFNESS, JointPD
 class JointPDNode(Node):
     """Answers each state of the arm with torques, in the order of its joints.
 
-    Time is that of the states: whatever drives the arm also drives the controller.
+    Time is the time of the states, in simulation and on the real arm.
     """
 
     def __init__(self, goal, duration: float = 1.5) -> None:

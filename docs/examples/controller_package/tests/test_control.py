@@ -5,7 +5,7 @@ import pytest
 
 from joint_pd.control import DAMPING, STIFFNESS, JointPD
 
-# A UR5 with its rotors, whose drives compensate gravity; a control period is a step of 1 ms.
+# A UR5 with rotor inertia and gravity compensation; a control period is a step of 1 ms.
 UR5 = {'robot': 'ur5', 'armature': True, 'gravity_compensation': True}
 GOAL = np.array([0.5, -1.0, 1.0, -0.5, 0.4, 0.3])
 

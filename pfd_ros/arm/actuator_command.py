@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The drive of the joints: what all commands so far ask of each, and what the next one changes."""
+"""The actuator command: efforts, brakes and servo targets after all commands so far."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ class Command(NamedTuple):
     Attributes
     ----------
     joints
-        Indices in the model of the joints it drives, (k,).
+        Indices of its joints in the model, (k,).
     effort, position, velocity
         Their numbers (k,), N m, rad, rad/s or N, m, m/s. NaN keeps the last one; each joint has a
         number of one kind at least. None: no feed-forward, no target.
@@ -35,13 +35,13 @@ class Gains(NamedTuple):
     d: np.ndarray
 
 
-class Drive(NamedTuple):
+class ActuatorCommand(NamedTuple):
     """The efforts, brakes and servo targets of an arm, in model order.
 
     Attributes
     ----------
     effort
-        (n,) N m or N; beside a target it is fed forward.
+        (n,) N m or N; with a target it is the feed-forward effort.
     braked
         (n,) of bool.
     position, velocity
@@ -54,40 +54,42 @@ class Drive(NamedTuple):
     velocity: np.ndarray | None = None
 
 
-def held(count: int) -> Drive:
-    """Return the drive of an arm without commands: every brake on."""
-    return Drive(np.zeros(count), np.ones(count, bool))
+def all_braked(count: int) -> ActuatorCommand:
+    """Return the actuator command of an arm without commands: all joints braked."""
+    return ActuatorCommand(np.zeros(count), np.ones(count, bool))
 
 
-def let_go(drive: Drive) -> Drive:
-    """Return a drive without the efforts and targets of commands; brakes stay as they are."""
-    return Drive(np.zeros_like(drive.effort), drive.braked)
+def zero_effort(actuation: ActuatorCommand) -> ActuatorCommand:
+    """Return an actuator command with zero efforts, without targets and with the same brakes."""
+    return ActuatorCommand(np.zeros_like(actuation.effort), actuation.braked)
 
 
-def merge(drive: Drive, command: Command) -> Drive:
-    """Return the drive after a command."""
-    joints, count = command.joints, len(drive.braked)
+def merge(actuation: ActuatorCommand, command: Command) -> ActuatorCommand:
+    """Return the actuator command after a command."""
+    joints, count = command.joints, len(actuation.braked)
     alone = command.position is None and command.velocity is None
     if alone and len(joints) == count:
         # The usual case, and a fast one: an effort for each joint, none of which is NaN.
         effort = np.empty(count)
         effort[joints] = command.effort
-        return Drive(effort, free(count))
-    braked = drive.braked.copy()
+        return ActuatorCommand(effort, free(count))
+    braked = actuation.braked.copy()
     braked[joints] = False
-    effort = _merged(drive.effort, joints, command.effort, 0.0)
-    if alone and drive.position is None:
-        return Drive(effort, braked)
+    effort = _merged(actuation.effort, joints, command.effort, 0.0)
+    if alone and actuation.position is None:
+        return ActuatorCommand(effort, braked)
     none = np.full(count, np.nan)
-    last = none if drive.position is None else drive.position
+    last = none if actuation.position is None else actuation.position
     position = _merged(last, joints, command.position, np.nan)
-    last = none if drive.velocity is None else drive.velocity
-    return Drive(effort, braked, position, _merged(last, joints, command.velocity, np.nan))
+    last = none if actuation.velocity is None else actuation.velocity
+    return ActuatorCommand(
+        effort, braked, position, _merged(last, joints, command.velocity, np.nan)
+    )
 
 
 @cache
 def free(count: int) -> np.ndarray:
-    """Return the brakes of an arm that none of them holds, (n,), for all of its drives."""
+    """Return open brakes, (n,), one read-only array per size."""
     released = np.zeros(count, bool)
     released.flags.writeable = False
     return released

@@ -1,12 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The messages of verdict rows: for each event the cycle it was taken for, and its verdict."""
+"""The messages of validation rows: for each event its cycle and validation result."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pfd_ros.arm.events import TAKEN, TAKEN_COLUMNS, Output, Overflow, Verdict, VerdictRow
+from pfd_ros.arm.events import TAKEN, TAKEN_COLUMNS, Output, Overflow, ValidationRow, Verdict
 from pfd_ros.arm.state import ArmState
 from pfd_ros.messages.convert import encode_rows
 
@@ -14,8 +14,8 @@ from pfd_ros.messages.convert import encode_rows
 MOST_ROWS = 4096
 
 
-def rows_message(state: ArmState, rows: list[VerdictRow]) -> Output:
-    """Return the next message of verdict rows."""
+def rows_message(state: ArmState, rows: list[ValidationRow]) -> Output:
+    """Return the next message of validation rows."""
     state.row_messages += 1
     return Output(TAKEN, state.row_messages, encode_rows(rows, TAKEN_COLUMNS))
 
@@ -26,7 +26,7 @@ def overflow_messages(state: ArmState, event: Overflow, cycle: int) -> Iterator[
         yield rows_message(
             state,
             [
-                VerdictRow(cycle, event.source, sequence, Verdict.OVERFLOWED)
+                ValidationRow(cycle, event.source, sequence, Verdict.OVERFLOWED)
                 for sequence in event.sequences[start : start + MOST_ROWS]
             ],
         )

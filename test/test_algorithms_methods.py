@@ -1,0 +1,189 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Every method of forward dynamics on every schedule: physics, and 50 digits against PCRBM."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import mpmath
+import numpy as np
+from oracle import ARMS, WRENCH, Oracle, chains, error, every, jacobi_condition, relative
+import pytest
+from tolerances import ACCELERATION, FIFTY_DIGITS
+from zoo import Array, random_chain, random_state, right_angled, without_mass
+
+from pfd_core.algorithms.programs import FORWARD, ITERATIVE, METHODS, SERIAL
+from pfd_core.machine.emulator import run
+from pfd_core.machine.program import Program
+from pfd_core.machine.recorder import SCHEDULES
+from pfd_core.model import Plant, Robot, Scene, load_robot, resolve
+
+EVERYTHING = Scene(external_wrench=True, damping='model', armature='model', brakes=True)
+# The other schedules of a parallel method are slow: scalar by scalar for one processor.
+CASES = [
+    pytest.param(
+        method,
+        schedule,
+        marks=[pytest.mark.slow]
+        * (method == 'divide_and_conquer' or (method not in SERIAL and schedule != 'parallel')),
+    )
+    for method in METHODS
+    for schedule in (SCHEDULES if method not in SERIAL else ('sequential',))
+]
+# Their link parameters are grouped in float64, and their iterations end before the last digit.
+ROUNDED = ('composite_body', 'grouped_articulated_body', *ITERATIVE)
+on_each = pytest.mark.parametrize(('method', 'schedule'), CASES)
+
+
+def record(method: str, plant: Plant, schedule: str) -> Program:
+    return FORWARD[method](plant, schedule)
+
+
+def tolerance(method: str, H: Array) -> float:
+    """Return how far off rounding may be; an iteration stops at a residual without scaling."""
+    condition = jacobi_condition(H)
+    if method in ITERATIVE:
+        condition = max(condition, float(np.linalg.cond(H)))
+    return ACCELERATION * condition
+
+
+def assert_sound(found: dict[str, Array]) -> None:
+    """Check the outputs by which a method says that its answer is one."""
+    assert (found.get('pivots', np.ones(1)) > 0).all()
+    assert np.all(found.get('converged', 1) == 1)
+
+
+@on_each
+def test_random_chains_agree_with_pinocchio_in_a_scene_with_everything(
+    method: str, schedule: str
+) -> None:
+    # The 48 chains have every number of joints with every share of prismatic ones.
+    for rng, robot in every(4, chains(48, seed=21)):
+        oracle = Oracle(robot, robot.armature)
+        q, qd, qdd = random_state(rng, robot.n)
+        wrench = rng.normal(size=6) * 10
+        tau = oracle.tau(q, qd, qdd, wrench)
+        given = {'q': q, 'qd': qd, 'tau': tau + robot.damping * qd, 'wrench': wrench}
+        given['free'] = np.ones(robot.n)
+        found = run(record(method, resolve(robot, EVERYTHING), schedule), given)
+        wanted = oracle.qdd(q, qd, tau, wrench)
+        assert relative(found['qdd'], wanted) < tolerance(method, oracle.H(q)), robot
+        assert_sound(found)
+
+
+@on_each
+def test_random_chains_agree_with_pinocchio_under_a_wrench_alone(
+    method: str, schedule: str
+) -> None:
+    for rng, robot in every(6, chains(48, seed=1)):
+        oracle = Oracle(robot)
+        q, qd, tau = random_state(rng, robot.n)
+        wrench = rng.normal(size=6) * 10
+        given = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench}
+        found = run(record(method, resolve(robot, WRENCH), schedule), given)
+        wanted = oracle.qdd(q, qd, tau, wrench)
+        assert relative(found['qdd'], wanted) < tolerance(method, oracle.H(q)), robot
+        assert_sound(found)
+
+
+@on_each
+@pytest.mark.parametrize('rotors', [False, True])
+def test_the_arms_agree_with_pinocchio_with_and_without_rotors(
+    method: str, schedule: str, rotors: bool
+) -> None:
+    # The first link of the PUMA has no mass, as Armstrong measured it.
+    rng = np.random.default_rng(22)
+    for name in ARMS:
+        robot = load_robot(name)
+        oracle = Oracle(robot, robot.armature if rotors else None)
+        states = [random_state(rng, robot.n) for _ in range(8)]
+        q, qd, tau = (np.array([state[k] for state in states]) for k in range(3))
+        plant = resolve(robot, Scene(armature='model' if rotors else None))
+        found = run(record(method, plant, schedule), {'q': q, 'qd': qd, 'tau': tau})['qdd']
+        for k in range(len(states)):
+            wanted = oracle.qdd(q[k], qd[k], tau[k])
+            assert relative(found[k], wanted) < tolerance(method, oracle.H(q[k])), name
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('n', [20, 32])
+@pytest.mark.parametrize('method', METHODS)
+def test_long_chains_agree_with_pinocchio(method: str, n: int) -> None:
+    rng = np.random.default_rng(n)
+    robot = random_chain(rng, n, 0.2)
+    oracle = Oracle(robot)
+    q, qd, tau = random_state(rng, n)
+    schedule = 'sequential' if method in SERIAL else 'parallel'
+    found = run(record(method, resolve(robot), schedule), {'q': q, 'qd': qd, 'tau': tau})['qdd']
+    assert relative(found, oracle.qdd(q, qd, tau)) < tolerance(method, oracle.H(q))
+
+
+@on_each
+def test_without_gravity_and_at_rest_only_the_torque_acts(method: str, schedule: str) -> None:
+    for rng, robot in every(6, chains(24, seed=24)):
+        q, _, tau = random_state(rng, robot.n)
+        plant = resolve(robot, Scene(gravity=None))
+        found = run(record(method, plant, schedule), {'q': q, 'qd': 0 * q, 'tau': tau})['qdd']
+        H = Oracle(robot).H(q)
+        assert relative(found, np.linalg.solve(H, tau)) < tolerance(method, H)
+
+
+@on_each
+@pytest.mark.parametrize('armature', [None, 'model'])
+def test_held_joints_do_not_accelerate_and_the_others_do_not_feel_their_torque(
+    method: str, schedule: str, armature: str | None
+) -> None:
+    # Rows and columns of held joints struck out of H qdd = tau - bias, by NumPy.
+    for rng, robot in every(4, chains(24, seed=25)):
+        q, qd, tau = random_state(rng, robot.n)
+        held = rng.random(robot.n) < 0.4
+        plant = resolve(robot, Scene(brakes=True, armature=armature))
+        given = {'q': q, 'qd': qd, 'tau': tau, 'free': 1.0 - held}
+        found = run(record(method, plant, schedule), given)['qdd']
+        np.testing.assert_array_equal(found[held], 0.0)
+        oracle = Oracle(robot, robot.armature if armature else None)
+        free = ~held
+        if free.any():
+            H = oracle.H(q)[np.ix_(free, free)]
+            wanted = np.linalg.solve(H, (tau - oracle.tau(q, qd, 0 * q))[free])
+            assert relative(found[free], wanted) < tolerance(method, H)
+
+
+@on_each
+def test_a_massless_end_of_the_chain_is_carried_by_its_rotor(method: str, schedule: str) -> None:
+    robot = without_mass(random_chain(np.random.default_rng(26), 3, 0.0), (2,))
+    armature = np.array([0.0, 0.0, 0.1])
+    q, qd, tau = random_state(np.random.default_rng(27), 3)
+    plant = resolve(robot, Scene(armature=armature))
+    found = run(record(method, plant, schedule), {'q': q, 'qd': qd, 'tau': tau})['qdd']
+    oracle = Oracle(robot, armature)
+    H = oracle.H(q)
+    wanted = np.linalg.solve(H, tau - oracle.tau(q, qd, 0 * q))
+    assert relative(found, wanted) < tolerance(method, H)
+
+
+@cache
+def fifty_digits(n: int) -> tuple[Robot, dict[str, Array], Array]:
+    """Return a robot, a state with everything, and its qdd by PCRBM on n lanes in 50 digits."""
+    robot, given = right_angled(n)
+    given['free'] = (np.arange(n) % 3 != 1).astype(float)
+    program = record('pcrbm', resolve(robot, EVERYTHING), 'parallel')
+    return robot, given, run(program, given, digits=50)['qdd']
+
+
+@pytest.mark.parametrize('n', [1, 2, 4, 6])
+@pytest.mark.parametrize(
+    ('method', 'schedule'), [case for case in CASES if case.values[0] not in ROUNDED]
+)
+def test_fifty_digits_agree_with_those_of_pcrbm_and_measure_the_rounding(
+    method: str, schedule: str, n: int
+) -> None:
+    robot, given, wanted = fifty_digits(n)
+    program = record(method, resolve(robot, EVERYTHING), schedule)
+    found = run(program, given, digits=50)['qdd']
+    with mpmath.workdps(50):
+        assert error(found, wanted) < FIFTY_DIGITS
+    rounding = error(run(program, given)['qdd'], wanted)
+    H = Oracle(robot, robot.armature).H(given['q'])
+    assert 0 < rounding < ACCELERATION * jacobi_condition(H) or n == 1

@@ -5,9 +5,10 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 class Command(NamedTuple):
@@ -22,17 +23,17 @@ class Command(NamedTuple):
         number of one kind at least. None: no feed-forward, no target.
     """
 
-    joints: np.ndarray
-    effort: np.ndarray | None
-    position: np.ndarray | None = None
-    velocity: np.ndarray | None = None
+    joints: NDArray[Any]
+    effort: NDArray[Any] | None
+    position: NDArray[Any] | None = None
+    velocity: NDArray[Any] | None = None
 
 
 class Gains(NamedTuple):
     """Gains of the servos, (n,) in model order, N m/rad and N m s/rad or N/m and N s/m."""
 
-    p: np.ndarray
-    d: np.ndarray
+    p: NDArray[Any]
+    d: NDArray[Any]
 
 
 class ActuatorCommand(NamedTuple):
@@ -48,10 +49,10 @@ class ActuatorCommand(NamedTuple):
         Targets (n,) rad, rad/s or m, m/s; NaN is none. Both are None if no joint has a target.
     """
 
-    effort: np.ndarray
-    braked: np.ndarray
-    position: np.ndarray | None = None
-    velocity: np.ndarray | None = None
+    effort: NDArray[Any]
+    braked: NDArray[Any]
+    position: NDArray[Any] | None = None
+    velocity: NDArray[Any] | None = None
 
 
 def all_braked(count: int) -> ActuatorCommand:
@@ -70,7 +71,7 @@ def merge(actuation: ActuatorCommand, command: Command) -> ActuatorCommand:
     alone = command.position is None and command.velocity is None
     if alone and len(joints) == count:
         # The usual case, and a fast one: an effort for each joint, none of which is NaN.
-        effort = np.empty(count)
+        effort: NDArray[Any] = np.empty(count)
         effort[joints] = command.effort
         return ActuatorCommand(effort, free(count))
     braked = actuation.braked.copy()
@@ -88,7 +89,7 @@ def merge(actuation: ActuatorCommand, command: Command) -> ActuatorCommand:
 
 
 @cache
-def free(count: int) -> np.ndarray:
+def free(count: int) -> NDArray[Any]:
     """Return open brakes, (n,), one read-only array per size."""
     released = np.zeros(count, bool)
     released.flags.writeable = False
@@ -96,9 +97,9 @@ def free(count: int) -> np.ndarray:
 
 
 def _merged(
-    last: np.ndarray, joints: np.ndarray, given: np.ndarray | None, none: float
-) -> np.ndarray:
+    last: NDArray[Any], joints: NDArray[Any], given: NDArray[Any] | None, none: float
+) -> NDArray[Any]:
     """Return the numbers of one kind after a command, (n,)."""
-    merged: np.ndarray = last.copy()
+    merged: NDArray[Any] = last.copy()
     merged[joints] = none if given is None else np.where(given == given, given, last[joints])
     return merged

@@ -15,8 +15,10 @@ See docs/decisions/0019-limits-of-actuators.md and 0032-one-table-of-effects.md.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.actuator_command import Gains
@@ -30,18 +32,18 @@ from pfd_ros.text import cut
 LEVER, WIDE_EFFORT, WIDE_SPEED = 50.0, 1000.0, 100.0
 
 
-def effort_limits(robot: pfd.Robot) -> np.ndarray:
+def effort_limits(robot: pfd.Robot) -> NDArray[Any]:
     """Return the largest effort of each joint, (n,) in model order, N m or N; all are finite."""
     wide = max(WIDE_EFFORT, LEVER * float(np.sum(robot.masses)))
     return _stated(robot.effort_limit, wide)
 
 
-def speed_limits(robot: pfd.Robot) -> np.ndarray:
+def speed_limits(robot: pfd.Robot) -> NDArray[Any]:
     """Return the speed up to which each motor has its full effort, (n,) in model order, finite."""
     return _stated(robot.velocity_limit, WIDE_SPEED)
 
 
-def _stated(limits: np.ndarray, wide: float) -> np.ndarray:
+def _stated(limits: NDArray[Any], wide: float) -> NDArray[Any]:
     # Many models hold 0 for a limit that nobody knew.
     return np.where((limits > 0.0) & (limits < np.inf), limits, wide)
 
@@ -101,7 +103,7 @@ class Actuators:
 
 
 def trip(
-    state: ActuatorState, wanted: np.ndarray, names: Sequence[str], largest_jump: float
+    state: ActuatorState, wanted: NDArray[Any], names: Sequence[str], largest_jump: float
 ) -> None:
     """Let the reflex act on wanted efforts (n,) of which one jumped."""
     # Halves: a difference of the largest numbers would overflow.
@@ -123,7 +125,7 @@ def restart(state: ActuatorState) -> None:
     state.motors.before[:] = np.nan
 
 
-def in_model_order(values: Sequence[float], order: Sequence[int]) -> np.ndarray:
+def in_model_order(values: Sequence[float], order: Sequence[int]) -> NDArray[Any]:
     """Return a setting with a number for each joint in model order, (n,); zeros if it is empty."""
     numbers = np.zeros(len(order))
     if values:

@@ -9,6 +9,7 @@ from dataclasses import fields, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.actuator_command import ActuatorCommand, all_braked
@@ -158,12 +159,13 @@ class Arm:
             position_sums='compensated' if self._simulator.compensated else 'plain',
         )
         # q, qd, tau and commanded efforts of single steps, (ROWS, 4, n); new when all are used.
-        self._rows, self._rows_at, self._next_row = np.empty(0), 0, ROWS
+        self._rows: NDArray[Any] = np.empty(0)
+        self._rows_at, self._next_row = 0, ROWS
         # Whose brakes and targets, and which wrench, native code has as inputs.
         self._actuation: ActuatorCommand | None = None
-        self._wrench: np.ndarray | None = None
-        self.limits = np.full((7, robot.n), np.inf)
-        self.jumped: np.ndarray | None = None
+        self._wrench: NDArray[Any] | None = None
+        self.limits: NDArray[Any] = np.full((7, robot.n), np.inf)
+        self.jumped: NDArray[Any] | None = None
         self.start = self._initial_positions(settings.initial_positions)
         zeros = np.zeros(robot.n)
         self.state = ArmState(
@@ -183,7 +185,7 @@ class Arm:
             wrench=WrenchState(np.zeros(6), np.zeros(6)) if first.external_wrench else None,
         )
 
-    def _initial_positions(self, given: Sequence[float]) -> np.ndarray:
+    def _initial_positions(self, given: Sequence[float]) -> NDArray[Any]:
         """Return the initial positions (n,) in model order; they are given in published order."""
         count = len(self.order)
         if given and len(given) != count:
@@ -202,17 +204,17 @@ class Arm:
         return self.state.settings
 
     @property
-    def q(self) -> np.ndarray:
+    def q(self) -> NDArray[Any]:
         """Positions (n,) of the last finite state, model order, rad or m."""
         return self.state.q
 
     @property
-    def qd(self) -> np.ndarray:
+    def qd(self) -> NDArray[Any]:
         """Velocities (n,) of the last finite state, model order, rad/s or m/s."""
         return self.state.qd
 
     @property
-    def tau(self) -> np.ndarray:
+    def tau(self) -> NDArray[Any]:
         """Efforts (n,) that led to the last finite state, model order, N m or N."""
         return self.state.tau
 
@@ -232,14 +234,14 @@ class Arm:
         return self.state.origin_ns + self.state.step * self._step_ns
 
     @property
-    def acceleration(self) -> np.ndarray:
+    def acceleration(self) -> NDArray[Any]:
         """Accelerations (n,) under the last efforts, model order, rad/s^2 or m/s^2.
 
         Zero before the first step, after a jump, and once the arm has failed.
         """
         if self.state.failure:
             return np.zeros(self.robot.n)
-        qdd: np.ndarray = self._simulator.accelerations(self.state.simulation)
+        qdd: NDArray[Any] = self._simulator.accelerations(self.state.simulation)
         return qdd
 
     @property
@@ -341,7 +343,7 @@ class Arm:
         self.state = state.copy()
         self._cycles = None
 
-    def advance(self, effort: np.ndarray, actuation: ActuatorCommand) -> np.ndarray:
+    def advance(self, effort: NDArray[Any], actuation: ActuatorCommand) -> NDArray[Any]:
         """Do one step under efforts (n,), with the brakes and targets of an actuator command.
 
         After a failure the arm stops and keeps its last finite state. No step is done if an
@@ -356,7 +358,7 @@ class Arm:
             self._rows_at = self._rows.ctypes.data
         self._next_row = k + 1
         row = self._rows[k]
-        wanted: np.ndarray
+        wanted: NDArray[Any]
         q, qd, tau, wanted = row
         wanted[:] = effort
         at = self._rows_at + k * row.nbytes
@@ -367,7 +369,7 @@ class Arm:
             self.jumped = tau
         return wanted
 
-    def run(self, efforts: np.ndarray, actuation: ActuatorCommand) -> np.ndarray:
+    def run(self, efforts: NDArray[Any], actuation: ActuatorCommand) -> NDArray[Any]:
         """Do a step for each row of efforts (steps, n), with the brakes and targets of a command.
 
         Returns q, qd and the efforts that acted, (steps, 3, n). The rows end where the arm fails,
@@ -424,7 +426,7 @@ class Arm:
             cycles.set_targets(actuation.position, actuation.velocity)
         return cycles
 
-    def set_limits(self, limits: np.ndarray) -> None:
+    def set_limits(self, limits: NDArray[Any]) -> None:
         """Set the limits of the motors and gains, (7, n), from the next step on."""
         self.limits, self._cycles = limits, None
 
@@ -465,7 +467,7 @@ class Arm:
         state.simulation = self._simulator.new_state(q, qd)
         self._end_step(np.zeros(len(self.order)))
 
-    def _end_step(self, effort: np.ndarray) -> None:
+    def _end_step(self, effort: NDArray[Any]) -> None:
         state = self.state
         state.step += 1
         arrays = state.simulation.arrays

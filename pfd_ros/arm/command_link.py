@@ -12,7 +12,10 @@ lost then. It counts cycles, so it stops in a pause, and a replay is equal.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.arm.actuator_command import ActuatorCommand, Command, all_braked, merge, zero_effort
 from pfd_ros.arm.noise import Channel, uniform
@@ -74,7 +77,7 @@ class CommandLink:
             link.line.pop()
         link.line.append((arrival, link.newest))
 
-    def advance(self, link: LinkState, cycle: int, q: np.ndarray) -> bool:
+    def advance(self, link: LinkState, cycle: int, q: NDArray[Any]) -> bool:
         """Let a cycle begin, with the joints at `q`; return whether the watchdog acts in it."""
         while link.line and link.line[0][0] <= cycle:
             _arrive(link, link.line.pop(0)[1], cycle)
@@ -85,7 +88,7 @@ class CommandLink:
         link.timeouts += 1
         return True
 
-    def _without_commands(self, actuation: ActuatorCommand, q: np.ndarray) -> ActuatorCommand:
+    def _without_commands(self, actuation: ActuatorCommand, q: NDArray[Any]) -> ActuatorCommand:
         """Return the actuator command after the timeout."""
         braked = actuation.braked
         if self._on_timeout == 'brake':

@@ -14,9 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.arm.actuator_command import Command, Gains
 from pfd_ros.arm.effects import (
@@ -93,7 +94,7 @@ def named_values_rule(message: JointMessage, since_ns: int | None = None) -> Val
     return None
 
 
-def kinds_of(message: JointMessage) -> dict[str, np.ndarray]:
+def kinds_of(message: JointMessage) -> dict[str, NDArray[Any]]:
     """Return the arrays of a message by name."""
     return {
         'position': message.position,
@@ -102,7 +103,7 @@ def kinds_of(message: JointMessage) -> dict[str, np.ndarray]:
     }
 
 
-def too_far(position: np.ndarray, velocity: np.ndarray) -> Validation | None:
+def too_far(position: NDArray[Any], velocity: NDArray[Any]) -> Validation | None:
     """Return the validation result of positions and velocities that no joint can have."""
     if (np.abs(position) > LARGEST_POSITION).any() or (np.abs(velocity) > LARGEST_VELOCITY).any():
         return Validation(
@@ -181,7 +182,7 @@ def _commanded(
 
 
 def _validate_numbers(
-    message: JointMessage, known: list[int], joints: np.ndarray, gains: Gains | None
+    message: JointMessage, known: list[int], joints: NDArray[Any], gains: Gains | None
 ) -> Validation:
     """Validate the numbers of a command for the joints that the arm has.
 
@@ -230,7 +231,7 @@ def _validate_numbers(
     return Validation(Verdict.ACCEPTED, effect=command)
 
 
-def validate_array(efforts: np.ndarray, order: np.ndarray) -> Validation:
+def validate_array(efforts: NDArray[Any], order: NDArray[Any]) -> Validation:
     """Validate a command without names: one finite effort for each joint, or it is dropped whole.
 
     Parameters

@@ -10,8 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.engine import Engine
@@ -60,7 +62,7 @@ class Driver:
                 engine.skip_cycles(cycle - 1)
             self.step()
 
-    def answer(self, efforts: np.ndarray) -> Validation:
+    def answer(self, efforts: NDArray[Any]) -> Validation:
         """Command efforts (n,), published order; if accepted, run to the next published state.
 
         For an arm in lockstep that neither records nor publishes: the command has no bytes.

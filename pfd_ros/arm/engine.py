@@ -23,9 +23,10 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm import actuators, command_link, wrench
@@ -206,7 +207,7 @@ class Engine:
         """Return the validation result of a message, without applying its effect."""
         return self._rules.validate(event, self.actuators.gains)
 
-    def command(self, efforts: np.ndarray) -> Validation:
+    def command(self, efforts: NDArray[Any]) -> Validation:
         """Validate and apply efforts (n,) in published order.
 
         For callers that neither record nor publish the command: it has no bytes.
@@ -215,7 +216,7 @@ class Engine:
         self._apply(Source.ARRAY, validation)
         return validation
 
-    def stretch(self, efforts: np.ndarray, commands: Sequence[int]) -> np.ndarray | None:
+    def stretch(self, efforts: NDArray[Any], commands: Sequence[int]) -> NDArray[Any] | None:
         """Run a cycle for each row of efforts, in one native call.
 
         The same as `command` and `advance` in turn, with the same bits, where nothing but
@@ -264,7 +265,7 @@ class Engine:
                 state.since_ns = state.origin_ns + ended * self._step_ns
         return rows
 
-    def encode_states(self, stamps_ns: np.ndarray, rows: np.ndarray) -> bytes | None:
+    def encode_states(self, stamps_ns: NDArray[Any], rows: NDArray[Any]) -> bytes | None:
         """Return the messages of the states of a stretch, one after the other.
 
         None if cycles have other messages too, but for the clock.
@@ -278,7 +279,7 @@ class Engine:
             return None
         return self._encoder.encode_all(stamps_ns, *np.moveaxis(rows, 1, 0))
 
-    def answer(self, efforts: np.ndarray) -> bool:
+    def answer(self, efforts: NDArray[Any]) -> bool:
         """Command efforts (n,), published order, and run one cycle, as `stretch` does.
 
         Returns whether it was possible; if not, nothing was done.
@@ -305,7 +306,7 @@ class Engine:
                 state.since_ns = arm.stamp_ns
         return True
 
-    def _end_stretch(self, effort: np.ndarray, heard: int, commands: int) -> None:
+    def _end_stretch(self, effort: NDArray[Any], heard: int, commands: int) -> None:
         state = self.arm.state
         link = state.link
         link.actuation = link.newest = ActuatorCommand(effort, self._free)

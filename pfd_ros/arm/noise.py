@@ -18,8 +18,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from enum import IntEnum
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 LARGEST_SEED = (1 << 63) - 1
 # Cycles that are computed together, since NumPy's calls cost more than their elements; the blocks
@@ -44,32 +46,32 @@ class Channel(IntEnum):
     COMMAND_DROP = 4
 
 
-def uniform(seed: int, channel: Channel, cycle: int, n: int) -> np.ndarray:
+def uniform(seed: int, channel: Channel, cycle: int, n: int) -> NDArray[Any]:
     """Return uniform deviates (n,) in [0, 1), whole multiples of 2^-53; read-only.
 
     An element does not depend on `n`. Seeds are 0 to LARGEST_SEED, cycles below 2^62.
     """
     block, row = divmod(cycle + _STAGGER * channel, BLOCK)
-    found: np.ndarray = _uniforms(seed, channel, block, n)[row]
+    found: NDArray[Any] = _uniforms(seed, channel, block, n)[row]
     return found
 
 
-def normal(seed: int, channel: Channel, cycle: int, n: int) -> np.ndarray:
+def normal(seed: int, channel: Channel, cycle: int, n: int) -> NDArray[Any]:
     """Return normal deviates (n,) of mean 0 and standard deviation 1, finite; read-only.
 
     They are made of the bits of `uniform`: one channel should not be used for both.
     """
     block, row = divmod(cycle + _STAGGER * channel, BLOCK)
-    found: np.ndarray = _normals(seed, channel, block, n)[row]
+    found: NDArray[Any] = _normals(seed, channel, block, n)[row]
     return found
 
 
-def philox(counters: np.ndarray, seed: int) -> np.ndarray:
+def philox(counters: NDArray[Any], seed: int) -> NDArray[Any]:
     """Return Philox 4x32-10 of counters, (4, count): four 32-bit words each, in uint64.
 
     The key is the low and the high word of the seed.
     """
-    key: np.ndarray = np.array([[seed & _MASK], [seed >> 32]], np.uint64)
+    key: NDArray[Any] = np.array([[seed & _MASK], [seed >> 32]], np.uint64)
     x, y = counters[0::2], counters[1::2]
     for _ in range(_ROUNDS):
         product = _MULTIPLIERS * x
@@ -78,7 +80,7 @@ def philox(counters: np.ndarray, seed: int) -> np.ndarray:
     return np.stack([x[0], y[0], x[1], y[1]])
 
 
-def _bits(seed: int, channel: Channel, block: int, n: int) -> np.ndarray:
+def _bits(seed: int, channel: Channel, block: int, n: int) -> NDArray[Any]:
     """Return 64 random bits for each cycle of a block and each element, (BLOCK, n)."""
     # Cycles before 0 wrap around, and nobody asks for them.
     first = block * BLOCK - _STAGGER * channel
@@ -91,18 +93,18 @@ def _bits(seed: int, channel: Channel, block: int, n: int) -> np.ndarray:
 
 
 @lru_cache(_KEPT_BLOCKS)
-def _uniforms(seed: int, channel: Channel, block: int, n: int) -> np.ndarray:
+def _uniforms(seed: int, channel: Channel, block: int, n: int) -> NDArray[Any]:
     return _kept((_bits(seed, channel, block, n) >> 11).astype(float) * 2.0**-53)
 
 
 @lru_cache(_KEPT_BLOCKS)
-def _normals(seed: int, channel: Channel, block: int, n: int) -> np.ndarray:
+def _normals(seed: int, channel: Channel, block: int, n: int) -> NDArray[Any]:
     # In the middle of their intervals: symmetric, never 0 or 1, and exact in float64.
     p = ((_bits(seed, channel, block, n) >> 12).astype(float) + 0.5) * 2.0**-52
     return _kept(inverse_normal(p))
 
 
-def _kept(values: np.ndarray) -> np.ndarray:
+def _kept(values: NDArray[Any]) -> NDArray[Any]:
     """Return an array that callers share."""
     values.flags.writeable = False
     return values
@@ -141,10 +143,10 @@ _ATANH = tuple(1.0 / power for power in range(25, 0, -2))
 _LN2 = 0.6931471805599453
 
 
-def inverse_normal(p: np.ndarray) -> np.ndarray:
+def inverse_normal(p: NDArray[Any]) -> NDArray[Any]:
     """Return x with the probability p of a normal deviate below it; 2^-53 <= p <= 1 - 2^-53."""
     q = p - 0.5
-    x: np.ndarray = q * _ratio(_CENTRE, 0.180625 - q * q)
+    x: NDArray[Any] = q * _ratio(_CENTRE, 0.180625 - q * q)
     outside = np.abs(q) > 0.425
     r = np.sqrt(-_log(np.minimum(p, 1.0 - p)[outside]))
     tail = np.where(r <= 5.0, _ratio(_TAIL, r - 1.6), _ratio(_FAR_TAIL, r - 5.0))
@@ -152,23 +154,23 @@ def inverse_normal(p: np.ndarray) -> np.ndarray:
     return x
 
 
-def _ratio(coefficients: tuple[Sequence[float], Sequence[float]], x: np.ndarray) -> np.ndarray:
-    ratio: np.ndarray = _polynomial(coefficients[0], x) / _polynomial(coefficients[1], x)
+def _ratio(coefficients: tuple[Sequence[float], Sequence[float]], x: NDArray[Any]) -> NDArray[Any]:
+    ratio: NDArray[Any] = _polynomial(coefficients[0], x) / _polynomial(coefficients[1], x)
     return ratio
 
 
-def _polynomial(coefficients: Sequence[float], x: np.ndarray) -> np.ndarray:
-    total: np.ndarray = np.full_like(x, coefficients[0])
+def _polynomial(coefficients: Sequence[float], x: NDArray[Any]) -> NDArray[Any]:
+    total: NDArray[Any] = np.full_like(x, coefficients[0])
     for coefficient in coefficients[1:]:
         total = total * x + coefficient
     return total
 
 
-def _log(x: np.ndarray) -> np.ndarray:
+def _log(x: NDArray[Any]) -> NDArray[Any]:
     """Return the natural logarithm of positive numbers, by operations that round exactly."""
     fraction, exponent = np.frexp(x)
     small = fraction < 0.7071067811865476
     fraction = np.where(small, 2.0 * fraction, fraction)
     s = (fraction - 1.0) / (fraction + 1.0)
-    total: np.ndarray = (exponent - small) * _LN2 + 2.0 * s * _polynomial(_ATANH, s * s)
+    total: NDArray[Any] = (exponent - small) * _LN2 + 2.0 * s * _polynomial(_ATANH, s * s)
     return total

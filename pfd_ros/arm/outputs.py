@@ -29,9 +29,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.events import CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES
@@ -80,24 +81,24 @@ class ExtraOutputs:
     def bound(
         self,
         output: str,
-        q: np.ndarray,
-        qd: np.ndarray | None = None,
-        wrench: np.ndarray | None = None,
-    ) -> Callable[[], np.ndarray]:
+        q: NDArray[Any],
+        qd: NDArray[Any] | None = None,
+        wrench: NDArray[Any] | None = None,
+    ) -> Callable[[], NDArray[Any]]:
         """Return a function without arguments that evaluates the kernel of an output."""
         kernel = self.arm.kernels[output]
         out = np.zeros(kernel.shape)
         # Quantities without bodies have no payload.
         takes = kernel.scene.payload is not None
         payload = self.arm.plant.payload_input if takes else {}
-        bound: Callable[[], np.ndarray] = kernel.bind(q, qd, out=out, wrench=wrench, **payload)
+        bound: Callable[[], NDArray[Any]] = kernel.bind(q, qd, out=out, wrench=wrench, **payload)
         return bound
 
-    def stamped(self, encoder: StampedEncoder, value: Callable[[], np.ndarray]) -> Writer:
+    def stamped(self, encoder: StampedEncoder, value: Callable[[], NDArray[Any]]) -> Writer:
         """Return the function that writes a message with a stamp."""
         return lambda: encoder.encode(self.arm.stamp_ns, _finite(value()))
 
-    def efforts(self, value: Callable[[], np.ndarray], as_array: bool = False) -> Writer:
+    def efforts(self, value: Callable[[], NDArray[Any]], as_array: bool = False) -> Writer:
         """Return the function that writes efforts, from their values in model order."""
         if as_array:
             return _array([('joint', self.arm.names)], lambda: value()[self.columns])
@@ -110,7 +111,9 @@ def extra_outputs(settings: Settings, arm: Arm) -> ExtraOutputs | None:
     return ExtraOutputs(settings, arm) if settings.outputs else None
 
 
-def _array(layout: Sequence[tuple[str, Sequence[str]]], value: Callable[[], np.ndarray]) -> Writer:
+def _array(
+    layout: Sequence[tuple[str, Sequence[str]]], value: Callable[[], NDArray[Any]]
+) -> Writer:
     encoder = ArrayEncoder(layout)
     return lambda: encoder.encode(_finite(value()))
 
@@ -165,7 +168,7 @@ def _tip_wrench(given: ExtraOutputs) -> Writer:
 def _energy(given: ExtraOutputs) -> Writer:
     evaluate, arm = given.bound('energy', given.q, given.qd), given.arm
 
-    def value() -> np.ndarray:
+    def value() -> NDArray[Any]:
         return np.append(evaluate(), _power((arm.tau * arm.qd)[given.columns]))
 
     return _array([('item', ENERGIES)], value)
@@ -188,12 +191,12 @@ _WRITERS: dict[str, Callable[[ExtraOutputs], Writer]] = {
 }
 
 
-def _finite(values: np.ndarray) -> np.ndarray:
+def _finite(values: NDArray[Any]) -> NDArray[Any]:
     finite = np.isfinite(values)
     return values if finite.all() else np.where(finite, values, 0.0)
 
 
-def _power(powers: np.ndarray) -> float:
+def _power(powers: NDArray[Any]) -> float:
     # One after the other: the order in which NumPy and newer Pythons sum is theirs.
     total = 0.0
     for power in powers.tolist():
@@ -201,7 +204,7 @@ def _power(powers: np.ndarray) -> float:
     return total
 
 
-def position_and_quaternion(pose: np.ndarray) -> np.ndarray:
+def position_and_quaternion(pose: NDArray[Any]) -> NDArray[Any]:
     """Return x, y, z and the quaternion x, y, z, w of a pose (4, 4), with w >= 0.
 
     The largest of the four is found first, so that no small number is divided by (Shepperd,

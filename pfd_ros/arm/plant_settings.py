@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.setting_fields import setting
@@ -99,13 +100,13 @@ def _effect_settings() -> Iterator[tuple[str, str, Any]]:
             )
 
 
-def _of_model(field: Any) -> Callable[[Any, pfd.Robot], np.ndarray]:
+def _of_model(field: Any) -> Callable[[Any, pfd.Robot], NDArray[Any]]:
     """Return the numbers of a field for each joint: the model's if the switch is on."""
 
-    def default(settings: Any, robot: pfd.Robot) -> np.ndarray:
+    def default(settings: Any, robot: pfd.Robot) -> NDArray[Any]:
         switch = getattr(settings, field.name)
         word = ESTIMATED if switch == ESTIMATED else MODEL
-        numbers: np.ndarray = field.resolved(robot, word) * float(bool(switch))
+        numbers: NDArray[Any] = field.resolved(robot, word) * float(bool(switch))
         return numbers
 
     return default

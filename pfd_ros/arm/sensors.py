@@ -20,9 +20,10 @@ continues.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.arm.actuators import in_model_order
 from pfd_ros.arm.noise import Channel, normal, uniform
@@ -38,7 +39,7 @@ _MOST_COUNTS = 2.0**52
 class Errors(NamedTuple):
     """The errors of one kind of number: bias (n,), standard deviation and step of its sensor."""
 
-    bias: np.ndarray
+    bias: NDArray[Any]
     noise: float
     step: float
 
@@ -105,18 +106,18 @@ class Sensors:
         return bool(uniform(self._seed, Channel.STATE_DROP, cycle, 1)[0] < self._drop)
 
     def _measured(
-        self, value: np.ndarray, errors: Errors, channel: Channel, cycle: int
-    ) -> np.ndarray:
+        self, value: NDArray[Any], errors: Errors, channel: Channel, cycle: int
+    ) -> NDArray[Any]:
         value = value + errors.bias
         if errors.noise:
             value += errors.noise * normal(self._seed, channel, cycle, len(value))[self._place]
         return quantized(value, errors.step) if errors.step else value
 
 
-def quantized(value: np.ndarray, step: float) -> np.ndarray:
+def quantized(value: NDArray[Any], step: float) -> NDArray[Any]:
     """Return the nearest multiples of a step; numbers that are coarser than it stay."""
     fine = np.abs(value) < _MOST_COUNTS * step
     if fine.all():
-        nearest: np.ndarray = np.rint(value / step) * step
+        nearest: NDArray[Any] = np.rint(value / step) * step
         return nearest
     return np.where(fine, quantized(np.where(fine, value, 0.0), step), value)

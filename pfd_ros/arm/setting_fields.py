@@ -9,7 +9,7 @@ import dataclasses
 import math
 from typing import Any
 
-import numpy as np
+from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.text import cut
@@ -29,7 +29,7 @@ def setting(
     values: tuple[str | bool, ...] = (),
     dynamic: bool = False,
     per_joint: bool = False,
-    joint_default: Callable[[Any, Any], np.ndarray] | None = None,
+    joint_default: Callable[[Any, Any], NDArray[Any]] | None = None,
 ) -> Any:
     """Return a field of a table of settings.
 

@@ -17,9 +17,10 @@ joints look: torques of one joint throw the others about.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 
 class GainLimits(NamedTuple):
@@ -38,12 +39,12 @@ class GainLimits(NamedTuple):
     """
 
     ratio: float
-    velocity: np.ndarray
-    position: np.ndarray
+    velocity: NDArray[Any]
+    position: NDArray[Any]
     equal_velocity: float
 
 
-def gain_limits(inertia: np.ndarray, period: float) -> GainLimits:
+def gain_limits(inertia: NDArray[Any], period: float) -> GainLimits:
     """Return the bounds of a PD loop.
 
     Parameters

@@ -21,6 +21,7 @@ import json
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.actuator_command import ActuatorCommand
@@ -31,7 +32,7 @@ from pfd_ros.arm.settings import Settings, from_values
 MAGIC = b'pfd_ros arm state 1\n'
 DIGEST_SIZE = hashlib.sha256().digest_size
 # Positions, velocities and efforts (n,) in model order.
-JointArrays: TypeAlias = tuple[np.ndarray, np.ndarray, np.ndarray]
+JointArrays: TypeAlias = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
 
 
 @dataclass
@@ -94,7 +95,7 @@ class ActuatorState:
         return int(self.motors.counts[1])
 
     @property
-    def peaks(self) -> np.ndarray:
+    def peaks(self) -> NDArray[Any]:
         """Largest speed of each joint as a multiple of its limit, (n,); 0 if never beyond it."""
         return self.motors.peaks
 
@@ -141,8 +142,8 @@ class WrenchState:
         Steps for which `next` acts, None without end.
     """
 
-    acting: np.ndarray
-    next: np.ndarray
+    acting: NDArray[Any]
+    next: NDArray[Any]
     left: int | None = None
 
 
@@ -198,10 +199,10 @@ class ArmState:
     since_ns: int
     reset_ns: int
     simulation: pfd.SimulationState
-    q: np.ndarray
-    qd: np.ndarray
-    tau: np.ndarray
-    braked: np.ndarray
+    q: NDArray[Any]
+    qd: NDArray[Any]
+    tau: NDArray[Any]
+    braked: NDArray[Any]
     link: LinkState
     actuators: ActuatorState
     pace: PaceState = field(default_factory=PaceState)

@@ -4,7 +4,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.arm.actuator_command import Gains
 from pfd_ros.arm.arm import Arm
@@ -60,7 +63,7 @@ class Validator:
         except ValueError as error:
             return Validation(Verdict.MALFORMED, one_line(error))
 
-    def validate_efforts(self, efforts: np.ndarray) -> Validation:
+    def validate_efforts(self, efforts: NDArray[Any]) -> Validation:
         """Validate a command without names, efforts in published order."""
         if not self._arm.state.pace.active:
             return INACTIVE

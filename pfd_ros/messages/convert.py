@@ -238,10 +238,10 @@ class JointStateEncoder:
 
     def encode_all(
         self,
-        stamps_ns: np.ndarray,
-        position: np.ndarray,
-        velocity: np.ndarray,
-        effort: np.ndarray,
+        stamps_ns: NDArray[Any],
+        position: NDArray[Any],
+        velocity: NDArray[Any],
+        effort: NDArray[Any],
     ) -> bytes:
         """Return the messages of many states (k, n), one after the other."""
         rows = np.tile(np.frombuffer(self._data, np.uint8), (len(stamps_ns), 1))
@@ -252,7 +252,7 @@ class JointStateEncoder:
         return rows.tobytes()
 
 
-def decode_efforts(messages: Sequence[bytes], count: int) -> np.ndarray | None:
+def decode_efforts(messages: Sequence[bytes], count: int) -> NDArray[Any] | None:
     """Return the numbers of many Float64MultiArrays of `count` numbers, (messages, count).
 
     None if one has another number of them, or a layout.
@@ -280,7 +280,7 @@ class _Spans(CdrReader):
 
 def decode_named_efforts(
     messages: Sequence[bytes],
-) -> tuple[tuple[str, ...], np.ndarray, np.ndarray] | None:
+) -> tuple[tuple[str, ...], NDArray[Any], NDArray[Any]] | None:
     """Return names, stamps (k,) in ns and efforts (k, n) of JointStates with efforts alone.
 
     None if the messages differ in anything but stamps, efforts and padding, or have positions or
@@ -315,14 +315,14 @@ def decode_named_efforts(
     return names, seconds * NANOSECONDS + nanoseconds, efforts
 
 
-def encode_clocks(stamps_ns: np.ndarray) -> bytes:
+def encode_clocks(stamps_ns: NDArray[Any]) -> bytes:
     """Return the messages of `encode_clock` for many stamps (k,), one after the other."""
     rows = np.tile(np.frombuffer(encode_clock(0), np.uint8), (len(stamps_ns), 1))
     _write_stamps(rows, stamps_ns)
     return rows.tobytes()
 
 
-def _write_stamps(rows: np.ndarray, stamps_ns: np.ndarray) -> None:
+def _write_stamps(rows: NDArray[Any], stamps_ns: NDArray[Any]) -> None:
     """Write stamps into messages that begin with one, (k, bytes)."""
     times = np.stack(np.divmod(stamps_ns, NANOSECONDS), axis=1).astype('<u4')
     rows[:, len(HEADER) : len(HEADER) + TIME.size] = times.view(np.uint8)

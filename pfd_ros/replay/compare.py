@@ -258,7 +258,8 @@ def _sums(x: Array, y: Array) -> Array:
 def _on_grid(grid: Array, time: Array, values: Array) -> Array:
     """Return values on a grid, NaN outside their times."""
     known = np.isfinite(values)
-    return np.interp(grid, time[known], values[known], np.nan, np.nan)
+    found: Array = np.interp(grid, time[known], values[known], np.nan, np.nan)
+    return found
 
 
 def _by_name(states: TopicArrays, item: str, joints: Sequence[str]) -> Array:

@@ -11,9 +11,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_core.report.scene_motions import Motion
@@ -123,9 +124,9 @@ class _Reading(Playback):
 
     scene: pfd.Scene = field(kw_only=True)
     steps: int = field(kw_only=True)
-    efforts: list[np.ndarray] = field(default_factory=list)
-    braked: list[np.ndarray] = field(default_factory=list)
-    states: list[tuple[int, np.ndarray, np.ndarray]] = field(default_factory=list)
+    efforts: list[NDArray[Any]] = field(default_factory=list)
+    braked: list[NDArray[Any]] = field(default_factory=list)
+    states: list[tuple[int, NDArray[Any], NDArray[Any]]] = field(default_factory=list)
 
     def take(self, message: PlacedMessage) -> None:
         """Follow verdict rows, up to the last step."""
@@ -161,7 +162,7 @@ class _Reading(Playback):
                 self._add_state(message, *stretch.rows[message.cycle - stretch.first, :2])
         return True
 
-    def _add_state(self, message: PlacedMessage, q: np.ndarray, qd: np.ndarray) -> None:
+    def _add_state(self, message: PlacedMessage, q: NDArray[Any], qd: NDArray[Any]) -> None:
         """Add a recorded state; a measured one is replaced by the true one, q and qd."""
         engine = self.driver.engine
         if engine.sensors is None:

@@ -13,9 +13,10 @@ from bisect import bisect_left
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
@@ -82,11 +83,11 @@ class Stretch(NamedTuple):
     """
 
     first: int
-    stamps_ns: np.ndarray
-    rows: np.ndarray
+    stamps_ns: NDArray[Any]
+    rows: NDArray[Any]
     messages: list[PlacedMessage]
 
-    def of(self, role: str) -> tuple[np.ndarray, list[bytes]]:
+    def of(self, role: str) -> tuple[NDArray[Any], list[bytes]]:
         """Return the places in `rows` and the data of the recorded messages of a role."""
         found = [message for message in self.messages if message.role == role]
         places = np.array([message.cycle for message in found], int) - self.first
@@ -209,7 +210,7 @@ class Playback(ABC):
         self.driver.run_to(cycle)
 
 
-def _answered(engine: Engine, cycles: np.ndarray, count: int) -> bool:
+def _answered(engine: Engine, cycles: NDArray[Any], count: int) -> bool:
     """Return whether, in lockstep, each published state within a stretch has its command."""
     if not engine.pace.lockstep:
         return True
@@ -218,7 +219,9 @@ def _answered(engine: Engine, cycles: np.ndarray, count: int) -> bool:
     return {cycle + 1 for cycle in waiting} <= set(cycles.tolist())
 
 
-def _named_efforts(engine: Engine, payloads: list[bytes], cycles: np.ndarray) -> np.ndarray | None:
+def _named_efforts(
+    engine: Engine, payloads: list[bytes], cycles: NDArray[Any]
+) -> NDArray[Any] | None:
     """Return the efforts of commands by name for some cycles, (k, n), published order.
 
     None if the rules have to look at each of them: for stale stamps, or other joints.
@@ -234,7 +237,7 @@ def _named_efforts(engine: Engine, payloads: list[bytes], cycles: np.ndarray) ->
     return None
 
 
-def _oldest_ns(engine: Engine, cycles: np.ndarray) -> np.ndarray:
+def _oldest_ns(engine: Engine, cycles: NDArray[Any]) -> NDArray[Any]:
     """Return the oldest stamp that a command in each cycle may have, ns."""
     state = engine.state
     oldest = np.full(len(cycles), state.since_ns)

@@ -6,13 +6,23 @@ Parallel forward dynamics after Lee and Chang (1987): counted, emulated and comp
 Subpackages in the order of data flow; each imports only from those above it.
 
     forking       locks for forking processes
-    model         Robot, a serial chain, and Scene, the effects that act on it; loading
     machine       the emulated parallel computer: operations, programs, lanes, the emulator
+    model         Robot, a serial chain, and Scene, the effects that act on it; loading
     algorithms    the dynamics, each algorithm recorded once as a program
     kernels       a program as native code for one robot and scene: one state or a batch
     simulation    time: integrators, Simulator for one arm, Ensemble for many,
                   integrate for adaptive steps offline
     report        tables and plots: steps counted, speed and error measured
+
+To change or add
+
+    an effect of a joint    a record in model.effects, a field in model.scene
+    rotor inertia           model.urdf_reader and model.yaml_robot read it
+    a method                a module of algorithms, a row of algorithms.programs.FORWARD
+    an integrator           simulation.integrators.TABLE; with friction also contact.schemes
+    sine and cosine         kernels.passes.sincos
+    threads of batches      kernels.runtime.threads
+    a column of a report    the record and the pages that report lists
 
 The names below are the public ones.
 """

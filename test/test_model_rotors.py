@@ -169,7 +169,7 @@ def test_a_scene_with_estimated_rotors_has_the_accelerations_of_one_with_their_n
         for armature in ('estimated', pfd.estimated_armature(robot))
     )
     assert named.tobytes() == numbers.tobytes()
-    with pytest.raises(ValueError, match="damping must be None, 'model' or one number a joint"):
+    with pytest.raises(ValueError, match="damping must be None, 'model' or one number per joint"):
         pfd.Scene(damping='estimated')
     with pytest.raises(ValueError, match="armature must be None, 'model', 'estimated' or one"):
         pfd.Scene(armature='guessed')

@@ -21,7 +21,8 @@ Modules that take any of them:
     acceleration_derivatives   d qdd / d(q, qd, tau): the factors X and D, and their product
 
 A new effect of a joint is a record in pfd_core.model.effects, and nothing in here changes. An
-effect of the motors belongs in chain.drives, an effect of the links or of gravity in each
-Newton-Euler recursion (paper.newton_euler, beyond.omega, serial.luh_walker_paul,
-grouped.newton_euler), a new method in a file of its own and a row of programs.FORWARD.
+effect of the motors has its torques in chain.drives as well, an effect of the links or of gravity
+in each Newton-Euler recursion (paper.newton_euler, beyond.omega, serial.luh_walker_paul,
+grouped.newton_euler). A new method is a file, a row of programs.FORWARD, and a name in
+programs.SERIAL or ITERATIVE if it is one of these.
 """

@@ -22,6 +22,6 @@ Subpackages and modules in the order of data flow; each imports only from those 
     linear_steps   compile_linear_step: the derivatives of a step of a simulation
 
 A new pass is a module of passes and a line of pipeline.lower; a new function in native code a
-module of codegen and a line of codegen.module; a new quantity a program in
-pfd_core.algorithms.quantities and a row of quantities.QUANTITIES.
+module of codegen and a line of codegen.module; a new quantity a program and a row of RECORDERS in
+pfd_core.algorithms.quantities and a row of kernels.quantities.QUANTITIES.
 """

@@ -6,9 +6,9 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     loading             load_robot: a robot by name, from a file or a string; load_scene
     yaml_reader         YAML text -> dict, list and str, bounded; tables with known keys
     yaml_scene          scenes from YAML
-    yaml_robot          robots as YAML: tables from papers, and robots stored to the last bit
+    yaml_robot          robots as YAML, with rotors: tables from papers, and robots stored exactly
     rotors              rotors behind gears: their inertia at the joint
-    urdf_reader         URDF string -> Urdf, the one record for all readers of a URDF
+    urdf_reader         URDF string -> Urdf, the one record for all readers; rotors
     urdf_chain          which joints of a URDF move, and which links each of them carries
     urdf_robot          the chain of a URDF, welded and brought to the frames of a Robot
     urdf_writer         robots as URDF

@@ -295,7 +295,7 @@ def _cogging(robot: Robot, values: Numbers) -> Numbers:
         return {}
     for name, (amplitude, periods, _) in zip(robot.joint_names, rows.tolist(), strict=True):
         if amplitude and not periods:
-            raise ValueError(f'cogging of joint {quote(name)} must have periods, got 0.0')
+            raise ValueError(f'periods of cogging of joint {quote(name)} must not be 0')
     # A joint without cogging has some period, by which its energy is divided.
     idle = rows[:, :1] == 0
     return {'cogging': np.where(idle, (0.0, 1.0, 0.0), rows)}

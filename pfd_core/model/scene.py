@@ -66,7 +66,7 @@ class Scene:
         (n,), from 0 to 1.
     stiffness : None or array_like
         Springs that pull the joints to `rest_position`, (n,) [N m/rad]. With w^2 the largest
-        eigenvalue of H^-1 diag(stiffness), a swing is right for steps below 0.2 / w.
+        eigenvalue of H^-1 diag(stiffness), steps below 0.2 / w resolve the oscillation.
     rest_position : None or array_like
         Positions at which the springs are slack, (n,) [rad]; None is zero everywhere.
     cogging : None or array_like
@@ -79,9 +79,9 @@ class Scene:
     torque_speed : None, "model" or sequence
         Per joint None or a table of rows (speed, torque), (k, 2) [rad/s, N m]: the largest
         torque with which a motor drives its joint along, linear between the rows and constant
-        beyond them; speeds rise, torques do not. Brake it may with the torque of the first row.
-        "model" for the robot's effort limit up to its velocity limit, which falls to none at
-        twice that speed.
+        beyond them; speeds rise, torques do not. For braking, the torque of the first row is
+        available at any speed. "model": the robot's effort limit up to its velocity limit, then
+        falling linearly to zero at twice that speed.
     gravity_compensation : bool or Scene
         Whether the drives add the gravity torques of a model to the commanded ones: True for the
         robot without its payload, in the gravity of this scene; a scene for its gravity and

@@ -38,7 +38,7 @@ class Rule(NamedTuple):
     infinite: bool = False  # whether infinity is allowed, for a joint without a limit
     estimated: bool = False  # whether "estimated" stands for numbers from the robot's limits
     columns: tuple[str, ...] = ()  # names of the numbers of a row
-    row: str = 'one number a joint'  # one entry, in errors
+    row: str = 'one number per joint'  # one entry, in errors
 
     def of_model(self, robot: Robot) -> Array:
         """Return the numbers of a robot's model, (n,) or (n, columns)."""

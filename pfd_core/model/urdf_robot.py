@@ -231,7 +231,7 @@ def _check_masses(chain: Chain, massive: set[str]) -> None:
     for k, joint in enumerate(chain.joints):
         label = f'link {quote(joint.child)}, moved by joint {quote(joint.name)}, has no <inertial>'
         if k > last:
-            raise ValueError(f'{label}, nor has anything fixed to it or further out: give it one')
+            raise ValueError(f'{label}, and neither has any later link: add an <inertial>')
         if joint.name not in massive:
             warnings.warn(
                 f'{label}, nor has anything fixed to it: it is taken as massless. If it is meant, '

@@ -9,7 +9,7 @@ Tables and plots of `pfd report`, each written by a command that anyone can run.
 
     paper            claims of the paper: formulas and values of Table 1, sums of its parts
     counts           steps of every method measured on recorded programs, compared with the paper
-    (Row)
+                     (Row)
     convergence      iterations of the iterative methods to converge, and errors after n iterations
     array_activity   picture of the triangular array at work, by cycle
     counts_pages     the page: its sections, tables, columns and plot over n; writes all files
@@ -45,10 +45,10 @@ with `--quantity NAME` (speed-NAME.md, speed-against-error-NAME.md, .json, .png 
     hard_cases           the table of cases: cause, problem and bounds (Case)
     hard_case_reference  qdd in 50 digits with its certificate, and condition numbers
     error_estimates      estimates of refined kernels compared with their errors, over random
-    states (Row)
+                         states (Row)
     hard_case_errors     errors of the kernel, every method and peers (Result)
     hard_case_motions    motions without acceleration: an arm at rest, an hour of turning
-    (SteadyRun)
+                         (SteadyRun)
     decimals             programs on Python's decimal numbers, one state at a time
     extrapolation        end of a motion, extrapolated in extended precision
     trajectory_cases     the tables of hard motions and of their runs' bounds (Motion, Check)

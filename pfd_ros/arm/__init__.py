@@ -42,5 +42,6 @@ From the inputs to the outputs:
 A new input is a Source in `events`, a rule in `validation`, and a row in node.endpoints and in
 recording.format (with always=False: older recordings lack it). A new output is a
 row of output_settings.OUTPUTS and a writer in `outputs`, and a row in `model_kernels` if it is a
-quantity of the model. Stepping and recording need no change.
+quantity of the model, and a class in node.endpoints if its type is new. NaN and infinity of a
+command are handled in `commands`. Stepping and recording need no change.
 """

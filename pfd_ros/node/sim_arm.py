@@ -200,6 +200,5 @@ def _warn_about(settings: Settings, robot: pfd.Robot, log: ThrottledLog) -> None
             log.info(estimate_text(robot))
         if switch is True and not field.rule.of_model(robot).any():
             cure = f'; try {name}:={ESTIMATED}' if field.rule.estimated else ''
-            log.once(
-                name, f'{name} is true, but the model of {cut(robot.name)!r} states none{cure}'
-            )
+            text = f'{name} is true, but the model of {cut(robot.name)!r} has none{cure}'
+            log.once(name, text)

@@ -23,6 +23,7 @@ Any bag as arrays, `pfd_ros.read_log`:
     bags            messages of MCAP files, of folders of rosbag2 and of SQLite files
     log_arrays      read_log: arrays by topic and field, in a window of time
 
-A new channel is a row of format.CHANNELS (its role and bytes: see pfd_ros.arm); a new key of the
-head or the end, of HeadKey or EndKey.
+A new channel is a row of format.CHANNELS (its role and bytes: see pfd_ros.arm). A new key of the
+metadata is one of format.HeadKey, which provenance.file_head writes and `head` reads, or one of
+EndKey, which `recorder` writes; unknown keys are ignored.
 """

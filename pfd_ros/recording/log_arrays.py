@@ -29,7 +29,7 @@ from pfd_ros.recording.reader import damage_named
 from pfd_ros.text import listed
 
 NANO = 1e-9
-# Arrays of a JointState with one number a joint, in the order of `name`.
+# Arrays of a JointState with one number per joint, in the order of `name`.
 PER_JOINT = ('position', 'velocity', 'effort')
 
 

@@ -104,16 +104,16 @@ SPLICED = {
     ),
     'attachment_crc': Case('record ATTACHMENT', lambda: attachment(0, struct.pack('<I', 1))),
     'metadata_key_twice': Case(
-        'a record METADATA',
+        'record METADATA',
         lambda: record(
             Opcode.METADATA, text('x') + struct.pack('<I', 20) + (text('a') + text('b')) * 2
         ),
     ),
     'metadata_beyond_its_record': Case(
-        'a record METADATA', lambda: record(Opcode.METADATA, text('x') + struct.pack('<I', 20))
+        'record METADATA', lambda: record(Opcode.METADATA, text('x') + struct.pack('<I', 20))
     ),
     'schema_shorter_than_its_record': Case(
-        'a record SCHEMA', lambda: record(Opcode.SCHEMA, struct.pack('<H', 99) + bytes(13))
+        'record SCHEMA', lambda: record(Opcode.SCHEMA, struct.pack('<H', 99) + bytes(13))
     ),
     'schema_of_megabytes': Case('a record of', lambda: record(Opcode.SCHEMA, bytes(1 << 20))),
     'message_index_garbage': Case('GOLDEN', lambda: record(Opcode.MESSAGE_INDEX, b'\xff' * 50)),

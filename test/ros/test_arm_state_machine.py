@@ -86,7 +86,7 @@ class Model:
         return pfd.Simulator(pfd.load_robot('planar2'), scene, step_size=STEP_NS * 1e-9)
 
     @property
-    def stands(self) -> bool:
+    def waiting(self) -> bool:
         """Whether there is no cycle now; a jump needs neither a step nor an answer."""
         stopped = self.waits or (self.paused and not self.steps_left)
         return not self.active or (stopped and self.jump is None)
@@ -183,10 +183,10 @@ class CommandedArm(RuleBasedStateMachine):
         """Send a message, then run cycles until the arm waits."""
         self.events.setdefault(self.cycles + 1, []).append(message)
         source, data = message
-        ((_, judgement, _),) = self.arm.take([Arrival(source, 1, data)]).judgements
-        assert judgement.verdict is expected, judgement
-        assert self.arm.stands == self.model.stands
-        while cycles and not self.model.stands:
+        ((_, validation, _),) = self.arm.take([Arrival(source, 1, data)]).validations
+        assert validation.verdict is expected, validation
+        assert self.arm.waiting == self.model.waiting
+        while cycles and not self.model.waiting:
             self.run_cycle()
             cycles -= 1
 
@@ -200,7 +200,7 @@ class CommandedArm(RuleBasedStateMachine):
         assert found.effort.tolist() == wanted
         assert found.position.tobytes() == self.model.simulator.q.tobytes()
         assert found.velocity.tobytes() == self.model.simulator.qd.tobytes()
-        assert self.arm.stands == self.model.stands
+        assert self.arm.waiting == self.model.waiting
         self.states.append(found)
 
     @rule(

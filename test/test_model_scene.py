@@ -135,6 +135,13 @@ def test_a_joint_without_cogging_has_some_period_and_one_with_it_needs_periods(
         resolve(robot, Scene(cogging=[*rows[:3], (0.1, 0.0, 0.0)]))
 
 
+@pytest.mark.parametrize('periods', [1e-300, 1e-7, 1e7, -1e100])
+def test_periods_whose_energy_or_angle_has_no_digits_are_refused(periods: float) -> None:
+    scene = Scene(cogging=[(0.1, periods, 0.0), (0.0, 0.0, 0.0)])
+    with pytest.raises(ValueError, match=r"cogging of joint 'shoulder' must be within 1e-06 and"):
+        resolve(load_robot('planar2'), scene)
+
+
 def test_tables_of_torque_and_speed_get_the_rows_of_the_longest(robot: Robot) -> None:
     tables = [None, [(1.0, 9.0), (2.0, 0.0)], [(0.5, 4.0)], None]
     inf = np.inf

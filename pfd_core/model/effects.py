@@ -287,6 +287,8 @@ def _spring_energy(c: Any, q: Any) -> Any:
 
 
 # Cogging: the torque a sin(k q + phase) of magnets or gears that settle k times a turn.
+# Fewer periods are a constant torque whose energy overflows; of more, k q loses its digits.
+LEAST_PERIODS, MOST_PERIODS = 1e-6, 1e6
 
 
 def _cogging(robot: Robot, values: Numbers) -> Numbers:
@@ -296,6 +298,11 @@ def _cogging(robot: Robot, values: Numbers) -> Numbers:
     for name, (amplitude, periods, _) in zip(robot.joint_names, rows.tolist(), strict=True):
         if amplitude and not periods:
             raise ValueError(f'periods of cogging of joint {quote(name)} must not be 0')
+        if amplitude and not LEAST_PERIODS <= abs(periods) <= MOST_PERIODS:
+            raise ValueError(
+                f'periods of cogging of joint {quote(name)} must be within {LEAST_PERIODS:g} and '
+                f'{MOST_PERIODS:g} a turn, got {periods:g}'
+            )
     # A joint without cogging has some period, by which its energy is divided.
     idle = rows[:, :1] == 0
     return {'cogging': np.where(idle, (0.0, 1.0, 0.0), rows)}

@@ -241,7 +241,10 @@ class ArmState:
         digest, tree = data[len(MAGIC) : start], data[start:]
         if data[: len(MAGIC)] != MAGIC or hashlib.sha256(tree).digest() != digest:
             raise ValueError('expected the bytes of an arm state, got other or damaged bytes')
-        found = _record(json.loads(tree))
+        try:
+            found = _record(json.loads(tree))
+        except (TypeError, KeyError, AttributeError) as error:
+            raise ValueError(f'expected the bytes of an arm state: {error!r}') from error
         if not isinstance(found, cls):
             raise ValueError(f'expected an arm state, got {type(found).__name__}')
         return found

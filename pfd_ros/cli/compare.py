@@ -77,6 +77,7 @@ def as_json(found: Comparison) -> dict[str, object]:
         'only_in_a': found.only_in_a,
         'only_in_b': found.only_in_b,
         'unordered': found.unordered,
+        'uncovered': found.uncovered,
         'differences': [asdict(item) for item in found.differences],
     }
 
@@ -87,8 +88,10 @@ def lines_of(found: Comparison) -> list[str]:
     lines = [f'lag of B {found.lag * 1e3:.3f} ms{shift}; {found.overlap:.3f} s compared']
     for name, joints in (('A', found.only_in_a), ('B', found.only_in_b)):
         lines += [f'only in {name}: {joint}' for joint in joints]
-    lines += [f'not compared, stamps do not increase: {topic}' for topic in found.unordered]
-    width = max(len(item.joint) for item in found.differences)
+    lines += [f'different, without increasing stamps: {topic}' for topic in found.unordered]
+    if found.uncovered:
+        lines.append(f'not compared: {found.uncovered:.3f} s, which only one of the logs covers')
+    width = max((len(item.joint) for item in found.differences), default=0)
     for topic in dict.fromkeys(item.topic for item in found.differences):
         lines.append(f'{topic}')
         for item in (item for item in found.differences if item.topic == topic):

@@ -76,7 +76,9 @@ def run(given: argparse.Namespace) -> int:
     for topic in bag.topics:
         counts.setdefault(topic, TopicCount())
     span = (first or 0, last)
-    run_of_node = read(given.log) if HEAD in bag.metadata else None
+    files = bag.files()
+    # A recording of the node is one file, also in a folder of rosbag2.
+    run_of_node = read(files[0]) if HEAD in bag.metadata and len(files) == 1 else None
     settings = strict_json(bag.metadata[HEAD].get(HeadKey.SETTINGS, '{}')) if run_of_node else {}
     if given.json:
         print(json.dumps(as_json(bag, counts, span, run_of_node, settings), allow_nan=False))

@@ -79,7 +79,7 @@ def parse_definition(name: str, text: str) -> Types:
         If a line declares no field, a type is missing or uses itself, or there are too many.
 
     """
-    first, *others = _SEPARATOR.split(text)
+    first, *others = _SEPARATOR.split(text.replace('\r\n', '\n'))
     texts = {_full(name): first}
     for other in others:
         title, _, body = other.partition('\n')
@@ -125,7 +125,8 @@ def _count_fields(kind: str, types: Types, depth: int) -> int:
     total = 0
     for item in types[kind]:
         own = item.type in NUMBERS or item.type == STRING
-        total += 1 if own else _count_fields(item.type, types, depth + 1)
+        # A type without fields counts, too: nested ones could be any number.
+        total += 1 if own else max(1, _count_fields(item.type, types, depth + 1))
         if total > FIELDS:
             raise ValueError(f'type {kind} has more than {FIELDS} fields')
     return total
@@ -215,7 +216,10 @@ class _Walk:
             count = self._length(4 if item.type == STRING else 1) if item.count < 0 else item.count
             if count > LEAVES:
                 raise ValueError(f'{count} elements of {item.name}, expected at most {LEAVES}')
-            values = [read() for _ in range(count)]
+            values = []
+            for _ in range(count):
+                self._note_leaf()  # lists of lists of nothing take time, too
+                values.append(read())
         # Of nested lists, some elements may have empty ones.
         paths = dict.fromkeys(path for value in values for path in value)
         named = {path: f'{item.name}.{path}' if path else item.name for path in paths}

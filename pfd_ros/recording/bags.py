@@ -22,7 +22,13 @@ from mcap.records import Attachment, Channel, Message, Metadata, Schema
 import yaml
 
 from pfd_ros.messages.definitions import full_text
-from pfd_ros.recording.format import MESSAGE_ENCODING, RECORD_BYTES, SCHEMA_ENCODING
+from pfd_ros.recording.format import (
+    HEAD,
+    MESSAGE_ENCODING,
+    RECORD_BYTES,
+    ROBOT,
+    SCHEMA_ENCODING,
+)
 from pfd_ros.recording.mcap_stream import CutOffError, McapStream
 from pfd_ros.recording.reader import LogError, damage_named, opened
 from pfd_ros.text import cut
@@ -31,7 +37,7 @@ from pfd_ros.text import cut
 TOPIC_LIMIT = 4096
 FILE_LIMIT = 4096
 DESCRIPTION = 'metadata.yaml'
-DESCRIPTION_BYTES = 1 << 20
+DESCRIPTION_BYTES = 1 << 18
 DATABASES = ('.db3', '.sqlite3')
 
 
@@ -67,7 +73,7 @@ class Bag:
     topics
         By name.
     metadata, attachments
-        Those of MCAP files, by name.
+        HEAD and ROBOT of a recording of the node, by name.
     complete
         Whether the last file was closed properly; known after the last message.
 
@@ -91,13 +97,13 @@ class Bag:
             If a file cannot be read.
 
         """
-        for path in self._files():
+        for path in self.files():
             with damage_named(path):
                 read = self._sqlite if path.suffix in DATABASES else self._mcap
                 yield from read(path)
 
-    def _files(self) -> list[Path]:
-        """Return the files in their order."""
+    def files(self) -> list[Path]:
+        """Return the files in their order; LogError for a folder that is no bag."""
         if not self.path.is_dir():
             return [self.path]
         description = self.path / DESCRIPTION
@@ -107,11 +113,14 @@ class Bag:
             text = stream.read(DESCRIPTION_BYTES + 1)
             if len(text) > DESCRIPTION_BYTES:
                 raise ValueError(f'it has more than {DESCRIPTION_BYTES} bytes')
-            table = yaml.load(text, getattr(yaml, 'CSafeLoader', yaml.SafeLoader))
+            # All scalars are strings; the loader in C would overflow the stack of a nested file.
+            table = yaml.load(text, yaml.BaseLoader)
             info = table.get('rosbag2_bagfile_information') if isinstance(table, dict) else None
             if not isinstance(info, dict):
                 raise ValueError('it has no rosbag2_bagfile_information')
-            packed = str(info.get('compression_format') or '')
+            packed = info.get('compression_format', '')
+            if not isinstance(packed, str):
+                raise ValueError('compression_format is not a name')
             if packed:
                 raise ValueError(
                     f'the bag is compressed by rosbag2 ({cut(packed)}); '
@@ -124,7 +133,7 @@ class Bag:
                 raise ValueError(f'{len(names)} files, expected at most {FILE_LIMIT}')
             for name in names:
                 # A bag that someone sent may not read other files of this machine.
-                if Path(name).name != name:
+                if Path(name).name != name or (self.path / name).is_symlink():
                     raise ValueError(f'file {cut(name)!r} is not in the folder of the bag')
         return [self.path / name for name in names]
 
@@ -149,16 +158,22 @@ class Bag:
                     elif isinstance(record, Channel):
                         channels[record.id] = record.topic
                         self._add(_topic_of(record, schemas.get(record.schema_id)))
-                    elif isinstance(record, Metadata):
+                    elif isinstance(record, Metadata) and record.name == HEAD:
                         self.metadata.setdefault(record.name, record.metadata)
-                    elif isinstance(record, Attachment):
+                    elif isinstance(record, Attachment) and record.name == ROBOT:
                         self.attachments.setdefault(record.name, record.data)
             self.complete = records.complete
 
     def _sqlite(self, path: Path) -> Iterator[BagMessage]:
         if not stat.S_ISREG(path.stat().st_mode):
             raise LogError(f'{path} is not a regular file')
-        address = f'{path.resolve().as_uri()}?mode=ro'
+        wal = path.with_name(f'{path.name}-wal')
+        if wal.exists():
+            raise LogError(
+                f'{path} is being written, or was not closed: {wal.name} lies next to it'
+            )
+        # Immutable: SQLite would write files of its own next to it.
+        address = f'{path.resolve().as_uri()}?mode=ro&immutable=1'
         with closing(sqlite3.connect(address, uri=True)) as database:
             database.text_factory = lambda data: data.decode('utf-8', 'replace')
             definitions = self._tables(database)
@@ -168,16 +183,22 @@ class Bag:
             ).fetchall()
             names = {}
             for number, name, kind, encoding, qos in rows:
+                if not all(isinstance(value, str) for value in (name, kind, encoding, qos)):
+                    raise ValueError(f'topic {number!r} has a field that is no string')
                 names[number] = name
                 text = definitions.get(kind, '')
                 self._add(Topic(name, kind, encoding, text, qos))
             if len(names) > TOPIC_LIMIT:
                 raise ValueError(f'more than {TOPIC_LIMIT} topics')
-            query = 'SELECT topic_id, timestamp, length(data), data FROM messages ORDER BY id'
+            # The size comes first: SQLite would read a longer value whole.
+            query = (
+                'SELECT topic_id, timestamp, length(data), CASE WHEN length(data) <= '
+                f'{RECORD_BYTES} THEN data END FROM messages ORDER BY id'
+            )
             for number, at_ns, size, data in database.execute(query):
                 if number not in names or not isinstance(at_ns, int):
                     raise ValueError(f'a message of unknown topic {number} at {at_ns}')
-                if not isinstance(data, bytes) or size > RECORD_BYTES:
+                if not isinstance(data, bytes):
                     raise ValueError(f'a message of {size} bytes, expected at most {RECORD_BYTES}')
                 yield BagMessage(names[number], at_ns, at_ns, data)
         self.complete = True
@@ -190,6 +211,11 @@ class Bag:
         tables = {name for (name,) in listed.fetchmany(TOPIC_LIMIT)}
         if not tables >= {'topics', 'messages'}:
             raise ValueError('it has no tables `topics` and `messages`: not a bag of rosbag2')
+        for name in ('topics', 'messages'):
+            # Generated columns are computed: any number of bytes from a small file.
+            columns = database.execute(f'PRAGMA table_xinfo({name})').fetchmany(TOPIC_LIMIT)
+            if any(column[-1] for column in columns):
+                raise ValueError(f'table {name} has generated columns: not a bag of rosbag2')
         if 'message_definitions' not in tables:
             return {}
         rows = database.execute(

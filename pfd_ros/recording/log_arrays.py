@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
-from pfd_ros.messages.columns import parse_definition, read_columns
+from pfd_ros.messages.columns import MOST_PADDING, PADDED, parse_definition, read_columns
 from pfd_ros.messages.convert import JOINT_STATE
 from pfd_ros.recording.bags import Bag, Topic, definition_of
 from pfd_ros.recording.format import HEAD, ROBOT, HeadKey
@@ -308,6 +308,12 @@ def _by_joint(
         widths = {path: arrays[path].shape[1] for path in PER_JOINT}
         if all(width == len(names) for width in widths.values()):
             return names, arrays
+    filled = sum(arrays[path].size for path in PER_JOINT)
+    if len(rows) * len(names) > PADDED + MOST_PADDING * filled:
+        raise ValueError(
+            f'{len(rows)} messages name {len(names)} joints, most of them in few messages: read a '
+            'shorter window'
+        )
     place = {name: k for k, name in enumerate(names)}
     groups: dict[tuple[str, ...], list[int]] = {}
     for k, row in enumerate(rows):

@@ -3,9 +3,10 @@
 """
 recover: all readable messages of an MCAP file that was cut off or damaged, as a new whole file.
 
-The frames of the records lead through the file. A chunk whose checksum differs or that cannot be
-unpacked is left out, and the last one, where the file ends within it, is unpacked as far as it
-goes. Metadata, attachments, schemas and channels are copied; nothing is added.
+The frames of the records lead through the file. Where one is damaged, the index, if there is one,
+leads to the next chunk. A chunk whose checksum differs or that cannot be unpacked is left out,
+and the last one, where the file ends within it, is unpacked as far as it goes. Metadata,
+attachments, schemas and channels are copied, the latter also from the index; nothing is added.
 """
 
 from __future__ import annotations
@@ -13,19 +14,37 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from io import BytesIO
+from itertools import chain
 import os
 from pathlib import Path
 import struct
 from typing import BinaryIO
 
 import lz4.frame
+from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
+from mcap.records import (
+    Attachment,
+    Channel,
+    ChunkIndex,
+    Footer,
+    McapRecord,
+    Message,
+    Metadata,
+    Schema,
+)
 from mcap.writer import CompressionType, Writer
 import zstandard
 
 from pfd_ros.recording.format import CHUNK_BYTES, PROFILE, RECORD_BYTES
-from pfd_ros.recording.mcap_stream import FRAME, MAGIC, parse_record, records_in_chunk
+from pfd_ros.recording.mcap_stream import (
+    FRAME,
+    MAGIC,
+    McapStream,
+    parse_record,
+    records_in_chunk,
+)
 from pfd_ros.recording.reader import LogError, damage_named, opened
 
 # Times, size and checksum of a chunk, before the name of its compression.
@@ -33,7 +52,13 @@ _CHUNK_PREFIX = struct.Struct('<QQQI')
 _COUNT, _LENGTH = struct.Struct('<I'), struct.Struct('<Q')
 # Lost parts that are kept: a hostile file could have any number.
 MOST_LOST = 10
+# Bytes of the footer.
+_FOOTER = 20
 _DATA = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.METADATA, Opcode.ATTACHMENT)
+_SUMMARY = (
+    *(Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX),
+    *(Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.SUMMARY_OFFSET),
+)
 
 
 @dataclass
@@ -84,11 +109,53 @@ def recover(source: Path, target: Path) -> Recovered:
             raise LogError(f'{source} is not an MCAP file: nothing to recover')
         with target.open('xb') as written:
             try:
-                _copy(_readable(stream, size, found), written, found)
+                index = _Index(stream, size)
+                stream.seek(len(MAGIC))
+                _copy(chain(index.records, _readable(stream, size, found, index)), written, found)
             except BaseException:
                 target.unlink()
                 raise
+        if not found.lost_parts:
+            _check_rest(stream, size, found)
     return found
+
+
+def _check_rest(stream: BinaryIO, size: int, found: Recovered) -> None:
+    """Note damage outside the chunks, which only checksums of the whole file show."""
+    stream.seek(0)
+    try:
+        for _ in McapStream(stream, size):
+            pass
+    except Exception as error:  # damage has as many exceptions as parsers
+        found.lose(f'not certain, as {error or "the end is missing"}')
+
+
+class _Index:
+    """Schemas, channels and the first bytes of chunks by the summary of a file, if it has one."""
+
+    def __init__(self, stream: BinaryIO, size: int) -> None:
+        self.records: list[McapRecord] = []
+        self.chunks: list[int] = []
+        with suppress(Exception):  # damage has as many exceptions as parsers
+            stream.seek(size - len(MAGIC) - _FOOTER)
+            footer: Footer = parse_record(Opcode.FOOTER, stream.read(_FOOTER))
+            at = footer.summary_start
+            while at and at + FRAME.size < size:
+                stream.seek(at)
+                kind, length = FRAME.unpack(stream.read(FRAME.size))
+                if kind not in _SUMMARY or length > min(RECORD_BYTES, size - at):
+                    break
+                body = stream.read(length)
+                if kind == Opcode.CHUNK_INDEX:
+                    found = ChunkIndex.read(ReadDataStream(BytesIO(body)))
+                    self.chunks.append(found.chunk_start_offset)
+                elif kind in _DATA:
+                    self.records.append(parse_record(Opcode(kind), body))
+                at += FRAME.size + length
+
+    def next_chunk(self, at: int) -> int | None:
+        """Return the first byte of the first chunk behind another one."""
+        return min((chunk for chunk in self.chunks if chunk > at), default=None)
 
 
 def _copy(records: Iterator[McapRecord], written: BinaryIO, found: Recovered) -> None:
@@ -133,7 +200,9 @@ def _copy(records: Iterator[McapRecord], written: BinaryIO, found: Recovered) ->
     writer.finish()
 
 
-def _readable(stream: BinaryIO, size: int, found: Recovered) -> Iterator[McapRecord]:
+def _readable(
+    stream: BinaryIO, size: int, found: Recovered, index: _Index
+) -> Iterator[McapRecord]:
     """Yield the records that can be read, and note what cannot."""
     at = len(MAGIC)
     while True:
@@ -147,6 +216,15 @@ def _readable(stream: BinaryIO, size: int, found: Recovered) -> Iterator[McapRec
             stream.seek(-len(MAGIC), os.SEEK_END)
             if stream.read() != MAGIC:
                 found.lose(f'the index, from byte {at - FRAME.size} on')
+            return
+        following = index.next_chunk(at - FRAME.size)
+        if following is not None and at + length > following:
+            found.lose(f'{following - at} bytes at byte {at}: their length is damaged')
+            at = following
+            stream.seek(at)
+            continue
+        if kind == length == 0:
+            found.lose(f'the end, from byte {at - FRAME.size} on, which is zero')
             return
         if length > size - at:
             body = stream.read(min(size - at, RECORD_BYTES))

@@ -7,8 +7,8 @@ Differences between two logs, of simulated or real arms: clocks aligned, joints 
 
 Positions are compared on a grid at the coarser of the two rates, for all shifts at once by FFT:
     sum (a - b)^2 = sum a^2 + sum b^2 - 2 sum a b, each over the overlap.
-The best shift is refined by a parabola through its neighbours. The second log is then interpolated
-linearly at the times of the first.
+The best shift is refined by a parabola through its neighbours. Both logs are then interpolated
+linearly at the times of either.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,8 @@ from pfd_ros.text import listed
 Array = NDArray[Any]
 # Part of the shorter log that two logs overlap at least at any lag.
 OVERLAP = 0.5
+# Intervals between samples, as multiples of the median one, that are gaps.
+GAP = 5.0
 # Samples of the grid on which the lag is estimated: an hour at 250 Hz.
 GRID = 1_000_000
 
@@ -66,9 +68,12 @@ class Comparison:
     differences : tuple of Difference
         By topic, field and joint.
     only_in_a, only_in_b : tuple of str
-        Joints without a partner, after their topic.
+        What the other log lacks: topics; joints, fields of a joint and values after their topic.
     unordered : tuple of str
-        Topics whose stamps do not increase, such as commands without a stamp: they are left out.
+        Topics whose stamps do not increase, such as commands without a stamp, and which are not
+        equal message by message: they have no times at which they could be compared.
+    uncovered : float
+        Seconds of the longer log that the other one does not cover, beyond the lag.
     curves : dict
         Both logs at the compared times, for plots: time, a and b, (N,), by topic, field, joint.
 
@@ -82,15 +87,16 @@ class Comparison:
     only_in_a: tuple[str, ...]
     only_in_b: tuple[str, ...]
     unordered: tuple[str, ...]
+    uncovered: float
     curves: dict[tuple[str, str, str], tuple[Array, Array, Array]] = field(
         repr=False, compare=False
     )
 
     @property
     def within(self) -> bool:
-        """Whether every difference is within the tolerance, and nothing lacks a partner."""
-        alone = self.only_in_a or self.only_in_b
-        return not alone and all(item.first_at is None for item in self.differences)
+        """Whether all of both logs was compared, and no difference exceeds the tolerance."""
+        missing = self.only_in_a or self.only_in_b or self.unordered or self.uncovered
+        return not missing and all(item.first_at is None for item in self.differences)
 
 
 def compare(
@@ -117,7 +123,8 @@ def compare(
         One topic of each log; default all topics of JointStates that both have, or the only one of
         each.
     lag : float, optional
-        Lag [s]; default estimated from the first topic's positions.
+        What is added to the stamps of a to get those of b [s]; default estimated from the first
+        topic's positions, after a shift where the stamps have nothing in common.
 
     Raises
     ------
@@ -125,8 +132,8 @@ def compare(
         If there is nothing to compare: no topic, no joint, or no common time.
 
     """
-    if not tolerance >= 0:
-        raise ValueError(f'tolerance must be 0 or more, got {tolerance}')
+    if not 0 <= tolerance < math.inf:
+        raise ValueError(f'tolerance must be 0 or more and finite, got {tolerance}')
     unknown = sorted(set(fields) - set(PER_JOINT))
     if unknown or not fields:
         raise ValueError(f'fields must be some of {list(PER_JOINT)}, got {list(fields)}')
@@ -139,25 +146,46 @@ def compare(
             raise ValueError(
                 f'{log.path}: the {len(states)} stamps of topic {topic!r} do not increase'
             )
-    shift = _shift(*first)
+    shift = 0.0
     if lag is None:
+        shift = _shift(*first)
         lag = estimated_lag(*first, shift)
     rows: list[Difference] = []
     curves = {}
     overlap = 0.0
+    only_in_a, only_in_b = _without_partner(a, b, pairs, 0), _without_partner(b, a, pairs, 1)
     for topic, other in pairs:
-        for item, joint, time, left, right in _aligned(a[topic], b[other], shift + lag, fields):
-            rows.append(_difference(topic, item, joint, time, left - right, tolerance))
-            curves[topic, item, joint] = time, left, right
-            overlap = max(overlap, float(time[-1] - time[0]))
+        for found in _aligned(a[topic], b[other], shift + lag, fields):
+            name = f'{found.field} of {found.joint}'
+            if found.only_a:
+                only_in_a.append(f'{topic}: {found.only_a} values, {name}')
+            if found.only_b:
+                only_in_b.append(f'{other}: {found.only_b} values, {name}')
+            if len(found.time):
+                time, left, right = found.time, found.left, found.right
+                place = topic, found.field, found.joint
+                rows.append(_difference(*place, time, left - right, tolerance))
+                curves[place] = time, left, right
+                overlap = max(overlap, float(time[-1] - time[0]))
     if not rows:
         raise ValueError(
             f'{a.path} and {b.path} have no joint with values at common times: joints are '
             f'{listed(first[0].names)} and {listed(first[1].names)}, lag {lag:.6g} s'
         )
-    only_in_a, only_in_b = _without_partner(a, b, pairs, 0), _without_partner(b, a, pairs, 1)
+    spans = [float(states.time[-1] - states.time[0]) for states in first]
+    edges = abs(lag) + 2 * max(float(np.median(np.diff(states.time))) for states in first)
+    uncovered = max(0.0, max(spans) - overlap - edges)
     return Comparison(
-        lag, shift, overlap, tolerance, tuple(rows), only_in_a, only_in_b, unordered, curves
+        lag,
+        shift,
+        overlap,
+        tolerance,
+        tuple(rows),
+        tuple(only_in_a),
+        tuple(only_in_b),
+        unordered,
+        uncovered,
+        curves,
     )
 
 
@@ -165,8 +193,9 @@ def _pairs(a: LogArrays, b: LogArrays) -> tuple[list[tuple[str, str]], tuple[str
     """Return the topics to compare, and those whose stamps do not increase."""
     of_a, of_b = ([t for t in log if log.topics[t] == JOINT_STATE] for log in (a, b))
     both = [topic for topic in of_a if topic in of_b]
-    unordered = tuple(t for t in both if not (_increases(a[t]) and _increases(b[t])))
-    common = [(topic, topic) for topic in both if topic not in unordered]
+    without_times = [t for t in both if not (_increases(a[t]) and _increases(b[t]))]
+    unordered = tuple(topic for topic in without_times if not _equal(a[topic], b[topic]))
+    common = [(topic, topic) for topic in both if topic not in without_times]
     # Positions decide the lag, so the topic with most of them comes first.
     common.sort(key=lambda pair: -np.isfinite(a[pair[0]].position).sum())
     if common:
@@ -183,21 +212,32 @@ def _increases(states: TopicArrays) -> bool:
     return len(states) > 1 and bool((np.diff(states.time) > 0).all())
 
 
+def _equal(a: TopicArrays, b: TopicArrays) -> bool:
+    """Return whether two topics have the same messages, but for their stamps."""
+    return (
+        a.names == b.names
+        and len(a) == len(b)
+        and all(np.array_equal(a[item], b[item], equal_nan=True) for item in PER_JOINT)
+    )
+
+
 def _without_partner(
     log: LogArrays, other: LogArrays, pairs: Sequence[tuple[str, str]], side: int
-) -> tuple[str, ...]:
+) -> list[str]:
     found = []
+    if len(pairs) > 1 or pairs[0][0] == pairs[0][1]:
+        states = (topic for topic in log if log.topics[topic] == JOINT_STATE)
+        found += [topic for topic in states if len(log[topic]) and topic not in other]
     for pair in pairs:
         joints = set(other[pair[1 - side]].names)
         found += [f'{pair[side]}: {name}' for name in log[pair[side]].names if name not in joints]
-    return tuple(found)
+    return found
 
 
 def _shift(a: TopicArrays, b: TopicArrays) -> float:
-    """Return the difference of the starts, or 0 where both logs have the same clock."""
+    """Return the difference of the starts, or 0 where the stamps of both logs overlap."""
     common = min(a.time[-1], b.time[-1]) - max(a.time[0], b.time[0])
-    shorter = min(a.time[-1] - a.time[0], b.time[-1] - b.time[0])
-    return 0.0 if common >= OVERLAP * shorter else float(b.time[0] - a.time[0])
+    return 0.0 if common > 0 else float(b.time[0] - a.time[0])
 
 
 def estimated_lag(a: TopicArrays, b: TopicArrays, shift: float = 0.0) -> float:
@@ -208,8 +248,7 @@ def estimated_lag(a: TopicArrays, b: TopicArrays, shift: float = 0.0) -> float:
     """
     joints = [name for name in a.names if name in b.names]
     one, other = (_by_name(log, 'position', joints) for log in (a, b))
-    moving = [k for k in range(len(joints)) if np.isfinite(one[:, k]).sum() > 1]
-    moving = [k for k in moving if np.isfinite(other[:, k]).sum() > 1]
+    moving = [k for k in range(len(joints)) if _moves(one[:, k]) and _moves(other[:, k])]
     if not moving:
         return 0.0
     begin = min(a.time[0], b.time[0] - shift)
@@ -255,10 +294,19 @@ def _sums(x: Array, y: Array) -> Array:
     return np.concatenate([found[size - n + 1 :], found[:n]])
 
 
+def _moves(values: Array) -> bool:
+    known = values[np.isfinite(values)]
+    return len(known) > 1 and bool(np.ptp(known) > 0)
+
+
 def _on_grid(grid: Array, time: Array, values: Array) -> Array:
-    """Return values on a grid, NaN outside their times."""
+    """Return values on a grid, NaN outside their times and in gaps between them."""
     known = np.isfinite(values)
-    found: Array = np.interp(grid, time[known], values[known], np.nan, np.nan)
+    time, values = time[known], values[known]
+    found: Array = np.interp(grid, time, values, np.nan, np.nan)
+    after = np.clip(np.searchsorted(time, grid), 1, len(time) - 1)
+    longest = GAP * max(float(np.median(np.diff(time))), float(grid[1] - grid[0]))
+    found[time[after] - time[after - 1] > longest] = np.nan
     return found
 
 
@@ -268,20 +316,51 @@ def _by_name(states: TopicArrays, item: str, joints: Sequence[str]) -> Array:
     return values
 
 
+class _Aligned(NamedTuple):
+    """Values of both logs, (N,), at the times of either, and values that only one of them has."""
+
+    field: str
+    joint: str
+    time: Array
+    left: Array
+    right: Array
+    only_a: int
+    only_b: int
+
+
 def _aligned(
     a: TopicArrays, b: TopicArrays, offset: float, fields: Sequence[str]
-) -> Iterator[tuple[str, str, Array, Array, Array]]:
-    """Yield field, joint, times of a, and the values of both at these times."""
+) -> Iterator[_Aligned]:
+    """Yield each field of each joint, at the times of a and of b where both have values."""
+    own, others = a.time, b.time - offset
+    begin, end = max(own[0], others[0]), min(own[-1], others[-1])
+    inside, inside_other = (own >= begin) & (own <= end), (others >= begin) & (others <= end)
     for item in fields:
         for joint in (name for name in a.names if name in b.names):
             one, other = (_by_name(log, item, [joint])[:, 0] for log in (a, b))
-            known = np.isfinite(other)
-            if known.sum() < 1:
+            known, seen = np.isfinite(one), np.isfinite(other)
+            if not known.any() or not seen.any():
+                only_a, only_b = int(known.sum()), int(seen.sum())
+                if only_a or only_b:
+                    nothing = np.empty(0)
+                    yield _Aligned(item, joint, nothing, nothing, nothing, only_a, only_b)
                 continue
-            right = np.interp(a.time + offset, b.time[known], other[known], np.nan, np.nan)
-            common = np.isfinite(one) & np.isfinite(right)
-            if common.any():
-                yield item, joint, a.time[common], one[common], right[common]
+            # A value of one log next to a lost one of the other has no partner.
+            lost, missed = inside & ~known, inside_other & ~seen
+            time = np.union1d(own[inside & known], others[inside_other & seen])
+            time = time[~np.isin(time, own[lost]) & ~np.isin(time, others[missed])]
+            left = np.interp(time, own[known], one[known], np.nan, np.nan)
+            right = np.interp(time, others[seen], other[seen], np.nan, np.nan)
+            common = np.isfinite(left) & np.isfinite(right)
+            yield _Aligned(
+                item,
+                joint,
+                time[common],
+                left[common],
+                right[common],
+                only_a=int(missed.sum()),
+                only_b=int(lost.sum()),
+            )
 
 
 def _difference(

@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from copy import deepcopy
+import hashlib
 import pickle
 from typing import Any
 
@@ -16,7 +17,7 @@ from simulating import efforts
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Arrival, Output, Source
 from pfd_ros.arm.settings import Settings
-from pfd_ros.arm.state import ArmState
+from pfd_ros.arm.state import MAGIC, ArmState
 from pfd_ros.messages.convert import JointStateEncoder
 from pfd_ros.testing.lockstep_arm import LockstepArm
 
@@ -171,6 +172,13 @@ def test_simulated_time_is_a_part_of_the_state() -> None:
 def test_damaged_bytes_are_refused(damage) -> None:
     with pytest.raises(ValueError, match='expected the bytes of an arm state'):
         ArmState.from_bytes(damage(made().save().to_bytes()))
+
+
+@pytest.mark.parametrize('tree', ['{"ArmState": []}', '{"x": 1}', '[]', '{"ArmState": {"q": 1}}'])
+def test_other_values_under_a_valid_digest_are_refused(tree: str) -> None:
+    data = MAGIC + hashlib.sha256(tree.encode()).digest() + tree.encode()
+    with pytest.raises(ValueError, match=r'expected .*an? arm state'):
+        ArmState.from_bytes(data)
 
 
 def test_an_arm_that_failed_and_one_in_a_pause_are_restored_as_they_were() -> None:

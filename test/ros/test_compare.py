@@ -67,8 +67,9 @@ def test_a_log_is_equal_to_itself(capsys: pytest.CaptureFixture[str]) -> None:
     assert found['within']
     assert found['lag'] == 0
     assert {item['largest'] for item in found['differences']} == {0.0}
-    # Commands of that recording have no stamps.
-    assert found['unordered'] == ['/joint_commands']
+    # Its commands have no stamps; they are equal message by message.
+    assert found['unordered'] == []
+    assert not any(item['topic'] == '/joint_commands' for item in found['differences'])
 
 
 @pytest.mark.parametrize('lag', [-0.3004, -0.008, 0.0013, 0.25])
@@ -111,6 +112,68 @@ def test_logs_of_different_rates_are_interpolated(tmp_path: Path) -> None:
     assert not compare(a, b, tolerance=1e-9, fields=['position']).within
 
 
+def lost_from(start: float) -> Motion:
+    def motion(t: float) -> tuple[list[float], list[float]]:
+        q, qd = sines(t)
+        return [np.nan if t >= start else q[0], q[1]], qd
+
+    return motion
+
+
+def spiked(t: float) -> tuple[list[float], list[float]]:
+    q, qd = sines(t)
+    return [q[0] + 5.0 * (abs(t - 1.004) < 1e-6), q[1]], qd
+
+
+@pytest.mark.parametrize(
+    ('motion', 'times', 'missing'),
+    [
+        (lost_from(3.0), TIMES, ('values', 'position of shoulder')),
+        (sines, TIMES[:50], ('uncovered', '')),
+        (lost_from(-1.0), TIMES, ('values', 'position of shoulder')),
+    ],
+)
+def test_a_log_that_lacks_values_or_time_is_not_equal(
+    tmp_path: Path, motion: Motion, times: Any, missing: tuple[str, str]
+) -> None:
+    a = read_log(write(tmp_path / 'a', sines, times=TIMES))
+    b = read_log(write(tmp_path / 'b', motion, times=times))
+    found = compare(a, b, lag=0.0)
+    assert not found.within
+    if missing[0] == 'values':
+        assert any(missing[1] in text for text in found.only_in_a)
+    else:
+        assert found.uncovered == pytest.approx(TIMES[-1] - TIMES[49] - 2 * 0.008, abs=1e-9)
+    assert all(item.first_at is None for item in found.differences)
+
+
+def test_a_spike_between_the_samples_of_the_other_log_is_a_difference(tmp_path: Path) -> None:
+    a = read_log(write(tmp_path / 'a', sines, times=TIMES))
+    b = read_log(write(tmp_path / 'b', spiked, times=np.arange(0, 3.99, 0.004)))
+    found = compare(a, b, tolerance=0.1, lag=0.0, fields=['position'])
+    assert found.differences[0].largest == pytest.approx(5.0, abs=1e-3)
+
+
+def test_a_topic_that_only_one_log_has_is_named(tmp_path: Path) -> None:
+    a = read_log(GOLDEN)
+    b = read_log(GOLDEN, topics=['/joint_states'])
+    assert compare(a, b).only_in_a == ('/joint_commands',)
+
+
+def test_logs_of_one_clock_that_overlap_in_part_have_no_shift(tmp_path: Path) -> None:
+    a = read_log(write(tmp_path / 'a', sines, times=TIMES))
+    b = read_log(write(tmp_path / 'b', sines, times=TIMES[350:] + 0.0))
+    found = compare(a, b)
+    assert (found.shift, found.lag) == (0.0, 0.0)
+
+
+def test_a_gap_in_the_messages_does_not_move_the_lag(tmp_path: Path) -> None:
+    a = read_log(write(tmp_path / 'a', sines, times=TIMES))
+    times = np.r_[TIMES[TIMES < 1.0], TIMES[TIMES >= 2.0]]
+    b = read_log(write(tmp_path / 'b', lambda t: sines(t - 0.02), times=times))
+    assert compare(a, b).lag == pytest.approx(0.02, abs=2e-4)
+
+
 def test_arms_at_rest_have_no_lag(tmp_path: Path) -> None:
     still = write(tmp_path / 'a', lambda t: ([1.0, 2.0], [0.0, 0.0]), times=TIMES)
     other = write(tmp_path / 'b', lambda t: ([1.0, 2.5], [0.0, 0.0]), times=TIMES)
@@ -138,8 +201,9 @@ def test_the_command_prints_a_line_for_each_joint_and_draws_both_logs(
 @pytest.mark.parametrize(
     ('arguments', 'message'),
     [
-        ({'tolerance': -1.0}, 'tolerance must be 0 or more, got -1.0'),
-        ({'tolerance': float('nan')}, 'tolerance must be 0 or more, got nan'),
+        ({'tolerance': -1.0}, 'tolerance must be 0 or more and finite, got -1.0'),
+        ({'tolerance': float('nan')}, 'tolerance must be 0 or more and finite, got nan'),
+        ({'tolerance': float('inf')}, 'tolerance must be 0 or more and finite, got inf'),
         ({'fields': ['torque']}, r"fields must be some of .*, got \['torque'\]"),
         ({'topics': ('/clock', '/clock')}, "topic '/clock' is rosgraph_msgs/msg/Clock"),
         (

@@ -246,6 +246,8 @@ ENDLESS = (
         ({'sql': ['DROP TABLE topics']}, 'no tables `topics` and `messages`'),
         ({'sql': ['DROP TABLE messages', ENDLESS]}, 'no tables `topics` and `messages`'),
         ({'sql': ['UPDATE messages SET topic_id = 77']}, 'unknown topic 77'),
+        ({'sql': ['ALTER TABLE messages ADD b BLOB AS (zeroblob(9))']}, 'generated columns'),
+        ({'sql': ["UPDATE topics SET type = x'00'"]}, 'a field that is no string'),
         ({'sql': ["UPDATE messages SET data = 'text'"]}, 'a message of 4 bytes'),
     ],
 )
@@ -254,6 +256,30 @@ def test_hostile_bags_are_refused_with_a_line(
 ) -> None:
     with pytest.raises(LogError, match=message):
         read_log(bag_of(tmp_path / 'bag', **changes))
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('a: ' + '[' * 50_000, 'RecursionError'),
+        ('x' * 300_000, 'more than 262144 bytes'),
+        ('rosbag2_bagfile_information: {compression_format: [a]}', 'not a name'),
+    ],
+)
+def test_hostile_descriptions_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / 'metadata.yaml').write_text(text)
+    with pytest.raises(LogError, match=message):
+        read_log(tmp_path)
+
+
+def test_a_database_that_is_being_written_is_refused_and_left_alone(tmp_path: Path) -> None:
+    bag = bag_of(tmp_path / 'bag')
+    (file,) = bag.glob('*.db3')
+    file.with_name(f'{file.name}-wal').write_bytes(b'')
+    before = sorted(bag.iterdir())
+    with pytest.raises(LogError, match='is being written, or was not closed'):
+        read_log(bag)
+    assert sorted(bag.iterdir()) == before
 
 
 @pytest.mark.parametrize('content', [b'', b'x' * 100, b'SQLite format 3\0' + bytes(100)])
@@ -282,6 +308,11 @@ TEN = ''.join(
     f'\n{"=" * 80}\nMSG: pkg/T{k}\n' + '\n'.join(f'{"T" + str(k + 1)} a{j}' for j in range(10))
     for k in range(9)
 )
+# A hundred fields of a type each, eight deep, the last without fields.
+EMPTY = ''.join(
+    f'\n{"=" * 80}\nMSG: pkg/E{k}\n' + '\n'.join(f'E{k + 1} a{j}' for j in range(100))
+    for k in range(8)
+)
 SELF = (
     'Other a\n' + '=' * 80 + '\nMSG: pkg/Other\nThing b\n' + '=' * 80 + '\nMSG: pkg/Thing\nOther c'
 )
@@ -291,6 +322,7 @@ SELF = (
     ('definition', 'message'),
     [
         (SELF, 'nested deeper than'),
+        (f'E0 a{EMPTY}\n{"=" * 80}\nMSG: pkg/E8\n', 'more than 4096 fields'),
         ('Missing a', 'definition of type pkg/Missing is missing'),
         ('float64', "'float64' is not a field"),
         (f'T0 a{TEN}\n{"=" * 80}\nMSG: pkg/T9\nfloat64 a', 'more than 4096 fields'),
@@ -310,6 +342,26 @@ def test_lengths_that_a_message_does_not_have_cost_nothing(tmp_path: Path) -> No
     # Reading them would take hours.
     with bounded(60.0), pytest.raises(LogError, match='read a shorter window'):
         log['/topic']
+
+
+def test_lists_of_lists_of_nothing_end(tmp_path: Path) -> None:
+    nested = f'A[65536] a\n{"=" * 80}\nMSG: pkg/A\nB[65536] b\n{"=" * 80}\nMSG: pkg/B\nstring[0] s'
+    path = mcap_of(tmp_path / 'a.mcap', 'pkg/msg/Top', nested, [b'\0\1\0\0' + bytes(8)])
+    assert len(read_log(path)['/topic']) == 0
+
+
+def test_a_joint_of_its_own_in_each_message_is_refused(tmp_path: Path) -> None:
+    kind = 'sensor_msgs/msg/JointState'
+    make, header = STORE.types[kind], random_message('std_msgs/msg/Header', random.Random(0))
+    none = np.array([])
+    with rosbag2.Writer(tmp_path / 'bag', version=9) as writer:
+        connection = writer.add_connection('/states', kind, typestore=STORE)
+        for k in range(2000):
+            message = make(header, [f'joint{k:05}'], np.array([1.0]), none, none)
+            writer.write(connection, k, bytes(STORE.serialize_cdr(message, kind)))
+    log = read_log(tmp_path / 'bag')
+    with pytest.raises(LogError, match='2000 messages name 2000 joints'):
+        log['/states']
 
 
 def test_messages_of_other_lengths_each_are_read_without_comparing_all_with_all(

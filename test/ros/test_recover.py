@@ -96,6 +96,53 @@ def test_a_damaged_chunk_costs_that_chunk_alone(tmp_path: Path) -> None:
     assert [m for m in whole if m in kept] == kept
 
 
+def test_a_damaged_first_chunk_costs_no_topic(tmp_path: Path) -> None:
+    # Its schemas and channels are in the index, too.
+    path = load(GOLDEN).save(tmp_path / 'small.mcap', chunk_size=2000)
+    data = bytearray(path.read_bytes())
+    with path.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    first = min(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
+    data[first.chunk_start_offset + first.chunk_length // 2] ^= 0x55
+    path.write_bytes(data)
+    found = recover(path, tmp_path / 'a.mcap')
+    assert found.lost_parts == 1
+    assert 0 < len(messages_of(GOLDEN)) - found.messages < 30
+
+
+def test_a_damaged_length_of_a_chunk_costs_that_chunk_alone(tmp_path: Path) -> None:
+    path = load(GOLDEN).save(tmp_path / 'small.mcap', chunk_size=2000)
+    data = bytearray(path.read_bytes())
+    with path.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    at = sorted(chunk.chunk_start_offset for chunk in summary.chunk_indexes)[3]
+    data[at + 6] ^= 0x10
+    path.write_bytes(data)
+    found = recover(path, tmp_path / 'a.mcap')
+    assert 'their length is damaged' in found.lost[0]
+    assert 0 < len(messages_of(GOLDEN)) - found.messages < 30
+
+
+def test_damage_outside_the_chunks_is_not_called_whole(tmp_path: Path) -> None:
+    damaged = bytearray(DATA)
+    damaged[DATA.index(b'"cpu"') + 8] ^= 0x01
+    path = tmp_path / 'damaged.mcap'
+    path.write_bytes(damaged)
+    found = recover(path, tmp_path / 'a.mcap')
+    assert 'checksum of the data section' in found.lost[0]
+
+
+def test_zeros_at_the_end_of_a_file_end_the_walk(tmp_path: Path) -> None:
+    path = tmp_path / 'zeros.mcap'
+    with path.open('wb') as stream:
+        stream.write(DATA[:40_000])
+        stream.truncate(1 << 30)
+    # The zeros stand for the rest of a chunk that the disk never got.
+    assert recover(path, tmp_path / 'a.mcap').messages <= len(messages_of(GOLDEN))
+
+
 def test_messages_of_a_chunk_that_the_file_ends_within_are_kept(tmp_path: Path) -> None:
     # Without compression each whole message of the last chunk can be read.
     run = load(GOLDEN)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import gc
 import os
 from pathlib import Path
+import tempfile
 from typing import Any
 
 from hypothesis import HealthCheck, settings
@@ -49,6 +50,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     """Choose the processor, also for workers and for the processes that tests start."""
+    # Hypothesis keeps constants of the sources; they do not belong into the folder of the project.
+    storage = tempfile.TemporaryDirectory(prefix='hypothesis-')
+    config.add_cleanup(storage.cleanup)
+    os.environ.setdefault('HYPOTHESIS_STORAGE_DIRECTORY', storage.name)
     cpu = config.getoption('--target-cpu')
     if cpu is not None:
         os.environ[processor.VARIABLE] = cpu

@@ -8,12 +8,12 @@ Derivatives of forward dynamics with respect to q, qd and tau, by the implicit f
     d qdd / d tau    = X T      T = d motor torques / d tau, a diagonal; one without limits
 
 D of the links is that of pfd_core.algorithms.grouped.torque_derivatives, over composite bodies; H
-and the bias come out of it on the way, and H = L' D L gives qdd and X. D of the joints and D of
-the drives are tangents of their own programs (pfd_core.machine.derivative). Both are diagonal but
+and the bias are by-products, and H = L' D L gives qdd and X. D of the joints and D of the drives
+are tangents of the programs of their torques (pfd_core.machine.derivative). Both are diagonal but
 for the gravity that the drives compensate.
 
 A braked joint has zeros in its row and its column of X. At a motor limit, where the torque has
-no derivative, the derivative is that of the side selected by its program.
+no derivative, it is taken on the side that the program selects.
 
 Carpentier and Mansard 2018 (derivatives of forward dynamics by those of inverse dynamics and
 H^-1).

@@ -14,8 +14,8 @@ ill-conditioned H a small r belongs to a large error. delta is an estimate of th
 
 The check is no part of the counted algorithm. pfd_core.emulate runs it after the program and sets
 the status; a kernel contains it and answers NaN, because it returns an array and no status. Where
-H does not factor in the number format, delta is NaN, and the answer is refused as one that nothing
-confirms.
+H does not factor in the number format, delta is NaN, and the answer is refused because
+nothing confirms it.
 
 Cost: one inverse dynamics, one inertia matrix with its factors, two solves. One register holds one
 number.
@@ -48,7 +48,7 @@ def record_small_correction(plant: Plant) -> Program:
     """
     Return the sequential program of `small`, (1,): 1 if delta is small, else 0, also for NaN.
 
-    Inputs are those of forward dynamics, and qdd, (n,).
+    Inputs are the inputs of forward dynamics, and qdd, (n,).
     """
     at_rest = replace(without_joint_torques(plant), gravity=np.zeros(3))
     solve = record_forward_dynamics(at_rest, 'composite_body', 'sequential')

@@ -118,8 +118,8 @@ def record_forward_dynamics(
 
     Its outputs are `qdd`, (n,), and `pivots`, (n,), all above zero exactly if H is positive
     definite, or, for an iterative method, `iterations` and `converged`, (1,). An iterative method
-    stops at a tolerance, by default that of double precision. ValueError for an unknown method,
-    and for effects that act over a step of time.
+    stops at a tolerance, by default for double precision. ValueError for an unknown method, and
+    for effects that act over a step of time.
     """
     check_instant(plant)
     choice('method', method, FORWARD)

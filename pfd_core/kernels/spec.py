@@ -35,7 +35,7 @@ class KernelSpec:
     robot : Robot
         The chain.
     scene : Scene
-        Which effects are on; of these the ones that the quantity depends on.
+        Which effects are on; reduced to the effects of the quantity.
     method : str
         A name in METHODS, also where 'auto' was given, or the one method of the quantity.
     dtype : str

@@ -8,7 +8,7 @@ quantities, derivatives, energy, the choice of an integrator, YAML, the paramete
 reports and the table in docs/guides/model-quantities.md are derived from the records. A new effect
 of a joint is a record here and a field of Scene with the record's name for it.
 
-A joint takes torques of its own in addition to those of its link:
+A joint takes its own torques in addition to the torques of its link:
 
     tau = tau of links, gravity and wrench
           + viscosity qd + torque(q, qd) + inertia qdd        summed over the effects
@@ -135,7 +135,7 @@ class Effect:
     name : str
         Name in tables and on pages.
     fields : tuple of Field
-        Its fields in Scene: first the one that switches it on, then those that refine it.
+        Its fields in Scene: first the field that switches it on, then fields that refine it.
     acts : str
         LINKS, JOINTS, MOTORS, BRAKES or STEP.
     at_rest : bool
@@ -154,7 +154,7 @@ class Effect:
     completed : callable or None
         From a robot and the numbers of all fields to those of this effect and of the effects that
         need it; {} if it is off. By default it is off where the numbers of its first field are all
-        zero, or infinite if infinity stands for no limit.
+        zero, or infinite if infinity means no limit.
 
     """
 

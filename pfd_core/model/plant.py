@@ -7,7 +7,7 @@ Plant: a scene and a robot as numbers, which an algorithm records as a program.
     without_step_effects   a plant without those
     in_motion              the same, with the friction of joints that stay in motion
     without_drives         a plant whose input tau is the torque of its motors
-    without_joint_torques  a plant whose joints take no torque but that of their inertia
+    without_joint_torques  a plant whose joints take no torque but their inertia's
     without_viscosity      a plant whose joints take no torque in proportion to their velocity
     with_inertia           a plant with another inertia of its joints
 
@@ -35,8 +35,7 @@ from pfd_core.model.robot import Robot
 STEP_EFFECTS = tuple(
     item.name for effect in EFFECTS if effect.acts == STEP for item in effect.fields
 )
-# Fields of Plant whose effects are those of the drives, by which a motor gives another torque than
-# the commanded one.
+# Fields of Plant by which a motor gives another torque than the commanded one.
 DRIVES = (
     *(item.name for effect in EFFECTS if effect.acts == MOTORS for item in effect.fields),
     'sliding_friction',
@@ -138,7 +137,7 @@ def without_drives(plant: Plant) -> Plant:
 
 
 def without_joint_torques(plant: Plant) -> Plant:
-    """Return a plant whose joints take no torque but that of inertia: H qdd = tau at rest."""
+    """Return a plant whose joints take no torque but inertia's: H qdd = tau at rest."""
     torques = [
         item.name
         for effect in EFFECTS
@@ -154,7 +153,7 @@ def without_viscosity(plant: Plant) -> Plant:
 
 
 def with_inertia(plant: Plant, inertia: Array) -> Plant:
-    """Return a plant whose joints have another inertia of their own, (n,) [kg m^2, kg]."""
+    """Return a plant with another inertia of the joints, (n,) [kg m^2, kg]."""
     own = [effect.field for effect in EFFECTS if effect.acts == JOINTS and effect.inertia]
     return replace(plant, effects={**_without(plant, own).effects, own[0]: inertia})
 

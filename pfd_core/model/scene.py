@@ -6,7 +6,7 @@ Scene: the effects that act on a robot, each checked by itself.
 A scene fits any robot with the number of joints that it names; `pfd_core.model.scene_numbers`
 turns both into numbers. The default is rigid links and gravity, nothing else.
 
-The fields are those of the records in `pfd_core.model.effects`, which check them. They are
+The fields belong to the records in `pfd_core.model.effects`, which check them. They are
 declared here as well, so that editors and type checkers know the arguments of Scene.
 """
 

@@ -31,7 +31,7 @@ INPUT = 'input'
 class Rule(NamedTuple):
     """What a field with one number, or one row of numbers, a joint may hold."""
 
-    # The field of Robot that "model" stands for, or one for each column.
+    # The field of Robot that "model" selects, or one for each column.
     model: str | tuple[str, ...] | None = None
     least: float = 0.0
     above: bool = False  # whether the least number is excluded

@@ -216,7 +216,7 @@ class Urdf:
         Parameters
         ----------
         locked : mapping
-            Name of a joint -> position. It counts before that of a mimic.
+            Name of a joint -> position. It has precedence over a mimic.
 
         Raises
         ------

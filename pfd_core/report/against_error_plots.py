@@ -3,7 +3,7 @@
 """
 Plots of speed against error: one panel for each case, and work-precision of the integrators.
 
-Colours are those of Okabe and Ito, which colour-blind readers can distinguish; markers differ as
+Colours by Okabe and Ito, which colour-blind readers can distinguish; markers differ as
 well.
 """
 

@@ -257,7 +257,7 @@ def _estimates(rows: Sequence[Row]) -> list[str]:
         'Estimate over error of the answer before refinement, both max |.| over max |qdd|, '
         f'float64. Target: within a factor of {FACTOR:g} wherever the error is above '
         f'{SHOWN:g}. Of {states} such states in this table '
-        + ('all are.' if not wrong else f'not those of {len(wrong)} rows.')
+        + ('all are.' if not wrong else f'all but the states of {len(wrong)} rows are.')
     )
     table = header(
         f'robot | method | states | with an error above {SHOWN:g} | largest error '
@@ -325,12 +325,16 @@ def _runs(rows: Sequence[Run]) -> list[str]:
                 f'{check.step:g}',
                 check.duration or duration,
                 check.quantity,
-                order(row.error) if math.isfinite(row.error) else 'not finite',
-                f'{check.bound:g}',
-                'yes' if row.met else 'no',
+                *_found_and_met(row.error, check.bound, row.met),
             )
         )
     return ['## Runs of the motions\n', paragraph(text), *table]
+
+
+def _found_and_met(error: float, bound: float, met: bool) -> tuple[str, str, str]:
+    """Return the cells found, bound and met."""
+    found = order(error) if math.isfinite(error) else 'not finite'
+    return found, f'{bound:g}', 'yes' if met else 'no'
 
 
 def _steady(rows: Sequence[SteadyRun]) -> list[str]:
@@ -348,9 +352,7 @@ def _steady(rows: Sequence[SteadyRun]) -> list[str]:
                 row.cause,
                 row.dtype,
                 row.duration,
-                order(row.error) if math.isfinite(row.error) else 'not finite',
-                f'{row.bound:g}',
-                'yes' if row.met else 'no',
+                *_found_and_met(row.error, row.bound, row.met),
             )
         )
     return ['## Motions without acceleration\n', paragraph(text), *table]

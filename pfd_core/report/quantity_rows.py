@@ -4,7 +4,7 @@
 Speed and error of the quantities other than forward dynamics, against the peers.
 
 At one robot, quantity and number of states all ways take turns in one process. Times are compared
-with those of Pinocchio, and optionally with 50 digits.
+with Pinocchio, and optionally with 50 digits.
 """
 
 from __future__ import annotations

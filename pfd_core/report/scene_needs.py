@@ -44,7 +44,7 @@ class EffectRow:
     name : str
         Name of the effect.
     operations : int
-        Operations of the full scene minus those of the scene without the effect.
+        Operations of the full scene minus operations without the effect.
     without : SceneRow
         The scene without the effect, and its errors.
     share : float

@@ -9,7 +9,7 @@ Every integrator is differentiated exactly: A and B are the derivatives of the n
 step computes, not of the motion that it approximates (pfd_core.kernels.linear_steps).
 
 Dry friction and stops. As long as no joint comes to rest, breaks loose or reaches its stop, a step
-is that of a smooth arm: joints at rest are braked, and the friction of the others depends
+is a step of a smooth arm: joints at rest are braked, and the friction of the others depends
 on their velocities alone. Both arms take the step; if their ends differ, an event has fallen into
 it, and there is no derivative.
 

@@ -39,7 +39,7 @@ class MotorState:
     Attributes
     ----------
     peaks : numpy.ndarray
-        Largest speed of each joint beyond that of its motor, as a multiple, (n,); 0 if never.
+        Largest speed of each joint beyond its motor's limit, as a multiple, (n,); 0 if never.
     before : numpy.ndarray, optional
         Efforts of the last step before the limits, (n,); NaN for none, and for braked joints.
     counts : numpy.ndarray
@@ -92,7 +92,7 @@ class MotorSimulator(Simulator):
         """
         Return a state of the same robot in any scene as one of this simulator.
 
-        Parts that only this simulator has, such as those of an effect, are zero.
+        Parts that only this simulator has, such as rows of an effect, are zero.
         """
         self._check_state(state)
         result = self.new_state()

@@ -30,7 +30,7 @@ EXACT = Context(prec=40)
 
 class CompensatedSum:
     """
-    Positions as sums q + q_low, whose second part holds the digits below those of q.
+    Positions as sums q + q_low, whose second part holds the digits below q.
 
     q' = fl(q + y) with y = fl(dq + q_low), and q_low' = (q + y) - q' exactly: D. E. Knuth, The
     Art of Computer Programming 2, 4.2.2, theorem B. Only dq is rounded, never the sum: a slow

@@ -8,7 +8,7 @@ stable up to h lambda = 2 (velocity Verlet) or 2.8 (RK4) only; below that RK4 is
 beyond it the implicit one is stable at any rate. The largest rate of POSES poses decides, spread
 evenly over the turns of the joints; poses between them may be a few times as stiff.
 
-Torques that depend on the position, such as those of springs, swing with the frequencies w, w^2
+Torques that depend on the position, such as springs, swing with the frequencies w, w^2
 the eigenvalues of H(q)^-1 K. K is the steepest slope of the torque of each joint over SAMPLES
 positions, by the derivative of its program (pfd_core.machine.derivative). Such torques are
 explicit in every integrator.

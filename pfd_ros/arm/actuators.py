@@ -5,7 +5,7 @@
     effort = commanded effort + p (target - position) + d (target velocity - velocity)
 
 within the limits of the motors. The effort is computed once per cycle and is constant over it, so
-the effort in joint_states is exactly the one that acted. It is the effort after the limits,
+the effort in joint_states is exactly the effort that acted. It is the effort after the limits,
 without friction and without the torque of gravity compensation: commands and states have one
 convention. Motors with a lag follow it.
 
@@ -69,7 +69,7 @@ class Actuators:
     order
         Index in the model of each joint, in published order.
     scene
-        Of the arm. Limits of its own act within the step, in the place of those here.
+        Of the arm. Its limits act within the step, in the place of the limits here.
     """
 
     def __init__(

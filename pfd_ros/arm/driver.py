@@ -55,7 +55,7 @@ class Driver:
             self.put(self.engine.step())
 
     def run_to(self, cycle: int) -> None:
-        """Run the cycles up to this one, those of a failed arm at once."""
+        """Run the cycles up to this one, the cycles of a failed arm at once."""
         engine = self.engine
         while engine.cycles < cycle:
             if engine.state.failure:

@@ -6,7 +6,7 @@ Wall time and thread order reach the arm only as events. Everything else follows
 settings, the events and the number of the cycle, so a recording of the events proves a run.
 
 A new kind of input is a new `Source`, with its rule in `validation.py`. It needs no queue, no
-numbering and no row of its own: an `Arrival` and a `ValidationRow` hold every kind.
+separate numbering and no separate row: an `Arrival` and a `ValidationRow` hold every kind.
 """
 
 from __future__ import annotations

@@ -148,7 +148,7 @@ def given_effects(settings: Any, order: Sequence[int]) -> dict[str, Any]:
 @dataclass(frozen=True)
 @_with_effects
 class PlantSettings:
-    """The settings of the plant; those of the joints are from the table of effects."""
+    """The settings of the plant; settings of the joints come from the table of effects."""
 
     gravity: tuple[float, ...] = setting(
         (0.0, 0.0, -9.81), 'Gravity in the base frame, m/s^2; zeros switch it off'

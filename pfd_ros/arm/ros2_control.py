@@ -140,7 +140,7 @@ def _number(label: str, text: str) -> float:
 def with_initial_values(
     settings: Settings, moving: Collection[str], control: Ros2Control
 ) -> Settings:
-    """Return settings whose positions are those of the blocks where none are given.
+    """Return settings with the positions of the blocks where none are given.
 
     Parameters
     ----------

@@ -89,8 +89,14 @@ def show_results(
     wanted, shown = motion.at(t)[0], states.position[moving]
     span = int(states.logged_ns[0]), int(states.logged_ns[-1])
     bare_off = missing_share(woke, *span, period)
-    problems = _show_rate(states, bare_off)
-    problems += _show_tracking(states.names, wanted, shown, bare_off)
+    late = _show_rate(states)
+    if len(shown):
+        late += _show_tracking(states.names, wanted, shown)
+    remarks, problems = unless_busy(late, bare_off)
+    if not len(shown):
+        problems.append('the arm never moved')
+    for remark in remarks:
+        print(f'           {remark}')
     sent, recorded = report['sent'], states.messages['joint_commands']
     print(
         f'commands   sent {sent}, recorded {recorded}, lost {sent - recorded}\n'
@@ -102,7 +108,7 @@ def show_results(
     return problems
 
 
-def _show_rate(states: States, bare_off: float) -> list[str]:
+def _show_rate(states: States) -> list[str]:
     period = (states.stamp_ns[-1] - states.stamp_ns[0]) / (len(states.stamp_ns) - 1) / 1e6
     steps = np.diff(states.logged_ns) / 1e6
     off = abs(steps.mean() / period - 1)
@@ -114,69 +120,35 @@ def _show_rate(states: States, bare_off: float) -> list[str]:
         f'jitter     of the period: p50 {np.percentile(jitter, 50):.0f} us, '
         f'p99 {np.percentile(jitter, 99):.0f} us, max {jitter.max():.0f} us'
     )
-    remark, problems = checked_rate(off, bare_off)
-    if remark:
-        print(remark)
-    return problems
+    return [] if off <= RATE_TOLERANCE else [f'the rate is {off:.1%} off']
 
 
-def checked_rate(off: float, bare_off: float) -> tuple[str, list[str]]:
+def unless_busy(late: list[str], bare_off: float) -> tuple[list[str], list[str]]:
     """
-    Return a remark about the rate, and the problems.
+    Return remarks and problems: what comes late is no problem on a machine that is too busy.
 
     Parameters
     ----------
-    off
-        Relative error of the arm's mean period.
+    late
+        What may come from a late arm or late commands: a rate, or a joint off its motion.
     bare_off
         The share of its periods that a bare timer loop lost at the same time.
     """
-    if off <= RATE_TOLERANCE:
-        return '', []
+    lost = f'a bare timer loop lost {bare_off:.1%} of its periods at the same time'
     if bare_off > RATE_TOLERANCE:
-        return (
-            f'           this machine is too busy: a bare timer loop lost {bare_off:.1%} of its '
-            'periods at the same time'
-        ), []
-    return '', [
-        f'the rate is {off:.1%} off; a bare timer loop lost {bare_off:.1%} of its periods at the '
-        'same time'
-    ]
+        return [f'{item}, but this machine is too busy: {lost}' for item in late], []
+    return [], [f'{item}; {lost}' for item in late]
 
 
-def _show_tracking(
-    names: tuple[str, ...], wanted: NDArray[Any], shown: NDArray[Any], bare_off: float
-) -> list[str]:
-    if not len(shown):
-        return ['the arm never moved']
+def _show_tracking(names: tuple[str, ...], wanted: NDArray[Any], shown: NDArray[Any]) -> list[str]:
     error = shown - wanted
     rms, most = np.sqrt((error**2).mean(axis=0)), np.abs(error).max(axis=0)
     print('tracking   joint                    rms          max')
     for name, one, other in zip(names, rms, most, strict=True):
         print(f'           {name:18s} {one:12.3e} {other:12.3e}')
-    remark, problems = checked_tracking(float(most.max()), bare_off)
-    if remark:
-        print(remark)
-    return problems
-
-
-def checked_tracking(most: float, bare_off: float) -> tuple[str, list[str]]:
-    """
-    Return a remark about the tracking, and the problems.
-
-    Parameters
-    ----------
-    most
-        Largest distance of a joint from its motion, rad or m.
-    bare_off
-        The share of its periods that a bare timer loop lost at the same time.
-    """
-    if most <= TRACKING_LIMIT:
-        return '', []
-    missed = f'the arm was {most:.3g} off its motion, expected {TRACKING_LIMIT} at most'
-    if bare_off > RATE_TOLERANCE:
-        return f'           {missed}: commands come late on a machine that is too busy', []
-    return '', [missed]
+    if most.max() <= TRACKING_LIMIT:
+        return []
+    return [f'the arm was {most.max():.3g} off its motion, expected {TRACKING_LIMIT} at most']
 
 
 def _show_replay(summary: Summary) -> list[str]:

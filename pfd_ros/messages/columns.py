@@ -51,7 +51,7 @@ _FIELD = re.compile(
 
 @dataclass(frozen=True)
 class Field:
-    """A field of a type: a primitive or another type; -1 stands for a sequence, None for one."""
+    """A field of a type; a count of -1 means a sequence, None a single value."""
 
     name: str
     type: str
@@ -70,8 +70,8 @@ def parse_definition(name: str, text: str) -> Types:
     name : str
         Such as 'sensor_msgs/msg/JointState'.
     text : str
-        Its definition, then those of the types it uses, each after a line of 80 `=` and its name,
-        as bags hold them (encoding `ros2msg`).
+        Its definition, then the definitions of the types it uses, each after a line of 80 `=`
+        and its name, as bags hold them (encoding `ros2msg`).
 
     Raises
     ------
@@ -379,6 +379,6 @@ def _joined(
 
 
 def _with_one_rank(parts: list[NDArray[Any]]) -> list[NDArray[Any]]:
-    """Return arrays (N, ...) of equal rank: an empty list does not know that of its elements."""
+    """Return arrays (N, ...) of equal rank: an empty list has no elements with a rank."""
     rank = max(part.ndim for part in parts)
     return [part.reshape(part.shape + (0,) * (rank - part.ndim)) for part in parts]

@@ -69,8 +69,8 @@ def _descriptor(field: dataclasses.Field[Any], *, fixed: bool = True) -> Paramet
 def declare(node: Node) -> bool:
     """Declare every setting except those per joint, and return the value of `autostart`.
 
-    They are read-only, except dynamic ones and all those of a node without autostart, which may be
-    configured repeatedly with different values.
+    They are read-only, except dynamic ones. All of a node without autostart may be changed before
+    each configuration.
 
     Raises
     ------

@@ -172,7 +172,7 @@ class Bag:
             raise LogError(
                 f'{path} is being written, or was not closed: {wal.name} lies next to it'
             )
-        # Immutable: SQLite would write files of its own next to it.
+        # Immutable: SQLite would write more files next to it.
         address = f'{path.resolve().as_uri()}?mode=ro&immutable=1'
         with closing(sqlite3.connect(address, uri=True)) as database:
             database.text_factory = lambda data: data.decode('utf-8', 'replace')
@@ -242,7 +242,7 @@ def _topic_of(channel: Channel, schema: Schema | None) -> Topic:
 
 def definition_of(topic: Topic) -> str:
     """
-    Return the definition of a topic's type: the bag's, that of ROS, or that of rosbags for Jazzy.
+    Return the definition of a topic's type: from the bag, from ROS, or from rosbags for Jazzy.
 
     Raises
     ------

@@ -102,7 +102,7 @@ DIGEST_PREFIX = struct.Struct('<IQ')
 LAST_NS = (1 << 63) - 1
 
 # The recorder observes these bounds, and the reader relies on them.
-# Longer messages are dropped; those of an arm are much shorter.
+# Longer messages are dropped; messages of an arm are much shorter.
 MESSAGE_BYTES = 1 << 24
 # A chunk is closed at this size; only one long message makes it longer. Compressing it blocks the
 # interpreter for one or two milliseconds at most.

@@ -123,7 +123,7 @@ def compare(
         One topic of each log; default all topics of JointStates that both have, or the only one of
         each.
     lag : float, optional
-        What is added to the stamps of a to get those of b [s]; default estimated from the first
+        What is added to stamps of a to get stamps of b [s]; default estimated from the first
         topic's positions, after a shift where the stamps have nothing in common.
 
     Raises

@@ -3,7 +3,7 @@
 """Playback: the messages of a recording, by kind, for an engine or for a count.
 
 A message is an input, validation rows that say which cycle took inputs, or another output. This is
-the only place that tells them apart.
+the only place that distinguishes them.
 """
 
 from __future__ import annotations

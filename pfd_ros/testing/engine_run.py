@@ -50,7 +50,7 @@ class EngineRun:
         self._numbers = {source: itertools.count(1) for source in Source}
         self._encoder = EffortArray(len(self.engine.arm.names))
         order = permutation(self.engine.arm.order)
-        # None where published order is that of the model.
+        # None where published order is model order.
         self._order = None if isinstance(order, slice) else order
         self._driver, self._silent = Driver(self.engine, self._put), Driver(self.engine)
 

@@ -43,9 +43,9 @@ def streamed(data: bytes) -> int:
     return count
 
 
-def chunks() -> list[tuple[int, int]]:
-    """Return begin and end of the chunks of the golden recording."""
-    with GOLDEN.open('rb') as stream:
+def chunks(path: Path) -> list[tuple[int, int]]:
+    """Return begin and end of the chunks of a file."""
+    with path.open('rb') as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
     begins = sorted((c.chunk_start_offset, c.chunk_length) for c in summary.chunk_indexes)
@@ -80,7 +80,7 @@ def test_a_file_that_was_cut_off_keeps_what_a_stream_reader_finds_and_verifies(
 
 
 def test_a_damaged_chunk_costs_that_chunk_alone(tmp_path: Path) -> None:
-    begin, end = chunks()[1]
+    begin, end = chunks(GOLDEN)[1]
     damaged = bytearray(DATA)
     damaged[(begin + end) // 2] ^= 0x55
     path = tmp_path / 'damaged.mcap'
@@ -96,32 +96,25 @@ def test_a_damaged_chunk_costs_that_chunk_alone(tmp_path: Path) -> None:
     assert [m for m in whole if m in kept] == kept
 
 
-def test_a_damaged_first_chunk_costs_no_topic(tmp_path: Path) -> None:
-    # Its schemas and channels are in the index, too.
+@pytest.mark.parametrize(
+    ('chunk', 'byte', 'bit', 'lost'),
+    [
+        # The schemas and channels in the first chunk are in the index, too.
+        pytest.param(0, 200, 0x55, 'at byte', id='contents of the first'),
+        pytest.param(3, 6, 0x10, 'their length is damaged', id='length'),
+    ],
+)
+def test_a_damaged_chunk_of_many_costs_its_messages_and_no_topic(
+    tmp_path: Path, chunk: int, byte: int, bit: int, lost: str
+) -> None:
     path = load(GOLDEN).save(tmp_path / 'small.mcap', chunk_size=2000)
+    begin, _ = chunks(path)[chunk]
     data = bytearray(path.read_bytes())
-    with path.open('rb') as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    first = min(summary.chunk_indexes, key=lambda chunk: chunk.chunk_start_offset)
-    data[first.chunk_start_offset + first.chunk_length // 2] ^= 0x55
+    data[begin + byte] ^= bit
     path.write_bytes(data)
     found = recover(path, tmp_path / 'a.mcap')
     assert found.lost_parts == 1
-    assert 0 < len(messages_of(GOLDEN)) - found.messages < 30
-
-
-def test_a_damaged_length_of_a_chunk_costs_that_chunk_alone(tmp_path: Path) -> None:
-    path = load(GOLDEN).save(tmp_path / 'small.mcap', chunk_size=2000)
-    data = bytearray(path.read_bytes())
-    with path.open('rb') as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    at = sorted(chunk.chunk_start_offset for chunk in summary.chunk_indexes)[3]
-    data[at + 6] ^= 0x10
-    path.write_bytes(data)
-    found = recover(path, tmp_path / 'a.mcap')
-    assert 'their length is damaged' in found.lost[0]
+    assert lost in found.lost[0]
     assert 0 < len(messages_of(GOLDEN)) - found.messages < 30
 
 

@@ -33,7 +33,7 @@ def record_actuators(n: int) -> Program:
     Return the program of the efforts that act, from q, qd, tau, motors, targets and `before`.
 
     Its output is (4, n): the efforts; |qd| / V of joints beyond V, 0 for the others; w; and the
-    change of w from that of the cycle before, (n,), NaN where that is NaN.
+    change of w since the cycle before, (n,), NaN where `before` is NaN.
     """
     recorder = Recorder(1, 'sequential')
     q, qd, tau, before = (input_list(recorder, name, n) for name in ('q', 'qd', 'tau', 'before'))

@@ -28,7 +28,7 @@ class Factors:
     Attributes
     ----------
     L : list of list of Lanes
-        Rows of the lower triangle without its diagonal of ones; zeros in those of braked joints.
+        Rows of the lower triangle without its diagonal of ones; zeros for braked joints.
     inverses, pivots : list of Lanes
         1 / D and D; zero and infinite for braked joints.
     free : sequence of Lanes or None

@@ -12,11 +12,11 @@ and a = -g in the axes of each link
 
 p_0 and R_0 are the origin and axes of frame 0 in the frame of the base link, where U is zero for
 a mass at the origin. First moments add up: no force and no moment is carried along the chain.
-Effects of the joints with a potential, such as springs, are those of pfd_core.model.effects.
+Effects of the joints with a potential, such as springs, come from pfd_core.model.effects.
 
 Gravity that motor controllers compensate is subtracted, as inverse dynamics does: the torques are
-the commanded ones, and the energy is the one that commanded torques change. Brakes, limits of the
-drives and the wrench play no part.
+the commanded ones, and the energy has the work of the commanded torques alone. Brakes, limits of
+the drives and the wrench play no part.
 
 Base parameters of pfd_core.algorithms.grouped.links. One register holds one number; everything of
 link i is in axes B_i.

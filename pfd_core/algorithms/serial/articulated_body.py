@@ -14,7 +14,7 @@ Forward dynamics on one processor by articulated bodies (Featherstone 1983, 1987
     qdd_i = r - g.(wd, a)_(i-1),   (wd, a)_i = (wd, a)_(i-1) + c + S qdd,    base to tip
             a += wd x p + b
 
-Accelerations are those of points, as in the Newton-Euler equations, so that no linear velocity is
+Accelerations belong to points, as in the Newton-Euler equations, so that no linear velocity is
 needed. Signs are those of Lee and Chang 1987: the base accelerates by minus gravity, and the
 wrench acts on the last link with a minus sign. Nothing is divided by a mass; d is the pivot of H
 eliminated from the tip, and H is positive definite exactly when all are above zero. A braked joint

@@ -27,7 +27,7 @@ from pfd_core.kernels.codegen.step import (
 )
 from pfd_core.machine.program import Program
 
-# Addresses in the block before those of the state: of the number of substeps, the efforts
+# Addresses in the block before the state's: of the number of substeps, the efforts
 # (steps, n), the result (steps, 3, n), the motors (7, n), the targets (2, n), the efforts of the
 # cycle before (n,), the counts and the peaks (n,).
 HEAD = ('substeps', 'efforts', 'out', 'motors', 'targets', 'before', 'counts', 'peaks')

@@ -27,7 +27,7 @@ from pfd_core.kernels.passes.fuse import LATENCY
 from pfd_core.machine.program import Instruction, Program, renamed
 
 # Values alive at once, above which freeing registers comes first: the 32 registers of AVX-512
-# and NEON, minus those of constants.
+# and NEON, minus the registers of constants.
 REGISTERS = 28
 # Operations begun in a cycle.
 WIDTH = 2

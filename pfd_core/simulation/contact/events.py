@@ -83,7 +83,7 @@ def record_cut(plant: Plant, scheme: Scheme, dtype: str) -> Program:
     """
     Return the program that cuts a segment at its earliest event.
 
-    Inputs are those of `record_end` and its results. Outputs are the results for the shorter
+    Inputs are the inputs and results of `record_end`. Outputs are the results for the shorter
     segment, and `stopped`, flags of the joints that have reached their stop. With `scheme.sticks`
     there are flags `sticks`: a segment in which a joint reverses that was at rest, or passes a
     stop at which it was at rest, is repeated with that joint sticking.

@@ -14,7 +14,7 @@ candidates, those at rest there, too: a stop only pushes, and another joint's im
 joint off it. Dry friction, whose torque is bounded, has no impulse. After it v0' p = 0: the
 kinetic energy falls by p' H^-1 p / 2 and rises again by alpha^2 (E p)' H^-1 E p / 2: bounded by
 alpha, an impact never adds energy, whatever the coefficients (Poisson's law alone does). Braked
-joints are excluded: H^-1 is that of the others.
+joints are excluded: H is the matrix of the others.
 
 A joint that bounces with e < 1 comes to rest after infinitely many bounces in a finite time. A
 bounce with the velocity v and the acceleration a into the stop has the height v^2 / (2 |a|). Below

@@ -8,7 +8,7 @@ A start ends when the node hands its first state to ROS; discovery by a subscrib
 First starts have an empty cache of native code, warm starts the cache of the start before. They
 take turns with a bare node of rclpy that publishes one JointState, so that a load from elsewhere
 meets all of them: compare ratios. Processor time (user and system, of all threads) depends less
-on such a load than wall time does. Times of stages are those of the warm start whose wall time is
+on such a load than wall time does. Stage times are from the warm start whose wall time is
 the least.
 """
 

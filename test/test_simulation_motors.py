@@ -150,10 +150,23 @@ def test_a_run_ends_before_the_step_whose_effort_jumps() -> None:
     assert (counters.jumped, state.steps, state.status) == (True, 20, 'ok')
     assert out[20, 2].tolist() == rows[20].tolist()
     assert counters.before.tolist() == rows[19].tolist()
-    counters.jumped = False
     # Without an effort before, any is allowed.
     counters.before[:] = np.nan
     assert bound.run(rows[20:], out[20:]) == 10
+    assert not counters.jumped
+
+
+def test_a_run_that_overflows_after_one_that_ended_at_a_jump_has_its_status() -> None:
+    motor = pfd.MotorSimulator(ROBOT)
+    counters, state = pfd.MotorState(np.zeros(2)), motor.new_state()
+    limits = np.array([INF, INF, INF, INF, ZEROS, ZEROS, (5.0, 5.0)])
+    out = np.zeros((2, 3, 2))
+    bound = motor.bind(state, counters, limits)
+    assert bound.run(np.array([(0.0, 0.0), (9.0, 0.0)]), out) == 1
+    assert counters.jumped
+    counters.before[:] = np.nan
+    assert bound.run(np.array([(1e300, 0.0)]), out[:1]) == 0
+    assert (counters.jumped, state.status) == (False, 'not_finite')
 
 
 def test_the_recorded_program_is_what_native_code_computes() -> None:

@@ -14,8 +14,7 @@ ill-conditioned H a small r belongs to a large error. delta is an estimate of th
 
 The check is no part of the counted algorithm. pfd_core.emulate runs it after the program and sets
 the status; a kernel contains it and answers NaN, because it returns an array and no status. Where
-H does not factor in the number format, delta is NaN, and the answer is refused because
-nothing confirms it.
+H does not factor in the number format, delta is NaN, and the answer is rejected.
 
 Cost: one inverse dynamics, one inertia matrix with its factors, two solves. One register holds one
 number.

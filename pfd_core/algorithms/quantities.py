@@ -1,14 +1,14 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Quantities of a robot that a controller asks for, each from its cheapest text: RECORDERS.
+Quantities for controllers, each by its cheapest algorithm: RECORDERS.
 
-    inverse_dynamics   q, qd, qdd -> tau, (n,)       commanded; drives' limits left out
+    inverse_dynamics   q, qd, qdd -> tau, (n,)       commanded; without motor limits
     inertia_matrix     q -> H, (n, n)                symmetric, with the rotors' inertia
     bias_torques       q, qd -> bias, (n,)           inverse dynamics at qdd = 0
     gravity_torques    q -> gravity, (n,)            inverse dynamics at rest, without the wrench
     energy             q, qd -> energy, (2,)         kinetic, potential
-    tip_pose           q -> pose, (4, 4)             of a frame in that of the base link
+    tip_pose           q -> pose, (4, 4)             of a frame relative to the base link
     tip_jacobian       q -> jacobian, (6, n)         of its origin, axes of the base link
     tip_velocity       q, qd -> velocity, (6,)       J qd
     wrench_torques     q, wrench -> torques, (n,)    J' k for a wrench k on the frame
@@ -16,10 +16,9 @@ Quantities of a robot that a controller asks for, each from its cheapest text: R
 The last four are of a frame that the robot carries, by its name; None is the tip. Linear parts
 come first. The scene's wrench is an input of inverse_dynamics and bias_torques. Brakes play no
 part in any quantity, nor do friction, stops and the lag of motors, which have no value at an
-instant: their scenes are refused where torques at qd are asked for, and otherwise these effects
-are left out.
+instant: their scenes are refused for torques at qd, and other quantities ignore these effects.
 
-Each text is recorded for one processor, with one output. Every input listed is an input of the
+Each program is recorded for one processor, with one output. Every input listed is an input of the
 program, with n elements (wrench: 6), also where no output depends on it.
 """
 

@@ -35,7 +35,7 @@ def compile_kernel(
         too large for a step to mend, articulated bodies. Quantities other than forward dynamics
         and its derivatives have one method.
     scene : Scene, optional
-        Which effects are on; default: rigid links and gravity. A quantity leaves out the effects
+        Which effects are on; default: rigid links and gravity. A quantity ignores the effects
         that it does not depend on.
     dtype : {'float64', 'float32'}
         Number format of the kernel and its arrays.

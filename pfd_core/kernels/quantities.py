@@ -26,7 +26,7 @@ def _fields(depends: Callable[[Effect], bool]) -> tuple[str, ...]:
 
 
 EVERYTHING = _fields(lambda effect: True)
-# Torques do not depend on the joints that could be held.
+# Torques do not depend on which joints are braked.
 UNBRAKED = _fields(lambda effect: effect.acts != BRAKES)
 BODIES = _fields(lambda effect: effect.inertia)
 AT_REST = _fields(lambda effect: effect.at_rest)

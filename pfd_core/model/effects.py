@@ -18,7 +18,7 @@ functions of pfd_core.machine.lanes, and are recorded on n lanes (one row for al
 one processor (one number for each joint). Each joint's torque depends on its own q and qd only,
 and a conservative one is the derivative of its potential. `c` holds the numbers of the effect as
 constants by the names of the fields: a lane value, or a tuple of them for a field with columns. A
-field that refines another is None where its numbers are zero, so that it costs nothing.
+field that refines another is None where it is not given or zero, so that it costs nothing.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class Field:
         From its name and the value that a user gives to the value that Scene keeps; by default
         that of the rule. None without a rule: Scene checks it.
     numbers : callable or None
-        From a robot and the value in Scene to an array; by default that of the rule.
+        From a robot and the value in Scene to an array; by default from the rule.
     off : Any
         The value without the effect.
     most : float
@@ -246,7 +246,7 @@ def _stops(robot: Robot, values: Numbers) -> Numbers:
         if not lower < upper:
             raise ValueError(
                 f'joint_limits of joint {quote(name)} must be a lower limit below an upper one, '
-                f'got {lower} and {upper}; a joint that cannot move is to be locked'
+                f'got {lower} and {upper}; lock a joint that cannot move'
             )
     if not _limited(limits):
         return {}
@@ -261,16 +261,6 @@ def _restitution(robot: Robot, value: Any) -> Array:
 
 
 # Springs.
-
-
-def _springs(robot: Robot, values: Numbers) -> Numbers:
-    stiffness, rest = values['stiffness'], values['rest_position']
-    if not _acts(stiffness):
-        return {}
-    return {
-        'stiffness': stiffness,
-        'rest_position': np.zeros(robot.n) if rest is None else rest,
-    }
 
 
 def _stretch(c: Any, q: Any) -> Any:
@@ -352,6 +342,7 @@ def _model_tables(robot: Robot) -> list[list[tuple[float, float]] | None]:
     return tables
 
 
+# A table of zeros is a limit, too: it is never off.
 def _as_given(robot: Robot, values: Numbers) -> Numbers:
     return {'torque_speed': values['torque_speed']}
 
@@ -501,7 +492,6 @@ EFFECTS: tuple[Effect, ...] = (
         at_rest=True,
         torque=_spring_torque,
         potential=_spring_energy,
-        completed=_springs,
     ),
     Effect(
         'cogging',

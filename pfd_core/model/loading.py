@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from importlib.abc import Traversable
 
 PACKAGE = files('pfd_core')
-# Installed, also in a zip file, the configuration lies in the package; in a checkout, beside it.
+# Installed, also in a zip file, the configuration lies in the package; in a checkout, next to it.
 FOLDERS: tuple[Traversable, ...] = (
     PACKAGE / 'config' / 'robots',
     Path(str(PACKAGE)).parent / 'config' / 'robots',
@@ -65,7 +65,7 @@ def load_robot(
         needs the package xacro; its arguments have their defaults.
     base, tip : str, optional
         First and last link of the chain in a URDF; default: the root link, and the link that the
-        last joint moves. The base stands still: links above it and other branches on it are cut
+        last joint moves. The base is fixed: links above it and other branches on it are cut
         off. Branches on a moving link keep their mass, also beyond the tip, but their joints must
         be locked.
     locked : mapping, optional
@@ -92,10 +92,15 @@ def load_robot(
     for role, name in (('base', base), ('tip', tip)):
         if name is not None and not isinstance(name, str):
             raise ValueError(f'{role} must be the name of a link or None, got {quote(name)}')
-    model = source if isinstance(source, Urdf) else _model(source)
-    if isinstance(model, Urdf):
-        return robot_from_urdf(model, base=base, tip=tip, locked=locked, right_angle=right_angle)
-    robot = model
+    urdf: Urdf | None
+    if isinstance(source, Urdf):
+        urdf, text, origin = source, '', ''
+    else:
+        text, origin, is_urdf = _read(source)
+        urdf = parse_urdf(text, origin) if is_urdf else None
+    if urdf is not None:
+        return robot_from_urdf(urdf, base=base, tip=tip, locked=locked, right_angle=right_angle)
+    robot = robot_from_yaml(text, source=origin)
     for role, asked, has in (('base', base, robot.base), ('tip', tip, robot.tip)):
         if asked not in (None, has):
             raise ValueError(
@@ -131,7 +136,7 @@ def read_urdf(source: str | PathLike[str]) -> Urdf | None:
 
 def urdf_of(source: str | PathLike[str]) -> str:
     """
-    Return the URDF of a robot: that of a URDF as it is, that of any other robot converted.
+    Return a robot as URDF: a URDF unchanged, any other robot converted.
 
     Parameters
     ----------
@@ -172,12 +177,6 @@ def load_scene(source: str | PathLike[str]) -> Scene:
     if not _is_there(path):
         raise ValueError(f'no scene file {quote(str(path))} (looked in {quote(str(Path.cwd()))})')
     return scene_from_yaml(_text(path), str(path))
-
-
-def _model(source: str | PathLike[str]) -> Urdf | Robot:
-    """Return what a source holds: the record of a URDF, or a robot from YAML."""
-    text, origin, is_urdf = _read(source)
-    return parse_urdf(text, origin) if is_urdf else robot_from_yaml(text, source=origin)
 
 
 def _read(source: str | PathLike[str]) -> tuple[str, str, bool]:

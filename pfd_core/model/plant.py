@@ -40,6 +40,9 @@ DRIVES = (
     *(item.name for effect in EFFECTS if effect.acts == MOTORS for item in effect.fields),
     'sliding_friction',
 )
+# Fields of Scene that are an inertia of the joints, and a torque for each unit of velocity.
+INERTIAS = tuple(effect.field for effect in EFFECTS if effect.acts == JOINTS and effect.inertia)
+VISCOSITIES = tuple(effect.field for effect in EFFECTS if effect.viscosity)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +53,7 @@ class Plant(FrozenArrays):
     Attributes
     ----------
     robot : Robot
-        The chain, with the payload welded on; without one that is an input.
+        The chain with its payload fixed to it, unless the payload is an input.
     gravity : ndarray
         (3,) [m/s^2], in the axes of frame 0; zeros without gravity.
     external_wrench, brakes, payload_input : bool
@@ -60,11 +63,11 @@ class Plant(FrozenArrays):
     sliding_friction : ndarray or None
         (n, 3) [N m, N m, rad/s; N, N, m/s]: Coulomb friction, the friction at rest towards which
         it rises, and the velocity at which it has risen half-way, of joints that stay in motion.
-        It belongs to no scene: an instant knows no joint that its friction holds.
+        It is no field of Scene: at an instant no joint sticks.
     effects : mapping
         Field of Scene -> numbers of an effect that is on, (n,) or (n, columns), in the units of
-        its record in `pfd_core.model.effects`. Static friction is there with friction, restitution
-        with joint limits, and rest positions with stiffness. Each field is an attribute as well,
+        its record in `pfd_core.model.effects`. Static friction is there with friction, and
+        restitution with joint limits. Each field is an attribute as well,
         `plant.damping`, and None where the effect is off. `torque_speed`, (n, k, 2), has rows
         (speed, torque); rows beyond a joint's own have infinite speeds, and those of a joint
         without a table infinite torques.
@@ -96,12 +99,12 @@ class Plant(FrozenArrays):
     @property
     def inertia(self) -> Array | None:
         """Inertia of the joints themselves, (n,) [kg m^2, kg], which H has on its diagonal."""
-        return self._sum(e.field for e in EFFECTS if e.acts == JOINTS and e.inertia)
+        return self._sum(INERTIAS)
 
     @property
     def viscosity(self) -> Array | None:
         """Torque of the joints for each unit of velocity, (n,) [N m s/rad, N s/m]."""
-        return self._sum(e.field for e in EFFECTS if e.viscosity)
+        return self._sum(VISCOSITIES)
 
     def _sum(self, fields: Iterable[str]) -> Array | None:
         found = [self.effects[name] for name in fields if name in self.effects]
@@ -112,7 +115,8 @@ class Plant(FrozenArrays):
         """SHA-256 of all numbers and switches, on which the recorded programs depend."""
         state = hashlib.sha256()
         values = {item.name: getattr(self, item.name) for item in fields(self)}
-        for name, value in sorted((values | dict(values.pop('effects'))).items()):
+        effects = values.pop('effects')
+        for name, value in sorted((values | dict(effects)).items()):
             if isinstance(value, (Robot, Plant)):
                 value = value.digest
             exact = isinstance(value, np.ndarray)
@@ -149,13 +153,12 @@ def without_joint_torques(plant: Plant) -> Plant:
 
 def without_viscosity(plant: Plant) -> Plant:
     """Return a plant whose joints take no torque in proportion to their velocity."""
-    return _without(plant, [effect.field for effect in EFFECTS if effect.viscosity])
+    return _without(plant, VISCOSITIES)
 
 
 def with_inertia(plant: Plant, inertia: Array) -> Plant:
     """Return a plant with another inertia of the joints, (n,) [kg m^2, kg]."""
-    own = [effect.field for effect in EFFECTS if effect.acts == JOINTS and effect.inertia]
-    return replace(plant, effects={**_without(plant, own).effects, own[0]: inertia})
+    return replace(plant, effects={**_without(plant, INERTIAS).effects, INERTIAS[0]: inertia})
 
 
 def _without(plant: Plant, names: Collection[str]) -> Plant:

@@ -37,7 +37,7 @@ def check_inertia(label: str, J: Array, moment: float = 0.0) -> None:
     Raise ValueError unless an inertia, (3, 3), is symmetric and has no negative moment.
 
     `moment` is the mass times the square of a length of the robot [kg m^2]: an element that is
-    small beside it may be rounding.
+    small compared with it may be rounding.
     """
     tolerance = INERTIA_TOLERANCE * max(float(np.abs(J).max()), moment)
     if np.abs(J - J.T).max() > tolerance:

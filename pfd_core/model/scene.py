@@ -74,7 +74,7 @@ class Scene:
         a sin(k q + p), and rests where k q + p is a multiple of 2 pi; periods in 2 pi m of a joint
         that slides. The bound on the steps of springs holds for their slope, a k.
     effort_limits : None, "model" or array_like
-        Largest torque of the motors, that of gravity compensation included, (n,) [N m]; infinite
+        Largest torque of the motors, including gravity compensation, (n,) [N m]; infinite
         for none; "model" for the robot's own.
     torque_speed : None, "model" or sequence
         Per joint None or a table of rows (speed, torque), (k, 2) [rad/s, N m]: the largest

@@ -36,7 +36,7 @@ class Rule(NamedTuple):
     least: float = 0.0
     above: bool = False  # whether the least number is excluded
     infinite: bool = False  # whether infinity is allowed, for a joint without a limit
-    estimated: bool = False  # whether "estimated" stands for numbers from the robot's limits
+    estimated: bool = False  # whether "estimated" means numbers from the robot's limits
     columns: tuple[str, ...] = ()  # names of the numbers of a row
     row: str = 'one number per joint'  # one entry, in errors
 

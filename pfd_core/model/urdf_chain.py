@@ -39,7 +39,7 @@ class Chain:
     Attributes
     ----------
     base, tip : str
-        The link that stands still, and the link whose frame ends the chain.
+        The link that is fixed, and the link whose frame ends the chain.
     held : str
         The topmost link that is rigid with the base; all other links are below it.
     joints : tuple of Joint
@@ -66,7 +66,7 @@ def find_chain(
     """
     Return the chain of joints between two links.
 
-    The base stands still: links above it and other branches on it are cut off. Branches on a
+    The base is fixed: links above it and other branches on it are cut off. Branches on a
     moving link stay, welded to it; a joint there that could move must be locked.
 
     Parameters
@@ -113,7 +113,7 @@ def find_chain(
     _refuse_branches(urdf, tip, chain, moving, carriers)
     for joint in chain:
         _check_kind(joint)
-    # Links that the chain neither moves nor stands on are left out.
+    # Links that are neither moved by the chain nor part of its base are excluded.
     own = {joint.name for joint in chain}
     carried = {link: carrier for link, carrier in carriers.items() if _is_of(carrier, own)}
     kept = tuple(joint for joint in below if joint.child in carried)
@@ -210,7 +210,7 @@ def _refuse_branches(
     own = {joint.name for joint in chain}
     on_chain: dict[str, bool] = {}
     for joint in carriers.values():
-        # Carriers stand in the order from the base outwards.
+        # Carriers are in the order from the base outwards.
         if joint is not None and joint.name not in on_chain:
             before = carriers[joint.parent]
             on_chain[joint.name] = before is not None and (

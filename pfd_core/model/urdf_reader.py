@@ -503,7 +503,8 @@ def _armature(root: ElementTree.Element, joints: Collection[str]) -> dict[str, f
 
 def _rotor(actuator: ElementTree.Element, label: str) -> float | None:
     """Return the inertia of an actuator's rotor at its joint, or None if it states none."""
-    numbers = {_local(element): element for element in actuator}
+    # By their names without a namespace.
+    numbers = {str(element.tag).rpartition('}')[2]: element for element in actuator}
     for key, ratio in ROTORS.items():
         if key in numbers:
             inertia = _value(f'{key} of {label}', numbers[key])
@@ -513,11 +514,6 @@ def _rotor(actuator: ElementTree.Element, label: str) -> float | None:
             except ValueError as error:
                 raise ValueError(f'{label}: {error}') from error
     return None
-
-
-def _local(element: ElementTree.Element) -> str:
-    """Return the name of an element without its namespace."""
-    return str(element.tag).rpartition('}')[2]
 
 
 def _value(label: str, element: ElementTree.Element) -> float:

@@ -168,7 +168,7 @@ def _frames(name: str, joints: list[dict[str, Any]], base: Placement, tip: Any) 
         return welded_frames(placements, [j['body'] for j in joints])
     if isinstance(tip, Mapping) and set(tip) != {'link'}:
         raise ValueError(
-            f'tip of {quote(name)} must be the name of a link: where it stands is given by the '
+            f'tip of {quote(name)} must be the name of a link: its position is given by the '
             f"last joint's {next(iter(ways), 'frame')}"
         )
     return {
@@ -232,7 +232,7 @@ def _placed(label: str, way: str, value: Any) -> Placement:
 
 
 def _drive(label: str, row: Mapping[str, Any]) -> dict[str, float]:
-    """Return damping, friction and armature at the joint, with those of the rotor."""
+    """Return damping, friction and armature at the joint, including the rotor."""
     keys = ('damping', 'friction', 'armature')
     own = {k: _number(f'{k} of {label}', row.get(k, 0.0)) for k in keys}
     if 'rotor' not in row:

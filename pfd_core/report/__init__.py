@@ -35,7 +35,7 @@ with `--quantity NAME` (speed-NAME.md, speed-against-error-NAME.md, .json, .png 
     quantity_peers    Pinocchio's function of each quantity, called from Python (PINOCCHIO)
     quantity_casadi   textbook algorithms for CasADi's C (TEXTS)
     quantity_rows     times, port limits and errors compared with 50 digits (Plan)
-    quantity_tables   ratios to the peers, time and error, and notes on what figures leave out
+    quantity_tables   ratios to the peers, time and error, and notes on what figures exclude
     quantity_plot     the plot of time against error
     quantity_pages    the pages of one quantity
 

@@ -66,16 +66,16 @@ def without(scene: Scene, names: Collection[str]) -> Scene:
     changes: dict[str, Any] = {
         field.name: field.off
         for effect in EFFECTS
-        if not names_needed(effect.name).isdisjoint(names)
+        if not _with_needed(effect.name).isdisjoint(names)
         for field in effect.fields
     }
     return replace(scene, **changes)
 
 
-def names_needed(name: str) -> set[str]:
-    """Return the name of an effect and of those without which it means nothing."""
+def _with_needed(name: str) -> set[str]:
+    """Return the names of an effect and of the effects that it needs."""
     needed = NAMED[name].needs
-    return {name} | (names_needed(needed) if needed else set())
+    return {name} | (_with_needed(needed) if needed else set())
 
 
 def effects_on(robot: Robot, scene: Scene) -> tuple[str, ...]:

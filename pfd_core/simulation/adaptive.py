@@ -146,7 +146,7 @@ def integrate(
     ------
     ValueError
         If an argument is not one of these or does not fit the robot; so for a torque that tau
-        returns, but for one that is not finite, which the step size control treats as overflow.
+        returns, except a non-finite one, which the step size control treats as overflow.
 
     """
     resolve(robot, scene)  # ValueError for a wrong robot or scene

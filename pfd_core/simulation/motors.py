@@ -44,7 +44,7 @@ class MotorState:
         Efforts of the last step before the limits, (n,); NaN for none, and for braked joints.
     counts : numpy.ndarray
         Steps in which a limit cut an effort, and in which a joint was beyond that speed; and 1
-        where an effort jumped, which the caller sets back, (3,).
+        if the last run ended at an effort that jumped, (3,).
 
     """
 
@@ -65,10 +65,6 @@ class MotorState:
     def jumped(self) -> bool:
         """Whether the last run ended at an effort that jumped."""
         return bool(self.counts[COUNTS.index('jumped')])
-
-    @jumped.setter
-    def jumped(self, value: bool) -> None:
-        self.counts[COUNTS.index('jumped')] = value
 
 
 class MotorSimulator(Simulator):
@@ -92,7 +88,8 @@ class MotorSimulator(Simulator):
         """
         Return a state of the same robot in any scene as one of this simulator.
 
-        Parts that only this simulator has, such as rows of an effect, are zero.
+        Parts that only this simulator has, such as rows of an effect, are zero; so are the time
+        and the number of steps.
         """
         self._check_state(state)
         result = self.new_state()
@@ -194,7 +191,7 @@ class Cycles:
         addresses = [own.get(name, state.at.get(name, 0)) for name in native.block]
         self._block = (c_int64 * len(addresses))(*addresses)
         self._native, self._at = native.cycles, addressof(self._block)
-        self._efforts, self._out = (native.block.index(name) for name in ('efforts', 'out'))
+        self._efforts, self._out = HEAD.index('efforts'), HEAD.index('out')
 
     def set_targets(self, position: Array | None = None, velocity: Array | None = None) -> None:
         """Set the targets of the servos, (n,) each; NaN is none, as are those not given."""

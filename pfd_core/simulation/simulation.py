@@ -26,8 +26,8 @@ from pfd_core.model.scene_checks import INPUT, switch
 from pfd_core.simulation.contact.events import MOST_SEGMENTS
 from pfd_core.simulation.contact.modes import PIVOTS
 from pfd_core.simulation.contact.programs import contact_programs, has_contact
-from pfd_core.simulation.contact.schemes import RK4, imex2
-from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
+from pfd_core.simulation.contact.schemes import SCHEMES
+from pfd_core.simulation.integrators import TABLE, record_step
 from pfd_core.simulation.linearisation import Linearization, LinearStep
 from pfd_core.simulation.rows import LaggedTorque, UnfinishedStep, decays
 from pfd_core.simulation.state import SimulationState
@@ -138,12 +138,12 @@ class Simulation(ABC):
         if not has_contact(plant):
             return None
         implicit = TABLE[self.integrator].implicit
-        if self.integrator not in ('rk4', 'imex2') or (implicit and plant.viscosity is None):
+        if self.integrator not in SCHEMES or (implicit and plant.viscosity is None):
             raise ValueError(
                 "friction and joint_limits of the scene need integrator='rk4', or 'imex2' with "
                 f'damping, whose steps are cut at events, got {self.integrator!r}'
             )
-        scheme = imex2(IMEX_DIAGONAL, IMEX_FIRST) if implicit else RK4
+        scheme = SCHEMES[self.integrator]
         exact = None
         if plant.motor_lag is not None:
             exact = decays(plant.motor_lag, scheme.middle * h), decays(plant.motor_lag, h)

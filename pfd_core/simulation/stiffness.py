@@ -25,7 +25,7 @@ from pfd_core.model import EFFECTS, Plant, Robot, without_viscosity
 from pfd_core.model.checked_numbers import Array, choice
 from pfd_core.simulation.integrators import TABLE
 
-# h lambda from which on 'auto' stands for the implicit integrator.
+# h lambda from which on 'auto' selects the implicit integrator.
 STIFF = 0.5
 # Part of a swing [rad] that a step may be: above it a spring that is hit in between two steps
 # gives back more energy than it took.

@@ -110,7 +110,6 @@ def trip(
     halves = np.abs(0.5 * wanted - 0.5 * state.motors.before)
     joint = int(np.nanargmax(halves))
     jump = 2.0 * float(halves[joint])
-    state.motors.jumped = False
     state.tripped = True
     state.trips += 1
     state.reflex = (

@@ -33,13 +33,17 @@ MAGIC = b'\x89MCAP0\r\n'
 FRAME = struct.Struct('<BQ')
 # Channel, sequence, log time and publish time of a message, before its data.
 _MESSAGE_PREFIX = struct.Struct('<HIQQ')
+# Times, size and checksum of a chunk, before the name of its compression and its data.
+_CHUNK_PREFIX = struct.Struct('<QQQI')
+_COUNT, _LENGTH = struct.Struct('<I'), struct.Struct('<Q')
 
-# Messages are parsed here; of the index and statistics only the checksums are checked.
+# Messages are parsed here; the strict reader checks only checksums of the index and statistics.
 _PARSERS: dict[int, Any] = {
     Opcode.HEADER: records.Header,
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
     Opcode.CHUNK: Chunk,
+    Opcode.CHUNK_INDEX: records.ChunkIndex,
     Opcode.ATTACHMENT: Attachment,
     Opcode.METADATA: Metadata,
     Opcode.DATA_END: records.DataEnd,
@@ -60,7 +64,7 @@ _IN_DATA = _IN_CHUNK | {
     Opcode.METADATA,
     Opcode.DATA_END,
 }
-_IN_SUMMARY = frozenset(
+IN_SUMMARY = frozenset(
     {
         Opcode.SCHEMA,
         Opcode.CHANNEL,
@@ -136,7 +140,7 @@ class McapStream:
         opcode = Opcode.DATA_END
         while opcode != Opcode.FOOTER:
             before = self._crc
-            opcode, body = self._next(_IN_SUMMARY)
+            opcode, body = self._next(IN_SUMMARY)
         footer = parse_record(opcode, body)
         if footer.summary_start not in (0, start):
             raise ValueError(
@@ -183,7 +187,11 @@ def records_in_chunk(chunk: Chunk) -> Iterator[McapRecord]:
     size = chunk.uncompressed_size
     if size > RECORD_BYTES:
         raise ValueError(f'a chunk of {size} bytes, expected at most {RECORD_BYTES}')
-    data = memoryview(_unpacked(chunk))
+    # One byte more than its header states, if there is more.
+    unpacked, whole = _unpacked(chunk.compression, chunk.data, size + 1)
+    data = memoryview(unpacked)
+    if len(data) <= size and not whole:
+        raise ValueError('a chunk ends within its LZ4 frame')
     if len(data) != size:
         raise ValueError(f'a chunk of {size} bytes has {len(data)} or more')
     _compare_checksums(chunk.uncompressed_crc, zlib.crc32(data), 'a chunk')
@@ -199,22 +207,40 @@ def records_in_chunk(chunk: Chunk) -> Iterator[McapRecord]:
         at += length
 
 
-def _unpacked(chunk: Chunk) -> bytes:
-    """Return the content of a chunk, and one byte more if there is more than it says."""
-    size = chunk.uncompressed_size
-    if chunk.compression == 'zstd':
+def records_in_truncated_chunk(body: bytes) -> Iterator[McapRecord]:
+    """Yield the whole records at the beginning of a chunk that the file ends within."""
+    at = _CHUNK_PREFIX.size
+    if len(body) < at + _COUNT.size:
+        return
+    (name_length,) = _COUNT.unpack_from(body, at)
+    at += _COUNT.size
+    name = body[at : at + name_length].decode('utf-8', 'replace')
+    data = b''
+    with suppress(ValueError, zstandard.ZstdError, RuntimeError, EOFError):
+        data, _ = _unpacked(name, body[at + name_length + _LENGTH.size :], RECORD_BYTES)
+    at = 0
+    while at + FRAME.size <= len(data):
+        opcode, length = FRAME.unpack_from(data, at)
+        at += FRAME.size
+        if opcode not in _IN_CHUNK or at + length > len(data):
+            return
+        with suppress(ValueError, struct.error):
+            yield parse_record(opcode, data[at : at + length])
+        at += length
+
+
+def _unpacked(compression: str, data: bytes, limit: int) -> tuple[bytes, bool]:
+    """Return unpacked data of a chunk up to a limit, and whether it is known to end there."""
+    if compression == 'zstd':
         unpacker = zstandard.ZstdDecompressor(max_window_size=RECORD_BYTES)
-        with unpacker.stream_reader(chunk.data) as stream:
-            return stream.read(size + 1)
-    if chunk.compression == 'lz4':
+        with unpacker.stream_reader(data) as stream:
+            return stream.read(limit), True
+    if compression == 'lz4':
         frame = lz4.frame.LZ4FrameDecompressor()
-        data: bytes = frame.decompress(chunk.data, max_length=size + 1)
-        if len(data) <= size and not frame.eof:
-            raise ValueError('a chunk ends within its LZ4 frame')
-        return data
-    if chunk.compression:
-        raise ValueError(f'a chunk has compression {chunk.compression!r}, expected zstd or lz4')
-    return chunk.data
+        return frame.decompress(data, max_length=limit), frame.eof
+    if compression:
+        raise ValueError(f'a chunk has compression {compression!r}, expected zstd or lz4')
+    return data, True
 
 
 def parse_record(opcode: int, body: bytes | memoryview) -> Any:

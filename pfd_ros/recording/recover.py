@@ -11,54 +11,45 @@ attachments, schemas and channels are copied, the latter also from the index; no
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from io import BytesIO
 from itertools import chain
 import os
 from pathlib import Path
-import struct
 from typing import BinaryIO
 
-import lz4.frame
-from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import (
     Attachment,
     Channel,
-    ChunkIndex,
     Footer,
+    Header,
     McapRecord,
     Message,
     Metadata,
     Schema,
 )
 from mcap.writer import CompressionType, Writer
-import zstandard
 
-from pfd_ros.recording.format import CHUNK_BYTES, PROFILE, RECORD_BYTES
+from pfd_ros.recording.format import CHUNK_BYTES, RECORD_BYTES
 from pfd_ros.recording.mcap_stream import (
     FRAME,
+    IN_SUMMARY,
     MAGIC,
     McapStream,
     parse_record,
     records_in_chunk,
+    records_in_truncated_chunk,
 )
 from pfd_ros.recording.reader import LogError, damage_named, opened
 
-# Times, size and checksum of a chunk, before the name of its compression.
-_CHUNK_PREFIX = struct.Struct('<QQQI')
-_COUNT, _LENGTH = struct.Struct('<I'), struct.Struct('<Q')
 # Lost parts that are kept: a hostile file could have any number.
 MOST_LOST = 10
 # Bytes of the footer.
 _FOOTER = 20
 _DATA = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.METADATA, Opcode.ATTACHMENT)
-_SUMMARY = (
-    *(Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS, Opcode.CHUNK_INDEX),
-    *(Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX, Opcode.SUMMARY_OFFSET),
-)
 
 
 @dataclass
@@ -111,7 +102,8 @@ def recover(source: Path, target: Path) -> Recovered:
             try:
                 index = _Index(stream, size)
                 stream.seek(len(MAGIC))
-                _copy(chain(index.records, _readable(stream, size, found, index)), written, found)
+                read = chain(index.records, _readable(stream, size, found, index))
+                _copy(read, written, found, index)
             except BaseException:
                 target.unlink()
                 raise
@@ -127,15 +119,22 @@ def _check_rest(stream: BinaryIO, size: int, found: Recovered) -> None:
         for _ in McapStream(stream, size):
             pass
     except Exception as error:  # damage has as many exceptions as parsers
-        found.lose(f'not certain, as {error or "the end is missing"}')
+        why = str(error) or 'the end is missing'
+        found.lose(f'data outside the chunks, which cannot be checked: {why}')
 
 
 class _Index:
-    """Schemas, channels and the first bytes of chunks by the summary of a file, if it has one."""
+    """The profile of a file, and by its summary schemas, channels and first bytes of chunks."""
 
     def __init__(self, stream: BinaryIO, size: int) -> None:
         self.records: list[McapRecord] = []
         self.chunks: list[int] = []
+        self.profile = ''
+        with suppress(Exception):
+            stream.seek(len(MAGIC))
+            kind, length = FRAME.unpack(stream.read(FRAME.size))
+            header: Header = parse_record(kind, stream.read(min(length, RECORD_BYTES)))
+            self.profile = header.profile
         with suppress(Exception):  # damage has as many exceptions as parsers
             stream.seek(size - len(MAGIC) - _FOOTER)
             footer: Footer = parse_record(Opcode.FOOTER, stream.read(_FOOTER))
@@ -143,22 +142,25 @@ class _Index:
             while at and at + FRAME.size < size:
                 stream.seek(at)
                 kind, length = FRAME.unpack(stream.read(FRAME.size))
-                if kind not in _SUMMARY or length > min(RECORD_BYTES, size - at):
+                if kind not in IN_SUMMARY or length > min(RECORD_BYTES, size - at):
                     break
                 body = stream.read(length)
                 if kind == Opcode.CHUNK_INDEX:
-                    found = ChunkIndex.read(ReadDataStream(BytesIO(body)))
-                    self.chunks.append(found.chunk_start_offset)
+                    self.chunks.append(parse_record(Opcode.CHUNK_INDEX, body).chunk_start_offset)
                 elif kind in _DATA:
                     self.records.append(parse_record(Opcode(kind), body))
                 at += FRAME.size + length
+        self.chunks.sort()
 
     def next_chunk(self, at: int) -> int | None:
         """Return the first byte of the first chunk behind another one."""
-        return min((chunk for chunk in self.chunks if chunk > at), default=None)
+        place = bisect_right(self.chunks, at)
+        return self.chunks[place] if place < len(self.chunks) else None
 
 
-def _copy(records: Iterator[McapRecord], written: BinaryIO, found: Recovered) -> None:
+def _copy(
+    records: Iterator[McapRecord], written: BinaryIO, found: Recovered, index: _Index
+) -> None:
     writer = Writer(
         written,
         chunk_size=CHUNK_BYTES,
@@ -166,7 +168,7 @@ def _copy(records: Iterator[McapRecord], written: BinaryIO, found: Recovered) ->
         enable_crcs=True,
         enable_data_crcs=True,
     )
-    writer.start(PROFILE, 'pfd recover')
+    writer.start(index.profile, 'pfd recover')
     # A damaged file may name a channel before its schema.
     schemas: dict[int, int] = {0: 0}
     channels: dict[int, int] = {}
@@ -212,12 +214,12 @@ def _readable(
             return
         kind, length = FRAME.unpack(frame)
         at += FRAME.size
-        if kind == Opcode.DATA_END:
+        following = index.next_chunk(at - FRAME.size)
+        if kind == Opcode.DATA_END and following is None:
             stream.seek(-len(MAGIC), os.SEEK_END)
             if stream.read() != MAGIC:
                 found.lose(f'the index, from byte {at - FRAME.size} on')
             return
-        following = index.next_chunk(at - FRAME.size)
         if following is not None and at + length > following:
             found.lose(f'{following - at} bytes at byte {at}: their length is damaged')
             at = following
@@ -230,7 +232,7 @@ def _readable(
             body = stream.read(min(size - at, RECORD_BYTES))
             found.lose(f'the end, from byte {at - FRAME.size} on')
             if kind == Opcode.CHUNK:
-                yield from _begin_of_chunk(body)
+                yield from records_in_truncated_chunk(body)
             return
         if length > RECORD_BYTES:
             found.lose(f'{length} bytes at byte {at}: longer than any record')
@@ -244,37 +246,9 @@ def _readable(
                     records = list(records_in_chunk(parse_record(Opcode.CHUNK, body)))
                 elif kind in _DATA:
                     records = [parse_record(Opcode(kind), body)]
+                elif kind not in (Opcode.HEADER, Opcode.MESSAGE_INDEX):
+                    found.lose(f'{length} bytes at byte {at}: unknown kind of record {kind:#04x}')
             except Exception as error:  # damage has as many exceptions as parsers
-                found.lose(f'{length} bytes at byte {at}: {error}')
+                found.lose(f'{length} bytes at byte {at}: {str(error) or type(error).__name__}')
             yield from records
-        at += length
-
-
-def _begin_of_chunk(body: bytes) -> Iterator[McapRecord]:
-    """Yield the whole records at the beginning of a chunk that the file ends within."""
-    at = _CHUNK_PREFIX.size
-    if len(body) < at + _COUNT.size:
-        return
-    (name_length,) = _COUNT.unpack_from(body, at)
-    at += _COUNT.size
-    name = body[at : at + name_length]
-    packed = body[at + name_length + _LENGTH.size :]
-    data = b''
-    with suppress(zstandard.ZstdError, RuntimeError, EOFError):
-        if name == b'zstd':
-            unpacker = zstandard.ZstdDecompressor(max_window_size=RECORD_BYTES)
-            with unpacker.stream_reader(packed) as unpacked:
-                data = unpacked.read(RECORD_BYTES)
-        elif name == b'lz4':
-            data = lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=RECORD_BYTES)
-        elif not name:
-            data = packed
-    at = 0
-    while at + FRAME.size <= len(data):
-        kind, length = FRAME.unpack_from(data, at)
-        at += FRAME.size
-        if kind not in _DATA or at + length > len(data):
-            return
-        with suppress(ValueError, struct.error):
-            yield parse_record(Opcode(kind), data[at : at + length])
         at += length

@@ -130,7 +130,7 @@ class Playback(ABC):
         self.inbox.put(message)
 
     def take(self, message: PlacedMessage) -> None:
-        """Follow verdict rows."""
+        """Follow validation rows."""
         rows = message.rows
         if len(rows) == 1 and rows[0].source in COMMANDS and rows[0].verdict is Verdict.ACCEPTED:
             if self._collected and self._collected[0].rows[0].source is not rows[0].source:
@@ -197,7 +197,9 @@ class Playback(ABC):
         steps = before.step + 1 + np.arange(len(rows))
         stamps = before.origin_ns + steps * engine.settings.step_ns
         others = [message for message in messages if message.role != TAKEN]
-        if engine.state.failure or not self.stretched(Stretch(first, stamps, rows, others)):
+        # A failure or a reflex ends a stretch early, in a cycle to be followed by itself.
+        ended = engine.state.failure or engine.state.actuators.tripped
+        if ended or not self.stretched(Stretch(first, stamps, rows, others)):
             engine.restore(before)
             return False
         engine.state.row_messages += len(taken)

@@ -14,12 +14,13 @@ driver reports. `drives` has the limits that act continuously, as a part of a sc
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.model.effects import NO_EFFORT
 
 # Rows of the input `motors`, (7, n): E, F, W, V, p, d and the largest change of w in a cycle.
 MOTOR_ROWS = ('effort', 'torque_speed_effort', 'torque_speed', 'speed', 'p', 'd', 'jump')
@@ -42,8 +43,8 @@ def record_actuators(n: int) -> Program:
     half, two = recorder.constant([0.5]), recorder.constant([2.0])
     rows = []
     for k in range(n):
-        motor = motors[k::n]
-        wanted = _followed(tau[k], q[k], qd[k], targets[k::n], motor[4], motor[5])
+        motor = dict(zip(MOTOR_ROWS, motors[k::n], strict=True))
+        wanted = _followed(tau[k], q[k], qd[k], targets[k::n], motor['p'], motor['d'])
         # Halves: a difference of the largest numbers would overflow.
         jump = two * absolute(half * wanted - half * before[k])
         rows.append((*_limited(wanted, qd[k], motor), wanted, jump))
@@ -68,15 +69,15 @@ def _followed(
     return result
 
 
-def _limited(t: Lanes, qd: Lanes, motor: Sequence[Lanes]) -> tuple[Lanes, Lanes]:
+def _limited(t: Lanes, qd: Lanes, motor: Mapping[str, Lanes]) -> tuple[Lanes, Lanes]:
     """Return the limited effort of a joint, and its speed in excess of V as a multiple of V."""
-    most, full, falling, speed, *_ = motor
+    most, full, falling, speed = (motor[name] for name in MOTOR_ROWS[:4])
     constant = t.recorder.constant
     zero = constant([0.0])
     t = where(t - most, most, t)
     t = where(-most - t, -most, t)
     rate = absolute(qd)
-    left = constant([2.0]) - rate / falling
+    left = constant([NO_EFFORT]) - rate / falling
     there = full * where(left, left, zero)
     driven = where(t - there, there, t)
     braking = where(-there - t, -there, t)

@@ -13,9 +13,9 @@ Both limits are one table: L is cut off at E. A motor that pushes its joint alon
 the speed, one that brakes it by L_0 only, as back-EMF then helps the current; at rest the two are
 the same, so that nothing jumps.
 
-Every text turns the input tau into torques of motors here, before anything else, on n lanes (one
-row for all joints) and on one processor (a list with one number per joint). Inverse dynamics
-takes g off again and leaves the limits out: `commanded_torques`.
+Every algorithm converts the input tau into torques of motors here, before anything else, on n
+lanes (one row for all joints) and on one processor (a list with one number per joint). Inverse
+dynamics takes g off again and ignores the limits: `commanded_torques`.
 
 Parallel cost: 1 addition for compensation beside pfd_core.algorithms.chain.gravity; 2 additions
 for effort limits; 3 additions for a table and 1 multiplication and 2 additions for each row after

@@ -46,7 +46,7 @@ def plus_joint_torques(
     tau, qd : sequence of Lanes
         Torques [N m or N] and velocities [rad/s or m/s]: one row over lanes, or n numbers.
     qdd : sequence of Lanes, optional
-        Accelerations [rad/s^2 or m/s^2]; without them inertia is left out.
+        Accelerations [rad/s^2 or m/s^2]; without them inertia is ignored.
 
     """
     return _combined(operator.add, plant, tau, qd, qdd)
@@ -111,14 +111,15 @@ def _rows(values: Array, like: Sequence[Lanes]) -> Iterator[Lanes]:
 def _constants(effect: Effect, plant: Plant, like: Sequence[Lanes]) -> Iterator[Any]:
     """Yield the numbers of an effect as constants by field, for each entry of `like`."""
     constant = like[0].recorder.constant
-    first, *refining = (field.name for field in effect.fields)
     for joints in np.arange(plant.robot.n).reshape(len(like), -1):
         c: dict[str, Any] = {}
-        for name in (first, *refining):
-            rows = plant.effects[name][joints]
-            c[name] = constant(rows) if rows.ndim == 1 else tuple(map(constant, rows.T))
-            if name in refining and not rows.any():
-                c[name] = None
+        for k, field in enumerate(effect.fields):
+            numbers = plant.effects.get(field.name)
+            rows = None if numbers is None else numbers[joints]
+            if rows is None or (k and not rows.any()):
+                c[field.name] = None
+            else:
+                c[field.name] = constant(rows) if rows.ndim == 1 else tuple(map(constant, rows.T))
         yield SimpleNamespace(**c)
 
 

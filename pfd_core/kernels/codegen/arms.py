@@ -140,7 +140,7 @@ def _slot(ir: Function, name: str, k: int, n: int, form: Format) -> _Slot:
 def _torque(
     ir: Function, slots: dict[str, _Slot], t: str, joints: str, block: Block, form: Format
 ) -> None:
-    """Write the torques of a step: the given ones, plus those of the feedback law."""
+    """Write the torques of a step: given torques plus feedback."""
     n = slots['tau'].size
     arrays = {name: Array(slot.buffer) for name, slot in slots.items()}
     copy(ir, 'in', slots['tau'].at(ir, t), slots['tau'].buffer, n, block)

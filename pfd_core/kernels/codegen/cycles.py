@@ -6,7 +6,7 @@ LLVM IR of control cycles of one arm: its actuators, then a step, over and over.
     @cycles     all cycles, each with its own commanded efforts
 
 Its arguments are addresses in a block of memory: a caller in Python that runs one cycle a call
-would spend more time on handing over fifteen pointers than the arm takes to move.
+would spend more time on passing fifteen pointers than the step takes.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from pfd_core.machine.program import Program
 # cycle before (n,), the counts and the peaks (n,).
 HEAD = ('substeps', 'efforts', 'out', 'motors', 'targets', 'before', 'counts', 'peaks')
 # Of the counts: cycles in which a limit cut an effort, and in which a joint was too fast; and
-# whether an effort jumped by more than it may, which ends a run before the step.
+# whether the last run ended before a step whose effort jumped by more than it may.
 COUNTS = ('saturated', 'fast', 'jumped')
 NAN = '0x7FF8000000000000'
 
@@ -59,6 +59,7 @@ def cycles(program: Program, dynamics: Program, actuators: Program, form: Format
     }
     arrays['qdd'] = ir.array(T, n)
     result = Array(ir.array(T, len(OUTPUT_ROWS) * n))
+    ir.store('i64', 0, ir.element('i64', arrays['counts'], COUNTS.index('jumped')))
     finite_steps = Variable('i64', '0')
     more = Variable('i1', 'true')
     with ir.loop('%steps', finite_steps, condition=more) as t:
@@ -70,7 +71,7 @@ def cycles(program: Program, dynamics: Program, actuators: Program, form: Format
             pointers([*(given[name] for name in arguments(actuators)), result.address]),
         )
         values = [form.read(ir, result, k) for k in range(len(OUTPUT_ROWS) * n)]
-        efforts, excess, wanted, jumps = (values[k : k + n] for k in range(0, 4 * n, n))
+        efforts, excess, wanted, jumps = (values[k : k + n] for k in range(0, len(values), n))
         row = Array(ir.element(T, arrays['out'], ir.let(f'mul i64 {t}, {3 * n}')))
         _end_at_jump(ir, form, arrays, jumps, wanted, row, finite_steps)
         _count(ir, form, arrays, (efforts, excess, wanted))

@@ -9,7 +9,7 @@ read as a vector would have to reach the cache first, which takes longer than th
 the step.
 
 The state is a list of named rows of one number per joint: MOTION, and a row for each effect that
-has a state of its own (`further_rows`). An integrator's program names them by its outputs; they
+has further state (`further_rows`). An integrator's program names them by its outputs; they
 begin at zero, and are carried on from step to step, but not reported.
 
 The step's `call` of qdd hands positions and velocities to @evaluate, and torques that change

@@ -22,9 +22,8 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_ros.messages.columns import MOST_PADDING, PADDED, parse_definition, read_columns
 from pfd_ros.messages.convert import JOINT_STATE
-from pfd_ros.recording.bags import Bag, Topic, definition_of
-from pfd_ros.recording.format import HEAD, ROBOT, HeadKey
-from pfd_ros.recording.head import strict_json
+from pfd_ros.recording.bags import Bag, BagTopic, definition_of
+from pfd_ros.recording.head import read_robot
 from pfd_ros.recording.reader import damage_named
 from pfd_ros.text import listed
 
@@ -210,7 +209,7 @@ class LogArrays:
 class _Raw:
     """The messages of a topic as they are in the file."""
 
-    topic: Topic
+    topic: BagTopic
     log_ns: list[int] = field(default_factory=list)
     published_ns: list[int] = field(default_factory=list)
     data: list[bytes] = field(default_factory=list)
@@ -274,14 +273,11 @@ def read_log(
     for name, topic in bag.topics.items():
         if wanted is None or name in wanted:
             raw.setdefault(name, _Raw(topic))
-    settings, robot = None, None
-    if HEAD in bag.metadata:
-        with damage_named(bag.path):
-            settings = strict_json(bag.metadata[HEAD].get(HeadKey.SETTINGS, '{}'))
-            if ROBOT in bag.attachments:
-                text = bag.attachments[ROBOT].decode('utf-8')
-                # A single line would be taken for the name of a robot or a file.
-                robot = pfd.load_robot(f'{text}\n')
+    robot = None
+    with damage_named(bag.path):
+        settings = bag.settings
+        if bag.robot_text:
+            robot = read_robot(bag.robot_text.decode('utf-8'))
     kinds = {name: topic.type for name, topic in bag.topics.items()}
     return LogArrays(bag.path, kinds, settings, robot, bag.complete, raw)
 

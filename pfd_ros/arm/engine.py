@@ -49,6 +49,7 @@ from pfd_ros.arm.events import (
     Source,
     ValidationRow,
     Verdict,
+    payload_digest,
 )
 from pfd_ros.arm.outputs import extra_outputs
 from pfd_ros.arm.pace import Pace, needs_event
@@ -192,7 +193,9 @@ class Engine:
             validation = self.accept(event)
             validations.append((event.source, validation, 1))
             if self._rows:
-                rows.append(ValidationRow(cycle, event.source, event.sequence, validation.verdict))
+                place = cycle, event.source, event.sequence
+                digest = payload_digest(event.payload)
+                rows.append(ValidationRow(*place, validation.verdict, digest))
         if rows:
             outputs.append(rows_message(self.state, rows))
         return Taken(outputs, validations)

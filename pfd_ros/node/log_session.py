@@ -88,7 +88,7 @@ class LogSession:
 
 
 def open_session(
-    node: Node, settings: Settings, robot: pfd.Robot, endpoints: Endpoints
+    node: Node, settings: Settings, robot: pfd.Robot, endpoints: Endpoints, program: str
 ) -> LogSession:
     """Open the recording, with a channel for each endpoint and for the validation rows.
 
@@ -121,7 +121,7 @@ def open_session(
     roles = [role for role in CHANNELS if role in channels]
     topics = [replace(channels[role], vital=CHANNELS[role].vital) for role in roles]
     names = {role: channels[role].name for role in roles}
-    head = provenance.file_head(settings, robot, names, TimeBase())
+    head = provenance.file_head(settings, robot, names, TimeBase(), program)
     error = node.get_logger().error
     return LogSession(LogRecorder(Path(settings.recording), topics, head, error), roles)
 

@@ -37,11 +37,16 @@ def difference(role: str, recorded: bytes, computed: bytes) -> str:
 
 def _of_rows(recorded: bytes, computed: bytes) -> str:
     rows = (decode_rows(data, len(TAKEN_COLUMNS)) for data in (recorded, computed))
-    for (_, source, number, theirs), (*_, ours) in zip(*rows, strict=False):
-        if theirs != ours:
+    for (_, source, number, *theirs), (*_, verdict, digest) in zip(*rows, strict=False):
+        label = f'message {number} of {ROLE_OF_SOURCE[Source(source)]}'
+        if theirs[0] != verdict:
             return (
-                f'message {number} of {ROLE_OF_SOURCE[Source(source)]}: '
-                f'recorded as {Verdict(theirs).name}, replayed as {Verdict(ours).name}'
+                f'{label}: recorded as {Verdict(theirs[0]).name}, '
+                f'replayed as {Verdict(verdict).name}'
+            )
+        if theirs[1] != digest:
+            return (
+                f'{label}: recorded with digest {theirs[1]:#018x}, its bytes have {digest:#018x}'
             )
     return 'the same verdicts, in other rows'
 

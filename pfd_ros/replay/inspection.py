@@ -55,8 +55,9 @@ class _ChannelCount:
             self.lost += message.lost
             self.gap = self.gap or f'{message.number - message.lost} to {message.number - 1}'
         self.data = message.data
-        self.digest.update(DIGEST_PREFIX.pack(message.number & SEQUENCE_MASK, len(message.data)))
-        self.digest.update(message.data)
+        times = message.log_ns, message.published_ns
+        number, size = message.number & SEQUENCE_MASK, len(message.data)
+        self.digest.update(DIGEST_PREFIX.pack(number, *times, size) + message.data)
 
 
 @dataclass
@@ -94,6 +95,7 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
     """
     counts = _Counts()
     follow(log, counts, progress)
+    log.check_digests()
     channels = counts.channels
     settings = log.settings
     for role in log.roles.values():

@@ -69,6 +69,8 @@ class PlacedMessage(NamedTuple):
         The message.
     rows
         The validation rows in it.
+    published_ns
+        Its publish time, ns.
     """
 
     role: str
@@ -78,6 +80,7 @@ class PlacedMessage(NamedTuple):
     log_ns: int
     data: bytes
     rows: tuple[ValidationRow, ...] = ()
+    published_ns: int = 0
 
 
 @dataclass
@@ -182,7 +185,9 @@ class _Order:
         else:
             cycle = number * self._every[role]
             self._follow(entry, cycle)
-        return PlacedMessage(role, number, lost, cycle, entry.log_ns, entry.data, rows)
+        return PlacedMessage(
+            role, number, lost, cycle, entry.log_ns, entry.data, rows, entry.published_ns
+        )
 
     def _number(self, entry: Entry) -> tuple[int, int]:
         """Return the number of a message and how many are missing before it."""
@@ -223,7 +228,7 @@ def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
         # Bytes that are no message have a separate error.
         decode_rows(entry.data, len(TAKEN_COLUMNS))
         raise ValueError(f'taken {entry.sequence} is not as the node writes it')
-    for _, source, _, verdict in decoded:
+    for _, source, _, verdict, _ in decoded:
         if source not in ROLE_OF_SOURCE or verdict not in Verdict._value2member_map_:
             raise ValueError(
                 f'taken {entry.sequence} names source {source} and verdict {verdict}, '
@@ -234,4 +239,4 @@ def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
         raise ValueError(f'taken {entry.sequence} names steps {sorted(cycles)[:5]}, expected one')
     if len({row[3] == Verdict.OVERFLOWED for row in decoded}) > 1:
         raise ValueError(f'taken {entry.sequence} mixes commands validated and overflowed')
-    return tuple(ValidationRow(c, Source(s), n, Verdict(v)) for c, s, n, v in decoded)
+    return tuple(ValidationRow(c, Source(s), n, Verdict(v), d) for c, s, n, v, d in decoded)

@@ -20,7 +20,15 @@ from numpy.typing import NDArray
 
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import CLOCK, COMMANDS, STATES, TAKEN, Source, Verdict
+from pfd_ros.arm.events import (
+    CLOCK,
+    COMMANDS,
+    STATES,
+    TAKEN,
+    Source,
+    Verdict,
+    payload_digest,
+)
 from pfd_ros.messages.convert import decode_efforts, decode_joint_state, decode_named_efforts
 from pfd_ros.recording.format import SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Log
@@ -182,6 +190,9 @@ class Playback(ABC):
         before = engine.save()
         source = taken[0].rows[0].source
         payloads = [self.inbox.payload(message.rows[0]) for message in taken]
+        digests = [message.rows[0].digest for message in taken]
+        if digests != [payload_digest(payload) for payload in payloads]:
+            return False
         if source is Source.ARRAY:
             efforts = decode_efforts(payloads, engine.arm.robot.n)
         else:

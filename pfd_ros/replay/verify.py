@@ -20,12 +20,14 @@ from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Output
 from pfd_ros.messages.convert import FLOAT_ARRAY, decode_clock, decode_joint_state, encode_clocks
 from pfd_ros.recording.format import CHANNELS
 from pfd_ros.recording.head import Ending, read_robot
+from pfd_ros.recording.provenance import COMMIT, PROGRAM, commit, versions
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.differences import difference
 from pfd_ros.replay.inspection import Inspection, inspect
 from pfd_ros.replay.ordering import PlacedMessage
 from pfd_ros.replay.playback import Playback, Stretch, follow
 from pfd_ros.replay.summary import Summary
+from pfd_ros.text import cut
 
 # Share of the progress that the inspection gets when the file is simulated too.
 INSPECTION_SHARE = 0.1
@@ -81,10 +83,14 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
         raise LogError(f'{log.path} {found.summary.obstacle}')
     engine = Engine(found.summary.settings, recorded_robot(log, found.state))
     replay = _Replay(Driver(engine))
-    follow(log, replay, progress)
-    replay.flush()
-    if found.ending is not None:
-        replay.finish(found.ending)
+    program = engine.arm.program
+    try:
+        follow(log, replay, progress)
+        replay.flush()
+        if found.ending is not None:
+            replay.finish(found.ending)
+    except DifferenceError as error:
+        raise DifferenceError(f'{error}; {_cause(found, program)}') from error
     arm = engine.arm
     if arm.failure:
         found.summary.stopped_at, found.summary.failure = arm.step, arm.failure
@@ -98,6 +104,26 @@ def recorded_robot(log: Log, state: bytes) -> pfd.Robot:
     if sorted(names) != sorted(expected):
         raise DifferenceError(f'names: recorded {names!r}, its robot has {expected!r}')
     return robot
+
+
+def _cause(found: Inspection, program: str) -> str:
+    """Return why a recording and its replay may differ: other data, program or processor."""
+    if found.altered:
+        return f'cause: other data, {found.altered}'
+    there, here = found.summary.versions, versions()
+
+    def both(name: str, label: str = '') -> str:
+        return f'{label or name} {cut(there.get(name, "unknown"))}, here {cut(here[name])}'
+
+    here |= {COMMIT: commit() or 'unknown', PROGRAM: program}
+    if there.get(PROGRAM) != program:
+        named = (name for name in ('pfd', COMMIT, 'llvmlite') if there.get(name) != here[name])
+        others = ''.join(f'; {both(name)}' for name in named)
+        digests = both(PROGRAM, 'recorded with digest')
+        return f'cause: another program, {digests}{others}'
+    if found.ending is None:
+        return 'cause: other data; the program is the same'
+    return f'cause: not the program, the settings or the data; {both("cpu", "processor")}'
 
 
 @dataclass

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Sequence
 import functools
+import hashlib
 from xml.etree import ElementTree
 
 import numpy as np
@@ -230,19 +231,24 @@ def test_an_arm_without_a_clock_puts_out_no_tick() -> None:
     assert [output.role for output in outputs] == ['joint_states']
 
 
-def test_each_event_gets_a_row_with_its_cycle_and_its_verdict() -> None:
+def test_each_event_gets_a_row_with_its_cycle_its_verdict_and_the_digest_of_its_bytes() -> None:
     engine = made(robot='planar2')
     rows = [rows_of(engine.run_cycle(EVENTS.get(k, ())).outputs) for k in range(1, 8)]
-    assert rows[1] == [[2, Source.ARRAY, 1, Verdict.ACCEPTED]]
+
+    def digest(cycle: int, place: int) -> int:
+        data = hashlib.sha256(EVENTS[cycle][place].payload).digest()
+        return int.from_bytes(data[:8], 'little')
+
+    assert rows[1] == [[2, Source.ARRAY, 1, Verdict.ACCEPTED, digest(2, 0)]]
     assert rows[2] == [
-        [3, Source.ARRAY, 2, Verdict.OVERFLOWED],
-        [3, Source.ARRAY, 3, Verdict.OVERFLOWED],
-        [3, Source.ARRAY, 4, Verdict.OVERFLOWED],
-        [3, Source.NAMED, 1, Verdict.MALFORMED],
-        [3, Source.ARRAY, 5, Verdict.NOT_FINITE],
-        [3, Source.ARRAY, 6, Verdict.ACCEPTED],
+        [3, Source.ARRAY, 2, Verdict.OVERFLOWED, 0],
+        [3, Source.ARRAY, 3, Verdict.OVERFLOWED, 0],
+        [3, Source.ARRAY, 4, Verdict.OVERFLOWED, 0],
+        [3, Source.NAMED, 1, Verdict.MALFORMED, digest(3, 1)],
+        [3, Source.ARRAY, 5, Verdict.NOT_FINITE, digest(3, 2)],
+        [3, Source.ARRAY, 6, Verdict.ACCEPTED, digest(3, 3)],
     ]
-    assert rows[6] == [[7, Source.NAMED, 2, Verdict.ALL_NAN]]
+    assert rows[6] == [[7, Source.NAMED, 2, Verdict.ALL_NAN, digest(7, 0)]]
 
 
 def test_a_flood_that_overflowed_is_told_in_messages_of_bounded_size() -> None:
@@ -280,7 +286,7 @@ def test_an_engine_that_is_fed_a_recording_puts_out_what_was_recorded() -> None:
         recorded[entry.role].append(entry.data)
     events: dict[int, list[Event]] = defaultdict(list)
     for data in recorded['taken']:
-        for cycle, source, sequence, _ in decode_rows(data, len(TAKEN_COLUMNS)):
+        for cycle, source, sequence, *_ in decode_rows(data, len(TAKEN_COLUMNS)):
             payload = recorded[ROLE_OF_SOURCE[Source(source)]][sequence - 1]
             events[cycle].append(Arrival(Source(source), sequence, payload))
     settings = log.settings

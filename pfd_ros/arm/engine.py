@@ -24,6 +24,7 @@ from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 import math
 from typing import Any, NamedTuple
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,7 +50,6 @@ from pfd_ros.arm.events import (
     Source,
     ValidationRow,
     Verdict,
-    payload_digest,
 )
 from pfd_ros.arm.outputs import extra_outputs
 from pfd_ros.arm.pace import Pace, needs_event
@@ -193,9 +193,8 @@ class Engine:
             validation = self.accept(event)
             validations.append((event.source, validation, 1))
             if self._rows:
-                place = cycle, event.source, event.sequence
-                digest = payload_digest(event.payload)
-                rows.append(ValidationRow(*place, validation.verdict, digest))
+                checksum, verdict = crc32(event.payload), validation.verdict
+                rows.append(ValidationRow(cycle, event.source, event.sequence, verdict, checksum))
         if rows:
             outputs.append(rows_message(self.state, rows))
         return Taken(outputs, validations)

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import IntEnum
-import hashlib
 from typing import NamedTuple, TypeAlias
 
 
@@ -76,20 +75,20 @@ Event: TypeAlias = Arrival | Overflow
 
 
 class ValidationRow(NamedTuple):
-    """The cycle in which a message was validated or dropped, the result, and a digest of it.
+    """The cycle in which a message was validated or dropped, the result, and its CRC-32.
 
-    The digest is `payload_digest` of the message, 0 for a message that was dropped.
+    The checksum of a message that was dropped is 0.
     """
 
     cycle: int
     source: Source
     sequence: int
     verdict: Verdict
-    digest: int = 0
+    crc32: int = 0
 
 
 # The fields of a ValidationRow as they are labelled in recordings.
-TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict', 'digest')
+TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict', 'crc32')
 
 # Roles of the outputs: validation rows, the arm's state, the clock tick, a new payload.
 TAKEN, STATES, CLOCK = 'taken', 'joint_states', 'clock'
@@ -97,11 +96,6 @@ PAYLOAD_IN_USE = 'payload_in_use'
 # A state that the sensors drop: recorded, not published; it is numbered with the others.
 DROPPED_STATES = 'dropped_states'
 NUMBERED_AS_STATES = frozenset({STATES, DROPPED_STATES})
-
-
-def payload_digest(data: bytes) -> int:
-    """Return the first 8 bytes of SHA-256 of a message, as a little-endian number."""
-    return int.from_bytes(hashlib.sha256(data).digest()[:8], 'little')
 
 
 class Output(NamedTuple):

@@ -37,17 +37,15 @@ def difference(role: str, recorded: bytes, computed: bytes) -> str:
 
 def _of_rows(recorded: bytes, computed: bytes) -> str:
     rows = (decode_rows(data, len(TAKEN_COLUMNS)) for data in (recorded, computed))
-    for (_, source, number, *theirs), (*_, verdict, digest) in zip(*rows, strict=False):
+    for (_, source, number, *theirs), (*_, verdict, crc32) in zip(*rows, strict=False):
         label = f'message {number} of {ROLE_OF_SOURCE[Source(source)]}'
         if theirs[0] != verdict:
             return (
                 f'{label}: recorded as {Verdict(theirs[0]).name}, '
                 f'replayed as {Verdict(verdict).name}'
             )
-        if theirs[1] != digest:
-            return (
-                f'{label}: recorded with digest {theirs[1]:#018x}, its bytes have {digest:#018x}'
-            )
+        if theirs[1] != crc32:
+            return f'{label}: recorded with CRC-32 {theirs[1]:#010x}, it has {crc32:#010x}'
     return 'the same verdicts, in other rows'
 
 

@@ -14,21 +14,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import (
-    CLOCK,
-    COMMANDS,
-    STATES,
-    TAKEN,
-    Source,
-    Verdict,
-    payload_digest,
-)
+from pfd_ros.arm.events import CLOCK, COMMANDS, STATES, TAKEN, Source, Verdict
 from pfd_ros.messages.convert import decode_efforts, decode_joint_state, decode_named_efforts
 from pfd_ros.recording.format import SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Log
@@ -190,8 +183,7 @@ class Playback(ABC):
         before = engine.save()
         source = taken[0].rows[0].source
         payloads = [self.inbox.payload(message.rows[0]) for message in taken]
-        digests = [message.rows[0].digest for message in taken]
-        if digests != [payload_digest(payload) for payload in payloads]:
+        if [message.rows[0].crc32 for message in taken] != [crc32(data) for data in payloads]:
             return False
         if source is Source.ARRAY:
             efforts = decode_efforts(payloads, engine.arm.robot.n)

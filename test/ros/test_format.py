@@ -263,7 +263,7 @@ def test_a_changed_command_without_effect_is_found_in_a_cut_off_file(
     message.data = efforts(1.5)
     status, said = verified(altered.save(tmp_path / 'a.mcap', closed=False), capsys)
     assert status == 1
-    assert 'message 2 of commands: recorded with digest' in said
+    assert 'message 2 of commands: recorded with CRC-32' in said
 
 
 def test_a_recording_of_format_1_is_one_clear_line(

@@ -35,7 +35,7 @@ MOST_COMPILED = 4
 LATEST_NS = (2**31 - 86_400) * NANOSECONDS
 # Settings that may differ between the run that saved a state and the run that continues from it:
 # simulated time is a part of the state, and a recording is of one run.
-PER_RUN = frozenset({'start_time', 'real_time_factor', 'recording'})
+PER_RUN = frozenset({'start_time', 'real_time_factor', 'recording', 'recording_state_period'})
 
 
 def load_robot(settings: Settings, source: str | pfd.Urdf | None = None) -> pfd.Robot:

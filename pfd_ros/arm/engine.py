@@ -39,6 +39,7 @@ from pfd_ros.arm.command_link import CommandLink
 from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.effects import ClockTick, Request, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
+    ARM_STATE,
     CLOCK,
     COMMANDS,
     DROPPED_STATES,
@@ -83,7 +84,7 @@ class Engine:
     robot
         From `load_robot` or out of a recording.
     rows
-        Whether `take` encodes validation rows, which only recordings hold.
+        Whether validation rows and the whole state are encoded, which only recordings hold.
 
     Attributes
     ----------
@@ -101,6 +102,7 @@ class Engine:
     def __init__(self, settings: Settings, robot: pfd.Robot, *, rows: bool = True) -> None:
         self.arm = Arm(settings, robot)
         self._rows = rows
+        self._save_every = settings.save_every if rows else 0
         self.publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
         self._step_ns = settings.step_ns
@@ -409,6 +411,9 @@ class Engine:
         if new_payload is not None:
             outputs.append(new_payload)
         self._add_state_and_tick(outputs, role)
+        if self._save_every and self.cycles % self._save_every == 0:
+            saved = convert.encode_bytes(self.state.to_bytes())
+            outputs.append(Output(ARM_STATE, self.cycles // self._save_every, saved))
         return outputs
 
     def advance(self) -> str:
@@ -497,7 +502,12 @@ class Engine:
         """
         if not self.state.failure:
             raise RuntimeError('only a failed arm skips cycles')
-        self.state.cycle = max(self.state.cycle, cycle)
+        state, skipped = self.state, cycle - self.state.cycle
+        if skipped > 0:
+            state.cycle = cycle
+            state.pace.left = max(0, state.pace.left - skipped)
+            if state.wrench is not None:
+                wrench.advance(state.wrench, skipped)
 
     def _add_state_and_tick(self, outputs: list[Output], role: str) -> None:
         """Add the state of this cycle, the outputs beside it, and the clock tick."""

@@ -93,6 +93,8 @@ TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict', 'crc32')
 # Roles of the outputs: validation rows, the arm's state, the clock tick, a new payload.
 TAKEN, STATES, CLOCK = 'taken', 'joint_states', 'clock'
 PAYLOAD_IN_USE = 'payload_in_use'
+# Everything that changes while the arm runs, as bytes: only in recordings.
+ARM_STATE = 'arm_state'
 # A state that the sensors drop: recorded, not published; it is numbered with the others.
 DROPPED_STATES = 'dropped_states'
 NUMBERED_AS_STATES = frozenset({STATES, DROPPED_STATES})

@@ -12,7 +12,15 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from pfd_ros.arm.events import CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES, TAKEN, Source
+from pfd_ros.arm.events import (
+    ARM_STATE,
+    CLOCK,
+    DROPPED_STATES,
+    PAYLOAD_IN_USE,
+    STATES,
+    TAKEN,
+    Source,
+)
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.messages import convert
 
@@ -84,6 +92,7 @@ CHANNELS = {
     DROPPED_STATES: Channel(convert.JOINT_STATE, always=False),
     **{role: Channel(kind, always=False) for role, kind in OUTPUTS.items()},
     CLOCK: Channel(convert.CLOCK, always=False),
+    ARM_STATE: Channel(convert.BYTE_ARRAY, always=False),
 }
 ROLE_OF_SOURCE = {
     Source.NAMED: NAMED_COMMANDS,

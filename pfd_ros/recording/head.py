@@ -15,7 +15,7 @@ from typing import Any
 
 import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
-from pfd_ros.arm.events import CLOCK, DROPPED_STATES
+from pfd_ros.arm.events import ARM_STATE, CLOCK, DROPPED_STATES
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
@@ -106,10 +106,11 @@ def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
         raise ValueError(
             f'publish_clock is {settings.publish_clock}, its topics are {list(roles)}'
         )
-    chosen = {DROPPED_STATES, *OUTPUTS}
+    chosen = {DROPPED_STATES, ARM_STATE, *OUTPUTS}
     if chosen & set(roles.values()) != chosen & roles_of(settings):
         raise ValueError(
-            f'outputs is {list(settings.outputs)} and drop.state {settings.drop_state}, '
+            f'outputs is {list(settings.outputs)}, drop.state {settings.drop_state} and '
+            f'recording_state_period {settings.recording_state_period}, '
             f'its topics are {list(roles)}'
         )
     return settings

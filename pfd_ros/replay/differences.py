@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.events import STATES, TAKEN_COLUMNS, Source, Verdict
+from pfd_ros.arm.state import ArmState
 from pfd_ros.messages import convert
 from pfd_ros.messages.convert import decode_clock, decode_rows
 from pfd_ros.messages.stamped import NUMBERS, decode_stamped
@@ -60,6 +61,10 @@ def _differences(kind: str, recorded: bytes, computed: bytes) -> Iterator[str]:
         places = [f'joint {name!r}' for name in other.names]
         for name in FIELDS:
             yield from _of_numbers(name, getattr(joints, name), getattr(other, name), places)
+    elif kind == convert.BYTE_ARRAY:
+        saved, own = (ArmState.from_bytes(convert.decode_bytes(d)) for d in (recorded, computed))
+        if name := saved.difference(own):
+            yield f'{name} of the whole state differs'
     elif kind == convert.FLOAT_ARRAY:
         array, ours = (convert.decode_array(data) for data in (recorded, computed))
         yield from _of_values('layout', (array.labels, array.sizes), (ours.labels, ours.sizes))

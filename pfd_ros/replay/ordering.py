@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from pfd_ros.arm.changes import read_changes
 from pfd_ros.arm.events import (
+    ARM_STATE,
     CLOCK,
     NUMBERED_AS_STATES,
     PAYLOAD_IN_USE,
@@ -46,6 +47,8 @@ from pfd_ros.recording.reader import Entry, Log
 FASTEST = 1e6
 # By how much the arm may be ahead of its schedule, s: it makes up for delays of 0.05 s.
 AHEAD = 1.0
+# Inputs that a replay keeps: twice those that an inspection lets wait, see inspection.py.
+MOST_KEPT, MOST_BYTES = 1 << 17, 1 << 27
 # Order of the outputs within a cycle; only validation rows may be several messages.
 _RANKS = {role: rank for rank, role in enumerate(CHANNELS)}
 
@@ -88,9 +91,15 @@ class Inbox:
     """The inputs of a recording that no verdict row has taken yet."""
 
     _payloads: dict[tuple[Source, int], bytes] = field(default_factory=dict)
+    _bytes: int = 0
 
     def put(self, message: PlacedMessage) -> None:
         """Keep an input."""
+        self._bytes += len(message.data)
+        if len(self._payloads) > MOST_KEPT or self._bytes > MOST_BYTES:
+            # An inspection has found that their rows are missing.
+            self._payloads.clear()
+            self._bytes = len(message.data)
         self._payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
 
     def payload(self, row: ValidationRow) -> bytes:
@@ -101,6 +110,7 @@ class Inbox:
         """Return the events that the rows of a message are about, and forget them."""
         rows = message.rows
         payloads = [self._payloads.pop((row.source, row.sequence), b'') for row in rows]
+        self._bytes -= sum(map(len, payloads))
         if rows[0].verdict is Verdict.OVERFLOWED:
             return [Overflow(rows[0].source, [row.sequence for row in rows])]
         return [
@@ -133,6 +143,7 @@ class _Order:
         settings = log.settings
         self._every = dict.fromkeys(CHANNELS, settings.publish_every)
         self._every[CLOCK] = settings.clock_every
+        self._every[ARM_STATE] = settings.save_every
         self._settings, self._rate = settings, 0.0
         self._allow(settings)
         self._started_ns = self._last_ns = log.started_ns

@@ -16,8 +16,16 @@ from pathlib import Path
 import pfd_core as pfd
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Output
-from pfd_ros.messages.convert import FLOAT_ARRAY, decode_clock, decode_joint_state, encode_clocks
+from pfd_ros.arm.events import ARM_STATE, CLOCK, STATES, TAKEN, Output
+from pfd_ros.arm.state import ArmState
+from pfd_ros.messages.convert import (
+    BYTE_ARRAY,
+    FLOAT_ARRAY,
+    decode_bytes,
+    decode_clock,
+    decode_joint_state,
+    encode_clocks,
+)
 from pfd_ros.recording.format import CHANNELS
 from pfd_ros.recording.head import Ending, read_robot
 from pfd_ros.recording.provenance import COMMIT, PROGRAM, commit, versions
@@ -79,10 +87,10 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
     """Feed an engine from a recording and compare its outputs with the recorded ones."""
     if found.summary.states == 0:
         raise LogError(f'{log.path} holds no states, so there is nothing to verify')
-    if found.summary.obstacle:
+    if found.blocked:
         raise LogError(f'{log.path} {found.summary.obstacle}')
     engine = Engine(found.summary.settings, recorded_robot(log, found.state))
-    replay = _Replay(Driver(engine))
+    replay = _Replay(Driver(engine), gaps=list(found.summary.gaps))
     program = engine.arm.program
     try:
         follow(log, replay, progress)
@@ -91,6 +99,9 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
             replay.finish(found.ending)
     except DifferenceError as error:
         raise DifferenceError(f'{error}; {_cause(found, program)}') from error
+    found.summary.uncompared = replay.uncompared
+    if found.summary.uncompared == found.summary.states:
+        raise LogError(f'{log.path} {found.summary.obstacle}')
     arm = engine.arm
     if arm.failure:
         found.summary.stopped_at, found.summary.failure = arm.step, arm.failure
@@ -136,10 +147,16 @@ class _Replay(Playback):
         Data of the validation rows of the last events.
     outputs
         Data of the last cycle's outputs but validation rows, by role.
+    gaps
+        As in Summary, those that are left.
+    uncompared
+        States within gaps.
     """
 
     rows: list[bytes] = field(default_factory=list)
     outputs: dict[str, bytes] = field(default_factory=dict)
+    gaps: list[tuple[int, int]] = field(default_factory=list)
+    uncompared: int = 0
 
     def __post_init__(self) -> None:
         """Have the outputs compared."""
@@ -151,6 +168,35 @@ class _Replay(Playback):
         else:
             self.outputs = {output.role: output.data for output in outputs}
 
+    def _in_gap(self, message: PlacedMessage) -> bool:
+        if not self.gaps or message.cycle < self.gaps[0][0]:
+            return False
+        self.flush()
+        return True
+
+    def take(self, message: PlacedMessage) -> None:
+        """Follow validation rows, but not those in a gap."""
+        if self._in_gap(message):
+            self.inbox.take(message)
+        else:
+            super().take(message)
+
+    def output(self, message: PlacedMessage) -> None:
+        """Follow an output; the recorded state of the whole arm ends a gap."""
+        if not self._in_gap(message):
+            super().output(message)
+        elif message.role == ARM_STATE and message.cycle == self.gaps[0][1]:
+            del self.gaps[0]
+            self._continue_from(ArmState.from_bytes(decode_bytes(message.data)))
+        else:
+            self.uncompared += message.role == STATES
+
+    def _continue_from(self, saved: ArmState) -> None:
+        engine = self.driver.engine
+        if saved.first != engine.state.first:
+            raise ValueError(f'the state after step {saved.cycle} is of an arm of other settings')
+        engine.restore(saved)
+
     def take_now(self, message: PlacedMessage) -> None:
         """Compare validation rows."""
         self.driver.run_to(message.cycle - 1)
@@ -161,7 +207,7 @@ class _Replay(Playback):
     def output_now(self, message: PlacedMessage) -> None:
         """Compare an output of a cycle."""
         # An array has no stamp; if the states have the same gap, theirs says so.
-        if message.lost and CHANNELS[message.role].type != FLOAT_ARRAY:
+        if message.lost and CHANNELS[message.role].type not in (FLOAT_ARRAY, BYTE_ARRAY):
             self._run_to_stamp(message)
         self.driver.run_to(message.cycle)
         if message.role not in self.outputs:

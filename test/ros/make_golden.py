@@ -49,6 +49,7 @@ UR5 = {
     'delay.commands': '0.002',
     'drop.state': '0.05',
     'drop.commands': '0.1',
+    'recording_state_period': '0.25',
 }
 NAN, INFINITY = float('nan'), float('inf')
 

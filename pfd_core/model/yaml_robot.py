@@ -99,7 +99,7 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
     return yaml_text(document | {'joints': joints} | ({'frames': further} if frames else {}))
 
 
-def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
+def robot_from_yaml(text: str, source: str) -> Robot:
     """
     Return the robot that a YAML text describes.
 

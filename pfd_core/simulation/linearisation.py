@@ -203,7 +203,6 @@ class LinearStep:
         if not np.any(brakes):
             return
         H = self._inertia(q)
-        n = H.shape[-1]
         braked = np.broadcast_to(brakes, H.shape[:-1])
         if (braked & (np.asarray(qd) != 0)).any():
             *_, joint = np.argwhere(braked & (np.asarray(qd) != 0))[0].tolist()
@@ -212,9 +211,7 @@ class LinearStep:
                 'step has no derivative here; qd of a braked joint must be 0'
             )
         for k in np.ndindex(braked.shape[:-1]):
-            held, free = np.flatnonzero(braked[k]), np.flatnonzero(~braked[k])
-            impulse = np.linalg.solve(H[k][np.ix_(free, free)], H[k][np.ix_(free, held)])
-            A[k][:, n + held] = A[k][:, n + free] @ impulse
+            _add_velocity_columns(A[k], H[k], braked[k], ~braked[k])
 
 
 def _kernel(simulation: Simulation, dry: bool) -> Kernel:
@@ -275,7 +272,7 @@ def _status(held: Array) -> Array:
 
 
 def _add_velocity_columns(A: Array, H: Array, resting: Array, moves: Array) -> None:
-    """Write the columns of A by the velocities of resting joints, from those that move."""
+    """Write the columns of A by the velocities of joints at rest, from those that move."""
     n = len(H)
     velocities, held = n + np.flatnonzero(moves), np.flatnonzero(resting)
     impulse = np.linalg.solve(H[np.ix_(moves, moves)], H[np.ix_(moves, resting)])

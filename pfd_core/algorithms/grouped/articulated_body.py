@@ -32,7 +32,7 @@ import math
 
 import numpy as np
 
-from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.chain.interface import free_input, program_with_outputs
 from pfd_core.algorithms.grouped.newton_euler import (
     Link,
     grouped_equations,
@@ -92,7 +92,7 @@ class Joint:
 def record_grouped_articulated_body(plant: Plant, schedule: str) -> Program:
     """Return the program of qdd and pivots, (n,), from q, qd and tau; always sequential."""
     recorder, links, y = grouped_equations(plant)
-    free = input_list(recorder, 'free', len(y)) if plant.brakes else None
+    free = free_input(recorder, plant)
     with recorder.section('articulated bodies'):
         joints = _joints(recorder, plant, links, free)
     with recorder.section('solve'):

@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pfd_core.algorithms.grouped.newton_euler import Link, turned_about_z
+from pfd_core.algorithms.grouped.newton_euler import Link, inward, turned_about_z
 from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array
 
@@ -63,12 +63,9 @@ def moved(link: Link, f: LaneArray, n: LaneArray) -> tuple[LaneArray, LaneArray]
     return f, plus_cross(n, link.r, f)
 
 
-def inward(link: Link, v: LaneArray, plus: LaneArray | None = None) -> LaneArray:
-    """Return a vector of B_i in the axes B_(i-1), R v, added to another one if that is given."""
+def plus_inward(plus: LaneArray, link: Link, v: LaneArray) -> LaneArray:
+    """Return a vector of the axes B_(i-1) plus one of B_i: the sum with R v."""
     (c, s), (ca, sa) = link.turn, link.twist
-    if plus is None:
-        x, y = c * v[0] - s * v[1], s * v[0] + c * v[1]
-        return array([x, ca * y - sa * v[2], sa * y + ca * v[2]])
     x = plus[0] + c * v[0] - s * v[1]
     if link.square:
         z = plus[2] + (sa * s) * v[0] + (sa * c) * v[1]

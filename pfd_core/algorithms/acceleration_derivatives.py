@@ -157,7 +157,6 @@ def _minus_inertia(
 
 
 def _record_motors(plant: Plant) -> Program:
-    """Return the program of the motors' tau, and of its derivatives."""
     program = record_motor_torques(plant)
     if not has_drives(plant):
         return program

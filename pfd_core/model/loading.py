@@ -245,7 +245,6 @@ def _content(path: Path) -> bytes:
 
 
 def _robot_files() -> dict[str, Traversable]:
-    """Return the files of config/robots by the name of the robot."""
     for folder in FOLDERS:
         if folder.is_dir():
             return {

@@ -238,7 +238,6 @@ def with_inertia(plant: Plant, inertia: Array) -> Plant:
 
 
 def _without(plant: Plant, names: Collection[str]) -> Plant:
-    """Return a plant without the numbers of some fields."""
     own = {item.name for item in fields(plant)}
     off: dict[str, Any] = {name: None for name in names if name in own}
     kept = {key: values for key, values in plant.effects.items() if key not in names}

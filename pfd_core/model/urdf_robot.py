@@ -133,7 +133,6 @@ def _with_right_angle(origin: Origin, slack: float) -> Origin:
 
 
 def _limits(chain: Chain) -> dict[str, Any]:
-    """Return the limits and friction of a `Robot`."""
     names = {**LIMIT_FIELDS, 'damping': 'damping', 'friction': 'friction'}
     return {
         key: np.array([getattr(joint.limits, name) for joint in chain.joints])

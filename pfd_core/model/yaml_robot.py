@@ -183,7 +183,6 @@ def _frames(name: str, joints: list[dict[str, Any]], base: Placement, tip: Any) 
 
 
 def _joint(index: int, row: Any) -> dict[str, Any]:
-    """Return the numbers of one joint, with defaults."""
     name = row.get('name', f'number {index + 1}') if isinstance(row, Mapping) else index + 1
     label = f'joint {quote(name)}'
     optional = ('center', 'inertia', 'limits', 'damping', 'friction', 'armature', 'rotor')

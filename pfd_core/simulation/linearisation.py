@@ -135,7 +135,14 @@ class LinearStep:
         self._robot, self._scene = robot, scene = simulation.robot, simulation.scene
         self._names = robot.joint_names
         self._dry = has_contact(resolve(robot, scene))
-        self.kernel = _kernel(simulation, self._dry)
+        spec = simulation.spec
+        if self._dry:
+            spec = replace(spec, scene=replace(spec.scene, brakes=True), quantity=STEP_IN_MOTION)
+        row, h = TABLE[simulation.integrator], simulation.step_size / simulation.substeps
+        plant = resolve(robot, spec.scene)
+        # The digits that sums keep, with `compensated`, have no derivative.
+        step = record_step(row, robot.n, h, plant.viscosity, motor_lag=plant.motor_lag)
+        self.kernel = compile_linear_step(spec, step, simulation.substeps, row.implicit * h)
 
     def matrices(
         self,
@@ -212,19 +219,6 @@ class LinearStep:
             )
         for k in np.ndindex(braked.shape[:-1]):
             _add_velocity_columns(A[k], H[k], braked[k], ~braked[k])
-
-
-def _kernel(simulation: Simulation, dry: bool) -> Kernel:
-    """Return the kernel of a linearised step of a simulation."""
-    spec = simulation.spec
-    if dry:
-        held = replace(spec.scene, brakes=True)
-        spec = replace(spec, scene=held, quantity=STEP_IN_MOTION)
-    row, h = TABLE[simulation.integrator], simulation.step_size / simulation.substeps
-    plant = resolve(spec.robot, spec.scene)
-    # The digits that sums keep, with `compensated`, have no derivative.
-    step = record_step(row, spec.robot.n, h, plant.viscosity, motor_lag=plant.motor_lag)
-    return compile_linear_step(spec, step, simulation.substeps, row.implicit * h)
 
 
 def _checked(simulation: Simulation, name: str, value: ArrayLike) -> Array:

@@ -125,7 +125,6 @@ class Simulation(ABC):
         return run_until_stopped(partial(call, addressof(count)), stop)
 
     def _compile(self) -> Any:
-        """Return the native code of these settings."""
         integrator, h = TABLE[self.integrator], self.step_size / self.substeps
         plant = resolve(self.robot, self.scene)
         step = record_step(
@@ -356,7 +355,6 @@ class Simulation(ABC):
 
     @property
     def _now(self) -> SimulationState:
-        """The valid state."""
         return self._buffers[self._turn]
 
     def _copied_state(self) -> SimulationState:

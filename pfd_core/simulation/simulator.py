@@ -224,7 +224,6 @@ class Simulator(Simulation):
     def _all_inputs(
         self, wrench: ArrayLike | None, brakes: ArrayLike | None, payload: Payload | None
     ) -> dict[str, Array]:
-        """Return the inputs of the scene and the payload."""
         inputs = self._scene_inputs(wrench, brakes)
         if payload is not None or self.scene.payload == INPUT:
             if self._carried is None or self._carried[0] is not payload:

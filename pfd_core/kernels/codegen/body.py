@@ -179,7 +179,6 @@ def body_in_parts(
 
 
 def _body_parameters(program: Program, form: Format, scratch: bool) -> str:
-    """Return the parameters of @body."""
     if not scratch:
         return form.parameters((*arguments(program), 'out'))
     return f'{form.parameters(arguments(program))}, ptr noalias %out'

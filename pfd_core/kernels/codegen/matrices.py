@@ -148,7 +148,6 @@ class Matrices:
         i: str,
         inner: int,
     ) -> None:
-        """Add the terms of one product to sums."""
 
         def add(k: object) -> None:
             factor = self._number_at(left, i, k)
@@ -177,7 +176,6 @@ class Matrices:
         return self._ir.load(self._form.type, place, self._form.bytes)
 
     def _place(self, matrix: Matrix, row: object, column: object) -> str:
-        """Return the address of an element."""
         ir = self._ir
         start = ir.let(f'mul i64 {row}, {matrix.columns}')
         index = ir.let(f'add i64 {start}, {column}')

@@ -16,6 +16,7 @@ from pfd_ros.replay.verify import read
 from pfd_ros.text import one_line
 
 HELP = 'summary of a recording, or its verification bit for bit'
+EXAMPLE = 'pfd replay run.mcap --verify'
 # Exit status of --verify for an incomplete recording whose recorded part is equal.
 INCOMPLETE = 3
 # Software whose versions may change the bits.
@@ -55,7 +56,8 @@ def run(given: argparse.Namespace) -> int:
         print(line)
     if not given.verify:
         return 0
-    equal = f'{summary.states} states, every bit equal{_end(summary)}'
+    compared = summary.states - summary.uncompared
+    equal = f'{compared} states, every bit equal{_end(summary)}'
     if summary.absent:
         print(f'equal as far as it goes: {equal}; missing: {", ".join(summary.absent)}')
         return 0 if given.allow_incomplete else INCOMPLETE

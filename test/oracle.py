@@ -11,11 +11,11 @@ import numpy as np
 import pinocchio as pin
 from zoo import Array, random_chain, to_pinocchio
 
-from pfd_core.model import Robot, Scene
+import pfd_core as pfd
 
 ARMS = ('puma560', 'ur5', 'planar2', 'panda')
-WRENCH = Scene(external_wrench=True)
-Chains = Iterator[tuple[np.random.Generator, Robot]]
+WRENCH = pfd.Scene(external_wrench=True)
+Chains = Iterator[tuple[np.random.Generator, pfd.Robot]]
 
 
 def chains(count: int, seed: int) -> Chains:
@@ -57,7 +57,7 @@ def jacobi_condition(H: Array) -> float:
 class Oracle:
     """Pinocchio's answers for one robot, with a wrench on the tip's frame."""
 
-    def __init__(self, robot: Robot, armature: Array | None = None) -> None:
+    def __init__(self, robot: pfd.Robot, armature: Array | None = None) -> None:
         self.model = to_pinocchio(robot, armature)
         self.data = self.model.createData()
         self.n = robot.n

@@ -12,17 +12,17 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.machine.emulator import run
-from pfd_core.model import Plant, Robot
+from pfd_core.model import Plant
 
 Array = NDArray[np.float64]
 ROUNDING = {'float64': 2.0**-53, 'float32': 2.0**-24}
 
 
-def rods(n: int, last_mass: float = 1.0) -> Robot:
+def rods(n: int, last_mass: float = 1.0) -> pfd.Robot:
     """Return rods of 1 m and 1 kg, the last of any mass, that swing in one vertical plane."""
     masses = np.append(np.ones(n - 1), last_mass)
     J = np.array([m * np.diag([1e-3, 1 / 12, 1 / 12]) for m in masses])
-    return Robot(
+    return pfd.Robot(
         name='rods',
         joint_names=tuple(f'joint{i + 1}' for i in range(n)),
         joint_types=('continuous',) * n,

@@ -13,11 +13,11 @@ import pytest
 from tolerances import FIFTY_DIGITS
 from zoo import Array
 
+import pfd_core as pfd
 from pfd_core.algorithms.paper.cholesky import Factors, factorise, one_square_root, solve
 from pfd_core.algorithms.paper.elimination_order import ORDERS, Stage, stages
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import SCHEDULES, Lanes, Recorder
 
 SIZES = range(1, 33)
@@ -47,7 +47,7 @@ def upper_rows(recorder: Recorder) -> list[Lanes]:
     ]
 
 
-def finish(recorder: Recorder, **rows: Lanes | None) -> Program:
+def finish(recorder: Recorder, **rows: Lanes | None) -> pfd.Program:
     n = recorder.lanes
     for name, row in rows.items():
         if row is not None:
@@ -55,7 +55,7 @@ def finish(recorder: Recorder, **rows: Lanes | None) -> Program:
     return recorder.program()
 
 
-def factorisation(n: int, form: str, order: str | None, schedule: str = 'parallel') -> Program:
+def factorisation(n: int, form: str, order: str | None, schedule: str = 'parallel') -> pfd.Program:
     """Return the program of the factors of H, by L D L', L L', or L L' with one square root."""
     recorder = Recorder(n, schedule)
     rows = upper_rows(recorder)
@@ -71,7 +71,7 @@ def factorisation(n: int, form: str, order: str | None, schedule: str = 'paralle
 
 def solution(
     n: int, order: str | None = None, square_roots: bool = False, schedule: str = 'parallel'
-) -> Program:
+) -> pfd.Program:
     """Return the program of x and the pivots from H and y."""
     recorder = Recorder(n, schedule)
     y = recorder.input('y', range(n))

@@ -10,9 +10,9 @@ from closed_forms import SIZES, arithmetic, chain, elimination, levels, rounds
 import numpy as np
 import pytest
 
+import pfd_core as pfd
 from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics, record_terms
-from pfd_core.machine.program import Steps
-from pfd_core.model import Scene, resolve
+from pfd_core.model import resolve
 
 
 @pytest.mark.parametrize('n', SIZES)
@@ -36,14 +36,14 @@ def test_ne1_with_a_sliding_joint_takes_six_additions_more(n: int) -> None:
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_ne1_with_a_wrench_takes_six_additions_more(n: int) -> None:
-    program = record_terms(resolve(chain(n), Scene(external_wrench=True)), 'parallel')
+    program = record_terms(resolve(chain(n), pfd.Scene(external_wrench=True)), 'parallel')
     assert arithmetic(program.count(section='newton_euler'))[:2] == (87, 15 * levels(n) + 71)
     assert arithmetic(program.count(section='wrench'))[:2] == (18, 12)
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_ne1_without_gravity_saves_its_three_additions(n: int) -> None:
-    program = record_terms(resolve(chain(n), Scene(gravity=None)), 'parallel')
+    program = record_terms(resolve(chain(n), pfd.Scene(gravity=None)), 'parallel')
     assert arithmetic(program.count(section='newton_euler'))[:2] == (87, 15 * levels(n) + 62)
 
 
@@ -62,7 +62,7 @@ def test_the_orientation_recurrence_takes_27_and_18_a_level_at_most(n: int) -> N
     assert recurrence == (3 * rounds(n), 2 * rounds(n), 0, 0)
     assert rounds(6) == 17
     # The rotations of the joints themselves, which the paper takes as given.
-    assert program.count(section='joint rotation') == Steps(
+    assert program.count(section='joint rotation') == pfd.Steps(
         multiplications=12, additions=6, sines=2
     )
     assert arithmetic(program.count(section='link vectors'))[:2] == (63, 42)

@@ -16,6 +16,7 @@ import pytest
 from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state, without_mass
 
+import pfd_core as pfd
 from pfd_core.algorithms.beyond.divide_and_conquer import record_divide_and_conquer
 from pfd_core.algorithms.beyond.lent_rotors import lent_rotors
 from pfd_core.algorithms.beyond.pivoting import solve_pivoted
@@ -24,7 +25,7 @@ from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES, Recorder
 from pfd_core.machine.vectors import array
-from pfd_core.model import Scene, resolve
+from pfd_core.model import resolve
 
 MASSLESS = ((4, (1,)), (5, (1, 2)), (6, (0, 2, 4)), (8, (1, 2, 5, 6)))
 
@@ -58,7 +59,7 @@ def test_massless_links_are_carried_by_those_beyond_them(
 def test_lent_rotors_are_taken_back_to_fifty_digits() -> None:
     rng = np.random.default_rng(35)
     robot = without_mass(random_chain(rng, 5, 0.3), (1, 2))
-    scene = Scene(brakes=True)
+    scene = pfd.Scene(brakes=True)
     q, qd, tau = random_state(rng, 5)
     for free in (np.ones(5), np.array([1.0, 0.0, 1.0, 1.0, 1.0])):
         inputs = {'q': q, 'qd': qd, 'tau': tau, 'free': free}
@@ -94,7 +95,7 @@ def test_a_chain_that_ends_in_nothing_has_a_pivot_at_zero(n: int, schedule: str)
     inputs = dict(zip(('q', 'qd', 'tau'), random_state(rng, n), strict=True))
     pivots = run(record_divide_and_conquer(resolve(robot), schedule), inputs)['pivots']
     assert abs(pivots[-1]) < LENT * lent_rotors(resolve(robot))[-1]
-    rotor = resolve(robot, Scene(armature=[0.1] * n))
+    rotor = resolve(robot, pfd.Scene(armature=[0.1] * n))
     assert (run(record_divide_and_conquer(rotor, schedule), inputs)['pivots'] > 0).all()
 
 

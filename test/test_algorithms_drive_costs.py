@@ -15,13 +15,13 @@ import pytest
 
 import pfd_core as pfd
 from pfd_core.algorithms.programs import FORWARD
-from pfd_core.model import Scene, resolve
+from pfd_core.model import resolve
 
 OFF: dict[str, dict[str, Any]] = {
     'effort_limits': {'effort_limits': [np.inf] * 6},
     'torque_speed': {'torque_speed': [None] * 6},
     'springs': {'stiffness': [0.0] * 6, 'rest_position': [0.3] * 6},
-    'gravity_compensation': {'gravity_compensation': Scene(gravity=None)},
+    'gravity_compensation': {'gravity_compensation': pfd.Scene(gravity=None)},
     'friction': {'friction': [0.0] * 6},
     'joint_limits': {'joint_limits': [(-np.inf, np.inf)] * 6, 'restitution': 0.5},
     'motor_lag': {'motor_lag': [0.0] * 6},
@@ -39,7 +39,7 @@ def bare_kernel() -> pfd.Kernel:
 def test_an_effect_that_is_off_costs_nothing(effect: str) -> None:
     bare = bare_kernel()
     robot = bare.robot
-    off = pfd.compile_kernel(robot, scene=Scene(**OFF[effect]), refine=1)
+    off = pfd.compile_kernel(robot, scene=pfd.Scene(**OFF[effect]), refine=1)
     assert off.operations == bare.operations
     assert off.ir == bare.ir
 
@@ -62,7 +62,7 @@ def test_an_effect_that_is_on_costs_its_operations(effect: str) -> None:
     robot = pfd.load_robot('ur5')
     arguments, more = ON[effect]
     bare, on = (
-        sum(pfd.compile_kernel(robot, scene=Scene(**given)).operations['folded'].values())
+        sum(pfd.compile_kernel(robot, scene=pfd.Scene(**given)).operations['folded'].values())
         for given in ({}, arguments)
     )
     assert on - bare == more
@@ -72,8 +72,8 @@ def test_an_effect_that_is_on_costs_its_operations(effect: str) -> None:
 def test_gravity_compensation_has_its_closed_form_of_steps(n: int) -> None:
     robot = replace(chain(n), base_rotation=np.eye(3))
     for scene, products, sums in (
-        (Scene(gravity_compensation=True, effort_limits=[1.0] * n), 9, 3 * levels(n) + 7),
-        (Scene(gravity_compensation=Scene(payload=OTHER)), 18, 3 * levels(n) + 11),
+        (pfd.Scene(gravity_compensation=True, effort_limits=[1.0] * n), 9, 3 * levels(n) + 7),
+        (pfd.Scene(gravity_compensation=pfd.Scene(payload=OTHER)), 18, 3 * levels(n) + 11),
     ):
         program = FORWARD['pcrbm'](resolve(robot, scene), 'parallel')
         assert arithmetic(program.count(section='drives'))[:2] == (products, sums)
@@ -82,6 +82,6 @@ def test_gravity_compensation_has_its_closed_form_of_steps(n: int) -> None:
 @pytest.mark.parametrize('rows', [1, 2, 4])
 def test_limits_have_their_closed_form_of_steps(rows: int) -> None:
     found = np.stack([np.arange(rows), 10.0 - np.arange(rows)], axis=1)
-    program = FORWARD['pcrbm'](resolve(chain(5), Scene(torque_speed=[found] * 5)), 'parallel')
+    program = FORWARD['pcrbm'](resolve(chain(5), pfd.Scene(torque_speed=[found] * 5)), 'parallel')
     steps = arithmetic(program.count(section='drives'))[:2]
     assert steps == ((0, 2) if rows == 1 else (rows - 1, 2 * (rows - 1) + 3))

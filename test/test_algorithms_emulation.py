@@ -8,7 +8,7 @@ import numpy as np
 from oracle import Oracle
 import pytest
 from tolerances import ACCELERATION
-from zoo import random_chain, random_state
+from zoo import random_chain, random_state, without_mass
 
 import pfd_core as pfd
 from pfd_core.algorithms.programs import ITERATIVE, SERIAL
@@ -72,21 +72,13 @@ def test_kernels_of_every_method_give_the_emulators_bits(method: str, dtype: str
     emulated = run(kernel.program, inputs, dtype)['qdd']
     np.testing.assert_array_equal(kernel(q, qd, tau, wrench, brakes=brakes), emulated)
     assert np.isfinite(emulated).all()
+    one = kernel(q[4], qd[4], tau[4], wrench[4], brakes=brakes[4])
+    np.testing.assert_array_equal(one, emulated[4])
 
 
 @pytest.mark.parametrize('method', pfd.METHODS)
 def test_an_arm_without_inertia_is_a_status(method: str) -> None:
-    whole = random_chain(np.random.default_rng(3), 2, 0.0)
-    robot = pfd.Robot(
-        'massless',
-        whole.joint_names,
-        whole.joint_types,
-        whole.rotations,
-        whole.translations,
-        np.zeros(2),
-        whole.centers,
-        np.zeros((2, 3, 3)),
-    )
+    robot = without_mass(random_chain(np.random.default_rng(3), 2, 0.0), range(2))
     result = pfd.emulate(robot, [0.1, 0.2], [0.3, 0.4], [1.0, 2.0], method=method)
     assert result.status in ('not_positive_definite', 'not_converged', 'not_finite')
 

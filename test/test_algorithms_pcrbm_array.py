@@ -12,29 +12,19 @@ import numpy as np
 from oracle import Oracle, jacobi_condition, relative
 import pytest
 from tolerances import ACCELERATION
-from zoo import random_chain, random_state
+from zoo import random_chain, random_state, without_mass
 
+import pfd_core as pfd
 from pfd_core.algorithms.paper.pcrbm_array import SECTION
 from pfd_core.algorithms.programs import FORWARD
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
-from pfd_core.machine.program import Steps
-from pfd_core.model import Robot, Scene, resolve
+from pfd_core.model import resolve
 
 
 @pytest.mark.parametrize('digits', [None, 30])
 def test_an_arm_without_inertia_shows_in_the_pivots(digits: int | None) -> None:
-    whole = random_chain(np.random.default_rng(24), 3)
-    robot = Robot(
-        'ghost',
-        whole.joint_names,
-        whole.joint_types,
-        whole.rotations,
-        whole.translations,
-        np.zeros(3),
-        whole.centers,
-        np.zeros((3, 3, 3)),
-    )
+    robot = without_mass(random_chain(np.random.default_rng(24), 3), range(3))
     inputs = {name: np.ones(3) for name in ('q', 'qd', 'tau')}
     found = run(FORWARD['pcrbm_array'](resolve(robot), 'parallel'), inputs, digits=digits)
     assert not (found['pivots'].astype(float) > 0).any()
@@ -50,7 +40,7 @@ def test_the_cells_do_a_cholesky_solve_and_the_lanes_pcrbm_and_ne1(n: int, sched
     work = (n**3 - n) // 6 + n * (n - 1)
     program = FORWARD['pcrbm_array'](plant, schedule)
     cells, whole = program.count(section=SECTION), program.count()
-    assert cells == Steps(work, work, n * (n - 1) // 2 + 2 * n, n)
+    assert cells == pfd.Steps(work, work, n * (n - 1) // 2 + 2 * n, n)
     # Beside the cells all of PCRBM but its own solve.
     pcrbm = FORWARD['pcrbm'](plant, schedule)
     solve = [pcrbm.count(section=section) for section in ('factorisation', 'column sweep')]
@@ -67,7 +57,7 @@ def test_the_cells_do_a_cholesky_solve_and_the_lanes_pcrbm_and_ne1(n: int, sched
 def test_the_sequential_program_can_be_lowered_and_keeps_its_answer(n: int) -> None:
     rng = np.random.default_rng(n)
     robot = random_chain(rng, n)
-    plant = resolve(robot, Scene(brakes=True, external_wrench=True))
+    plant = resolve(robot, pfd.Scene(brakes=True, external_wrench=True))
     program = FORWARD['pcrbm_array'](plant, 'sequential')
     short = lower(program, 'float64', ['qdd']).compiled
     q, qd, tau = random_state(rng, n)

@@ -13,9 +13,9 @@ import pytest
 from serial_methods import DIRECT, METHODS
 from zoo import random_chain
 
+import pfd_core as pfd
 from pfd_core.algorithms.programs import FORWARD
 from pfd_core.machine.operations import OPERATIONS
-from pfd_core.machine.program import Program
 from pfd_core.model import resolve
 
 # A cubic in n for n > 1 is settled by four values; long programs take seconds.
@@ -24,7 +24,7 @@ KINDS = ('multiplications', 'additions', 'divisions')
 Counts = tuple[int, int, int]
 
 
-def recorded(method: str, n: int) -> Program:
+def recorded(method: str, n: int) -> pfd.Program:
     types = ['revolute'] * n
     robot = random_chain(np.random.default_rng(n), n, joint_types=types)
     return FORWARD[method](resolve(robot), 'sequential')

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from zoo import Array, random_chain, random_state
 
+import pfd_core as pfd
 from pfd_core.algorithms.paper.literal_array import literal_array, literal_cholesky
 from pfd_core.algorithms.paper.set_ordering import record_literal_cholesky, set_ordering
 from pfd_core.algorithms.programs import record_terms
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES
-from pfd_core.model import load_robot, resolve
+from pfd_core.model import resolve
 
 SIZES = range(1, 33)
 
@@ -169,7 +170,7 @@ def test_inertia_matrices_of_random_arms_of_six_joints_cannot_be_factored_so() -
 
 @pytest.mark.parametrize('name', ['puma560', 'ur5', 'panda'])
 def test_inertia_matrices_of_real_arms_come_out_wrong_or_not_at_all(name: str) -> None:
-    robot = load_robot(name)
+    robot = pfd.load_robot(name)
     rng = np.random.default_rng(2)
     program = record_terms(resolve(robot), 'sequential')
     found = set()

@@ -13,6 +13,7 @@ import pytest
 from tolerances import FIFTY_DIGITS
 from zoo import Array
 
+import pfd_core as pfd
 from pfd_core.algorithms.paper.array_solver import factor, pipeline, solve
 from pfd_core.algorithms.paper.literal_array import (
     STORE,
@@ -33,7 +34,6 @@ from pfd_core.algorithms.paper.triangular_array import (
     square,
     triangle,
 )
-from pfd_core.machine.program import Steps
 from pfd_core.machine.systolic import LinkError, Ports, Step
 
 
@@ -211,7 +211,7 @@ def test_utilisation_and_cycles_of_each_kind_are_closed_forms(n: int) -> None:
     acting = n * (n + 1) * (n + 2) / 6 + 2 * cells
     assert whole.utilisation == pytest.approx(acting / cells / (5 * n - 2))
     multiply, divide, root = (whole.cycles_with(name) for name in (MULTIPLY, DIVIDE, ROOT))
-    assert solve_steps(n) == Steps(multiply, multiply, divide, root)
+    assert solve_steps(n) == pfd.Steps(multiply, multiply, divide, root)
 
 
 @pytest.mark.parametrize('dtype', ['float32', 'float64'])

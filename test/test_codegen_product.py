@@ -29,9 +29,8 @@ from pfd_core.kernels.runtime.jit import Target, compile_ir, emit, simd_width
 from pfd_core.kernels.source import ProductSource, derivatives, turned_joints
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.emulator import run
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
-from pfd_core.model import Robot, resolve
+from pfd_core.model import resolve
 
 Arrays = dict[str, NDArray[Any]]
 ARM64 = Target('aarch64-unknown-linux-gnu')
@@ -54,13 +53,16 @@ def uncached(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PFD_CACHE', '')
 
 
-def arm(name: str) -> Robot:
+def arm(name: str) -> pfd.Robot:
     types = ARMS[name]
     return random_chain(np.random.default_rng(71), len(types), joint_types=types)
 
 
 def jacobian(
-    robot: Robot, scene: pfd.Scene | None = None, method: str = 'composite_body', **options: Any
+    robot: pfd.Robot,
+    scene: pfd.Scene | None = None,
+    method: str = 'composite_body',
+    **options: Any,
 ) -> ProductSource:
     scene = pfd.Scene() if scene is None else scene
     return derivatives(KernelSpec(robot, scene, method, quantity='derivatives', **options))
@@ -75,7 +77,7 @@ def states(source: ProductSource, n: int, dtype: str) -> Arrays:
     return given
 
 
-def native(source: ProductSource, robot: Robot, dtype: str, width: int) -> Callable[..., Any]:
+def native(source: ProductSource, robot: pfd.Robot, dtype: str, width: int) -> Callable[..., Any]:
     code = source.compile(
         f'kernel {width}', lambda: source.module(dtype, width, turned_joints(robot))
     )
@@ -94,7 +96,7 @@ def emulated(source: ProductSource, given: Arrays, dtype: str = 'float64') -> ND
     return np.asarray(result.reshape(STATES, -1))
 
 
-def assert_native_is_emulated(source: ProductSource, robot: Robot, dtype: str) -> None:
+def assert_native_is_emulated(source: ProductSource, robot: pfd.Robot, dtype: str) -> None:
     given = states(source, robot.n, dtype)
     wanted = emulated(source, given, dtype)
     assert source.shape == (robot.n, 3 * robot.n)
@@ -254,7 +256,7 @@ def test_the_product_is_the_one_of_matrices() -> None:
     np.testing.assert_allclose(found, np.hstack([-X @ D, X * T]), rtol=0, atol=1e-14)
 
 
-def jacobian_of(program: Program, robot: Robot, width: int) -> Callable[..., None]:
+def jacobian_of(program: pfd.Program, robot: pfd.Robot, width: int) -> Callable[..., None]:
     """Return native code of @jacobian on arrays, at strides where `width` is above one."""
     form = Format('float64', width, strided=width > 1)
     angles = turned_joints(robot)

@@ -11,17 +11,16 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
+from sine_cases import angles, float32_angles, ulps, worst_ulps
 
 import pfd_core as pfd
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.kernels.passes.dead_code import eliminate_dead_code
 from pfd_core.kernels.passes.fuse import LATENCY, fuse
 from pfd_core.kernels.passes.pipeline import lower, operations
-from pfd_core.kernels.passes.sincos import WRAP_LIMIT
 from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import iterate
 from pfd_core.machine.lanes import cos, sin, where
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import resolve
 
@@ -33,7 +32,7 @@ ULPS = 1.5
 ALL_FLOAT32 = 1.42
 
 
-def recorded(text: Callable[..., Any], names: str = NAMES) -> Program:
+def recorded(text: Callable[..., Any], names: str = NAMES) -> pfd.Program:
     """Record text(x, y, z) over one lane; its results are the outputs."""
     recorder = Recorder(1, 'sequential')
     found = text(*(recorder.input(name, [0]) for name in names))
@@ -42,7 +41,7 @@ def recorded(text: Callable[..., Any], names: str = NAMES) -> Program:
     return recorder.program()
 
 
-def depth(program: Program) -> int:
+def depth(program: pfd.Program) -> int:
     """Return the cycles from the inputs to the last output with processors to spare."""
     ready: list[int] = []
     for op, args, *_ in program.instructions:
@@ -151,33 +150,9 @@ def test_a_loop_is_fused_as_well() -> None:
     np.testing.assert_array_equal(found, [[3, 2], [3, 1], [12, 1]])
 
 
-def pair(dtype: str) -> Program:
+def pair(dtype: str) -> pfd.Program:
     """Return sine and cosine of x as a kernel computes them."""
     return lower(recorded(lambda x: (sin(x), cos(x)), 'x'), dtype).compiled
-
-
-def angles(dtype: str, count: int) -> np.ndarray:
-    """Angles of every size, and next to where the polynomials change places."""
-    rng = np.random.default_rng(7)
-    sign = rng.choice([-1.0, 1.0], count)
-    k = rng.integers(-63661, 63662, count)
-    return np.concatenate(
-        [
-            rng.uniform(-WRAP_LIMIT, WRAP_LIMIT, count),
-            rng.uniform(-7, 7, count),
-            sign * 2 ** rng.uniform(-40, np.log2(WRAP_LIMIT), count),
-            k * np.pi / 2 + sign * rng.uniform(0.76, 0.79, count),
-            k * np.pi / 2 + sign * 2 ** rng.uniform(-40, -1, count),
-            [WRAP_LIMIT, -WRAP_LIMIT],
-        ]
-    ).astype(dtype)
-
-
-def ulps(x: float, value: float, function: Callable[[Any], Any], digits: int) -> float:
-    with mpmath.workprec(200):
-        reference = function(mpmath.mpf(x))
-        exponent = int(mpmath.floor(mpmath.log(abs(reference), 2)))
-        return float(mpmath.ldexp(abs(mpmath.mpf(value) - reference), digits - exponent))
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
@@ -186,10 +161,8 @@ def test_a_fused_sine_keeps_its_promises(dtype: str) -> None:
     found = run(pair(dtype), {'x': x[:, None]}, dtype)['out']
     assert found.dtype == dtype
     assert np.abs(found).max() <= 1
-    digits = np.finfo(dtype).nmant
-    for column, function in zip(found.T.tolist(), (mpmath.sin, mpmath.cos), strict=True):
-        errors = [ulps(a, v, function, digits) for a, v in zip(x.tolist(), column, strict=True)]
-        assert max(errors) <= ULPS
+    for column, function in zip(found.T, (mpmath.sin, mpmath.cos), strict=True):
+        assert worst_ulps(x, column, function) <= ULPS
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
@@ -203,10 +176,7 @@ def test_a_fused_sine_is_odd_and_keeps_the_sign_of_zero(dtype: str) -> None:
 
 
 def test_a_sweep_of_float32_stays_below_the_promised_ulps() -> None:
-    first, last = np.array([1e-6, WRAP_LIMIT], 'float32').view('uint32')
-    x = np.arange(first, last + 1, 1511, dtype='uint32').view('float32')
+    x = float32_angles(1511)
     found = run(pair('float32'), {'x': x[:, None]}, 'float32')['out']
     for column, function in zip(found.T, (np.sin, np.cos), strict=True):
-        reference = function(x.astype(float))
-        unit = np.ldexp(1.0, np.frexp(reference)[1] - 1 - np.finfo('float32').nmant)
-        assert (np.abs(column - reference) / unit).max() <= ALL_FLOAT32
+        assert ulps(column, function(x.astype(float))).max() <= ALL_FLOAT32

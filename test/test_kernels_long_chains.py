@@ -10,7 +10,7 @@ import numpy as np
 from oracle import Oracle, jacobi_condition, relative
 import pytest
 from tolerances import ACCELERATION
-from zoo import random_chain, random_state
+from zoo import random_chain, random_state, without_mass
 
 import pfd_core as pfd
 from pfd_core.kernels import auto
@@ -20,7 +20,7 @@ from pfd_core.kernels.runtime import jit
 from pfd_core.kernels.runtime.jit import simd_width
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import Recorder
-from pfd_core.model import known_robots, resolve
+from pfd_core.model import resolve
 from pfd_core.report.counts import uniform_chain
 from pfd_core.report.hard_case_problems import coaxial
 
@@ -162,14 +162,11 @@ def test_auto_is_articulated_bodies_where_a_step_cannot_mend_a_cancelled_pivot(
 
 def test_auto_refines_ordinary_arms_and_massless_joints_by_composite_bodies() -> None:
     everything = pfd.Scene(armature='model', external_wrench=True, brakes=True)
-    for name in known_robots():
+    for name in pfd.known_robots():
         for scene in (None, everything):
             plant = resolve(pfd.load_robot(name), scene)
             assert auto.choose(plant, 'auto', 1) == 'composite_body'
-    robot = uniform_chain(3)
-    no_inertia = {'masses': np.array([1.0, 1.0, 0.0]), 'inertias': robot.inertias.copy()}
-    no_inertia['inertias'][2] = 0.0
-    held = resolve(replace(robot, **no_inertia), pfd.Scene(brakes=True))
+    held = resolve(without_mass(uniform_chain(3), [2]), pfd.Scene(brakes=True))
     assert auto.choose(held, 'auto', 1) == 'composite_body'
 
 

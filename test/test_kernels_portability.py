@@ -22,12 +22,10 @@ from pfd_core.kernels.codegen.body import body
 from pfd_core.kernels.codegen.evaluate import evaluate
 from pfd_core.kernels.codegen.module import kernel_module, module
 from pfd_core.kernels.codegen.spelling import Format, arguments
-from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.runtime import jit as engine
 from pfd_core.kernels.runtime import processor
 from pfd_core.kernels.runtime.jit import Target, emit, simd_width
 from pfd_core.kernels.source import turned_joints
-from pfd_core.model import Robot
 
 ARM64 = Target('aarch64-unknown-linux-gnu')
 NEON = {'float64': 2, 'float32': 4}
@@ -90,7 +88,7 @@ int main(void) {
 """
 
 
-def text(kernel: Kernel, width: int) -> str:
+def text(kernel: pfd.Kernel, width: int) -> str:
     """Return the module of a kernel for batches, without the way in from Python."""
     form = Format(kernel.dtype, width, strided=True)
     program, angles = kernel.program, turned_joints(kernel.robot)
@@ -109,7 +107,7 @@ def for_arm(ir: str) -> bytes:
     return emit(ir, ARM64)
 
 
-def states(robot: Robot, dtype: str) -> list[NDArray[np.floating]]:
+def states(robot: pfd.Robot, dtype: str) -> list[NDArray[np.floating]]:
     """Return positions, velocities, torques and wrenches, one of them with angles far out."""
     rng = np.random.default_rng(6)
     rows = [random_state(rng, robot.n) for _ in range(STATES)]

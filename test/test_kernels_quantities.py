@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.machine.emulator import run
 
@@ -33,7 +32,7 @@ SHAPES: dict[str, tuple[int, ...]] = {
 COUNT = 37
 
 
-def arguments(kernel: Kernel, count: int = COUNT) -> dict[str, np.ndarray]:
+def arguments(kernel: pfd.Kernel, count: int = COUNT) -> dict[str, np.ndarray]:
     """Return random arguments of a kernel by name."""
     rng = np.random.default_rng(3)
     return {
@@ -42,7 +41,7 @@ def arguments(kernel: Kernel, count: int = COUNT) -> dict[str, np.ndarray]:
     }
 
 
-def call(kernel: Kernel, given: dict[str, Any], **options: Any) -> np.ndarray:
+def call(kernel: pfd.Kernel, given: dict[str, Any], **options: Any) -> np.ndarray:
     """Call a kernel with arguments by name; the third of a state is `tau` in a call."""
     named = {'tau' if name == 'qdd' else name: value for name, value in given.items()}
     return kernel(**named, **options)

@@ -17,7 +17,7 @@ import pfd_core as pfd
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.machine.emulator import run
-from pfd_core.model import Plant, Robot, Scene, resolve
+from pfd_core.model import Plant, resolve
 
 # What a refined answer is off by, in units of rounding: the last addition, and the change of the
 # answer with its inputs' last digits, which is 1 to 20 of them in these cases. Seen up to 18.
@@ -50,7 +50,7 @@ class Case:
         return {k: x.astype(dtype).astype(np.float64) for k, x in self.states.items()}
 
 
-def case(robot: Robot, scene: Scene | None, reach: float, count: int = 2) -> Case:
+def case(robot: pfd.Robot, scene: pfd.Scene | None, reach: float, count: int = 2) -> Case:
     """Return a case of `count` states with joints up to `reach` [rad] from straight."""
     rng = np.random.default_rng(7)
     scale = {'q': reach, 'qd': 1.0, 'tau': 1.0}
@@ -62,10 +62,10 @@ def case(robot: Robot, scene: Scene | None, reach: float, count: int = 2) -> Cas
 HARD = {
     'stretched_10': lambda: case(rods(10), None, 1e-2),
     'heavy_tip_1e8_planar': lambda: case(rods(6, 1e8), None, np.pi),
-    'payload_1e6': lambda: case(pfd.load_robot('panda'), Scene(payload=PAYLOAD), np.pi),
+    'payload_1e6': lambda: case(pfd.load_robot('panda'), pfd.Scene(payload=PAYLOAD), np.pi),
     'heavy_tip_1e8': lambda: case(
         pfd.load_robot('puma560'),
-        Scene(payload=pfd.Payload(1e8, (0.05, 0.0, 0.1), np.zeros((3, 3)))),
+        pfd.Scene(payload=pfd.Payload(1e8, (0.05, 0.0, 0.1), np.zeros((3, 3)))),
         np.pi,
     ),
 }
@@ -148,7 +148,7 @@ def test_an_answer_that_is_lost_in_float32_has_an_infinite_estimate() -> None:
     assert (errors[np.isinf(estimates)] > LOST).all()
 
 
-EVERYTHING = Scene(
+EVERYTHING = pfd.Scene(
     damping='model',
     armature='model',
     external_wrench=True,
@@ -282,7 +282,7 @@ def test_a_refined_kernel_has_at_most_1_6_times_the_operations_of_a_plain_one() 
 
 
 def test_an_arm_at_rest_without_load_has_no_error() -> None:
-    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), scene=Scene(gravity=None), refine=1)
+    kernel = pfd.compile_kernel(pfd.load_robot('ur5'), scene=pfd.Scene(gravity=None), refine=1)
     zero = np.zeros(6)
     qdd, error = kernel.error_estimate(zero, zero, zero)
     assert not qdd.any()

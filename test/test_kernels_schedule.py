@@ -24,7 +24,6 @@ from pfd_core.kernels.passes.schedule import (
 from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import iterate
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import resolve
 
@@ -33,7 +32,7 @@ from pfd_core.model import resolve
 SHARE = 0.9
 
 
-def pressure(program: Program) -> list[int]:
+def pressure(program: pfd.Program) -> list[int]:
     """Return how many computed values are alive after each instruction."""
     last: dict[int, int] = {}
     for register, instruction in enumerate(program.instructions):
@@ -50,12 +49,12 @@ def pressure(program: Program) -> list[int]:
     return counts
 
 
-def in_order(program: Program) -> bool:
+def in_order(program: pfd.Program) -> bool:
     """Tell whether every register is written before it is read."""
     return all(a < register for register, i in enumerate(program.instructions) for a in i.args)
 
 
-def folded(name: str) -> Program:
+def folded(name: str) -> pfd.Program:
     program = record_forward_dynamics(resolve(pfd.load_robot(name)), 'pcrbm', 'sequential')
     return eliminate_dead_code(fold(program), ['qdd'])
 
@@ -129,7 +128,7 @@ def test_long_programs_and_loops_keep_their_order() -> None:
     assert schedule_instructions(program) is program
 
 
-def cycles(program: Program) -> float:
+def cycles(program: pfd.Program) -> float:
     """Return the cycles of a processor that begins WIDTH operations a cycle in their order."""
     now = 0.0
     ready: list[float] = []

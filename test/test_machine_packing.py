@@ -9,10 +9,10 @@ import math
 import numpy as np
 import pytest
 
+import pfd_core as pfd
 from pfd_core.machine.emulator import run
 from pfd_core.machine.lanes import broadcast, on
 from pfd_core.machine.packing import packed, prefix_product, prefix_sum, suffix_sum
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import SCHEDULES, LaneArray, Recorder
 from pfd_core.machine.vectors import array, cross
 
@@ -24,7 +24,7 @@ def vector(recorder: Recorder, name: str) -> LaneArray:
     return array([recorder.input(name, [3 * i + k for i in range(n)]) for k in range(3)])
 
 
-def pairs(n: int, schedule: str) -> Program:
+def pairs(n: int, schedule: str) -> pfd.Program:
     """Record a_i x b_j for every pair i < j, row i on the lanes j > i."""
     recorder = Recorder(n, schedule)
     a, b = vector(recorder, 'a'), vector(recorder, 'b')
@@ -56,7 +56,7 @@ def test_pairs_of_a_triangle_take_half_as_many_steps_as_rows(n: int) -> None:
     assert steps.multiplications == 6 * n * (n - 1) // 2
 
 
-def sums(n: int, schedule: str, downward: bool) -> Program:
+def sums(n: int, schedule: str, downward: bool) -> pfd.Program:
     recorder = Recorder(n, schedule)
     total = (suffix_sum if downward else prefix_sum)(vector(recorder, 'a'))
     recorder.output('y', (n, 3), [(x, i) for i in range(n) for x in total])

@@ -10,6 +10,7 @@ from closed_forms import levels
 import numpy as np
 import pytest
 
+import pfd_core as pfd
 from pfd_core.machine.emulator import run
 from pfd_core.machine.lanes import broadcast, on
 from pfd_core.machine.patterns import (
@@ -20,7 +21,6 @@ from pfd_core.machine.patterns import (
     suffix_affine,
     total,
 )
-from pfd_core.machine.program import Program, Steps
 from pfd_core.machine.recorder import SCHEDULES, LaneArray, Recorder
 from pfd_core.machine.vectors import array
 
@@ -35,7 +35,7 @@ def entries(recorder: Recorder, name: str, count: int) -> LaneArray:
     return array([recorder.input(name, [i * count + k for i in range(n)]) for k in range(count)])
 
 
-def finish(recorder: Recorder, value: Any) -> Program:
+def finish(recorder: Recorder, value: Any) -> pfd.Program:
     """Return the program whose output y, (n, m), is one value of m components per lane."""
     flat = np.ravel(value)
     places = [(x, lane) for lane in range(recorder.lanes) for x in flat]
@@ -43,7 +43,7 @@ def finish(recorder: Recorder, value: Any) -> Program:
     return recorder.program()
 
 
-def matrix_product(n: int, schedule: str, downward: bool) -> Program:
+def matrix_product(n: int, schedule: str, downward: bool) -> pfd.Program:
     recorder = Recorder(n, schedule)
     R = entries(recorder, 'R', 9).reshape(3, 3)
     run_ = suffix if downward else prefix
@@ -70,10 +70,10 @@ def test_fohra_takes_one_product_a_level_and_n_minus_one_in_sequence(n: int) -> 
     assert (parallel.multiplications, parallel.additions) == (27 * levels(n), 18 * levels(n))
     assert parallel.routes == 9 * levels(n)
     sequential = matrix_product(n, 'sequential', False).count()
-    assert sequential == Steps(multiplications=27 * (n - 1), additions=18 * (n - 1))
+    assert sequential == pfd.Steps(multiplications=27 * (n - 1), additions=18 * (n - 1))
 
 
-def affine(n: int, schedule: str, downward: bool, matrices: bool) -> Program:
+def affine(n: int, schedule: str, downward: bool, matrices: bool) -> pfd.Program:
     recorder = Recorder(n, schedule)
     b = entries(recorder, 'b', 3)
     run_ = suffix_affine if downward else prefix_affine
@@ -128,7 +128,7 @@ def test_a_total_lies_on_lane_zero(schedule: str) -> None:
         assert program.count().additions == (levels(n) if schedule != 'sequential' else n - 1)
 
 
-def swept(n: int, schedule: str) -> Program:
+def swept(n: int, schedule: str) -> pfd.Program:
     recorder = Recorder(n, schedule)
     x0 = entries(recorder, 'x0', 3)
     a = entries(recorder, 'a', 3)

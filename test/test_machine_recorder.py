@@ -7,9 +7,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import pfd_core as pfd
 from pfd_core.machine.emulator import run
 from pfd_core.machine.lanes import broadcast, merge, on, shift, sqrt, where
-from pfd_core.machine.program import Program, Steps
 from pfd_core.machine.recorder import SCHEDULES, Lanes, Recorder
 from pfd_core.machine.vectors import (
     array,
@@ -23,7 +23,7 @@ from pfd_core.machine.vectors import (
 UPPER = np.triu_indices(3)
 
 
-def recorded(n: int, schedule: str, text) -> Program:  # type: ignore[no-untyped-def]
+def recorded(n: int, schedule: str, text) -> pfd.Program:  # type: ignore[no-untyped-def]
     """Record text(recorder, x) with one input x of n elements and one output y."""
     recorder = Recorder(n, schedule)
     y = text(recorder, recorder.input('x', range(n)))
@@ -32,7 +32,7 @@ def recorded(n: int, schedule: str, text) -> Program:  # type: ignore[no-untyped
     return recorder.program()
 
 
-def vectors(schedule: str, text, sizes: dict[str, int]) -> Program:  # type: ignore[no-untyped-def]
+def vectors(schedule: str, text, sizes: dict[str, int]) -> pfd.Program:  # type: ignore[no-untyped-def]
     """Record text over one lane, whose inputs are small vectors and whose result is one."""
     recorder = Recorder(1, schedule)
     inputs = [array([recorder.input(k, [i]) for i in range(m)]) for k, m in sizes.items()]
@@ -56,8 +56,8 @@ def test_one_instruction_serves_all_lanes_in_parallel_and_one_lane_in_sequence()
     def text(recorder: Recorder, x: Lanes) -> Lanes:
         return on(x, range(3)) * x
 
-    assert recorded(4, 'parallel', text).count() == Steps(multiplications=1)
-    assert recorded(4, 'sequential', text).count() == Steps(multiplications=3)
+    assert recorded(4, 'parallel', text).count() == pfd.Steps(multiplications=1)
+    assert recorded(4, 'sequential', text).count() == pfd.Steps(multiplications=3)
 
 
 def test_fewer_processors_than_lanes_take_more_steps() -> None:
@@ -199,6 +199,6 @@ def test_only_numbers_and_lanes_are_operands() -> None:
 
 
 def test_sqrt_is_counted_in_its_own_column() -> None:
-    assert recorded(3, 'parallel', lambda r, x: sqrt(x) / x).count() == Steps(
+    assert recorded(3, 'parallel', lambda r, x: sqrt(x) / x).count() == pfd.Steps(
         divisions=1, square_roots=1
     )

@@ -9,10 +9,10 @@ from collections import Counter
 import numpy as np
 import pytest
 
+import pfd_core as pfd
 from pfd_core.machine.emulator import run
 from pfd_core.machine.lanes import on
 from pfd_core.machine.patterns import collect, column_sweep, gather
-from pfd_core.machine.program import Program, Steps
 from pfd_core.machine.recorder import SCHEDULES, Recorder
 
 SIZES = range(1, 33)
@@ -20,7 +20,7 @@ SIZES = range(1, 33)
 ROUNDING = 1e-13
 
 
-def swept(n: int, schedule: str, downward: bool, unit: bool) -> Program:
+def swept(n: int, schedule: str, downward: bool, unit: bool) -> pfd.Program:
     """Return the program of x from T, (n, n) of which one triangle is read, and b."""
     recorder = Recorder(n, schedule)
     columns = [
@@ -58,11 +58,11 @@ def test_the_column_sweep_solves_triangular_systems(
 @pytest.mark.parametrize('n', SIZES)
 def test_the_column_sweep_takes_n_minus_one_steps_and_n_divisions(n: int, downward: bool) -> None:
     # The paper's 2 n - 1 multiplications, section 2.4, are these with the divisions.
-    once = Steps(multiplications=n - 1, additions=n - 1, routes=n - 1)
+    once = pfd.Steps(multiplications=n - 1, additions=n - 1, routes=n - 1)
     assert swept(n, 'parallel', downward, unit=True).count() == once
     assert swept(n, 'parallel', downward, unit=False).count().divisions == n
     alone = swept(n, 'sequential', downward, unit=True).count()
-    assert alone == Steps(multiplications=n * (n - 1) // 2, additions=n * (n - 1) // 2)
+    assert alone == pfd.Steps(multiplications=n * (n - 1) // 2, additions=n * (n - 1) // 2)
 
 
 @pytest.mark.parametrize('schedule', SCHEDULES)
@@ -84,7 +84,7 @@ def test_gather_takes_each_element_from_where_it_lies(schedule: str) -> None:
         np.testing.assert_array_equal(y, [r * n + source for r, source in wanted.values()])
         sent = {(r, source) for lane, (r, source) in wanted.items() if source != lane}
         busiest = max(Counter(source for _, source in sent).values(), default=0)
-        assert program.count() == Steps(routes=busiest if schedule != 'sequential' else 0)
+        assert program.count() == pfd.Steps(routes=busiest if schedule != 'sequential' else 0)
 
 
 def test_collect_is_free_and_keeps_every_lane_its_own() -> None:
@@ -96,7 +96,7 @@ def test_collect_is_free_and_keeps_every_lane_its_own() -> None:
     program = recorder.program()
     y = run(program, {'a': np.arange(4.0), 'b': np.arange(10.0, 14.0)})['y']
     np.testing.assert_array_equal(y, [10, 1, 13])
-    assert program.count() == Steps()
+    assert program.count() == pfd.Steps()
 
 
 def test_gathering_nothing_is_refused() -> None:

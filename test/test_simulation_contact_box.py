@@ -7,10 +7,9 @@ from __future__ import annotations
 import numpy as np
 from oracle import Oracle
 import pytest
-from zoo import random_chain, slider
+from zoo import Array, random_chain, slider
 
 import pfd_core as pfd
-from pfd_core.model.checked_numbers import Array
 
 # A time in which no state changes and no event happens, after which rates can be read.
 INSTANT = 1e-15

@@ -7,10 +7,9 @@ from __future__ import annotations
 import numpy as np
 from oracle import Oracle
 import pytest
-from zoo import random_chain
+from zoo import Array, random_chain
 
 import pfd_core as pfd
-from pfd_core.model.checked_numbers import Array
 
 STEPS = 400
 # All gains of kinetic energy in STEPS steps of 1 ms, over that at the beginning: truncation of RK4

@@ -11,10 +11,9 @@ from contact_arms import simulated, two_links
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from zoo import slider
+from zoo import Array, slider
 
 import pfd_core as pfd
-from pfd_core.model.checked_numbers import Array
 
 STEP = 1e-3
 G = 9.81

@@ -11,10 +11,9 @@ import numpy as np
 from oracle import Oracle
 import pinocchio as pin
 import pytest
-from zoo import random_chain, slider
+from zoo import Array, random_chain, slider
 
 import pfd_core as pfd
-from pfd_core.model.checked_numbers import Array
 
 STEP = 1e-4
 DURATION = 0.05

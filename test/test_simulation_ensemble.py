@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from zoo import random_chain, random_state
+from zoo import random_chain, random_state, slider
 
 import pfd_core as pfd
 from pfd_core.kernels.runtime import threads
@@ -153,16 +153,7 @@ def test_a_diagonal_of_gains_is_the_law_joint_by_joint() -> None:
 
 
 def test_a_slide_of_unit_mass_whose_program_has_no_operations_is_simulated() -> None:
-    robot = pfd.Robot(
-        name='slide',
-        joint_names=('x',),
-        joint_types=('prismatic',),
-        rotations=np.eye(3)[None],
-        translations=np.zeros((1, 3)),
-        masses=np.array([1.0]),
-        centers=np.zeros((1, 3)),
-        inertias=np.zeros((1, 3, 3)),
-    )
+    robot = slider(1, 0)
     scene = pfd.Scene(gravity=None)
     assert not sum(pfd.compile_kernel(robot, scene=scene).operations['compiled'].values())
     taus = np.full((1000, 1), 3.0)
@@ -175,21 +166,12 @@ def test_a_slide_of_unit_mass_whose_program_has_no_operations_is_simulated() -> 
 
 
 def test_a_lifted_mass_comes_to_rest_where_the_law_carries_its_weight() -> None:
-    robot = pfd.Robot(
-        name='lift',
-        joint_names=('z',),
-        joint_types=('prismatic',),
-        rotations=np.eye(3)[None],
-        translations=np.zeros((1, 3)),
-        masses=np.array([2.0]),
-        centers=np.zeros((1, 3)),
-        inertias=np.zeros((1, 3, 3)),
-    )
+    robot = slider(0, 1)
     # Critically damped: the slowest time constant is 2 m/kd = 0.05 s; twenty of them.
-    kp, kd = np.array([[800.0], [3200.0]]), np.array([[80.0], [160.0]])
+    kp, kd = np.array([[400.0], [1600.0]]), np.array([[40.0], [80.0]])
     many = pfd.Ensemble(robot, 2)
     runs = many.rollout(steps=2000, feedback=pfd.Feedback(kp, kd, [0.3]), every=2000)
-    np.testing.assert_allclose(runs.q[:, 0], 0.3 - 2.0 * 9.81 / kp, rtol=0, atol=SETTLED)
+    np.testing.assert_allclose(runs.q[:, 0], 0.3 - 9.81 / kp, rtol=0, atol=SETTLED)
     np.testing.assert_allclose(runs.qdd[:, 0], 0.0, rtol=0, atol=SETTLED)
 
 

@@ -133,10 +133,12 @@ def test_chains_in_a_scene_with_everything_equal_central_differences(seed: int) 
         assert relative(derivatives(robot, scene, given, **options), wanted) < ROUNDING
 
 
-def of_the_text(robot: pfd.Robot, scene: pfd.Scene, given: dict[str, Array], mode: str) -> Any:
-    """Return the derivatives of the text of forward dynamics by the generic pass, (n, 3 n)."""
-    text = record_forward_dynamics(resolve(robot, scene), 'composite_body', 'sequential')
-    parts = run(derivative(text, ['qdd'], STATE, mode), given, digits=50)
+def by_the_generic_pass(
+    robot: pfd.Robot, scene: pfd.Scene, given: dict[str, Array], mode: str
+) -> Any:
+    """Return the derivatives of the program of forward dynamics by the generic pass, (n, 3 n)."""
+    program = record_forward_dynamics(resolve(robot, scene), 'composite_body', 'sequential')
+    parts = run(derivative(program, ['qdd'], STATE, mode), given, digits=50)
     return np.concatenate([parts[f'd qdd/d {name}'] for name in STATE], axis=-1)
 
 
@@ -150,7 +152,7 @@ def test_fifty_digits_equal_those_of_the_generic_pass_in_a_scene_with_everything
     scene = everything(rng, robot)
     given = inputs(rng, robot, scene)
     found = derivatives(robot, scene, given, digits=50)
-    assert relative(found, of_the_text(robot, scene, given, mode)) < FIFTY_DIGITS
+    assert relative(found, by_the_generic_pass(robot, scene, given, mode)) < FIFTY_DIGITS
 
 
 @pytest.mark.parametrize('seed', range(4))
@@ -161,7 +163,7 @@ def test_random_chains_equal_the_generic_pass_but_for_rounded_twists(seed: int) 
     given = inputs(rng, robot, scene)
     found = derivatives(robot, scene, given)
     for mode in MODES:
-        assert relative(found, of_the_text(robot, scene, given, mode)) < ROUNDING
+        assert relative(found, by_the_generic_pass(robot, scene, given, mode)) < ROUNDING
 
 
 def test_second_derivatives_by_positions_are_symmetric() -> None:
@@ -245,7 +247,7 @@ def test_a_first_joint_along_gravity_gives_an_exact_zero_column(name: str) -> No
     assert derivatives(robot, pfd.Scene(gravity=(3.0, 0.0, -9.0)), given)[:, 0].any()
 
 
-def test_held_joints_have_rows_of_zeros_and_torques_on_them_change_nothing() -> None:
+def test_braked_joints_have_rows_of_zeros_and_torques_on_them_change_nothing() -> None:
     for rng, robot in chains(8, seed=47):
         scene = everything(rng, robot)
         given = inputs(rng, robot, scene)
@@ -255,7 +257,7 @@ def test_held_joints_have_rows_of_zeros_and_torques_on_them_change_nothing() -> 
         assert not found[:, 2 * robot.n :][:, held].any()
 
 
-def test_a_massless_joint_can_be_held() -> None:
+def test_a_massless_joint_can_be_braked() -> None:
     robot = random_chain(np.random.default_rng(48), 3, 0.0)
     weightless = without_mass(robot, [2])
     given = inputs(np.random.default_rng(49), robot, pfd.Scene()) | {'free': np.array([1.0, 1, 0])}

@@ -235,7 +235,7 @@ def test_the_lowered_program_gives_the_bits_of_the_recorded_one(
 
 @pytest.mark.parametrize('square_roots', [False, True])
 @pytest.mark.parametrize('schedule', SCHEDULES)
-def test_a_pivot_that_is_not_positive_tells_of_a_matrix_that_is_not_definite(
+def test_a_matrix_that_is_not_definite_has_a_pivot_that_is_not_positive(
     schedule: str, square_roots: bool
 ) -> None:
     for n in SOME:

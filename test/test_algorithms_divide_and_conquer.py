@@ -126,7 +126,7 @@ def test_torque_is_recovered_from_the_accelerations_it_causes() -> None:
     assert np.all(np.abs(found - tau) < ACCELERATION * scale * jacobi_condition(H))
 
 
-def test_the_lowered_program_says_the_same() -> None:
+def test_the_lowered_program_has_the_same_answer() -> None:
     # Folding drops zeros and shares expressions; nothing is reassociated.
     robot = without_mass(random_chain(np.random.default_rng(39), 3), (1,))
     program = record_divide_and_conquer(resolve(robot), 'sequential')

@@ -196,7 +196,7 @@ def test_a_limited_arm_is_one_that_is_given_limited_torques() -> None:
 
 
 @pytest.mark.parametrize('integrator', ['rk4', 'imex2'])
-def test_an_arm_with_drives_moves_alone_as_among_others(integrator: str) -> None:
+def test_an_arm_with_drives_moves_alone_as_in_an_ensemble(integrator: str) -> None:
     rng = np.random.default_rng(70)
     robot = random_chain(rng, 4, joint_types=['revolute', 'prismatic', 'revolute', 'continuous'])
     scene = replace(scenes(4)['all'], external_wrench=False)
@@ -245,7 +245,7 @@ def test_inverse_dynamics_gives_the_commanded_torques(name: str) -> None:
             assert np.abs(found - tau).max() < DYNAMICS * jacobi_condition(H) * size
 
 
-def test_a_payload_that_the_drives_do_not_know_pulls_the_arm_down() -> None:
+def test_a_payload_that_is_not_compensated_pulls_the_arm_down() -> None:
     robot = pfd.load_robot('ur5')
     scene = pfd.Scene(payload=PAYLOAD, gravity_compensation=True)
     q = np.array([0.3, -1.0, 0.8, 0.2, 0.4, 0.0])

@@ -20,7 +20,6 @@ from pfd_core.model import resolve
 from pfd_core.report.counts import uniform_chain as uniform
 
 METHODS = ('composite_body', 'grouped_articulated_body')
-EVERYTHING = pfd.Scene(external_wrench=True, damping='model', armature='model', brakes=True)
 # Operations that folding may leave, sine and cosine apart: what is promised for composite bodies,
 # and what throw-away prototypes of articulated bodies took.
 MOST = {

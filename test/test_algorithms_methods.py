@@ -131,7 +131,7 @@ def test_without_gravity_and_at_rest_only_the_torque_acts(method: str, schedule:
 
 @on_each
 @pytest.mark.parametrize('armature', [None, 'model'])
-def test_held_joints_do_not_accelerate_and_the_others_do_not_feel_their_torque(
+def test_braked_joints_do_not_accelerate_and_their_torque_does_not_act_on_the_others(
     method: str, schedule: str, armature: str | None
 ) -> None:
     # Rows and columns of held joints struck out of H qdd = tau - bias, by NumPy.

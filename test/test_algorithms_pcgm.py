@@ -94,7 +94,7 @@ def test_nothing_to_do_takes_no_iteration() -> None:
     assert (found['iterations'], found['converged']) == (0, 1)
 
 
-def test_a_limit_that_is_too_low_is_told() -> None:
+def test_a_limit_that_is_too_low_is_reported() -> None:
     robot = revolute(6)
     q, qd, tau = random_state(np.random.default_rng(4), 6)
     program = FORWARD['pcgm'](resolve(robot), 'parallel', at_most=3)

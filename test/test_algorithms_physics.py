@@ -67,7 +67,7 @@ def test_gravity_off_at_rest_leaves_no_bias() -> None:
     np.testing.assert_array_equal(terms['bias'], np.zeros(5))
 
 
-def test_damping_and_rotors_enter_as_their_laws_say() -> None:
+def test_damping_adds_to_the_bias_and_rotors_to_the_diagonal_of_the_inertia_matrix() -> None:
     rng = np.random.default_rng(8)
     robot = random_chain(rng, 4)
     inputs = dict(zip(('q', 'qd'), random_state(rng, 4)[:2], strict=True))

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Quantities that a controller asks for: against Pinocchio, against one another, and counts."""
+"""Quantities for controllers: against Pinocchio, against one another, and counts."""
 
 from __future__ import annotations
 
@@ -247,7 +247,7 @@ def test_the_velocity_is_the_rate_of_the_pose() -> None:
 
 
 @pytest.mark.parametrize('name', ARMS)
-def test_the_base_link_stands_still_and_carries_a_wrench_by_itself(name: str) -> None:
+def test_the_base_link_does_not_move_and_a_wrench_on_it_needs_no_torques(name: str) -> None:
     robot = replace(
         pfd.load_robot(name), base_rotation=rotation_z(0.6, 0.8), base_position=np.ones(3)
     )

@@ -96,14 +96,14 @@ def test_one_processor_has_one_schedule(method: str) -> None:
 
 
 def sound(method: str, found: dict[str, Array]) -> bool:
-    """Tell whether a result says of itself that it can be used."""
+    """Return whether a result is reported as usable."""
     if method == 'walker_orin_4':
         return bool(found['converged'][0] == 1)
     return bool((found['pivots'] > 0).all() and np.isfinite(found['qdd']).all())
 
 
 @pytest.mark.parametrize('method', METHODS)
-def test_an_inertia_that_is_not_positive_definite_is_told(method: str) -> None:
+def test_an_inertia_that_is_not_positive_definite_is_reported(method: str) -> None:
     robot = random_chain(np.random.default_rng(31), 3, 0.0)
     q, qd, tau = random_state(np.random.default_rng(32), 3)
     given = {'q': q, 'qd': qd, 'tau': tau}
@@ -119,14 +119,14 @@ def test_an_inertia_that_is_not_positive_definite_is_told(method: str) -> None:
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('value', [np.nan, np.inf])
 @pytest.mark.parametrize('name', ['q', 'qd', 'tau'])
-def test_nan_and_infinity_are_told(method: str, value: float, name: str) -> None:
+def test_nan_and_infinity_are_reported(method: str, value: float, name: str) -> None:
     robot = random_chain(np.random.default_rng(33), 3, 0.0)
     given = dict(zip(('q', 'qd', 'tau'), random_state(np.random.default_rng(34), 3), strict=True))
     given[name][1] = value
     assert not sound(method, run(record(method, resolve(robot)), given))
 
 
-def test_conjugate_gradients_tell_when_the_iterations_ran_out() -> None:
+def test_conjugate_gradients_report_that_the_iterations_ran_out() -> None:
     robot = random_chain(np.random.default_rng(35), 6, 0.0)
     q, qd, tau = random_state(np.random.default_rng(36), 6)
     program = record_walker_orin_4(resolve(robot), 'sequential', at_most=3)

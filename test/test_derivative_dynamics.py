@@ -97,11 +97,11 @@ def test_forward_dynamics_of_every_method_agrees_with_differences_in_both_modes(
 
 
 @pytest.mark.parametrize('kind', ['ur5', 'chain'])
-@pytest.mark.parametrize('text', ['on lanes', 'grouped'])
-def test_inverse_dynamics_agrees_with_differences_in_both_modes(text: str, kind: str) -> None:
+@pytest.mark.parametrize('algorithm', ['on lanes', 'grouped'])
+def test_inverse_dynamics_agrees_with_differences_in_both_modes(algorithm: str, kind: str) -> None:
     robot, scene, inputs = arm(kind)
     plant = resolve(robot, scene)
-    grouped = text == 'grouped'
+    grouped = algorithm == 'grouped'
     recorded = (
         record_link_torques(plant) if grouped else record_inverse_dynamics(plant, 'sequential')
     )
@@ -180,7 +180,7 @@ def test_accelerations_differentiated_by_torques_are_the_inverse_of_the_inertia_
 
 
 @pytest.mark.parametrize('mode', MODES)
-def test_held_joints_have_zero_rows_and_their_torques_zero_columns(mode: str) -> None:
+def test_braked_joints_have_zero_rows_and_their_torques_zero_columns(mode: str) -> None:
     robot, scene, inputs = arm('chain')
     found = jacobians(forward(robot, scene), inputs, 'qdd', STATE, mode)
     held = inputs['free'] == 0

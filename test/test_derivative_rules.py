@@ -30,10 +30,10 @@ RULES = [name for name, row in OPERATIONS.items() if row.tangent is not None]
 DIFFERENCES = 1e-28
 
 
-def recorded(size: int, text: Callable[..., Any]) -> pfd.Program:
-    """Return the program of y = text(*x), x of the given size, y one value or several."""
+def recorded(size: int, function: Callable[..., Any]) -> pfd.Program:
+    """Return the program of y = function(*x), x of the given size, y one value or several."""
     recorder = Recorder(1, 'sequential')
-    values = text(*(recorder.input('x', [k]) for k in range(size)))
+    values = function(*(recorder.input('x', [k]) for k in range(size)))
     values = values if isinstance(values, tuple) else (values,)
     recorder.output('y', (len(values),), [(recorder.lift(value), 0) for value in values])
     return recorder.program()
@@ -66,12 +66,12 @@ def test_each_rule_agrees_with_differences_for_inputs_equal_operands_and_constan
         if op == 'div' and choice[1] == 0.0:
             continue
 
-        def text(*inputs: Lanes, choice: tuple[float | str, ...] = choice) -> Lanes:
+        def function(*inputs: Lanes, choice: tuple[float | str, ...] = choice) -> Lanes:
             recorder = inputs[0].recorder
             operands = [inputs[int(c[1])] if isinstance(c, str) else c for c in choice]
             return recorder.apply(op, *(recorder.lift(operand) for operand in operands))
 
-        program = recorded(3, text)
+        program = recorded(3, function)
         assert close(jacobian(program, x, mode), differences(program, {'x': x}, 'y', 'x')), choice
 
 
@@ -134,23 +134,23 @@ SUMS: list[Callable[..., Any]] = [
 
 
 @pytest.mark.parametrize('mode', MODES)
-@pytest.mark.parametrize('text', SUMS)
+@pytest.mark.parametrize('function', SUMS)
 def test_sums_of_products_agree_with_differences_whatever_they_share(
-    text: Callable[..., Any], mode: str
+    function: Callable[..., Any], mode: str
 ) -> None:
     # Every operand depends on both inputs.
-    program = recorded(2, lambda x, y: text(sin(x) + y, x / y, sqrt(x * x + y)))
+    program = recorded(2, lambda x, y: function(sin(x) + y, x / y, sqrt(x * x + y)))
     for once in (program, fuse(fold(program))):
         for x in (['0.3', '1.2'], ['-0.6', '2.1']):
             point = [mpmath.mpf(v) for v in x]
             assert close(jacobian(once, point, mode), differences(once, {'x': point}, 'y', 'x'))
 
 
-@pytest.mark.parametrize('text', SUMS[:4])
+@pytest.mark.parametrize('function', SUMS[:4])
 def test_the_tangent_of_a_sum_with_a_product_is_two_fused_multiply_adds(
-    text: Callable[..., Any],
+    function: Callable[..., Any],
 ) -> None:
-    lowered = lower(directional(recorded(3, text), ['y'], ['x']), 'float64').compiled
+    lowered = lower(directional(recorded(3, function), ['y'], ['x']), 'float64').compiled
     counts = operations(lowered)
     counts.pop('neg', None)
     assert counts == {'fma': 3}  # one of them is the sum itself
@@ -164,7 +164,7 @@ def test_tangent_equals_adjoint_to_50_digits() -> None:
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
-def test_the_outputs_keep_their_bits_beside_their_derivatives(dtype: str) -> None:
+def test_the_outputs_keep_their_bits_when_derivatives_are_added(dtype: str) -> None:
     program = recorded(3, everything)
     x = np.random.default_rng(1).uniform(0.1, 0.9, (5, 3))
     wanted = run(program, {'x': x}, dtype)['y']
@@ -239,12 +239,12 @@ def test_quotients_and_roots_share_one_division_between_all_directions(mode: str
 
 
 def test_a_program_of_two_thousand_operations_in_a_row_needs_no_recursion() -> None:
-    def text(x: Lanes) -> Lanes:
+    def function(x: Lanes) -> Lanes:
         for _ in range(2000):
             x = x + x * x
         return x
 
-    program = recorded(1, text)
+    program = recorded(1, function)
     for mode in MODES:
         assert jacobian(program, [0.0], mode, digits=None)[0, 0] == 1.0
 
@@ -252,11 +252,11 @@ def test_a_program_of_two_thousand_operations_in_a_row_needs_no_recursion() -> N
 @pytest.mark.parametrize('modes', list(product(MODES, MODES)))
 def test_second_derivatives_of_a_closed_form_are_exact(modes: tuple[str, str]) -> None:
     # Rosenbrock's function: 100 (y - x^2)^2 + (1 - x)^2
-    def text(x: Lanes, y: Lanes) -> Lanes:
+    def function(x: Lanes, y: Lanes) -> Lanes:
         valley = y - x * x
         return 100.0 * (valley * valley) + (1.0 - x) * (1.0 - x)
 
-    first = derivative(recorded(2, text), ['y'], ['x'], modes[0])
+    first = derivative(recorded(2, function), ['y'], ['x'], modes[0])
     second = derivative(first, ['d y/d x'], ['x'], modes[1])
     x, y = 3.0, 5.0
     found = run(second, {'x': [x, y]})
@@ -319,15 +319,15 @@ def repeated(x: Lanes) -> Lanes:
 
 @pytest.mark.parametrize('mode', MODES)
 @pytest.mark.parametrize(
-    ('text', 'op'), [(called, 'call'), (routed, 'route'), (begun, 'loop'), (repeated, 'end')]
+    ('function', 'op'), [(called, 'call'), (routed, 'route'), (begun, 'loop'), (repeated, 'end')]
 )
 def test_an_operation_without_rules_is_refused_by_name(
-    text: Callable[[Lanes], Lanes], op: str, mode: str
+    function: Callable[[Lanes], Lanes], op: str, mode: str
 ) -> None:
     recorder = Recorder(1)
     x = recorder.input('x', [0])
-    recorder.output('y', (1,), [(sin(text(x)), 0)])
-    recorder.output('z', (1,), [(where(text(x), x * x, x), 0)])
+    recorder.output('y', (1,), [(sin(function(x)), 0)])
+    recorder.output('z', (1,), [(where(function(x), x * x, x), 0)])
     program = recorder.program()
     with pytest.raises(ValueError, match=f"operation '{op}'"):
         derivative(program, ['y'], ['x'], mode)

@@ -57,7 +57,7 @@ def ran(guide: str) -> tuple[dict[str, Any], list[tuple[str, str]]]:
     'guide',
     [pytest.param(x, marks=[pytest.mark.slow] * (x == 'linear-feedback')) for x in GUIDES],
 )
-def test_a_guide_prints_what_it_says(guide: str) -> None:
+def test_the_code_of_a_guide_prints_the_output_shown(guide: str) -> None:
     _, printed = ran(guide)
     assert len(printed) > 3
     for promised, output in printed:
@@ -243,7 +243,7 @@ def test_the_readmes_quantities_are_those_of_one_equation_of_motion() -> None:
     assert (names['A'].shape, names['B'].shape) == ((12, 12), (12, 6))
 
 
-def test_the_changelog_tells_the_operations_of_inverse_dynamics() -> None:
+def test_the_changelog_has_the_operations_of_inverse_dynamics() -> None:
     page = ' '.join((FOLDER.parent.parent / 'CHANGELOG.md').read_text(encoding='utf-8').split())
     plant = resolve(pfd.load_robot('ur5'))
     programs = (

@@ -57,7 +57,7 @@ def test_bad_options_are_named(options, message: str) -> None:  # type: ignore[n
         pfd.compile_kernel(pfd.load_robot('planar2'), **options)
 
 
-def test_a_missing_wrench_is_asked_for() -> None:
+def test_a_missing_wrench_is_an_error() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=pfd.Scene(external_wrench=True))
     with pytest.raises(ValueError, match='external_wrench=True, so the call needs wrench='):
         kernel(TWO, TWO, TWO)
@@ -88,7 +88,7 @@ def test_brakes_are_taken_by_their_name_and_nowhere_else(shape: tuple[int, ...])
     np.testing.assert_array_equal(step(), 0.0)
 
 
-def test_inverse_dynamics_knows_no_brakes() -> None:
+def test_inverse_dynamics_has_no_brakes() -> None:
     robot = pfd.load_robot('planar2')
     braked, plain = (
         pfd.compile_kernel(robot, scene=pfd.Scene(brakes=brakes), quantity='inverse_dynamics')

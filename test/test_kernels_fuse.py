@@ -24,7 +24,7 @@ from pfd_core.machine.lanes import cos, sin, where
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import resolve
 
-Text = Callable[[Lanes, Lanes, Lanes], Any]
+Function = Callable[[Lanes, Lanes, Lanes], Any]
 NAMES = 'xyz'
 # What pfd_core.kernels.passes.sincos promises, in units in the last place.
 ULPS = 1.5
@@ -32,10 +32,10 @@ ULPS = 1.5
 ALL_FLOAT32 = 1.42
 
 
-def recorded(text: Callable[..., Any], names: str = NAMES) -> pfd.Program:
-    """Record text(x, y, z) over one lane; its results are the outputs."""
+def recorded(function: Callable[..., Any], names: str = NAMES) -> pfd.Program:
+    """Record function(x, y, z) over one lane; its results are the outputs."""
     recorder = Recorder(1, 'sequential')
-    found = text(*(recorder.input(name, [0]) for name in names))
+    found = function(*(recorder.input(name, [0]) for name in names))
     values = found if isinstance(found, tuple) else (found,)
     recorder.output('out', (len(values),), [(value, 0) for value in values])
     return recorder.program()
@@ -50,7 +50,7 @@ def depth(program: pfd.Program) -> int:
 
 
 @pytest.mark.parametrize(
-    ('text', 'left'),
+    ('function', 'left'),
     [
         (lambda x, y, z: x * y + z, {'fma': 1}),
         (lambda x, y, z: z + x * y, {'fma': 1}),
@@ -60,15 +60,17 @@ def depth(program: pfd.Program) -> int:
         (lambda x, y, z: x * x + y * y + z * z, {'fma': 2, 'mul': 1}),
         # Every use of the product is an addition: it is taken in by both.
         (lambda x, y, z: (lambda p: (p + z, x - p))(x * y), {'fma': 2, 'neg': 1}),
-        # It is needed beside: nothing would be saved.
+        # Another operation needs it: nothing would be saved.
         (lambda x, y, z: (lambda p: (p + z, p))(x * y), {'mul': 1, 'add': 1}),
         (lambda x, y, z: (lambda p: (p + z) * p)(x * y), {'mul': 2, 'add': 1}),
         (lambda x, y, z: where(x * y, z, x) + z, {'mul': 1, 'select': 1, 'add': 1}),
         (lambda x, y, z: x + y - z, {'add': 1, 'sub': 1}),
     ],
 )
-def test_products_are_taken_in_where_they_disappear(text: Text, left: dict[str, int]) -> None:
-    program = recorded(text)
+def test_products_are_fused_where_nothing_else_needs_them(
+    function: Function, left: dict[str, int]
+) -> None:
+    program = recorded(function)
     fused = eliminate_dead_code(fuse(program))
     assert operations(fused) == left
     rng = np.random.default_rng(1)
@@ -81,15 +83,17 @@ def test_products_are_taken_in_where_they_disappear(text: Text, left: dict[str, 
 
 
 @pytest.mark.parametrize(
-    ('text', 'exact'),
+    ('function', 'exact'),
     [
         (lambda x, y, z: x * y + z, lambda x, y, z: x * y + z),
         (lambda x, y, z: x * y - z, lambda x, y, z: x * y - z),
         (lambda x, y, z: z - x * y, lambda x, y, z: z - x * y),
     ],
 )
-def test_a_product_and_a_sum_are_rounded_once(text: Text, exact: Callable[..., Fraction]) -> None:
-    fused = fuse(recorded(text))
+def test_a_product_and_a_sum_are_rounded_once(
+    function: Function, exact: Callable[..., Fraction]
+) -> None:
+    fused = fuse(recorded(function))
     rng = np.random.default_rng(2)
     x, y = rng.uniform(1, 2, (2, 200))
     z = x * y  # what is left is below its last digit
@@ -102,15 +106,15 @@ def test_a_product_and_a_sum_are_rounded_once(text: Text, exact: Callable[..., F
         np.testing.assert_array_equal(found[:, 0], wanted)
 
 
-def test_of_two_products_the_one_that_is_ready_last_is_taken_in() -> None:
+def test_of_two_products_the_one_that_is_ready_last_is_fused() -> None:
     def late(x: Lanes, y: Lanes, z: Lanes) -> Lanes:
         return ((x + y) + z) * x + y * z
 
     def turned(x: Lanes, y: Lanes, z: Lanes) -> Lanes:
         return y * z - ((x + y) + z) * x
 
-    for text in (late, turned):
-        program = recorded(text)
+    for function in (late, turned):
+        program = recorded(function)
         fused = eliminate_dead_code(fuse(program))
         assert depth(program) == 4 * 4
         assert depth(fused) == 3 * 4

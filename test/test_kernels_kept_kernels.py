@@ -92,7 +92,7 @@ def test_two_processes_at_once_leave_one_sound_copy(folder: Path) -> None:
     first, second = (result(child) for child in children)
     assert (first['single'], first['batch']) == (second['single'], second['batch'])
     written = contents(folder)
-    # Facts, the loss of the pivots, two texts and two objects; nothing unfinished.
+    # Facts, the loss of the pivots, two modules of IR and two objects; nothing unfinished.
     assert len(written) == 6
     assert all(cache.read(Path(name).stem) for name in written)
     assert result(start_child('planar2'))['emitted'] == 0
@@ -282,7 +282,7 @@ def full(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize('obstacle', [in_the_way, read_only, full])
-def test_where_nothing_can_be_written_kernels_work_and_one_warning_says_so(
+def test_where_nothing_can_be_written_kernels_work_after_one_warning(
     folder: Path,
     obstacle: Any,
     monkeypatch: pytest.MonkeyPatch,

@@ -86,9 +86,7 @@ def test_a_batch_comes_back_in_the_memory_order_of_its_positions() -> None:
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
 @pytest.mark.parametrize('n', [1, 2, 3, 4, 5, 7])
 @pytest.mark.slow
-def test_rows_within_wider_rows_are_read_and_written_and_nothing_beside(
-    n: int, dtype: str
-) -> None:
+def test_rows_within_wider_rows_are_read_and_written_and_nothing_else(n: int, dtype: str) -> None:
     kernel = pfd.compile_kernel(random_chain(np.random.default_rng(n), n), dtype=dtype)
     wide = [np.full((53, n + 3), np.nan, dtype) for _ in range(4)]
     inside = [array[:, 1 : n + 1] for array in wide]
@@ -229,7 +227,7 @@ def test_calls_leave_no_references_behind() -> None:
         assert len(gc.get_objects()) < before + 100
 
 
-def test_a_batch_runs_without_the_lock_of_python() -> None:
+def test_a_batch_releases_the_global_interpreter_lock() -> None:
     # While one thread is inside a long batch, this one goes on counting.
     kernel = pfd.compile_kernel(pfd.load_robot('puma560'))
     arrays = [np.tile(x, (20_000, 1)) for x in random_states(6, 10)]
@@ -298,7 +296,7 @@ def test_plain_functions_take_any_number_of_leading_axes() -> None:
     np.testing.assert_array_equal(listed, expected[0])
 
 
-def test_a_kernel_tells_what_it_is() -> None:
+def test_a_kernel_has_its_method_operations_and_ir() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('puma560'))
     assert kernel.method in pfd.METHODS
     assert list(kernel.operations) == ['recorded', 'folded', 'compiled']

@@ -22,19 +22,19 @@ from pfd_core.machine.lanes import cos, sin, sqrt, where
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import resolve
 
-Text = Callable[[Lanes, Lanes], Any]
+Function = Callable[[Lanes, Lanes], Any]
 
 
-def recorded(text: Text) -> pfd.Program:
-    """Record text(x, y) over one lane; its result is the output."""
+def recorded(function: Function) -> pfd.Program:
+    """Record function(x, y) over one lane; its result is the output."""
     recorder = Recorder(1, 'sequential')
     x, y = recorder.input('x', [0]), recorder.input('y', [0])
-    recorder.output('out', (1,), [(recorder.lift(text(x, y)), 0)])
+    recorder.output('out', (1,), [(recorder.lift(function(x, y)), 0)])
     return recorder.program()
 
 
 @pytest.mark.parametrize(
-    ('text', 'left'),
+    ('function', 'left'),
     [
         (lambda x, y: x + 0.0, {}),
         (lambda x, y: 0.0 + x, {}),
@@ -80,8 +80,8 @@ def recorded(text: Text) -> pfd.Program:
         (lambda x, y: (x - y) + (y - x), {}),
     ],
 )
-def test_folding_leaves_only_what_is_needed(text: Text, left: dict[str, int]) -> None:
-    program = recorded(text)
+def test_folding_leaves_only_what_is_needed(function: Function, left: dict[str, int]) -> None:
+    program = recorded(function)
     folded = eliminate_dead_code(fold(program))
     assert operations(folded) == left
     for x, y in [(2.0, 3.0), (-0.75, 0.3), (1e-3, -7.0)]:
@@ -104,7 +104,7 @@ def test_a_division_by_a_zero_constant_is_left_to_run_time() -> None:
     assert run(program, {'x': [1.0], 'y': [0.0]})['out'] == np.inf
 
 
-def test_dropping_keeps_the_asked_outputs_only() -> None:
+def test_dead_code_elimination_keeps_the_requested_outputs_only() -> None:
     recorder = Recorder(1, 'sequential')
     x = recorder.input('x', [0])
     recorder.output('a', (1,), [(x * x, 0)])
@@ -166,7 +166,7 @@ def test_right_angles_cost_less_than_skew_ones() -> None:
 
 
 @pytest.mark.parametrize(('name', 'most'), [('ur5', 580), ('puma560', 600), ('panda', 1300)])
-def test_the_cheapest_text_keeps_to_its_budget(name: str, most: int) -> None:
+def test_the_default_method_keeps_to_its_budget(name: str, most: int) -> None:
     # Sine and cosine apart, before fusing.
     stages = pfd.compile_kernel(pfd.load_robot(name)).operations
     folded = stages['folded']

@@ -27,8 +27,8 @@ from pfd_core.machine.iteration import iterate
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import resolve
 
-# Of the cycles that a text waits or works, at most this much is left: much of it is waiting for
-# divisions, in a text that computes one link after the other.
+# Of the cycles that a program waits or works, at most this much is left: much of it is waiting for
+# divisions, in a program that computes one link after the other.
 SHARE = 0.9
 
 
@@ -81,7 +81,7 @@ def test_outputs_that_are_inputs_constants_or_negatives_are_found_again() -> Non
 
 
 def test_values_are_computed_when_they_are_needed() -> None:
-    # The text computes 60 products first and adds them up after that.
+    # The program computes 60 products first and adds them up after that.
     recorder = Recorder(1, 'sequential')
     x = [recorder.input('x', [i]) for i in range(60)]
     products = [a * a for a in x]
@@ -147,5 +147,5 @@ def test_a_processor_waits_less(method: str) -> None:
         program = record_forward_dynamics(resolve(robot), method, 'sequential')
         short = eliminate_dead_code(program, ['qdd'])
         expanded = eliminate_dead_code(fold(expand_sines(short, 'float64')))
-        text = eliminate_dead_code(fuse(expanded))
-        assert cycles(schedule_instructions(text)) < SHARE * cycles(text)
+        fused = eliminate_dead_code(fuse(expanded))
+        assert cycles(schedule_instructions(fused)) < SHARE * cycles(fused)

@@ -19,7 +19,7 @@ ARM = pfd.load_robot('planar2')
 FRICTION = pfd.Scene(friction=[0.1, 0.2], static_friction=[0.2, 0.3], damping=[0.1, 0.1])
 
 
-def test_auto_becomes_the_name_it_stands_for() -> None:
+def test_auto_is_resolved_to_the_name_of_a_method() -> None:
     spec = KernelSpec(ARM, pfd.Scene())
     assert spec.method == pfd.compile_kernel(ARM).method == 'composite_body'
     assert spec == KernelSpec(ARM, pfd.Scene(), 'composite_body')

@@ -18,7 +18,7 @@ from pfd_core.machine.recorder import SCHEDULES, Recorder
 
 
 def sample(n: int, schedule: str) -> pfd.Program:
-    """Record a text that uses every operation but `call`."""
+    """Record a program that uses every operation but `call`."""
     recorder = Recorder(n, schedule)
     x = recorder.input('x', range(n))
     y = sqrt(x * x + 1.0) / (2.0 - sin(x)) - cos(x)

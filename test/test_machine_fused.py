@@ -44,7 +44,7 @@ def test_one_rounding_is_that_of_exact_fractions(dtype: str, kind) -> None:  # t
 
 
 def test_most_of_these_are_wrong_when_rounded_twice() -> None:
-    # Otherwise the test above would not tell one rounding from two.
+    # Otherwise the test above would not distinguish one rounding from two.
     for kind in (cancelling, midways):
         a, b, c = kind('float64', 1500, np.random.default_rng(1))
         assert np.mean(fused(a, b, c) != a * b + c) > 0.1

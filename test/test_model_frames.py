@@ -36,7 +36,7 @@ def carried(seed: int) -> tuple[np.random.Generator, pfd.Robot]:
     return rng, replace(robot, frames=frames)
 
 
-def test_a_urdf_gives_all_links_that_move_with_the_chain_and_those_it_stands_on() -> None:
+def test_a_urdf_gives_all_links_that_move_with_the_chain_and_those_below_it() -> None:
     everything = {'world', 'pedestal', 'turret', 'box', 'upper', 'slide', 'elbow', 'fore'}
     everything |= {'bracket', 'camera', 'wrist', 'hand', 'tool'}
     robot = pfd.load_robot(ODD_ARM)
@@ -153,7 +153,7 @@ def test_frames_stay_read_only_in_copies(way: object) -> None:
         again.frame('tool').link = 0
 
 
-def test_an_unknown_frame_is_named_with_those_that_there_are() -> None:
+def test_an_unknown_frame_is_named_with_the_known_frames() -> None:
     robot = pfd.load_robot(FORK, locked=FINGERS)
     known = "'base', 'arm', 'palm', 'left', 'right'"
     message = f"frame 'flange' is not carried by 'fork'; it carries {known}"

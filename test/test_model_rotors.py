@@ -54,7 +54,7 @@ def test_a_wrong_rotor_is_refused(arguments: tuple[object, object], message: str
         pfd.reflected_inertia(*arguments)
 
 
-def test_a_urdf_states_rotors_in_the_words_of_drake_or_with_a_motor_inertia() -> None:
+def test_a_urdf_states_rotors_by_elements_of_drake_or_a_motor_inertia() -> None:
     drake = '<drake:rotor_inertia value="1.5e-4"/><drake:gear_ratio value="-120"/>'
     plain = '<motorInertia>2e-4</motorInertia><mechanicalReduction>50</mechanicalReduction>'
     text = fork(transmission('shoulder', drake), transmission('wrist', plain, plain))

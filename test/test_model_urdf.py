@@ -140,7 +140,7 @@ def test_a_mimic_joint_may_be_locked() -> None:
     assert pfd.load_robot(text, locked={'left_finger': 0.0, 'right_finger': 0.0}).n == 2
 
 
-def test_the_joints_that_mimic_a_locked_joint_stand_where_it_puts_them() -> None:
+def test_joints_that_mimic_a_locked_joint_are_locked_at_positions_that_follow() -> None:
     left = '<mimic joint="right_finger" multiplier="-2" offset="0.05"/>'
     right = '<mimic joint="wrist"/>'
     # The finger that follows a follower stands before it in the file.

@@ -34,7 +34,7 @@ def tip_at(robot: pfd.Robot, q: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize('name', ['panda', 'planar2', 'puma560', 'ur5'])
-def test_known_robots_load_without_a_warning_and_say_their_source(name: str) -> None:
+def test_known_robots_load_without_a_warning_and_name_their_source(name: str) -> None:
     robot = pfd.load_robot(name)
     assert name in pfd.known_robots()
     assert robot.name == name
@@ -82,7 +82,7 @@ def test_the_puma_wrist_is_made_of_exact_right_angles() -> None:
     assert set(np.abs(pfd.load_robot('puma560').rotations).ravel().tolist()) == {0.0, 1.0}
 
 
-def test_the_ur5_reaches_where_its_table_says() -> None:
+def test_the_ur5_has_the_reach_of_its_table() -> None:
     # All angles zero: a2 + a3 along x, d4 + d6 along -y, d1 - d5 up.
     expected = [-0.425 - 0.39225, -0.10915 - 0.0823, 0.089159 - 0.09465]
     tip = tip_at(pfd.load_robot('ur5'), np.zeros(6))
@@ -336,7 +336,7 @@ def test_a_hostile_yaml_is_refused_in_a_short_line(text: str, message: str) -> N
     assert '\n' not in str(caught.value)
 
 
-def test_scalars_are_texts_until_somebody_knows_better() -> None:
+def test_scalars_are_strings_until_they_are_read_as_numbers() -> None:
     robot = pfd.load_robot(ROWS.replace('name: a', 'name: no').replace('robot: two', 'robot: 012'))
     assert (robot.name, robot.joint_names) == ('012', ('no', 'b'))
     assert pfd.load_robot(pfd.robot_to_yaml(robot)) == robot

@@ -125,7 +125,7 @@ def test_an_arm_that_only_a_payload_gives_inertia_is_refused_without() -> None:
     assert simulator.status == 'ok'
 
 
-def test_what_takes_no_payload_as_an_input_says_so() -> None:
+def test_functions_without_a_payload_as_an_input_refuse_it() -> None:
     arm = pfd.load_robot('planar2')
     zero = np.zeros(2)
     for call, text in (

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Ensembles: every arm moves by the bits of a simulator of its own, with any feedback."""
+"""Ensembles: every arm moves by the bits of its own simulator, with any feedback."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def test_wrench_brakes_and_sliding_joints_are_those_of_each_arm() -> None:
         assert_same(runs, b, alone)
 
 
-def test_a_second_rollout_goes_on_where_the_first_ended() -> None:
+def test_a_second_rollout_continues_where_the_first_ended() -> None:
     robot = pfd.load_robot('planar2')
     q, qd, taus = sequences(2, 9)
     many = pfd.Ensemble(robot, 9)
@@ -191,7 +191,7 @@ def test_the_bits_do_not_depend_on_the_threads(
         np.testing.assert_array_equal(getattr(runs, name), getattr(wanted, name))
 
 
-def test_states_between_those_asked_for_are_left_out() -> None:
+def test_only_each_requested_state_is_returned() -> None:
     q, qd, taus = sequences(2, 10)
     many = pfd.Ensemble(pfd.load_robot('planar2'), 10)
     many.reset(q, qd)
@@ -206,7 +206,7 @@ def test_states_between_those_asked_for_are_left_out() -> None:
         np.testing.assert_array_equal(many.q, whole.q[:, -1])
 
 
-def test_an_arm_that_overflows_is_told_and_does_not_touch_the_others() -> None:
+def test_an_arm_that_overflows_is_reported_and_does_not_affect_the_others() -> None:
     q, qd, taus = sequences(2, 10)
     many = pfd.Ensemble(pfd.load_robot('planar2'), 10)
     many.reset(q, qd)

@@ -7,12 +7,16 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from zoo import random_chain
 
 import pfd_core as pfd
 
 # Lengths around powers of two, where a level is added, and between.
 SIZES = (*range(1, 10), 12, 15, 16, 17, 24, 31, 32)
+EVERY_SIZE = [
+    pytest.param(n, marks=[] if n in SIZES else [pytest.mark.slow]) for n in range(1, 33)
+]
 
 
 def chain(n: int, prismatic: bool = False) -> pfd.Robot:

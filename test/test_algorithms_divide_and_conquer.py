@@ -27,7 +27,10 @@ from pfd_core.machine.recorder import SCHEDULES, Recorder
 from pfd_core.machine.vectors import array
 from pfd_core.model import resolve
 
-MASSLESS = ((4, (1,)), (5, (1, 2)), (6, (0, 2, 4)), (8, (1, 2, 5, 6)))
+MASSLESS = (
+    *((4, (1,)), (5, (1, 2)), (6, (0, 2, 4))),
+    pytest.param(8, (1, 2, 5, 6), marks=pytest.mark.slow),
+)
 
 # A power of two times the inertia, added and taken back, leaves its own rounding in the pivots.
 LENT = 1e-13

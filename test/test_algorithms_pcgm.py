@@ -170,7 +170,7 @@ def test_in_single_precision_the_iteration_ends_at_the_rounding_of_single_precis
 def test_real_arms_converge_in_twice_as_many_iterations_as_joints(name: str) -> None:
     robot = pfd.load_robot(name)
     rng = np.random.default_rng(11)
-    q, qd, tau = rng.uniform(-1, 1, (3, 8, robot.n))
+    q, qd, tau = rng.uniform(-1, 1, (3, 4, robot.n))
     exact = pfd.emulate(robot, q, qd, 10 * tau, digits=50).qdd.astype(float)
     for state, wanted in zip(zip(q, qd, 10 * tau, strict=True), exact, strict=True):
         found = pfd.emulate(robot, *state, method='pcgm')

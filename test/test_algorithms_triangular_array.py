@@ -12,7 +12,7 @@ import numpy as np
 from oracle import Oracle, jacobi_condition, relative
 import pytest
 from tolerances import ACCELERATION, FIFTY_DIGITS
-from zoo import Array, random_chain, random_state, without_mass
+from zoo import Array, random_chain, random_state
 
 import pfd_core as pfd
 from pfd_core.algorithms.paper.array_solver import factor, pipeline, solve
@@ -274,15 +274,6 @@ def test_bad_input_is_named(call: Any, message: str) -> None:
 
 
 # ---- forward dynamics on the array; its physics is in test_algorithms_methods ----------------
-
-
-@pytest.mark.parametrize('digits', [None, 30])
-def test_an_arm_without_inertia_shows_in_the_pivots(digits: int | None) -> None:
-    robot = without_mass(random_chain(np.random.default_rng(24), 3), range(3))
-    inputs = {name: np.ones(3) for name in ('q', 'qd', 'tau')}
-    found = run(FORWARD['pcrbm_array'](resolve(robot), 'parallel'), inputs, digits=digits)
-    assert not (found['pivots'].astype(float) > 0).any()
-    assert not np.isfinite(found['qdd'].astype(float)).any()
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from contextlib import nullcontext, redirect_stdout
+from contextlib import redirect_stdout
 from functools import cache
 from io import StringIO
 from pathlib import Path
@@ -214,22 +214,6 @@ def test_the_table_of_quantities_has_all_of_them_with_their_effects() -> None:
         if not effects.startswith('all'):
             assert {*effects.replace('none', '').split(', ')} - {''} == set(row.effects)
     assert set(EVERYTHING) - set(QUANTITIES['inverse_dynamics'].effects) == {'brakes'}
-
-
-@pytest.mark.parametrize(
-    'effect', [{'friction': [1, 1]}, {'joint_limits': [[-9, 9]] * 2}, {'motor_lag': [1, 1]}]
-)
-def test_effects_over_a_step_are_refused_by_quantities_with_accelerations_alone(
-    effect: dict[str, Any],
-) -> None:
-    robot = pfd.load_robot('planar2')
-    for name in QUANTITIES:
-        with_accelerations = name in ('forward_dynamics', 'inverse_dynamics', 'derivatives')
-        expected = pytest.raises(ValueError, match='over a step') if with_accelerations else None
-        with expected or nullcontext():
-            kernel = pfd.compile_kernel(robot, scene=pfd.Scene(**effect), quantity=name)
-            bare = pfd.compile_kernel(robot, quantity=name)
-            assert kernel.operations == bare.operations
 
 
 def test_the_readmes_quantities_are_those_of_one_equation_of_motion() -> None:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Kernels: the emulator's bits, however they are called; and clear words for bad input."""
+"""Kernels: the emulator's bits, however they are called; and clear errors for bad arguments."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pickle
 import threading
 
 import numpy as np
-from oracle import ARMS, Oracle, jacobi_condition
+from oracle import ARMS, Oracle, assert_bits_of_the_emulator, jacobi_condition
 import pytest
 from tolerances import DYNAMICS, SINGLE
 from zoo import random_chain, random_states, without_mass
@@ -43,14 +43,7 @@ def test_random_chains_give_the_same_bits_with_wrench_and_brakes(dtype: str) -> 
     scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
     for n in (1, 2, 3, 6):
         kernel = pfd.compile_kernel(random_chain(rng, n), scene=scene, dtype=dtype)
-        q, qd, tau = random_states(n, 5, dtype)
-        wrench = rng.normal(size=(5, 6)).astype(dtype)
-        brakes = rng.random((5, n)) < 0.3
-        inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': 1.0 - brakes}
-        emulated = run(kernel.program, inputs, dtype)['qdd']
-        np.testing.assert_array_equal(kernel(q, qd, tau, wrench, brakes=brakes), emulated)
-        one = kernel(q[2], qd[2], tau[2], wrench[2], brakes=brakes[2])
-        np.testing.assert_array_equal(one, emulated[2])
+        assert_bits_of_the_emulator(kernel, rng)
 
 
 @pytest.mark.parametrize('dtype', DTYPES)
@@ -338,19 +331,20 @@ def test_an_iteration_in_single_precision_converges_where_torques_nearly_cancel(
     assert np.abs(at_rest).max() < AT_REST
 
 
-@pytest.mark.parametrize('quantity', ['forward_dynamics', 'inverse_dynamics'])
+@pytest.mark.parametrize('quantity', ['forward_dynamics', 'inverse_dynamics', 'inertia_matrix'])
 def test_a_kernel_goes_through_pickle_and_copies(quantity: str) -> None:
     scene = pfd.Scene(external_wrench=True, damping=[0.1, 0.2])
     robot = pfd.load_robot('planar2')
     kernel = pfd.compile_kernel(robot, scene=scene, dtype='float32', quantity=quantity)
     arrays = (*random_states(2, 40, 'float32'), np.ones(6, 'float32'))
+    arrays = arrays[:1] if quantity == 'inertia_matrix' else arrays
     for other in (
         pickle.loads(pickle.dumps(kernel)),
         copy.copy(kernel),
         copy.deepcopy(kernel),
     ):
         np.testing.assert_array_equal(other(*arrays), kernel(*arrays))
-        assert other.method == kernel.method
+        assert (other.quantity, other.method) == (kernel.quantity, kernel.method)
         assert other.scene == kernel.scene
 
 
@@ -362,3 +356,81 @@ def test_a_refined_kernel_keeps_its_estimate_through_pickle() -> None:
         kernel.error_estimate(*arrays), other.error_estimate(*arrays), strict=True
     ):
         np.testing.assert_array_equal(one, two)
+
+
+# ---- bad arguments ---------------------------------------------------------------------------
+
+
+KERNEL = pfd.compile_kernel(pfd.load_robot('planar2'))
+TWO = np.zeros(2)
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'options', 'message'),
+    [
+        ((np.zeros(3), TWO, TWO), {}, r'q must have shape \(2,\) or \(B, 2\), got \(3,\)'),
+        ((TWO, 1.0, TWO), {}, r'qd must have shape \(2,\) or \(B, 2\), got \(\)'),
+        ((TWO, TWO, [0.0, np.nan]), {}, r'tau must be finite, got nan at index \[1\]'),
+        ((np.full((9, 2), np.inf), TWO, TWO), {}, r'q must be finite, got inf at index \[0, 0\]'),
+        (('one', TWO, TWO), {}, "q must be an array of numbers, got 'one'"),
+        ((np.zeros((2, 2)), np.zeros((3, 2)), TWO), {}, 'must agree in their batch, got q'),
+        ((TWO, TWO, TWO), {'out': np.zeros(3)}, r'out must be an array of float64 \(2,\), got'),
+        ((TWO, TWO, TWO), {'out': np.zeros(2, 'f4')}, r'out must be .* got float32 \(2,\)'),
+        ((TWO, TWO, TWO), {'out': [0, 0]}, 'out must be .* got list'),
+        ((TWO, TWO, TWO, np.zeros(6)), {}, 'wrench was given, but .*external_wrench=True'),
+        ((TWO, TWO, TWO), {'brakes': [True, False]}, 'brakes were given, but .*brakes=True'),
+        ((TWO, TWO, TWO, None, None, [True, False]), {}, 'positional'),
+    ],
+)
+def test_bad_arguments_are_named(arguments, options, message: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises((ValueError, TypeError), match=message):
+        KERNEL(*arguments, **options)
+
+
+def test_a_read_only_result_is_refused() -> None:
+    out = np.zeros(2)
+    out.setflags(write=False)
+    with pytest.raises(ValueError, match='out must be writeable'):
+        KERNEL(TWO, TWO, TWO, out=out)
+
+
+def test_a_missing_wrench_is_an_error() -> None:
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=pfd.Scene(external_wrench=True))
+    with pytest.raises(ValueError, match='external_wrench=True, so the call needs wrench='):
+        kernel(TWO, TWO, TWO)
+
+
+@pytest.mark.parametrize('shape', [(2,), (3, 2), (3000, 2)])
+def test_brakes_are_taken_by_their_name_and_nowhere_else(shape: tuple[int, ...]) -> None:
+    # An array in the place of the wrench once went for the mask inside, which is inverted.
+    kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=pfd.Scene(brakes=True))
+    q, qd, tau = (x.reshape(shape) for x in random_states(2, max(1, int(np.prod(shape[:-1])))))
+    free = KERNEL(q, qd, tau)
+    for mask in (np.zeros(shape), np.ones(shape), np.zeros(shape, bool)):
+        with pytest.raises(ValueError, match='wrench was given, but'):
+            kernel(q, qd, tau, mask)
+    for numbers in (np.zeros(shape), np.ones(shape, int)):
+        with pytest.raises(ValueError, match='brakes must be an array of bool, True for braked'):
+            kernel(q, qd, tau, brakes=numbers)
+    np.testing.assert_array_equal(kernel(q, qd, tau), free)
+    np.testing.assert_array_equal(kernel(q, qd, tau, brakes=np.zeros(shape, bool)), free)
+    np.testing.assert_array_equal(kernel(q, qd, tau, brakes=np.ones(shape, bool)), 0.0)
+    one = kernel(q, qd, tau, brakes=[True, False])
+    np.testing.assert_array_equal(one[..., 0], 0.0)
+    assert (one[..., 1] != 0).all()
+    out, brakes = np.empty(shape), np.zeros(shape, bool)
+    step = kernel.bind(q, qd, tau, out, brakes=brakes)
+    np.testing.assert_array_equal(step(), free)
+    brakes[...] = True
+    np.testing.assert_array_equal(step(), 0.0)
+
+
+def test_inverse_dynamics_has_no_brakes() -> None:
+    robot = pfd.load_robot('planar2')
+    braked, plain = (
+        pfd.compile_kernel(robot, scene=pfd.Scene(brakes=brakes), quantity='inverse_dynamics')
+        for brakes in (True, False)
+    )
+    np.testing.assert_array_equal(braked(TWO, TWO, TWO), plain(TWO, TWO, TWO))
+    with pytest.raises(ValueError, match='brakes were given, but'):
+        braked(TWO, TWO, TWO, brakes=[True, False])

@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from oracle import Oracle, jacobi_condition, relative
+from oracle import Oracle, assert_bits_of_the_emulator, jacobi_condition, relative
 import pytest
 from tolerances import ACCELERATION
 from zoo import random_chain, random_state, without_mass
@@ -18,7 +18,6 @@ from pfd_core.kernels.codegen import body, chunks, split
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.runtime import jit
 from pfd_core.kernels.runtime.jit import simd_width
-from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model import resolve
 from pfd_core.report.counts import uniform_chain
@@ -43,14 +42,7 @@ def test_a_kernel_in_parts_gives_the_emulators_bits(method: str, dtype: str) -> 
     kernel = pfd.compile_kernel(random_chain(rng, 4), method=method, scene=scene, dtype=dtype)
     # A loop is never cut.
     assert ('@part1(' in kernel.ir) == (method != 'pcgm')
-    q, qd, tau = (np.array(x, dtype) for x in rng.normal(size=(3, 11, 4)))
-    wrench = rng.normal(size=(11, 6)).astype(dtype)
-    brakes = rng.random((11, 4)) < 0.3
-    inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': 1.0 - brakes}
-    emulated = run(kernel.program, inputs, dtype)['qdd']
-    np.testing.assert_array_equal(kernel(q, qd, tau, wrench, brakes=brakes), emulated)
-    one = kernel(q[3], qd[3], tau[3], wrench[3], brakes=brakes[3])
-    np.testing.assert_array_equal(one, emulated[3])
+    assert_bits_of_the_emulator(kernel, rng)
 
 
 def test_a_place_of_the_frame_is_used_again_once_it_has_been_read() -> None:

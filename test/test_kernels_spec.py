@@ -83,22 +83,3 @@ def test_the_effects_over_time_belong_to_the_step_that_evaluates_the_kernel() ->
     assert moving.plant.digest == in_motion(plant).digest
     with pytest.raises(ValueError, match='quantity must be one of'):
         pfd.compile_kernel(ARM, quantity=STEP)
-
-
-@pytest.mark.parametrize(
-    ('wrong', 'message'),
-    [
-        ({'robot': 'planar2'}, 'robot must be a Robot'),
-        ({'scene': {}}, 'scene must be a Scene'),
-        ({'method': 'newton'}, "method must be 'auto' or one of .*'newton'"),
-        ({'dtype': 'float16'}, "dtype must be .*'float16'"),
-        ({'refine': -1}, 'refine must be'),
-        ({'quantity': ['energy']}, 'quantity must be one of'),
-        ({'frame': 'tip'}, 'forward_dynamics does not take a frame'),
-        ({'quantity': 'tip_pose', 'frame': 'hand'}, "frame 'hand' is not carried by"),
-        ({'quantity': 'energy', 'refine': 1}, 'refine must be 0 for energy'),
-    ],
-)
-def test_a_wrong_field_is_named(wrong: dict[str, Any], message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        KernelSpec(**{'robot': ARM, 'scene': pfd.Scene()} | wrong)

@@ -8,7 +8,7 @@ from collections import Counter
 import math
 from typing import Any
 
-from closed_forms import levels
+from closed_forms import EVERY_SIZE, levels
 import numpy as np
 import pytest
 
@@ -70,7 +70,7 @@ def test_fohra_multiplies_matrices_in_order(schedule: str, downward: bool) -> No
         np.testing.assert_allclose(y, expected, **ROUNDING)
 
 
-@pytest.mark.parametrize('n', SIZES)
+@pytest.mark.parametrize('n', EVERY_SIZE)
 def test_fohra_takes_one_product_a_level_and_n_minus_one_in_sequence(n: int) -> None:
     parallel = matrix_product(n, 'parallel', False).count()
     assert (parallel.multiplications, parallel.additions) == (27 * levels(n), 18 * levels(n))
@@ -112,7 +112,7 @@ def test_foihra_solves_the_recurrence_for_any_n(
         np.testing.assert_allclose(y, expected, **ROUNDING)
 
 
-@pytest.mark.parametrize('n', SIZES)
+@pytest.mark.parametrize('n', EVERY_SIZE)
 def test_foihra_of_vectors_with_scalar_coefficients_takes_4_levels_less_one(n: int) -> None:
     # Section 2.5 (b) of the paper counts 4 L - 1 and 3 L for eq. (18): the last level needs no
     # product of coefficients.
@@ -158,7 +158,7 @@ def test_the_row_sweep_adds_up_columns_from_the_diagonal(schedule: str) -> None:
         np.testing.assert_allclose(y, expected, **ROUNDING)
 
 
-@pytest.mark.parametrize('n', SIZES)
+@pytest.mark.parametrize('n', EVERY_SIZE)
 def test_the_row_sweep_takes_n_minus_one_vector_additions(n: int) -> None:
     assert row_swept(n, 'parallel').count().additions == 3 * (n - 1)
     assert row_swept(n, 'sequential').count().additions == 3 * n * (n - 1) // 2
@@ -207,7 +207,7 @@ def test_the_column_sweep_solves_triangular_systems(
 
 
 @pytest.mark.parametrize('downward', [False, True])
-@pytest.mark.parametrize('n', SIZES)
+@pytest.mark.parametrize('n', EVERY_SIZE)
 def test_the_column_sweep_takes_n_minus_one_steps_and_n_divisions(n: int, downward: bool) -> None:
     # The paper's 2 n - 1 multiplications, section 2.4, are these with the divisions.
     once = pfd.Steps(multiplications=n - 1, additions=n - 1, routes=n - 1)
@@ -288,7 +288,7 @@ def test_packed_rows_hold_what_unpacked_rows_hold(schedule: str) -> None:
         np.testing.assert_array_equal(y, expected)
 
 
-@pytest.mark.parametrize('n', SIZES[1:])
+@pytest.mark.parametrize('n', EVERY_SIZE[1:])
 def test_pairs_of_a_triangle_take_half_as_many_steps_as_rows(n: int) -> None:
     # n (n - 1) / 2 pairs on n lanes: ceil((n - 1) / 2) rounds, the h of the paper.
     rounds = math.ceil((n - 1) / 2)
@@ -315,7 +315,7 @@ def test_packed_sums_are_the_sums_of_every_component(schedule: str, downward: bo
         np.testing.assert_array_equal(y, expected)  # whole numbers add up exactly
 
 
-@pytest.mark.parametrize('n', SIZES)
+@pytest.mark.parametrize('n', EVERY_SIZE)
 def test_packed_sums_take_the_steps_that_their_lanes_need(n: int) -> None:
     strides = [2**k for k in range(math.ceil(math.log2(n)))]
     expected = sum(math.ceil(3 * (n - stride) / n) for stride in strides)

@@ -14,8 +14,7 @@ import pytest
 from zoo import random_chain, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.algorithms.programs import record_forward_dynamics, record_inverse_dynamics
-from pfd_core.model import resolve, without_step_effects
+from pfd_core.model import resolve
 
 # One product with a rotation: three products and two sums.
 ROUNDING = 4 * np.finfo(float).eps
@@ -185,24 +184,6 @@ def test_drives_compensate_the_robot_without_its_payload_or_a_model(robot: pfd.R
     assert drives is not None
     assert drives.robot == pfd.with_payload(robot, other)
     np.testing.assert_array_equal(drives.gravity, resolve(robot, model).gravity)
-
-
-OVER_A_STEP = {
-    'friction': {'friction': (1, 1, 1, 1)},
-    'static_friction': {'friction': (0, 0, 0, 0), 'static_friction': (1, 1, 1, 1)},
-    'joint_limits': {'joint_limits': [(-1, 1)] * 4},
-    'motor_lag': {'motor_lag': (0.01, 0.01, 0.01, 0.01)},
-}
-
-
-@pytest.mark.parametrize('key', OVER_A_STEP)
-def test_effects_over_a_step_are_refused_at_an_instant(robot: pfd.Robot, key: str) -> None:
-    plant = resolve(robot, pfd.Scene(**OVER_A_STEP[key]))
-    with pytest.raises(ValueError, match=f"'{key}'.* act over a step of time.*Simulator"):
-        record_forward_dynamics(plant, 'pcrbm', 'parallel')
-    with pytest.raises(ValueError, match=f"'{key}'.* act over a step of time.*Simulator"):
-        record_inverse_dynamics(plant, 'parallel')
-    assert without_step_effects(plant).digest == resolve(robot).digest
 
 
 def test_the_payload_is_welded_on(robot: pfd.Robot) -> None:

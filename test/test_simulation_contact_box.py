@@ -227,7 +227,7 @@ def test_friction_costs_no_operation_where_it_is_off() -> None:
     robot = pfd.load_robot('ur5')
     bare = pfd.Simulator(robot)
     off = pfd.Simulator(robot, pfd.Scene(friction=[0.0] * 6, joint_limits=[[-np.inf, np.inf]] * 6))
-    assert off._native.native is bare._native.native or off._native.work == bare._native.work
+    assert off.operations == bare.operations
 
 
 @pytest.mark.parametrize('integrator', ['velocity_verlet', 'imex2'])
@@ -235,12 +235,6 @@ def test_integrators_without_events_or_implicit_damping_refuse_friction(integrat
     robot = pfd.load_robot('ur5')
     with pytest.raises(ValueError, match=r'friction and joint_limits .* need'):
         pfd.Simulator(robot, pfd.Scene(friction=[1.0] * 6), integrator=integrator)
-
-
-def test_functions_of_one_instant_refuse_friction() -> None:
-    robot = pfd.load_robot('ur5')
-    with pytest.raises(ValueError, match='act over a step of time'):
-        pfd.compile_kernel(robot, scene=pfd.Scene(friction=[1.0] * 6))
 
 
 def test_stops_out_of_reach_leave_the_motion_as_it_is_with_lagging_motors() -> None:

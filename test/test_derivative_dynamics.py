@@ -9,7 +9,7 @@ from typing import Any
 from central_differences import differences
 import mpmath
 import numpy as np
-from oracle import ARMS, Oracle, chains, jacobi_condition, relative
+from oracle import ARMS, Oracle, chains, every, jacobi_condition, relative
 import pinocchio as pin
 import pytest
 from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
@@ -136,9 +136,8 @@ def test_a_method_that_iterates_is_refused(method: str) -> None:
 
 @pytest.mark.parametrize('mode', MODES)
 def test_random_chains_agree_with_pinocchio(mode: str) -> None:
-    for rng, robot in chains(30, seed=61):
-        if robot.n > 6:
-            continue
+    small = (pair for pair in chains(30, seed=61) if pair[1].n <= 6)
+    for rng, robot in every(2, small):
         oracle = Oracle(robot, robot.armature)
         q, qd, qdd = random_state(rng, robot.n)
         tau = oracle.tau(q, qd, qdd)

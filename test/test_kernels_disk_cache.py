@@ -370,20 +370,27 @@ def test_what_belongs_to_root_is_used(
     assert not emitted
 
 
-@pytest.mark.parametrize('mask', [0o000, 0o002, 0o077])
-def test_folders_and_files_are_the_users_alone_whatever_the_mask(
-    tmp_path: Path, mask: int
-) -> None:
-    where = tmp_path / 'a' / 'b' / 'c'
-    environment = {**os.environ, 'PYTHONPATH': str(ROOT), cache.VARIABLE: str(where)}
-    program = f'import os; os.umask({mask}); '
-    program += 'from pfd_core.kernels.runtime import disk_cache as cache; '
-    program += "cache.write('0' * 64, b'x'); assert cache.read('0' * 64) == b'x'"
-    subprocess.run([sys.executable, '-c', program], env=environment, check=True, timeout=LIFETIME)
-    for path in (where, *where.parents[:2]):
-        assert path.stat().st_mode & 0o777 == 0o700
-    (entry,) = where.iterdir()
-    assert entry.stat().st_mode & 0o777 == 0o600
+MASKS = """
+import os, sys
+from pfd_core.kernels.runtime import disk_cache as cache
+for mask in (0o000, 0o002, 0o077):
+    os.umask(mask)
+    os.environ[cache.VARIABLE] = f'{sys.argv[1]}/{mask}/b/c'
+    cache.write('0' * 64, b'x')
+    assert cache.read('0' * 64) == b'x'
+"""
+
+
+def test_folders_and_files_are_the_users_alone_whatever_the_mask(tmp_path: Path) -> None:
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT)}
+    command = [sys.executable, '-c', MASKS, str(tmp_path)]
+    subprocess.run(command, env=environment, check=True, timeout=LIFETIME)
+    for mask in (0o000, 0o002, 0o077):
+        where = tmp_path / str(mask) / 'b' / 'c'
+        for path in (where, *where.parents[:2]):
+            assert path.stat().st_mode & 0o777 == 0o700
+        (entry,) = where.iterdir()
+        assert entry.stat().st_mode & 0o777 == 0o600
 
 
 def test_threads_that_find_the_folder_unsafe_together_warn_once(

@@ -98,17 +98,21 @@ def test_two_processes_at_once_leave_one_sound_copy(folder: Path) -> None:
     assert result(start_child('planar2'))['emitted'] == 0
 
 
+SLOW = pytest.mark.slow
+
+
 @pytest.mark.parametrize(
     'damage',
     [
-        lambda data: b'',
-        lambda data: data[: len(data) // 2],
-        lambda data: data[:-1],
-        lambda data: data + b'\0',
-        lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:],
-        lambda data: data.replace(cache.HEAD, b'pfd_ros cache 0\n'),
+        pytest.param(lambda data: b'', id='empty'),
+        pytest.param(lambda data: data[: len(data) // 2], id='half', marks=SLOW),
+        pytest.param(lambda data: data[:-1], id='one byte short', marks=SLOW),
+        pytest.param(lambda data: data + b'\0', id='one byte more', marks=SLOW),
+        pytest.param(lambda data: data[:-9] + bytes([data[-9] ^ 1]) + data[-8:], id='one bit'),
+        pytest.param(
+            lambda data: data.replace(cache.HEAD, b'pfd_ros cache 0\n'), id='another format'
+        ),
     ],
-    ids=['empty', 'half', 'one byte short', 'one byte more', 'one bit', 'another format'],
 )
 def test_a_damaged_file_is_made_again(folder: Path, emitted: list[str], damage: Any) -> None:
     robot = pfd.load_robot('planar2')

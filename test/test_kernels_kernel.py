@@ -41,7 +41,7 @@ def test_kernel_and_emulator_give_the_same_bits(name: str, dtype: str) -> None:
 def test_random_chains_give_the_same_bits_with_wrench_and_brakes(dtype: str) -> None:
     rng = np.random.default_rng(2)
     scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
-    for n in (1, 2, 3, 6):
+    for n in (1, 2, 3):
         kernel = pfd.compile_kernel(random_chain(rng, n), scene=scene, dtype=dtype)
         assert_bits_of_the_emulator(kernel, rng)
 

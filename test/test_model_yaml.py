@@ -16,8 +16,7 @@ from oracle import Oracle
 import pinocchio as pin
 import pytest
 from tolerances import DYNAMICS
-from yaml_rows import ROWS
-from zoo import ODD_ARM, random_state, to_pinocchio
+from zoo import ODD_ARM, ROWS, random_state, to_pinocchio
 
 import pfd_core as pfd
 from pfd_core.model.loading import LARGEST_FILE

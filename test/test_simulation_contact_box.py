@@ -27,7 +27,7 @@ def instant(robot: pfd.Robot, scene: pfd.Scene, q: Array, qd: Array, tau: Array)
     return arms
 
 
-@pytest.mark.parametrize('n', [1, 2, 4, 7])
+@pytest.mark.parametrize('n', [1, 2, 4, pytest.param(7, marks=pytest.mark.slow)])
 def test_accelerations_from_rest_balance_the_torques_within_the_friction(n: int) -> None:
     rng = np.random.default_rng(n)
     robot = random_chain(rng, n, 0.2)

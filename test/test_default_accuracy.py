@@ -26,7 +26,7 @@ LAST_DIGITS = 32 * 2.0**-53
 
 
 def error(problem: Problem, refine: int = 0) -> float:
-    """Return the error of the default beside 50 digits."""
+    """Return the error of the default compared with 50 digits."""
     return worst(kernel_answer(problem, 'float64', refine), reference(problem))
 
 

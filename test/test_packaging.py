@@ -93,7 +93,7 @@ def test_ros_comes_only_with_its_extra(copy: Path) -> None:
     assert 'ros-jazzy' not in ros.split('\n\n')[1]
 
 
-def test_package_xml_and_setup_py_tell_the_same() -> None:
+def test_package_xml_and_setup_py_agree() -> None:
     manifest = ET.parse(ROOT / 'package.xml').getroot()
     assert manifest.get('format') == '3'
     assert manifest.findtext('export/build_type') == 'ament_python'
@@ -102,9 +102,9 @@ def test_package_xml_and_setup_py_tell_the_same() -> None:
         for node in ast.walk(ast.parse((ROOT / 'setup.py').read_text()))
         if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'setup'
     )
-    told = {k.arg: k.value.value for k in call.keywords if isinstance(k.value, ast.Constant)}
-    assert manifest.findtext('version') == told['version']
-    assert manifest.findtext('license') == told['license'] == 'Apache-2.0'
+    stated = {k.arg: k.value.value for k in call.keywords if isinstance(k.value, ast.Constant)}
+    assert manifest.findtext('version') == stated['version']
+    assert manifest.findtext('license') == stated['license'] == 'Apache-2.0'
     assert manifest.findtext('name') == 'pfd_ros'
 
 
@@ -126,9 +126,9 @@ def test_colcon_builds_a_node_that_runs(copy: Path) -> None:
     for part in ('lib/pfd_ros/sim_node', 'lib/pfd_ros/pfd', 'share/pfd_ros/package.xml'):
         assert (prefix / part).exists(), part
     (packages,) = prefix.glob('lib/python*/site-packages')
-    told = run(
+    stated = run(
         [sys.executable, str(prefix / 'lib/pfd_ros/pfd'), 'robots'],
         workspace,
         PYTHONPATH=str(packages),
     )
-    assert 'puma560' in told
+    assert 'puma560' in stated

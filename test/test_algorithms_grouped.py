@@ -16,7 +16,7 @@ from pfd_core.kernels.passes.fold import fold
 from pfd_core.kernels.passes.pipeline import operations
 from pfd_core.machine.emulator import run
 from pfd_core.model import Robot, Scene, load_robot, resolve
-from pfd_core.report.counts import uniform_chain as uniform
+from pfd_core.report.cases.robots import uniform_chain as uniform
 
 METHODS = ('composite_body', 'grouped_articulated_body')
 EVERYTHING = Scene(external_wrench=True, damping='model', armature='model', brakes=True)

@@ -40,7 +40,6 @@ from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model import Effect, resolve
 from pfd_core.model.effects import EFFECTS, FIELDS, JOINTS, MOTORS, STEP
-from pfd_core.report.scene_effects import without
 
 DIGITS = 50
 # Half a step of central differences in 50 digits: their error is its square.
@@ -265,7 +264,7 @@ def test_every_kernel_has_every_effect(quantity: str, name: str) -> None:
 @pytest.mark.parametrize('name', INSTANT)
 @pytest.mark.slow
 def test_every_quantity_that_forgot_an_effect_would_be_noticed(name: str) -> None:
-    off = without(scene_of(name), {name})
+    off = scene_of(name).without({name})
     forgotten = []
     for quantity in WHOLE:
         forgetful = found(quantity, off)

@@ -15,7 +15,7 @@ import pfd_core as pfd
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
 from pfd_core.model import resolve
-from pfd_core.report.error_estimates import record_with_first_answer
+from pfd_core.report.measure.estimates import record_with_first_answer
 
 Arm = tuple[pfd.Robot, pfd.Scene | None]
 ARMS: dict[str, Callable[[], Arm]] = {

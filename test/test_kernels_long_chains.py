@@ -21,8 +21,7 @@ from pfd_core.kernels.runtime.jit import simd_width
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model import known_robots, resolve
-from pfd_core.report.counts import uniform_chain
-from pfd_core.report.hard_case_problems import coaxial
+from pfd_core.report.cases.robots import coaxial, uniform_chain
 
 
 @pytest.fixture

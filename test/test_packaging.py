@@ -73,6 +73,8 @@ def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
         'pfd_core/py.typed',
         'pfd_core/config/robots/puma560.yaml',
         'pfd_core/config/sim_arm.yaml',
+        'pfd_core/report/data/so100.urdf',
+        'pfd_core/report/texts/speed.md',
         'pfd_ros/node/main.py',
         'pfd_ros/testing/loopback.xml',
         'share/pfd_ros/package.xml',

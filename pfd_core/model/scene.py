@@ -12,7 +12,8 @@ declared here as well, so that editors and type checkers know the arguments of S
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Collection
+from dataclasses import dataclass, fields, replace
 import hashlib
 from os import PathLike
 from pathlib import Path
@@ -21,7 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.effects import FIELDS, NEEDS
+from pfd_core.model.effects import EFFECTS, FIELDS, NAMED, NEEDS
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot_changes import Payload
 from pfd_core.model.scene_checks import INPUT
@@ -132,6 +133,16 @@ class Scene:
         # The fields are None, bool, str, tuples of floats and a scene, whose repr is exact.
         return hashlib.sha256(repr(self).encode()).hexdigest()
 
+    def without(self, names: Collection[str]) -> Scene:
+        """Return the scene without effects of these names, and without those that need them."""
+        changes: dict[str, Any] = {
+            field.name: field.off
+            for effect in EFFECTS
+            if not _with_needed(effect.name).isdisjoint(names)
+            for field in effect.fields
+        }
+        return replace(self, **changes)
+
     def save(self, path: str | PathLike[str]) -> None:
         """Write the scene to a YAML file, which `load_scene` reads as an equal scene."""
         if not isinstance(path, (str, PathLike)):
@@ -144,6 +155,12 @@ def scene_to_yaml(scene: Scene) -> str:
     if not isinstance(scene, Scene):
         raise ValueError(f'scene must be a Scene, got {quote(scene)}')
     return yaml_text(_document(scene))
+
+
+def _with_needed(name: str) -> set[str]:
+    """Return the names of an effect and of the effects that it needs."""
+    needed = NAMED[name].needs
+    return {name} | (_with_needed(needed) if needed else set())
 
 
 def _compensation(value: Any) -> bool | Scene:

@@ -91,6 +91,17 @@ def scene_of(name: str) -> pfd.Scene:
     return scene_with(*(field.name for field in INSTANT[name].fields), n=N, **others)
 
 
+def test_a_scene_without_an_effect_is_also_without_those_that_need_it() -> None:
+    scene = scene_with('friction', 'static_friction', 'damping', n=N)
+    assert scene.without({'friction'}) == scene_with('damping', n=N)
+    assert scene.without(()) == scene
+
+
+def test_a_name_of_no_effect_cannot_be_left_out() -> None:
+    with pytest.raises(ValueError, match=r"names of effects \(gravity, .*, got 'drag'"):
+        pfd.Scene().without({'drag'})
+
+
 # ---- reference -------------------------------------------------------------------------------
 
 

@@ -132,7 +132,20 @@ class Scene:
         return hashlib.sha256(repr(self).encode()).hexdigest()
 
     def without(self, names: Collection[str]) -> Scene:
-        """Return the scene without effects of these names, and without those that need them."""
+        """
+        Return the scene without effects of EFFECTS by name, and without those that need them.
+
+        Raises
+        ------
+        ValueError
+            If a name is that of no effect.
+
+        """
+        unknown = [name for name in names if name not in NAMED]
+        if unknown:
+            raise ValueError(
+                f'names must be names of effects ({", ".join(NAMED)}), got {quote(unknown[0])}'
+            )
         changes: dict[str, Any] = {
             field.name: field.off
             for effect in EFFECTS

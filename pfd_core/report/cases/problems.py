@@ -76,9 +76,9 @@ def problem(
     return Problem(resolve(robot, scene), rounded)
 
 
-def rods(n: int, axes: str, q: float = np.pi, qd: float = 1.0) -> Problem:
+def rods(n: int, axes: str, q: float = np.pi, qd: float = 1.0, states: int = 1) -> Problem:
     """Return a chain at states within these bounds [rad, rad/s]."""
-    return problem(chain(n, axes), q=q, qd=qd)
+    return problem(chain(n, axes), q=q, qd=qd, states=states)
 
 
 def folded(n: int) -> Problem:

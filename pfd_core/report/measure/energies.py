@@ -22,9 +22,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pfd_core.algorithms.grouped.energy import record_energy
+from pfd_core.machine.emulator import run
 from pfd_core.model import Plant
 from pfd_core.report.cases.motions import Motion
-from pfd_core.report.cases.robots import Array, joint_frames
+from pfd_core.report.cases.robots import Array
 from pfd_core.simulation.adaptive import integrate
 from pfd_core.simulation.step_control import SMALLEST_RTOL
 
@@ -69,7 +71,7 @@ def _states(motion: Motion, method: str, longest: float) -> tuple[Array, Array]:
     states = [(np.array(motion.q), np.array(motion.qd))]
     for _ in range(SAMPLES):
         q, qd = states[-1]
-        run = integrate(
+        step = integrate(
             motion.robot,
             np.zeros(motion.robot.n),
             interval(motion),
@@ -83,55 +85,14 @@ def _states(motion: Motion, method: str, longest: float) -> tuple[Array, Array]:
             dense=False,
             max_step=longest,
         )
-        if run.status != 'ok':
-            raise ArithmeticError(f'{motion.name} has no reference: {run.status}')
-        states.append((run.q[-1], run.qd[-1]))
+        if step.status != 'ok':
+            raise ArithmeticError(f'{motion.name} has no reference: {step.status}')
+        states.append((step.q[-1], step.qd[-1]))
     found = np.array(states[1:])
     return found[:, 0], found[:, 1]
 
 
 def energy(plant: Plant, q: Array, qd: Array) -> tuple[Array, Array]:
-    """
-    Return kinetic and potential energy [J] of states, (S,) each from q and qd (S, n).
-
-    The frame of each joint turns, or slides, about its own z (joint_frames). Velocities are
-    in base axes, from joint to joint.
-    """
-    robot = plant.robot
-    fall = robot.base_rotation @ plant.gravity
-    pose: Array = np.eye(3)
-    place: Array = np.zeros(3)
-    turning: Array = np.zeros((len(q), 3))
-    moving: Array = np.zeros((len(q), 3))
-    kinetic, potential = np.zeros(len(q)), np.zeros(len(q))
-    for i, (R, p, center, J) in enumerate(joint_frames(robot)):
-        reach = pose @ p
-        moving = moving + np.cross(turning, reach)
-        place, pose = place + reach, pose @ R
-        axis = pose[..., 2]
-        if robot.joint_types[i] == 'prismatic':
-            slide = axis * q[:, i : i + 1]
-            moving = moving + np.cross(turning, slide) + axis * qd[:, i : i + 1]
-            place = place + slide
-        else:
-            pose = pose @ _about_z(q[:, i])
-            turning = turning + axis * qd[:, i : i + 1]
-        arm = pose @ center
-        speed = moving + np.cross(turning, arm)
-        own = np.einsum('sji,sj->si', np.broadcast_to(pose, (len(q), 3, 3)), turning)
-        kinetic += robot.masses[i] / 2 * (speed**2).sum(1)
-        kinetic += np.einsum('si,ij,sj->s', own, J, own) / 2
-        potential -= robot.masses[i] * ((place + arm) @ fall)
-    if plant.inertia is not None:
-        kinetic += (plant.inertia * qd**2).sum(1) / 2
-    return kinetic, potential
-
-
-def _about_z(angles: Array) -> Array:
-    """Return rotations about z, (S, 3, 3)."""
-    turn = np.zeros((len(angles), 3, 3))
-    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(angles)
-    turn[:, 1, 0] = np.sin(angles)
-    turn[:, 0, 1] = -turn[:, 1, 0]
-    turn[:, 2, 2] = 1.0
-    return turn
+    """Return kinetic and potential energy [J] of states, (S,) each from q and qd (S, n)."""
+    found = run(record_energy(plant), {'q': q, 'qd': qd})['energy']
+    return found[:, 0], found[:, 1]

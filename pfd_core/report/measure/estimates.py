@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,8 +26,8 @@ from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Output, Program
 from pfd_core.model import Plant, load_robot
-from pfd_core.report.cases.problems import SEED, Problem, heavy_tip, payload, problem
-from pfd_core.report.cases.robots import Array, chain
+from pfd_core.report.cases.problems import SEED, Problem, heavy_tip, payload, problem, rods
+from pfd_core.report.cases.robots import Array
 from pfd_core.report.measure.differences import differences
 from pfd_core.report.measure.reference import DIGITS
 
@@ -105,22 +106,21 @@ def near_equilibrium(name: str, states: int) -> Problem:
     return replace(found, states=found.states | {'tau': bias * (1.0 + share)})
 
 
+def _any_state(name: str, states: int) -> Problem:
+    return problem(load_robot(name), states=states)
+
+
+ARMS = ('puma560', 'ur5', 'panda')
 # Robots, each with a function of the number of states.
 ROBOTS: dict[str, Callable[[int], Problem]] = {
-    'puma560': lambda states: problem(load_robot('puma560'), states=states),
-    'ur5': lambda states: problem(load_robot('ur5'), states=states),
-    'panda': lambda states: problem(load_robot('panda'), states=states),
-    'puma560, near equilibrium': lambda states: near_equilibrium('puma560', states),
-    'ur5, near equilibrium': lambda states: near_equilibrium('ur5', states),
-    'panda, near equilibrium': lambda states: near_equilibrium('panda', states),
+    **{name: partial(_any_state, name) for name in ARMS},
+    **{f'{name}, near equilibrium': partial(near_equilibrium, name) for name in ARMS},
     'panda, payload 1e6': _drawn(payload),
-    'chain of 12': lambda states: problem(chain(12, 'yz'), states=states),
-    'planar chain of 12': lambda states: problem(chain(12, 'y'), states=states),
-    'planar chain of 12, near-stretched': lambda states: problem(
-        chain(12, 'y'), q=1e-2, states=states
-    ),
-    'heavy tip 1e8, n = 6': _drawn(lambda: heavy_tip(6, 'yz')),
-    'heavy tip 1e8, planar, n = 6': _drawn(lambda: heavy_tip(6, 'y')),
+    'chain of 12': lambda states: rods(12, 'yz', states=states),
+    'planar chain of 12': lambda states: rods(12, 'y', states=states),
+    'planar chain of 12, near-stretched': lambda states: rods(12, 'y', q=1e-2, states=states),
+    'heavy tip 1e8, n = 6': _drawn(partial(heavy_tip, 6, 'yz')),
+    'heavy tip 1e8, planar, n = 6': _drawn(partial(heavy_tip, 6, 'y')),
 }
 METHODS = ('composite_body', 'grouped_articulated_body', 'articulated_body')
 

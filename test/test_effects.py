@@ -98,7 +98,7 @@ def test_a_scene_without_an_effect_is_also_without_those_that_need_it() -> None:
 
 
 def test_a_name_of_no_effect_cannot_be_left_out() -> None:
-    with pytest.raises(ValueError, match=r"names of effects \(gravity, .*, got 'drag'"):
+    with pytest.raises(ValueError, match=r"names must be one of \('gravity', .*, got 'drag'"):
         pfd.Scene().without({'drag'})
 
 

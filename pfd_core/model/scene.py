@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.model.checked_numbers import choice
 from pfd_core.model.effects import EFFECTS, FIELDS, NAMED, NEEDS
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot_changes import Payload
@@ -141,11 +142,10 @@ class Scene:
             If a name is that of no effect.
 
         """
-        unknown = [name for name in names if name not in NAMED]
-        if unknown:
-            raise ValueError(
-                f'names must be names of effects ({", ".join(NAMED)}), got {quote(unknown[0])}'
-            )
+        if not isinstance(names, (set, frozenset, tuple, list)):
+            raise ValueError(f'names must be a set of names of effects, got {quote(names)}')
+        for name in names:
+            choice('names', name, NAMED)
         changes: dict[str, Any] = {
             field.name: field.off
             for effect in EFFECTS

@@ -103,8 +103,7 @@ class Case:
 def _cases(name: str) -> Iterator[Case]:
     for case, row in table(name).items():
         maker, *given = row.pop('make')
-        options = given.pop() if maker == 'rods' and isinstance(given[-1], dict) else {}
-        make = partial(getattr(problems, maker), *given, **options)
+        make = partial(getattr(problems, maker), *given, **row.pop('options', {}))
         read = {key: READ.get(key, bool)(value) for key, value in row.items()}
         yield Case(case, make=make, **read)
 

@@ -26,7 +26,7 @@ from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.machine.derivative import MODES, derivative
 from pfd_core.machine.emulator import run
 from pfd_core.model import resolve
-from pfd_core.report.speed_robots import robot as robot_called
+from pfd_core.report.cases.robots import robot as robot_called
 
 EXACT = ('ur5', 'panda', 'puma560', 'planar2', 'chain4')  # twists whose sine and cosine are exact
 STATE = ('q', 'qd', 'tau')

@@ -17,7 +17,7 @@ from pfd_core.kernels.passes.fold import fold
 from pfd_core.kernels.passes.pipeline import operations
 from pfd_core.machine.emulator import run
 from pfd_core.model import resolve
-from pfd_core.report.counts import uniform_chain as uniform
+from pfd_core.report.cases.robots import uniform_chain as uniform
 
 METHODS = ('composite_body', 'grouped_articulated_body')
 # Operations that folding may leave, sine and cosine apart: what is promised for composite bodies,

@@ -39,7 +39,6 @@ from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model import Effect, resolve
 from pfd_core.model.effects import FIELDS, JOINTS, MOTORS, STEP
-from pfd_core.report.scene_effects import without
 
 DIGITS = 50
 # Half a step of central differences in 50 digits: their error is its square.
@@ -89,6 +88,17 @@ def scene_of(name: str) -> pfd.Scene:
     """Return a scene with one effect, and gravity where it needs some."""
     others = {'gravity': example(FIELDS['gravity'], N)} if name in ('gravity', 'payload') else {}
     return scene_with(*(field.name for field in INSTANT[name].fields), n=N, **others)
+
+
+def test_a_scene_without_an_effect_is_also_without_those_that_need_it() -> None:
+    scene = scene_with('friction', 'static_friction', 'damping', n=N)
+    assert scene.without({'friction'}) == scene_with('damping', n=N)
+    assert scene.without(()) == scene
+
+
+def test_a_name_of_no_effect_cannot_be_left_out() -> None:
+    with pytest.raises(ValueError, match=r"names must be one of \('gravity', .*, got 'drag'"):
+        pfd.Scene().without({'drag'})
 
 
 # ---- reference -------------------------------------------------------------------------------
@@ -264,7 +274,7 @@ def test_every_kernel_has_every_effect(quantity: str, name: str) -> None:
 @pytest.mark.parametrize('name', INSTANT)
 @pytest.mark.slow
 def test_every_quantity_that_forgot_an_effect_would_be_noticed(name: str) -> None:
-    off = without(scene_of(name), {name})
+    off = scene_of(name).without({name})
     forgotten = []
     for quantity in WHOLE:
         forgetful = found(quantity, off)

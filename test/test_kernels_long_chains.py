@@ -20,8 +20,7 @@ from pfd_core.kernels.runtime import jit
 from pfd_core.kernels.runtime.jit import simd_width
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model import resolve
-from pfd_core.report.counts import uniform_chain
-from pfd_core.report.hard_case_problems import coaxial
+from pfd_core.report.cases.robots import coaxial, uniform_chain
 
 
 @pytest.fixture

@@ -20,7 +20,7 @@ from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.machine.emulator import run
 from pfd_core.model import Plant, resolve
-from pfd_core.report.error_estimates import record_with_first_answer
+from pfd_core.report.measure.estimates import record_with_first_answer
 
 Array = NDArray[np.float64]
 ROUNDING = {'float64': 2.0**-53, 'float32': 2.0**-24}

@@ -73,6 +73,8 @@ def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
         'pfd_core/py.typed',
         'pfd_core/config/robots/puma560.yaml',
         'pfd_core/config/sim_arm.yaml',
+        'pfd_core/report/data/so100.urdf',
+        'pfd_core/report/texts/speed.md',
         'pfd_ros/node/main.py',
         'pfd_ros/testing/loopback.xml',
         'share/pfd_ros/package.xml',
@@ -81,6 +83,25 @@ def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
         'share/ament_index/resource_index/packages/pfd_ros',
     ):
         assert any(name.endswith(part) for name in files), part
+
+
+def test_the_reports_load_their_tables_and_texts_from_a_zip_file(
+    copy: Path, tmp_path: Path
+) -> None:
+    archive = tmp_path / 'site.zip'
+    with zipfile.ZipFile(archive, 'w') as file:
+        for name, text in installed(copy).items():
+            if '/pfd_core/' in name:
+                file.writestr(name[name.rindex('/pfd_core/') + 1 :], text)
+    script = (
+        'from pfd_core.report import cases, time_tables\n'
+        'from pfd_core.report.cases import hard_cases, motions, paper, robots\n'
+        'assert ".zip" in cases.__file__\n'
+        'print(len(hard_cases.CASES), len(motions.MOTIONS), len(motions.REFERENCES),'
+        'len(paper.TABLE), robots.robot("so100").n, len(time_tables.NOTES) > 100)'
+    )
+    found = run([sys.executable, '-c', script], tmp_path, PYTHONPATH=str(archive))
+    assert found.split() == ['38', '15', '15', '8', '6', 'True']
 
 
 def test_ros_comes_only_with_its_extra(copy: Path) -> None:

@@ -13,9 +13,9 @@ import re
 
 import pytest
 
-from pfd_core.report.convergence import convergence
-from pfd_core.report.counts import best_serial, row
-from pfd_core.report.counts import uniform_chain as chain
+from pfd_core.report.cases.robots import uniform_chain as chain
+from pfd_core.report.measure.convergence import convergence
+from pfd_core.report.measure.counts import best_serial, row
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = sorted((ROOT / 'pfd_core').rglob('*.py'))

@@ -12,6 +12,12 @@ From the file to the verdict:
     verify        the engine fed from the recording, its outputs compared byte for byte: `read`
     motion        the efforts and brakes of every step, and the states, for reports
 
+Any log, published by node.log_player:
+
+    log_order       messages in the order of their log times; what a bag contains
+    played_topics   which topics are published, under which names, with which QoS; commands are not
+    schedule        when each message is sent: rate, loop, pause, step, seek; without a clock
+
 Two logs, of simulated or real arms:
 
     compare       differences by joint, with the lag between the clocks

@@ -51,7 +51,7 @@ from pfd_ros.node.workers import described
 from pfd_ros.recording.bags import Bag, BagMessage
 from pfd_ros.recording.reader import LogError
 from pfd_ros.replay.log_order import Survey, in_time_order, survey
-from pfd_ros.replay.played_topics import CLOCK_TOPIC, KNOWN_QOS, Choice, Played, choose
+from pfd_ros.replay.played_topics import CLOCK_TOPIC, KNOWN_QOS, Choice, Played, choose, window_of
 from pfd_ros.replay.schedule import RATES, Jump, Schedule, Send, Tick, Window
 from pfd_ros.text import cut, one_line
 
@@ -104,7 +104,7 @@ def play(bag: Bag, options: PlayOptions, stop: Stop) -> int:
     if stop.is_set():
         return STATUS_BASE + stop.number
     choice = choose(bag, options.topics, options.remaps)
-    window = window_of(bag, found, choice, options)
+    window = window_of(bag, found, choice, options.start_offset, options.duration)
     for line in _introduction(bag, found, choice):
         say(line)
     ticks = options.clock_hz is not None
@@ -124,20 +124,6 @@ def play(bag: Bag, options: PlayOptions, stop: Stop) -> int:
         raise ValueError(f'ROS: {error}') from error
     finally:
         try_shutdown()
-
-
-def window_of(bag: Bag, found: Survey, choice: Choice, options: PlayOptions) -> Window:
-    """Return the log times that are played; ValueError if there is nothing in them."""
-    if not sum(found.counts[name] for name in choice.topics):
-        raise ValueError(f'{bag.path} has no messages of the topics to publish')
-    length = (found.last_ns - found.first_ns) / NANOSECONDS
-    if options.start_offset > length:
-        raise ValueError(f'start offset {options.start_offset:g} s, the log lasts {length:g} s')
-    begin = found.first_ns + round(options.start_offset * NANOSECONDS)
-    end = found.last_ns + 1
-    if options.duration < length:
-        end = min(end, begin + round(options.duration * NANOSECONDS))
-    return Window(found.first_ns, min(begin, found.last_ns), end)
 
 
 def say(line: str) -> None:
@@ -191,6 +177,8 @@ class _Player:
             try:
                 self._publish_on(played)
             except (ImportError, AttributeError, *ERRORS) as error:
+                if played.published != played.name:
+                    raise ValueError(f'--remap {cut(played.name)}: {error}') from error
                 say(f'not published: {cut(played.name)}: {error}')
         if not self._publishers:
             raise ValueError(f'{bag.path} has nothing to publish')

@@ -15,7 +15,7 @@ From the file to the verdict:
 Any log, published by node.log_player:
 
     log_order       messages in the order of their log times; what a bag contains
-    played_topics   which topics are published, under which names, with which QoS; commands are not
+    played_topics   what is published: topics, names, QoS, window of time; commands are withheld
     schedule        when each message is sent: rate, loop, pause, step, seek; without a clock
 
 Two logs, of simulated or real arms:

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Which topics of a log are published, under which names, with which QoS; commands are withheld.
+"""What of a log is published: topics, names, QoS, window of time; commands are withheld.
 
 A command that was recorded must not reach a real arm by accident. In a recording of the node the
 commands are the topics of its inputs. In every log they are also the topics whose last names are
@@ -16,12 +16,15 @@ import re
 
 from pfd_ros.arm.events import TAKEN
 from pfd_ros.messages.columns import parse_definition
+from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.messages.definitions import full_text
 from pfd_ros.messages.qos import Qos, offered_qos
 from pfd_ros.recording.bags import Bag, BagTopic
 from pfd_ros.recording.format import CHANNELS, FOLLOWED, MESSAGE_ENCODING, SOURCE_OF_ROLE, HeadKey
 from pfd_ros.recording.head import read_roles, strict_json
 from pfd_ros.recording.reader import damage_named
+from pfd_ros.replay.log_order import Survey
+from pfd_ros.replay.schedule import Window
 from pfd_ros.text import cut, listed
 
 CLOCK_TOPIC = '/clock'
@@ -124,6 +127,22 @@ def choose(
                 f'has type {kinds[played.published]}'
             )
     return Choice(chosen, tuple(notes))
+
+
+def window_of(
+    bag: Bag, found: Survey, choice: Choice, start_offset: float, duration: float
+) -> Window:
+    """Return the log times from an offset [s] on; ValueError if there is nothing to play."""
+    if not sum(found.counts[name] for name in choice.topics):
+        raise ValueError(f'{bag.path} has no messages of the topics to publish')
+    length = (found.last_ns - found.first_ns) / NANOSECONDS
+    if start_offset > length:
+        raise ValueError(f'start offset {start_offset:g} s: {bag.path} lasts {length:g} s')
+    begin = min(found.first_ns + round(start_offset * NANOSECONDS), found.last_ns)
+    end = found.last_ns + 1
+    if duration < length:
+        end = min(end, begin + max(1, round(duration * NANOSECONDS)))
+    return Window(found.first_ns, begin, end)
 
 
 def is_command(topic: BagTopic, role: str = '') -> bool:

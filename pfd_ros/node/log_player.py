@@ -44,7 +44,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
 
 from pfd_ros.messages.convert import NANOSECONDS, encode_clock
-from pfd_ros.messages.qos import Qos
+from pfd_ros.messages.qos import MOST_DEPTH, Qos
 from pfd_ros.node.endpoints import NonblockingPublisher
 from pfd_ros.node.main import STATUS_BASE, Stop
 from pfd_ros.node.workers import described
@@ -218,7 +218,7 @@ class _Player:
         self._ends.append(end)
         self._publishers[played.name] = NonblockingPublisher(end)
         if played.qos.transient_local:
-            self._kept[played.name] = played.qos.depth
+            self._kept[played.name] = MOST_DEPTH if played.qos.keep_all else played.qos.depth
 
     def _messages(self) -> Iterator[BagMessage]:
         """Yield the messages to publish, up to a signal."""

@@ -8,15 +8,20 @@ from collections.abc import Callable, Sequence
 from importlib import import_module
 import os
 from pathlib import Path
+import pty
+import re
 import signal
+import subprocess
+import sys
 import time
 from typing import Any
 
 from mcap.writer import Writer
 import pytest
 from rewriting import ARRAY, CLOCK, GOLDEN, NAMED, STATES, TAKEN, load
-from ros_processes import Peer, Process, Processes, call
+from ros_processes import Peer, Process, Processes, call, environment
 from test_read_log import REAL_ARMS, STORE, rosbag2
+from test_signals import wait_for_handlers
 
 from pfd_ros.messages.convert import decode_clock, encode_string
 from pfd_ros.messages.qos import qos_text
@@ -311,6 +316,63 @@ def test_a_signal_before_the_end_has_the_status_of_a_shell(
     assert 'Traceback' not in player.text()
 
 
+@pytest.mark.slow
+def test_a_signal_at_any_moment_ends_the_player_cleanly(
+    processes: Processes, tmp_path: Path
+) -> None:
+    # While modules are imported, the log is read, publishers are created, and later.
+    log = write_words(tmp_path / 'words.mcap', 100)
+    for k in range(8):
+        player = start(processes, log)
+        wait_for_handlers(player)
+        time.sleep(0.3 * k)
+        assert player.end(signal.SIGTERM) == 128 + signal.SIGTERM, player.text()
+        assert 'Traceback' not in player.text()
+
+
+def test_an_output_that_is_closed_ends_the_player(processes: Processes, tmp_path: Path) -> None:
+    log = write_words(tmp_path / 'words.mcap', 4, apart=0.05)
+    command = [sys.executable, '-m', 'pfd_ros.cli.main', 'replay', str(log), '--publish', '--loop']
+    with subprocess.Popen(
+        command,
+        env=environment(processes.domain),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as player:
+        assert player.stdout is not None
+        assert player.stdout.readline().startswith(str(log))
+        player.stdout.close()
+        assert player.wait(60) == 1
+        assert player.stderr is not None
+        assert 'Broken pipe' in player.stderr.read()
+
+
+def test_a_terminal_shows_the_position_on_one_line(processes: Processes, tmp_path: Path) -> None:
+    log = write_words(tmp_path / 'words.mcap', 5, apart=0.2)
+    ours, theirs = pty.openpty()
+    player = subprocess.Popen(
+        [sys.executable, '-m', 'pfd_ros.cli.main', 'replay', str(log), '--publish'],
+        env=environment(processes.domain),
+        stdout=theirs,
+        stderr=theirs,
+    )
+    os.close(theirs)
+    shown = b''
+    try:
+        # A terminal whose last process has ended raises an error in place of an end.
+        while block := os.read(ours, 4096):
+            shown += block
+    except OSError:
+        pass
+    finally:
+        assert player.wait(60) == 0
+        os.close(ours)
+    text = shown.decode()
+    assert re.search(r'\r\x1b\[K0\.\d{3} s of 0\.800 s, rate 1\r\x1b\[K', text), text
+    assert '\r\x1b[Kpublished 7 messages' in text
+
+
 def test_a_type_that_is_not_installed_is_named_and_the_others_are_played(
     processes: Processes, peer_of: PeerOf, tmp_path: Path
 ) -> None:
@@ -399,6 +461,26 @@ def test_a_log_that_cannot_be_published_is_one_line_and_status_1(
     assert len(errors) == 1
     assert line in errors[0]
     assert 'Traceback' not in player.text()
+
+
+@pytest.mark.parametrize(
+    ('options', 'line'),
+    [
+        (('--verify',), '--publish and --verify exclude each other'),
+        (('--rate', '0'), "rate is '0', expected a number from 0.001 to 1000"),
+        (('--rate', 'nan'), "rate is 'nan'"),
+        (('--clock', '1e9'), "clock is '1e9'"),
+        (('--start-offset', '-1'), "start offset is '-1'"),
+        (('--duration', '0'), "duration is '0'"),
+        (('--remap', 'a'), "'a' is not a remapping, expected A:=B"),
+    ],
+)
+def test_options_that_make_no_sense_have_status_2(
+    processes: Processes, options: tuple[str, ...], line: str
+) -> None:
+    player = start(processes, GOLDEN, *options)
+    assert player.process.wait(60) == 2
+    assert line in player.text()
 
 
 @pytest.mark.parametrize('name', ['panda_exciting_trajectory', 'ur10_exciting_trajectory'])

@@ -146,6 +146,15 @@ def test_time_spent_reading_up_to_a_position_makes_no_message_late() -> None:
     assert schedule.next_ns() == 102 * UNIT
 
 
+def test_ticks_that_were_due_during_a_pause_do_not_run_back_after_it() -> None:
+    schedule = schedule_of(log_of([0, 9]), tick_ns=UNIT)
+    drain(schedule, 0)
+    schedule.pause(2 * UNIT)
+    assert drain(schedule, 3 * UNIT) == [Tick(2 * UNIT)] * 2
+    schedule.resume(6 * UNIT)
+    assert drain(schedule, 7 * UNIT) == [Tick(2 * UNIT), Tick(3 * UNIT)]
+
+
 def test_a_loop_without_length_is_refused() -> None:
     with pytest.raises(ValueError, match='loop over 1e-09 s'):
         schedule_of(log_of([5]), loop=True)
@@ -167,145 +176,172 @@ def test_a_seek_outside_of_the_log_is_refused(at: int) -> None:
 
 
 class Playing(RuleBasedStateMachine):
-    """Calls in any order; the model is a position that advances by time times rate."""
+    """Calls in any order, events taken now or late; the model is a position that advances."""
 
     @initialize(
         times=TIMES,
         begin=st.integers(0, 40),
+        length=st.integers(1, 50),
         loop=st.booleans(),
         paused=st.booleans(),
         period=st.none() | st.integers(1, 9),
     )
     def begin(
-        self, times: list[int], begin: int, loop: bool, paused: bool, period: int | None
+        self,
+        times: list[int],
+        begin: int,
+        length: int,
+        loop: bool,
+        paused: bool,
+        period: int | None,
     ) -> None:
-        self.messages = log_of(times)
-        self.first = self.messages[0].log_ns
-        self.end = self.messages[-1].log_ns + UNIT
-        self.begin_ns = min(self.first + begin * UNIT, self.end - UNIT)
+        messages = log_of(times)
+        self.first, last = messages[0].log_ns, messages[-1].log_ns
+        self.begin_ns = min(self.first + begin * UNIT, last)
+        self.end = min(self.begin_ns + length * UNIT, last + UNIT)
+        self.messages = [m for m in messages if m.log_ns < self.end]
+        self.times = [m.log_ns for m in self.messages]
         self.loop, self.paused, self.rate = loop, paused, Fraction(1)
         self.now, self.loops, self.ended = 1000 * UNIT, 0, False
-        self.last_tick = -1
+        self.shown = self.begin_ns
         self.schedule = schedule_of(
-            self.messages,
+            messages,
             begin=self.begin_ns - self.first,
             end=self.end,
             loop=loop,
             paused=paused,
             tick_ns=None if period is None else period * UNIT,
         )
-        self.expected: list[Any] = []
+        self.jumped: Jump | None = None
+        self.before: list[BagMessage] = []
         self.index = len(self.messages)
         self.go(self.begin_ns)
-        self.poll()
 
     def go(self, log_ns: int) -> None:
-        times = [m.log_ns for m in self.messages]
         # Forwards only what is passed over is sent: the publisher still has the others.
-        ahead = self.index < len(times) and (self.index == 0 or log_ns > times[self.index - 1])
-        since, self.index = self.index if ahead else 0, bisect_left(times, log_ns)
-        before = [m for m in self.messages[since : self.index] if m.topic == MAP]
-        self.position, self.expected = log_ns, self.expected + before[-DEPTH:]
-        self.last_tick = -1
+        ahead = self.index < len(self.times)
+        ahead = ahead and (self.index == 0 or log_ns > self.times[self.index - 1])
+        since = self.index if ahead else 0
+        self.index = bisect_left(self.times, log_ns)
+        passed = [m for m in self.messages[since : self.index] if m.topic == MAP]
+        self.before = [*(self.before if ahead else []), *passed][-DEPTH:]
+        # Time begins to pass when the events are taken.
+        self.position, self.starting = log_ns, True
 
-    def passed(self) -> None:
-        while self.index < len(self.messages) and self.following().log_ns <= self.position:
-            self.expected.append(self.following())
+    def jump(self, log_ns: int, loop: int | None) -> None:
+        self.clamp()
+        since = self.position if self.jumped is None else self.jumped.from_ns
+        self.jumped = Jump(since, log_ns, loop)
+        self.loops += loop is not None
+        self.ended = False
+        self.go(log_ns)
+
+    def clamp(self) -> None:
+        """Keep the position from passing a message that was not sent."""
+        self.position = min(self.position, self.end)
+        if self.index < len(self.times) and not self.paused:
+            self.position = min(self.position, self.times[self.index])
+
+    def taken(self) -> list[Any]:
+        """Return the messages and jumps that are due."""
+        found: list[Any] = [] if self.jumped is None else [self.jumped]
+        found += self.before
+        self.jumped, self.before, self.starting = None, [], False
+        if self.paused or self.ended:
+            return found
+        since = self.index
+        while self.index < len(self.times) and self.times[self.index] <= self.position:
             self.index += 1
+        found += self.messages[since : self.index]
+        if self.index == len(self.times) and self.position >= self.end:
+            if self.loop:
+                self.jump(self.begin_ns, self.loops + 1)
+                return found + self.taken()
+            self.ended = True
+        return found
 
-    def following(self) -> BagMessage:
-        return self.messages[self.index]
+    @rule()
+    def take(self) -> None:
+        self.compare(self.taken())
 
-    def poll(self) -> None:
-        """Take the events that are due and compare them with the model's."""
-        if not self.paused and not self.ended:
-            self.passed()
-            if self.index == len(self.messages) and self.position >= self.end:
-                if self.loop:
-                    self.jump(self.begin_ns, self.loops + 1)
-                    self.passed()
-                else:
-                    self.ended = True
+    def compare(self, expected: list[Any]) -> None:
         events = drain(self.schedule, self.now)
         # What is due next is in the future.
         when = self.schedule.next_ns()
         assert self.ended or when is None or when > self.now
-        self.check_ticks(events)
+        self.check_clock(events)
         found = [
             event.message if isinstance(event, Send) else event
             for event in events
             if not isinstance(event, Tick)
         ]
-        assert found == self.expected
+        assert found == expected
         assert (self.schedule.ended, self.schedule.loops) == (self.ended, self.loops)
         if not self.ended:
             assert self.schedule.position_ns(self.now) == min(self.position, self.end)
-        self.expected = []
 
-    def jump(self, log_ns: int, loop: int | None) -> None:
-        self.expected.append(Jump(min(self.position, self.end), log_ns, loop))
-        self.loops += loop is not None
-        self.go(log_ns)
-
-    def check_ticks(self, events: Sequence[Send | Tick | Jump]) -> None:
-        """The clock never runs back without a jump, nor behind or ahead of a message."""
-        reached = self.last_tick
+    def check_clock(self, events: Sequence[Send | Tick | Jump]) -> None:
+        """Without a jump the clock never runs back, nor is it behind or ahead of a message."""
         for event in events:
             if isinstance(event, Jump):
-                reached = -1
+                self.shown = event.to_ns
             elif isinstance(event, Tick):
-                assert event.log_ns >= reached
-                reached = event.log_ns
+                assert event.log_ns >= self.shown
+                self.shown = event.log_ns
             elif event.due_ns is not None:
-                assert event.message.log_ns >= reached
-                reached = event.message.log_ns
-        self.last_tick = reached
+                assert event.message.log_ns >= self.shown
+                self.shown = event.message.log_ns
+        assert self.index == len(self.times) or self.shown <= self.times[self.index]
 
-    @rule(units=st.integers(1, 30))
-    def time_passes(self, units: int) -> None:
+    @rule(units=st.integers(1, 30), taken=st.booleans())
+    def time_passes(self, units: int, taken: bool) -> None:
         self.now += units * UNIT
-        if not self.paused:
+        if not self.paused and not self.starting:
             self.position += int(units * UNIT * self.rate)
-        self.poll()
+        if taken:
+            self.take()
 
     @rule()
     def pause(self) -> None:
         self.schedule.pause(self.now)
-        self.position, self.paused = min(self.position, self.end), True
-        self.poll()
+        self.clamp()
+        self.paused = True
 
     @rule()
     def resume(self) -> None:
         self.schedule.resume(self.now)
         self.paused = False
-        self.poll()
 
     @rule(power=st.integers(-2, 3))
-    def rate(self, power: int) -> None:
+    def set_rate(self, power: int) -> None:
         self.rate = Fraction(2) ** power
         self.schedule.set_rate(self.now, float(self.rate))
-        self.poll()
+        self.clamp()
 
-    @rule(part=st.fractions(0, 1))
-    def seek(self, part: Fraction) -> None:
-        units = int(part * (self.end - UNIT - self.first) / UNIT)
-        self.ended = False
-        self.jump(self.first + units * UNIT, None)
-        self.schedule.seek(self.now, self.first + units * UNIT)
-        self.poll()
+    @rule(units=st.integers(0, 40))
+    def seek(self, units: int) -> None:
+        log_ns = min(self.first + units * UNIT, self.end - UNIT)
+        self.jump(log_ns, None)
+        self.schedule.seek(self.now, log_ns)
 
     @precondition(lambda self: self.paused)
-    @rule()
-    def step(self) -> None:
-        if self.index == len(self.messages) and self.loop:
+    @rule(sought=st.none() | st.integers(0, 40))
+    def step(self, sought: int | None) -> None:
+        self.take()
+        if self.index == len(self.times) and self.loop:
             self.jump(self.begin_ns, self.loops + 1)
-        there = self.index < len(self.messages)
+        there = self.index < len(self.times)
         assert self.schedule.step(self.now) is there
+        if sought is not None:
+            self.seek(sought)  # the step is void
+            self.take()
+            return
+        expected = self.taken()
         if there:
-            self.expected.append(self.following())
-            self.position = max(self.position, self.following().log_ns)
+            expected.append(self.messages[self.index])
+            self.position = max(self.position, self.times[self.index])
             self.index += 1
-        self.poll()
+        self.compare(expected)
 
 
 def test_any_sequence_of_calls_plays_what_the_model_plays() -> None:

@@ -13,7 +13,7 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_model_urdf import ARM, assert_same_physics, exact_angles, example
+from urdf_models import ARM, assert_same_physics, exact_angles, example
 from zoo import BODY, ODD_ARM, joint, link, urdf
 
 from pfd_core.model import PhysicsWarning, load_robot

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
+import hashlib
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.actuator_command import ActuatorCommand, all_braked
+from pfd_ros.arm.actuators import in_model_order
 from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.plant_settings import INPUT, payload_changes
@@ -34,7 +36,7 @@ MOST_COMPILED = 4
 LATEST_NS = (2**31 - 86_400) * NANOSECONDS
 # Settings that may differ between the run that saved a state and the run that continues from it:
 # simulated time is a part of the state, and a recording is of one run.
-PER_RUN = frozenset({'start_time', 'real_time_factor', 'recording'})
+PER_RUN = frozenset({'start_time', 'real_time_factor', 'recording', 'recording_state_period'})
 
 
 def load_robot(settings: Settings, source: str | pfd.Urdf | None = None) -> pfd.Robot:
@@ -118,7 +120,7 @@ class Plant(NamedTuple):
 
 
 class Arm:
-    """The simulated arm: native code and constants, and the one state that changes.
+    """The simulated arm: its native code, constants of its settings, and its state.
 
     Attributes
     ----------
@@ -193,10 +195,7 @@ class Arm:
                 f'initial_positions holds {len(given)} numbers, '
                 f'expected {count}, one for each of {list(self.names)}, or none'
             )
-        q = np.zeros(count)
-        if given:
-            q[list(self.order)] = given
-        return q
+        return in_model_order(given, self.order)
 
     @property
     def settings(self) -> Settings:
@@ -248,6 +247,14 @@ class Arm:
     def scene(self) -> pfd.Scene:
         """The effects that act on the robot, with its payload."""
         return self.plant.scene
+
+    @property
+    def program(self) -> str:
+        """Digest of the compiled program of the plant and its outputs, the same everywhere."""
+        compiled = self.plant.compiled
+        kernels = (f'{name} {code.code_digest}' for name, code in compiled.kernels.items())
+        lines = [compiled.simulator.code_digest, *kernels]
+        return hashlib.sha256('\n'.join(lines).encode()).hexdigest()
 
     @property
     def kernels(self) -> Mapping[str, Any]:
@@ -434,7 +441,7 @@ class Arm:
         self.state.failure = why
         self.state.failures += 1
 
-    def revive(self, step: int) -> None:
+    def clear_failure(self, step: int) -> None:
         """Let an arm that failed continue from its initial state, at the time of this step.
 
         Raises

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The state of an arm: one record of everything that changes while the arm runs.
 
-All other objects of this subpackage are constants of the settings. The engine's `accept` and
-`step` are the only functions that change a state. All arrays are in model order.
+All other objects of this subpackage follow from the settings and this state. Only the engine's
+methods change a state. All arrays are in model order.
 
 A state can be copied, pickled, compared by its bits, and written as bytes:
 
@@ -228,6 +228,13 @@ class ArmState:
         return isinstance(other, ArmState) and self.to_bytes() == other.to_bytes()
 
     __hash__ = None  # type: ignore[assignment]
+
+    def difference(self, other: ArmState) -> str:
+        """Return the name of the first value with other bits, '' if there is none."""
+        ours, theirs = _tree(self)['ArmState'], _tree(other)['ArmState']
+        names = (each.name for each in fields(self))
+        pairs = zip(names, ours, theirs, strict=True)
+        return next((name for name, one, two in pairs if one != two), '')
 
     def to_bytes(self) -> bytes:
         """Return the state as bytes: the same for equal states, on every machine."""

@@ -15,13 +15,14 @@ from typing import Any
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.cli.replay import describe
+from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.recording.bags import Bag
 from pfd_ros.replay.summary import Summary
 from pfd_ros.replay.verify import read
 from pfd_ros.text import one_line
 
 HELP = 'the topics, times and settings of a log'
-NANO = 1e-9
+EXAMPLE = 'pfd info run.mcap'
 # Intervals between messages kept for the median of a topic; later ones are not in it.
 INTERVALS = 100_000
 
@@ -100,7 +101,7 @@ def _size(path: Path) -> int:
 
 def _date(ns: int) -> str:
     try:
-        return datetime.fromtimestamp(ns * NANO, timezone.utc).isoformat(sep=' ')
+        return datetime.fromtimestamp(ns / NANOSECONDS, timezone.utc).isoformat(sep=' ')
     except (ValueError, OverflowError, OSError):
         return f'{ns} ns'  # later than the year 9999
 
@@ -128,7 +129,7 @@ def lines_of(bag: Bag, counts: Mapping[str, TopicCount], span: tuple[int, int]) 
         lines += [
             f'begin      {_date(span[0])}',
             f'end        {_date(span[1])}',
-            f'length     {(span[1] - span[0]) * NANO:.6f} s',
+            f'length     {(span[1] - span[0]) / NANOSECONDS:.6f} s',
         ]
     if not counts:
         return lines

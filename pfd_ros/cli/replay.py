@@ -17,6 +17,7 @@ from pfd_ros.replay.verify import read
 from pfd_ros.text import one_line
 
 HELP = 'summary of a recording, its verification bit for bit, or any log on its topics'
+EXAMPLE = 'pfd replay run.mcap --verify'
 # Exit status of --verify for an incomplete recording whose recorded part is equal.
 INCOMPLETE = 3
 # Software whose versions may change the bits.
@@ -65,7 +66,8 @@ def run(given: argparse.Namespace) -> int:
         print(line)
     if not given.verify:
         return 0
-    equal = f'{summary.states} states, every bit equal{_end(summary)}'
+    compared = summary.states - summary.uncompared
+    equal = f'{compared} states, every bit equal{_end(summary)}'
     if summary.absent:
         print(f'equal as far as it goes: {equal}; missing: {", ".join(summary.absent)}')
         return 0 if given.allow_incomplete else INCOMPLETE

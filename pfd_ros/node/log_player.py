@@ -8,7 +8,7 @@
     rate       parameter           speed, as a multiple of the log's
 
 One thread: callbacks run while the player waits for the next message. What is sent when is decided
-by replay.schedule. See docs/decisions/0035-publishing-a-log.md.
+by replay.schedule. See docs/decisions/0037-publishing-a-log.md.
 """
 
 from __future__ import annotations

@@ -21,15 +21,11 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.messages.columns import MOST_PADDING, PADDED, parse_definition, read_columns
-from pfd_ros.messages.convert import JOINT_STATE
+from pfd_ros.messages.convert import JOINT_FIELDS, JOINT_STATE, NANOSECONDS
 from pfd_ros.recording.bags import Bag, BagTopic, definition_of
 from pfd_ros.recording.head import read_robot
 from pfd_ros.recording.reader import damage_named
 from pfd_ros.text import listed
-
-NANO = 1e-9
-# Arrays of a JointState with one number per joint, in the order of `name`.
-PER_JOINT = ('position', 'velocity', 'effort')
 
 
 @dataclass(frozen=True)
@@ -117,7 +113,7 @@ class TopicArrays(Fields):
 
 
 def _seconds(ns: NDArray[np.int64]) -> NDArray[np.float64]:
-    return np.asarray(NANO * ns, np.float64)
+    return np.asarray(ns / NANOSECONDS, np.float64)
 
 
 @dataclass(frozen=True)
@@ -198,7 +194,7 @@ class LogArrays:
             flat = values.reshape(len(values), -1) if len(values) else values.reshape(0, 0)
             if values.ndim == 1:
                 columns[path] = values
-            elif found.names and path in PER_JOINT:
+            elif found.names and path in JOINT_FIELDS:
                 columns |= {f'{path}.{n}': flat[:, k] for k, n in enumerate(found.names)}
             else:
                 columns |= {f'{path}.{k}': flat[:, k] for k in range(flat.shape[1])}
@@ -255,7 +251,7 @@ def read_log(
     begin_ns: int | None = None
     for message in bag.messages():
         begin_ns = message.log_ns if begin_ns is None else begin_ns
-        if not first <= NANO * (message.log_ns - begin_ns) < last:
+        if not first <= (message.log_ns - begin_ns) / NANOSECONDS < last:
             continue
         if wanted is not None and message.topic not in wanted:
             continue
@@ -301,10 +297,10 @@ def _by_joint(
     rows = [tuple(row) for row in arrays['name']]
     names = tuple(dict.fromkeys(name for row in dict.fromkeys(rows) for name in row if name))
     if len(names) == arrays['name'].shape[1] and len(set(rows)) == 1:
-        widths = {path: arrays[path].shape[1] for path in PER_JOINT}
+        widths = {path: arrays[path].shape[1] for path in JOINT_FIELDS}
         if all(width == len(names) for width in widths.values()):
             return names, arrays
-    filled = sum(arrays[path].size for path in PER_JOINT)
+    filled = sum(arrays[path].size for path in JOINT_FIELDS)
     if len(rows) * len(names) > PADDED + MOST_PADDING * filled:
         raise ValueError(
             f'{len(rows)} messages name {len(names)} joints, most of them in few messages: read a '
@@ -315,7 +311,7 @@ def _by_joint(
     for k, row in enumerate(rows):
         groups.setdefault(row, []).append(k)
     sorted_arrays = dict(arrays)
-    for path in PER_JOINT:
+    for path in JOINT_FIELDS:
         values = np.full((len(rows), len(names)), np.nan)
         for row, messages in groups.items():
             width = min(len(row), arrays[path].shape[1])

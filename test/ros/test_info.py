@@ -8,11 +8,11 @@ import json
 from pathlib import Path
 import random
 
+from bags import write_bag
 from mcap.reader import make_reader
 import pytest
 from rewriting import GOLDEN
 from simulating import simulate
-from test_read_log import write_bag
 
 from pfd_ros.cli.main import main
 

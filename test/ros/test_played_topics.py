@@ -292,7 +292,7 @@ def test_a_window_begins_at_the_offset_and_ends_with_the_log_or_the_duration() -
         first, first + second, first + second + 2_500_000_000
     )
     assert window(GOLDEN, 4.0, 100.0).end_ns == last + 1
-    with pytest.raises(ValueError, match=r'start offset 9 s: .*golden_1\.mcap lasts 5\.36'):
+    with pytest.raises(ValueError, match=r'start offset 9 s: .*mcap lasts 5\.36'):
         window(GOLDEN, 9.0)
 
 

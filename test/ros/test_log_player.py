@@ -68,9 +68,11 @@ class Listener:
     def end_of(self, player: Process) -> int:
         """Listen until the player ends, and return its exit status."""
         self.peer.wait(lambda: player.process.poll() is not None)
-        # What is on its way.
-        for _ in range(5):
-            self.peer.executor.spin_once(timeout_sec=0.05)
+        # What has arrived and is still waiting for its callback.
+        count = -1
+        while count < len(self.messages):
+            count = len(self.messages)
+            self.peer.executor.spin_once(timeout_sec=0.5)
         return int(player.process.returncode)
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
 import math
@@ -51,15 +51,7 @@ from pfd_ros.node.workers import described
 from pfd_ros.recording.bags import Bag, BagMessage
 from pfd_ros.recording.reader import LogError
 from pfd_ros.replay.log_order import Survey, in_time_order, survey
-from pfd_ros.replay.played_topics import (
-    CLOCK_TOPIC,
-    KNOWN_QOS,
-    Choice,
-    Played,
-    choose,
-    history_depth,
-    window_of,
-)
+from pfd_ros.replay.played_topics import CLOCK_TOPIC, KNOWN_QOS, Choice, Played, choose, window_of
 from pfd_ros.replay.schedule import RATES, Jump, Schedule, Send, Tick, Window
 from pfd_ros.text import cut, one_line
 
@@ -123,7 +115,7 @@ def play(bag: Bag, options: PlayOptions, stop: Stop) -> int:
         raise ValueError(f'log times up to {window.end_ns} ns do not fit into {CLOCK_TOPIC}')
     try:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-        player = _Player(bag, found, options, window, choice, ticks, stop)
+        player = _Player(bag, options, window, choice, ticks, stop)
         try:
             return player.run()
         finally:
@@ -165,7 +157,6 @@ class _Player:
     def __init__(
         self,
         bag: Bag,
-        found: Survey,
         options: PlayOptions,
         window: Window,
         choice: Choice,
@@ -184,7 +175,7 @@ class _Player:
         self._kept: dict[str, int] = {}
         for played in choice.topics.values():
             try:
-                self._publish_on(played, found.largest.get(played.name, 0))
+                self._publish_on(played)
             except (ImportError, AttributeError, *ERRORS) as error:
                 if played.published != played.name:
                     raise ValueError(f'--remap {cut(played.name)}: {error}') from error
@@ -216,12 +207,12 @@ class _Player:
         self._cut_short = False
         self._failure: Exception | None = None
 
-    def _publish_on(self, played: Played, largest: int) -> None:
+    def _publish_on(self, played: Played) -> None:
         package, _, name = played.type.split('/')
         end = self.node.create_publisher(
             getattr(import_module(f'{package}.msg'), name),
             played.published,
-            profile_of(replace(played.qos, depth=history_depth(played.qos, largest))),
+            profile_of(played.qos),
             event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
         )
         self._ends.append(end)

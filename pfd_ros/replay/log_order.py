@@ -87,13 +87,9 @@ class Kept:
 
 @dataclass
 class Survey:
-    """What a bag contains.
-
-    Messages and bytes of the largest one by topic; first and last log time and longest gap, ns.
-    """
+    """What a bag contains: messages by topic, first and last log time, and the longest gap, ns."""
 
     counts: Counter[str] = field(default_factory=Counter)
-    largest: dict[str, int] = field(default_factory=dict)
     first_ns: int = 0
     last_ns: int = 0
     gap_ns: int = 0
@@ -135,5 +131,4 @@ def survey(bag: Bag, stopped: Callable[[], bool] = bool) -> Survey:
             found.gap_ns, found.gap_at_ns = at - found.last_ns, found.last_ns
         found.first_ns, found.last_ns = min(found.first_ns, at), max(found.last_ns, at)
         found.counts[message.topic] += 1
-        found.largest[message.topic] = max(found.largest.get(message.topic, 0), len(message.data))
     return found

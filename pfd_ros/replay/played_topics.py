@@ -52,8 +52,6 @@ KNOWN_QOS = {
     'robot_description': Qos(depth=1, transient_local=True),
     'tf_static': Qos(depth=1, transient_local=True),
 }
-# What a publisher may keep for subscriptions that fall behind, in messages and bytes.
-HISTORY_DEPTH, HISTORY_BYTES = 1000, 1 << 25
 _TYPE = re.compile(r'[a-z][a-z0-9_]*/msg/[A-Z][A-Za-z0-9]*')
 _WORD = re.compile(r'[A-Z]?[a-z]+|[A-Z]+')
 
@@ -145,18 +143,6 @@ def window_of(
     if duration < length:
         end = min(end, begin + max(1, round(duration * NANOSECONDS)))
     return Window(found.first_ns, begin, end)
-
-
-def history_depth(qos: Qos, largest: int) -> int:
-    """Return the depth of a publisher whose largest message has so many bytes.
-
-    A log may be played faster than it was recorded, and with the recorded depth a subscription
-    that falls behind would lose messages. A subscription sees no difference otherwise, unless it
-    is transient local: then it receives that many old messages.
-    """
-    if qos.transient_local:
-        return qos.depth
-    return max(qos.depth, min(HISTORY_DEPTH, HISTORY_BYTES // max(1, largest)))
 
 
 def is_command(topic: BagTopic, role: str = '') -> bool:

@@ -21,7 +21,7 @@ from pfd_ros.messages.qos import Qos, offered_qos, qos_text
 from pfd_ros.recording.bags import Bag, BagTopic
 from pfd_ros.recording.format import HEAD
 from pfd_ros.replay.log_order import survey
-from pfd_ros.replay.played_topics import INPUT_NAMES, choose, history_depth, is_command, window_of
+from pfd_ros.replay.played_topics import INPUT_NAMES, choose, is_command, window_of
 from pfd_ros.replay.schedule import Window
 
 # Definitions of the installed types are needed.
@@ -194,15 +194,6 @@ def test_a_topic_has_the_recorded_qos_else_that_of_its_name(tmp_path: Path) -> N
     wrong = choose(write(tmp_path / 'c.mcap', *rows, qos='- 1'))
     assert wrong.topics['/x'].qos == Qos()
     assert '/x is published with the default QoS: QoS profiles are not a list' in wrong.notes[1]
-
-
-def test_a_publisher_keeps_messages_for_slow_subscriptions_in_bounded_memory() -> None:
-    assert history_depth(Qos(depth=10), 100) == 1000
-    assert history_depth(Qos(depth=10), 0) == 1000
-    assert history_depth(Qos(depth=5000), 100) == 5000
-    assert history_depth(Qos(depth=10), 1 << 20) == 32
-    assert history_depth(Qos(depth=10), 1 << 25) == 10
-    assert history_depth(Qos(depth=1, transient_local=True), 100) == 1
 
 
 def test_of_several_offers_the_strongest_is_published() -> None:

@@ -26,15 +26,16 @@ from numpy.typing import NDArray
 
 from pfd_core.forking import cached_property
 from pfd_core.model.checked_numbers import LARGEST, real_array
-from pfd_core.model.error_text import quote
-from pfd_core.model.frames import Frame, known_frame, with_ends
+from pfd_core.model.error_text import quote, quote_all
+from pfd_core.model.frames import Frame, with_ends
 from pfd_core.model.frozen_arrays import FrozenArrays, frozen
-from pfd_core.model.geometry import Array
-from pfd_core.model.rigid_body_checks import (
+from pfd_core.model.geometry import (
     INERTIA_TOLERANCE,
     TRIANGLE_TOLERANCE,
+    Array,
     check_inertia,
     check_rotation,
+    product,
 )
 
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
@@ -159,9 +160,20 @@ class Robot(FrozenArrays):
         """Number of joints, and of links that move."""
         return len(self.joint_names)
 
+    @property
+    def turning(self) -> NDArray[np.bool_]:
+        """Whether each joint turns, (n,); False for a joint that slides."""
+        return np.array([kind != 'prismatic' for kind in self.joint_types])
+
     def frame(self, name: str | None = None) -> Frame:
         """Return a frame that the robot carries; the tip's without a name."""
-        return known_frame(self.name, self.frames, self.tip if name is None else name)
+        name = self.tip if name is None else name
+        if not isinstance(name, str) or name not in self.frames:
+            raise ValueError(
+                f'frame {quote(name)} is not carried by {quote(self.name)}; it carries '
+                f'{quote_all(self.frames)}'
+            )
+        return self.frames[name]
 
     @cached_property
     def digest(self) -> str:
@@ -198,6 +210,17 @@ def link_label(robot: Robot, index: int) -> str:
     """Return the name of link index + 1 in error messages."""
     joint = quote(robot.joint_names[index])
     return f'link {index + 1} of {quote(robot.name)} (moved by joint {joint})'
+
+
+def own_inertia(robot: Robot, index: int) -> float:
+    """Return the inertia of a link alone about, or along, its own joint [kg m^2 or kg]."""
+    if robot.joint_types[index] == 'prismatic':
+        return float(robot.masses[index])
+    # Frame i is fixed to link i, and the joint's axis is the z axis of frame i-1.
+    A = robot.rotations[index]
+    x, y, _ = robot.translations[index] + product(A, robot.centers[index])
+    turned = product(A, robot.inertias[index], A.T)
+    return float(turned[2, 2] + robot.masses[index] * (x * x + y * y))
 
 
 def _shapes(n: int) -> dict[str, tuple[int, ...]]:

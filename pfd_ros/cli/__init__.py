@@ -6,10 +6,12 @@
     demo      pfd demo
     sim       pfd sim: the node
     replay    pfd replay: summary and verification of a recording
+    replay_publish    pfd replay --publish: any log on its topics
     info      pfd info: topics, times and settings of a log
     compare   pfd compare: differences of two logs
     recover   pfd recover: a whole file from one that was cut off or damaged
     report    pfd report: counts, speed, hard cases, a scene
+    recorded_motion  for `pfd report scene`: the efforts and brakes of every step, and the states
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot
     doctor    pfd doctor: what is installed, whether it works, how fast this machine is

@@ -37,6 +37,8 @@ SLOWEST_SHARE = 1e-12
 # next is monotonic for controllers that live through both.
 TIME_OF_DAY = -1.0
 
+# Values of `recording_time`.
+WALL, SIMULATED = 'wall', 'simulated'
 # Names of `position_sums`, and whether the simulator then compensates; None leaves it to it.
 POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
@@ -110,6 +112,12 @@ class Settings(
     )
     frame_id: str = setting('', 'header.frame_id of joint_states')
     recording: str = setting('', "MCAP file to write, never over another; '' records nothing")
+    recording_time: str = setting(
+        'auto',
+        'Time base of the recording, log_time: wall, simulated, or auto, which is wall for a run '
+        'in real time and simulated for one in lockstep, at another factor or by a clock',
+        values=('auto', WALL, SIMULATED),
+    )
 
     def __post_init__(self) -> None:
         """Check every value, so that the users of settings need not."""
@@ -177,6 +185,14 @@ class Settings(
         while round(start * NANOSECONDS) < stamp_ns:
             start = math.nextafter(start, math.inf)
         return dataclasses.replace(self, start_time=start)
+
+    @property
+    def log_time(self) -> str:
+        """Time base of the recording, WALL or SIMULATED; publish times have the other one."""
+        if self.recording_time != 'auto':
+            return self.recording_time
+        in_real_time = self.real_time_factor == 1.0 and not self.lockstep
+        return WALL if in_real_time and not self.follows_clock else SIMULATED
 
     @property
     def step_ns(self) -> int:

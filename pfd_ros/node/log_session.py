@@ -4,7 +4,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 import pfd_core as pfd
-from pfd_ros.arm.events import DROPPED_STATES, TAKEN
+from pfd_ros.arm.events import DROPPED_STATES, TAKEN, Output
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.qos import qos_text
@@ -44,6 +44,14 @@ class LogSession:
         """Record one message without blocking."""
         if self.recorder is not None:
             self.recorder.record(self.roles.index(role), number, data)
+
+    def record_all(self, outputs: Iterable[Output], stamp_ns: int) -> None:
+        """Record outputs of one cycle, or of what was taken before it, at one time."""
+        if self.recorder is not None:
+            place = self.roles.index
+            self.recorder.record_all(
+                [(place(role), number, data) for role, number, data in outputs], stamp_ns
+            )
 
     @property
     def backlog(self) -> float:
@@ -103,7 +111,7 @@ def open_session(
         return LogSession()
     # Imported here: a node without a recording starts faster.
     from pfd_ros.recording import provenance
-    from pfd_ros.recording.mcap_file import TimeBase, Topic
+    from pfd_ros.recording.mcap_file import Topic
     from pfd_ros.recording.recorder import LogRecorder
 
     subscribed = endpoints.subscriptions
@@ -121,7 +129,7 @@ def open_session(
     roles = [role for role in CHANNELS if role in channels]
     topics = [replace(channels[role], vital=CHANNELS[role].vital) for role in roles]
     names = {role: channels[role].name for role in roles}
-    head = provenance.file_head(settings, robot, names, TimeBase())
+    head = provenance.file_head(settings, robot, names, provenance.time_base(settings))
     error = node.get_logger().error
     return LogSession(LogRecorder(Path(settings.recording), topics, head, error), roles)
 

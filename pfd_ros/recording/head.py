@@ -18,7 +18,7 @@ from pfd_ros.arm import settings as settings_file
 from pfd_ros.arm.events import CLOCK, DROPPED_STATES
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.outputs import roles_of
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import WALL, Settings
 from pfd_ros.recording.format import CHANNELS, EndKey, HeadKey
 from pfd_ros.text import one_line
 
@@ -69,7 +69,9 @@ def read_roles(topics: Any) -> dict[str, str]:
 
 def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
     """Return the settings of a recording with channels of these roles, by topic."""
-    settings = settings_file.from_values(_table(value, HeadKey.SETTINGS))
+    # What recordings from before these settings are.
+    values = {'recording_time': WALL, **_table(value, HeadKey.SETTINGS)}
+    settings = settings_file.from_values(values)
     needed = {role for role, channel in CHANNELS.items() if channel.always}
     if not set(roles.values()) >= needed:
         raise ValueError(f'its topics are {sorted(roles.values())}, expected {sorted(needed)}')

@@ -61,6 +61,7 @@ class Entry(NamedTuple):
 
     role: str
     log_ns: int
+    published_ns: int
     sequence: int
     data: bytes
 
@@ -161,7 +162,8 @@ class Log:
                 self.position = records.position
                 if isinstance(record, Message):
                     role = channels.role(record.channel_id, self.roles)
-                    yield Entry(role, record.log_time, record.sequence, record.data)
+                    times = record.log_time, record.publish_time
+                    yield Entry(role, *times, record.sequence, record.data)
                 elif isinstance(record, Schema):
                     channels.add_schema(record)
                 elif isinstance(record, Channel):

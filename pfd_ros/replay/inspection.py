@@ -153,8 +153,8 @@ class _Counts:
     def output(self, message: PlacedMessage) -> None:
         self._add(message)
         if message.role == STATES:
-            self.first_ns = self.first_ns or message.log_ns
-            self.last_ns = message.log_ns
+            self.first_ns = self.first_ns or message.wall_ns
+            self.last_ns = message.wall_ns
 
 
 class _WaitingEvents:

@@ -31,7 +31,7 @@ from pfd_ros.arm.events import (
     ValidationRow,
     Verdict,
 )
-from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.settings import SIMULATED, Settings
 from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, rows_as_written
 from pfd_ros.recording.format import (
     CHANNELS,
@@ -63,8 +63,8 @@ class PlacedMessage(NamedTuple):
         Messages of the channel that are missing right before it.
     cycle
         The cycle it is an output of; 0 for an input.
-    log_ns
-        When it was recorded, ns.
+    wall_ns
+        Time of day when it was recorded, ns.
     data
         The message.
     rows
@@ -75,7 +75,7 @@ class PlacedMessage(NamedTuple):
     number: int
     lost: int
     cycle: int
-    log_ns: int
+    wall_ns: int
     data: bytes
     rows: tuple[ValidationRow, ...] = ()
 
@@ -131,8 +131,10 @@ class _Order:
         self._every = dict.fromkeys(CHANNELS, settings.publish_every)
         self._every[CLOCK] = settings.clock_every
         self._settings, self._rate = settings, 0.0
+        self._simulated = settings.log_time == SIMULATED
         self._allow(settings)
-        self._started_ns = self._last_ns = log.started_ns
+        self._started_ns = log.started_ns
+        self._last_ns = settings.start_ns if self._simulated else log.started_ns
         self._last = dict.fromkeys(log.roles.values(), 0)
         self._place = (0, _RANKS[CLOCK])
         # The cycle of the last validation rows.
@@ -182,7 +184,8 @@ class _Order:
         else:
             cycle = number * self._every[role]
             self._follow(entry, cycle)
-        return PlacedMessage(role, number, lost, cycle, entry.log_ns, entry.data, rows)
+        wall_ns = entry.published_ns if self._simulated else entry.log_ns
+        return PlacedMessage(role, number, lost, cycle, wall_ns, entry.data, rows)
 
     def _number(self, entry: Entry) -> tuple[int, int]:
         """Return the number of a message and how many are missing before it."""
@@ -207,13 +210,21 @@ class _Order:
                 f'but step {self._place[0]} was recorded before it'
             )
         self._place = place
-        seconds = (entry.log_ns - self._started_ns) / NANOSECONDS
+        seconds = self._seconds(entry)
         if cycle > self._rate * (seconds + AHEAD):
             raise ValueError(
                 f'{entry.role} {entry.sequence} belongs to step {cycle}, '
                 f'{seconds:.3f} s after the start, when at most '
                 f'{self._rate * (seconds + AHEAD):.0f} steps can have been done'
             )
+
+    def _seconds(self, entry: Entry) -> float:
+        """Return the time since the start of the recording, s."""
+        if not self._simulated:
+            return (entry.log_ns - self._started_ns) / NANOSECONDS
+        # Programs that write a file again may drop publish times.
+        wall_ns = entry.published_ns - self._started_ns
+        return max(wall_ns, entry.log_ns - self._settings.start_ns) / NANOSECONDS
 
 
 def _rows(entry: Entry) -> tuple[ValidationRow, ...]:

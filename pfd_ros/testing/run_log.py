@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 import time
@@ -11,12 +12,12 @@ from typing import Any
 
 import pfd_core as pfd
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import TAKEN
+from pfd_ros.arm.events import TAKEN, Output
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.recording import provenance
 from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE
-from pfd_ros.recording.mcap_file import TimeBase, Topic
+from pfd_ros.recording.mcap_file import Topic
 from pfd_ros.recording.recorder import LogRecorder
 
 # Topics that the node's names stand for, where no node has resolved them.
@@ -50,8 +51,18 @@ class RunLog:
     def record(self, role: str, number: int, data: bytes) -> None:
         """Record one message; waits for the disk now and then."""
         self.recorder.record(self.roles.index(role), number, data)
-        self._since += 1
-        if self._since == LOOK_MESSAGES:
+        self._wait(1)
+
+    def record_all(self, outputs: Sequence[Output]) -> None:
+        """Record outputs of one cycle, or of what was taken before it, at one time."""
+        place = self.roles.index
+        messages = [(place(role), number, data) for role, number, data in outputs]
+        self.recorder.record_all(messages, self.engine.arm.stamp_ns)
+        self._wait(len(messages))
+
+    def _wait(self, messages: int) -> None:
+        self._since += messages
+        if self._since >= LOOK_MESSAGES:
             self._since = 0
             while self.recorder.backlog > BACKLOG_LIMIT:
                 time.sleep(DISK_POLL_SECONDS)
@@ -97,6 +108,6 @@ def open_log(engine: Engine, robot: pfd.Robot) -> RunLog | None:
         Topic(names[role], CHANNELS[role].type, qos_text(1), CHANNELS[role].vital)
         for role in roles
     ]
-    head = provenance.file_head(settings, robot, names, TimeBase())
+    head = provenance.file_head(settings, robot, names, provenance.time_base(settings))
     recorder = LogRecorder(Path(settings.recording), topics, head, lambda line: None)
     return RunLog(engine, recorder, roles)

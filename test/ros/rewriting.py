@@ -32,6 +32,7 @@ class Sent:
     sequence: int
     log_ns: int
     data: bytes
+    published_ns: int | None = None
 
 
 @dataclass
@@ -102,7 +103,8 @@ class Recording:
                 schema = writer.register_schema(kind.schema, kind.schema_encoding, b'')
                 ids[kind.topic] = writer.register_channel(kind.topic, kind.encoding, schema)
             for m in self.messages:
-                writer.add_message(ids[m.topic], m.log_ns, m.data, m.log_ns, m.sequence)
+                published = m.log_ns if m.published_ns is None else m.published_ns
+                writer.add_message(ids[m.topic], m.log_ns, m.data, published, m.sequence)
             for name, values in self.metadata:
                 if name == END and closed:
                     writer.add_metadata(name, values)
@@ -149,7 +151,13 @@ def load(path: Path) -> Recording:
                 )
             elif isinstance(record, Message):
                 found.messages.append(
-                    Sent(topics[record.channel_id], record.sequence, record.log_time, record.data)
+                    Sent(
+                        topics[record.channel_id],
+                        record.sequence,
+                        record.log_time,
+                        record.data,
+                        record.publish_time,
+                    )
                 )
             elif isinstance(record, DataEnd):
                 break

@@ -228,7 +228,7 @@ def test_numbers_go_on_where_32_bits_end(tmp_path: Path) -> None:
     order._last['joint_states'] = (1 << 32) - 2
     later = START_NS + (1 << 33) * 1_000_000
     found = [
-        order.place(Entry('joint_states', later, n & 0xFFFFFFFF, b''))
+        order.place(Entry('joint_states', later, later, n & 0xFFFFFFFF, b''))
         for n in range((1 << 32) - 1, (1 << 32) + 2)
     ]
     assert [event.number for event in found] == [(1 << 32) - 1, 1 << 32, (1 << 32) + 1]

@@ -42,6 +42,7 @@ from pfd_ros.arm.events import (
     COMMANDS,
     DROPPED_STATES,
     STATES,
+    TF,
     Arrival,
     Event,
     Output,
@@ -50,6 +51,7 @@ from pfd_ros.arm.events import (
     ValidationRow,
     Verdict,
 )
+from pfd_ros.arm.link_frames import LinkFrames
 from pfd_ros.arm.outputs import extra_outputs
 from pfd_ros.arm.pace import Pace, needs_event
 from pfd_ros.arm.sensors import Sensors
@@ -83,6 +85,8 @@ class Engine:
         From `load_robot` or out of a recording.
     rows
         Whether `take` encodes validation rows, which only recordings hold.
+    frames
+        The frames of the links, which only recordings hold; None for none.
 
     Attributes
     ----------
@@ -90,6 +94,8 @@ class Engine:
         The simulated arm, which holds the state.
     publish_every
         Cycles from one state to the next.
+    frames
+        As given.
 
     Raises
     ------
@@ -97,9 +103,17 @@ class Engine:
         If the settings do not go with the robot.
     """
 
-    def __init__(self, settings: Settings, robot: pfd.Robot, *, rows: bool = True) -> None:
+    def __init__(
+        self,
+        settings: Settings,
+        robot: pfd.Robot,
+        *,
+        rows: bool = True,
+        frames: LinkFrames | None = None,
+    ) -> None:
         self.arm = Arm(settings, robot)
-        self._rows = rows
+        self._rows, self.frames = rows, frames
+        self._frames_every = 0 if frames is None or TF not in frames.roles else frames.every
         self.publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
         self._step_ns = settings.step_ns
@@ -268,7 +282,7 @@ class Engine:
     def encode_states(self, stamps_ns: NDArray[Any], rows: NDArray[Any]) -> bytes | None:
         """Return the messages of the states of a stretch, one after the other.
 
-        None if cycles have other messages too, but for the clock.
+        None if cycles have other messages too, but for clock ticks and frames.
 
         Parameters
         ----------
@@ -498,7 +512,7 @@ class Engine:
         self.state.cycle = max(self.state.cycle, cycle)
 
     def _add_state_and_tick(self, outputs: list[Output], role: str) -> None:
-        """Add the state of this cycle, the outputs beside it, and the clock tick."""
+        """Add the state of this cycle, the outputs beside it, the clock tick and the frames."""
         arm, cycle = self.arm, self.state.cycle
         if role:
             state = self._encoder.encode(arm.stamp_ns, *self.measured())
@@ -509,6 +523,10 @@ class Engine:
         if self._clock_every and cycle % self._clock_every == 0:
             tick = convert.encode_clock(arm.stamp_ns)
             outputs.append(Output(CLOCK, cycle // self._clock_every, tick))
+        if self._frames_every and cycle % self._frames_every == 0:
+            assert self.frames is not None
+            data = self.frames.encode(arm.stamp_ns, arm.q)
+            outputs.append(Output(TF, cycle // self._frames_every, data))
 
     def _beside_the_state(self, number: int) -> list[Output]:
         messages = [] if self._extra is None else self._extra.messages()

@@ -118,6 +118,13 @@ class Settings(
         'in real time and simulated for one in lockstep, at another factor or by a clock',
         values=('auto', WALL, SIMULATED),
     )
+    recording_tf_rate: float = setting(
+        50.0,
+        'Frames of the links in the recording, /tf, per simulated second, Hz, in whole steps; 0 '
+        'records none',
+        0.0,
+        1e5,
+    )
 
     def __post_init__(self) -> None:
         """Check every value, so that the users of settings need not."""
@@ -215,6 +222,12 @@ class Settings(
     def clock_every(self) -> int:
         """Steps from one `/clock` tick to the next."""
         return self._steps_per('clock_rate', self.clock_rate)
+
+    @property
+    def tf_every(self) -> int:
+        """Steps from one `/tf` of the recording to the next; 0 without any."""
+        steps = self.recording_tf_rate * self.step_size
+        return max(1, round(1.0 / max(steps, SLOWEST_SHARE))) if steps else 0
 
     @property
     def state_delay_steps(self) -> int:

@@ -28,6 +28,9 @@ STRING = 'std_msgs/msg/String'
 POSE = 'geometry_msgs/msg/PoseStamped'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 INERTIA = 'geometry_msgs/msg/InertiaStamped'
+TRANSFORMS = 'tf2_msgs/msg/TFMessage'
+DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
+TRANSITION = 'lifecycle_msgs/msg/TransitionEvent'
 
 NANOSECONDS = 1_000_000_000
 TIME = struct.Struct('<iI')

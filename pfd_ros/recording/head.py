@@ -15,7 +15,7 @@ import re
 from typing import Any
 
 from pfd_ros.arm import settings as settings_file
-from pfd_ros.arm.events import CLOCK, DROPPED_STATES
+from pfd_ros.arm.events import CLOCK, DROPPED_STATES, TF
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import WALL, Settings
@@ -70,7 +70,7 @@ def read_roles(topics: Any) -> dict[str, str]:
 def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
     """Return the settings of a recording with channels of these roles, by topic."""
     # What recordings from before these settings are.
-    values = {'recording_time': WALL, **_table(value, HeadKey.SETTINGS)}
+    values = {'recording_time': WALL, 'recording_tf_rate': 0.0, **_table(value, HeadKey.SETTINGS)}
     settings = settings_file.from_values(values)
     needed = {role for role, channel in CHANNELS.items() if channel.always}
     if not set(roles.values()) >= needed:
@@ -79,6 +79,8 @@ def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
         raise ValueError(
             f'publish_clock is {settings.publish_clock}, its topics are {list(roles)}'
         )
+    if TF in roles.values() and not settings.tf_every:
+        raise ValueError(f'recording_tf_rate is 0, its topics are {list(roles)}')
     chosen = {DROPPED_STATES, *OUTPUTS}
     if chosen & set(roles.values()) != chosen & roles_of(settings):
         raise ValueError(

@@ -172,7 +172,17 @@ class LogRecorder:
                 return
             if simulated_ns is not None:
                 self._simulated_ns = max(0, simulated_ns)
-            log_ns, published_ns = self._times()
+            wall_ns = self._base.now_ns()
+            if self._simulated_ns is None:
+                log_ns = published_ns = wall_ns
+            elif self._base.simulated:
+                log_ns, published_ns = self._simulated_ns, wall_ns
+            else:
+                log_ns, published_ns = wall_ns, self._simulated_ns
+            # Log times increase in file order.
+            if log_ns < self._last_ns:
+                log_ns = self._last_ns
+            self._last_ns = log_ns
             for topic, sequence, data in messages:
                 size = len(data)
                 most, most_bytes = self._capacities[topic]
@@ -185,19 +195,6 @@ class LogRecorder:
                 self._queue.append((topic, log_ns, published_ns, number, data))
                 self._bytes_in += size
                 self._accepted[topic] += 1
-
-    def _times(self) -> tuple[int, int]:
-        """Return log time and publish time of this moment, ns."""
-        wall_ns = self._base.now_ns()
-        if self._simulated_ns is None:
-            log_ns = published_ns = wall_ns
-        elif self._base.simulated:
-            log_ns, published_ns = self._simulated_ns, wall_ns
-        else:
-            log_ns, published_ns = wall_ns, self._simulated_ns
-        # Log times increase in file order.
-        self._last_ns = max(self._last_ns, log_ns)
-        return self._last_ns, published_ns
 
     def close(
         self,

@@ -16,10 +16,13 @@ import hashlib
 
 from pfd_ros.arm.events import (
     CLOCK,
+    DESCRIPTION,
     DROPPED_STATES,
     NUMBERED_AS_STATES,
     STATES,
     TAKEN,
+    TF,
+    TF_STATIC,
     Verdict,
 )
 from pfd_ros.arm.output_settings import OUTPUTS
@@ -35,6 +38,8 @@ from pfd_ros.replay.summary import Summary
 # cycle; those that a flood drops stand in the file long before their rows.
 WAITING_LIMIT = 1 << 16
 WAITING_BYTES = 1 << 26
+# Messages that are computed from the URDF.
+FRAMES = frozenset({TF, TF_STATIC})
 
 
 @dataclass
@@ -74,12 +79,15 @@ class Inspection:
         replay should look for the place first.
     state
         The last state, published or dropped by the sensors, as it was recorded.
+    description
+        The URDF as it was recorded, b'' without one.
     """
 
     summary: Summary
     ending: Ending | None = None
     altered: str = ''
     state: bytes = b''
+    description: bytes = b''
 
 
 def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspection:
@@ -123,7 +131,10 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
         # It may lie before the last chunk, which a cut-off file lacks.
         log.ending if log.complete else None,
         state=newest.data,
+        description=channels.get(DESCRIPTION, _ChannelCount()).data,
     )
+    if not found.description and any(channels[role].found for role in channels.keys() & FRAMES):
+        found.summary.lost[DESCRIPTION] = 1
     _add_failure(found)
     _check_complete(log, found, channels)
     return found
@@ -155,6 +166,9 @@ class _Counts:
         if message.role == STATES:
             self.first_ns = self.first_ns or message.wall_ns
             self.last_ns = message.wall_ns
+
+    def aside(self, message: PlacedMessage) -> None:
+        self._add(message)
 
 
 class _WaitingEvents:
@@ -251,8 +265,9 @@ def _count_states(published: Mapping[str, int]) -> int:
 def _add_lost_ends(summary: Summary, channels: Mapping[str, _ChannelCount]) -> None:
     """Count the messages that the end of a cut-off file lacks."""
     settings = summary.settings
-    for role in channels.keys() & {CLOCK, *OUTPUTS}:
-        every = settings.clock_every if role == CLOCK else settings.publish_every
+    rates = {CLOCK: settings.clock_every, TF: settings.tf_every}
+    for role in channels.keys() & {*rates, *OUTPUTS}:
+        every = rates.get(role, settings.publish_every)
         # The last state may have been cut off from what follows it.
         late = max(0, summary.steps - 1) // every - channels[role].last
         if late > 0:
@@ -270,13 +285,15 @@ def _check_totals(found: Inspection, ending: Ending, published: Mapping[str, int
             f'its end record counts {ending.steps} steps and {ending.states} states, '
             f'of which {states} were recorded or dropped, one in {every} steps'
         )
-    if CLOCK in published:
+    rates = {CLOCK: ('clock ticks', settings.clock_every), TF: ('frames', settings.tf_every)}
+    for role, (noun, each) in rates.items():
+        if role not in published:
+            continue
         first = states * every if ending.failure else last
-        ticks, each = published[CLOCK], settings.clock_every
         # A node that ends when it cannot publish a state has not come to its tick.
-        if not first // each - 1 <= ticks <= last // each:
+        if not first // each - 1 <= published[role] <= last // each:
             raise ValueError(
-                f'its end record counts {ticks} clock ticks, one in {each} of {last} steps'
+                f'its end record counts {published[role]} {noun}, one in {each} of {last} steps'
             )
     for role in published.keys() & OUTPUTS.keys():
         # A node may end between a state and what follows it.

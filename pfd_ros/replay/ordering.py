@@ -5,8 +5,9 @@
 The messages of a channel are numbered from 1; numbers may be missing, if the disk was too slow,
 but never repeat or decrease; states that the sensors dropped are numbered with those they
 published. Within a cycle come the validation rows, of events that overflowed or were validated, a
-new payload, the state, its outputs, the clock tick. No cycle lies further ahead than the
-arm can have reached at the recorded time: a damaged number would otherwise be simulated through.
+new payload, the state, its outputs, the clock tick, the frames of the links. No cycle lies further
+ahead than the arm can have reached at the recorded time: a damaged number would otherwise be
+simulated through.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from pfd_ros.arm.events import (
     STATES,
     TAKEN,
     TAKEN_COLUMNS,
+    TF,
     Arrival,
     Event,
     Overflow,
@@ -34,6 +36,7 @@ from pfd_ros.arm.events import (
 from pfd_ros.arm.settings import SIMULATED, Settings
 from pfd_ros.messages.convert import NANOSECONDS, decode_rows, decode_string, rows_as_written
 from pfd_ros.recording.format import (
+    ASIDE,
     CHANNELS,
     PARAMETERS,
     ROLE_OF_SOURCE,
@@ -62,7 +65,7 @@ class PlacedMessage(NamedTuple):
     lost
         Messages of the channel that are missing right before it.
     cycle
-        The cycle it is an output of; 0 for an input.
+        The cycle it is an output of; 0 for an input, and for what is neither.
     wall_ns
         Time of day when it was recorded, ns.
     data
@@ -129,7 +132,7 @@ class _Order:
     def __init__(self, log: Log) -> None:
         settings = log.settings
         self._every = dict.fromkeys(CHANNELS, settings.publish_every)
-        self._every[CLOCK] = settings.clock_every
+        self._every |= {CLOCK: settings.clock_every, TF: settings.tf_every}
         self._settings, self._rate = settings, 0.0
         self._simulated = settings.log_time == SIMULATED
         self._allow(settings)
@@ -168,7 +171,7 @@ class _Order:
         self._last_ns = entry.log_ns
         number, lost = self._number(entry)
         rows: tuple[ValidationRow, ...] = ()
-        if role in SOURCE_OF_ROLE:
+        if role in SOURCE_OF_ROLE or role in ASIDE:
             cycle = 0
             if role == PARAMETERS:
                 self._allow_change(entry.data)

@@ -26,8 +26,8 @@ from pfd_ros.messages.convert import (
     decode_string,
     encode_clocks,
 )
-from pfd_ros.recording.format import CHANNELS, ROBOT
-from pfd_ros.recording.head import Ending
+from pfd_ros.recording.format import CHANNELS
+from pfd_ros.recording.head import Ending, read_robot
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.differences import difference
 from pfd_ros.replay.inspection import Inspection, inspect
@@ -103,11 +103,7 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
 
 def recorded_robot(log: Log, state: bytes) -> pfd.Robot:
     """Return the robot of a recording; compiling one of other joints could take minutes."""
-    text = log.robot_yaml
-    # A single line would be taken for the name of a robot or a file, and `<` for URDF.
-    if '\n' not in text or text.lstrip().startswith('<'):
-        raise LogError(f'{log.path} has no robot in its attachment {ROBOT!r}')
-    robot = pfd.load_robot(text)
+    robot = read_robot(log.robot_yaml)
     names = decode_joint_state(state).names
     expected = (*robot.joint_names, *log.settings.published_locks)
     if sorted(names) != sorted(expected):

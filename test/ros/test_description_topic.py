@@ -7,29 +7,16 @@ from __future__ import annotations
 import re
 import signal
 
+from description_topic import latched, publish
 import gripper_arm
 import pytest
 from ros_processes import Peer, Processes
-from test_lifecycle import change
+from transitions import change
 
 import pfd_core as pfd
 from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
-
-
-def latched(peer: Peer, topic: str = 'robot_description', durability: str = 'transient_local'):
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-    from std_msgs.msg import String
-
-    profile = QoSProfile(depth=1, durability=DurabilityPolicy[durability.upper()])
-    return peer.node.create_publisher(String, topic, profile)
-
-
-def publish(publisher, text: str) -> None:
-    from std_msgs.msg import String
-
-    publisher.publish(String(data=text))
 
 
 def wait(peer: Peer, seconds: float = 20.0, stopped=lambda: False) -> str:
@@ -38,7 +25,7 @@ def wait(peer: Peer, seconds: float = 20.0, stopped=lambda: False) -> str:
     return wait_for_description(peer.node, seconds, stopped)
 
 
-def test_the_text_of_a_latched_publisher_is_returned(processes: Processes, peer_of) -> None:
+def test_the_description_of_a_latched_publisher_is_returned(processes: Processes, peer_of) -> None:
     one, other = peer_of(processes, 'left'), peer_of(processes, 'left')
     publish(latched(one), '\n <robot/>')
     assert wait(other) == '\n <robot/>'
@@ -53,7 +40,7 @@ def test_the_text_of_a_latched_publisher_is_returned(processes: Processes, peer_
     ],
     ids=['yaml', 'empty', 'large'],
 )
-def test_a_text_that_is_no_urdf_is_refused(
+def test_a_description_that_is_no_urdf_is_rejected(
     processes: Processes, peer_of, text: str, reason: str
 ) -> None:
     one, other = peer_of(processes), peer_of(processes)

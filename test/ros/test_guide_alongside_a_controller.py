@@ -11,13 +11,13 @@ import shlex
 import signal
 from xml.etree import ElementTree
 
+from description_topic import latched, publish
 import gripper_arm
 import numpy as np
 import pytest
 from replicas import ControllerManager, TopicHardware
 from ros_processes import PATIENCE, ROOT, Process, Processes
 from simulating import rows_of
-from test_description_topic import latched, publish
 import yaml
 
 from pfd_ros.arm.events import Verdict
@@ -175,7 +175,7 @@ def test_the_model_comes_from_the_topic(processes: Processes, peer_of) -> None:
 
 
 @pytest.mark.ros
-def test_two_arms_start_beside_each_other(processes: Processes, peer_of) -> None:
+def test_two_arms_start_side_by_side(processes: Processes, peer_of) -> None:
     start(processes, '__ns:=/left', ready=False)
     start(processes, '__ns:=/right')
     left, right = (peer_of(processes, name) for name in ('left', 'right'))

@@ -13,22 +13,13 @@ from mcap.reader import make_reader
 import pytest
 from ros_processes import JOINTS, PATIENCE, Peer, Processes, call, stamp_ns
 from rosbags.typesys import Stores, get_typestore
+from transitions import change
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 WAITS = ('-p', 'autostart:=false')
-
-
-def change(peer: Peer, label: str) -> bool:
-    """Ask for a transition and return whether it succeeded."""
-    from lifecycle_msgs.msg import Transition
-    from lifecycle_msgs.srv import ChangeState
-
-    return bool(
-        call(peer, ChangeState, 'change_state', transition=Transition(label=label)).success
-    )
 
 
 def change_by_number(peer: Peer, number: int) -> bool:
@@ -172,7 +163,9 @@ def test_shutdown_ends_the_process_with_a_closed_file(processes: Processes, peer
     assert read(processes.folder / 'arm.mcap', verify=True).complete
 
 
-def test_a_fault_in_a_transition_is_told_and_the_node_lives(processes: Processes, peer_of) -> None:
+def test_a_fault_in_a_transition_is_logged_and_the_node_continues(
+    processes: Processes, peer_of
+) -> None:
     node = processes.faulty('configuring_fails', *WAITS, ready=False)
     node.wait_for_text('waiting for lifecycle transitions')
     peer = peer_of(processes)

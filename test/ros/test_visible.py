@@ -8,6 +8,7 @@ Files are read by the reader of MCAP and by rosbags; Pinocchio gives the expecte
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+import dataclasses
 import json
 from pathlib import Path
 import re
@@ -23,8 +24,11 @@ from rewriting import Recording, load
 from ros_processes import example_robot
 from rosbags.typesys import Stores, get_typestore
 
+import pfd_core as pfd
 from pfd_ros.messages import definitions
 from pfd_ros.messages.convert import TRANSFORMS
+from pfd_ros.recording.format import HEAD
+from pfd_ros.recording.reader import LogError
 from pfd_ros.replay.verify import DifferenceError, read
 from pfd_ros.testing.lockstep_arm import LockstepArm
 
@@ -207,6 +211,25 @@ def test_a_rate_that_divides_no_steps_is_rounded(tmp_path: Path) -> None:
     times = [time for topic, time, _ in messages(path) if topic == TF]
     assert set(np.diff(times).tolist()) == {7 * 3_000_000}
     assert not read(path, verify=True).absent
+
+
+def test_an_arm_that_is_not_recorded_computes_no_frames() -> None:
+    assert LockstepArm('planar2').engine.frames is None
+
+
+def test_frames_in_a_recording_whose_settings_have_none_are_refused(tmp_path: Path) -> None:
+    made = load(recorded(tmp_path / 'a.mcap', 'planar2'))
+    made.edit(HEAD, 'settings', lambda settings: settings.update(recording_tf_rate=0.0))
+    with pytest.raises(LogError, match='recording_tf_rate is 0'):
+        read(made.save(tmp_path / 'b.mcap', closed=False), verify=True)
+
+
+def test_a_robot_that_no_urdf_can_hold_is_recorded_without_frames(tmp_path: Path) -> None:
+    # XML has no control characters.
+    robot = dataclasses.replace(pfd.load_robot('planar2'), name='a\x01b')
+    with pytest.warns(UserWarning, match='no robot_description and no /tf'):
+        path = recorded(tmp_path / 'a.mcap', robot)
+    assert {topic for topic, _, _ in messages(path)} == {STATES}
 
 
 def altered(path: Path, topic: str, place: int) -> Recording:

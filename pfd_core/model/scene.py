@@ -3,8 +3,8 @@
 """
 Scene: the effects that act on a robot, each checked by itself.
 
-A scene fits any robot with as many joints as its arrays have; `scene_numbers.resolve` combines
-both into a Plant. The default is rigid links and gravity, nothing else.
+A scene fits any robot with as many joints as its arrays have; `pfd_core.model.plant.resolve`
+combines both into a Plant. The default is rigid links and gravity, nothing else.
 
 The fields belong to the records in `pfd_core.model.effects`, which check them. They are
 declared here as well, so that editors and type checkers know the arguments of Scene.
@@ -12,7 +12,8 @@ declared here as well, so that editors and type checkers know the arguments of S
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, fields, replace
 import hashlib
 from os import PathLike
 from pathlib import Path
@@ -21,11 +22,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.effects import FIELDS, NEEDS
+from pfd_core.model.checked_numbers import choice, number_from_text
+from pfd_core.model.effects import EFFECTS, FIELDS, NAMED, NEEDS
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot_changes import Payload
-from pfd_core.model.scene_checks import INPUT
-from pfd_core.model.yaml_reader import yaml_text
+from pfd_core.model.scene_checks import ESTIMATED, INPUT, MODEL
+from pfd_core.model.yaml_reader import read_yaml, table, yaml_text
+
+WORDS: dict[str, Any] = {
+    'null': None,
+    'true': True,
+    'True': True,
+    'false': False,
+    'False': False,
+    **{word: word for word in (MODEL, ESTIMATED, INPUT)},
+}
 
 
 @dataclass(frozen=True)
@@ -130,6 +141,28 @@ class Scene:
         # The fields are None, bool, str, tuples of floats and a scene, whose repr is exact.
         return hashlib.sha256(repr(self).encode()).hexdigest()
 
+    def without(self, names: Collection[str]) -> Scene:
+        """
+        Return the scene without effects of EFFECTS by name, and without those that need them.
+
+        Raises
+        ------
+        ValueError
+            If a name is that of no effect.
+
+        """
+        if not isinstance(names, (set, frozenset, tuple, list)):
+            raise ValueError(f'names must be a set of names of effects, got {quote(names)}')
+        for name in names:
+            choice('names', name, NAMED)
+        changes: dict[str, Any] = {
+            field.name: field.off
+            for effect in EFFECTS
+            if not _with_needed(effect.name).isdisjoint(names)
+            for field in effect.fields
+        }
+        return replace(self, **changes)
+
     def save(self, path: str | PathLike[str]) -> None:
         """Write the scene to a YAML file, which `load_scene` reads as an equal scene."""
         if not isinstance(path, (str, PathLike)):
@@ -142,6 +175,12 @@ def scene_to_yaml(scene: Scene) -> str:
     if not isinstance(scene, Scene):
         raise ValueError(f'scene must be a Scene, got {quote(scene)}')
     return yaml_text(_document(scene))
+
+
+def _with_needed(name: str) -> set[str]:
+    """Return the names of an effect and of the effects that it needs."""
+    needed = NAMED[name].needs
+    return {name} | (_with_needed(needed) if needed else set())
 
 
 def _compensation(value: Any) -> bool | Scene:
@@ -184,3 +223,51 @@ def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_plain(item) for item in value]
     return _document(value) if isinstance(value, (Scene, Payload)) else value
+
+
+def scene_from_yaml(text: str, source: str) -> Scene:
+    """
+    Return the scene of a YAML string.
+
+    Parameters
+    ----------
+    text : str
+        A table of the fields of Scene. `null` is None, `true` and `false` are truth values,
+        `model` is the robot's own, all else numbers and lists of numbers; `payload` is `input` or
+        a table of the fields of Payload, and `gravity_compensation` may be a table of a scene.
+    source : str
+        Origin of the YAML, for errors.
+
+    Raises
+    ------
+    ValueError
+        If it is no YAML, a key is unknown or duplicate, or Scene rejects a value.
+
+    """
+    document = read_yaml(text, source)
+    try:
+        return _scene_of('the scene', document)
+    except ValueError as error:
+        raise ValueError(f'{quote(source)}: {error}') from error
+
+
+def _scene_of(label: str, value: Any) -> Scene:
+    given: dict[str, Any] = {}
+    for key, item in table(label, value, (), tuple(item.name for item in fields(Scene))).items():
+        if key == 'payload' and isinstance(item, Mapping):
+            body = table(key, item, ('mass',), ('center', 'inertia'))
+            given[key] = Payload(**{k: _value(f'payload {k}', x) for k, x in body.items()})
+        elif key == 'gravity_compensation' and isinstance(item, Mapping):
+            given[key] = _scene_of(key, item)
+        else:
+            given[key] = _value(key, item)
+    return Scene(**given)
+
+
+def _value(key: str, item: Any) -> Any:
+    """Return a string as a number or a keyword's value; also each element of a list."""
+    if isinstance(item, list):
+        return [_value(key, entry) for entry in item]
+    if not isinstance(item, str):
+        raise ValueError(f'{key} must be a number, a list or a word, got a table')
+    return WORDS[item] if item in WORDS else number_from_text(key, item, infinite=True)

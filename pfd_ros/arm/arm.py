@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
+import hashlib
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,7 +37,14 @@ LATEST_NS = (2**31 - 86_400) * NANOSECONDS
 # Settings that may differ between the run that saved a state and the run that continues from it:
 # simulated time is a part of the state, and a recording is of one run.
 PER_RUN = frozenset(
-    {'start_time', 'real_time_factor', 'recording', 'recording_time', 'recording_tf_rate'}
+    {
+        'start_time',
+        'real_time_factor',
+        'recording',
+        'recording_time',
+        'recording_tf_rate',
+        'recording_state_period',
+    }
 )
 
 
@@ -249,6 +257,14 @@ class Arm:
     def scene(self) -> pfd.Scene:
         """The effects that act on the robot, with its payload."""
         return self.plant.scene
+
+    @property
+    def program(self) -> str:
+        """Digest of the compiled program of the plant and its outputs, the same everywhere."""
+        compiled = self.plant.compiled
+        kernels = (f'{name} {code.code_digest}' for name, code in compiled.kernels.items())
+        lines = [compiled.simulator.code_digest, *kernels]
+        return hashlib.sha256('\n'.join(lines).encode()).hexdigest()
 
     @property
     def kernels(self) -> Mapping[str, Any]:

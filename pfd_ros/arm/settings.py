@@ -39,6 +39,8 @@ TIME_OF_DAY = -1.0
 
 # Values of `recording_time`.
 WALL, SIMULATED = 'wall', 'simulated'
+# Settings that some recordings are older than, and what these recordings have instead.
+ABSENT = {'recording_time': WALL, 'recording_tf_rate': 0.0}
 # Names of `position_sums`, and whether the simulator then compensates; None leaves it to it.
 POSITION_SUMS = {'auto': None, 'plain': False, 'compensated': True}
 
@@ -124,6 +126,13 @@ class Settings(
         'records none',
         0.0,
         1e5,
+    )
+    recording_state_period: float = setting(
+        5.0,
+        'Simulated time between two recorded states of the whole arm, from which a replay can '
+        'start, s; 0 records none',
+        0.0,
+        1e6,
     )
 
     def __post_init__(self) -> None:
@@ -230,6 +239,12 @@ class Settings(
         return max(1, round(1.0 / max(steps, SLOWEST_SHARE))) if steps else 0
 
     @property
+    def save_every(self) -> int:
+        """Steps from one recorded state of the whole arm to the next; 0 is never."""
+        period = self.recording_state_period
+        return max(1, round(period / self.step_size)) if period else 0
+
+    @property
     def state_delay_steps(self) -> int:
         """Steps by which measured states are late."""
         return self._whole_steps('delay.state', self.delay_state)
@@ -296,3 +311,14 @@ def from_values(values: Mapping[str, Any]) -> Settings:
             f'unknown settings {listed(sorted(unknown))}; the file is from another version of pfd'
         )
     return Settings(**{name: typed(name, value, kinds[name]) for name, value in values.items()})
+
+
+def to_recorded(settings: Settings) -> dict[str, Any]:
+    """Return the values of settings by name, but for those that `from_recorded` adds."""
+    values = {f.name: getattr(settings, f.name) for f in dataclasses.fields(settings)}
+    return {k: v for k, v in values.items() if k not in ABSENT or v != ABSENT[k]}
+
+
+def from_recorded(values: Mapping[str, Any]) -> Settings:
+    """Return settings from a recording, perhaps an older one; as `from_values`."""
+    return from_values({**ABSENT, **values})

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 import pfd_core as pfd
 from pfd_ros.arm.actuator_command import ActuatorCommand
 from pfd_ros.arm.effects import StateChange
-from pfd_ros.arm.settings import Settings, from_values
+from pfd_ros.arm.settings import Settings, from_recorded, to_recorded
 
 # The beginning of the bytes of a state; the digest of the rest follows.
 MAGIC = b'pfd_ros arm state 1\n'
@@ -229,6 +229,13 @@ class ArmState:
 
     __hash__ = None  # type: ignore[assignment]
 
+    def difference(self, other: ArmState) -> str:
+        """Return the name of the first value with other bits, '' if there is none."""
+        ours, theirs = _tree(self)['ArmState'], _tree(other)['ArmState']
+        names = (each.name for each in fields(self))
+        pairs = zip(names, ours, theirs, strict=True)
+        return next((name for name, one, two in pairs if one != two), '')
+
     def to_bytes(self) -> bytes:
         """Return the state as bytes: the same for equal states, on every machine."""
         data = json.dumps(_tree(self), separators=(',', ':')).encode()
@@ -273,7 +280,7 @@ def _tree(value: Any) -> Any:
     if isinstance(value, pfd.SimulationState):
         return {'simulation': [_tree(dict(value.arrays)), value.start, value.steps, value.status]}
     if isinstance(value, Settings):
-        return {'settings': {f.name: _tree(getattr(value, f.name)) for f in fields(value)}}
+        return {'settings': {name: _tree(entry) for name, entry in to_recorded(value).items()}}
     if isinstance(value, dict):
         return {'table': {name: _tree(entry) for name, entry in value.items()}}
     if is_dataclass(value) or hasattr(value, '_fields'):
@@ -310,7 +317,7 @@ def _record(tree: Any) -> Any:
         buffer.start, buffer.steps, buffer.status = start, steps, status
         return buffer
     if kind == 'settings':
-        return from_values({name: _record(value) for name, value in content.items()})
+        return from_recorded({name: _record(value) for name, value in content.items()})
     if kind == 'table':
         return {name: _record(value) for name, value in content.items()}
     if kind == 'tuple':

@@ -15,7 +15,15 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import DESCRIPTION, DROPPED_STATES, TAKEN, TF, TF_STATIC, Output
+from pfd_ros.arm.events import (
+    ARM_STATE,
+    DESCRIPTION,
+    DROPPED_STATES,
+    TAKEN,
+    TF,
+    TF_STATIC,
+    Output,
+)
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.messages.qos import qos_text
 from pfd_ros.node.endpoints import Endpoints
@@ -32,12 +40,14 @@ if TYPE_CHECKING:
     from pfd_ros.recording.recorder import LogRecorder
 
 # Channels without an endpoint of the arm: validation rows, requests of services, changed
-# parameters, states dropped by the sensors, what viewers need, and messages of the node itself.
+# parameters, states dropped by the sensors, the state of the whole arm, what viewers need, and
+# messages of the node itself.
 OWN_TOPICS = {
     TAKEN: '~/applied_commands',
     REQUESTS: '~/requests',
     PARAMETERS: '~/parameter_changes',
     DROPPED_STATES: '~/dropped_states',
+    ARM_STATE: '~/arm_state',
     DESCRIPTION: 'robot_description',
     TF_STATIC: '/tf_static',
     TF: '/tf',
@@ -146,7 +156,7 @@ def open_session(node: Node, engine: Engine, endpoints: Endpoints) -> LogSession
         role: Topic(end.topic_name, CHANNELS[role].type, qos_of(end.qos_profile))
         for role, end in ends.items()
     }
-    absent = {DROPPED_STATES, DESCRIPTION, TF_STATIC, TF} - roles_of(settings)
+    absent = {DROPPED_STATES, ARM_STATE, DESCRIPTION, TF_STATIC, TF} - roles_of(settings)
     absent -= frozenset() if frames is None else frames.roles
     for role, topic in OWN_TOPICS.items():
         if role in absent:
@@ -158,7 +168,7 @@ def open_session(node: Node, engine: Engine, endpoints: Endpoints) -> LogSession
     topics = [replace(channels[role], vital=CHANNELS[role].vital) for role in roles]
     names = {role: channels[role].name for role in roles}
     base = provenance.time_base(settings)
-    head = provenance.file_head(settings, engine.arm.robot, names, base)
+    head = provenance.file_head(settings, engine.arm.robot, names, base, engine.arm.program)
     error = node.get_logger().error
     session = LogSession(LogRecorder(Path(settings.recording), topics, head, error), roles)
     if frames is not None:

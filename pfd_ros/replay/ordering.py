@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 from pfd_ros.arm.changes import read_changes
 from pfd_ros.arm.events import (
+    ARM_STATE,
     CLOCK,
     NUMBERED_AS_STATES,
     PAYLOAD_IN_USE,
@@ -49,6 +50,8 @@ from pfd_ros.recording.reader import Entry, Log
 FASTEST = 1e6
 # By how much the arm may be ahead of its schedule, s: it makes up for delays of 0.05 s.
 AHEAD = 1.0
+# Inputs that a replay keeps: twice those that an inspection lets wait, see inspection.py.
+MOST_KEPT, MOST_BYTES = 1 << 17, 1 << 27
 # Order of the outputs within a cycle; only validation rows may be several messages.
 _RANKS = {role: rank for rank, role in enumerate(CHANNELS)}
 
@@ -72,15 +75,19 @@ class PlacedMessage(NamedTuple):
         The message.
     rows
         The validation rows in it.
+    published_ns
+        Its publish time, ns.
     """
 
     role: str
     number: int
     lost: int
     cycle: int
-    wall_ns: int
+    log_ns: int
     data: bytes
     rows: tuple[ValidationRow, ...] = ()
+    published_ns: int = 0
+    wall_ns: int = 0
 
 
 @dataclass
@@ -88,9 +95,15 @@ class Inbox:
     """The inputs of a recording that no validation row has taken yet."""
 
     _payloads: dict[tuple[Source, int], bytes] = field(default_factory=dict)
+    _bytes: int = 0
 
     def put(self, message: PlacedMessage) -> None:
         """Keep an input."""
+        self._bytes += len(message.data)
+        if len(self._payloads) > MOST_KEPT or self._bytes > MOST_BYTES:
+            # An inspection has found that their rows are missing.
+            self._payloads.clear()
+            self._bytes = len(message.data)
         self._payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
 
     def payload(self, row: ValidationRow) -> bytes:
@@ -101,6 +114,7 @@ class Inbox:
         """Return the events that the rows of a message are about, and forget them."""
         rows = message.rows
         payloads = [self._payloads.pop((row.source, row.sequence), b'') for row in rows]
+        self._bytes -= sum(map(len, payloads))
         if rows[0].verdict is Verdict.OVERFLOWED:
             return [Overflow(rows[0].source, [row.sequence for row in rows])]
         return [
@@ -133,6 +147,7 @@ class _Order:
         settings = log.settings
         self._every = dict.fromkeys(CHANNELS, settings.publish_every)
         self._every |= {CLOCK: settings.clock_every, TF: settings.tf_every}
+        self._every[ARM_STATE] = settings.save_every
         self._settings, self._rate = settings, 0.0
         self._simulated = settings.log_time == SIMULATED
         self._allow(settings)
@@ -187,8 +202,8 @@ class _Order:
         else:
             cycle = number * self._every[role]
             self._follow(entry, cycle)
-        wall_ns = entry.published_ns if self._simulated else entry.log_ns
-        return PlacedMessage(role, number, lost, cycle, wall_ns, entry.data, rows)
+        times = entry.published_ns, entry.published_ns if self._simulated else entry.log_ns
+        return PlacedMessage(role, number, lost, cycle, entry.log_ns, entry.data, rows, *times)
 
     def _number(self, entry: Entry) -> tuple[int, int]:
         """Return the number of a message and how many are missing before it."""
@@ -237,7 +252,7 @@ def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
         # Bytes that are no message have a separate error.
         decode_rows(entry.data, len(TAKEN_COLUMNS))
         raise ValueError(f'taken {entry.sequence} is not as the node writes it')
-    for _, source, _, verdict in decoded:
+    for _, source, _, verdict, _ in decoded:
         if source not in ROLE_OF_SOURCE or verdict not in Verdict._value2member_map_:
             raise ValueError(
                 f'taken {entry.sequence} names source {source} and verdict {verdict}, '
@@ -248,4 +263,4 @@ def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
         raise ValueError(f'taken {entry.sequence} names steps {sorted(cycles)[:5]}, expected one')
     if len({row[3] == Verdict.OVERFLOWED for row in decoded}) > 1:
         raise ValueError(f'taken {entry.sequence} mixes commands validated and overflowed')
-    return tuple(ValidationRow(c, Source(s), n, Verdict(v)) for c, s, n, v in decoded)
+    return tuple(ValidationRow(c, Source(s), n, Verdict(v), d) for c, s, n, v, d in decoded)

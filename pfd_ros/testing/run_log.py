@@ -113,7 +113,8 @@ def open_log(engine: Engine) -> RunLog | None:
     topics = [
         Topic(names[role], CHANNELS[role].type, _qos(role), CHANNELS[role].vital) for role in roles
     ]
-    head = provenance.file_head(settings, engine.arm.robot, names, provenance.time_base(settings))
+    base = provenance.time_base(settings)
+    head = provenance.file_head(settings, engine.arm.robot, names, base, engine.arm.program)
     recorder = LogRecorder(Path(settings.recording), topics, head, lambda line: None)
     log = RunLog(engine, recorder, roles)
     if frames is not None:

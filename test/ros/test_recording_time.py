@@ -19,10 +19,10 @@ from simulating import efforts, simulate
 from pfd_ros import read_log
 from pfd_ros.arm.settings import Settings
 from pfd_ros.cli.main import main
+from pfd_ros.cli.recorded_motion import read_motion
 from pfd_ros.messages.convert import decode_joint_state
 from pfd_ros.recording.format import HEAD
 from pfd_ros.recording.reader import LogError
-from pfd_ros.replay.motion import read_motion
 from pfd_ros.replay.verify import read
 from pfd_ros.testing.lockstep_arm import LockstepArm
 
@@ -158,4 +158,5 @@ def test_a_file_without_publish_times_verifies(tmp_path: Path) -> None:
     made = simulate(5000, {3: [efforts(1.0, -1.0)]}, real_time_factor=0.0, publish_rate=100.0)
     for message in made.messages:
         message.published_ns = message.log_ns
+    made.recount()
     assert not read(made.save(tmp_path / 'a.mcap'), verify=True).absent

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 import sys
 
-from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Verdict
+from pfd_ros.arm.events import CLOCK, STATES, TAKEN, TF, Verdict
 from pfd_ros.cli import replay_publish
 from pfd_ros.recording.provenance import versions
 from pfd_ros.replay.summary import Summary
@@ -23,7 +23,7 @@ INCOMPLETE = 3
 # Software whose versions may change the bits.
 DECISIVE = ('pfd', 'numpy', 'llvmlite')
 # Nouns for the messages of some roles.
-NOUNS = {STATES: 'states', CLOCK: 'clock ticks', TAKEN: 'rows of applied commands'}
+NOUNS = {STATES: 'states', CLOCK: 'clock ticks', TAKEN: 'rows of applied commands', TF: 'frames'}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Playback: the messages of a recording, by kind, for an engine or for a count.
 
-A message is an input, validation rows that say which cycle took inputs, or another output. This is
-the only place that distinguishes them.
+A message is an input, validation rows that say which cycle took inputs, another output, or none of
+these, such as the robot's URDF. This is the only place that distinguishes them.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ from numpy.typing import NDArray
 
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import CLOCK, COMMANDS, STATES, TAKEN, Source, Verdict
+from pfd_ros.arm.events import CLOCK, COMMANDS, STATES, TAKEN, TF, Source, Verdict
 from pfd_ros.messages.convert import decode_efforts, decode_joint_state, decode_named_efforts
-from pfd_ros.recording.format import SOURCE_OF_ROLE
+from pfd_ros.recording.format import ASIDE, SOURCE_OF_ROLE
 from pfd_ros.recording.reader import Log
 from pfd_ros.replay.ordering import Inbox, PlacedMessage, placed_messages
 
 # Messages from one report of progress to the next.
 PROGRESS_MESSAGES = 1000
 # Outputs of cycles that run in one native call, and how many messages are collected for a call.
-IN_STRETCHES = frozenset({STATES, CLOCK})
+IN_STRETCHES = frozenset({STATES, CLOCK, TF})
 FEWEST_COLLECTED, MOST_COLLECTED = 48, 12_288
 
 
@@ -44,7 +44,10 @@ class Follower(Protocol):
         """Follow validation rows."""
 
     def output(self, message: PlacedMessage) -> None:
-        """Follow another output."""
+        """Follow another output of a cycle."""
+
+    def aside(self, message: PlacedMessage) -> None:
+        """Follow a message that is neither input nor output of a cycle."""
 
 
 def follow(log: Log, follower: Follower, progress: Callable[[float], None] | None = None) -> None:
@@ -62,6 +65,8 @@ def follow(log: Log, follower: Follower, progress: Callable[[float], None] | Non
             follower.put(message)
         elif message.role == TAKEN:
             follower.take(message)
+        elif message.role in ASIDE:
+            follower.aside(message)
         else:
             follower.output(message)
         if progress is not None and count % PROGRESS_MESSAGES == 0:
@@ -80,7 +85,7 @@ class Stretch(NamedTuple):
     rows
         q, qd and the efforts that acted, (k, 3, n), model order.
     messages
-        The recorded states and clock ticks.
+        The recorded states, clock ticks and frames.
     """
 
     first: int
@@ -209,6 +214,10 @@ class Playback(ABC):
         for message in taken:
             self.inbox.take(message)
         return True
+
+    @abstractmethod
+    def aside(self, message: PlacedMessage) -> None:
+        """Follow a message that is neither input nor output of a cycle."""
 
     def run_to(self, cycle: int) -> None:
         """Run the cycles up to this one."""

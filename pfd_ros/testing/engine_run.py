@@ -121,8 +121,7 @@ class EngineRun:
     def _put(self, outputs: Sequence[Output]) -> None:
         self._outputs += outputs
         if self.log is not None:
-            for output in outputs:
-                self.log.record(*output)
+            self.log.record_all(outputs)
 
     def _check(self) -> None:
         if self.engine.arm.failure:

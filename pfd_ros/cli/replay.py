@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd replay`: print the summary of a recording, or verify it bit for bit."""
+"""`pfd replay`: print the summary of a recording, verify it bit for bit, or change something."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from pathlib import Path
 import sys
 
 from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Verdict
+from pfd_ros.cli import what_if
 from pfd_ros.recording.provenance import versions
 from pfd_ros.replay.summary import Summary
 from pfd_ros.replay.verify import read
 from pfd_ros.text import one_line
 
-HELP = 'summary of a recording, or its verification bit for bit'
+HELP = 'summary of a recording, its verification bit for bit, or its inputs into a changed arm'
 # Exit status of --verify for an incomplete recording whose recorded part is equal.
 INCOMPLETE = 3
 # Software whose versions may change the bits.
@@ -27,14 +28,22 @@ NOUNS = {STATES: 'states', CLOCK: 'clock ticks', TAKEN: 'rows of applied command
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the recording and the check."""
     parser.add_argument('log', type=Path, metavar='LOG.mcap')
-    parser.add_argument(
+    mode = parser.add_mutually_exclusive_group()
+    mode.add_argument(
         '--verify', action='store_true', help='simulate it again; fail at the first differing bit'
+    )
+    mode.add_argument(
+        '--what-if',
+        nargs='*',
+        metavar='KEY=VALUE',
+        help='simulate its inputs with other parameters of the node, and compare',
     )
     parser.add_argument(
         '--allow-incomplete',
         action='store_true',
         help=f'with --verify: status 0, not {INCOMPLETE}, for a log that is equal and not whole',
     )
+    what_if.add_arguments(parser)
 
 
 def run(given: argparse.Namespace) -> int:
@@ -50,6 +59,11 @@ def run(given: argparse.Namespace) -> int:
     OSError
         If it cannot be read.
     """
+    if given.what_if is not None:
+        return what_if.run(given, progress_on(sys.stderr))
+    alone = what_if.given_without(given)
+    if alone:
+        raise ValueError(f'{alone} goes with --what-if')
     summary = read(given.log, verify=given.verify, progress=progress_on(sys.stderr))
     for line in describe(summary):
         print(line)

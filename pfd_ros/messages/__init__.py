@@ -5,6 +5,7 @@
     cdr            the wire format, one value at a time
     convert        fields of each message that the node reads or writes; names of the types
     stamped        messages of a header and a fixed count of numbers: pose, wrench, inertia
+    command_bytes  bytes of commands without names, and of states to set
     columns        fields of many messages as arrays, by the definition of their type
     definitions    text and hash of a message type, from where ROS installed them
     qos            QoS profiles as rosbag2 writes them

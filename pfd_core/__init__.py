@@ -20,7 +20,8 @@ To change or add
     rotor inertia           model.urdf_reader and model.yaml_robot read it
     a method                a module of algorithms, a row of algorithms.programs.FORWARD, and a
                             name in SERIAL or ITERATIVE if it is one of these
-    an integrator           simulation.integrators.TABLE, with friction also contact.schemes
+    an integrator           simulation.integrators.TABLE; for friction and stops
+                            also simulation.simulation.SCHEMES
     sine and cosine         kernels.passes.sincos
     threads of batches      kernels.runtime.threads
     a column of a report    the record and the pages that report lists

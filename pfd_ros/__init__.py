@@ -16,7 +16,18 @@ Subpackages in the order of data flow; each imports only from those above it:
 
 `pfd_ros.read_log` returns the messages of a recording, or of any bag, as arrays.
 
-Only `node`, `testing` and `demo` import rclpy. For a new input or output of the arm see `arm`.
+Only `node`, `testing` and `demo` import rclpy.
+
+To change or add
+
+    an input                arm.events.Source, a rule in arm.validation, rows in node.endpoints and
+                            recording.format.CHANNELS
+    an output               arm.output_settings.OUTPUTS and arm.outputs
+    a parameter             a field of arm.*_settings, a line of config/sim_arm.yaml
+    NaN in a command        arm.commands
+    log lines, diagnostics  node.reporting, node.diagnostics
+    metadata of recordings  recording.format.HeadKey and EndKey, recording.provenance
+    a `pfd` command         a module of cli, a name in cli.main.COMMANDS
 """
 
 from __future__ import annotations

@@ -53,15 +53,18 @@ def test_no_wrong_answer_of_a_thousand_is_accepted(name: str, method: str) -> No
 
 
 @pytest.mark.parametrize('method', ITERATIVE)
-def test_emulation_and_kernel_refuse_the_same_states(method: str) -> None:
+def test_a_wrong_answer_of_an_emulation_is_not_accepted(method: str) -> None:
     robot, scene = pfd.load_robot('panda'), pfd.Scene(payload=HEAVY)
-    q, qd, tau = states(robot, 12)
-    kernel = pfd.compile_kernel(robot, method=method, scene=scene, dtype='float32')
-    answers = kernel(q, qd, tau)
-    for *state, answer in zip(q, qd, tau, answers, strict=True):
+    oracle = Oracle(pfd.with_payload(robot, HEAVY))
+    found = set()
+    for state in zip(*states(robot, 40), strict=True):
         run = pfd.emulate(robot, *state, method=method, scene=scene, dtype='float32')
-        assert (run.status == 'ok') == np.isfinite(answer).all()
-        assert run.status in ('ok', 'not_converged')
+        found.add(run.status)
+        if run.status == 'ok':
+            wanted = oracle.qdd(*state)
+            assert np.abs(run.qdd - wanted).max() <= ACCEPTED * np.abs(wanted).max()
+    # Of 200 states a kernel accepts more than half and refuses some.
+    assert found == {'ok', 'not_converged'}
 
 
 @pytest.mark.parametrize('dtype', ['float32', 'float64'])

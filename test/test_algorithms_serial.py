@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 from oracle import WRENCH, error
 import pytest
+from serial_methods import METHODS
 from zoo import (
     Array,
     quarter_turns,
@@ -34,8 +35,6 @@ from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Scene, resolve, with_inertia
 from pfd_core.model.geometry import rotation_x, rotation_z
 
-METHODS = (*(f'walker_orin_{k}' for k in range(1, 5)), 'articulated_body')
-DIRECT = tuple(method for method in METHODS if method != 'walker_orin_4')
 EVERYTHING = Scene(external_wrench=True, damping='model', armature='model')
 
 # Three planar rotations of a matrix that is orthonormal to some 1e-16.

@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 from oracle import WRENCH
 import pytest
-from test_algorithms_serial import DIRECT, METHODS
+from serial_methods import DIRECT, METHODS
 from zoo import random_chain
 
 from pfd_core.algorithms.programs import FORWARD

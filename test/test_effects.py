@@ -19,10 +19,10 @@ from types import SimpleNamespace
 from typing import Any
 
 from effect_cases import everything, example, scene_with
+from exact_steps import exact
 from mpmath import mp
 import numpy as np
 import pytest
-from test_simulation_linearize import exact
 from tolerances import ACCELERATION, FIFTY_DIGITS
 from zoo import Array, random_chain
 

@@ -42,9 +42,9 @@ import mpmath
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_model_urdf import assert_same_physics, exact_angles, example
 from tolerances import ACCELERATION
-from zoo import BODY, joint, link, random_state, urdf
+from urdf_models import assert_same_physics, exact_angles, example
+from zoo import BODY, WHEEL, joint, link, random_state, urdf
 
 import pfd_core as pfd
 from pfd_core.model import PhysicsWarning, load_robot
@@ -52,10 +52,6 @@ from pfd_core.model import PhysicsWarning, load_robot
 UR5 = 'ur_description/urdf/ur5_robot.urdf'
 XARM7 = 'xarm_description/urdf/xarm7.urdf'
 WRIST = "link[@name='wrist_3_link']/inertial"
-# One turning joint that nothing brakes.
-WHEEL = urdf(
-    'wheel', link('base'), link('rim', 1, J=BODY), joint('hub', 'continuous', 'base', 'rim')
-)
 
 
 def edited(name: str, edit: Callable[[ElementTree.Element], object]) -> str:

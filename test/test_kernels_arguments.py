@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from test_kernels_kernel import states
+from zoo import random_states
 
 import pfd_core as pfd
 
@@ -67,7 +67,7 @@ def test_a_missing_wrench_is_asked_for() -> None:
 def test_brakes_are_taken_by_their_name_and_nowhere_else(shape: tuple[int, ...]) -> None:
     # An array in the place of the wrench once went for the mask inside, which is inverted.
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), scene=pfd.Scene(brakes=True))
-    q, qd, tau = (x.reshape(shape) for x in states(2, max(1, int(np.prod(shape[:-1])))))
+    q, qd, tau = (x.reshape(shape) for x in random_states(2, max(1, int(np.prod(shape[:-1])))))
     free = KERNEL(q, qd, tau)
     for mask in (np.zeros(shape), np.ones(shape), np.zeros(shape, bool)):
         with pytest.raises(ValueError, match='wrench was given, but'):

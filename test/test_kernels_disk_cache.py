@@ -11,6 +11,7 @@ from pathlib import Path
 import time
 from typing import Any
 
+from cache_folders import IR, contents
 import pytest
 
 from pfd_core.kernels.runtime import disk_cache as cache
@@ -18,13 +19,6 @@ from pfd_core.kernels.runtime import jit as engine
 from pfd_core.kernels.runtime import json_cache as facts
 
 pwd = pytest.importorskip('pwd', reason='users and modes are those of POSIX')
-ROOT = Path(__file__).resolve().parent.parent
-LIFETIME = 120  # [s] of a child; far above what it takes
-IR = 'define double @f(double %x) {\n  %y = fmul double %x, %x\n  ret double %y\n}'
-
-
-def contents(folder: Path) -> dict[str, bytes]:
-    return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
 def test_no_two_lists_of_texts_share_a_name() -> None:

@@ -13,8 +13,8 @@ import subprocess
 import sys
 from typing import Any
 
+from cache_folders import IR, LIFETIME, ROOT, contents
 import pytest
-from test_kernels_disk_cache import IR, LIFETIME, ROOT, contents
 
 from pfd_core.kernels.runtime import disk_cache as cache
 from pfd_core.kernels.runtime import jit as engine

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from test_kernels_refine import PAYLOAD, ROUNDING, reference, relative_error, rods
+from refined_answers import PAYLOAD, ROUNDING, reference, relative_error, rods
 from zoo import random_chain
 
 import pfd_core as pfd

@@ -13,10 +13,9 @@ import sys
 from typing import Any
 import zipfile
 
+from cache_folders import LIFETIME, ROOT, answers, contents
 import numpy as np
 import pytest
-from test_kernels_disk_cache import LIFETIME, ROOT, contents
-from test_kernels_kept_kernels import answers
 from zoo import random_chain
 
 import pfd_core as pfd

@@ -14,12 +14,12 @@ import subprocess
 import sys
 from typing import Any
 
+from cache_folders import IR, LIFETIME, ROOT, answers, contents
 import llvmlite
 import llvmlite.binding as llvm
 import numpy as np
 import pytest
-from test_kernels_disk_cache import IR, LIFETIME, ROOT, contents
-from zoo import random_chain, random_state
+from zoo import random_chain
 
 import pfd_core as pfd
 from pfd_core.kernels.runtime import disk_cache as cache
@@ -61,14 +61,6 @@ def result(child: subprocess.Popen[str]) -> dict[str, Any]:
     assert child.returncode == 0
     found: dict[str, Any] = json.loads(text)
     return found
-
-
-def answers(kernel: pfd.Kernel) -> bytes:
-    """Return the bits of one state and of a batch."""
-    n = kernel.robot.n
-    q, qd, tau = (np.array(x, kernel.dtype) for x in random_state(np.random.default_rng(3), n))
-    rows = [np.tile(x, (9, 1)) for x in (q, qd, tau)]
-    return kernel(q, qd, tau).tobytes() + kernel(*rows).tobytes()
 
 
 @pytest.mark.parametrize('scene', [pfd.Scene(), pfd.Scene(friction=[0.1, 0.1])])

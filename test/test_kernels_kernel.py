@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from tolerances import DYNAMICS, SINGLE
-from zoo import random_chain, random_state, to_pinocchio
+from zoo import random_chain, random_states, to_pinocchio
 
 import pfd_core as pfd
 from pfd_core.algorithms.programs import ITERATIVE
@@ -27,18 +27,11 @@ AT_REST = 0.1
 BATCHES = (1, 2, 7, 8, 9, 16, 33)
 
 
-def states(n: int, count: int, dtype: str = 'float64', seed: int = 1) -> list[np.ndarray]:
-    """Return positions, velocities and torques, (count, n) each."""
-    rng = np.random.default_rng(seed)
-    rows = [random_state(rng, n) for _ in range(count)]
-    return [np.array([row[k] for row in rows], dtype) for k in range(3)]
-
-
 @pytest.mark.parametrize('dtype', DTYPES)
 @pytest.mark.parametrize('name', ARMS)
 def test_kernel_and_emulator_give_the_same_bits(name: str, dtype: str) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot(name), dtype=dtype)
-    q, qd, tau = states(kernel.robot.n, 33, dtype)
+    q, qd, tau = random_states(kernel.robot.n, 33, dtype)
     emulated = run(kernel.program, {'q': q, 'qd': qd, 'tau': tau}, dtype)['qdd']
     np.testing.assert_array_equal(kernel(q, qd, tau), emulated)
     singles = [kernel(*rows) for rows in zip(q, qd, tau, strict=True)]
@@ -52,7 +45,7 @@ def test_random_chains_give_the_same_bits_with_wrench_and_brakes(dtype: str) -> 
     scene = pfd.Scene(external_wrench=True, brakes=True, damping='model', armature='model')
     for n in (1, 2, 3, 6):
         kernel = pfd.compile_kernel(random_chain(rng, n), scene=scene, dtype=dtype)
-        q, qd, tau = states(n, 5, dtype)
+        q, qd, tau = random_states(n, 5, dtype)
         wrench = rng.normal(size=(5, 6)).astype(dtype)
         brakes = rng.random((5, n)) < 0.3
         inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': 1.0 - brakes}
@@ -65,24 +58,24 @@ def test_random_chains_give_the_same_bits_with_wrench_and_brakes(dtype: str) -> 
 @pytest.mark.parametrize('dtype', DTYPES)
 def test_batch_size_and_memory_order_leave_the_bits_alone(dtype: str) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'), dtype=dtype)
-    whole = kernel(*states(6, 33, dtype))
+    whole = kernel(*random_states(6, 33, dtype))
     for size in BATCHES:
-        arrays = [x[:size] for x in states(6, 33, dtype)]
+        arrays = [x[:size] for x in random_states(6, 33, dtype)]
         np.testing.assert_array_equal(kernel(*arrays), whole[:size])
         fortran = [np.asfortranarray(x) for x in arrays]
         np.testing.assert_array_equal(kernel(*fortran), whole[:size])
         out = np.empty((size, 6), dtype, order='F')
         assert kernel(*fortran, out=out) is out
         np.testing.assert_array_equal(out, whole[:size])
-    strided = [np.repeat(x, 2, axis=0)[::2] for x in states(6, 33, dtype)]
+    strided = [np.repeat(x, 2, axis=0)[::2] for x in random_states(6, 33, dtype)]
     np.testing.assert_array_equal(kernel(*strided), whole)
-    backward = [x[::-1] for x in states(6, 33, dtype)]
+    backward = [x[::-1] for x in random_states(6, 33, dtype)]
     np.testing.assert_array_equal(kernel(*backward), whole[::-1])
 
 
 def test_a_batch_comes_back_in_the_memory_order_of_its_positions() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
-    q, qd, tau = states(6, 20)
+    q, qd, tau = random_states(6, 20)
     assert kernel(q, qd, tau).flags.c_contiguous
     for threads in (1, 2):
         # The second is converted first.
@@ -101,7 +94,7 @@ def test_rows_within_wider_rows_are_read_and_written_and_nothing_beside(
     kernel = pfd.compile_kernel(random_chain(np.random.default_rng(n), n), dtype=dtype)
     wide = [np.full((53, n + 3), np.nan, dtype) for _ in range(4)]
     inside = [array[:, 1 : n + 1] for array in wide]
-    for array, numbers in zip(inside, states(n, 53, dtype), strict=False):
+    for array, numbers in zip(inside, random_states(n, 53, dtype), strict=False):
         array[:] = numbers
     q, qd, tau, out = inside
     wanted = kernel(*(np.asfortranarray(array) for array in (q, qd, tau)))
@@ -117,7 +110,7 @@ def test_an_empty_batch_gives_an_empty_answer() -> None:
 
 def test_one_state_is_broadcast_over_a_batch() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-    q, qd, tau = states(2, 5)
+    q, qd, tau = random_states(2, 5)
     expected = [kernel(row, qd[0], tau[0]) for row in q]
     np.testing.assert_array_equal(kernel(q, qd[0], tau[0]), expected)
 
@@ -125,13 +118,13 @@ def test_one_state_is_broadcast_over_a_batch() -> None:
 def test_the_result_may_take_the_place_of_an_input() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
     for shape in ((), (20,)):
-        q, qd, tau = (x if shape else x[0].copy() for x in states(6, 20))
+        q, qd, tau = (x if shape else x[0].copy() for x in random_states(6, 20))
         expected = kernel(q, qd, tau)
         np.testing.assert_array_equal(kernel(q, qd, tau, out=tau), expected)
         np.testing.assert_array_equal(tau, expected)
     buffer = np.zeros(7)
-    buffer[:6] = states(6, 1)[0][0]
-    qd, tau = states(6, 1)[1][0], states(6, 1)[2][0]
+    buffer[:6] = random_states(6, 1)[0][0]
+    qd, tau = random_states(6, 1)[1][0], random_states(6, 1)[2][0]
     expected = kernel(buffer[:6], qd, tau)
     np.testing.assert_array_equal(kernel(buffer[:6], qd, tau, out=buffer[1:]), expected)
 
@@ -143,7 +136,7 @@ def test_kernels_agree_with_pinocchio(name: str) -> None:
     data = model.createData()
     double = pfd.compile_kernel(robot)
     single = pfd.compile_kernel(robot, dtype='float32')
-    for q, qd, tau in zip(*states(robot.n, 25, 'float32'), strict=True):
+    for q, qd, tau in zip(*random_states(robot.n, 25, 'float32'), strict=True):
         q64, qd64, tau64 = (x.astype(float) for x in (q, qd, tau))
         wanted = pin.aba(model, data, q64, qd64, tau64)
         H = pin.crba(model, data, q64)
@@ -158,7 +151,7 @@ def test_kernels_agree_with_pinocchio(name: str) -> None:
 def test_angles_far_beyond_the_range_of_the_sine_are_brought_back() -> None:
     robot = pfd.load_robot('panda')
     kernel = pfd.compile_kernel(robot)
-    _, qd, tau = states(7, 20)
+    _, qd, tau = random_states(7, 20)
     rng = np.random.default_rng(3)
     q = rng.uniform(-1, 1, (20, 7)) * 10.0 ** rng.integers(0, 300, (20, 7))
     model = to_pinocchio(robot)
@@ -183,7 +176,7 @@ def test_a_prismatic_joint_is_never_wrapped() -> None:
 def test_bound_arrays_are_read_and_written_in_place() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
     for shape in ((6,), (10, 6)):
-        q, qd, tau = (x[0].copy() if shape == (6,) else x for x in states(6, 10))
+        q, qd, tau = (x[0].copy() if shape == (6,) else x for x in random_states(6, 10))
         out = np.empty(shape)
         step = kernel.bind(q, qd, tau, out)
         q += 0.25
@@ -199,7 +192,7 @@ def test_what_is_bound_is_refused_once_it_is_not_finite(
     shape: tuple[int, ...], wrong: float
 ) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
-    q, qd, tau = (x[0].copy() if shape == (6,) else x for x in states(6, 10))
+    q, qd, tau = (x[0].copy() if shape == (6,) else x for x in random_states(6, 10))
     out = np.empty(shape)
     step = kernel.bind(q, qd, tau, out)
     before, tau[..., 3] = out.copy(), wrong
@@ -214,7 +207,7 @@ def test_what_is_bound_is_refused_once_it_is_not_finite(
 
 
 def test_a_bound_function_outlives_its_kernel() -> None:
-    q, qd, tau = (x[0] for x in states(2, 1))
+    q, qd, tau = (x[0] for x in random_states(2, 1))
     out = np.empty(2)
     robot = pfd.load_robot('planar2')
     step = pfd.compile_kernel(robot).bind(q, qd, tau, out)
@@ -226,7 +219,7 @@ def test_a_bound_function_outlives_its_kernel() -> None:
 
 def test_calls_leave_no_references_behind() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-    q, qd, tau = (x[0] for x in states(2, 1))
+    q, qd, tau = (x[0] for x in random_states(2, 1))
     out = np.empty(2)
 
     class Marked(np.ndarray):
@@ -246,7 +239,7 @@ def test_calls_leave_no_references_behind() -> None:
 def test_a_batch_runs_without_the_lock_of_python() -> None:
     # While one thread is inside a long batch, this one goes on counting.
     kernel = pfd.compile_kernel(pfd.load_robot('puma560'))
-    arrays = [np.tile(x, (20_000, 1)) for x in states(6, 10)]
+    arrays = [np.tile(x, (20_000, 1)) for x in random_states(6, 10)]
     kernel(*[x[:10] for x in arrays])
     running = threading.Event()
     done = threading.Event()
@@ -270,7 +263,7 @@ def test_a_batch_runs_without_the_lock_of_python() -> None:
 
 def test_threads_share_a_kernel() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
-    arrays = states(6, 4000)
+    arrays = random_states(6, 4000)
     expected = kernel(*arrays)
     found = [np.empty_like(expected) for _ in range(4)]
     threads = [threading.Thread(target=kernel, args=(*arrays, None, out)) for out in found]
@@ -288,7 +281,7 @@ def test_inverse_dynamics_gives_the_torques_back() -> None:
     for n in (1, 4, 6):
         robot = random_chain(rng, n)
         scene = pfd.Scene(damping='model', armature='model')
-        q, qd, tau = states(n, 7)
+        q, qd, tau = random_states(n, 7)
         wrench = rng.normal(size=(7, 6))
         qdd = pfd.forward_dynamics(robot, q, qd, tau, scene=scene, wrench=wrench)
         found = pfd.inverse_dynamics(robot, q, qd, qdd, scene=scene, wrench=wrench)
@@ -302,7 +295,7 @@ def test_inverse_dynamics_gives_the_torques_back() -> None:
 
 def test_plain_functions_take_any_number_of_leading_axes() -> None:
     robot = pfd.load_robot('ur5')
-    q, qd, tau = states(6, 12)
+    q, qd, tau = random_states(6, 12)
     expected = pfd.forward_dynamics(robot, q, qd, tau)
     folded = [x.reshape(2, 3, 2, 6) for x in (q, qd, tau)]
     np.testing.assert_array_equal(
@@ -350,7 +343,7 @@ def test_an_iteration_in_single_precision_converges_where_torques_nearly_cancel(
 ) -> None:
     robot = pfd.load_robot('ur5')
     kernel = pfd.compile_kernel(robot, method=method, dtype='float32')
-    q, qd, _ = states(6, 500)
+    q, qd, _ = random_states(6, 500)
     at_rest = kernel(q, qd, pfd.inverse_dynamics(robot, q, qd, np.zeros(6)))
     assert np.abs(at_rest).max() < AT_REST
 
@@ -360,7 +353,7 @@ def test_a_kernel_goes_through_pickle_and_copies(quantity: str) -> None:
     scene = pfd.Scene(external_wrench=True, damping=[0.1, 0.2])
     robot = pfd.load_robot('planar2')
     kernel = pfd.compile_kernel(robot, scene=scene, dtype='float32', quantity=quantity)
-    arrays = (*states(2, 40, 'float32'), np.ones(6, 'float32'))
+    arrays = (*random_states(2, 40, 'float32'), np.ones(6, 'float32'))
     for other in (
         pickle.loads(pickle.dumps(kernel)),
         copy.copy(kernel),
@@ -373,7 +366,7 @@ def test_a_kernel_goes_through_pickle_and_copies(quantity: str) -> None:
 
 def test_a_refined_kernel_keeps_its_estimate_through_pickle() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'), refine=np.int64(1))
-    arrays = states(2, 5)
+    arrays = random_states(2, 5)
     other = pickle.loads(pickle.dumps(kernel))
     for one, two in zip(
         kernel.error_estimate(*arrays), other.error_estimate(*arrays), strict=True

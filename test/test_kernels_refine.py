@@ -9,20 +9,15 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 import pytest
+from refined_answers import PAYLOAD, ROUNDING, Array, reference, relative_error, rods
 from zoo import random_chain
 
 import pfd_core as pfd
-from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.algorithms.refinement import record_refined
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.machine.emulator import run
 from pfd_core.model import Plant, Robot, Scene, resolve
-
-Array = NDArray[np.float64]
-
-ROUNDING = {'float64': 2.0**-53, 'float32': 2.0**-24}
 
 # What a refined answer is off by, in units of rounding: the last addition, and the change of the
 # answer with its inputs' last digits, which is 1 to 20 of them in these cases. Seen up to 18.
@@ -55,28 +50,6 @@ class Case:
         return {k: x.astype(dtype).astype(np.float64) for k, x in self.states.items()}
 
 
-def rods(n: int, last_mass: float = 1.0) -> Robot:
-    """Return rods of 1 m and 1 kg, the last of any mass, that swing in one vertical plane."""
-    masses = np.append(np.ones(n - 1), last_mass)
-    J = np.array([m * np.diag([1e-3, 1 / 12, 1 / 12]) for m in masses])
-    return Robot(
-        name='rods',
-        joint_names=tuple(f'joint{i + 1}' for i in range(n)),
-        joint_types=('continuous',) * n,
-        rotations=np.array([np.eye(3)] * n),
-        translations=np.array([[1.0, 0.0, 0.0]] * n),
-        masses=masses,
-        centers=np.array([[-0.5, 0.0, 0.0]] * n),
-        inertias=J,
-        base_rotation=np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]]),
-        base_position=np.zeros(3),
-        position_lower=np.full(n, -np.inf),
-        position_upper=np.full(n, np.inf),
-        **{key: np.full(n, np.inf) for key in ('velocity_limit', 'effort_limit')},
-        **{key: np.zeros(n) for key in ('armature', 'damping', 'friction')},
-    )
-
-
 def case(robot: Robot, scene: Scene | None, reach: float, count: int = 2) -> Case:
     """Return a case of `count` states with joints up to `reach` [rad] from straight."""
     rng = np.random.default_rng(7)
@@ -86,7 +59,6 @@ def case(robot: Robot, scene: Scene | None, reach: float, count: int = 2) -> Cas
     )
 
 
-PAYLOAD = pfd.Payload(mass=1e6, center=(0.0, 0.0, 0.1), inertia=1e3 * np.eye(3))
 HARD = {
     'stretched_10': lambda: case(rods(10), None, 1e-2),
     'heavy_tip_1e8_planar': lambda: case(rods(6, 1e8), None, np.pi),
@@ -123,19 +95,6 @@ def expected(name: str, method: str, dtype: str) -> Any:
     """Return qdd of a hard case to 50 digits."""
     hard = HARD[name]()
     return reference(hard.plant, hard.rounded(dtype), method)
-
-
-def reference(plant: Plant, inputs: dict[str, Array], method: str) -> Any:
-    """Return qdd to 50 digits."""
-    return run(record_forward_dynamics(plant, method, 'sequential'), inputs, digits=50)['qdd']
-
-
-def relative_error(found: Array, right: Any) -> Array:
-    """Return max |difference| / max |reference| of each state; infinity for NaN."""
-    sound = np.isfinite(found).all(axis=-1)
-    difference = np.abs(np.where(sound[:, None], found, 0.0).astype(object) - right)
-    errors = (difference.max(axis=-1) / np.abs(right).max(axis=-1)).astype(np.float64)
-    return np.where(sound, errors, np.inf)
 
 
 METHODS = ('composite_body', 'articulated_body')

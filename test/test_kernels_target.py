@@ -11,9 +11,9 @@ import re
 import subprocess
 import sys
 
+from fused_products import cancelling, everywhere, native, rounded
 import numpy as np
 import pytest
-from test_machine_fused import cancelling, everywhere, native, rounded
 from zoo import random_state
 
 import pfd_core as pfd

@@ -10,8 +10,7 @@ import time
 
 import numpy as np
 import pytest
-from test_kernels_kernel import states
-from zoo import random_chain
+from zoo import random_chain, random_states
 
 import pfd_core as pfd
 from pfd_core.kernels.runtime import threads
@@ -30,9 +29,9 @@ def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize('order', ['C', 'F'])
 def test_the_bits_depend_neither_on_the_threads_nor_on_the_size(dtype: str, order: str) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'), dtype=dtype)
-    whole = kernel(*states(6, 1000, dtype))
+    whole = kernel(*random_states(6, 1000, dtype))
     for size in (0, 1, 7, 16, 17, 333, 1000):
-        arrays = [np.array(x[:size], order=order) for x in states(6, 1000, dtype)]
+        arrays = [np.array(x[:size], order=order) for x in random_states(6, 1000, dtype)]
         for count in (0, 1, 2, 3, 8):
             np.testing.assert_array_equal(kernel(*arrays, threads=count), whole[:size])
 
@@ -41,7 +40,7 @@ def test_every_argument_is_dealt_out() -> None:
     rng = np.random.default_rng(71)
     scene = pfd.Scene(external_wrench=True, brakes=True)
     kernel = pfd.compile_kernel(random_chain(rng, 3), scene=scene)
-    q, qd, tau = states(3, 200)
+    q, qd, tau = random_states(3, 200)
     wrench, brakes = rng.normal(size=(200, 6)), rng.random((200, 3)) < 0.3
     wanted = kernel(q, qd, tau, wrench, brakes=brakes)
     found = kernel(q, qd, tau, wrench, brakes=brakes, threads=3)
@@ -57,7 +56,7 @@ def test_every_argument_is_dealt_out() -> None:
 
 def test_bound_arrays_are_computed_by_threads() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
-    q, qd, tau = states(6, 500)
+    q, qd, tau = random_states(6, 500)
     out = np.empty((500, 6))
     step = kernel.bind(q, qd, tau, out, threads=2)
     q += 0.25
@@ -68,7 +67,7 @@ def test_bound_arrays_are_computed_by_threads() -> None:
 def test_a_number_that_is_not_finite_is_found_in_any_block() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
     for row in (0, 100, 199):
-        q, qd, tau = states(2, 200)
+        q, qd, tau = random_states(2, 200)
         tau[row, 1] = np.inf
         with pytest.raises(
             ValueError, match=rf'tau must be finite, got inf at index \[{row}, 1\]'
@@ -79,7 +78,7 @@ def test_a_number_that_is_not_finite_is_found_in_any_block() -> None:
 @pytest.mark.parametrize('wrong', [-1, 1.5, None, False, '2', -(10**400)])
 def test_a_number_of_threads_that_makes_no_sense_is_refused(wrong: object) -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-    for arrays in (states(2, 3), [x[0] for x in states(2, 3)]):
+    for arrays in (random_states(2, 3), [x[0] for x in random_states(2, 3)]):
         with pytest.raises(ValueError, match='threads must be an integer of at least 0'):
             kernel(*arrays, threads=wrong)  # type: ignore[arg-type]
 
@@ -93,12 +92,12 @@ def test_an_argument_too_few_or_too_many_is_named() -> None:
         (free, {'wrench': wrench}, 'wrench was given'),
     ):
         with pytest.raises(ValueError, match=missing):
-            kernel(*states(2, 30), threads=2, **given)
+            kernel(*random_states(2, 30), threads=2, **given)
 
 
 def test_an_absurd_number_of_threads_is_cut_to_the_cores() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-    arrays = states(2, 300)
+    arrays = random_states(2, 300)
     np.testing.assert_array_equal(kernel(*arrays, threads=10**400), kernel(*arrays))
     assert threads.thread_count(np.int64(10**8)) == threads.cores()
 
@@ -129,7 +128,7 @@ def test_a_small_batch_starts_no_worker(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(threads, 'cores', lambda: 8)
     monkeypatch.setattr(threads, '_pool', None)
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
-    arrays = states(6, 4096)
+    arrays = random_states(6, 4096)
     np.testing.assert_array_equal(kernel(*arrays, threads=2), kernel(*arrays))
 
 
@@ -180,13 +179,13 @@ def test_the_caller_works_alone_where_no_worker_can_be_had(
 
         monkeypatch.setattr(threading.Thread, 'start', refuse)
     kernel = pfd.compile_kernel(pfd.load_robot('planar2'))
-    arrays = states(2, 300)
+    arrays = random_states(2, 300)
     np.testing.assert_array_equal(kernel(*arrays, threads=4), kernel(*arrays))
 
 
 def test_many_callers_share_the_workers() -> None:
     kernel = pfd.compile_kernel(pfd.load_robot('ur5'))
-    arrays = states(6, 3000)
+    arrays = random_states(6, 3000)
     expected = kernel(*arrays)
     with ThreadPoolExecutor(4) as callers:
         found = list(callers.map(lambda _: kernel(*arrays, threads=3), range(80)))
@@ -197,7 +196,7 @@ def test_many_callers_share_the_workers() -> None:
 def test_a_kernel_may_be_forgotten_as_soon_as_it_has_answered() -> None:
     # Memory of code that is gone is unmapped.
     robot = pfd.load_robot('planar2')
-    q, qd, tau = states(2, 40)
+    q, qd, tau = random_states(2, 40)
     expected = pfd.compile_kernel(robot)(q, qd, tau)
     for _ in range(50):
         found = pfd.compile_kernel(robot)(q, qd, tau, threads=4)

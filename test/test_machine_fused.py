@@ -4,44 +4,19 @@
 
 from __future__ import annotations
 
-import ctypes
 from fractions import Fraction
 import math
 
+from fused_products import Triple, cancelling, everywhere, native, rounded
 import mpmath
 import numpy as np
 import pytest
 
-from pfd_core.kernels.runtime.jit import compile_ir
 from pfd_core.machine.emulator import run
 from pfd_core.machine.fused import REACH, fused
 from pfd_core.machine.program import Instruction, Output, Program
 
 FORMATS = ('float64', 'float32')
-Triple = tuple[np.ndarray, np.ndarray, np.ndarray]
-
-
-def rounded(exact: Fraction, dtype: str) -> float:
-    """Return an exact number rounded to nearest, ties to even, by the definition."""
-    info = np.finfo(dtype)
-    if exact == 0:
-        return 0.0
-    size = abs(exact)
-    # The exponent e with 2^e <= size < 2^(e+1), and the spacing of numbers there.
-    e = size.numerator.bit_length() - size.denominator.bit_length()
-    e -= size < Fraction(2) ** e
-    spacing = Fraction(2) ** (max(e, info.minexp) - info.nmant)
-    result = round(size / spacing) * spacing  # a Fraction rounds ties to even
-    number = math.inf if result > Fraction(float(info.max)) else float(result)
-    return math.copysign(number, exact)
-
-
-def cancelling(dtype: str, count: int, rng: np.random.Generator) -> Triple:
-    """Return numbers whose product is all but taken away again, at every distance."""
-    info = np.finfo(dtype)
-    a, b = (rng.uniform(1, 2, count).astype(dtype) for _ in range(2))
-    off = rng.integers(-3, 4, count) * info.eps * 2.0 ** rng.integers(-4, 60, count)
-    return a, b, (-(a.astype(float) * b) * (1 + off)).astype(dtype)
 
 
 def midways(dtype: str, count: int, rng: np.random.Generator) -> Triple:
@@ -52,18 +27,6 @@ def midways(dtype: str, count: int, rng: np.random.Generator) -> Triple:
     a, b = 1 + 2.0**-i, 1 + 2.0 ** (i - digits - 1)
     c = rng.choice([-1, 1], count) * 2.0 ** -rng.integers(digits + 3, 3 * digits, count)
     return a.astype(dtype), b.astype(dtype), c.astype(dtype)
-
-
-def everywhere(dtype: str, count: int, rng: np.random.Generator) -> Triple:
-    """Return numbers of all sizes, so that sums overflow and end below the normal ones."""
-    info = np.finfo(dtype)
-    low, high = info.minexp - info.nmant, info.maxexp
-    sign = rng.choice([-1.0, 1.0], (3, count))
-    e = rng.integers(low, high, (3, count))
-    e[1] = np.clip(rng.integers(low, high, count) - e[0], low, high - 1)
-    e[2] = np.clip(e[0] + e[1] + rng.integers(-60, 60, count), low, high - 1)
-    a, b, c = np.ldexp(sign * rng.uniform(1, 2, (3, count)), e).astype(dtype)
-    return a, b, c
 
 
 @pytest.mark.parametrize('kind', [cancelling, midways, everywhere])
@@ -87,21 +50,6 @@ def test_most_of_these_are_wrong_when_rounded_twice() -> None:
     a, b, c = midways('float32', 1500, np.random.default_rng(1))
     twice = (a.astype(float) * b + c).astype('float32')
     assert np.any(fused(a, b, c) != twice)
-
-
-def native(dtype: str) -> ctypes._FuncPointer:
-    """Return what LLVM makes of a fused multiply-add."""
-    t, suffix = {'float64': ('double', 'f64'), 'float32': ('float', 'f32')}[dtype]
-    ir = (
-        f'declare {t} @llvm.fma.{suffix}({t}, {t}, {t})\n'
-        f'define {t} @f({t} %a, {t} %b, {t} %c) {{\n'
-        f'%r = call {t} @llvm.fma.{suffix}({t} %a, {t} %b, {t} %c)\nret {t} %r }}'
-    )
-    code = compile_ir(ir)
-    number = {'double': ctypes.c_double, 'float': ctypes.c_float}[t]
-    function = ctypes.CFUNCTYPE(number, number, number, number)(code.address('f'))
-    function.code = code
-    return function
 
 
 @pytest.mark.parametrize('dtype', FORMATS)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_model_urdf import example
+from urdf_models import example
 from zoo import FORK
 
 import pfd_core as pfd

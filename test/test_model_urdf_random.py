@@ -19,8 +19,8 @@ from hypothesis import event, find, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from test_model_urdf import assert_same_physics, exact_angles
 from tolerances import DYNAMICS
+from urdf_models import assert_same_physics, exact_angles
 from zoo import FORK, ODD_ARM, STRAIGHT_ARM
 
 from pfd_core.model import Robot, load_robot

@@ -16,6 +16,7 @@ from oracle import Oracle
 import pinocchio as pin
 import pytest
 from tolerances import DYNAMICS
+from yaml_rows import ROWS
 from zoo import ODD_ARM, random_state, to_pinocchio
 
 import pfd_core as pfd
@@ -24,14 +25,6 @@ from pfd_core.model.loading import LARGEST_FILE
 
 # The book prints four digits after the point.
 PRINTED = 0.5e-4 * 1.001
-
-ROWS = """
-robot: two
-joints:
-- {name: a, type: revolute, mass: 1, dh: {a: 0.5, d: 0.1, alpha_deg: 90, theta_deg: 30}}
-- {name: b, type: prismatic, mass: 2, center: [0, 0, 1e-3],
-   inertia: {xx: 1, yy: 1, zz: 1, xy: 0.1}, dh: {a: 0, d: 0.2, alpha_deg: -20, theta_deg: 90}}
-"""
 
 
 def tip_at(robot: Robot, q: np.ndarray) -> np.ndarray:

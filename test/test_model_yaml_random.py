@@ -13,8 +13,8 @@ from hypothesis import event, given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from test_model_yaml import ROWS
 import yaml
+from yaml_rows import ROWS
 from zoo import random_chain
 
 import pfd_core as pfd

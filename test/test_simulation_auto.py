@@ -9,9 +9,8 @@ from functools import partial
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_input_policy import WHEEL
-from test_simulation_stiff import START, scene_of
-from zoo import random_chain, slider, to_pinocchio
+from stiff_arms import START, scene_of
+from zoo import WHEEL, random_chain, slider, to_pinocchio
 
 import pfd_core as pfd
 from pfd_core.model import resolve

@@ -7,13 +7,13 @@ from __future__ import annotations
 from functools import partial
 from math import log, sqrt
 
+from contact_arms import STEP, simulated, two_links
 import numpy as np
 import pytest
 from zoo import joint, link, slider, urdf
 
 import pfd_core as pfd
 
-STEP = 1e-3
 # Errors of RK4 at 1 ms with events located on its cubic output.
 SLIDING = 1e-14  # constant deceleration, of which the output is exact
 DAMPED = 2e-12
@@ -23,7 +23,6 @@ BREAKING_AWAY = 1e-6  # caused by the motion of another joint, it waits for the 
 RESTING = 3e-9
 STRIBECK = 1e-8  # the bend at 0.1 rad/s is passed in 25 steps
 ROUNDING_OF_1500_STEPS = 2e-13
-POINT = '0 0 0 0 0 0'
 
 
 def rotor(inertia: float) -> pfd.Robot:
@@ -37,26 +36,6 @@ def rotor(inertia: float) -> pfd.Robot:
             joint('j', 'continuous', 'base', 'wheel'),
         )
     )
-
-
-def two_links() -> pfd.Robot:
-    """Return two links of 1 m with point masses of 1 kg at their ends, stretched at q = 0."""
-    return pfd.load_robot(
-        urdf(
-            'two_links',
-            *(link('base'), link('upper', 1.0, '1 0 0', J=POINT)),
-            *(link('lower', 1.0, '1 0 0', J=POINT), joint('j1', 'continuous', 'base', 'upper')),
-            joint('j2', 'continuous', 'upper', 'lower', xyz='1 0 0'),
-        )
-    )
-
-
-def simulated(robot: pfd.Robot, scene: pfd.Scene, q, qd, taus, **settings):  # type: ignore[no-untyped-def]
-    """Return the trajectory of a simulation from a state, in steps of 1 ms."""
-    options = {'step_size': STEP, 'substeps': 1} | settings
-    sim = pfd.Simulator(robot, scene, **options)
-    sim.reset(q, qd)
-    return sim.rollout(taus)
 
 
 def test_a_sliding_rotor_stops_where_coulomb_friction_stops_it() -> None:

@@ -7,10 +7,10 @@ from __future__ import annotations
 from functools import partial
 from math import sqrt
 
+from contact_arms import simulated, two_links
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-from test_simulation_contact import simulated, two_links
 from zoo import slider
 
 import pfd_core as pfd

@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from test_input_policy import WHEEL
-from zoo import to_pinocchio
+from zoo import WHEEL, to_pinocchio
 
 import pfd_core as pfd
 from pfd_core.simulation.integrators import TABLE

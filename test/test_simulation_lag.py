@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_input_policy import WHEEL
+from zoo import WHEEL
 
 import pfd_core as pfd
 from pfd_core.simulation.integrators import TABLE, record_step

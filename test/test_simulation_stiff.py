@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 import pytest
+from stiff_arms import START, scene_of
 from zoo import joint, link, random_chain, to_pinocchio, urdf
 
 import pfd_core as pfd
 from pfd_core.kernels.passes.schedule import LONGEST
 from pfd_core.simulation.integrators import TABLE, record_step
 
-START = np.array([0.1, -0.7, 0.9, 0.3, 0.2, 0.5])
 # Error of an angle at steps of 1 ms, from 2 rad/s on. Seen up to 7e-7.
 STIFF = 2e-6
 # The same of a rod from 1 rad/s on, at any damping. Seen up to 4e-5, at h d / I = 4.
@@ -31,10 +31,6 @@ def puma(damping: float, rotors: bool, **settings: Any) -> pfd.Simulator:
     )
     sim.reset(q=START, qd=np.full(6, 2.0))
     return sim
-
-
-def scene_of(damping: float, rotors: bool) -> pfd.Scene:
-    return pfd.Scene(damping=np.full(6, damping), armature='model' if rotors else None)
 
 
 @pytest.mark.parametrize(

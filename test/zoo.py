@@ -138,6 +138,12 @@ def slider(x: float, z: float) -> Robot:
     return load_robot(urdf('slider', link('base'), link('mass', 1.0, J='0.1 0.1 0.1 0 0 0'), rail))
 
 
+# One turning joint that nothing brakes.
+WHEEL = urdf(
+    'wheel', link('base'), link('rim', 1, J=BODY), joint('hub', 'continuous', 'base', 'rim')
+)
+
+
 def random_rotation(rng: np.random.Generator) -> Array:
     """Return a rotation, (3, 3), uniform over all of them."""
     q = rng.normal(size=4)
@@ -215,6 +221,13 @@ def without_mass(robot: Robot, links: Sequence[int]) -> Robot:
 def random_state(rng: np.random.Generator, n: int) -> tuple[Array, Array, Array]:
     """Return positions, velocities and accelerations, (n,) each, of the order of one."""
     return rng.uniform(-np.pi, np.pi, n), rng.uniform(-2, 2, n), rng.uniform(-5, 5, n)
+
+
+def random_states(n: int, count: int, dtype: str = 'float64', seed: int = 1) -> list[np.ndarray]:
+    """Return positions, velocities and torques, (count, n) each."""
+    rng = np.random.default_rng(seed)
+    rows = [random_state(rng, n) for _ in range(count)]
+    return [np.array([row[k] for row in rows], dtype) for k in range(3)]
 
 
 def right_angled(n: int) -> tuple[Robot, dict[str, Array]]:

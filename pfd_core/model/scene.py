@@ -3,8 +3,8 @@
 """
 Scene: the effects that act on a robot, each checked by itself.
 
-A scene fits any robot with the number of joints that it names; `pfd_core.model.scene_numbers`
-turns both into numbers. The default is rigid links and gravity, nothing else.
+A scene fits any robot with as many joints as its arrays have; `scene_numbers.resolve` combines
+both into a Plant. The default is rigid links and gravity, nothing else.
 
 The fields belong to the records in `pfd_core.model.effects`, which check them. They are
 declared here as well, so that editors and type checkers know the arguments of Scene.
@@ -33,7 +33,7 @@ class Scene:
     """
     The effects that act on a robot; an effect that is off costs nothing.
 
-    Units are those of joints that turn; for one that slides read m, N, kg for rad, N m, kg m^2.
+    Units are for revolute joints; for prismatic joints read m, N, kg for rad, N m, kg m^2.
 
     Attributes
     ----------
@@ -42,58 +42,56 @@ class Scene:
     damping : None, "model" or array_like
         Viscous friction of the joints, (n,) [N m s/rad]; "model" for the robot's own.
     armature : None, "model", "estimated" or array_like
-        Rotor inertia seen at the joints, (n,) [kg m^2]: that of the rotor times the square of
+        Rotor inertia at the joints, (n,) [kg m^2]: inertia of the rotor times the square of
         the gear ratio; "model" for the robot's own; "estimated" for an estimate by
         `estimated_armature` at joints whose model states none.
     payload : Payload, "input" or None
-        A body held by the last link; "input" for one that is given at run time, so that another
-        payload needs no other code.
+        A body fixed to the last link; "input" makes its numbers inputs at run time, so that a
+        change of payload needs no compilation.
     external_wrench : bool
-        Whether a force and a moment on the last link are an input.
+        Whether a force and a moment on the last link are inputs.
     brakes : bool
-        Whether each joint can be held at run time; a held joint does not accelerate.
+        Whether joints can be braked at run time; a braked joint does not accelerate.
     friction : None, "model" or array_like
-        Coulomb friction of the sliding joint, (n,) [N m]; "model" for the robot's own.
+        Coulomb friction of a joint in motion, (n,) [N m]; "model" for the robot's own.
     static_friction : None or array_like
         Friction that a resting joint can hold, (n,) [N m], at least `friction`, its default.
     stribeck_velocity : None or array_like
         Velocity v_s at which static friction F_s has fallen half-way to Coulomb friction F_c,
-        (n,) [rad/s]: F_c + (F_s - F_c)/(1 + (v/v_s)^2). None: it falls at once.
+        (n,) [rad/s]: F_c + (F_s - F_c)/(1 + (v/v_s)^2). None: it drops at once.
     joint_limits : None, "model" or array_like
         Stops, lower and upper, (n, 2) [rad]; infinite for none; "model" for the robot's own.
     restitution : float or array_like
-        Share of its velocity that a joint keeps when it bounces off its stop, one for all or
-        (n,), from 0 to 1.
+        Coefficient of restitution of the stops, from 0 to 1, one for all joints or (n,).
     stiffness : None or array_like
-        Springs that pull the joints to `rest_position`, (n,) [N m/rad]. With w^2 the largest
+        Springs between the joints and `rest_position`, (n,) [N m/rad]. With w^2 the largest
         eigenvalue of H^-1 diag(stiffness), steps below 0.2 / w resolve the oscillation.
     rest_position : None or array_like
-        Positions at which the springs are slack, (n,) [rad]; None is zero everywhere.
+        Positions at which the springs have no torque, (n,) [rad]; None is zero everywhere.
     cogging : None or array_like
-        Amplitude a [N m], periods k a turn and phase p [rad], (n, 3): the joint takes the torque
-        a sin(k q + p), and rests where k q + p is a multiple of 2 pi; periods in 2 pi m of a joint
-        that slides. The bound on the steps of springs holds for their slope, a k.
+        Amplitude a [N m], periods k per turn and phase p [rad], (n, 3): a resisting
+        torque a sin(k q + p), with stable equilibria where k q + p is a multiple of 2 pi; for
+        prismatic joints k is per 2 pi m. Steps are bounded as for springs of stiffness a k.
     effort_limits : None, "model" or array_like
         Largest torque of the motors, including gravity compensation, (n,) [N m]; infinite
         for none; "model" for the robot's own.
     torque_speed : None, "model" or sequence
         Per joint None or a table of rows (speed, torque), (k, 2) [rad/s, N m]: the largest
-        torque with which a motor drives its joint along, linear between the rows and constant
-        beyond them; speeds rise, torques do not. For braking, the torque of the first row is
-        available at any speed. "model": the robot's effort limit up to its velocity limit, then
-        falling linearly to zero at twice that speed.
+        driving torque, linear between the rows and constant beyond them; speeds increase,
+        torques do not. The braking torque is limited by the first row at any speed. "model": the
+        robot's effort limit up to its velocity limit, then linear to zero at twice that speed.
     gravity_compensation : bool or Scene
-        Whether the drives add the gravity torques of a model to the commanded ones: True for the
-        robot without its payload, in the gravity of this scene; a scene for its gravity and
+        Whether the motors add gravity torques to the commanded torques: True for those of the
+        robot without its payload, in the gravity of this scene; a scene for its own gravity and
         payload.
     motor_lag : None or array_like
-        Time constants with which the motors follow the commanded torques, (n,) [s]; gravity
-        compensation and limits act on the torque that has followed.
+        Time constants of first-order lags of the motor torques, (n,) [s]; gravity compensation
+        and limits act after the lag.
 
     Raises
     ------
     ValueError
-        If a value has another type, a number is out of its range, or an effect lacks the one
+        If a value has a wrong type, a number is out of its range, or an effect lacks the effect
         that it refines.
 
     """
@@ -128,7 +126,7 @@ class Scene:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of everything in the scene, as 64 hexadecimal digits."""
+        """SHA-256 of all fields, as 64 hexadecimal digits."""
         # The fields are None, bool, str, tuples of floats and a scene, whose repr is exact.
         return hashlib.sha256(repr(self).encode()).hexdigest()
 

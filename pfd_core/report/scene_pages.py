@@ -72,8 +72,8 @@ def _origin(needs: Needs) -> str:
 
 def _machine(machine: dict[str, Any]) -> str:
     versions = ', '.join(f'{name} {number}' for name, number in machine['versions'].items())
-    told = [machine['processor'], versions, f'load before the start {machine["load"]}']
-    return '; '.join([*told, machine['date']]) + '.'
+    facts = [machine['processor'], versions, f'load before the start {machine["load"]}']
+    return '; '.join([*facts, machine['date']]) + '.'
 
 
 def _truth(needs: Needs) -> list[str]:

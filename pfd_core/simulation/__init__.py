@@ -21,8 +21,8 @@ Time: the motion of an arm, or of many arms at once, in native code.
     adaptive        integrate: one arm offline, to a tolerance; AdaptiveTrajectory
 
 A new integrator is a function and a row of integrators.TABLE (INTEGRATORS are its names); with
-friction and stops it is refused until contact.schemes has a row of SCHEMES for it. A new
-adaptive one its coefficients and a row of embedded_pairs.PAIRS, a new law of feedback a class in
-`feedback` and its IR in kernels.codegen.law, a new row of the state a class in `rows` and a line
-of integrators.record_step.
+friction and stops it is refused until contact.schemes has a Scheme for it and simulation.SCHEMES
+a row. A new adaptive one is its coefficients and a row of embedded_pairs.PAIRS, a new law of
+feedback a class in `feedback` and its IR in kernels.codegen.law, a new row of the state a class
+in `rows` and a line of integrators.record_step.
 """

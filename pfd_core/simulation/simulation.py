@@ -26,14 +26,16 @@ from pfd_core.model.scene_checks import INPUT, switch
 from pfd_core.simulation.contact.events import MOST_SEGMENTS
 from pfd_core.simulation.contact.modes import PIVOTS
 from pfd_core.simulation.contact.programs import contact_programs, has_contact
-from pfd_core.simulation.contact.schemes import SCHEMES
-from pfd_core.simulation.integrators import TABLE, record_step
+from pfd_core.simulation.contact.schemes import RK4, imex2
+from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST, TABLE, record_step
 from pfd_core.simulation.linearisation import Linearization, LinearStep
 from pfd_core.simulation.rows import LaggedTorque, UnfinishedStep, decays
 from pfd_core.simulation.state import SimulationState
 from pfd_core.simulation.stiffness import check_damping, check_springs, chosen
 from pfd_core.simulation.turns import check_angles, positions_grow, split_turns
 
+# By the integrators whose steps can be cut at events of friction and stops.
+SCHEMES = {'rk4': RK4, 'imex2': imex2(IMEX_DIAGONAL, IMEX_FIRST)}
 # A step of more substeps than this is better cut into several.
 SUBSTEPS_AT_MOST = 100_000
 T = TypeVar('T')

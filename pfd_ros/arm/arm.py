@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.arm.actuator_command import ActuatorCommand, all_braked
+from pfd_ros.arm.actuators import in_model_order
 from pfd_ros.arm.effects import StateChange
 from pfd_ros.arm.model_kernels import model_kernels
 from pfd_ros.arm.plant_settings import INPUT, payload_changes
@@ -118,7 +119,7 @@ class Plant(NamedTuple):
 
 
 class Arm:
-    """The simulated arm: native code and constants, and the one state that changes.
+    """The simulated arm: its native code, constants of its settings, and its state.
 
     Attributes
     ----------
@@ -193,10 +194,7 @@ class Arm:
                 f'initial_positions holds {len(given)} numbers, '
                 f'expected {count}, one for each of {list(self.names)}, or none'
             )
-        q = np.zeros(count)
-        if given:
-            q[list(self.order)] = given
-        return q
+        return in_model_order(given, self.order)
 
     @property
     def settings(self) -> Settings:
@@ -434,7 +432,7 @@ class Arm:
         self.state.failure = why
         self.state.failures += 1
 
-    def revive(self, step: int) -> None:
+    def clear_failure(self, step: int) -> None:
         """Let an arm that failed continue from its initial state, at the time of this step.
 
         Raises

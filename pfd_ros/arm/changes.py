@@ -48,15 +48,15 @@ def read_changes(text: str) -> dict[str, Any]:
     if len(text) > LONGEST_CHANGES:
         raise ValueError(f'{len(text)} characters, expected {LONGEST_CHANGES} at most')
     try:
-        told = json.loads(text)
+        values = json.loads(text)
     except RecursionError:
         raise ValueError('nested too deeply') from None
-    if not isinstance(told, dict) or not told:
+    if not isinstance(values, dict) or not values:
         raise ValueError('expected a table of values by setting')
-    strange = [name for name in told if name not in DYNAMIC]
+    strange = [name for name in values if name not in DYNAMIC]
     if strange:
         raise ValueError(f'{listed(strange)} cannot change while the arm runs')
-    return {name: typed(name, value, DYNAMIC[name]) for name, value in told.items()}
+    return {name: typed(name, value, DYNAMIC[name]) for name, value in values.items()}
 
 
 def changed(arm: Arm, settings: Settings, values: Mapping[str, Any]) -> Settings:

@@ -362,7 +362,7 @@ class Engine:
     def _reset(self) -> None:
         """Let the next step end in the initial state, without anything from before."""
         state = self.state
-        self.arm.revive(state.cycle)
+        self.arm.clear_failure(state.cycle)
         state.jumps = [None]
         state.link.sent = 0
         self._discard_commands(all_braked(len(state.q)))
@@ -483,7 +483,7 @@ class Engine:
         """
         arm = self.arm
         state = self._encoder.encode(arm.stamp_ns, *self.measured())
-        found = [Output(STATES, 0, state), *self._beside_the_state(0)]
+        found = [Output(STATES, 0, state), *self._further_outputs(0)]
         if self._clock_every:
             found.append(Output(CLOCK, 0, convert.encode_clock(arm.stamp_ns)))
         return found
@@ -505,12 +505,12 @@ class Engine:
             number = cycle // self.publish_every
             outputs.append(Output(role, number, state))
             if self._extra is not None:
-                outputs.extend(self._beside_the_state(number))
+                outputs.extend(self._further_outputs(number))
         if self._clock_every and cycle % self._clock_every == 0:
             tick = convert.encode_clock(arm.stamp_ns)
             outputs.append(Output(CLOCK, cycle // self._clock_every, tick))
 
-    def _beside_the_state(self, number: int) -> list[Output]:
+    def _further_outputs(self, number: int) -> list[Output]:
         messages = [] if self._extra is None else self._extra.messages()
         return [Output(role, number, data) for role, data in messages]
 

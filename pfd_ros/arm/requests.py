@@ -30,10 +30,10 @@ LONGEST_REQUEST = 1000
 
 def encode_request(request: Request) -> bytes:
     """Return the message of a request."""
-    told: dict[str, Any] = {'request': request.name}
+    values: dict[str, Any] = {'request': request.name}
     if request.name == 'step':
-        told['count'] = request.count
-    return encode_string(json.dumps(told))
+        values['count'] = request.count
+    return encode_string(json.dumps(values))
 
 
 def validate_request(text: str, pace: PaceState) -> Validation:
@@ -46,13 +46,13 @@ def validate_request(text: str, pace: PaceState) -> Validation:
     """
     if len(text) > LONGEST_REQUEST:
         raise ValueError(f'{len(text)} characters, expected {LONGEST_REQUEST} at most')
-    told = json.loads(text)
-    if not isinstance(told, dict) or told.get('request') not in REQUESTS:
+    values = json.loads(text)
+    if not isinstance(values, dict) or values.get('request') not in REQUESTS:
         raise ValueError(f'request is {cut(text)!r}, expected one of {list(REQUESTS)}')
-    name = told.pop('request')
-    count = told.pop('count', 1) if name == 'step' else 1
-    if told:
-        raise ValueError(f'request {name!r} does not take {listed([str(key) for key in told])}')
+    name = values.pop('request')
+    count = values.pop('count', 1) if name == 'step' else 1
+    if values:
+        raise ValueError(f'request {name!r} does not take {listed([str(key) for key in values])}')
     if not isinstance(count, int) or isinstance(count, bool) or not 1 <= count <= MOST_STEPS:
         raise ValueError(f'count is {cut(repr(count))}, expected 1 to {MOST_STEPS}')
     if name in ('step', 'reset') and not pace.active:

@@ -29,9 +29,9 @@ from pfd_ros.arm.actuators import in_model_order
 from pfd_ros.arm.noise import Channel, normal, uniform
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import ArmState, JointArrays
+from pfd_ros.messages.convert import JOINT_FIELDS
 
 CHANNELS = Channel.POSITION, Channel.VELOCITY, Channel.EFFORT
-KINDS = 'position', 'velocity', 'effort'
 # From here on a count of steps is finer than a float64.
 _MOST_COUNTS = 2.0**52
 
@@ -65,7 +65,7 @@ class Sensors:
                 getattr(settings, f'noise_{kind}'),
                 getattr(settings, f'quantization_{kind}'),
             )
-            for kind in KINDS
+            for kind in JOINT_FIELDS
         ]
         # Noise is numbered in published order.
         self._place = np.argsort(order)

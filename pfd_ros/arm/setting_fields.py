@@ -54,7 +54,7 @@ def setting(
         From the settings and the robot to a number for each joint, (n,) in model order; None is
         zero for each.
     """
-    told = {
+    metadata = {
         'text': text,
         'range': None if least is None else (least, most),
         'name': name,
@@ -63,7 +63,7 @@ def setting(
         'per_joint': per_joint,
         'joint_default': joint_default,
     }
-    return dataclasses.field(default=default, metadata=told)
+    return dataclasses.field(default=default, metadata=metadata)
 
 
 def parameter_name(field: dataclasses.Field[Any]) -> str:

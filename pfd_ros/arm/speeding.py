@@ -79,13 +79,13 @@ def _cure(arm: Arm, joint: int) -> str:
 def estimate_text(robot: pfd.Robot) -> str:
     """Return one line about the rotor inertias of `armature:=estimated`, and joints without."""
     numbers = pfd.estimated_armature(robot)
-    told = ', '.join(
+    inertias = ', '.join(
         f'{cut(name)} {number:.3g}'
         for name, number in zip(robot.joint_names, numbers.tolist(), strict=True)
     )
     text = (
-        f'armature is estimated, kg m^2 or kg: {told} ({pfd.SPIN_UP_TIME:g} s * effort limit / '
-        'velocity limit, where the model states no rotor inertia)'
+        f'armature is estimated, kg m^2 or kg: {inertias} ({pfd.SPIN_UP_TIME:g} s * effort limit '
+        '/ velocity limit, where the model states no rotor inertia)'
     )
     if np.all(numbers > 0):
         return text

@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """The state of an arm: one record of everything that changes while the arm runs.
 
-All other objects of this subpackage are constants of the settings. The engine's `accept` and
-`step` are the only functions that change a state. All arrays are in model order.
+All other objects of this subpackage follow from the settings and this state. Only the engine's
+methods change a state. All arrays are in model order.
 
 A state can be copied, pickled, compared by its bits, and written as bytes:
 

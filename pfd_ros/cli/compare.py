@@ -9,7 +9,8 @@ from dataclasses import asdict
 import json
 from pathlib import Path
 
-from pfd_ros.recording.log_arrays import PER_JOINT, read_log
+from pfd_ros.messages.convert import JOINT_FIELDS
+from pfd_ros.recording.log_arrays import read_log
 from pfd_ros.replay.compare import Comparison, compare
 from pfd_ros.text import one_line
 
@@ -30,8 +31,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--fields',
         nargs='+',
-        choices=PER_JOINT,
-        default=PER_JOINT,
+        choices=JOINT_FIELDS,
+        default=JOINT_FIELDS,
         help='fields to compare (default all)',
     )
     parser.add_argument(

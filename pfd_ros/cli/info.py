@@ -15,15 +15,13 @@ from typing import Any
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.cli.replay import describe
+from pfd_ros.messages.convert import NANOSECONDS
 from pfd_ros.recording.bags import Bag
-from pfd_ros.recording.format import HEAD, HeadKey
-from pfd_ros.recording.head import strict_json
 from pfd_ros.replay.summary import Summary
 from pfd_ros.replay.verify import read
 from pfd_ros.text import one_line
 
 HELP = 'the topics, times and settings of a log'
-NANO = 1e-9
 # Intervals between messages kept for the median of a topic; later ones are not in it.
 INTERVALS = 100_000
 
@@ -78,8 +76,8 @@ def run(given: argparse.Namespace) -> int:
     span = (first or 0, last)
     files = bag.files()
     # A recording of the node is one file, also in a folder of rosbag2.
-    run_of_node = read(files[0]) if HEAD in bag.metadata and len(files) == 1 else None
-    settings = strict_json(bag.metadata[HEAD].get(HeadKey.SETTINGS, '{}')) if run_of_node else {}
+    run_of_node = read(files[0]) if bag.head and len(files) == 1 else None
+    settings = (bag.settings if run_of_node else None) or {}
     if given.json:
         print(json.dumps(as_json(bag, counts, span, run_of_node, settings), allow_nan=False))
         return 0
@@ -102,13 +100,15 @@ def _size(path: Path) -> int:
 
 def _date(ns: int) -> str:
     try:
-        return datetime.fromtimestamp(ns * NANO, timezone.utc).isoformat(sep=' ')
+        return datetime.fromtimestamp(ns / NANOSECONDS, timezone.utc).isoformat(sep=' ')
     except (ValueError, OverflowError, OSError):
         return f'{ns} ns'  # later than the year 9999
 
 
 def _replay(run_of_node: Summary) -> str:
     """Return whether a recording can be replayed."""
+    if not run_of_node.states:
+        return 'not possible: it holds no states'
     if run_of_node.obstacle:
         return f'up to a gap: it {run_of_node.obstacle}'
     if run_of_node.dropped:
@@ -122,11 +122,14 @@ def lines_of(bag: Bag, counts: Mapping[str, TopicCount], span: tuple[int, int]) 
     lines = [
         f'log        {bag.path}',
         f'size       {_size(bag.path) / 1e6:.3f} MB{"" if bag.complete else ", cut off"}',
-        f'begin      {_date(span[0])}',
-        f'end        {_date(span[1])}',
-        f'length     {(span[1] - span[0]) * NANO:.6f} s',
         f'messages   {total}',
     ]
+    if total:
+        lines += [
+            f'begin      {_date(span[0])}',
+            f'end        {_date(span[1])}',
+            f'length     {(span[1] - span[0]) / NANOSECONDS:.6f} s',
+        ]
     if not counts:
         return lines
     names = max(len(name) for name in counts)
@@ -148,13 +151,14 @@ def as_json(
     settings: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Return what a log contains, with times in ns."""
+    total = sum(item.count for item in counts.values())
     found: dict[str, Any] = {
         'path': str(bag.path),
         'bytes': _size(bag.path),
         'complete': bag.complete,
-        'begin_ns': span[0],
-        'end_ns': span[1],
-        'messages': sum(item.count for item in counts.values()),
+        'begin_ns': span[0] if total else None,
+        'end_ns': span[1] if total else None,
+        'messages': total,
         'topics': {
             name: {
                 'type': bag.topics[name].type,
@@ -186,7 +190,7 @@ def as_json(
             'rejected': inputs,
             'missing': run_of_node.lost,
             'failure': run_of_node.failure,
-            'can_be_replayed': not run_of_node.obstacle,
+            'can_be_replayed': bool(run_of_node.states) and not run_of_node.obstacle,
             'complete': run_of_node.complete,
         }
     return found

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import pfd_core as pfd
+from pfd_ros.arm.events import STATES
 from pfd_ros.demo.bare_timer import missing_share
 from pfd_ros.demo.motion import motion_of
 from pfd_ros.messages.convert import NANOSECONDS, decode_joint_state
@@ -45,7 +46,7 @@ def read_states(path: Path) -> States:
     logged, states = [], []
     for entry in Log(path).entries():
         messages[entry.role] += 1
-        if entry.role == 'joint_states':
+        if entry.role == STATES:
             logged.append(entry.log_ns)
             states.append(decode_joint_state(entry.data))
     return States(

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from pfd_ros.messages.cdr import CdrReader
 
 # Kinds of NumPy of the primitive types; `char` is an octet in ROS 2.
-NUMBERS = {
+NUMPY_TYPES = {
     'bool': '?',
     'byte': 'u1',
     'char': 'u1',
@@ -108,7 +108,7 @@ def _fields(kind: str, text: str) -> Iterator[Field]:
         if (found['rest'] or '').lstrip().startswith('='):
             continue  # a constant
         name = found['type']
-        if name not in NUMBERS and name != STRING:
+        if name not in NUMPY_TYPES and name != STRING:
             name = _full(name if '/' in name else f'{package}/{name}')
         count = None
         if found['count'] is not None:
@@ -124,7 +124,7 @@ def _count_fields(kind: str, types: Types, depth: int) -> int:
         raise ValueError(f'type {kind} is nested deeper than {DEPTH} types')
     total = 0
     for item in types[kind]:
-        own = item.type in NUMBERS or item.type == STRING
+        own = item.type in NUMPY_TYPES or item.type == STRING
         # A type without fields counts, too: nested ones could be any number.
         total += 1 if own else max(1, _count_fields(item.type, types, depth + 1))
         if total > FIELDS:
@@ -203,7 +203,7 @@ class _Walk:
         return found
 
     def _field(self, item: Field) -> dict[str, Any]:
-        if item.type in NUMBERS:
+        if item.type in NUMPY_TYPES:
             return {item.name: self._numbers(item)}
         read: Callable[[], dict[str, Any]]
         if item.type == STRING:
@@ -228,7 +228,7 @@ class _Walk:
         return {named[path]: [value.get(path, []) for value in values] for path in paths}
 
     def _numbers(self, item: Field) -> _Leaf:
-        size = np.dtype(NUMBERS[item.type]).itemsize
+        size = np.dtype(NUMPY_TYPES[item.type]).itemsize
         count = 1 if item.count is None else item.count
         if count < 0:
             count = self._length(size)
@@ -302,13 +302,13 @@ def _column(table: NDArray[Any], place: Any, kind: str) -> NDArray[Any]:
 
 
 def _numbers(table: NDArray[Any], leaf: _Leaf, kind: str) -> NDArray[Any]:
-    number = np.dtype(f'{leaf.order}{NUMBERS[kind]}')
+    number = np.dtype(f'{leaf.order}{NUMPY_TYPES[kind]}')
     count = 1 if leaf.count is None else leaf.count
     span = np.ascontiguousarray(table[:, leaf.start : leaf.start + number.itemsize * count])
     values: NDArray[Any] = span.view(np.uint8 if kind == 'bool' else number)
     if kind == 'bool':
         values = values != 0
-    values = values.astype(NUMBERS[kind], copy=False).reshape(len(table), count)
+    values = values.astype(NUMPY_TYPES[kind], copy=False).reshape(len(table), count)
     return values[:, 0] if leaf.count is None else values
 
 
@@ -329,7 +329,7 @@ def _strings(table: NDArray[Any], leaf: _Leaf) -> NDArray[Any]:
 
 
 def _array_type(kind: str) -> Any:
-    return object if kind == STRING else np.dtype(NUMBERS[kind])
+    return object if kind == STRING else np.dtype(NUMPY_TYPES[kind])
 
 
 def _widest(shapes: Sequence[tuple[int, ...]], sizes: Sequence[int]) -> tuple[int, ...]:

@@ -29,6 +29,8 @@ POSE = 'geometry_msgs/msg/PoseStamped'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 INERTIA = 'geometry_msgs/msg/InertiaStamped'
 
+# Arrays of a JointState with one number per joint, in the order of `name`.
+JOINT_FIELDS = ('position', 'velocity', 'effort')
 NANOSECONDS = 1_000_000_000
 TIME = struct.Struct('<iI')
 # The beginning of a Float64MultiArray without a layout, and the place of its first number.
@@ -225,7 +227,8 @@ class JointStateEncoder:
         self._starts = [writer.numbers(numbers) for numbers in (positions, zeros, zeros)]
         self._data = writer.data
         self._arrays = [np.frombuffer(self._data, '<f8', len(names), at) for at in self._starts]
-        self._order = permutation(order)
+        order_index = permutation(order)
+        self._order: Any = slice(None) if order_index is None else order_index
 
     def encode(
         self, stamp_ns: int, position: NDArray[Any], velocity: NDArray[Any], effort: NDArray[Any]
@@ -328,9 +331,9 @@ def _write_stamps(rows: NDArray[Any], stamps_ns: NDArray[Any]) -> None:
     rows[:, len(HEADER) : len(HEADER) + TIME.size] = times.view(np.uint8)
 
 
-def permutation(order: Sequence[int]) -> Any:
-    """Return the index that brings an array (n,) into an order; a slice if it is the same."""
-    return slice(None) if list(order) == sorted(order) else np.array(order, np.intp)
+def permutation(order: Sequence[int]) -> NDArray[np.intp] | None:
+    """Return the index that brings an array (n,) into an order; None if it is the same."""
+    return None if list(order) == sorted(order) else np.array(order, np.intp)
 
 
 def headed(frame_id: str) -> CdrWriter:

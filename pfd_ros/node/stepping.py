@@ -112,7 +112,7 @@ class Stepper:
         while not stopped():
             self._keep_to_settings()
             if self.engine.waiting:
-                self._stand(stopped)
+                self._wait(stopped)
             elif self.timer.period_ns == 0 and self.session.backlog > BACKLOG_LIMIT:
                 time.sleep(DISK_POLL_SECONDS)
             elif self.timer.wait():
@@ -127,7 +127,7 @@ class Stepper:
             self._settings = self.engine.settings
             self.timer.set_period(_period_ns(self._settings))
 
-    def _stand(self, stopped: Callable[[], bool]) -> None:
+    def _wait(self, stopped: Callable[[], bool]) -> None:
         """Take events until one lets the arm go on."""
         shown, sent = self.states, time.monotonic()
         while self.engine.waiting and not stopped():

@@ -16,7 +16,7 @@ import os
 from pathlib import Path
 import sqlite3
 import stat
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 import yaml
@@ -27,8 +27,11 @@ from pfd_ros.recording.format import (
     MESSAGE_ENCODING,
     RECORD_BYTES,
     ROBOT,
+    ROBOT_BYTES,
     SCHEMA_ENCODING,
+    HeadKey,
 )
+from pfd_ros.recording.head import strict_json
 from pfd_ros.recording.mcap_stream import CutOffError, McapStream
 from pfd_ros.recording.reader import LogError, damage_named, opened
 from pfd_ros.text import cut
@@ -42,7 +45,7 @@ DATABASES = ('.db3', '.sqlite3')
 
 
 @dataclass
-class Topic:
+class BagTopic:
     """A topic of a bag: the type of its messages, and that type's definition, '' if unknown."""
 
     name: str
@@ -72,18 +75,28 @@ class Bag:
         A file, or a folder with metadata.yaml.
     topics
         By name.
-    metadata, attachments
-        HEAD and ROBOT of a recording of the node, by name.
+    head, robot_text
+        Metadata HEAD and attachment ROBOT of a recording of the node, empty for other bags.
     complete
         Whether the last file was closed properly; known after the last message.
 
     """
 
     path: Path
-    topics: dict[str, Topic] = field(default_factory=dict)
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
-    attachments: dict[str, bytes] = field(default_factory=dict)
+    topics: dict[str, BagTopic] = field(default_factory=dict)
+    head: dict[str, str] = field(default_factory=dict)
+    robot_text: bytes = b''
     complete: bool = False
+
+    @property
+    def settings(self) -> dict[str, Any] | None:
+        """Settings of the node by parameter, of a recording of it; ValueError if damaged."""
+        if not self.head:
+            return None
+        found = strict_json(self.head.get(HeadKey.SETTINGS, 'null'))
+        if not isinstance(found, dict):
+            raise ValueError(f'the settings in its head are {cut(repr(found))}')
+        return found
 
     def messages(self) -> Iterator[BagMessage]:
         """
@@ -159,9 +172,14 @@ class Bag:
                         channels[record.id] = record.topic
                         self._add(_topic_of(record, schemas.get(record.schema_id)))
                     elif isinstance(record, Metadata) and record.name == HEAD:
-                        self.metadata.setdefault(record.name, record.metadata)
+                        self.head = self.head or record.metadata
                     elif isinstance(record, Attachment) and record.name == ROBOT:
-                        self.attachments.setdefault(record.name, record.data)
+                        if len(record.data) > ROBOT_BYTES:
+                            raise ValueError(
+                                f'{ROBOT} has {len(record.data)} bytes, expected at most '
+                                f'{ROBOT_BYTES}'
+                            )
+                        self.robot_text = self.robot_text or record.data
             self.complete = records.complete
 
     def _sqlite(self, path: Path) -> Iterator[BagMessage]:
@@ -187,7 +205,7 @@ class Bag:
                     raise ValueError(f'topic {number!r} has a field that is no string')
                 names[number] = name
                 text = definitions.get(kind, '')
-                self._add(Topic(name, kind, encoding, text, qos))
+                self._add(BagTopic(name, kind, encoding, text, qos))
             if len(names) > TOPIC_LIMIT:
                 raise ValueError(f'more than {TOPIC_LIMIT} topics')
             # The size comes first: SQLite would read a longer value whole.
@@ -224,7 +242,7 @@ class Bag:
         )
         return dict(rows.fetchall())
 
-    def _add(self, topic: Topic) -> None:
+    def _add(self, topic: BagTopic) -> None:
         before = self.topics.setdefault(topic.name, topic)
         if (before.type, before.encoding) != (topic.type, topic.encoding):
             raise ValueError(f'topic {cut(topic.name)!r} has two types')
@@ -232,15 +250,15 @@ class Bag:
             raise ValueError(f'more than {TOPIC_LIMIT} topics')
 
 
-def _topic_of(channel: Channel, schema: Schema | None) -> Topic:
+def _topic_of(channel: Channel, schema: Schema | None) -> BagTopic:
     qos = channel.metadata.get('offered_qos_profiles', '')
     name = schema.name if schema else ''
     known = schema is not None and schema.encoding == SCHEMA_ENCODING
     definition = schema.data.decode('utf-8') if schema is not None and known else ''
-    return Topic(channel.topic, name, channel.message_encoding, definition, qos)
+    return BagTopic(channel.topic, name, channel.message_encoding, definition, qos)
 
 
-def definition_of(topic: Topic) -> str:
+def definition_of(topic: BagTopic) -> str:
     """
     Return the definition of a topic's type: from the bag, from ROS, or from rosbags for Jazzy.
 

@@ -14,12 +14,13 @@ import json
 import re
 from typing import Any
 
+import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
 from pfd_ros.arm.events import CLOCK, DROPPED_STATES
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
-from pfd_ros.recording.format import CHANNELS, EndKey, HeadKey
+from pfd_ros.recording.format import CHANNELS, ROBOT, EndKey, HeadKey
 from pfd_ros.text import one_line
 
 # Larger counts are damage; no loop should run to them.
@@ -84,6 +85,14 @@ def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
             f'its topics are {list(roles)}'
         )
     return settings
+
+
+def read_robot(text: str) -> pfd.Robot:
+    """Return the robot of the attachment ROBOT of a recording."""
+    # A single line would be taken for the name of a robot or a file, and `<` for URDF.
+    if '\n' not in text or text.lstrip().startswith('<'):
+        raise ValueError(f'it has no robot in its attachment {ROBOT!r}')
+    return pfd.load_robot(text)
 
 
 def read_versions(value: Any) -> dict[str, str]:

@@ -21,16 +21,11 @@ from numpy.typing import NDArray
 
 import pfd_core as pfd
 from pfd_ros.messages.columns import MOST_PADDING, PADDED, parse_definition, read_columns
-from pfd_ros.messages.convert import JOINT_STATE
-from pfd_ros.recording.bags import Bag, Topic, definition_of
-from pfd_ros.recording.format import HEAD, ROBOT, HeadKey
-from pfd_ros.recording.head import strict_json
+from pfd_ros.messages.convert import JOINT_FIELDS, JOINT_STATE, NANOSECONDS
+from pfd_ros.recording.bags import Bag, BagTopic, definition_of
+from pfd_ros.recording.head import read_robot
 from pfd_ros.recording.reader import damage_named
 from pfd_ros.text import listed
-
-NANO = 1e-9
-# Arrays of a JointState with one number per joint, in the order of `name`.
-PER_JOINT = ('position', 'velocity', 'effort')
 
 
 @dataclass(frozen=True)
@@ -118,7 +113,7 @@ class TopicArrays(Fields):
 
 
 def _seconds(ns: NDArray[np.int64]) -> NDArray[np.float64]:
-    return np.asarray(NANO * ns, np.float64)
+    return np.asarray(ns / NANOSECONDS, np.float64)
 
 
 @dataclass(frozen=True)
@@ -199,7 +194,7 @@ class LogArrays:
             flat = values.reshape(len(values), -1) if len(values) else values.reshape(0, 0)
             if values.ndim == 1:
                 columns[path] = values
-            elif found.names and path in PER_JOINT:
+            elif found.names and path in JOINT_FIELDS:
                 columns |= {f'{path}.{n}': flat[:, k] for k, n in enumerate(found.names)}
             else:
                 columns |= {f'{path}.{k}': flat[:, k] for k in range(flat.shape[1])}
@@ -210,7 +205,7 @@ class LogArrays:
 class _Raw:
     """The messages of a topic as they are in the file."""
 
-    topic: Topic
+    topic: BagTopic
     log_ns: list[int] = field(default_factory=list)
     published_ns: list[int] = field(default_factory=list)
     data: list[bytes] = field(default_factory=list)
@@ -256,7 +251,7 @@ def read_log(
     begin_ns: int | None = None
     for message in bag.messages():
         begin_ns = message.log_ns if begin_ns is None else begin_ns
-        if not first <= NANO * (message.log_ns - begin_ns) < last:
+        if not first <= (message.log_ns - begin_ns) / NANOSECONDS < last:
             continue
         if wanted is not None and message.topic not in wanted:
             continue
@@ -274,14 +269,11 @@ def read_log(
     for name, topic in bag.topics.items():
         if wanted is None or name in wanted:
             raw.setdefault(name, _Raw(topic))
-    settings, robot = None, None
-    if HEAD in bag.metadata:
-        with damage_named(bag.path):
-            settings = strict_json(bag.metadata[HEAD].get(HeadKey.SETTINGS, '{}'))
-            if ROBOT in bag.attachments:
-                text = bag.attachments[ROBOT].decode('utf-8')
-                # A single line would be taken for the name of a robot or a file.
-                robot = pfd.load_robot(f'{text}\n')
+    robot = None
+    with damage_named(bag.path):
+        settings = bag.settings
+        if bag.robot_text:
+            robot = read_robot(bag.robot_text.decode('utf-8'))
     kinds = {name: topic.type for name, topic in bag.topics.items()}
     return LogArrays(bag.path, kinds, settings, robot, bag.complete, raw)
 
@@ -305,10 +297,10 @@ def _by_joint(
     rows = [tuple(row) for row in arrays['name']]
     names = tuple(dict.fromkeys(name for row in dict.fromkeys(rows) for name in row if name))
     if len(names) == arrays['name'].shape[1] and len(set(rows)) == 1:
-        widths = {path: arrays[path].shape[1] for path in PER_JOINT}
+        widths = {path: arrays[path].shape[1] for path in JOINT_FIELDS}
         if all(width == len(names) for width in widths.values()):
             return names, arrays
-    filled = sum(arrays[path].size for path in PER_JOINT)
+    filled = sum(arrays[path].size for path in JOINT_FIELDS)
     if len(rows) * len(names) > PADDED + MOST_PADDING * filled:
         raise ValueError(
             f'{len(rows)} messages name {len(names)} joints, most of them in few messages: read a '
@@ -319,7 +311,7 @@ def _by_joint(
     for k, row in enumerate(rows):
         groups.setdefault(row, []).append(k)
     sorted_arrays = dict(arrays)
-    for path in PER_JOINT:
+    for path in JOINT_FIELDS:
         values = np.full((len(rows), len(names)), np.nan)
         for row, messages in groups.items():
             width = min(len(row), arrays[path].shape[1])

@@ -21,8 +21,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_ros.messages.convert import JOINT_STATE
-from pfd_ros.recording.log_arrays import PER_JOINT, LogArrays, TopicArrays
+from pfd_ros.messages.convert import JOINT_FIELDS, JOINT_STATE
+from pfd_ros.recording.log_arrays import LogArrays, TopicArrays
 from pfd_ros.text import listed
 
 Array = NDArray[Any]
@@ -104,7 +104,7 @@ def compare(
     b: LogArrays,
     *,
     tolerance: float = 0.0,
-    fields: Sequence[str] = PER_JOINT,
+    fields: Sequence[str] = JOINT_FIELDS,
     topics: tuple[str, str] | None = None,
     lag: float | None = None,
 ) -> Comparison:
@@ -134,9 +134,9 @@ def compare(
     """
     if not 0 <= tolerance < math.inf:
         raise ValueError(f'tolerance must be 0 or more and finite, got {tolerance}')
-    unknown = sorted(set(fields) - set(PER_JOINT))
+    unknown = sorted(set(fields) - set(JOINT_FIELDS))
     if unknown or not fields:
-        raise ValueError(f'fields must be some of {list(PER_JOINT)}, got {list(fields)}')
+        raise ValueError(f'fields must be some of {list(JOINT_FIELDS)}, got {list(fields)}')
     pairs, unordered = ([topics], ()) if topics else _pairs(a, b)
     first = a[pairs[0][0]], b[pairs[0][1]]
     for log, states, topic in zip((a, b), first, pairs[0], strict=True):
@@ -149,7 +149,7 @@ def compare(
     shift = 0.0
     if lag is None:
         shift = _shift(*first)
-        lag = estimated_lag(*first, shift)
+        lag = _estimated_lag(*first, shift)
     rows: list[Difference] = []
     curves = {}
     overlap = 0.0
@@ -217,7 +217,7 @@ def _equal(a: TopicArrays, b: TopicArrays) -> bool:
     return (
         a.names == b.names
         and len(a) == len(b)
-        and all(np.array_equal(a[item], b[item], equal_nan=True) for item in PER_JOINT)
+        and all(np.array_equal(a[item], b[item], equal_nan=True) for item in JOINT_FIELDS)
     )
 
 
@@ -240,7 +240,7 @@ def _shift(a: TopicArrays, b: TopicArrays) -> float:
     return 0.0 if common > 0 else float(b.time[0] - a.time[0])
 
 
-def estimated_lag(a: TopicArrays, b: TopicArrays, shift: float = 0.0) -> float:
+def _estimated_lag(a: TopicArrays, b: TopicArrays, shift: float = 0.0) -> float:
     """
     Return the lag of b [s]: a at a time t resembles b at t + shift + lag the most.
 

@@ -20,8 +20,6 @@ from pfd_ros.messages.convert import decode_clock, decode_rows
 from pfd_ros.messages.stamped import NUMBERS, decode_stamped
 from pfd_ros.recording.format import CHANNELS, ROLE_OF_SOURCE
 
-FIELDS = ('position', 'velocity', 'effort')
-
 
 def difference(role: str, recorded: bytes, computed: bytes) -> str:
     """Return the place of the first difference between two messages of a role, and both values."""
@@ -55,7 +53,7 @@ def _differences(kind: str, recorded: bytes, computed: bytes) -> Iterator[str]:
         for name in ('stamp_ns', 'frame_id', 'names'):
             yield from _of_values(name, getattr(joints, name), getattr(other, name))
         places = [f'joint {name!r}' for name in other.names]
-        for name in FIELDS:
+        for name in convert.JOINT_FIELDS:
             yield from _of_numbers(name, getattr(joints, name), getattr(other, name), places)
     elif kind == convert.FLOAT_ARRAY:
         array, ours = (convert.decode_array(data) for data in (recorded, computed))

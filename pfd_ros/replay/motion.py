@@ -129,7 +129,7 @@ class _Reading(Playback):
     states: list[tuple[int, NDArray[Any], NDArray[Any]]] = field(default_factory=list)
 
     def take(self, message: PlacedMessage) -> None:
-        """Follow verdict rows, up to the last step."""
+        """Follow validation rows, up to the last step."""
         if message.cycle <= self.steps:
             super().take(message)
 

@@ -82,7 +82,7 @@ class PlacedMessage(NamedTuple):
 
 @dataclass
 class Inbox:
-    """The inputs of a recording that no verdict row has taken yet."""
+    """The inputs of a recording that no validation row has taken yet."""
 
     _payloads: dict[tuple[Source, int], bytes] = field(default_factory=dict)
 

@@ -8,7 +8,7 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.events import STATES, Verdict
 from pfd_ros.arm.settings import Settings
 
 
@@ -41,7 +41,7 @@ class Summary:
     @property
     def missing(self) -> int:
         """States that were published but not recorded."""
-        return self.lost.get('joint_states', 0)
+        return self.lost.get(STATES, 0)
 
     @property
     def absent(self) -> list[str]:

@@ -18,8 +18,8 @@ from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Output
 from pfd_ros.messages.convert import FLOAT_ARRAY, decode_clock, decode_joint_state, encode_clocks
-from pfd_ros.recording.format import CHANNELS, ROBOT
-from pfd_ros.recording.head import Ending
+from pfd_ros.recording.format import CHANNELS
+from pfd_ros.recording.head import Ending, read_robot
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.differences import difference
 from pfd_ros.replay.inspection import Inspection, inspect
@@ -92,11 +92,7 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
 
 def recorded_robot(log: Log, state: bytes) -> pfd.Robot:
     """Return the robot of a recording; compiling one of other joints could take minutes."""
-    text = log.robot_yaml
-    # A single line would be taken for the name of a robot or a file, and `<` for URDF.
-    if '\n' not in text or text.lstrip().startswith('<'):
-        raise LogError(f'{log.path} has no robot in its attachment {ROBOT!r}')
-    robot = pfd.load_robot(text)
+    robot = read_robot(log.robot_yaml)
     names = decode_joint_state(state).names
     expected = (*robot.joint_names, *log.settings.published_locks)
     if sorted(names) != sorted(expected):

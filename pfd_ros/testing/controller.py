@@ -78,7 +78,7 @@ def refusal(efforts: Array, names: Sequence[str], t: float, detail: str) -> Cont
     wrong = np.flatnonzero(~np.isfinite(efforts)).tolist()
     if not wrong:
         return ControllerError(f'the arm refused the efforts at t = {t:.6g} s: {detail}')
-    told = ', '.join(f'{float(efforts[j])} for joint {names[j]!r}' for j in wrong)
+    wrong_efforts = ', '.join(f'{float(efforts[j])} for joint {names[j]!r}' for j in wrong)
     return ControllerError(
-        f'the controller returned {told} at t = {t:.6g} s, expected finite efforts'
+        f'the controller returned {wrong_efforts} at t = {t:.6g} s, expected finite efforts'
     )

@@ -40,6 +40,7 @@ class EngineRun:
     log: RunLog | None = None
     _numbers: dict[Source, itertools.count[int]] = field(init=False)
     _encoder: EffortArray = field(init=False)
+    # None where published order is model order.
     _order: Any = field(init=False)
     _driver: Driver = field(init=False)
     _silent: Driver = field(init=False)
@@ -49,9 +50,7 @@ class EngineRun:
         """Begin to number the messages of each source."""
         self._numbers = {source: itertools.count(1) for source in Source}
         self._encoder = EffortArray(len(self.engine.arm.names))
-        order = permutation(self.engine.arm.order)
-        # None where published order is model order.
-        self._order = None if isinstance(order, slice) else order
+        self._order = permutation(self.engine.arm.order)
         self._driver, self._silent = Driver(self.engine, self._put), Driver(self.engine)
 
     @property

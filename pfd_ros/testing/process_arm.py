@@ -323,13 +323,13 @@ class ProcessArm:
     def _validate_counts(self, answers: int, allowed: Collection[str]) -> None:
         """Raise ControllerError if the node has counted rejections that are not allowed."""
         new, self._validated = self._counted - self._validated, self._counted
-        told = ', '.join(
+        counts = ', '.join(
             f'{reason} ({n} times)' for reason, n in new.items() if reason not in allowed
         )
-        if told:
+        if counts:
             raise ControllerError(
                 f'the arm rejected commands until t = {self._counted_at:.6g} s, after {answers} '
-                f'answers: {told}; the log of the node has the numbers'
+                f'answers: {counts}; the log of the node has the numbers'
             )
 
     def _follow(

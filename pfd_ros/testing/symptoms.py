@@ -138,27 +138,27 @@ def symptoms(
     rest = None if error is None else offset(error)
     leaving = None if error is None else divergence(time[free], error[free], qd[free])
     waves, early = oscillation(time, qd), oscillation(time[free], qd[free])
-    told = []
+    phrases = []
     if rest is not None and (waves is None or waves.amplitude < STEADY * np.abs(qd).max()):
-        told.append(
+        phrases.append(
             f'rests {abs(rest):.4g} {"above" if rest > 0 else "below"} its target with a torque '
             f'of {tau[-1]:.4g}'
         )
     elif leaving is not None and early is None:
-        told.append(f'moves away from its target, growing by {leaving:.3g} /s')
+        phrases.append(f'moves away from its target, growing by {leaving:.3g} /s')
     elif waves is not None:
         growth, length = waves.growth, seconds
         if early is not None and first_full is not None:
             growth, length = early.growth, float(time[first_full] - time[0])
-        told.append(_wave_text(waves, 1.0 / period, growth, length))
+        phrases.append(_wave_text(waves, 1.0 / period, growth, length))
     elif error is not None:
         away = error[-1] * qd[-1] > 0.0
-        told.append(
+        phrases.append(
             f'still moves {"away from" if away else "to"} its target at {abs(qd[-1]):.3g} /s'
         )
     share = saturation(tau, effort[3])
     if share:
-        told.append(f'at the torque limit {effort[3]:.4g} for {100 * share:.3g} % of the time')
+        phrases.append(f'at the torque limit {effort[3]:.4g} for {100 * share:.3g} % of the time')
     hits = [
         (k, f'{kind} {values[k]:.4g} beyond its limit {bound:.4g} at t = {time[k]:.6g} s')
         for kind, values, lower, upper in limits
@@ -166,8 +166,8 @@ def symptoms(
         for bound in [lower if values[k] <= lower else upper]
     ]
     if hits:
-        told.append(f'first {min(hits)[1]}')
-    return '; '.join(told) or 'no oscillation, no limit reached'
+        phrases.append(f'first {min(hits)[1]}')
+    return '; '.join(phrases) or 'no oscillation, no limit reached'
 
 
 def _wave_text(waves: Oscillation, rate: float, growth: float, seconds: float) -> str:

@@ -41,10 +41,12 @@ ROLES = {
     'clock': CLOCK,
 }
 START_NS = 1_700_000_000_000_000_000
+# Of an arm whose state may overflow.
+UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
 
 
 def rows_of(path: Path) -> list[ValidationRow]:
-    """Return the verdict rows of a recording, in their order."""
+    """Return the validation rows of a recording, in their order."""
     return [row for message in placed_messages(Log(path)) for row in message.rows]
 
 

@@ -10,18 +10,16 @@ import pickle
 from typing import Any
 
 import numpy as np
-from plant_messages import change, made, payload, wrench
+from plant_messages import change, made, payload, request, validated, wrench
 import pytest
-from simulating import efforts
+from simulating import UNLIMITED, efforts
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Output, Source
+from pfd_ros.arm.events import Arrival, Output, Source, Verdict
 from pfd_ros.arm.settings import Settings
 from pfd_ros.arm.state import MAGIC, ArmState
 from pfd_ros.messages.convert import JointStateEncoder
 from pfd_ros.testing.lockstep_arm import LockstepArm
-
-UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
 
 NAMES = ('shoulder', 'elbow')
 TIP = 'tip_link'
@@ -75,6 +73,8 @@ def events(cycle: int) -> list[Arrival]:
         found.append(payload(TIP, 0.3))
     if cycle == 305:
         found.append((Source.REQUEST, b'not a request'))
+    if cycle == 320:
+        found.append(request('pause'))
     return [Arrival(source, cycle, data) for source, data in found]
 
 
@@ -181,16 +181,30 @@ def test_other_values_under_a_valid_digest_are_refused(tree: str) -> None:
         ArmState.from_bytes(data)
 
 
-def test_an_arm_that_failed_and_one_in_a_pause_are_restored_as_they_were() -> None:
+def test_an_arm_that_failed_is_restored_as_it_was() -> None:
     engine = made(**UNLIMITED)
     engine.run_cycle([Arrival(Source.ARRAY, 1, efforts(1e300, 0.0))])
     while not engine.state.failure:
         engine.step()
     fresh = made(**UNLIMITED)
     fresh.restore(engine.save())
-    reset = Arrival(Source.REQUEST, 1, b'')
-    assert fresh.run_cycle([reset]) == engine.run_cycle([reset])
+    for one in (fresh, engine):
+        assert validated(one, request('reset')).verdict is Verdict.ACCEPTED
+    assert outputs(fresh, 5) == outputs(engine, 5)
     assert fresh.state == engine.state
+    assert not fresh.state.failure
+
+
+def test_an_arm_in_a_pause_is_restored_in_it() -> None:
+    engine = made()
+    assert validated(engine, request('pause')).verdict is Verdict.ACCEPTED
+    fresh = made()
+    fresh.restore(engine.save())
+    for one in (fresh, engine):
+        # Only an arm in a pause does single steps.
+        assert validated(one, request('step')).verdict is Verdict.ACCEPTED
+    assert outputs(fresh, 5) == outputs(engine, 5)
+    assert validated(made(), request('step')).verdict is Verdict.REFUSED
 
 
 def pd(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:

@@ -7,16 +7,15 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from plant_messages import change, made, wrench
+from plant_messages import change, made, request, validated, wrench
 import pytest
-from simulating import efforts
+from simulating import UNLIMITED, efforts
 
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import Arrival, Source
+from pfd_ros.arm.events import Arrival, Source, Verdict
 
 NAMES = ('shoulder', 'elbow')
 TIP = 'tip_link'
-UNLIMITED: dict[str, Any] = {'effort_limits': False, 'torque_speed': False}
 SCENES: list[dict[str, Any]] = [
     {},
     {'joints': NAMES[::-1], 'lockstep': True},
@@ -141,7 +140,7 @@ def test_an_arm_on_which_more_than_commands_acts_runs_cycle_by_cycle(settings) -
 @pytest.mark.parametrize(
     'event',
     [
-        (Source.REQUEST, b''),
+        request('reset'),
         change(noise_velocity=1e-3),
         change(reflex_effort_rate=10.0),
     ],
@@ -154,7 +153,7 @@ def test_events_between_two_stretches_act(event: tuple[Source, bytes]) -> None:
         found = other.stretch(rows, range(20))
         single(other, rows[0 if found is None else len(found) :], 1)
         for engine in (one, other):
-            engine.take([Arrival(event[0], 2, event[1])])
+            assert validated(engine, event).verdict is Verdict.ACCEPTED
         assert other.state == one.state
 
 

@@ -7,29 +7,16 @@ from __future__ import annotations
 import re
 import signal
 
+from description_topic import latched, publish
 import gripper_arm
 import pytest
 from ros_processes import Peer, Processes
-from test_lifecycle import change
+from transitions import change
 
 import pfd_core as pfd
 from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
-
-
-def latched(peer: Peer, topic: str = 'robot_description', durability: str = 'transient_local'):
-    from rclpy.qos import DurabilityPolicy, QoSProfile
-    from std_msgs.msg import String
-
-    profile = QoSProfile(depth=1, durability=DurabilityPolicy[durability.upper()])
-    return peer.node.create_publisher(String, topic, profile)
-
-
-def publish(publisher, text: str) -> None:
-    from std_msgs.msg import String
-
-    publisher.publish(String(data=text))
 
 
 def wait(peer: Peer, seconds: float = 20.0, stopped=lambda: False) -> str:

@@ -11,13 +11,13 @@ import shlex
 import signal
 from xml.etree import ElementTree
 
+from description_topic import latched, publish
 import gripper_arm
 import numpy as np
 import pytest
 from replicas import ControllerManager, TopicHardware
 from ros_processes import PATIENCE, ROOT, Process, Processes
 from simulating import rows_of
-from test_description_topic import latched, publish
 import yaml
 
 from pfd_ros.arm.events import Verdict

@@ -8,10 +8,11 @@ import json
 from pathlib import Path
 import random
 
+from bags import write_bag
 from mcap.reader import make_reader
 import pytest
 from rewriting import GOLDEN
-from test_read_log import write_bag
+from simulating import simulate
 
 from pfd_ros.cli.main import main
 
@@ -57,6 +58,20 @@ def test_a_recording_that_was_cut_off_says_so(
     text = capsys.readouterr().out
     assert 'MB, cut off' in text
     assert 'the file was not closed' in text
+
+
+def test_a_recording_without_states_cannot_be_replayed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = simulate(0).save(tmp_path / 'a.mcap')
+    assert main(['info', str(path)]) == 0
+    out = capsys.readouterr().out
+    assert 'replay     not possible: it holds no states' in out
+    assert 'begin' not in out
+    assert main(['info', str(path), '--json']) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found['run']['can_be_replayed'] is False
+    assert (found['messages'], found['begin_ns'], found['end_ns']) == (0, None, None)
 
 
 @pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])

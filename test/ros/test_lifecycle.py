@@ -11,22 +11,13 @@ from typing import Any
 
 import pytest
 from ros_processes import JOINTS, PATIENCE, Peer, Processes, call, stamp_ns
+from transitions import change
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read
 
 pytestmark = pytest.mark.ros
 WAITS = ('-p', 'autostart:=false')
-
-
-def change(peer: Peer, label: str) -> bool:
-    """Ask for a transition and return whether it succeeded."""
-    from lifecycle_msgs.msg import Transition
-    from lifecycle_msgs.srv import ChangeState
-
-    return bool(
-        call(peer, ChangeState, 'change_state', transition=Transition(label=label)).success
-    )
 
 
 def change_by_number(peer: Peer, number: int) -> bool:

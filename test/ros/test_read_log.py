@@ -10,9 +10,9 @@ import os
 from pathlib import Path
 import random
 import sqlite3
-import string
 from typing import Any
 
+from bags import STORE, random_message, rosbag2, write_bag
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
@@ -25,42 +25,9 @@ import pfd_core as pfd
 from pfd_ros import read_log
 from pfd_ros.recording.reader import LogError
 
-rosbag2 = pytest.importorskip('rosbags.rosbag2')
-typesys = pytest.importorskip('rosbags.typesys')
-STORE = typesys.get_typestore(typesys.Stores.ROS2_JAZZY)
 NUMBERS = {'float64': float, 'float32': np.float32, 'bool': bool}
 # A folder with logs of real arms, each a bag of rosbag2 with /joint_states.
 REAL_ARMS = 'PFD_REAL_ARM_LOGS'
-
-
-def random_message(kind: str, rng: random.Random) -> Any:
-    """Return a message of a type with random contents and lengths, by rosbags."""
-    values = {name: _random(spec, rng) for name, spec in STORE.fielddefs[kind][1]}
-    return STORE.types[kind](**values)
-
-
-def _random(spec: Any, rng: random.Random) -> Any:
-    node, detail = int(spec[0]), spec[1]
-    if node == 1:
-        return _primitive(detail[0], rng)
-    if node == 2:
-        return random_message(detail, rng)
-    item, count = detail
-    size = count if node == 3 else rng.choice((0, 1, 2, 3))
-    found = [_random(item, rng) for _ in range(size)]
-    if int(item[0]) == 1 and item[1][0] != 'string':
-        return np.array(found, {'byte': 'u1', 'char': 'u1', 'bool': '?'}.get(*[item[1][0]] * 2))
-    return found
-
-
-def _primitive(kind: str, rng: random.Random) -> Any:
-    if kind == 'string':
-        return ''.join(rng.choices(string.ascii_letters + 'äß', k=rng.choice((0, 1, 5))))
-    if kind == 'bool':
-        return rng.random() < 0.5
-    if kind.startswith('float'):
-        return float(np.float32(rng.uniform(-9, 9)))
-    return rng.randrange(100)
 
 
 def flat(kind: str, message: Any) -> dict[str, Any]:
@@ -88,20 +55,6 @@ def assert_holds(values: Any, wanted: Any) -> None:
         assert all(x == '' or np.isnan(x) for x in rest)
     else:
         assert values == wanted
-
-
-def write_bag(path: Path, kinds: list[str], rng: random.Random, storage: Any) -> dict[str, Any]:
-    """Write a bag with random messages of each type by rosbags; return the messages by topic."""
-    written = {}
-    with rosbag2.Writer(path, version=9, storage_plugin=storage) as writer:
-        for k, kind in enumerate(kinds):
-            topic = f'/{kind}'
-            connection = writer.add_connection(topic, kind, typestore=STORE)
-            written[topic] = [random_message(kind, rng) for _ in range(6)]
-            for j, message in enumerate(written[topic]):
-                data = bytes(STORE.serialize_cdr(message, kind))
-                writer.write(connection, 10**9 + 1000 * k + j, data)
-    return written
 
 
 @pytest.mark.parametrize('storage', ['MCAP', 'SQLITE3'])

@@ -14,7 +14,7 @@ import sys
 import pytest
 from rewriting import ARRAY, STATES, TAKEN, Recording, Sent
 from ros_processes import environment
-from simulating import START_NS, efforts, simulate
+from simulating import START_NS, UNLIMITED, efforts, simulate
 
 from pfd_ros.arm.events import TAKEN_COLUMNS, Source, Verdict
 from pfd_ros.cli import main as command_line
@@ -27,7 +27,6 @@ from pfd_ros.replay.verify import DifferenceError, read
 
 MOVE = {3: [efforts(1.0, 2.0)], 9: [efforts(-1.0, 0.5), efforts(2.0, 0.0)]}
 BLOW_UP = {5: [efforts(1.0, 2.0)], 12: [efforts(1e308, -1e308)]}
-UNLIMITED = {'effort_limits': False, 'torque_speed': False}
 
 
 def told(path: Path, capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rewriting import ARRAY, CLOCK, STATES, Recording, load
-from simulating import simulate
+from simulating import efforts, simulate
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
@@ -130,14 +130,18 @@ def test_commands_by_name_are_replayed_in_stretches(
     assert sum(lengths) > 290
 
 
-@pytest.mark.parametrize('late', [0, 150])
+@pytest.mark.parametrize('stale', [(), (150,)])
 def test_a_stale_command_by_name_is_rejected_as_in_single_cycles(
-    late: int, tmp_path: Path, lengths: list[int]
+    stale: tuple[int, ...], tmp_path: Path, lengths: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stamps = {150: 148_000_000} if late else {}
-    recording = named(lambda k: stamps.get(k, (k - 1) * 1_000_000), lockstep=True)
-    summary = read(recording.save(tmp_path / 'a.mcap'), verify=True)
-    assert summary.verdicts.get(Verdict.STALE, 0) == bool(late)
+    # One stamp older than that of the state to answer.
+    recording = named(lambda k: (k - 1 - (k in stale)) * 1_000_000, lockstep=True)
+    path = recording.save(tmp_path / 'a.mcap')
+    summary = read(path, verify=True)
+    assert summary.verdicts.get(Verdict.STALE, 0) == len(stale)
+    assert any(lengths)
+    single_cycles(monkeypatch)
+    assert read(path, verify=True).verdicts == summary.verdicts
 
 
 def test_an_arm_that_fails_in_a_stretch_is_replayed_to_its_failure(tmp_path: Path) -> None:
@@ -149,6 +153,23 @@ def test_an_arm_that_fails_in_a_stretch_is_replayed_to_its_failure(tmp_path: Pat
     summary = read(path, verify=True)
     assert 'not finite' in summary.failure
     assert summary.stopped_at == arm.engine.arm.step
+
+
+@pytest.mark.parametrize(('every', 'first_braked'), [(10, 2001), (2, 401)])
+def test_a_reflex_within_a_stretch_is_replayed_in_its_cycle(
+    every: int, first_braked: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # A command every few cycles; the effort of the 201st is further from the last than allowed.
+    commands = {
+        1 + every * k: [efforts(1.0 + (9.0 if k == 200 else 0.0), 0.0)] for k in range(260)
+    }
+    path = simulate(260 * every, commands, reflex_effort_rate=2000.0).save(tmp_path / 'a.mcap')
+    assert read(path, verify=True).verdicts[Verdict.REFUSED] == 59
+    braked = read_motion(path).motion.held
+    assert np.flatnonzero(braked.all(axis=1))[0] + 1 == first_braked
+    single_cycles(monkeypatch)
+    assert read(path, verify=True).verdicts[Verdict.REFUSED] == 59
+    assert read_motion(path).motion.held.tobytes() == braked.tobytes()
 
 
 def test_the_motion_of_a_run_is_that_of_single_cycles(

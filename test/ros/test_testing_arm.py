@@ -7,6 +7,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+from lockstep_runs import FIELDS, GOAL, UNCUT, assert_same_bits
 import numpy as np
 import pytest
 from recordings import HAS_DEFINITIONS
@@ -20,10 +21,7 @@ from pfd_ros.replay.verify import read
 from pfd_ros.testing.controller import ControllerError
 from pfd_ros.testing.engine_run import ArmError
 from pfd_ros.testing.lockstep_arm import LockstepArm
-from pfd_ros.testing.trajectory import Trajectory
 
-GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])
-FIELDS = ('time', 'q', 'qd', 'tau')
 # The stamp of the first state, s: zero is no time to ROS.
 START = 0.001
 needs_definitions = pytest.mark.skipif(
@@ -35,19 +33,8 @@ def pd(t, q, qd):
     return 100.0 * (GOAL - q) - 10.0 * qd + np.sin(5 * t)
 
 
-# Efforts as they are commanded.
-UNCUT = {'effort_limits': False, 'torque_speed': False}
-
-
 def ur5(**settings) -> LockstepArm:
     return LockstepArm('ur5', armature=True, **UNCUT, **settings)
-
-
-def assert_same_bits(one: Trajectory, other: Trajectory) -> None:
-    for name in FIELDS:
-        a, b = getattr(one, name), getattr(other, name)
-        assert a.shape == b.shape
-        assert a.tobytes() == b.tobytes(), name
 
 
 def test_twenty_runs_of_one_controller_have_the_same_bits() -> None:

@@ -14,10 +14,10 @@ import time
 from typing import Any
 
 import gripper_arm
+from lockstep_runs import GOAL, UNCUT, assert_same_bits
 import numpy as np
 import pytest
 from ros_processes import PATIENCE, ROOT
-from test_testing_arm import GOAL, UNCUT, assert_same_bits
 
 from pfd_ros.arm.events import Verdict
 from pfd_ros.replay.verify import read

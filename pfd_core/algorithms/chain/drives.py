@@ -3,21 +3,21 @@
 """
 The drives: torques of the motors under commanded torques tau.
 
-    t = tau + g(q)                      gravity torques of the model that the drives compensate
+    t = tau + g(q)                      gravity compensation, of the model in the scene
     t in [-L_0, L(|qd|)] along qd       torque-speed table L, falling from L_0 at rest
     t in [-E, E]                        effort limits E
     t - sign(qd) F(qd)                  dry friction of joints in motion, behind the motor:
                                         F(v) = Fc + (Fs - Fc) / (1 + (v / vs)^2)
 
-Both limits are one table: L is cut off at E. A motor that pushes its joint along is bounded by
-the speed, one that brakes it by L_0 only, as back-EMF then helps the current; at rest the two are
-the same, so that nothing jumps.
+Both limits are one table: L is cut off at E. A driving torque is limited by L at the speed, a
+braking torque by L_0 only, because back-EMF then adds to the voltage. At rest both limits are
+equal, so that the torque is continuous.
 
 Every algorithm converts the input tau into torques of motors here, before anything else, on n
 lanes (one row for all joints) and on one processor (a list with one number per joint). Inverse
-dynamics takes g off again and ignores the limits: `commanded_torques`.
+dynamics subtracts g and ignores the limits: `commanded_torques`.
 
-Parallel cost: 1 addition for compensation beside pfd_core.algorithms.chain.gravity; 2 additions
+Parallel cost: 1 addition for compensation, and pfd_core.algorithms.chain.gravity; 2 additions
 for effort limits; 3 additions for a table and 1 multiplication and 2 additions for each row after
 the first; 1 addition for friction, and 2 multiplications, 2 additions and 1 division where it
 depends on the velocity. Selections are not counted.
@@ -42,10 +42,10 @@ from pfd_core.model.geometry import Array
 
 def record_motor_torques(plant: Plant) -> Program:
     """
-    Return the program of the motors' tau, (n,), from q, qd and the commanded tau.
+    Return the program of the motor torques tau, (n,), from q, qd and the commanded tau.
 
-    For a step whose further torques act on the joint side of the motors, as dry friction does: it
-    gives them, with these, to `without_drives(plant)`.
+    A step with dry friction, which acts on the joint side of the motors, adds its torques to these
+    and passes both to `without_drives(plant)`.
     """
     recorder = Recorder(1, 'sequential')
     qd, tau = (input_list(recorder, name, plant.robot.n) for name in ('qd', 'tau'))

@@ -1,17 +1,17 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-Torques of the joints themselves, in addition to the torques of the links.
+Torques of the effects of the joints: damping, springs, cogging, rotor inertia.
 
     tau = tau of links, gravity and wrench
           + viscosity qd + torque(q, qd) [+ inertia qdd]        summed over the effects
 
-The effects are the records of pfd_core.model.effects that act on the joints. Every algorithm takes
-these torques from here, on n lanes (one row for all joints) and on one processor (a list with one
-number per joint). What a motor does is in pfd_core.algorithms.chain.drives.
+The effects are the records of pfd_core.model.effects that act on the joints. Every algorithm adds
+these torques by the functions below, on n lanes (one row for all joints) and on one processor (a
+list with one number per joint). Motors are in pfd_core.algorithms.chain.drives.
 
-In forward dynamics qdd is unknown, so that each method adds the inertia of the joints to the
-diagonal of H or to the pivot of its joint.
+In forward dynamics qdd is unknown: each method adds the inertia of the joints to the diagonal of H
+or to the pivot of its joint.
 
 Parallel cost: 1 multiplication and 1 addition for viscosity, inertia and springs each; 1 addition
 more for springs whose rest positions are not zero.
@@ -37,7 +37,7 @@ def plus_joint_torques(
     plant: Plant, tau: Sequence[Lanes], qd: Sequence[Lanes], qdd: Sequence[Lanes] | None = None
 ) -> list[Lanes]:
     """
-    Return tau plus the torques that the joints themselves take.
+    Return tau plus the torques of the effects.
 
     Parameters
     ----------
@@ -53,12 +53,12 @@ def plus_joint_torques(
 
 
 def minus_joint_torques(plant: Plant, tau: Sequence[Lanes], qd: Sequence[Lanes]) -> list[Lanes]:
-    """Return tau minus the torques that the joints take at velocities qd, without inertia."""
+    """Return tau minus the torques of the effects at velocities qd, without inertia."""
     return _combined(operator.sub, plant, tau, qd, None)
 
 
 def record_joint_torques(plant: Plant) -> Program:
-    """Return the program of the torques that the joints take, tau, (n,), from q and qd."""
+    """Return the program of the torques of the effects, tau, (n,), from q and qd."""
     recorder = Recorder(1, 'sequential')
     qd = input_list(recorder, 'qd', plant.robot.n)
     tau = plus_joint_torques(plant, [recorder.constant(0.0)] * len(qd), qd)

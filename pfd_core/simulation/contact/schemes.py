@@ -23,7 +23,7 @@ One register holds one number.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +34,6 @@ from pfd_core.machine.lanes import where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import Plant
-from pfd_core.simulation.integrators import IMEX_DIAGONAL, IMEX_FIRST
 
 # Coefficients of a polynomial, from the constant one on.
 Cubic = list[Lanes]
@@ -227,7 +226,3 @@ def _chords(recorder: Recorder, n: int, at_stop: list[Lanes]) -> tuple[list[Cubi
         [[q[i], slopes[i], dq[i] - slopes[i], zero] for i in range(n)],
         [[qd[i], qd_end[i] - qd[i], zero, zero] for i in range(n)],
     )
-
-
-# By the names of the integrators that can be cut at events.
-SCHEMES: Mapping[str, Scheme] = {'rk4': RK4, 'imex2': imex2(IMEX_DIAGONAL, IMEX_FIRST)}

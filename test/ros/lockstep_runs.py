@@ -1,0 +1,21 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""Runs of an arm in lockstep, compared bit for bit."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pfd_ros.testing.trajectory import Trajectory
+
+GOAL = np.array([0.3, -0.6, 0.9, 0.2, -0.5, 0.4])
+FIELDS = ('time', 'q', 'qd', 'tau')
+# Efforts as they are commanded.
+UNCUT = {'effort_limits': False, 'torque_speed': False}
+
+
+def assert_same_bits(one: Trajectory, other: Trajectory) -> None:
+    for name in FIELDS:
+        a, b = getattr(one, name), getattr(other, name)
+        assert a.shape == b.shape
+        assert a.tobytes() == b.tobytes(), name

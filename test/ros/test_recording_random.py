@@ -12,7 +12,7 @@ import random
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 import pytest
-from read_hostile import bounded, verify
+from read_hostile import bounded, replay
 from rewriting import ARRAY, GOLDEN, NAMED, Recording, load
 from simulating import efforts, simulate
 

@@ -167,14 +167,20 @@ class NewRun(ChangedRun):
 
     def _keep(self, outputs: Sequence[Output]) -> None:
         if outputs and outputs[0].role != TAKEN:
-            self._now_ns = int(self.times.of(self.reached, 1)[0])
+            self._now_ns = self.times.at(self.reached)
         for output in outputs:
             self.log.add(output.role, self._now_ns, output.number, output.data)
 
     def take(self, message: PlacedMessage) -> None:
         """Follow validation rows."""
         self.times.add(message.cycle - 1, message.log_ns)
-        super().take(message)
+        engine = self.driver.engine
+        if engine.arm.plant.payload == engine.state.payload:
+            super().take(message)
+        else:
+            # A new payload has a message in its first cycle, which no stretch writes.
+            self.flush()
+            self.take_now(message)
 
     def output(self, message: PlacedMessage) -> None:
         """Follow a recorded state."""

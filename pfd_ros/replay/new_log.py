@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import Counter
 from collections.abc import Mapping
 import json
@@ -134,6 +135,16 @@ class LogTimes:
         if cycle > self._cycles[-1]:
             self._cycles.append(cycle)
             self._times.append(max(log_ns, self._times[-1]))
+
+    def at(self, cycle: int) -> int:
+        """Return the time of one cycle."""
+        k = bisect_left(self._cycles, cycle)
+        if k == len(self._cycles):
+            return self._times[-1]
+        if self._cycles[k] == cycle or k == 0:
+            return self._times[k]
+        (low, high), (begin, end) = self._cycles[k - 1 : k + 1], self._times[k - 1 : k + 1]
+        return begin + (end - begin) * (cycle - low) // (high - low)
 
     def of(self, first: int, count: int) -> NDArray[np.int64]:
         """Return the times of some cycles, (count,), and forget those before."""

@@ -345,7 +345,7 @@ def test_a_wrong_length_names_the_robot_and_its_joints(robot: Robot) -> None:
         ),
         (
             {'joint_limits': [(0, 1), (2, 2), (0, 1), (0, 1)]},
-            "joint_limits of joint 'joint2' must be .* below .*, got 2.0 and 2.0.*locked",
+            "joint_limits of joint 'joint2' must be .* below .*, got 2.0 and 2.0; lock a joint",
         ),
         (
             {'friction': (1, 1, 1, 1), 'static_friction': (1, 1, 0.5, 1)},

@@ -4,6 +4,7 @@
 Tables and plots of `pfd report`, each written by a command that anyone can run.
 
     markdown         paragraphs, tables and JSON of all pages
+    installation     whether compiler and cache work, and times of this machine (`pfd doctor`)
 
 `pfd report counts` (docs/report/counts.md, .json, .png and array.svg):
 

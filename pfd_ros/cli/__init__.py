@@ -13,6 +13,8 @@
     report    pfd report: counts, speed, hard cases, a scene
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot
+    doctor    pfd doctor: what is installed, whether it works, how fast this machine is
 
-A new command is a module with `HELP`, `add_arguments` and `run`, and a name in `main.COMMANDS`.
+A new command is a module with `HELP`, `EXAMPLE`, `add_arguments` and `run`, and a name in
+`main.COMMANDS`.
 """

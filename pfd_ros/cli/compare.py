@@ -15,6 +15,7 @@ from pfd_ros.replay.compare import Comparison, compare
 from pfd_ros.text import one_line
 
 HELP = 'differences of two logs, joint by joint'
+EXAMPLE = 'pfd compare real.mcap simulated.mcap --tolerance 0.01'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

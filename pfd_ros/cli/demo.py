@@ -8,6 +8,7 @@ import argparse
 from pathlib import Path
 
 HELP = 'the arm and a controller as two ROS 2 processes for a few seconds'
+EXAMPLE = 'pfd demo --robot panda'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -9,7 +9,7 @@ signal during the imports, which take a second, ends it like a later one.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 import importlib.util
 import os
@@ -29,24 +29,36 @@ NO_ROS = (
 
 
 # The modules of this package that are commands, in the order of `pfd --help`.
-COMMANDS = ('demo', 'sim', 'replay', 'info', 'compare', 'recover', 'report', 'robots', 'urdf')
+COMMANDS = (
+    *('demo', 'sim', 'replay', 'info', 'compare', 'recover'),
+    *('report', 'robots', 'urdf', 'doctor'),
+)
 NEED_ROS = {'demo', 'sim'}
 
 
-def _commands(words: Sequence[str]) -> dict[str, Any]:
+def commands_of(words: Sequence[str]) -> dict[str, Any]:
     """Import the command of the first word, or all; none imports rclpy before it runs."""
     names = words[:1] if words and words[0] in COMMANDS else COMMANDS
     return {name: import_module(f'pfd_ros.cli.{name}') for name in names}
 
 
-def _parser(commands: dict[str, Any]) -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+def parser(commands: Mapping[str, Any]) -> argparse.ArgumentParser:
+    """Return the parser of some commands, given as modules by name."""
+    found = argparse.ArgumentParser(
         prog='pfd', description='A simulated robot arm: torques in, joint states out.'
     )
-    subparsers = parser.add_subparsers(dest='command', required=True, metavar='COMMAND')
+    subparsers = found.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for name, command in commands.items():
-        command.add_arguments(subparsers.add_parser(name, help=command.HELP))
-    return parser
+        command.add_arguments(
+            subparsers.add_parser(
+                name,
+                help=command.HELP,
+                description=command.HELP,
+                epilog=f'example: {command.EXAMPLE}',
+                formatter_class=argparse.RawDescriptionHelpFormatter,
+            )
+        )
+    return found
 
 
 def main(args: Sequence[str] | None = None) -> int:
@@ -60,10 +72,10 @@ def main(args: Sequence[str] | None = None) -> int:
 
 
 def _run(words: list[str], stop: threading.Event | None) -> int:
-    commands = _commands(words)
+    commands = commands_of(words)
     # Arguments for ROS, which argparse would reject.
     cut = words.index('--ros-args') if '--ros-args' in words else len(words)
-    given = _parser(commands).parse_args(words[:cut])
+    given = parser(commands).parse_args(words[:cut])
     given.ros_args, given.stop = words[cut:], stop
     if given.ros_args and given.command != 'sim':
         print(f'pfd: {given.command} takes no --ros-args', file=sys.stderr)

@@ -11,6 +11,7 @@ from pfd_ros.recording.recover import recover
 from pfd_ros.text import one_line
 
 HELP = 'all readable messages of a cut off or damaged log, as a whole file'
+EXAMPLE = 'pfd recover cut.mcap --out whole.mcap'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

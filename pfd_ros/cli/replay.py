@@ -17,6 +17,7 @@ from pfd_ros.replay.verify import read
 from pfd_ros.text import one_line
 
 HELP = 'summary of a recording, its verification bit for bit, or its inputs into a changed arm'
+EXAMPLE = 'pfd replay run.mcap --verify'
 # Exit status of --verify for an incomplete recording whose recorded part is equal.
 INCOMPLETE = 3
 # Software whose versions may change the bits.

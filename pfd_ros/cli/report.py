@@ -21,6 +21,7 @@ REPORTS = {
     'scene': 'cost and error of each effect of a scene, and the smallest scene within a tolerance',
 }
 HELP = 'tables and plots, measured on this machine'
+EXAMPLE = 'pfd report scene --robot puma560 --trajectory sine --tolerance 1e-3'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

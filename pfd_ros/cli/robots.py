@@ -9,6 +9,7 @@ import argparse
 import pfd_core as pfd
 
 HELP = 'the included robots'
+EXAMPLE = 'pfd robots'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -11,6 +11,7 @@ import sys
 import pfd_core as pfd
 
 HELP = 'the URDF of a robot'
+EXAMPLE = 'pfd urdf puma560 --out puma560.urdf'
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

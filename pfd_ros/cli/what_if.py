@@ -18,7 +18,9 @@ from pfd_ros.text import listed, one_line
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options that go with --what-if."""
-    group = parser.add_argument_group('with --what-if')
+    group = parser.add_argument_group(
+        'with --what-if', 'example: pfd replay run.mcap --what-if payload.mass=2 friction.elbow=3'
+    )
     group.add_argument(
         '--commands',
         default='',

@@ -27,6 +27,7 @@ Around it:
     workers          supervised threads: the end of one stops all
     process          starts and stops ROS, the node and its threads; exit status
     main             signals; the entry point `sim_node`
+    dds_check        one message from a process to another, for `pfd doctor`
 
 Threads: main (reporting), signals, the executor (started by process), stepping (started by
 lifecycle for each arm), compiling (while a payload waits for its code, changing), recording

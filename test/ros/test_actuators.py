@@ -68,7 +68,7 @@ def test_efforts_within_the_limits_have_the_same_bits() -> None:
 @pytest.mark.parametrize(
     ('speed', 'left'), [(19.9, 20.0), (20.0, 20.0), (30.0, 10.0), (40.0, 0.0), (90.0, 0.0)]
 )
-def test_a_motor_drives_along_with_less_beyond_its_speed_limit_and_brakes_with_all(
+def test_driving_torque_drops_beyond_the_speed_limit_and_braking_torque_does_not(
     speed: float, left: float
 ) -> None:
     made = actuators()
@@ -261,7 +261,7 @@ def test_a_jump_ends_the_servo(event: str) -> None:
     assert engine.state.link.actuation.position is None
 
 
-def test_an_arm_without_gains_takes_efforts_beside_positions_and_refuses_positions_alone() -> None:
+def test_an_arm_without_gains_accepts_efforts_with_positions_and_rejects_positions_alone() -> None:
     engine = Engine(Settings(robot='planar2'), PLANAR2)
     source, data = targeted(NAMES, [1.0, 1.0], effort=[2.0, 1.0])
     assert engine.validate(Arrival(source, 1, data)).verdict is Verdict.ACCEPTED
@@ -296,7 +296,9 @@ def test_by_the_convention_of_franka_efforts_are_without_gravity(tmp_path: Path)
 COMMANDS = {3: [efforts(1e300, -1e300)], 40: [efforts(15.0, 9.0)], 400: [efforts(0.0, 99.0)]}
 
 
-def test_a_recording_with_saturated_efforts_verifies_and_tells_what_acted(tmp_path: Path) -> None:
+def test_a_recording_with_saturated_efforts_verifies_and_has_the_efforts_that_acted(
+    tmp_path: Path,
+) -> None:
     path = simulate(600, COMMANDS).save(tmp_path / 'a.mcap')
     assert read(path, verify=True).complete
     states = states_of(path)

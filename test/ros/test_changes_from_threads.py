@@ -110,7 +110,7 @@ def test_payloads_and_parameters_from_several_threads_end_in_one_order() -> None
     assert engine.arm.scene.payload == engine.settings.payload
 
 
-def test_a_change_that_a_flood_pushed_out_is_told_and_not_taken_over() -> None:
+def test_a_change_that_a_full_queue_dropped_is_reported_and_not_applied() -> None:
     engine, receiver, changes = made()
     receiver.queue.most = 1
     ask = receiver.ask

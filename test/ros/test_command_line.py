@@ -159,7 +159,7 @@ def test_ctrl_c_is_no_traceback(
     assert capsys.readouterr() == ('', '')
 
 
-def test_an_error_of_several_lines_is_told_in_one(
+def test_an_error_of_several_lines_is_printed_in_one(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     def refuse(*_: object, **__: object) -> None:

@@ -113,7 +113,7 @@ def test_on_timeout_zero_lets_go_of_the_joints_and_leaves_brakes_on() -> None:
     assert engine.arm.qd[1] == 0.0
 
 
-def test_on_timeout_hold_keeps_the_position_at_the_trip_by_the_servo() -> None:
+def test_on_timeout_hold_keeps_the_position_at_the_timeout_by_the_servo() -> None:
     engine = made(command_timeout=0.005, on_timeout='hold', gravity=(0.0, 0.0, 0.0), **SERVO)
     send(engine, efforts(1.0, -0.5))
     taus(engine, 5)
@@ -143,7 +143,9 @@ def test_a_change_that_takes_the_servo_of_a_hold_away_is_refused() -> None:
 
 
 @pytest.mark.parametrize('on_timeout', ['brake', 'zero', 'hold'])
-def test_a_recording_with_trips_of_the_watchdog_verifies(tmp_path: Path, on_timeout: str) -> None:
+def test_a_recording_with_timeouts_of_the_watchdog_verifies(
+    tmp_path: Path, on_timeout: str
+) -> None:
     commands: dict[int, list[Any]] = {
         3: [efforts(2.0, -1.0)],
         8: [efforts(1.0, 1.0)],
@@ -161,7 +163,7 @@ def test_a_recording_with_trips_of_the_watchdog_verifies(tmp_path: Path, on_time
     assert tau[110].tolist() != [3.0, 1.0]
 
 
-def test_a_delayed_command_acts_some_cycles_later_and_its_verdict_comes_at_once() -> None:
+def test_a_delayed_command_acts_some_cycles_later_and_is_validated_at_once() -> None:
     engine = made(delay_commands=0.003)
     assert send(engine, efforts(1.0, 0.5)) is Verdict.ACCEPTED
     assert taus(engine, 1) == [[0.0, 0.0]]
@@ -251,7 +253,7 @@ def test_a_recording_with_late_and_lost_commands_verifies(tmp_path: Path) -> Non
 REFLEX: dict[str, Any] = {'reflex_effort_rate': 2000.0}
 
 
-def test_a_jump_of_an_effort_trips_the_brakes_until_a_reset() -> None:
+def test_a_jump_of_an_effort_closes_the_brakes_until_a_reset() -> None:
     engine = made(**REFLEX)
     # The first effort of a joint on its brake may be any.
     send(engine, efforts(9.0, 5.0))
@@ -287,7 +289,7 @@ def test_a_reflex_sees_the_effort_of_a_servo() -> None:
     assert engine.state.actuators.tripped
 
 
-def test_a_reflex_is_tripped_by_a_jump_of_any_size() -> None:
+def test_a_jump_of_any_size_causes_a_reflex() -> None:
     engine = made(**REFLEX)
     for effort in (1e308, -1e308):
         send(engine, efforts(effort, 0.0))
@@ -302,7 +304,7 @@ def test_a_reflex_does_not_see_the_jump_of_the_watchdog() -> None:
     assert (engine.state.link.timeouts, engine.state.actuators.tripped) == (1, False)
 
 
-def test_in_lockstep_an_arm_that_a_reflex_braked_goes_on() -> None:
+def test_in_lockstep_an_arm_that_a_reflex_braked_continues() -> None:
     engine = made(lockstep=True, **REFLEX)
     for effort in (1.0, 9.0):
         send(engine, efforts(effort, 0.0))
@@ -312,7 +314,7 @@ def test_in_lockstep_an_arm_that_a_reflex_braked_goes_on() -> None:
     assert not engine.waiting
 
 
-def test_a_recording_with_a_reflex_verifies_verdicts_included(tmp_path: Path) -> None:
+def test_a_recording_with_a_reflex_verifies_with_its_validation_rows(tmp_path: Path) -> None:
     commands: dict[int, list[Any]] = {
         3: [efforts(1.0, 1.0)],
         9: [efforts(9.0, 1.0)],

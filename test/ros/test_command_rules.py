@@ -60,7 +60,7 @@ def merged(actuation: ActuatorCommand, validation: Validation) -> ActuatorComman
         (message('ax', [NAN, 1]), Verdict.ALL_NAN),
     ],
 )
-def test_each_case_has_its_verdict_and_only_accepted_commands_act(
+def test_each_case_has_its_validation_result_and_only_accepted_commands_act(
     command: JointMessage, verdict: Verdict
 ) -> None:
     got = validate_named(command, INDEX, START_NS)
@@ -69,7 +69,7 @@ def test_each_case_has_its_verdict_and_only_accepted_commands_act(
     assert bool(got.detail) == (verdict is not Verdict.ACCEPTED)
 
 
-def test_nobody_has_commanded_a_held_arm() -> None:
+def test_a_braked_arm_has_no_command() -> None:
     actuation = all_braked(3)
     assert actuation.effort.tolist() == [0, 0, 0]
     assert actuation.braked.tolist() == [True, True, True]
@@ -84,14 +84,14 @@ def test_a_command_changes_the_joints_it_names_and_keeps_the_others() -> None:
     assert not actuation.braked.any()
 
 
-def test_nan_keeps_the_last_effort_and_leaves_a_held_joint_held() -> None:
+def test_nan_keeps_the_last_effort_and_a_braked_joint_braked() -> None:
     actuation = merged(all_braked(3), validate('a', [1.0]))
     actuation = merged(actuation, validate('abc', [NAN, NAN, 3.0]))
     assert actuation.effort.tolist() == [1, 0, 3]
     assert actuation.braked.tolist() == [False, True, False]
 
 
-def test_merging_leaves_the_drive_before_it_alone() -> None:
+def test_merging_a_command_does_not_change_the_previous_one() -> None:
     before = all_braked(3)
     merged(before, validate('a', [1.0]))
     assert before.braked.all()
@@ -180,14 +180,14 @@ def test_a_position_for_a_joint_without_a_servo_says_which() -> None:
     assert got.detail == "no effort for ['c'], whose servo has no gain for it"
 
 
-def test_unknown_names_are_told_and_the_known_ones_act() -> None:
+def test_unknown_names_are_reported_and_known_ones_act() -> None:
     command = validate('xay', [1.0, 2.0, 3.0])
     assert command.unknown == ('x', 'y')
     assert merged(all_braked(3), command).effort.tolist() == [2.0, 0.0, 0.0]
     assert merged(all_braked(3), command).braked.tolist() == [False, True, True]
 
 
-def test_the_size_of_a_verdict_does_not_depend_on_that_of_the_message() -> None:
+def test_the_size_of_a_validation_result_does_not_depend_on_the_message() -> None:
     names = [f'{k}{"x" * 1000}' for k in range(3000)]
     for command in (validate(names, [1.0] * 3000), validate(['a', *names], [1.0] * 3001)):
         assert command.unknown_count == 3000
@@ -242,7 +242,7 @@ def test_an_array_that_breaks_a_rule_is_dropped_whole(
     assert command.effect is None
 
 
-def test_recorded_verdicts_keep_their_numbers() -> None:
+def test_recorded_validation_results_keep_their_numbers() -> None:
     # Written into files: a new verdict goes to the end.
     assert [verdict.name for verdict in Verdict] == [
         'ACCEPTED',

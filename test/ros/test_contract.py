@@ -80,7 +80,7 @@ def test_a_controller_manager_with_the_stock_hardware_brings_the_arm_to_its_goal
 
 
 @pytest.mark.slow
-def test_hardware_with_the_default_threshold_is_silent_at_a_steady_effort_and_the_arm_goes_on(
+def test_hardware_with_the_default_threshold_is_silent_at_a_steady_effort_and_the_arm_continues(
     processes: Processes, peer_of
 ) -> None:
     arm = arm_with(processes, '-p', 'gravity:=[0.0, 0.0, 0.0]')

@@ -57,7 +57,7 @@ def test_the_motion_has_the_derivatives_it_states() -> None:
     np.testing.assert_allclose((v1 - v0) / (2 * STEP), a, rtol=0, atol=DIFFERENCE_TOLERANCE)
 
 
-def test_a_run_takes_a_name_of_its_own(tmp_path: Path) -> None:
+def test_a_run_is_recorded_under_a_new_name(tmp_path: Path) -> None:
     assert demo.free_name(tmp_path) == tmp_path / 'arm_0'
     (tmp_path / 'arm_0.mcap').touch()
     assert demo.free_name(tmp_path) == tmp_path / 'arm_1'

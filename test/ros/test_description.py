@@ -131,7 +131,7 @@ def test_initial_values_are_taken_in_the_order_of_the_joints_where_none_are_give
     assert differences(filled, ARM, found) == ''
 
 
-def test_given_positions_count_before_those_of_the_description_and_that_is_told() -> None:
+def test_given_positions_override_those_of_the_description_with_a_log_line() -> None:
     found = Ros2Control(positions={'shoulder': 0.1, 'elbow': 0.2, 'finger': 0.04})
     settings = Settings(initial_positions=(0.1, 0.3), locked=('finger',), locked_positions=(0.01,))
     assert with_initial_values(settings, ARM, found) == settings
@@ -199,7 +199,7 @@ def test_hardware_whose_arrays_would_be_ragged_is_warned_of(joints: str, ragged:
     assert bool(text) is bool(ragged)
 
 
-def test_the_text_of_a_robot_from_another_file_is_a_urdf_of_it() -> None:
+def test_the_description_of_a_robot_from_another_format_is_a_urdf_of_it() -> None:
     found = described_robot(Settings(), 'planar2')
     assert found.urdf is None
     assert pfd.load_robot(found.text).joint_names == found.robot.joint_names

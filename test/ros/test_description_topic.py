@@ -25,7 +25,7 @@ def wait(peer: Peer, seconds: float = 20.0, stopped=lambda: False) -> str:
     return wait_for_description(peer.node, seconds, stopped)
 
 
-def test_the_text_of_a_latched_publisher_is_returned(processes: Processes, peer_of) -> None:
+def test_the_description_of_a_latched_publisher_is_returned(processes: Processes, peer_of) -> None:
     one, other = peer_of(processes, 'left'), peer_of(processes, 'left')
     publish(latched(one), '\n <robot/>')
     assert wait(other) == '\n <robot/>'
@@ -40,7 +40,7 @@ def test_the_text_of_a_latched_publisher_is_returned(processes: Processes, peer_
     ],
     ids=['yaml', 'empty', 'large'],
 )
-def test_a_text_that_is_no_urdf_is_refused(
+def test_a_description_that_is_no_urdf_is_rejected(
     processes: Processes, peer_of, text: str, reason: str
 ) -> None:
     one, other = peer_of(processes), peer_of(processes)

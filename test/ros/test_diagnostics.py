@@ -38,7 +38,7 @@ def test_lengths_of_steps_are_those_since_the_last_look_and_the_newest_at_most()
 
 
 @pytest.mark.ros
-def test_the_energy_told_is_that_of_the_arm_whatever_its_drives_add() -> None:
+def test_the_reported_energy_excludes_gravity_compensation() -> None:
     from pfd_ros.node.diagnostics import MassKernels
 
     told = []
@@ -85,7 +85,7 @@ def test_messages_that_are_rejected_are_a_warning_and_no_others() -> None:
 
 @pytest.mark.ros
 @pytest.mark.slow
-def test_a_node_tells_how_its_tasks_go(processes: Processes, peer_of) -> None:
+def test_diagnostics_report_each_task_of_the_node(processes: Processes, peer_of) -> None:
     from diagnostic_msgs.msg import DiagnosticArray
     from std_msgs.msg import String
 

@@ -128,7 +128,7 @@ def test_a_state_that_overflows_stops_the_arm_at_the_last_finite_one() -> None:
             assert getattr(after, field).tobytes() == getattr(last, field).tobytes()
 
 
-def test_a_failed_arm_goes_on_judging_and_counting_and_a_gap_costs_nothing() -> None:
+def test_a_failed_arm_continues_to_validate_and_count_and_a_gap_costs_nothing() -> None:
     engine, passed = (
         made(publish_rate=500.0, effort_limits=False, torque_speed=False) for _ in range(2)
     )
@@ -144,7 +144,7 @@ def test_a_failed_arm_goes_on_judging_and_counting_and_a_gap_costs_nothing() -> 
     assert [output.number for output in passed.run_cycle().outputs] == [10**15 // 2, 10**15]
 
 
-def test_a_reset_lets_an_arm_that_failed_go_on_at_the_time_of_its_cycle() -> None:
+def test_after_a_reset_a_failed_arm_continues_at_the_time_of_its_cycle() -> None:
     engine = made(
         robot='planar2', initial_positions=(0.3, -0.2), effort_limits=False, torque_speed=False
     )
@@ -230,7 +230,7 @@ def test_an_arm_without_a_clock_puts_out_no_tick() -> None:
     assert [output.role for output in outputs] == ['joint_states']
 
 
-def test_each_event_gets_a_row_with_its_cycle_and_its_verdict() -> None:
+def test_each_event_has_a_row_with_its_cycle_and_its_validation_result() -> None:
     engine = made(robot='planar2')
     rows = [rows_of(engine.run_cycle(EVENTS.get(k, ())).outputs) for k in range(1, 8)]
     assert rows[1] == [[2, Source.ARRAY, 1, Verdict.ACCEPTED]]
@@ -245,7 +245,7 @@ def test_each_event_gets_a_row_with_its_cycle_and_its_verdict() -> None:
     assert rows[6] == [[7, Source.NAMED, 2, Verdict.ALL_NAN]]
 
 
-def test_a_flood_that_overflowed_is_told_in_messages_of_bounded_size() -> None:
+def test_messages_dropped_by_a_full_queue_are_reported_in_rows_of_bounded_size() -> None:
     count = 2 * MOST_ROWS + 5
     result = made(robot='planar2').run_cycle([Overflow(Source.NAMED, range(7, 7 + count))])
     sizes = [len(rows_of([output])) for output in result.outputs[:-2]]

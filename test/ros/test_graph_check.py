@@ -134,7 +134,7 @@ def other_end(number: int, type_name: str, node_name: str) -> SimpleNamespace:
     )
 
 
-def test_a_publisher_that_fits_is_nothing_to_tell() -> None:
+def test_a_matching_publisher_causes_no_log_line() -> None:
     good = other_end(1, 'sensor_msgs/msg/JointState', 'peer')
     assert checked({'/topic': [good]}, [1.0, 100.0]) == []
 
@@ -148,7 +148,7 @@ def test_a_finding_waits_for_the_name_of_the_node_but_not_for_ever() -> None:
     assert "node '/_NODE_NAME_UNKNOWN_' publishes 'other/msg/Type' on /topic" in line
 
 
-def test_another_publisher_of_the_states_is_told_once() -> None:
+def test_a_second_publisher_of_states_is_reported_once() -> None:
     own = other_end(1, 'sensor_msgs/msg/JointState', 'sim_arm')
     broadcaster = other_end(2, 'sensor_msgs/msg/JointState', 'joint_state_broadcaster')
     commands = {'/topic': [other_end(3, 'sensor_msgs/msg/JointState', 'peer')]}
@@ -159,7 +159,7 @@ def test_another_publisher_of_the_states_is_told_once() -> None:
     )
 
 
-def test_topics_types_and_the_order_of_the_joints_are_told_at_the_start(
+def test_topics_types_and_the_order_of_joints_are_logged_at_the_start(
     processes: Processes,
 ) -> None:
     arm = processes.arm(
@@ -176,7 +176,7 @@ def test_topics_types_and_the_order_of_the_joints_are_told_at_the_start(
         assert text in arm.text()
 
 
-def test_a_good_peer_is_nothing_to_tell(processes: Processes, peer_of) -> None:
+def test_a_good_peer_causes_no_log_line(processes: Processes, peer_of) -> None:
     # Without gravity the arm stays where it is, however long the reports take.
     arm = reporting_often(processes, '-p', 'gravity:=[0.0, 0.0, 0.0]')
     peer = peer_of(processes)
@@ -275,7 +275,7 @@ def test_a_reader_of_states_that_asks_for_more_is_named(processes: Processes, pe
     arm.wait_for_text("node '/peer' subscribes to /joint_states with incompatible QoS")
 
 
-def test_a_second_clock_is_told(processes: Processes, peer_of) -> None:
+def test_a_second_clock_is_reported(processes: Processes, peer_of) -> None:
     from rosgraph_msgs.msg import Clock
 
     arm = reporting_often(processes)
@@ -287,7 +287,7 @@ def test_a_second_clock_is_told(processes: Processes, peer_of) -> None:
 
 
 @pytest.mark.slow
-def test_a_second_clock_of_a_node_of_the_same_name_is_told(processes: Processes) -> None:
+def test_a_second_clock_of_a_node_of_the_same_name_is_reported(processes: Processes) -> None:
     one = reporting_often(processes)
     reporting_often(processes)
     one.wait_for_text('publishes /clock too')
@@ -295,7 +295,9 @@ def test_a_second_clock_of_a_node_of_the_same_name_is_told(processes: Processes)
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['armature', 'damping', 'friction'])
-def test_a_switch_that_the_model_does_not_fill_is_told(processes: Processes, name: str) -> None:
+def test_a_switch_without_numbers_in_the_model_is_reported(
+    processes: Processes, name: str
+) -> None:
     urdf = Path(processes.folder / 'plain.urdf')
     urdf.write_text(
         '<robot name="plain"><link name="base"/><link name="arm"><inertial>'
@@ -310,7 +312,7 @@ def test_a_switch_that_the_model_does_not_fill_is_told(processes: Processes, nam
 
 
 @pytest.mark.slow
-def test_a_switch_that_the_model_fills_is_nothing_to_tell(processes: Processes) -> None:
+def test_a_switch_with_numbers_in_the_model_causes_no_log_line(processes: Processes) -> None:
     switches = ('-p', 'armature:=true', '-p', 'damping:=true', '-p', 'friction:=true')
     arm = processes.arm('-p', 'robot:=puma560', *switches)
     assert 'has none' not in arm.text()

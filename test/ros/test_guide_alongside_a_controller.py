@@ -175,7 +175,7 @@ def test_the_model_comes_from_the_topic(processes: Processes, peer_of) -> None:
 
 
 @pytest.mark.ros
-def test_two_arms_start_beside_each_other(processes: Processes, peer_of) -> None:
+def test_two_arms_start_side_by_side(processes: Processes, peer_of) -> None:
     start(processes, '__ns:=/left', ready=False)
     start(processes, '__ns:=/right')
     left, right = (peer_of(processes, name) for name in ('left', 'right'))

@@ -142,7 +142,9 @@ def test_shutdown_ends_the_process_with_a_closed_file(processes: Processes, peer
     assert read(processes.folder / 'arm.mcap', verify=True).complete
 
 
-def test_a_fault_in_a_transition_is_told_and_the_node_lives(processes: Processes, peer_of) -> None:
+def test_a_fault_in_a_transition_is_logged_and_the_node_continues(
+    processes: Processes, peer_of
+) -> None:
     node = processes.faulty('configuring_fails', *WAITS, ready=False)
     node.wait_for_text('waiting for lifecycle transitions')
     peer = peer_of(processes)

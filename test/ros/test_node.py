@@ -102,7 +102,7 @@ def test_every_kind_of_command_is_validated_as_the_rules_say(
     assert read(processes.folder / 'arm.mcap', verify=True).verdicts[Verdict.ACCEPTED] == 3
 
 
-def test_a_state_that_overflows_is_said_once_and_the_node_goes_on(
+def test_a_state_that_overflows_is_logged_once_and_the_node_continues(
     processes: Processes, peer_of
 ) -> None:
     arm = processes.arm('-p', 'recording:=arm.mcap', '-p', 'effort_limits:=false')

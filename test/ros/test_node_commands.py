@@ -16,7 +16,7 @@ pytestmark = pytest.mark.ros
 
 
 @pytest.mark.slow
-def test_a_servo_holds_after_the_last_command_and_a_reflex_is_told(
+def test_a_servo_holds_after_the_last_command_and_a_reflex_is_logged(
     processes: Processes, peer_of
 ) -> None:
     gains = [

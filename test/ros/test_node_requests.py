@@ -85,9 +85,7 @@ def check_clock(peer: Peer) -> None:
     assert (np.diff([stamp_ns(tick) for tick in peer.clocks]) >= 0).all()
 
 
-def test_pause_step_reset_and_jump_next_to_a_controller_that_goes_on(
-    processes: Processes, peer_of
-) -> None:
+def test_pause_step_reset_and_jump_while_a_controller_runs(processes: Processes, peer_of) -> None:
     arm = processes.arm(*ARM, *START, '-p', 'step_count:=7')
     peer = peer_of(processes)
     peer.connect()
@@ -164,7 +162,7 @@ def test_lockstep_outlives_its_controller_and_repeats_a_state_that_nobody_answer
     assert summary.verdicts[Verdict.ACCEPTED] > 100
 
 
-def test_services_answer_beside_a_very_slow_arm(processes: Processes, peer_of) -> None:
+def test_services_answer_while_the_arm_is_very_slow(processes: Processes, peer_of) -> None:
     # A step lasts ten seconds of wall time.
     arm = processes.arm(
         *ARM, '-p', 'step_size:=0.1', '-p', 'real_time_factor:=0.01', '-p', 'start_time:=5.0'

@@ -41,7 +41,7 @@ def run(engine: Engine) -> int:
     raise AssertionError('it never stands')
 
 
-def test_an_inactive_arm_stands_and_refuses_what_would_move_it() -> None:
+def test_an_inactive_arm_is_stopped_and_rejects_commands() -> None:
     engine = made(autostart=False)
     assert engine.waiting
     for event in (PUSH, JUMP, asked('step'), asked('reset')):
@@ -87,7 +87,7 @@ def test_lockstep_waits_for_no_controller_from_before_an_activation() -> None:
         engine.step()
 
 
-def test_an_arm_that_failed_stands_while_it_is_inactive() -> None:
+def test_an_arm_that_failed_is_stopped_while_it_is_inactive() -> None:
     engine = made(effort_limits=False, torque_speed=False)
     engine.run_cycle([Arrival(Source.ARRAY, 1, efforts(1e300, 1e300))])
     while not engine.arm.failure:
@@ -97,7 +97,7 @@ def test_an_arm_that_failed_stands_while_it_is_inactive() -> None:
     assert engine.waiting
 
 
-def test_an_arm_that_failed_goes_on_with_its_clock_and_a_reset_revives_it() -> None:
+def test_the_clock_of_a_failed_arm_continues_and_a_reset_clears_the_failure() -> None:
     engine = following(effort_limits=False, torque_speed=False)
     engine.take([tick(7_000 * MS), Arrival(Source.ARRAY, 1, efforts(1e300, 1e300))])
     engine.take([tick(7_050 * MS)])
@@ -138,7 +138,7 @@ def test_a_clock_that_goes_back_moves_nothing_and_one_that_repeats_itself_neithe
     assert run(engine) == 105 * MS
 
 
-def test_a_tick_far_ahead_is_refused_until_a_reset_lets_time_leap_there() -> None:
+def test_a_tick_far_ahead_is_rejected_until_a_reset_sets_the_time() -> None:
     engine = following()
     engine.take([tick(100 * MS)])
     far = tick((101 + MOST_STEPS_AHEAD) * MS)
@@ -181,7 +181,7 @@ def test_bytes_that_are_no_tick_change_nothing(data: bytes) -> None:
     assert run(engine) == 101 * MS
 
 
-def test_a_tick_for_an_arm_with_a_clock_of_its_own_is_no_message() -> None:
+def test_a_tick_for_an_arm_that_follows_no_clock_is_rejected() -> None:
     assert verdict(made(), tick(5)) is Verdict.MALFORMED
 
 

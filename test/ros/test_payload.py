@@ -137,7 +137,7 @@ def test_a_wrong_payload_message_is_refused_with_the_reason(message, verdict, re
     assert reason in found.detail
 
 
-def test_the_payload_in_use_is_told_from_the_state_on_that_it_acts_on() -> None:
+def test_the_payload_in_use_is_published_with_the_first_state_it_acts_on() -> None:
     engine = made(**BODY)
 
     def told() -> list[tuple[int, float]]:
@@ -348,7 +348,7 @@ def test_an_engine_with_every_effect_off_is_that_of_a_plain_simulator() -> None:
     assert engine.arm.q.tobytes() == wanted.q.tobytes()
 
 
-def test_friction_stops_and_lagging_motors_go_on_beside_a_new_payload(tmp_path: Path) -> None:
+def test_friction_stops_and_motor_lag_continue_with_a_new_payload(tmp_path: Path) -> None:
     events = {1: [efforts(4.0, 1.0)], 40: [payload(TIP, 1.5, (0.1, 0.0, 0.0))]}
     chosen = {
         'joint_friction': (0.3, 0.1),

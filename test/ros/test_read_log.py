@@ -303,7 +303,7 @@ def test_lists_of_lists_of_nothing_end(tmp_path: Path) -> None:
     assert len(read_log(path)['/topic']) == 0
 
 
-def test_a_joint_of_its_own_in_each_message_is_refused(tmp_path: Path) -> None:
+def test_another_joint_in_each_message_is_rejected(tmp_path: Path) -> None:
     kind = 'sensor_msgs/msg/JointState'
     make, header = STORE.types[kind], random_message('std_msgs/msg/Header', random.Random(0))
     none = np.array([])

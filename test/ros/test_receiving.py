@@ -22,7 +22,7 @@ def test_each_message_is_taken_once_and_in_order() -> None:
     assert queue.take() == []
 
 
-def test_the_oldest_makes_room_and_its_number_is_told() -> None:
+def test_a_full_queue_drops_the_oldest_and_reports_its_number() -> None:
     queue = EventQueue(most=3)
     sent = [Arrival(Source(k % 2), (k + 1) // 2, b'x') for k in range(1, 6)]
     for arrival in sent:
@@ -80,7 +80,7 @@ def test_a_hundred_thousand_dropped_messages_are_one_range() -> None:
     assert queue.take()[0] == Overflow(NAMED, range(1, 100_001))
 
 
-def test_between_two_threads_every_message_is_taken_or_told_exactly_once() -> None:
+def test_between_two_threads_every_message_is_taken_or_reported_exactly_once() -> None:
     queue, count = EventQueue(most=5), 20_000
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)

@@ -110,7 +110,7 @@ def told_by(process: subprocess.Popen[bytes]) -> dict[str, Any]:
 
 @pytest.mark.parametrize('often', OFTEN)
 @pytest.mark.slow
-def test_closing_beside_two_threads_that_go_on_leaves_exact_counts_and_digests(
+def test_closing_while_two_threads_write_leaves_exact_counts_and_digests(
     often: int, tmp_path: Path
 ) -> None:
     def once(path: Path) -> None:

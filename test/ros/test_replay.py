@@ -49,7 +49,7 @@ def test_the_replay_of_a_run_has_the_same_bits(recorded: Path) -> None:
     assert summary.verdicts == {Verdict.ACCEPTED: 21, Verdict.UNKNOWN_NAMES: 1}
 
 
-def test_the_run_really_moved_and_was_held_before(recorded: Path) -> None:
+def test_the_run_moved_after_it_was_braked(recorded: Path) -> None:
     # Otherwise equal bits would prove nothing.
     states = states_of(recorded)
     assert not any(states[50].velocity)

@@ -218,7 +218,7 @@ def test_a_file_that_still_grows_is_verified_up_to_where_it_was(tmp_path: Path) 
     assert 0 < summary.states < 200
 
 
-def test_numbers_go_on_where_32_bits_end(tmp_path: Path) -> None:
+def test_sequence_numbers_continue_beyond_32_bits(tmp_path: Path) -> None:
     from pfd_ros.replay.ordering import _Order
 
     log = Log(simulate(1).save(tmp_path / 'a.mcap'))

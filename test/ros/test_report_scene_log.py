@@ -165,7 +165,7 @@ def test_a_named_motion_needs_no_recording(tmp_path: Path) -> None:
     ],
     ids=' '.join,
 )
-def test_bad_input_is_told_in_one_line(
+def test_bad_input_is_one_line(
     args: Sequence[str],
     error: str,
     tmp_path: Path,

@@ -40,7 +40,7 @@ def state(engine: Engine) -> JointMessage:
     return decode_joint_state(found)
 
 
-def test_a_pause_stands_and_lets_through_the_steps_that_are_asked_for() -> None:
+def test_a_paused_arm_does_only_requested_steps() -> None:
     engine = made()
     assert not engine.waiting
     assert verdict(engine, asked('pause')) is Verdict.ACCEPTED
@@ -55,14 +55,14 @@ def test_a_pause_stands_and_lets_through_the_steps_that_are_asked_for() -> None:
     assert engine.cycles == engine.arm.step == 3
 
 
-def test_steps_are_refused_outside_of_a_pause_and_forgotten_by_its_end() -> None:
+def test_steps_are_rejected_outside_of_a_pause_and_discarded_at_its_end() -> None:
     engine = made()
     assert verdict(engine, asked('step')) is Verdict.REFUSED
     engine.take([asked('pause'), asked('step', 9), asked('resume'), asked('pause')])
     assert engine.waiting
 
 
-def test_a_reset_is_the_initial_state_at_the_next_stamp_with_every_joint_held() -> None:
+def test_a_reset_is_the_initial_state_at_the_next_stamp_with_every_joint_braked() -> None:
     engine = made()
     engine.run_cycle([PUSH])
     for _ in range(20):
@@ -252,7 +252,7 @@ def test_the_present_state_can_be_sent_again_without_a_cycle() -> None:
     assert engine.cycles == 1
 
 
-def test_a_failed_arm_stands_in_a_pause_too() -> None:
+def test_a_failed_arm_can_be_paused() -> None:
     engine = made(effort_limits=False, torque_speed=False)
     engine.take([Arrival(Source.ARRAY, 1, efforts(1e308, 1e308))])
     while not engine.arm.failure:

@@ -37,7 +37,7 @@ TEXT = pfd.scene_to_yaml(SCENE)
 MOVE = {3: [efforts(1.0, 2.0)], 9: [efforts(-9.0, 0.5)]}
 
 
-def test_settings_keep_the_text_of_a_scene_file(tmp_path: Path) -> None:
+def test_settings_keep_the_content_of_a_scene_file(tmp_path: Path) -> None:
     path = tmp_path / 'scene.yaml'
     path.write_text('# by hand\n' + TEXT)
     settings = with_scene_text(Settings(robot='planar2', scene=str(path)))
@@ -97,13 +97,13 @@ def test_an_arm_reads_no_file_and_refuses_a_wrong_scene(scene: str, message: str
 
 
 @pytest.mark.parametrize('other', [{'damping': True}, {'gravity': (0.0, 0.0, 0.0)}])
-def test_a_scene_stands_for_the_switches(other: dict[str, object]) -> None:
+def test_a_scene_file_replaces_the_switches(other: dict[str, object]) -> None:
     with pytest.raises(ValueError, match=f'scene conflicts with {next(iter(other))}'):
         Settings(scene=TEXT, **other)
 
 
 @pytest.mark.ros
-def test_the_node_reads_the_file_and_records_its_text(processes: Processes, peer_of) -> None:
+def test_the_node_reads_the_file_and_records_its_content(processes: Processes, peer_of) -> None:
     path = processes.folder / 'scene.yaml'
     SCENE.save(path)
     missing = processes.arm('-p', 'scene:=none.yaml', ready=False)

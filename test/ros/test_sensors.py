@@ -282,7 +282,7 @@ def test_a_failed_arm_with_sensors_verifies_through_its_gap(tmp_path: Path) -> N
     assert cut.lost['joint_states'] == 20
 
 
-def test_an_arm_that_a_reset_revives_verifies_through_its_gap(tmp_path: Path) -> None:
+def test_a_recording_with_a_failure_cleared_by_a_reset_verifies(tmp_path: Path) -> None:
     inputs = {
         5: [efforts(1e300, 0.0)],
         40: [(Source.REQUEST, encode_request(Request('reset')))],

@@ -112,7 +112,7 @@ def test_a_scene_file_is_where_its_rotors_belong(tmp_path: Path) -> None:
     )
 
 
-def test_a_joint_a_little_too_fast_is_no_runaway_and_a_slow_one_is_nothing_to_tell() -> None:
+def test_a_joint_a_little_too_fast_is_no_runaway_and_a_slow_one_causes_no_log_line() -> None:
     assert thrown(3.0, robot='ur5') == ''
     line = thrown(4.0, robot='ur5')
     assert line.startswith('wrist_3_joint at 4 rad/s, limit 3.14 rad/s: a real arm would stop')
@@ -131,7 +131,7 @@ def test_speeds_are_watched_with_the_same_bits_when_motors_have_no_torque_speed_
 
 
 @pytest.mark.ros
-def test_a_runaway_is_told_once_and_in_the_diagnostics(processes: Processes, peer_of) -> None:
+def test_a_runaway_is_logged_once_and_in_the_diagnostics(processes: Processes, peer_of) -> None:
     from diagnostic_msgs.msg import DiagnosticArray
     from sensor_msgs.msg import JointState
 

@@ -123,7 +123,7 @@ def test_a_lockstep_run_is_the_same_to_the_bit_each_time_however_threads_are_swi
         sys.setswitchinterval(before)
 
 
-def test_no_thread_steps_an_arm_that_was_told_to_end() -> None:
+def test_no_thread_steps_an_arm_that_was_stopped() -> None:
     bench = Bench(lockstep=True, real_time_factor=0.0)
     with bench.running():
         last = bench.answer_each(5)[-1]

@@ -56,7 +56,7 @@ def test_the_arm_moves_as_the_simulator_under_the_same_efforts() -> None:
     assert arm.time == START + 0.2
 
 
-def test_a_run_goes_on_where_the_one_before_ended() -> None:
+def test_a_run_continues_where_the_previous_one_ended() -> None:
     whole, arm = ur5().run(pd, 0.3), ur5()
     parts = [arm.run(pd, seconds) for seconds in (0.1, 0.15, 0.05)]
     for name in FIELDS:
@@ -162,7 +162,7 @@ def test_seconds_are_whole_control_periods_rounded_up() -> None:
             arm.run(pd, wrong)
 
 
-def test_set_state_and_reset_put_the_arm_exactly_there_while_time_goes_on() -> None:
+def test_set_state_and_reset_set_the_exact_state_and_time_continues() -> None:
     arm = ur5(initial_positions=GOAL)
     assert (arm.q == GOAL).all()
     arm.run(pd, 0.01)
@@ -268,7 +268,7 @@ def test_an_answer_that_is_none_is_one_error_with_its_time(answer, text: str) ->
     assert arm.run(pd, 0.01).time[0] == 0.01
 
 
-def test_an_error_of_the_controller_is_the_cause_of_one_that_tells_the_time() -> None:
+def test_an_error_of_the_controller_is_reported_with_its_time() -> None:
     def failing(t, q, qd):
         return 1 / (t < 0.005) * q
 

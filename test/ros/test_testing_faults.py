@@ -142,7 +142,7 @@ def test_a_rejected_command_that_is_allowed_by_name_fails_nothing(
         assert len(arm.spin(0.01, node, allow_rejected={reason}).time) == 10
 
 
-def test_the_names_of_reasons_are_those_of_the_verdicts_and_a_misspelt_one_is_named() -> None:
+def test_reasons_have_the_names_of_validation_results_and_a_misspelt_one_is_named() -> None:
     assert {reason.upper() for reason in REASONS} | {'ACCEPTED'} == {each.name for each in Verdict}
     assert checked_reasons('stale') == {'stale'}
     with pytest.raises(ValueError, match="has 'allnan': did you mean 'all_nan'"):
@@ -192,7 +192,7 @@ def catch_all() -> None:
 
 
 @pytest.mark.parametrize('wait', [lambda: time.sleep(1e6), lock, read_a_socket, loop, catch_all])
-def test_a_callback_that_blocks_fails_with_its_stack_and_the_arm_goes_on(
+def test_a_callback_that_blocks_fails_with_its_stack_and_the_arm_continues(
     wait: Callable[[], None],
 ) -> None:
     def blocking(t: float, q: np.ndarray, qd: np.ndarray) -> np.ndarray:
@@ -275,7 +275,7 @@ def test_a_process_moves_the_arm_with_the_bits_of_a_node_of_the_test(domain: int
     assert found.q.tobytes() == expected.q.tobytes()
 
 
-def test_the_time_of_a_controller_is_told_and_can_be_asserted() -> None:
+def test_the_time_of_a_controller_is_reported_and_can_be_asserted() -> None:
     seconds = np.full(100, 0.0004)
     seconds[7] = 0.005
     names, zeros, bounds = ('a',), np.zeros((100, 1)), np.full(1, np.inf)

@@ -114,7 +114,7 @@ def test_torque_rates_are_differences_over_the_time_between_samples() -> None:
     assert (motion([0.0], np.zeros((1, 2))).torque_rate() == 0).all()
 
 
-def test_limits_are_hit_at_the_bound_itself_and_told_in_the_order_of_time() -> None:
+def test_limits_are_hit_at_the_bound_itself_and_reported_in_the_order_of_time() -> None:
     q = np.array([[0.0, 0.0], [0.5, -1.0], [1.0, -2.0]])
     tau = [[0, 0], [0, 7], [0, 9]]
     found = motion(

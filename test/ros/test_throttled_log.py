@@ -30,7 +30,7 @@ def made() -> tuple[ThrottledLog, Logger, Time]:
     return ThrottledLog(logger, time), logger, time
 
 
-def test_the_first_of_a_kind_is_told_at_once_and_nothing_twice() -> None:
+def test_the_first_of_a_kind_is_logged_at_once_and_nothing_twice() -> None:
     log, logger, time = made()
     log.count('a', 2, 'bad', error=True)
     log.count('b', 1, 'worse')
@@ -39,7 +39,7 @@ def test_the_first_of_a_kind_is_told_at_once_and_nothing_twice() -> None:
     assert logger == [('error', '2 bad'), ('warning', '1 worse')]
 
 
-def test_a_trouble_that_lasts_is_told_ever_more_rarely_and_every_count_is_told() -> None:
+def test_a_lasting_problem_is_logged_ever_more_rarely_and_every_count_is_logged() -> None:
     log, logger, time = made()
     for k in range(1, 36_001):
         time.now = k / 10
@@ -51,7 +51,7 @@ def test_a_trouble_that_lasts_is_told_ever_more_rarely_and_every_count_is_told()
     assert len(told) < 3600 / LONGEST_SECONDS + 10
 
 
-def test_after_a_quiet_time_a_trouble_is_told_promptly_again() -> None:
+def test_after_a_quiet_time_a_problem_is_logged_promptly_again() -> None:
     log, logger, time = made()
     for k in range(1, 1000):
         time.now += 1.0
@@ -64,7 +64,7 @@ def test_after_a_quiet_time_a_trouble_is_told_promptly_again() -> None:
     assert logger == [('warning', '1 bad')]
 
 
-def test_findings_are_told_once_each_and_not_without_end() -> None:
+def test_findings_are_logged_once_each_up_to_a_bound() -> None:
     log, logger, _ = made()
     for k in range(1000):
         log.once(k % 500, f'found {k}')

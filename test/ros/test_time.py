@@ -110,7 +110,7 @@ def test_two_arms_on_one_clock_have_the_same_stamps(processes: Processes, peer_o
 
 
 @pytest.mark.slow
-def test_the_time_of_day_goes_on_across_a_restart_next_to_a_live_reader(
+def test_the_time_of_day_continues_across_a_restart_with_a_live_reader(
     processes: Processes, peer_of
 ) -> None:
     peer = peer_of(processes)

@@ -88,7 +88,7 @@ def test_a_wrong_wrench_is_refused_with_its_reason(message, verdict: Verdict, re
     assert len(found.detail) < 500
 
 
-def test_without_the_parameter_a_wrench_is_refused_and_the_cure_told() -> None:
+def test_without_the_parameter_a_wrench_is_rejected_with_the_cure() -> None:
     engine = made()
     assert engine.state.wrench is None
     found = validated(engine, wrench(TIP, (1.0, 0.0, 0.0)))

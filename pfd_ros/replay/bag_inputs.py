@@ -108,20 +108,21 @@ class BagInputs:
     def __post_init__(self) -> None:
         """Find the topics, their types and whether both have stamps."""
         bag = Bag(self.path)
-        first: dict[str, bytes] = {}
+        # By topic with messages, of its first message.
+        stamps: dict[str, int] = {}
+        with_positions: list[str] = []
         for message in bag.messages():
-            first.setdefault(message.topic, message.data)
-        kind = bag.topics[self.commands].type if self.commands in bag.topics else ''
-        with_positions = [
-            name
-            for name, data in first.items()
-            if bag.topics[name].type == JOINT_STATE and _has_positions(data)
-        ]
-        if self.commands not in first:
+            name = message.topic
+            if name not in stamps:
+                stamps[name] = _stamp(message.data)
+                if bag.topics[name].type == JOINT_STATE and _has_positions(message.data):
+                    with_positions.append(name)
+        if self.commands not in stamps:
             raise LogError(
                 f'{self.path} has no messages on {cut(self.commands)!r}; its topics are '
-                f'{listed(sorted(first))}'
+                f'{listed(sorted(stamps))}'
             )
+        kind = bag.topics[self.commands].type
         if kind not in (JOINT_STATE, FLOAT_ARRAY):
             raise LogError(
                 f'{self.path}: topic {cut(self.commands)!r} is {cut(kind)}, expected '
@@ -149,9 +150,7 @@ class BagInputs:
                     f'{self.path}: topic {cut(name)!r} is encoded as {cut(encoding)!r}, expected '
                     f'{MESSAGE_ENCODING!r}'
                 )
-        self._stamped = self._named and all(
-            _stamp(first[name]) > 0 for name in (self.commands, self.states)
-        )
+        self._stamped = self._named and min(stamps[self.commands], stamps[self.states]) > 0
         self._timed = self._in_order()
         # Commands before the first state, which act together when the arm starts.
         self._early: deque[_Timed] = deque(maxlen=AHEAD)

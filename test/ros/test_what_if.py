@@ -124,6 +124,15 @@ def test_a_run_without_a_change_has_the_bits_of_the_log(
     assert main(['replay', str(found.log), '--verify']) == 0
 
 
+@pytest.mark.ros
+def test_a_run_of_the_node_without_a_change_has_its_bits(recorded: Path, tmp_path: Path) -> None:
+    found = what_if(recorded, out=tmp_path / 'b.mcap')
+    assert contents(found.log) == contents(recorded)
+    changed = what_if(recorded, ['payload.mass=1.5'], out=tmp_path / 'c.mcap')
+    assert min(numbers(changed, 'velocity', 'largest')) > 0
+    assert main(['replay', str(changed.log), '--verify']) == 0
+
+
 def test_cycles_with_commands_alone_run_in_a_few_native_calls(
     swing: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

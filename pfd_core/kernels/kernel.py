@@ -101,6 +101,11 @@ class Kernel:
     __deepcopy__ = __copy__
 
     @property
+    def code_digest(self) -> str:
+        """SHA-256 of the LLVM IR of one state, in hex; the processor is no part of it."""
+        return self._code.single.digest
+
+    @property
     def quantity(self) -> str:
         """The result: a name in QUANTITIES, or STEP or STEP_IN_MOTION of kernels.spec."""
         return self.spec.quantity

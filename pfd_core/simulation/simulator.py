@@ -94,6 +94,11 @@ class Simulator(Simulation):
         return shapes
 
     @property
+    def code_digest(self) -> str:
+        """SHA-256 of the LLVM IR of its steps, in hex; the processor is no part of it."""
+        return self._native.native.digest
+
+    @property
     def qdd(self) -> Array:
         """
         Accelerations at the end of the last step, under its torque, (n,) [rad/s^2 or m/s^2].

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
+import hashlib
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,7 +36,7 @@ MOST_COMPILED = 4
 LATEST_NS = (2**31 - 86_400) * NANOSECONDS
 # Settings that may differ between the run that saved a state and the run that continues from it:
 # simulated time is a part of the state, and a recording is of one run.
-PER_RUN = frozenset({'start_time', 'real_time_factor', 'recording'})
+PER_RUN = frozenset({'start_time', 'real_time_factor', 'recording', 'recording_state_period'})
 
 
 def load_robot(settings: Settings, source: str | pfd.Urdf | None = None) -> pfd.Robot:
@@ -246,6 +247,14 @@ class Arm:
     def scene(self) -> pfd.Scene:
         """The effects that act on the robot, with its payload."""
         return self.plant.scene
+
+    @property
+    def program(self) -> str:
+        """Digest of the compiled program of the plant and its outputs, the same everywhere."""
+        compiled = self.plant.compiled
+        kernels = (f'{name} {code.code_digest}' for name, code in compiled.kernels.items())
+        lines = [compiled.simulator.code_digest, *kernels]
+        return hashlib.sha256('\n'.join(lines).encode()).hexdigest()
 
     @property
     def kernels(self) -> Mapping[str, Any]:

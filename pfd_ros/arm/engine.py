@@ -24,6 +24,7 @@ from bisect import bisect_left
 from collections.abc import Iterable, Sequence
 import math
 from typing import Any, NamedTuple
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,7 @@ from pfd_ros.arm.command_link import CommandLink
 from pfd_ros.arm.commands import Validation
 from pfd_ros.arm.effects import ClockTick, Request, SettingsChange, StateChange, WrenchChange
 from pfd_ros.arm.events import (
+    ARM_STATE,
     CLOCK,
     COMMANDS,
     DROPPED_STATES,
@@ -82,7 +84,7 @@ class Engine:
     robot
         From `load_robot` or out of a recording.
     rows
-        Whether `take` encodes validation rows, which only recordings hold.
+        Whether validation rows and the whole state are encoded, which only recordings hold.
 
     Attributes
     ----------
@@ -100,6 +102,7 @@ class Engine:
     def __init__(self, settings: Settings, robot: pfd.Robot, *, rows: bool = True) -> None:
         self.arm = Arm(settings, robot)
         self._rows = rows
+        self._save_every = settings.save_every if rows else 0
         self.publish_every = settings.publish_every
         self._clock_every = settings.clock_every if settings.publish_clock else 0
         self._step_ns = settings.step_ns
@@ -192,7 +195,8 @@ class Engine:
             validation = self.accept(event)
             validations.append((event.source, validation, 1))
             if self._rows:
-                rows.append(ValidationRow(cycle, event.source, event.sequence, validation.verdict))
+                checksum, verdict = crc32(event.payload), validation.verdict
+                rows.append(ValidationRow(cycle, event.source, event.sequence, verdict, checksum))
         if rows:
             outputs.append(rows_message(self.state, rows))
         return Taken(outputs, validations)
@@ -407,6 +411,9 @@ class Engine:
         if new_payload is not None:
             outputs.append(new_payload)
         self._add_state_and_tick(outputs, role)
+        if self._save_every and self.cycles % self._save_every == 0:
+            saved = convert.encode_bytes(self.state.to_bytes())
+            outputs.append(Output(ARM_STATE, self.cycles // self._save_every, saved))
         return outputs
 
     def advance(self) -> str:
@@ -495,7 +502,12 @@ class Engine:
         """
         if not self.state.failure:
             raise RuntimeError('only a failed arm skips cycles')
-        self.state.cycle = max(self.state.cycle, cycle)
+        state, skipped = self.state, cycle - self.state.cycle
+        if skipped > 0:
+            state.cycle = cycle
+            state.pace.left = max(0, state.pace.left - skipped)
+            if state.wrench is not None:
+                wrench.advance(state.wrench, skipped)
 
     def _add_state_and_tick(self, outputs: list[Output], role: str) -> None:
         """Add the state of this cycle, the outputs beside it, and the clock tick."""

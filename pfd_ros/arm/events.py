@@ -75,20 +75,26 @@ Event: TypeAlias = Arrival | Overflow
 
 
 class ValidationRow(NamedTuple):
-    """The cycle in which a message was validated or dropped, and the result."""
+    """The cycle in which a message was validated or dropped, the result, and its CRC-32.
+
+    The checksum of a message that was dropped is 0.
+    """
 
     cycle: int
     source: Source
     sequence: int
     verdict: Verdict
+    crc32: int = 0
 
 
 # The fields of a ValidationRow as they are labelled in recordings.
-TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict')
+TAKEN_COLUMNS = ('step', 'source', 'sequence', 'verdict', 'crc32')
 
 # Roles of the outputs: validation rows, the arm's state, the clock tick, a new payload.
 TAKEN, STATES, CLOCK = 'taken', 'joint_states', 'clock'
 PAYLOAD_IN_USE = 'payload_in_use'
+# Everything that changes while the arm runs, as bytes: only in recordings.
+ARM_STATE = 'arm_state'
 # A state that the sensors drop: recorded, not published; it is numbered with the others.
 DROPPED_STATES = 'dropped_states'
 NUMBERED_AS_STATES = frozenset({STATES, DROPPED_STATES})

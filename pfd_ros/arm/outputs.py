@@ -35,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.arm import Arm
-from pfd_ros.arm.events import CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES
+from pfd_ros.arm.events import ARM_STATE, CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.convert import POSE, WRENCH, ArrayEncoder, JointStateEncoder
@@ -55,6 +55,8 @@ def roles_of(settings: Settings) -> frozenset[str]:
         roles.add(CLOCK)
     if settings.drop_state:
         roles.add(DROPPED_STATES)
+    if settings.save_every:
+        roles.add(ARM_STATE)
     return frozenset(roles)
 
 

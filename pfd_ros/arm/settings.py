@@ -110,6 +110,13 @@ class Settings(
     )
     frame_id: str = setting('', 'header.frame_id of joint_states')
     recording: str = setting('', "MCAP file to write, never over another; '' records nothing")
+    recording_state_period: float = setting(
+        5.0,
+        'Simulated time between two recorded states of the whole arm, from which a replay can '
+        'start, s; 0 records none',
+        0.0,
+        1e6,
+    )
 
     def __post_init__(self) -> None:
         """Check every value, so that the users of settings need not."""
@@ -199,6 +206,12 @@ class Settings(
     def clock_every(self) -> int:
         """Steps from one `/clock` tick to the next."""
         return self._steps_per('clock_rate', self.clock_rate)
+
+    @property
+    def save_every(self) -> int:
+        """Steps from one recorded state of the whole arm to the next; 0 is never."""
+        period = self.recording_state_period
+        return max(1, round(period / self.step_size)) if period else 0
 
     @property
     def state_delay_steps(self) -> int:

@@ -229,6 +229,13 @@ class ArmState:
 
     __hash__ = None  # type: ignore[assignment]
 
+    def difference(self, other: ArmState) -> str:
+        """Return the name of the first value with other bits, '' if there is none."""
+        ours, theirs = _tree(self)['ArmState'], _tree(other)['ArmState']
+        names = (each.name for each in fields(self))
+        pairs = zip(names, ours, theirs, strict=True)
+        return next((name for name, one, two in pairs if one != two), '')
+
     def to_bytes(self) -> bytes:
         """Return the state as bytes: the same for equal states, on every machine."""
         data = json.dumps(_tree(self), separators=(',', ':')).encode()

@@ -69,11 +69,11 @@ def clear(state: WrenchState) -> None:
     state.next, state.left = np.zeros(6), None
 
 
-def advance(state: WrenchState) -> None:
-    """Let a step begin."""
+def advance(state: WrenchState, steps: int = 1) -> None:
+    """Let a step begin, the last of so many."""
     if state.left is not None:
-        if state.left <= 0:
+        if state.left < steps:
             clear(state)
         else:
-            state.left -= 1
+            state.left -= steps
     state.acting = state.next

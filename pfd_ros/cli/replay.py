@@ -70,7 +70,8 @@ def run(given: argparse.Namespace) -> int:
         print(line)
     if not given.verify:
         return 0
-    equal = f'{summary.states} states, every bit equal{_end(summary)}'
+    compared = summary.states - summary.uncompared
+    equal = f'{compared} states, every bit equal{_end(summary)}'
     if summary.absent:
         print(f'equal as far as it goes: {equal}; missing: {", ".join(summary.absent)}')
         return 0 if given.allow_incomplete else INCOMPLETE

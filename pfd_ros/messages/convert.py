@@ -25,6 +25,7 @@ FLOAT_ARRAY = 'std_msgs/msg/Float64MultiArray'
 INTEGER_ARRAY = 'std_msgs/msg/UInt64MultiArray'
 CLOCK = 'rosgraph_msgs/msg/Clock'
 STRING = 'std_msgs/msg/String'
+BYTE_ARRAY = 'std_msgs/msg/UInt8MultiArray'
 POSE = 'geometry_msgs/msg/PoseStamped'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 INERTIA = 'geometry_msgs/msg/InertiaStamped'
@@ -185,6 +186,25 @@ def encode_string(text: str) -> bytes:
 def decode_string(data: bytes) -> str:
     """Return the text of a String message."""
     return CdrReader(data).string()
+
+
+def encode_bytes(data: bytes) -> bytes:
+    """Return a UInt8MultiArray message without a layout."""
+    writer = CdrWriter()
+    writer.uint32(0)
+    writer.uint32(0)
+    writer.uint32(len(data))
+    return bytes(writer.data) + data
+
+
+def decode_bytes(data: bytes) -> bytes:
+    """Return the data of a UInt8MultiArray message without a layout."""
+    reader = CdrReader(data)
+    if reader.uint32() or reader.uint32():
+        raise ValueError('an array of bytes with a layout, expected none')
+    size = reader.length(1)
+    start = reader.take(size, 1)
+    return bytes(data[start : start + size])
 
 
 def encode_clock(stamp_ns: int) -> bytes:

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 
 import pfd_core as pfd
-from pfd_ros.arm.events import DROPPED_STATES, TAKEN
+from pfd_ros.arm.events import ARM_STATE, DROPPED_STATES, TAKEN
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
 from pfd_ros.messages.qos import qos_text
@@ -23,13 +23,14 @@ from pfd_ros.recording.format import CHANNELS, PARAMETERS, REQUESTS, ROLE_OF_SOU
 if TYPE_CHECKING:
     from pfd_ros.recording.recorder import LogRecorder
 
-# Channels that only the file has: validation rows, requests of services, changed parameters, and
-# the states dropped by the sensors.
+# Channels that only the file has: validation rows, requests of services, changed parameters, the
+# states dropped by the sensors, and the state of the whole arm.
 OWN_TOPICS = {
     TAKEN: '~/applied_commands',
     REQUESTS: '~/requests',
     PARAMETERS: '~/parameter_changes',
     DROPPED_STATES: '~/dropped_states',
+    ARM_STATE: '~/arm_state',
 }
 
 
@@ -88,7 +89,7 @@ class LogSession:
 
 
 def open_session(
-    node: Node, settings: Settings, robot: pfd.Robot, endpoints: Endpoints
+    node: Node, settings: Settings, robot: pfd.Robot, endpoints: Endpoints, program: str
 ) -> LogSession:
     """Open the recording, with a channel for each endpoint and for the validation rows.
 
@@ -114,14 +115,14 @@ def open_session(
         for role, end in ends.items()
     }
     for role, topic in OWN_TOPICS.items():
-        if role == DROPPED_STATES and role not in roles_of(settings):
+        if role in (DROPPED_STATES, ARM_STATE) and role not in roles_of(settings):
             continue
         name = node.resolve_topic_name(topic)
         channels[role] = Topic(name, CHANNELS[role].type, qos_text(1))
     roles = [role for role in CHANNELS if role in channels]
     topics = [replace(channels[role], vital=CHANNELS[role].vital) for role in roles]
     names = {role: channels[role].name for role in roles}
-    head = provenance.file_head(settings, robot, names, TimeBase())
+    head = provenance.file_head(settings, robot, names, TimeBase(), program)
     error = node.get_logger().error
     return LogSession(LogRecorder(Path(settings.recording), topics, head, error), roles)
 

@@ -108,7 +108,7 @@ class SimArm:
         counts = CommandCounts()
         graph = GraphCheck(node, endpoints, log, counts=counts)
         # Last, so that a rejected parameter leaves no file.
-        session = open_session(node, engine.settings, robot, endpoints)
+        session = open_session(node, engine.settings, robot, endpoints, engine.arm.program)
         publishers = {
             role: NonblockingPublisher(publisher)
             for role, publisher in endpoints.publishers.items()

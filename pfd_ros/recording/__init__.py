@@ -3,6 +3,7 @@
 """The MCAP file of a run, written and read; see docs/decisions/0004.
 
     format          the format's version, roles, types, columns, bounds, for writer and reader
+    digests         digests of everything in the file that decides a run or its reading
 
 Writing, from the callers to the disk:
 

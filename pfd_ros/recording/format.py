@@ -12,11 +12,19 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from pfd_ros.arm.events import CLOCK, DROPPED_STATES, PAYLOAD_IN_USE, STATES, TAKEN, Source
+from pfd_ros.arm.events import (
+    ARM_STATE,
+    CLOCK,
+    DROPPED_STATES,
+    PAYLOAD_IN_USE,
+    STATES,
+    TAKEN,
+    Source,
+)
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.messages import convert
 
-FORMAT = '1'
+FORMAT = '2'
 # Metadata records: the first and the last of a file.
 HEAD, END = 'pfd_ros', 'pfd_ros_end'
 # Attachment: the complete robot.
@@ -26,22 +34,25 @@ PROFILE, MESSAGE_ENCODING, SCHEMA_ENCODING = 'ros2', 'cdr', 'ros2msg'
 
 
 class HeadKey:
-    """Keys of the record HEAD; each value except FORMAT is JSON."""
+    """Keys of the record HEAD; each value except FORMAT and DIGEST is JSON."""
 
     FORMAT = 'format'
     SETTINGS = 'settings'
     TOPICS = 'topics'  # by role
     VERSIONS = 'versions'
     CLOCK = 'clock'
+    DIGESTS = 'digests'  # of the other values, the attachments and the channels, by name
+    DIGEST = 'digest'  # of the text of DIGESTS
 
 
 class EndKey:
-    """Keys of the record END; each value is JSON, by topic except TOTALS."""
+    """Keys of the record END; each value except DIGEST is JSON, by topic except TOTALS."""
 
     TOTALS = 'totals'
     RECORDED = 'recorded'
     DROPPED = 'dropped'
     DIGESTS = 'digests'
+    DIGEST = 'digest'  # of the digest in HEAD and the other values
 
 
 class Channel(NamedTuple):
@@ -81,6 +92,7 @@ CHANNELS = {
     DROPPED_STATES: Channel(convert.JOINT_STATE, always=False),
     **{role: Channel(kind, always=False) for role, kind in OUTPUTS.items()},
     CLOCK: Channel(convert.CLOCK, always=False),
+    ARM_STATE: Channel(convert.BYTE_ARRAY, always=False),
 }
 ROLE_OF_SOURCE = {
     Source.NAMED: NAMED_COMMANDS,
@@ -96,8 +108,8 @@ SOURCE_OF_ROLE = {role: source for source, role in ROLE_OF_SOURCE.items()}
 
 # MCAP counts messages in 32 bits: 49 days at 1 kHz.
 SEQUENCE_MASK = 0xFFFFFFFF
-# Before each message in the digest of its topic: sequence and length.
-DIGEST_PREFIX = struct.Struct('<IQ')
+# Before each message in the digest of its topic: sequence, log time, publish time and length.
+DIGEST_PREFIX = struct.Struct('<IQQQ')
 # Times have 64 bits in MCAP and 63 bits and a sign in ROS.
 LAST_NS = (1 << 63) - 1
 

@@ -11,21 +11,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 import json
-import re
 from typing import Any
 
 import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
-from pfd_ros.arm.events import CLOCK, DROPPED_STATES
+from pfd_ros.arm.events import ARM_STATE, CLOCK, DROPPED_STATES
 from pfd_ros.arm.output_settings import OUTPUTS
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.settings import Settings
-from pfd_ros.recording.format import CHANNELS, ROBOT, EndKey, HeadKey
+from pfd_ros.recording import digests
+from pfd_ros.recording.digests import digest_of, is_digest
+from pfd_ros.recording.format import CHANNELS, FORMAT, ROBOT, EndKey, HeadKey
 from pfd_ros.text import one_line
 
 # Larger counts are damage; no loop should run to them.
 COUNT_LIMIT = 1 << 53
-_DIGEST = re.compile('[0-9a-f]{64}')
 
 
 @dataclass(frozen=True)
@@ -57,6 +57,34 @@ def strict_json(text: str) -> Any:
     return json.loads(text, parse_constant=refuse, object_pairs_hook=unique)
 
 
+def check_format(texts: Mapping[str, str]) -> None:
+    """Raise ValueError if a record HEAD has another format."""
+    found = texts.get(HeadKey.FORMAT)
+    if found != FORMAT:
+        raise ValueError(
+            f'it has the recording format {_quoted(found)}, expected {FORMAT!r}: '
+            'use the version of pfd that wrote it'
+        )
+
+
+def read_digests(texts: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """Return the digests of values, attachments and channels in a record HEAD, each by name."""
+    text = texts.get(HeadKey.DIGESTS, 'null')
+    if texts.get(HeadKey.DIGEST) != digest_of(text):
+        raise ValueError('the digests in its head are not the recorded ones')
+    found = _table(strict_json(text), 'digests of its head')
+    kinds = {digests.VALUES, digests.ATTACHMENTS, digests.CHANNELS}
+    if found.keys() != kinds:
+        raise ValueError(f'digests of its head are {_quoted(list(found))}, expected {kinds}')
+    for kind, by_name in found.items():
+        for name, digest in _table(by_name, f'digests of its {kind}').items():
+            if not is_digest(digest):
+                raise ValueError(
+                    f'digest of {_quoted(name)} is {_quoted(digest)}, expected SHA-256'
+                )
+    return found
+
+
 def read_roles(topics: Any) -> dict[str, str]:
     """Return the role of each topic, from the topic of each role."""
     label = f'{HeadKey.TOPICS!r} in its metadata is'
@@ -78,10 +106,11 @@ def read_settings(value: Any, roles: Mapping[str, str]) -> Settings:
         raise ValueError(
             f'publish_clock is {settings.publish_clock}, its topics are {list(roles)}'
         )
-    chosen = {DROPPED_STATES, *OUTPUTS}
+    chosen = {DROPPED_STATES, ARM_STATE, *OUTPUTS}
     if chosen & set(roles.values()) != chosen & roles_of(settings):
         raise ValueError(
-            f'outputs is {list(settings.outputs)} and drop.state {settings.drop_state}, '
+            f'outputs is {list(settings.outputs)}, drop.state {settings.drop_state} and '
+            f'recording_state_period {settings.recording_state_period}, '
             f'its topics are {list(roles)}'
         )
     return settings
@@ -143,7 +172,7 @@ def read_ending(texts: Mapping[str, str], roles: Mapping[str, str]) -> Ending:
 def _digests(texts: Mapping[str, str], roles: Mapping[str, str]) -> dict[str, str]:
     found = _by_role(_table_of(texts, EndKey.DIGESTS), roles, 'digests are')
     for role, digest in found.items():
-        if not isinstance(digest, str) or not _DIGEST.fullmatch(digest):
+        if not is_digest(digest):
             raise ValueError(f'digest of {role} is {_quoted(digest)}, expected SHA-256 in hex')
     return found
 

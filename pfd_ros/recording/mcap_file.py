@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Write the MCAP file of a recording: head, channels, last record and digests.
+"""Write the MCAP file of a recording: head, channels, messages, last record, and their digests.
 
 See docs/decisions/0004-recording-layout.md.
 """
@@ -15,18 +15,22 @@ from pathlib import Path
 import time
 from typing import IO, cast
 
+from mcap.records import Attachment
 from mcap.writer import CompressionType, Writer
 
 from pfd_ros.messages.definitions import full_text, type_hash
+from pfd_ros.recording.digests import digest_of, of_attachment, of_channel, sealed_end, sealed_head
 from pfd_ros.recording.format import (
     CHUNK_BYTES,
     DIGEST_PREFIX,
     END,
+    HEAD,
     LAST_NS,
     MESSAGE_ENCODING,
     PROFILE,
     SCHEMA_ENCODING,
     EndKey,
+    HeadKey,
 )
 from pfd_ros.recording.sink import Sink
 
@@ -59,11 +63,11 @@ class TimeBase:
 
 @dataclass(frozen=True)
 class FileHead:
-    """The part of a file before its first message: metadata records and attachments."""
+    """The part of a file before its first message: the record HEAD and the attachments."""
 
     library: str
-    metadata: Mapping[str, Mapping[str, str]]
-    attachments: Mapping[str, str]
+    values: Mapping[str, str]
+    attachments: Sequence[Attachment]
     base: TimeBase
 
 
@@ -109,14 +113,16 @@ class McapFile:
         self._updates = [digest.update for digest in self._digests.values()]
         self.sink = Sink(path)
         try:
-            self._writer, self._channels = _begin(self.sink, topics, schemas, head)
+            self._writer, self._channels, self._head_digest = _begin(
+                self.sink, topics, schemas, head
+            )
         except BaseException:
             self.sink.discard()
             raise
 
     def add(self, topic: int, log_ns: int, sequence: int, data: bytes) -> None:
         """Add one message to the next flush."""
-        self._updates[topic](DIGEST_PREFIX.pack(sequence, len(data)) + data)
+        self._updates[topic](DIGEST_PREFIX.pack(sequence, log_ns, log_ns, len(data)) + data)
         self._writer.add_message(self._channels[topic], log_ns, data, log_ns, sequence)
         self.counts[topic] += 1
         self.waiting += len(data)
@@ -129,7 +135,8 @@ class McapFile:
     def finish(self, ending: Mapping[str, str]) -> None:
         """Write the last metadata record and the index, and sync the file."""
         digests = {name: digest.hexdigest() for name, digest in self._digests.items()}
-        self._writer.add_metadata(END, {**ending, EndKey.DIGESTS: json.dumps(digests)})
+        values = {**ending, EndKey.DIGESTS: json.dumps(digests)}
+        self._writer.add_metadata(END, sealed_end(values, self._head_digest))
         self._writer.finish()
         self.sink.flush()
         self.sink.sync()
@@ -137,8 +144,8 @@ class McapFile:
 
 def _begin(
     sink: Sink, topics: Sequence[Topic], schemas: Mapping[str, str], head: FileHead
-) -> tuple[Writer, list[int]]:
-    """Write the head of the file and return the writer and the channel of each topic."""
+) -> tuple[Writer, list[int], str]:
+    """Write the head of the file; return the writer, the channel of each topic, and a digest."""
     writer = Writer(
         cast('IO[bytes]', sink),  # has the methods that the writer uses
         chunk_size=CHUNK_BYTES,
@@ -146,23 +153,34 @@ def _begin(
         enable_crcs=True,
         enable_data_crcs=True,
     )
+    metadata = [_channel_metadata(topic) for topic in topics]
+    digests = {
+        topic.name: of_channel(
+            topic.name,
+            MESSAGE_ENCODING,
+            (topic.type, SCHEMA_ENCODING, digest_of(schemas[topic.type])),
+            values,
+        )
+        for topic, values in zip(topics, metadata, strict=True)
+    }
+    files = {record.name: of_attachment(record) for record in head.attachments}
+    first = sealed_head(head.values, files, digests)
     writer.start(PROFILE, head.library)
-    for name, values in head.metadata.items():
-        writer.add_metadata(name, dict(values))
-    for name, text in head.attachments.items():
-        writer.add_attachment(0, head.base.now_ns(), name, 'application/yaml', text.encode())
+    writer.add_metadata(HEAD, first)
+    for record in head.attachments:
+        writer.add_attachment(
+            record.create_time, record.log_time, record.name, record.media_type, record.data
+        )
     ids = {
         name: writer.register_schema(name, SCHEMA_ENCODING, text.encode())
         for name, text in schemas.items()
     }
     channels = [
-        writer.register_channel(
-            topic.name, MESSAGE_ENCODING, ids[topic.type], _channel_metadata(topic)
-        )
-        for topic in topics
+        writer.register_channel(topic.name, MESSAGE_ENCODING, ids[topic.type], values)
+        for topic, values in zip(topics, metadata, strict=True)
     ]
     writer.flush()
-    return writer, channels
+    return writer, channels, first[HeadKey.DIGEST]
 
 
 def _channel_metadata(topic: Topic) -> dict[str, str]:

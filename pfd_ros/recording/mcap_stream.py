@@ -98,11 +98,14 @@ class McapStream:
         Bytes read so far, up to the last whole record.
     complete
         Whether the end of the file was reached.
+    profile
+        Profile in the header, '' before the first record.
     """
 
     def __init__(self, stream: BinaryIO, size: int) -> None:
         self.position = 0
         self.complete = False
+        self.profile = ''
         self._stream = stream
         self._size = size
         self._crc = 0
@@ -119,7 +122,7 @@ class McapStream:
         """
         if self._read(min(self._size, len(MAGIC))) != MAGIC[: self._size] or not self._size:
             raise ValueError('not an MCAP file: wrong magic at its beginning')
-        parse_record(*self._next(frozenset({Opcode.HEADER})))
+        self.profile = parse_record(*self._next(frozenset({Opcode.HEADER}))).profile
         opcode = Opcode.HEADER
         while opcode != Opcode.DATA_END:
             before = self._crc

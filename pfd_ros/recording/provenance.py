@@ -1,21 +1,28 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Build the head of a recording: settings, robot, versions, topics and clocks of the run."""
+"""Build the head of a recording: settings, robot, program, topics and clocks of the run."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 import json
 from pathlib import Path
 import platform
+import subprocess
+
+from mcap.records import Attachment
 
 import pfd_core as pfd
 from pfd_ros.arm import settings as settings_file
 from pfd_ros.arm.settings import Settings
-from pfd_ros.recording.format import FORMAT, HEAD, ROBOT, HeadKey
+from pfd_ros.recording.format import FORMAT, ROBOT, HeadKey
 from pfd_ros.recording.mcap_file import FileHead, TimeBase
+
+# Keys of the versions: the commit of the software, and the digest of the compiled program.
+COMMIT, PROGRAM = 'commit', 'program'
 
 
 def _installed(name: str) -> str:
@@ -32,6 +39,22 @@ def _processor() -> str:
         return platform.processor()
     names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
     return names[0] if names else platform.processor()
+
+
+@cache
+def commit() -> str:
+    """Return the commit of a checkout, with `-dirty` for changed files; '' for a package."""
+    checkout = Path(pfd.__file__).resolve().parents[1]
+    if not (checkout / '.git').exists():
+        return ''
+    command = ['git', '-C', str(checkout), 'describe', '--always', '--dirty', '--abbrev=12']
+    try:
+        done = subprocess.run(
+            [*command, '--exclude=*'], capture_output=True, text=True, check=True, timeout=5.0
+        )
+    except (OSError, subprocess.SubprocessError):
+        return ''
+    return done.stdout.strip()
 
 
 def versions() -> dict[str, str]:
@@ -53,26 +76,32 @@ def _robot_yaml(robot: pfd.Robot) -> str:
 
 
 def file_head(
-    settings: Settings, robot: pfd.Robot, topics: Mapping[str, str], base: TimeBase
+    settings: Settings,
+    robot: pfd.Robot,
+    topics: Mapping[str, str],
+    base: TimeBase,
+    program: str,
 ) -> FileHead:
     """Return the head of a recording.
 
     Parameters
     ----------
     settings
-        Settings of the node.
+        Settings of the node, with 'auto' resolved.
     robot
         The robot, stored completely, since its file may change.
     topics
         Full name of the topic of each role.
     base
         The recording's clock.
+    program
+        Digest of the compiled program.
     """
-    metadata = {
+    values = {
         HeadKey.FORMAT: FORMAT,
         HeadKey.SETTINGS: settings_file.to_json(settings),
         HeadKey.TOPICS: json.dumps(dict(topics)),
-        HeadKey.VERSIONS: json.dumps(versions()),
+        HeadKey.VERSIONS: json.dumps({**versions(), COMMIT: commit(), PROGRAM: program}),
         HeadKey.CLOCK: json.dumps(
             {
                 'wall_ns': base.wall_ns,
@@ -82,9 +111,10 @@ def file_head(
             }
         ),
     }
+    text = _robot_yaml(robot).encode()
     return FileHead(
         library=f'pfd_ros/{pfd.__version__} mcap-python/{_installed("mcap")}',
-        metadata={HEAD: metadata},
-        attachments={ROBOT: _robot_yaml(robot)},
+        values=values,
+        attachments=[Attachment(0, base.now_ns(), ROBOT, 'application/yaml', text)],
         base=base,
     )

@@ -19,20 +19,24 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 
 from pfd_ros.arm.settings import Settings
-from pfd_ros.recording import head
+from pfd_ros.recording import digests, head
 from pfd_ros.recording.format import (
     CHANNEL_LIMIT,
     CHANNELS,
     END,
-    FORMAT,
     HEAD,
     MESSAGE_ENCODING,
+    PROFILE,
     ROBOT,
     ROBOT_BYTES,
     SCHEMA_ENCODING,
     HeadKey,
 )
 from pfd_ros.recording.mcap_stream import MAGIC, CutOffError, McapStream
+from pfd_ros.text import cut
+
+# Of channels without one.
+_NO_SCHEMA = ('', '', '')
 
 
 class LogError(ValueError):
@@ -63,6 +67,7 @@ class Entry(NamedTuple):
     log_ns: int
     sequence: int
     data: bytes
+    published_ns: int
 
 
 @dataclass
@@ -101,6 +106,7 @@ class Log:
     end_texts: Mapping[str, str] = field(default_factory=dict, init=False)
     robot_yaml: str = field(default='', init=False)
     roles: Mapping[str, str] = field(default_factory=dict, init=False)
+    _check: digests.HeadCheck = field(default_factory=digests.HeadCheck, init=False)
 
     @property
     def settings(self) -> Settings:
@@ -125,6 +131,20 @@ class Log:
         """Totals of the node's run; None if the node did not close the file."""
         with damage_named(self.path):
             return head.read_ending(self.end_texts, self.roles) if self.end_texts else None
+
+    def check_digests(self) -> None:
+        """Compare the digests of the head and the totals, once `entries` has ended.
+
+        Raises
+        ------
+        LogError
+            If a closed file lacks an attachment, or the totals are not the recorded ones.
+        """
+        with damage_named(self.path):
+            if self.complete:
+                self._check.check_attachments()
+            if self.end_texts:
+                digests.check_end(self.end_texts, self.head_texts.get(HeadKey.DIGEST, ''))
 
     def _json(self, key: str) -> Any:
         """Return one value of the record HEAD."""
@@ -151,23 +171,26 @@ class Log:
                 self.size = os.fstat(stream.fileno()).st_size
             self.head_texts = self.end_texts = {}
             self.robot_yaml = ''
+            self._check = digests.HeadCheck()
             yield from self._entries(stream)
 
     def _entries(self, stream: BinaryIO) -> Iterator[Entry]:
         records = McapStream(stream, self.size)
-        channels = _ChannelTable()
+        channels = _ChannelTable(self._check)
         try:
             for record in records:
                 self.position = records.position
                 if isinstance(record, Message):
                     role = channels.role(record.channel_id, self.roles)
-                    yield Entry(role, record.log_time, record.sequence, record.data)
+                    yield Entry(
+                        role, record.log_time, record.sequence, record.data, record.publish_time
+                    )
                 elif isinstance(record, Schema):
                     channels.add_schema(record)
                 elif isinstance(record, Channel):
                     channels.add_channel(record)
                 else:
-                    self._note(record)
+                    self._note(record, records.profile)
         except CutOffError as error:
             # A closed file ends early only if a length in it is wrong.
             if _ends_with_magic(stream, self.size):
@@ -176,14 +199,16 @@ class Log:
             self.position = records.position
         self.complete = records.complete
 
-    def _note(self, record: McapRecord) -> None:
+    def _note(self, record: McapRecord, profile: str) -> None:
         """Store the head, the end and the robot; each may occur once."""
         if isinstance(record, Metadata) and record.name == HEAD:
             _check_first(self.head_texts, HEAD)
             self.head_texts = record.metadata
-            found = record.metadata.get(HeadKey.FORMAT)
-            if found != FORMAT:
-                raise LogError(f'{self.path} has format {found!r}, expected {FORMAT!r}')
+            with damage_named(self.path):
+                head.check_format(record.metadata)
+                if profile != PROFILE:
+                    raise ValueError(f'its profile is {cut(profile)!r}, expected {PROFILE!r}')
+                self._check.expect(head.read_digests(record.metadata), record.metadata)
             self.roles = head.read_roles(self._json(HeadKey.TOPICS))
         elif isinstance(record, Metadata) and record.name == END:
             _check_first(self.end_texts, END)
@@ -195,6 +220,8 @@ class Log:
                     f'{ROBOT} has {len(record.data)} bytes, expected at most {ROBOT_BYTES}'
                 )
             self.robot_yaml = record.data.decode('utf-8')
+        if isinstance(record, Attachment):
+            self._check.add(digests.ATTACHMENTS, record.name, digests.of_attachment(record))
 
 
 class _ChannelTable:
@@ -203,35 +230,41 @@ class _ChannelTable:
     A writer may repeat a schema or a channel, but not change it.
     """
 
-    def __init__(self) -> None:
-        # Name and encoding by number; topic, encoding and number of the schema by number.
-        self._schemas: dict[int, tuple[str, str]] = {}
-        self._channels: dict[int, tuple[str, str, int]] = {}
+    def __init__(self, check: digests.HeadCheck) -> None:
+        self._check = check
+        # By number: name, encoding and digest of the definition of a schema; topic, encoding,
+        # number of the schema and digest of a channel.
+        self._schemas: dict[int, tuple[str, str, str]] = {}
+        self._channels: dict[int, tuple[str, str, int, str]] = {}
         self._roles: dict[int, str] = {}
 
     def add_schema(self, schema: Schema) -> None:
         """Add the type of messages."""
-        _add(self._schemas, schema.id, (schema.name, schema.encoding))
+        definition = digests.digest_of(schema.data)
+        _add(self._schemas, schema.id, (schema.name, schema.encoding, definition))
 
     def add_channel(self, channel: Channel) -> None:
         """Add a topic; it may have one channel."""
-        found = channel.topic, channel.message_encoding, channel.schema_id
-        _add(self._channels, channel.id, found)
-        topics = {topic for topic, _, _ in self._channels.values()}
+        topic, encoding, schema = channel.topic, channel.message_encoding, channel.schema_id
+        known = self._schemas.get(schema, _NO_SCHEMA)
+        digest = digests.of_channel(topic, encoding, known, channel.metadata)
+        _add(self._channels, channel.id, (topic, encoding, schema, digest))
+        topics = {topic for topic, *_ in self._channels.values()}
         if len(topics) < len(self._channels):
             raise ValueError(f'two channels of the topic {channel.topic!r}')
+        self._check.add(digests.CHANNELS, topic, digest)
 
     def role(self, number: int, roles: Mapping[str, str]) -> str:
         """Return the role of a channel, or '' if its topic has none."""
         if number not in self._roles:
             if number not in self._channels:
                 raise ValueError(f'a message of unknown channel {number}')
-            self._roles[number] = self._checked(*self._channels[number], roles)
+            self._roles[number] = self._checked(*self._channels[number][:3], roles)
         return self._roles[number]
 
     def _checked(self, topic: str, encoding: str, schema: int, roles: Mapping[str, str]) -> str:
         role = roles.get(topic, '')
-        name, schema_encoding = self._schemas.get(schema, ('', ''))
+        name, schema_encoding, _ = self._schemas.get(schema, _NO_SCHEMA)
         found = encoding, schema_encoding, name
         if role and found != (MESSAGE_ENCODING, SCHEMA_ENCODING, CHANNELS[role].type):
             raise ValueError(

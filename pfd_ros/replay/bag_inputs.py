@@ -18,6 +18,7 @@ from dataclasses import dataclass, field, replace
 import heapq
 from pathlib import Path
 from typing import Any, NamedTuple
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -370,7 +371,7 @@ class _Held:
 def _input(source: Source, number: int, cycle: int, log_ns: int, data: bytes) -> Iterator[Fed]:
     """Yield an input and its validation row."""
     yield Fed(PlacedMessage(ROLE_OF_SOURCE[source], number, 0, 0, log_ns, data))
-    row = ValidationRow(cycle, source, number, Verdict.ACCEPTED)
+    row = ValidationRow(cycle, source, number, Verdict.ACCEPTED, crc32(data))
     yield Fed(PlacedMessage(TAKEN, 0, 0, cycle, log_ns, b'', (row,)))
 
 

@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import NamedTuple
+from zlib import crc32
 
 from pfd_ros.arm.events import (
     DROPPED_STATES,
@@ -130,7 +131,8 @@ class ChangedInputs:
                 continue
             source, data = self._changed(row.source, data)
             number = self._next(source)
-            rows.append(ValidationRow(cycle, source, number, row.verdict))
+            checksum = 0 if row.verdict is Verdict.OVERFLOWED else crc32(data)
+            rows.append(ValidationRow(cycle, source, number, row.verdict, checksum))
             if known:
                 role = ROLE_OF_SOURCE[source]
                 yield Fed(PlacedMessage(role, number, 0, 0, message.log_ns, data))

@@ -159,6 +159,8 @@ class NewRun(ChangedRun):
     rejected: Counter[str] = field(default_factory=Counter)
     first_rejected: str = ''
     _now_ns: int = 0
+    # Of the last message.
+    _cycle: int = 0
 
     def __post_init__(self) -> None:
         """Have the outputs written."""
@@ -174,18 +176,31 @@ class NewRun(ChangedRun):
     def take(self, message: PlacedMessage) -> None:
         """Follow validation rows."""
         self.times.add(message.cycle - 1, message.log_ns)
-        engine = self.driver.engine
-        if engine.arm.plant.payload == engine.state.payload:
-            super().take(message)
-        else:
-            # A new payload has a message in its first cycle, which no stretch writes.
+        if self._alone(message):
             self.flush()
             self.take_now(message)
+        else:
+            super().take(message)
 
     def output(self, message: PlacedMessage) -> None:
         """Follow a recorded state."""
         self.times.add(message.cycle, message.log_ns)
-        super().output(message)
+        if self._alone(message):
+            self.flush()
+            self.output_now(message)
+        else:
+            super().output(message)
+
+    def _alone(self, message: PlacedMessage) -> bool:
+        """Return whether cycles up to this message have outputs that no stretch writes.
+
+        These are a new payload, in its first cycle, and the recorded states of the whole arm.
+        """
+        engine, before = self.driver.engine, self._cycle
+        self._cycle = message.cycle
+        every = engine.settings.save_every
+        saved = every and (before // every < message.cycle // every or not message.cycle % every)
+        return bool(saved) or engine.arm.plant.payload != engine.state.payload
 
     def take_now(self, message: PlacedMessage) -> None:
         """Run to the cycle that took inputs, apply them, and compare their validation."""

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfd_ros.arm.events import STATES, TAKEN_COLUMNS, Source, Verdict
+from pfd_ros.arm.state import ArmState
 from pfd_ros.messages import convert
 from pfd_ros.messages.convert import decode_clock, decode_rows
 from pfd_ros.messages.stamped import NUMBERS, decode_stamped
@@ -35,12 +36,15 @@ def difference(role: str, recorded: bytes, computed: bytes) -> str:
 
 def _of_rows(recorded: bytes, computed: bytes) -> str:
     rows = (decode_rows(data, len(TAKEN_COLUMNS)) for data in (recorded, computed))
-    for (_, source, number, theirs), (*_, ours) in zip(*rows, strict=False):
-        if theirs != ours:
+    for (_, source, number, *theirs), (*_, verdict, crc32) in zip(*rows, strict=False):
+        label = f'message {number} of {ROLE_OF_SOURCE[Source(source)]}'
+        if theirs[0] != verdict:
             return (
-                f'message {number} of {ROLE_OF_SOURCE[Source(source)]}: '
-                f'recorded as {Verdict(theirs).name}, replayed as {Verdict(ours).name}'
+                f'{label}: recorded as {Verdict(theirs[0]).name}, '
+                f'replayed as {Verdict(verdict).name}'
             )
+        if theirs[1] != crc32:
+            return f'{label}: recorded with CRC-32 {theirs[1]:#010x}, it has {crc32:#010x}'
     return 'the same verdicts, in other rows'
 
 
@@ -55,6 +59,10 @@ def _differences(kind: str, recorded: bytes, computed: bytes) -> Iterator[str]:
         places = [f'joint {name!r}' for name in other.names]
         for name in convert.JOINT_FIELDS:
             yield from _of_numbers(name, getattr(joints, name), getattr(other, name), places)
+    elif kind == convert.BYTE_ARRAY:
+        saved, own = (ArmState.from_bytes(convert.decode_bytes(d)) for d in (recorded, computed))
+        if name := saved.difference(own):
+            yield f'{name} of the whole state differs'
     elif kind == convert.FLOAT_ARRAY:
         array, ours = (convert.decode_array(data) for data in (recorded, computed))
         yield from _of_values('layout', (array.labels, array.sizes), (ours.labels, ours.sizes))

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import hashlib
 
 from pfd_ros.arm.events import (
+    ARM_STATE,
     CLOCK,
     DROPPED_STATES,
     NUMBERED_AS_STATES,
@@ -23,7 +24,9 @@ from pfd_ros.arm.events import (
     Verdict,
 )
 from pfd_ros.arm.output_settings import OUTPUTS
-from pfd_ros.messages.convert import decode_clock
+from pfd_ros.arm.settings import Settings
+from pfd_ros.arm.state import ArmState
+from pfd_ros.messages.convert import decode_bytes, decode_clock
 from pfd_ros.recording.format import DIGEST_PREFIX, ROLE_OF_SOURCE, SEQUENCE_MASK, SOURCE_OF_ROLE
 from pfd_ros.recording.head import Ending
 from pfd_ros.recording.reader import Log
@@ -45,6 +48,8 @@ class _ChannelCount:
     last: int = 0
     lost: int = 0
     gap: str = ''
+    # Lost before the first message.
+    front: int = 0
     data: bytes = b''
     digest: hashlib._Hash = field(default_factory=hashlib.sha256)
 
@@ -53,10 +58,12 @@ class _ChannelCount:
         self.last = message.number
         if message.lost:
             self.lost += message.lost
+            self.front = message.lost if self.found == 1 else self.front
             self.gap = self.gap or f'{message.number - message.lost} to {message.number - 1}'
         self.data = message.data
-        self.digest.update(DIGEST_PREFIX.pack(message.number & SEQUENCE_MASK, len(message.data)))
-        self.digest.update(message.data)
+        times = message.log_ns, message.published_ns
+        number, size = message.number & SEQUENCE_MASK, len(message.data)
+        self.digest.update(DIGEST_PREFIX.pack(number, *times, size) + message.data)
 
 
 @dataclass
@@ -74,12 +81,15 @@ class Inspection:
         replay should look for the place first.
     state
         The last state, published or dropped by the sensors, as it was recorded.
+    blocked
+        Whether inputs are missing after the last recorded state of the whole arm.
     """
 
     summary: Summary
     ending: Ending | None = None
     altered: str = ''
     state: bytes = b''
+    blocked: bool = False
 
 
 def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspection:
@@ -94,6 +104,7 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
     """
     counts = _Counts()
     follow(log, counts, progress)
+    log.check_digests()
     channels = counts.channels
     settings = log.settings
     for role in log.roles.values():
@@ -119,10 +130,12 @@ def inspect(log: Log, progress: Callable[[float], None] | None = None) -> Inspec
             first_ns=counts.first_ns,
             last_ns=counts.last_ns,
             obstacle=counts.waiting.obstacle,
+            gaps=counts.waiting.gaps,
         ),
         # It may lie before the last chunk, which a cut-off file lacks.
         log.ending if log.complete else None,
         state=newest.data,
+        blocked=bool(counts.waiting.blocked),
     )
     _add_failure(found)
     _check_complete(log, found, channels)
@@ -152,53 +165,99 @@ class _Counts:
 
     def output(self, message: PlacedMessage) -> None:
         self._add(message)
+        if message.role == ARM_STATE:
+            self.waiting.resume(message)
         if message.role == STATES:
             self.first_ns = self.first_ns or message.log_ns
             self.last_ns = message.log_ns
 
 
 class _WaitingEvents:
-    """Sizes of the events that have not been taken."""
+    """Sizes of the events that have not been taken, and the steps whose events are missing.
+
+    Attributes
+    ----------
+    obstacle
+        What is missing first, or ''.
+    blocked
+        First step that cannot be replayed, 0 if the steps read last can.
+    gaps
+        As in Summary.
+    """
 
     def __init__(self) -> None:
         self.obstacle = ''
+        self.blocked = 0
+        self.gaps: list[tuple[int, int]] = []
         self._sizes: dict[tuple[int, int], int] = {}
         self._bytes = 0
+        # Messages of rows before this place, and the step of the last one.
+        self._rows = self._last = 0
 
     def __len__(self) -> int:
         return len(self._sizes)
 
     def put(self, message: PlacedMessage) -> None:
-        if self.obstacle:
-            return
         self._sizes[SOURCE_OF_ROLE[message.role], message.number] = len(message.data)
         self._bytes += len(message.data)
         if len(self._sizes) > WAITING_LIMIT or self._bytes > WAITING_BYTES:
-            raise ValueError(
-                f'{len(self._sizes)} commands of {self._bytes} bytes were never taken, '
-                f'expected at most {WAITING_LIMIT} of {WAITING_BYTES} bytes'
-            )
+            if not self.obstacle:
+                raise ValueError(
+                    f'{len(self._sizes)} commands of {self._bytes} bytes were never taken, '
+                    f'expected at most {WAITING_LIMIT} of {WAITING_BYTES} bytes'
+                )
+            # Their rows are missing.
+            self._sizes.clear()
+            self._bytes = 0
 
     def take(self, message: PlacedMessage) -> None:
-        if message.lost and not self.obstacle:
+        lost = message.number - self._rows - 1
+        if lost:
+            # They may be of any step from that of the rows before on.
             self._block(
-                f'lacks {message.lost} records of commands taken before step {message.cycle}: '
-                'the disk was too slow'
+                self._last,
+                f'lacks {lost} records of commands taken before step {message.cycle}: '
+                'the disk was too slow, or the beginning of the log is missing',
             )
+        self._rows, self._last = message.number, message.cycle
         for row in message.rows:
             size = self._sizes.pop((row.source, row.sequence), None)
             # An event that overflowed did nothing: its payload does not matter.
-            if size is None and not self.obstacle and row.verdict is not Verdict.OVERFLOWED:
+            if size is None and row.verdict is not Verdict.OVERFLOWED:
                 self._block(
+                    message.cycle,
                     f'lacks command {row.sequence} of {ROLE_OF_SOURCE[row.source]}, '
-                    f'taken before step {message.cycle}'
+                    f'taken before step {message.cycle}',
                 )
             self._bytes -= size or 0
 
-    def _block(self, reason: str) -> None:
-        self.obstacle = f'{reason}, and what follows cannot be replayed'
-        self._sizes.clear()
-        self._bytes = 0
+    def resume(self, message: PlacedMessage) -> None:
+        """Let a recorded state of the whole arm end the steps that cannot be replayed."""
+        saved = ArmState.from_bytes(decode_bytes(message.data))
+        if saved.cycle != message.cycle:
+            raise ValueError(
+                f'{message.role} {message.number} is of step {saved.cycle}, '
+                f'expected {message.cycle}'
+            )
+        if saved.row_messages < self._rows:
+            raise ValueError(
+                f'{message.role} {message.number} counts {saved.row_messages} records of commands '
+                f'before it, there are {self._rows}'
+            )
+        if saved.row_messages > self._rows:
+            self._block(
+                self._last,
+                f'lacks {saved.row_messages - self._rows} records of commands taken before step '
+                f'{message.cycle}: the beginning of the log is missing',
+            )
+            self._rows = saved.row_messages
+        if self.blocked:
+            self.gaps.append((self.blocked, message.cycle))
+            self.blocked = 0
+
+    def _block(self, cycle: int, reason: str) -> None:
+        self.obstacle = self.obstacle or f'{reason}, and what follows cannot be replayed'
+        self.blocked = self.blocked or max(1, cycle)
 
 
 def _add_failure(found: Inspection) -> None:
@@ -223,6 +282,9 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
     if ending is None:
         _add_lost_ends(found.summary, channels)
         return
+    if _lacks_beginning_alone(ending, channels, found.summary.settings):
+        found.summary.beginning = False
+        return
     found.summary.dropped = sum(ending.dropped.values())
     published = {role: n + ending.dropped[role] for role, n in ending.recorded.items()}
     states = _count_states(published)
@@ -241,6 +303,32 @@ def _check_complete(log: Log, found: Inspection, channels: dict[str, _ChannelCou
         if channel.digest.hexdigest() != ending.digests[role]:
             found.altered = found.altered or f'the messages {role} are not the recorded ones'
     _check_totals(found, ending, published)
+
+
+def _lacks_beginning_alone(
+    ending: Ending, channels: Mapping[str, _ChannelCount], settings: Settings
+) -> bool:
+    """Return whether a file is whole from some time on, as a filter by time leaves it."""
+    # Steps of the last missing state and of the next one.
+    start = channels[STATES].front * settings.publish_every
+    end = start + settings.publish_every
+    for role in channels.keys() & {CLOCK, *OUTPUTS}:
+        front = channels[role].front
+        every = settings.clock_every if role == CLOCK else settings.publish_every
+        if not front * every <= end or not start <= (front + 1) * every:
+            return False
+    missing = {role: n - channels[role].found for role, n in ending.recorded.items()}
+    states = sum(missing.get(role, 0) for role in NUMBERED_AS_STATES)
+    front = sum(channels[role].lost for role in NUMBERED_AS_STATES & channels.keys())
+    return (
+        not any(ending.dropped.values())
+        and 0 < states == front == channels[STATES].front
+        and all(
+            missing[role] == channel.front == channel.lost or not channel.found
+            for role, channel in channels.items()
+            if role not in NUMBERED_AS_STATES
+        )
+    )
 
 
 def _count_states(published: Mapping[str, int]) -> int:

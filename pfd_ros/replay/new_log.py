@@ -56,6 +56,8 @@ class NewLog:
         Topic of each role that the source has.
     started_ns
         Log time of the start.
+    program
+        Digest of the compiled program.
 
     Raises
     ------
@@ -71,12 +73,13 @@ class NewLog:
         robot: pfd.Robot,
         topics: Mapping[str, str],
         started_ns: int,
+        program: str,
     ) -> None:
         wanted = roles_of(settings) | {TAKEN, *ROLE_OF_SOURCE.values()}
         roles = [role for role in CHANNELS if role in wanted]
         names = {role: topics.get(role) or _own_name(role) for role in roles}
         base = TimeBase(started_ns, time.monotonic_ns())
-        head = provenance.file_head(settings, robot, names, base)
+        head = provenance.file_head(settings, robot, names, base, program)
         channels = [
             Topic(names[role], CHANNELS[role].type, qos_text(1), CHANNELS[role].vital)
             for role in roles

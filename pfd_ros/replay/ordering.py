@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 from pfd_ros.arm.changes import read_changes
 from pfd_ros.arm.events import (
+    ARM_STATE,
     CLOCK,
     NUMBERED_AS_STATES,
     PAYLOAD_IN_USE,
@@ -46,6 +47,8 @@ from pfd_ros.recording.reader import Entry, Log
 FASTEST = 1e6
 # By how much the arm may be ahead of its schedule, s: it makes up for delays of 0.05 s.
 AHEAD = 1.0
+# Inputs that a replay keeps: twice those that an inspection lets wait, see inspection.py.
+MOST_KEPT, MOST_BYTES = 1 << 17, 1 << 27
 # Order of the outputs within a cycle; only validation rows may be several messages.
 _RANKS = {role: rank for rank, role in enumerate(CHANNELS)}
 
@@ -69,6 +72,8 @@ class PlacedMessage(NamedTuple):
         The message.
     rows
         The validation rows in it.
+    published_ns
+        Its publish time, ns.
     """
 
     role: str
@@ -78,6 +83,7 @@ class PlacedMessage(NamedTuple):
     log_ns: int
     data: bytes
     rows: tuple[ValidationRow, ...] = ()
+    published_ns: int = 0
 
 
 @dataclass
@@ -85,9 +91,15 @@ class Inbox:
     """The inputs of a recording that no validation row has taken yet."""
 
     _payloads: dict[tuple[Source, int], bytes] = field(default_factory=dict)
+    _bytes: int = 0
 
     def put(self, message: PlacedMessage) -> None:
         """Keep an input."""
+        self._bytes += len(message.data)
+        if len(self._payloads) > MOST_KEPT or self._bytes > MOST_BYTES:
+            # An inspection has found that their rows are missing.
+            self._payloads.clear()
+            self._bytes = len(message.data)
         self._payloads[SOURCE_OF_ROLE[message.role], message.number] = message.data
 
     def payload(self, row: ValidationRow) -> bytes:
@@ -100,7 +112,9 @@ class Inbox:
 
     def pop(self, row: ValidationRow) -> bytes:
         """Return the message that a row is about, b'' if it is missing, and forget it."""
-        return self._payloads.pop((row.source, row.sequence), b'')
+        data = self._payloads.pop((row.source, row.sequence), b'')
+        self._bytes -= len(data)
+        return data
 
     def rest(self) -> Iterator[tuple[Source, int, bytes]]:
         """Yield source, number and message of the inputs that no row has taken."""
@@ -143,6 +157,7 @@ class _Order:
         settings = log.settings
         self._every = dict.fromkeys(CHANNELS, settings.publish_every)
         self._every[CLOCK] = settings.clock_every
+        self._every[ARM_STATE] = settings.save_every
         self._settings, self._rate = settings, 0.0
         self._allow(settings)
         self._started_ns = self._last_ns = log.started_ns
@@ -195,7 +210,9 @@ class _Order:
         else:
             cycle = number * self._every[role]
             self._follow(entry, cycle)
-        return PlacedMessage(role, number, lost, cycle, entry.log_ns, entry.data, rows)
+        return PlacedMessage(
+            role, number, lost, cycle, entry.log_ns, entry.data, rows, entry.published_ns
+        )
 
     def _number(self, entry: Entry) -> tuple[int, int]:
         """Return the number of a message and how many are missing before it."""
@@ -236,7 +253,7 @@ def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
         # Bytes that are no message have a separate error.
         decode_rows(entry.data, len(TAKEN_COLUMNS))
         raise ValueError(f'taken {entry.sequence} is not as the node writes it')
-    for _, source, _, verdict in decoded:
+    for _, source, _, verdict, _ in decoded:
         if source not in ROLE_OF_SOURCE or verdict not in Verdict._value2member_map_:
             raise ValueError(
                 f'taken {entry.sequence} names source {source} and verdict {verdict}, '
@@ -247,4 +264,4 @@ def _rows(entry: Entry) -> tuple[ValidationRow, ...]:
         raise ValueError(f'taken {entry.sequence} names steps {sorted(cycles)[:5]}, expected one')
     if len({row[3] == Verdict.OVERFLOWED for row in decoded}) > 1:
         raise ValueError(f'taken {entry.sequence} mixes commands validated and overflowed')
-    return tuple(ValidationRow(c, Source(s), n, Verdict(v)) for c, s, n, v in decoded)
+    return tuple(ValidationRow(c, Source(s), n, Verdict(v), d) for c, s, n, v, d in decoded)

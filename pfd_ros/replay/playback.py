@@ -14,6 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
+from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,6 +192,8 @@ class Playback(ABC):
         before = engine.save()
         source = taken[0].rows[0].source
         payloads = [self.inbox.payload(message.rows[0]) for message in taken]
+        if [message.rows[0].crc32 for message in taken] != [crc32(data) for data in payloads]:
+            return False
         if source is Source.ARRAY:
             efforts = decode_efforts(payloads, engine.arm.robot.n)
         else:

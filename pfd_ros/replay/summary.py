@@ -11,6 +11,9 @@ from pathlib import Path
 from pfd_ros.arm.events import STATES, Verdict
 from pfd_ros.arm.settings import Settings
 
+# Gaps that a summary names.
+_SHOWN = 3
+
 
 @dataclass
 class Summary:
@@ -37,6 +40,13 @@ class Summary:
     stopped_at: int | None = None
     failure: str = ''
     obstacle: str = ''
+    # Steps that cannot be replayed, since inputs are missing: the first one, and the one after
+    # which a recorded state of the whole arm lets a replay continue.
+    gaps: list[tuple[int, int]] = field(default_factory=list)
+    # Whether the file has its beginning, if it was closed.
+    beginning: bool = True
+    # States within gaps, which a replay did not compare.
+    uncompared: int = 0
 
     @property
     def missing(self) -> int:
@@ -53,6 +63,9 @@ class Summary:
             found.append(
                 'the end record of the node, without which messages at the end may be missing'
             )
+        if not self.beginning:
+            found.append('the beginning of the log')
+        found += [f'inputs of steps {first} to {last}' for first, last in self.gaps[:_SHOWN]]
         lost = max(self.dropped, sum(self.lost.values()))
         if lost:
             found.append(f'{lost} messages that were not recorded')

@@ -16,16 +16,26 @@ from pathlib import Path
 import pfd_core as pfd
 from pfd_ros.arm.driver import Driver
 from pfd_ros.arm.engine import Engine
-from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Output
-from pfd_ros.messages.convert import FLOAT_ARRAY, decode_clock, decode_joint_state, encode_clocks
+from pfd_ros.arm.events import ARM_STATE, CLOCK, STATES, TAKEN, Output
+from pfd_ros.arm.state import ArmState
+from pfd_ros.messages.convert import (
+    BYTE_ARRAY,
+    FLOAT_ARRAY,
+    decode_bytes,
+    decode_clock,
+    decode_joint_state,
+    encode_clocks,
+)
 from pfd_ros.recording.format import CHANNELS
 from pfd_ros.recording.head import Ending, read_robot
+from pfd_ros.recording.provenance import COMMIT, PROGRAM, commit, versions
 from pfd_ros.recording.reader import Log, LogError, damage_named
 from pfd_ros.replay.differences import difference
 from pfd_ros.replay.inspection import Inspection, inspect
 from pfd_ros.replay.ordering import PlacedMessage
 from pfd_ros.replay.playback import Playback, Stretch, follow
 from pfd_ros.replay.summary import Summary
+from pfd_ros.text import cut
 
 # Share of the progress that the inspection gets when the file is simulated too.
 INSPECTION_SHARE = 0.1
@@ -77,14 +87,21 @@ def _replay(log: Log, found: Inspection, progress: Callable[[float], None] | Non
     """Feed an engine from a recording and compare its outputs with the recorded ones."""
     if found.summary.states == 0:
         raise LogError(f'{log.path} holds no states, so there is nothing to verify')
-    if found.summary.obstacle:
+    if found.blocked:
         raise LogError(f'{log.path} {found.summary.obstacle}')
     engine = Engine(found.summary.settings, recorded_robot(log, found.state))
-    replay = _Replay(Driver(engine))
-    follow(log, replay, progress)
-    replay.flush()
-    if found.ending is not None:
-        replay.finish(found.ending)
+    replay = _Replay(Driver(engine), gaps=list(found.summary.gaps))
+    program = engine.arm.program
+    try:
+        follow(log, replay, progress)
+        replay.flush()
+        if found.ending is not None:
+            replay.finish(found.ending)
+    except DifferenceError as error:
+        raise DifferenceError(f'{error}; {_cause(found, program)}') from error
+    found.summary.uncompared = replay.uncompared
+    if found.summary.uncompared == found.summary.states:
+        raise LogError(f'{log.path} {found.summary.obstacle}')
     arm = engine.arm
     if arm.failure:
         found.summary.stopped_at, found.summary.failure = arm.step, arm.failure
@@ -100,6 +117,26 @@ def recorded_robot(log: Log, state: bytes) -> pfd.Robot:
     return robot
 
 
+def _cause(found: Inspection, program: str) -> str:
+    """Return why a recording and its replay may differ: other data, program or processor."""
+    if found.altered:
+        return f'cause: other data, {found.altered}'
+    there, here = found.summary.versions, versions()
+
+    def both(name: str, label: str = '') -> str:
+        return f'{label or name} {cut(there.get(name, "unknown"))}, here {cut(here[name])}'
+
+    here |= {COMMIT: commit() or 'unknown', PROGRAM: program}
+    if there.get(PROGRAM) != program:
+        named = (name for name in ('pfd', COMMIT, 'llvmlite') if there.get(name) != here[name])
+        others = ''.join(f'; {both(name)}' for name in named)
+        digests = both(PROGRAM, 'recorded with digest')
+        return f'cause: another program, {digests}{others}'
+    if found.ending is None:
+        return 'cause: other data; the program is the same'
+    return f'cause: not the program, the settings or the data; {both("cpu", "processor")}'
+
+
 @dataclass
 class _Replay(Playback):
     """A playback that compares every output with the recorded one.
@@ -110,10 +147,16 @@ class _Replay(Playback):
         Data of the validation rows of the last events.
     outputs
         Data of the last cycle's outputs but validation rows, by role.
+    gaps
+        As in Summary, those that are left.
+    uncompared
+        States within gaps.
     """
 
     rows: list[bytes] = field(default_factory=list)
     outputs: dict[str, bytes] = field(default_factory=dict)
+    gaps: list[tuple[int, int]] = field(default_factory=list)
+    uncompared: int = 0
 
     def __post_init__(self) -> None:
         """Have the outputs compared."""
@@ -125,6 +168,35 @@ class _Replay(Playback):
         else:
             self.outputs = {output.role: output.data for output in outputs}
 
+    def _in_gap(self, message: PlacedMessage) -> bool:
+        if not self.gaps or message.cycle < self.gaps[0][0]:
+            return False
+        self.flush()
+        return True
+
+    def take(self, message: PlacedMessage) -> None:
+        """Follow validation rows, but not those in a gap."""
+        if self._in_gap(message):
+            self.inbox.take(message)
+        else:
+            super().take(message)
+
+    def output(self, message: PlacedMessage) -> None:
+        """Follow an output; the recorded state of the whole arm ends a gap."""
+        if not self._in_gap(message):
+            super().output(message)
+        elif message.role == ARM_STATE and message.cycle == self.gaps[0][1]:
+            del self.gaps[0]
+            self._continue_from(ArmState.from_bytes(decode_bytes(message.data)))
+        else:
+            self.uncompared += message.role == STATES
+
+    def _continue_from(self, saved: ArmState) -> None:
+        engine = self.driver.engine
+        if saved.first != engine.state.first:
+            raise ValueError(f'the state after step {saved.cycle} is of an arm of other settings')
+        engine.restore(saved)
+
     def take_now(self, message: PlacedMessage) -> None:
         """Compare validation rows."""
         self.driver.run_to(message.cycle - 1)
@@ -135,7 +207,7 @@ class _Replay(Playback):
     def output_now(self, message: PlacedMessage) -> None:
         """Compare an output of a cycle."""
         # An array has no stamp; if the states have the same gap, theirs says so.
-        if message.lost and CHANNELS[message.role].type != FLOAT_ARRAY:
+        if message.lost and CHANNELS[message.role].type not in (FLOAT_ARRAY, BYTE_ARRAY):
             self._run_to_stamp(message)
         self.driver.run_to(message.cycle)
         if message.role not in self.outputs:

@@ -225,12 +225,18 @@ def what_if(
     else:
         case = _of_recording(path, changes, progress)
     target = out or free_path(path)
-    settings = replace(case.settings, recording=str(target))
-    engine = Engine(settings, case.robot)
+    engine = Engine(case.settings, case.robot)
     # Compiled code is shared; the start alone differs.
     nudged = _start_changed(engine.settings, case.robot)
-    others = Engine(replace(nudged, recording=''), case.robot, rows=False)
-    log = NewLog(target, engine.settings, case.robot, case.topics, case.started_ns)
+    others = Engine(nudged, case.robot, rows=False)
+    log = NewLog(
+        target,
+        engine.settings,
+        case.robot,
+        case.topics,
+        case.started_ns,
+        engine.arm.program,
+    )
     try:
         runs = (
             NewRun(Driver(engine), log=log, times=LogTimes(case.started_ns)),

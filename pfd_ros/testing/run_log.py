@@ -97,6 +97,6 @@ def open_log(engine: Engine, robot: pfd.Robot) -> RunLog | None:
         Topic(names[role], CHANNELS[role].type, qos_text(1), CHANNELS[role].vital)
         for role in roles
     ]
-    head = provenance.file_head(settings, robot, names, TimeBase())
+    head = provenance.file_head(settings, robot, names, TimeBase(), engine.arm.program)
     recorder = LogRecorder(Path(settings.recording), topics, head, lambda line: None)
     return RunLog(engine, recorder, roles)

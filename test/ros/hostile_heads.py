@@ -12,7 +12,7 @@ import json
 from typing import Any
 
 from hostile_messages import NAMED_FILE, Case, Change
-from rewriting import CLOCK, STATES, Recording, Sent, Type
+from rewriting import CLOCK, STATES, File, Recording, Sent, Type
 
 from pfd_ros.recording.format import HEAD
 
@@ -65,13 +65,13 @@ ROBOTS = {
 
 
 def robot(text: bytes) -> Change:
-    return lambda r: setattr(r, 'attachments', [('robot.yaml', text)])
+    return lambda r: setattr(r, 'attachments', [File('robot.yaml', text)])
 
 
 def make_a_link_lighter(recording: Recording) -> None:
-    ((_, text),) = recording.attachments
-    assert b'mass: 17.4' in text
-    robot(text.replace(b'mass: 17.4', b'mass: 17.3'))(recording)
+    (file,) = recording.attachments
+    assert b'mass: 17.4' in file.data
+    robot(file.data.replace(b'mass: 17.4', b'mass: 17.3'))(recording)
 
 
 # --- channels
@@ -116,7 +116,7 @@ CASES = {
     'topics_unknown_role': Case('expected topics of', topics(lambda t: t.update(wings='/wings'))),
     'topics_few': Case(NAMED_FILE, topics(lambda t: {'joint_states': t['joint_states']})),
     'no_head': Case('is no recording of this node', lambda r: r.metadata.pop(0)),
-    'another_format': Case("has format '99', expected '1'", say('format', '99')),
+    'another_format': Case("has the recording format '99', expected '2'", say('format', '99')),
     'large_head': Case('a record of', say('settings', ' ' * (1 << 21))),
     'terminal_escapes': Case('recorded', setting('frame_id', '"\\u001b[2J\\n\\r\\u0007"')),
     **{f'robot_{name}': Case(NAMED_FILE, robot(text)) for name, text in ROBOTS.items()},

@@ -156,7 +156,7 @@ def row(index: int, value: int) -> Change:
 
     def change(recording: Recording) -> None:
         message = recording.on(TAKEN)[5]
-        rows = convert.decode_rows(message.data, 4)
+        rows = convert.decode_rows(message.data, len(TAKEN_COLUMNS))
         rows[0][index] = value
         message.data = convert.encode_rows(rows, TAKEN_COLUMNS)
 
@@ -170,7 +170,7 @@ def rows_are(data: bytes) -> Change:
 def say_overflowed(recording: Recording) -> None:
     """Say of a command that moved the arm that it was never taken."""
     for message in recording.on(TAKEN):
-        rows = convert.decode_rows(message.data, 4)
+        rows = convert.decode_rows(message.data, len(TAKEN_COLUMNS))
         if rows[0][3] == 0:
             rows[0][3] = 12
             message.data = convert.encode_rows(rows, TAKEN_COLUMNS)

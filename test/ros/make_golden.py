@@ -2,7 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Makes a golden recording: a real node, and a peer that sends it good commands and bad ones.
 
-    python test/ros/make_golden.py test/data/NAME.mcap
+    python test/ros/make_golden.py puma560 test/data/NAME.mcap
+    python test/ros/make_golden.py ur5 test/data/NAME.mcap
 
 Every run of the tests verifies the golden recordings. They are never made anew to please a
 test: a new one is added under a new name when the format changes, and the old ones stay.
@@ -10,22 +11,21 @@ test: a new one is added under a new name when the format changes, and the old o
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 import shutil
 import signal
 import sys
 import tempfile
 
-from ros_processes import JOINTS, Peer, Processes
+from ros_processes import JOINTS, Peer, Processes, call, chosen
 
 from pfd_ros.messages import convert
 
 # Slower than time, so that discovery does not fill the file with an arm at rest.
-PARAMETERS = {
-    'robot': 'puma560',
+COMMON = {
     'damping': 'true',
     'armature': 'true',
-    'gravity': '[0.3, -1.2, -9.7]',
     'initial_positions': '[0.3, -0.7, 1.1, -0.4, 0.9, 0.2]',
     'start_time': '12.5',
     'real_time_factor': '0.1',
@@ -34,10 +34,27 @@ PARAMETERS = {
     'frame_id': 'base',
     'recording': 'golden.mcap',
 }
+PUMA560 = {'robot': 'puma560', 'gravity': '[0.3, -1.2, -9.7]'}
+UR5 = {
+    'robot': 'ur5',
+    'damping.shoulder_lift_joint': '3.0',
+    'friction.elbow_joint': '1.5',
+    'joint_limits': 'true',
+    'external_wrench': 'true',
+    'payload.mass': '0.5',
+    'outputs': '[tip_pose, energy]',
+    'seed': '5',
+    'noise.position': '0.0001',
+    'delay.state': '0.002',
+    'delay.commands': '0.002',
+    'drop.state': '0.05',
+    'drop.commands': '0.1',
+    'recording_state_period': '0.25',
+}
 NAN, INFINITY = float('nan'), float('inf')
 
 
-def send(peer: Peer) -> None:
+def send_commands(peer: Peer) -> None:
     """Send commands of every verdict, and between them some that move the arm."""
     peer.let_pass(10)
     for k in range(12):
@@ -77,14 +94,73 @@ def hostile(peer: Peer, k: int) -> None:
         peer.plain.publish(b'\0\1\0\0' + b'\xff' * 12)
 
 
-def make(target: Path) -> None:
+def send_to_every_input(peer: Peer) -> None:
+    """Send commands, states, wrenches, a payload, requests and changed parameters."""
+    from geometry_msgs.msg import InertiaStamped, WrenchStamped
+    from rcl_interfaces.srv import SetParameters
+    from rclpy.qos import DurabilityPolicy, QoSProfile
+    from sensor_msgs.msg import JointState
+    from std_srvs.srv import Trigger
+
+    names = list(peer.states[-1].name)
+    places = peer.node.create_publisher(JointState, 'sim_arm/set_state', 10)
+    pushes = peer.node.create_publisher(WrenchStamped, 'sim_arm/external_wrench', 10)
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    loads = peer.node.create_publisher(InertiaStamped, 'sim_arm/payload', latched)
+    masses: list[float] = []
+    peer.node.create_subscription(
+        InertiaStamped,
+        'sim_arm/payload_in_use',
+        lambda message: masses.append(message.inertia.m),
+        latched,
+    )
+    for end in (places, pushes, loads):
+        peer.wait(end.get_subscription_count)
+    push, load = WrenchStamped(), InertiaStamped()
+    push.header.frame_id = load.header.frame_id = 'tool0'
+    push.wrench.force.y = 20.0
+    load.inertia.m = 1.5
+    load.inertia.com.z = 0.05
+    for k in range(8):
+        peer.plain_command([5.0, -60.0 + 5.0 * k, 20.0, 1.0, -0.5, 0.25])
+        peer.let_pass(4)
+        peer.command(names[:2], [3.0 - k, -40.0])
+        peer.let_pass(4)
+    pushes.publish(push)
+    peer.let_pass(8)
+    loads.publish(load)
+    # Its code is compiled first.
+    peer.wait(lambda: load.inertia.m in masses)
+    peer.let_pass(8)
+    places.publish(JointState(name=names[:2], position=[0.1, -1.0], velocity=[0.0, 0.5]))
+    peer.let_pass(8)
+    louder = chosen('noise.velocity', 0.001).to_parameter_msg()
+    call(peer, SetParameters, 'set_parameters', parameters=[louder])
+    peer.let_pass(8)
+    call(peer, Trigger, 'reset')
+    for k in range(8):
+        peer.plain_command([-2.0, -30.0 + 5.0 * k, 10.0, -1.0, 0.5, 0.0])
+        peer.let_pass(6)
+    peer.let_pass(60)
+
+
+RUNS: dict[str, tuple[dict[str, str], Callable[[Peer], None]]] = {
+    'puma560': (PUMA560, send_commands),
+    'ur5': (UR5, send_to_every_input),
+}
+
+
+def make(robot: str, target: Path) -> None:
     """Run a node and put its recording at `target`, which must not exist."""
     if target.exists():
         raise SystemExit(f'{target} exists; a golden recording is never written over')
+    parameters, send = RUNS[robot]
     processes = Processes(Path(tempfile.mkdtemp()))
     peer = None
     try:
-        arguments = [part for pair in PARAMETERS.items() for part in ('-p', ':='.join(pair))]
+        arguments = [
+            part for pair in (COMMON | parameters).items() for part in ('-p', ':='.join(pair))
+        ]
         arm = processes.arm(*arguments)
         peer = Peer(processes.domain)
         peer.connect()
@@ -100,4 +176,4 @@ def make(target: Path) -> None:
 
 
 if __name__ == '__main__':
-    make(Path(sys.argv[1]))
+    make(sys.argv[1], Path(sys.argv[2]))

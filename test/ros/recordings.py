@@ -16,11 +16,12 @@ import threading
 import time
 from typing import Any
 
+from mcap.records import Attachment
 import numpy as np
 
 from pfd_ros.messages import convert, definitions
 from pfd_ros.recording import reader as log
-from pfd_ros.recording.format import FORMAT, HEAD, ROBOT
+from pfd_ros.recording.format import FORMAT, ROBOT
 from pfd_ros.recording.mcap_file import FileHead, TimeBase, Topic
 from pfd_ros.recording.recorder import LogRecorder
 
@@ -38,7 +39,8 @@ HAS_DEFINITIONS = any((share / 'sensor_msgs').is_dir() for share in definitions.
 
 def head(base: TimeBase | None = None) -> FileHead:
     told = {'format': FORMAT, 'topics': json.dumps(ROLES)}
-    return FileHead('test', {HEAD: told}, {ROBOT: 'robot: 1'}, base or TimeBase())
+    robot = Attachment(0, 0, ROBOT, 'application/yaml', b'robot: 1')
+    return FileHead('test', told, [robot], base or TimeBase())
 
 
 def state(k: int) -> bytes:
@@ -97,7 +99,8 @@ def digests(entries: Sequence[log.Entry]) -> dict[str, str]:
     found = {}
     for role, name in ROLES.items():
         text = b''.join(
-            struct.pack('<IQ', entry.sequence, len(entry.data)) + entry.data
+            struct.pack('<IQQQ', entry.sequence, entry.log_ns, entry.published_ns, len(entry.data))
+            + entry.data
             for entry in entries
             if entry.role == role
         )

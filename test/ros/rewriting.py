@@ -13,13 +13,13 @@ from pathlib import Path
 import struct
 from typing import Any
 
-from mcap.records import Attachment, Channel, DataEnd, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, DataEnd, Header, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
-from pfd_ros.recording.format import END
+from pfd_ros.recording.format import END, HEAD
 
-GOLDEN = Path(__file__).resolve().parents[1] / 'data' / 'golden_1.mcap'
+GOLDEN = Path(__file__).resolve().parents[1] / 'data' / 'golden_2_puma560.mcap'
 STATES, CLOCK = '/joint_states', '/clock'
 NAMED, ARRAY, TAKEN = '/joint_commands', '/sim_arm/commands', '/sim_arm/applied_commands'
 
@@ -32,6 +32,8 @@ class Sent:
     sequence: int
     log_ns: int
     data: bytes
+    # The log time, if None.
+    published_ns: int | None = None
 
 
 @dataclass
@@ -42,6 +44,19 @@ class Type:
     encoding: str
     schema: str
     schema_encoding: str
+    definition: bytes = b''
+    metadata: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass
+class File:
+    """An attachment."""
+
+    name: str
+    data: bytes
+    kind: str = 'application/yaml'
+    created_ns: int = 0
+    log_ns: int = 0
 
 
 @dataclass
@@ -49,9 +64,10 @@ class Recording:
     """Everything in a file that can be altered."""
 
     metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
-    attachments: list[tuple[str, bytes]] = field(default_factory=list)
+    attachments: list[File] = field(default_factory=list)
     channels: list[Type] = field(default_factory=list)
     messages: list[Sent] = field(default_factory=list)
+    profile: str = 'ros2'
 
     def head(self, name: str) -> dict[str, str]:
         return dict(self.metadata)[name]
@@ -80,29 +96,68 @@ class Recording:
         digests = {c.topic: digest(self.on(c.topic)) for c in self.channels}
         self.head(END)['digests'] = json.dumps(digests)
 
+    def seal(self) -> None:
+        """Make the digests in the head, and the seal of the end record, those of the contents."""
+        for name, values in self.metadata:
+            if name == HEAD:
+                digests = {
+                    'values': {
+                        key: sha256(text)
+                        for key, text in values.items()
+                        if key not in ('digests', 'digest')
+                    },
+                    'attachments': {
+                        f.name: sha256(f.name, f.kind, f.created_ns, f.log_ns, f.data)
+                        for f in self.attachments
+                    },
+                    'channels': {c.topic: digest_of_channel(c) for c in self.channels},
+                }
+                values['digests'] = json.dumps(digests)
+                values['digest'] = sha256(values['digests'])
+        head = dict(self.metadata).get(HEAD, {}).get('digest', '')
+        for name, values in self.metadata:
+            if name == END:
+                values.pop('digest', None)
+                values['digest'] = sha256(
+                    head, *(text for p in sorted(values.items()) for text in p)
+                )
+
     def save(
         self,
         path: Path,
         *,
         closed: bool = True,
+        sealed: bool = True,
         compression: CompressionType = CompressionType.ZSTD,
         chunk_size: int = 1 << 18,
+        library: str = 'test',
+        **options: Any,
     ) -> Path:
-        """Write the file; if it is not closed, it has no end record either."""
+        """Write the file; if it is not closed, it has no end record either.
+
+        All digests but those of the messages are those of the contents, as if an attacker had
+        altered the contents; if not `sealed` they are as they were.
+        """
+        if sealed:
+            self.seal()
         with path.open('wb') as stream:
-            writer = Writer(stream, chunk_size, compression, enable_data_crcs=True)
-            writer.start('ros2', 'test')
+            options = {'enable_data_crcs': True} | options
+            writer = Writer(stream, chunk_size, compression, **options)
+            writer.start(self.profile, library)
             for name, values in self.metadata:
                 if name != END:
                     writer.add_metadata(name, values)
-            for name, data in self.attachments:
-                writer.add_attachment(0, 0, name, 'application/yaml', data)
+            for f in self.attachments:
+                writer.add_attachment(f.created_ns, f.log_ns, f.name, f.kind, f.data)
             ids: dict[str, int] = {}
             for kind in self.channels:
-                schema = writer.register_schema(kind.schema, kind.schema_encoding, b'')
-                ids[kind.topic] = writer.register_channel(kind.topic, kind.encoding, schema)
+                schema = writer.register_schema(kind.schema, kind.schema_encoding, kind.definition)
+                ids[kind.topic] = writer.register_channel(
+                    kind.topic, kind.encoding, schema, kind.metadata
+                )
             for m in self.messages:
-                writer.add_message(ids[m.topic], m.log_ns, m.data, m.log_ns, m.sequence)
+                published_ns = m.log_ns if m.published_ns is None else m.published_ns
+                writer.add_message(ids[m.topic], m.log_ns, m.data, published_ns, m.sequence)
             for name, values in self.metadata:
                 if name == END and closed:
                     writer.add_metadata(name, values)
@@ -115,16 +170,35 @@ class Recording:
     def copy(self) -> Recording:
         return Recording(
             [(name, dict(values)) for name, values in self.metadata],
-            list(self.attachments),
-            [replace(kind) for kind in self.channels],
+            [replace(file) for file in self.attachments],
+            [replace(kind, metadata=dict(kind.metadata)) for kind in self.channels],
             [replace(message) for message in self.messages],
+            self.profile,
         )
+
+
+def sha256(*parts: str | bytes | int) -> str:
+    """Return SHA-256 of some parts, each after its length."""
+    found = hashlib.sha256()
+    for part in parts:
+        data = part.encode() if isinstance(part, str) else part
+        data = struct.pack('<Q', data) if isinstance(data, int) else data
+        found.update(struct.pack('<Q', len(data)) + data)
+    return found.hexdigest()
+
+
+def digest_of_channel(kind: Type) -> str:
+    schema = kind.schema, kind.schema_encoding, sha256(kind.definition)
+    metadata = (text for pair in sorted(kind.metadata.items()) for text in pair)
+    return sha256(kind.topic, kind.encoding, *schema, *metadata)
 
 
 def digest(messages: list[Sent]) -> str:
     found = hashlib.sha256()
     for m in messages:
-        found.update(struct.pack('<IQ', m.sequence, len(m.data)) + m.data)
+        published_ns = m.log_ns if m.published_ns is None else m.published_ns
+        prefix = struct.pack('<IQQQ', m.sequence, m.log_ns, published_ns, len(m.data))
+        found.update(prefix + m.data)
     return found.hexdigest()
 
 
@@ -138,19 +212,36 @@ def load(path: Path) -> Recording:
             if isinstance(record, Metadata):
                 found.metadata.append((record.name, dict(record.metadata)))
             elif isinstance(record, Attachment):
-                found.attachments.append((record.name, record.data))
+                times = record.create_time, record.log_time
+                found.attachments.append(File(record.name, record.data, record.media_type, *times))
             elif isinstance(record, Schema):
                 schemas[record.id] = record
             elif isinstance(record, Channel) and record.id not in topics:
                 schema = schemas[record.schema_id]
                 topics[record.id] = record.topic
                 found.channels.append(
-                    Type(record.topic, record.message_encoding, schema.name, schema.encoding)
+                    Type(
+                        record.topic,
+                        record.message_encoding,
+                        schema.name,
+                        schema.encoding,
+                        schema.data,
+                        dict(record.metadata),
+                    )
                 )
             elif isinstance(record, Message):
+                same = record.log_time == record.publish_time
                 found.messages.append(
-                    Sent(topics[record.channel_id], record.sequence, record.log_time, record.data)
+                    Sent(
+                        topics[record.channel_id],
+                        record.sequence,
+                        record.log_time,
+                        record.data,
+                        None if same else record.publish_time,
+                    )
                 )
+            elif isinstance(record, Header):
+                found.profile = record.profile
             elif isinstance(record, DataEnd):
                 break
     return found

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, Recording, Sent, Type
+from rewriting import ARRAY, CLOCK, NAMED, STATES, TAKEN, File, Recording, Sent, Type
 
 from pfd_ros.arm.arm import load_robot
 from pfd_ros.arm.engine import Engine
@@ -28,7 +28,7 @@ from pfd_ros.arm.settings import Settings
 from pfd_ros.messages import cdr
 from pfd_ros.messages.convert import JointMessage, decode_joint_state
 from pfd_ros.recording import provenance
-from pfd_ros.recording.format import CHANNELS, END, ROLE_OF_SOURCE
+from pfd_ros.recording.format import CHANNELS, END, HEAD, ROLE_OF_SOURCE
 from pfd_ros.recording.mcap_file import TimeBase
 from pfd_ros.recording.reader import Log
 from pfd_ros.replay.ordering import placed_messages
@@ -132,9 +132,10 @@ def simulate(
         accepted += sum(found.verdict is Verdict.ACCEPTED for _, found, _ in result.validations)
         for role, number, data in result.outputs:
             assert number == record(role, step, data)
-    head = provenance.file_head(first, robot, roles, TimeBase(START_NS, 0))
-    made.metadata += [(name, dict(values)) for name, values in head.metadata.items()]
-    made.attachments += [(name, text.encode()) for name, text in head.attachments.items()]
+    base = TimeBase(START_NS, 0)
+    head = provenance.file_head(first, robot, roles, base, engine.arm.program)
+    made.metadata.append((HEAD, dict(head.values)))
+    made.attachments += [File(record.name, record.data) for record in head.attachments]
     made.channels += [
         Type(topic, 'cdr', CHANNELS[role].type, 'ros2msg') for role, topic in roles.items()
     ]

@@ -8,6 +8,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 import functools
 from xml.etree import ElementTree
+import zlib
 
 import numpy as np
 import plant_messages
@@ -141,7 +142,8 @@ def test_a_failed_arm_continues_to_validate_and_count_and_a_gap_costs_nothing() 
     for command in (array(1.0), array(*[2.0] * 6)):
         assert engine.run_cycle([command]).outputs == passed.run_cycle([command]).outputs
     passed.skip_cycles(10**15 - 1)
-    assert [output.number for output in passed.run_cycle().outputs] == [10**15 // 2, 10**15]
+    numbers = [output.number for output in passed.run_cycle().outputs]
+    assert numbers == [10**15 // 2, 10**15, 10**15 // 5000]
 
 
 def test_after_a_reset_a_failed_arm_continues_at_the_time_of_its_cycle() -> None:
@@ -230,19 +232,23 @@ def test_an_arm_without_a_clock_puts_out_no_tick() -> None:
     assert [output.role for output in outputs] == ['joint_states']
 
 
-def test_each_event_has_a_row_with_its_cycle_and_its_validation_result() -> None:
+def test_each_event_has_a_row_with_its_cycle_its_validation_result_and_its_checksum() -> None:
     engine = made(robot='planar2')
     rows = [rows_of(engine.run_cycle(EVENTS.get(k, ())).outputs) for k in range(1, 8)]
-    assert rows[1] == [[2, Source.ARRAY, 1, Verdict.ACCEPTED]]
+
+    def crc32(cycle: int, place: int) -> int:
+        return zlib.crc32(EVENTS[cycle][place].payload)
+
+    assert rows[1] == [[2, Source.ARRAY, 1, Verdict.ACCEPTED, crc32(2, 0)]]
     assert rows[2] == [
-        [3, Source.ARRAY, 2, Verdict.OVERFLOWED],
-        [3, Source.ARRAY, 3, Verdict.OVERFLOWED],
-        [3, Source.ARRAY, 4, Verdict.OVERFLOWED],
-        [3, Source.NAMED, 1, Verdict.MALFORMED],
-        [3, Source.ARRAY, 5, Verdict.NOT_FINITE],
-        [3, Source.ARRAY, 6, Verdict.ACCEPTED],
+        [3, Source.ARRAY, 2, Verdict.OVERFLOWED, 0],
+        [3, Source.ARRAY, 3, Verdict.OVERFLOWED, 0],
+        [3, Source.ARRAY, 4, Verdict.OVERFLOWED, 0],
+        [3, Source.NAMED, 1, Verdict.MALFORMED, crc32(3, 1)],
+        [3, Source.ARRAY, 5, Verdict.NOT_FINITE, crc32(3, 2)],
+        [3, Source.ARRAY, 6, Verdict.ACCEPTED, crc32(3, 3)],
     ]
-    assert rows[6] == [[7, Source.NAMED, 2, Verdict.ALL_NAN]]
+    assert rows[6] == [[7, Source.NAMED, 2, Verdict.ALL_NAN, crc32(7, 0)]]
 
 
 def test_messages_dropped_by_a_full_queue_are_reported_in_rows_of_bounded_size() -> None:
@@ -280,7 +286,7 @@ def test_an_engine_that_is_fed_a_recording_puts_out_what_was_recorded() -> None:
         recorded[entry.role].append(entry.data)
     events: dict[int, list[Event]] = defaultdict(list)
     for data in recorded['taken']:
-        for cycle, source, sequence, _ in decode_rows(data, len(TAKEN_COLUMNS)):
+        for cycle, source, sequence, *_ in decode_rows(data, len(TAKEN_COLUMNS)):
             payload = recorded[ROLE_OF_SOURCE[Source(source)]][sequence - 1]
             events[cycle].append(Arrival(Source(source), sequence, payload))
     settings = log.settings

@@ -12,7 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from pfd_ros.arm.events import Verdict
+from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.recording.reader import Log
+from pfd_ros.replay.ordering import placed_messages
 from pfd_ros.replay.verify import read
 
 DATA = Path(__file__).resolve().parents[1] / 'data'
@@ -24,10 +26,15 @@ def test_a_recording_of_a_past_version_has_the_same_bits(path: Path) -> None:
     summary = read(path, verify=True)
     assert summary.complete
     assert summary.missing == 0
-    # One real run with every verdict of its time, long enough for a difference to grow.
+    # A real run, long enough for a difference to grow.
     assert summary.states > 200
-    assert {Verdict(number) for number in range(12)} <= set(summary.verdicts)
 
 
-def test_the_first_golden_recording_is_there() -> None:
-    assert DATA / 'golden_1.mcap' in GOLDEN
+def test_golden_recordings_have_two_arms_every_verdict_and_every_input() -> None:
+    found = [read(path) for path in GOLDEN]
+    assert len({summary.settings.robot for summary in found}) >= 2
+    verdicts = {verdict for summary in found for verdict in summary.verdicts}
+    assert {Verdict(number) for number in range(12)} <= verdicts
+    sources = {row.source for path in GOLDEN for m in placed_messages(Log(path)) for row in m.rows}
+    # An arm with a clock of its own takes no ticks.
+    assert sources == set(Source) - {Source.TICK}

@@ -11,6 +11,7 @@ from pathlib import Path
 import shutil
 import threading
 
+from mcap.records import Attachment
 import pytest
 from recordings import (
     COMMANDS,
@@ -34,6 +35,7 @@ from rewriting import Recording
 from simulating import efforts, simulate
 
 from pfd_ros.recording import recorder as recording
+from pfd_ros.recording.format import HEAD
 from pfd_ros.recording.mcap_file import FileHead, TimeBase, Topic
 from pfd_ros.recording.recorder import LogRecorder
 from pfd_ros.recording.sink import Sink
@@ -137,8 +139,9 @@ def test_a_flush_that_fails_is_taken_back_whole(tmp_path: Path) -> None:
 
 def record_all(run: Recording, path: Path, room: int) -> tuple[LogRecorder, list[str]]:
     """Record the messages of a run on a disk with room for so many bytes of them."""
-    texts = {name: text.decode() for name, text in run.attachments}
-    head = FileHead('test', dict(run.metadata[:1]), texts, TimeBase())
+    files = [Attachment(0, 0, file.name, file.kind, file.data) for file in run.attachments]
+    values = {k: v for k, v in run.head(HEAD).items() if k not in ('digests', 'digest')}
+    head = FileHead('test', values, files, TimeBase())
     topics = [Topic(kind.topic, kind.schema, '') for kind in run.channels]
     place = {topic.name: k for k, topic in enumerate(topics)}
     reports: list[str] = []

@@ -127,7 +127,7 @@ def overflowing() -> Recording:
 
 
 def overflow_rows(*rows: list[int]) -> bytes:
-    return convert.encode_rows([[*row, Verdict.OVERFLOWED] for row in rows], TAKEN_COLUMNS)
+    return convert.encode_rows([[*row, Verdict.OVERFLOWED, 0] for row in rows], TAKEN_COLUMNS)
 
 
 def test_commands_that_overflowed_are_not_given_to_the_arm(tmp_path: Path) -> None:
@@ -144,7 +144,7 @@ def test_commands_that_overflowed_are_not_given_to_the_arm(tmp_path: Path) -> No
         (lambda: overflow_rows([9, 0, 4], [9, 1, 5]), 'the same verdicts, in other rows'),
         (lambda: overflow_rows(), 'not as the node writes it'),
         (
-            lambda: convert.encode_rows([[9, 1, 4, 12], [9, 1, 5, 0]], TAKEN_COLUMNS),
+            lambda: convert.encode_rows([[9, 1, 4, 12, 0], [9, 1, 5, 0, 0]], TAKEN_COLUMNS),
             'mixes commands validated and overflowed',
         ),
     ],
@@ -227,7 +227,7 @@ def test_sequence_numbers_continue_beyond_32_bits(tmp_path: Path) -> None:
     order._last['joint_states'] = (1 << 32) - 2
     later = START_NS + (1 << 33) * 1_000_000
     found = [
-        order.place(Entry('joint_states', later, n & 0xFFFFFFFF, b''))
+        order.place(Entry('joint_states', later, n & 0xFFFFFFFF, b'', later))
         for n in range((1 << 32) - 1, (1 << 32) + 2)
     ]
     assert [event.number for event in found] == [(1 << 32) - 1, 1 << 32, (1 << 32) + 1]

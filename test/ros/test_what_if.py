@@ -63,6 +63,11 @@ def eventful(path: Path) -> Path:
     return path
 
 
+def saving(path: Path) -> Path:
+    """Record states of the whole arm, within cycles that have commands alone."""
+    return swung(path, recording_state_period=0.15)
+
+
 def noisy(path: Path) -> Path:
     """Record measured states, some of them dropped, with further outputs, and named commands."""
     commands = {
@@ -109,7 +114,7 @@ def numbers(found: WhatIf, field: str, name: str) -> list[float]:
     return [getattr(item, name) for item in of(found, field)]
 
 
-@pytest.mark.parametrize('record', [golden, swung, eventful, noisy, failing])
+@pytest.mark.parametrize('record', [golden, swung, eventful, saving, noisy, failing])
 def test_a_run_without_a_change_has_the_bits_of_the_log(
     record: Callable[[Path], Path], tmp_path: Path
 ) -> None:

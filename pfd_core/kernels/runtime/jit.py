@@ -55,6 +55,7 @@ class Native:
 
     seconds: float  # time to compile it, or to load it from disk
     library: Any  # owner of the code
+    digest: str  # SHA-256 of its IR
 
     def address(self, name: str) -> int:
         """Return the address of a function."""
@@ -120,7 +121,7 @@ def compile_outlined(
         code = emit(ir(), target, optimisation)
         disk.write(name, code)
         library = _load(code, known.functions, target)
-    return Native(time.perf_counter() - start, library)
+    return Native(time.perf_counter() - start, library, known.digest)
 
 
 def object_key(digest: str, target: Target, optimisation: Optimisation) -> str:

@@ -16,9 +16,11 @@ import pytest
 from tolerances import ACCELERATION, DYNAMICS, FIFTY_DIGITS
 from zoo import Array, random_chain, random_state, without_mass
 
-from pfd_core.algorithms.beyond.divide_and_conquer import record_divide_and_conquer
-from pfd_core.algorithms.beyond.lent_rotors import lent_rotors
-from pfd_core.algorithms.beyond.pivoting import solve_pivoted
+from pfd_core.algorithms.beyond.divide_and_conquer import (
+    lent_rotors,
+    record_divide_and_conquer,
+    solve_pivoted,
+)
 from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run

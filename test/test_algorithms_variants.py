@@ -18,7 +18,7 @@ from pfd_core.algorithms.beyond.omega import omega_torques
 from pfd_core.algorithms.chain.base_axes import chain_on_lanes
 from pfd_core.algorithms.chain.equations import armature, torques
 from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
-from pfd_core.algorithms.paper.ne1_product import inertia_times
+from pfd_core.algorithms.paper.pcgm import inertia_times
 from pfd_core.algorithms.paper.pcrbm import inertia_matrix
 from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics
 from pfd_core.machine.emulator import run

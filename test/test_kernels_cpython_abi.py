@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pfd_core.kernels.codegen import object_layout
+from pfd_core.kernels.codegen import python_entry
 from pfd_core.kernels.runtime import cpython_abi as python_objects
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -140,6 +140,6 @@ def test_this_build_is_as_expected() -> None:
 def test_every_field_is_looked_at(field: str, monkeypatch: pytest.MonkeyPatch) -> None:
     # The place of another field, which holds what may be read like this one.
     place = {'DIMENSIONS': 'STRIDES', 'STRIDES': 'DIMENSIONS'}.get(field, 'HEADER')
-    moved = getattr(object_layout, place) + (32 if place == 'HEADER' else 0)
+    moved = getattr(python_entry, place) + (32 if place == 'HEADER' else 0)
     monkeypatch.setattr(python_objects, field, moved)
     assert python_objects._obstacle()

@@ -14,7 +14,7 @@ from zoo import random_chain, random_state
 
 import pfd_core as pfd
 from pfd_core.kernels import auto
-from pfd_core.kernels.codegen import body, chunks, split
+from pfd_core.kernels.codegen import batch, body
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.runtime import jit
 from pfd_core.kernels.runtime.jit import simd_width
@@ -59,7 +59,7 @@ def test_a_place_of_the_frame_is_used_again_once_it_has_been_read() -> None:
     for _ in range(50):
         x = x * x
     recorder.output('qdd', (1,), [(x, 0)])
-    text = split.body_in_parts(recorder.program(), Format('float64', 1), 5)
+    text = body.body_in_parts(recorder.program(), Format('float64', 1), 5)
     assert text.count('define') == 11
     # A value passes from each part to the next; while it is read, another is written.
     assert 'alloca [2 x double]' in text
@@ -74,7 +74,7 @@ def test_a_result_may_be_an_input_a_constant_or_an_early_value() -> None:
         late = late * 0.5
     values = [q[1], recorder.constant(3.0), early, late]
     recorder.output('qdd', (4,), [(value, 0) for value in values])
-    text = split.body_in_parts(recorder.program(), Format('float64', 1), 4)
+    text = body.body_in_parts(recorder.program(), Format('float64', 1), 4)
     final = text[text.index('@part5(') : text.index('define internal void @body')]
     assert final.count('store') == 4
     # Element 0 lies at %out itself; no other part writes results.
@@ -86,17 +86,17 @@ def test_chunks_of_columns_give_the_bits_of_single_states(
     dtype: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv('PFD_CACHE', '')
-    monkeypatch.setattr(chunks, 'FEW', 0)
+    monkeypatch.setattr(batch, 'FEW', 0)
     rng = np.random.default_rng(62)
     scene = pfd.Scene(external_wrench=True, brakes=True)
     kernel = pfd.compile_kernel(random_chain(rng, 3), scene=scene, dtype=dtype)
-    size = 3 * chunks.CHUNK * simd_width(dtype) + 5
+    size = 3 * batch.CHUNK * simd_width(dtype) + 5
     q, qd, tau = (rng.normal(size=(size, 3)).astype(dtype) for _ in range(3))
     wrench, brakes = rng.normal(size=(size, 6)).astype(dtype), rng.random((size, 3)) < 0.3
     alone = np.array(
         [kernel(q[k], qd[k], tau[k], wrench[k], brakes=brakes[k]) for k in range(size)]
     )
-    for count in (1, chunks.CHUNK * simd_width(dtype), size - 6, size):
+    for count in (1, batch.CHUNK * simd_width(dtype), size - 6, size):
         some = [np.asfortranarray(x[:count]) for x in (q, qd, tau, wrench)]
         for given in (some, [some[0], *(np.ascontiguousarray(x) for x in some[1:])]):
             out = np.full((count + 2, 3), np.nan, dtype, order='F')

@@ -28,7 +28,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from pfd_core.algorithms.chain.drives import record_motor_torques
-from pfd_core.algorithms.chain.interface import input_list
+from pfd_core.algorithms.chain.interface import free_input, input_list
 from pfd_core.algorithms.chain.joint_torques import minus_joint_torques, record_joint_torques
 from pfd_core.algorithms.convergence import with_nan_unless_converged
 from pfd_core.algorithms.grouped.factors import Factors, Matrix, factorise, solution
@@ -90,7 +90,7 @@ def record_derivatives(
     chain = composites(recorder, links, qd)
     by_qd = by_velocities(recorder, chain)
     with recorder.section('solve'):
-        factors = factorise(inertia_matrix(plant, chain), _free(recorder, plant))
+        factors = factorise(inertia_matrix(plant, chain), free_input(recorder, plant))
     motors = inline(recorder, _record_motors(plant), {})
     joints = inline(recorder, _record_joints(plant), {})
     torques = minus_joint_torques(plant, motors['tau'], qd)
@@ -116,9 +116,7 @@ def record_derivatives(
     return recorder.program()
 
 
-def record_acceleration_derivatives(
-    plant: Plant, method: str = OWN_METHOD, refine: int = 0
-) -> Program:
+def record_acceleration_derivatives(plant: Plant, method: str = OWN_METHOD) -> Program:
     """
     Return the program of `derivatives`, d qdd / d(q, qd, tau), (n, 3 n), from q, qd and tau.
 
@@ -127,7 +125,7 @@ def record_acceleration_derivatives(
     """
     n = plant.robot.n
     recorder = Recorder(1, 'sequential')
-    parts = inline(recorder, record_derivatives(plant, method, refine), {})
+    parts = inline(recorder, record_derivatives(plant, method), {})
     X, D = array(parts['X']).reshape(n, n), array(parts['D']).reshape(n, 2 * n)
     with recorder.section('product'):
         by_tau = X * array(parts['T']) if 'T' in parts else X
@@ -158,12 +156,7 @@ def _minus_inertia(
     return [t - own * a for t, own, a in zip(torques, plant.inertia.tolist(), qdd, strict=True)]
 
 
-def _free(recorder: Recorder, plant: Plant) -> list[Lanes] | None:
-    return input_list(recorder, 'free', plant.robot.n) if plant.brakes else None
-
-
 def _record_motors(plant: Plant) -> Program:
-    """Return the program of the motors' tau, and of its derivatives."""
     program = record_motor_torques(plant)
     if not has_drives(plant):
         return program

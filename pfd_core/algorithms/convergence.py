@@ -22,10 +22,7 @@ number.
 
 from __future__ import annotations
 
-from dataclasses import replace
 import math
-
-import numpy as np
 
 from pfd_core.algorithms.chain.drives import motor_torques
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
@@ -35,7 +32,7 @@ from pfd_core.algorithms.refinement import inline
 from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import Plant, has_drives, without_joint_torques
+from pfd_core.model import Plant, has_drives, without_torques
 
 # Largest correction of a converged answer, as a share of the accelerations. Ordinary states of the
 # included arms need 1e-5 in single precision. With a payload of 1e6 kg, 0.005 accepts errors of up
@@ -49,8 +46,7 @@ def record_small_correction(plant: Plant) -> Program:
 
     Inputs are the inputs of forward dynamics, and qdd, (n,).
     """
-    at_rest = replace(without_joint_torques(plant), gravity=np.zeros(3))
-    solve = record_forward_dynamics(at_rest, 'composite_body', 'sequential')
+    solve = record_forward_dynamics(without_torques(plant), 'composite_body', 'sequential')
     recorder = Recorder(1, 'sequential')
     n = plant.robot.n
     tau, qdd = input_list(recorder, 'tau', n), input_list(recorder, 'qdd', n)

@@ -150,11 +150,16 @@ def emulate(
     result = run(program, inputs, dtype, digits)
     if check is not None:  # outside the counted program
         result |= run(check, inputs | {'qdd': result['qdd']}, dtype, digits)
-    iterations = _iterations(result)
+    iterations = None
+    if 'iterations' in result:
+        iterations = int(np.max(np.asarray(result['iterations'], dtype=np.float64), initial=0))
+    steps = _steps(method, program, processors, iterations or 1)
+    work = arithmetic(program.count(1, iterations=iterations or 1))
+    units = processors_of(method, robot.n, check_processors(processors, program.lanes))
     return Run(
         qdd=result['qdd'],
-        steps=steps_of(method, robot.n, program, processors, iterations or 1),
-        utilisation=_utilisation(method, robot.n, program, processors, iterations or 1),
+        steps=steps,
+        utilisation=work / (arithmetic(steps) * units) if arithmetic(steps) else 0.0,
         status=_status(result),
         iterations=iterations,
         cycles=solve_cycles(robot.n) if method == 'pcrbm_array' else None,
@@ -162,9 +167,7 @@ def emulate(
     )
 
 
-def steps_of(
-    method: str, n: int, program: Program, processors: int | None = None, iterations: int = 1
-) -> Steps:
+def _steps(method: str, program: Program, processors: int | None, iterations: int) -> Steps:
     """
     Return the steps that a method's program takes on its machine.
 
@@ -174,7 +177,7 @@ def steps_of(
     steps = program.count(processors, iterations=iterations)
     if method != 'pcrbm_array':
         return steps
-    return on_cells(steps, program.count(processors, section=SECTION), solve_steps(n))
+    return on_cells(steps, program.count(processors, section=SECTION), solve_steps(program.lanes))
 
 
 def on_cells(steps: Steps, cells: Steps, cycles: Steps) -> Steps:
@@ -194,15 +197,6 @@ def arithmetic(steps: Steps) -> int:
     return int(sum(asdict(steps).values())) - steps.routes
 
 
-def _utilisation(
-    method: str, n: int, program: Program, processors: int | None, iterations: int
-) -> float:
-    work = arithmetic(program.count(1, iterations=iterations))
-    steps = arithmetic(steps_of(method, n, program, processors, iterations))
-    units = processors_of(method, n, check_processors(processors, program.lanes))
-    return work / (steps * units) if steps else 0.0
-
-
 def _checked(
     sizes: dict[str, int], given: dict[str, ArrayLike], digits: int | None
 ) -> dict[str, Any]:
@@ -215,13 +209,6 @@ def _checked(
     return {
         name: np.broadcast_to(array, (*shape, array.shape[-1])) for name, array in arrays.items()
     }
-
-
-def _iterations(result: dict[str, Any]) -> int | None:
-    """Return the iterations of an iterative method, of a batch the most; None for others."""
-    if 'iterations' not in result:
-        return None
-    return int(np.max(np.asarray(result['iterations'], dtype=np.float64), initial=0))
 
 
 def _status(result: dict[str, Any]) -> str:

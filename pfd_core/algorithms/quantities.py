@@ -60,7 +60,6 @@ def _whole(record: Callable[[Plant], Program], instant: bool = False) -> Record:
 
 
 def _framed(record: Callable[[Plant, Frame], Program]) -> Record:
-    """Return the recorder of a quantity of a frame."""
     return lambda plant, frame: record(plant, plant.robot.frame(frame))
 
 

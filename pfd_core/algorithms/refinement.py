@@ -34,12 +34,9 @@ One register holds one number.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from itertools import groupby
 import math
 from operator import attrgetter
-
-import numpy as np
 
 from pfd_core.algorithms.chain.drives import motor_torques
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
@@ -52,7 +49,7 @@ from pfd_core.machine.lanes import absolute, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.rounding_errors import RoundingErrors
-from pfd_core.model import Plant, has_drives, without_joint_torques
+from pfd_core.model import Plant, has_drives, without_torques
 
 
 def record_refined(
@@ -89,8 +86,7 @@ def record_refined(
     method_program = record_forward_dynamics(plant, method, 'sequential', tolerance)
     if steps == 0:
         return method_program
-    at_rest = replace(without_joint_torques(plant), gravity=np.zeros(3))
-    solve = record_forward_dynamics(at_rest, method, 'sequential', tolerance)
+    solve = record_forward_dynamics(without_torques(plant), method, 'sequential', tolerance)
     torques = record_link_torques(plant)
     recorder = Recorder(1, 'sequential')
     n = plant.robot.n

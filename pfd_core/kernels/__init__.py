@@ -9,10 +9,9 @@ Subpackages and modules in the order of data flow; each imports only from those 
     codegen/       program -> LLVM IR
     runtime/       IR -> native code in this process; cache on disk, threads, Python's C API
     quantities     results of kernels: their arguments, and the effects of a scene that they have
-    stack          the stack of a thread, and whether matrices fit
     auto           the method that 'auto' selects
     spec           KernelSpec: robot, scene, method, number format, refinement and quantity
-    source         spec -> lowered program, recorded only if needed
+    source         spec -> lowered program, recorded only if needed; whether matrices fit the stack
     arguments      arguments of a call, checked, as rows of states; arrays for results
     entries        native code of a source, and the functions that Python calls
     kernel         Kernel: a call checks and converts its arguments and runs native code

@@ -62,8 +62,9 @@ def checked(
     given = {name: value for name, value in zip(own, state, strict=False) if value is not None}
     count = sum(value is not None for value in state)
     if len(given) != len(own) or count != len(own):
+        labels = [*own, *('q', 'qd', 'tau')[len(own) :]]
         got = ', '.join(
-            name for name, value in zip(_labels(own), state, strict=True) if value is not None
+            name for name, value in zip(labels, state, strict=True) if value is not None
         )
         raise ValueError(f'the kernel takes {", ".join(own)}, got {got or "none of them"}')
     given |= scene_inputs(scene, robot.n, dtype, wrench, brakes)
@@ -72,11 +73,6 @@ def checked(
         name: real_array(name, given[name], dtype, (..., size), finite=False)
         for name, size in sizes.items()
     }
-
-
-def _labels(own: Sequence[str]) -> list[str]:
-    """Return the names of the three arguments of a state, as far as a kernel has them."""
-    return [*own, *('q', 'qd', 'tau')[len(own) :]]
 
 
 def as_rows(value: NDArray[Any], shape: tuple[int, ...]) -> NDArray[Any]:

@@ -55,7 +55,9 @@ def choose(plant: Plant, method: str, refine: int) -> str:
     n = plant.robot.n
     if n >= LONG:
         return MANY_JOINTS
-    loss = get_or_compute(('pivot loss', plant.digest), lambda: _loss(plant), _is_float)
+    loss = get_or_compute(
+        ('pivot loss', plant.digest), lambda: _loss(plant), lambda x: isinstance(x, float)
+    )
     if loss > (LARGEST_LOSS_REFINED if refine else LARGEST_LOSS):
         # ACCURATE takes no payload as an input.
         return MANY_JOINTS if refine or plant.payload_input else ACCURATE
@@ -101,7 +103,3 @@ def _loss(plant: Plant) -> float:
         factors = np.divide(row, pivot, out=np.zeros_like(row), where=pivot > 0)
         rest -= factors[:, :, np.newaxis] * row[:, np.newaxis, :]
     return largest
-
-
-def _is_float(value: object) -> bool:
-    return isinstance(value, float)

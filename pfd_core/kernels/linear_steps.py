@@ -18,9 +18,8 @@ from pfd_core.kernels.codegen.module import linear_module
 from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.runtime.jit import Optimisation
 from pfd_core.kernels.simulations import plants
-from pfd_core.kernels.source import KernelSource, ProductSource, derivatives
+from pfd_core.kernels.source import KernelSource, ProductSource, check_stack, derivatives
 from pfd_core.kernels.spec import KernelSpec
-from pfd_core.kernels.stack import check_stack
 from pfd_core.machine.program import Program
 
 

@@ -15,8 +15,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-import numpy as np
-
 from pfd_core.algorithms.chain.actuators import record_actuators
 from pfd_core.kernels.codegen.arms import PARAMETERS
 from pfd_core.kernels.codegen.cycles import block_names
@@ -34,7 +32,7 @@ from pfd_core.model import (
     has_drives,
     with_inertia,
     without_drives,
-    without_joint_torques,
+    without_torques,
     without_viscosity,
 )
 from pfd_core.model.checked_numbers import Array
@@ -288,5 +286,4 @@ def _heavier(plant: Plant, time: float) -> Array:
 
 def _at_rest(plant: Plant) -> Plant:
     """Return a plant on which no torque acts but inertia: H qdd = tau at rest."""
-    still = without_joint_torques(plant)
-    return replace(still, gravity=np.zeros(3), external_wrench=False)
+    return replace(without_torques(plant), external_wrench=False)

@@ -17,6 +17,8 @@ import gc
 import math
 from typing import Any
 
+import numpy as np
+
 from pfd_core.algorithms.acceleration_derivatives import record_derivatives
 from pfd_core.algorithms.chain.drives import record_motor_torques
 from pfd_core.algorithms.convergence import with_nan_unless_converged
@@ -40,9 +42,12 @@ from pfd_core.kernels.runtime.jit import (
 )
 from pfd_core.kernels.runtime.json_cache import T, get_or_compute
 from pfd_core.kernels.spec import KernelSpec
-from pfd_core.kernels.stack import check_stack
 from pfd_core.machine.program import Program
 from pfd_core.model import Plant, Robot
+
+# The widest register, and half of the stack that a thread has on Linux.
+REGISTER_BYTES = 64
+STACK_BYTES = 4 << 20
 
 
 class KernelSource:
@@ -161,7 +166,7 @@ class ProductSource(KernelSource):
 
     @cached_property
     def _stages(self) -> Stages:
-        return Stages(**{k: _product(p) for k, p in vars(self._factor_stages).items()})
+        return Stages(**{k: multiplied(p) for k, p in vars(self._factor_stages).items()})
 
     @property
     def optimisation(self) -> Optimisation:
@@ -228,6 +233,17 @@ def derivatives(spec: KernelSpec, plant: Plant | None = None) -> ProductSource:
     return ProductSource(lowered, key)
 
 
+def check_stack(name: str, numbers: int) -> None:
+    """Raise ValueError if the numbers of a state exceed the stack of a thread."""
+    # One register holds one number of each of the states that run at once.
+    size = REGISTER_BYTES * numbers
+    if size > STACK_BYTES:
+        raise ValueError(
+            f'{name} needs {size / 2**20:.1f} MB of the stack, more than {STACK_BYTES >> 20} MB: '
+            'the robot has too many joints'
+        )
+
+
 def motors(plant: Plant, dtype: str) -> KernelSource:
     """Return the source of the torques of motors under commanded ones."""
     return KernelSource(
@@ -237,13 +253,7 @@ def motors(plant: Plant, dtype: str) -> KernelSource:
 
 def turned_joints(robot: Robot) -> tuple[int, ...]:
     """Return the joints whose position is an angle."""
-    return tuple(i for i, kind in enumerate(robot.joint_types) if kind != 'prismatic')
-
-
-def _product(factors: Program) -> Program:
-    """Return the program of a product alone."""
-    program = multiplied(factors)
-    return replace(program, outputs={'derivatives': program.outputs['derivatives']})
+    return tuple(np.flatnonzero(robot.turning).tolist())
 
 
 def _are_facts(value: Any) -> bool:

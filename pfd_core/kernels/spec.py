@@ -12,7 +12,6 @@ from pfd_core.kernels.auto import choose
 from pfd_core.kernels.quantities import check_options, quantity_named, reduced
 from pfd_core.model import Plant, Robot, Scene, in_motion, resolve, without_step_effects
 from pfd_core.model.checked_numbers import DTYPES, choice
-from pfd_core.model.frames import known_frame
 
 # Forward dynamics at an instant of a step of a simulation, whose effects over time are the step's
 # own: of all joints, and of joints in motion or braked.
@@ -82,7 +81,7 @@ class KernelSpec:
         frame, place = None, ''
         if quantity.of_frame:
             frame = self.robot.tip if self.frame is None else self.frame
-            place = known_frame(self.robot.name, self.robot.frames, frame).digest
+            place = self.robot.frame(frame).digest
         resolved: dict[str, Any] = {
             'scene': scene,
             'method': quantity.method or choose(plant, self.method, self.refine),

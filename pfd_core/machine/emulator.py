@@ -144,7 +144,9 @@ class _Machine:
         if op == 'call':
             return self.functions[data](*(self.registers[a] for a in args))
         if op in ('state', 'result'):
-            return self.rows[data] if data >= 0 else self._iterations()
+            if data >= 0:
+                return self.rows[data]
+            return np.stack([self.arithmetic.array(self.iterations)] * self.program.lanes)
         meaning = self.arithmetic.meaning(op)
         operands = [self.registers[a] for a in args]
         lanes = len(operands[0])
@@ -163,10 +165,6 @@ class _Machine:
             elif not active >> lane & 1:
                 row[lane] = self.arithmetic.number(0.0)
         return row
-
-    def _iterations(self) -> Any:
-        one = self.arithmetic.array(self.iterations)
-        return np.stack([one] * self.program.lanes)
 
 
 class _Floats:

@@ -68,10 +68,6 @@ class Operation:
     conditions: int = 0
 
 
-def _select(condition: Any, chosen: Any, other: Any) -> Any:
-    return np.where(condition > 0, chosen, other)
-
-
 def _product(a: Any, b: Any, da: Any, db: Any, dc: Any = 0.0) -> Any:
     """Return the tangent of a b + c; of a square it is (2 a) da + dc, and tangents share 2 a."""
     return dc + (a + a) * da if a is b else (dc + da * b) + a * db
@@ -107,7 +103,7 @@ OPERATIONS = {
             'select',
             3,
             None,
-            _select,
+            lambda condition, chosen, other: np.where(condition > 0, chosen, other),
             tangent=lambda z, c, a, b, da, db: z.apply('select', c, da, db),
             adjoint=(
                 lambda z, c, a, b, g: z.apply('select', c, g, 0.0),

@@ -116,7 +116,8 @@ class Program:
         if instruction.data is not None:
             words.append(_show(instruction.data))
         if instruction.active != (1 << self.lanes) - 1:
-            words.append('on ' + _ranges(instruction.active))
+            busy = (lane for lane in range(self.lanes) if instruction.active >> lane & 1)
+            words.append('on ' + ','.join(map(str, busy)))
         return ' '.join(words)
 
     def count(
@@ -197,7 +198,3 @@ def _show(data: Any) -> str:
     if isinstance(data, tuple):
         return '(' + ' '.join('-' if item is None else _show(item) for item in data) + ')'
     return str(data)
-
-
-def _ranges(mask: int) -> str:
-    return ','.join(str(lane) for lane in range(mask.bit_length()) if mask >> lane & 1)

@@ -5,7 +5,6 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
 
     loading             load_robot: a robot by name, from a file or a string; load_scene
     yaml_reader         YAML text -> dict, list and str, bounded; tables with known keys
-    yaml_scene          scenes from YAML
     yaml_robot          robots as YAML, with rotors: tables from papers, and robots stored exactly
     rotors              rotors behind gears: their inertia at the joint
     urdf_reader         URDF string -> Urdf, the one record for all readers; rotors
@@ -13,18 +12,16 @@ Models: a robot is a serial chain, and a scene is the set of effects that act on
     urdf_robot          the chain of a URDF, welded and brought to the frames of a Robot
     urdf_writer         robots as URDF
     xacro_files         .xacro files -> URDF string, by the package xacro
-    geometry            rotations, frames and rigid bodies as arrays with exact zeros and ones
-    rigid_body_checks   conditions on a rotation and an inertia, with their tolerances
+    geometry            rotations, frames and rigid bodies as arrays with exact zeros and ones;
+                        conditions on a rotation and an inertia, with their tolerances
     frames              Frame: a frame fixed to a link; the frames of a robot by name
     robot               Robot: the chain in the frames of Lee and Chang, checked once
     robot_changes       Payload, and robots with a payload or with locked joints
     effects             the table of effects: fields with units and checks, torques, energies
-    scene               Scene: which effects are on
+    scene               Scene: which effects are on; scenes as YAML
     scene_checks        the fields of a scene as users give them, checked
-    plant               Plant: a scene and a robot as numbers
-    scene_numbers       resolve: the plant of a robot and a scene
+    plant               Plant: a scene and a robot as numbers; resolve, which makes it of both
     scene_inputs        the inputs that a scene adds at run time
-    joint_space_checks  joints that nothing resists, whose acceleration has no value
     checked_numbers     the one reader of numbers that users give
     error_text          foreign values as error messages quote them
     frozen_arrays       read-only arrays in frozen dataclasses
@@ -40,12 +37,15 @@ from pfd_core.model.loading import known_robots, load_robot, load_scene, read_ur
 from pfd_core.model.plant import (
     Plant,
     check_instant,
+    check_joint_inertia,
+    given_scene,
     has_drives,
     in_motion,
+    resolve,
     with_inertia,
     without_drives,
-    without_joint_torques,
     without_step_effects,
+    without_torques,
     without_viscosity,
 )
 from pfd_core.model.robot import PhysicsWarning, Robot
@@ -53,7 +53,6 @@ from pfd_core.model.robot_changes import Payload, lock, with_payload
 from pfd_core.model.rotors import SPIN_UP_TIME, estimated_armature, reflected_inertia
 from pfd_core.model.scene import Scene, scene_to_yaml
 from pfd_core.model.scene_inputs import scene_inputs
-from pfd_core.model.scene_numbers import given_scene, resolve
 from pfd_core.model.urdf_chain import TreeError
 from pfd_core.model.urdf_reader import Urdf
 from pfd_core.model.urdf_writer import robot_to_urdf
@@ -72,6 +71,7 @@ __all__ = [
     'TreeError',
     'Urdf',
     'check_instant',
+    'check_joint_inertia',
     'estimated_armature',
     'given_scene',
     'has_drives',
@@ -91,7 +91,7 @@ __all__ = [
     'with_inertia',
     'with_payload',
     'without_drives',
-    'without_joint_torques',
     'without_step_effects',
+    'without_torques',
     'without_viscosity',
 ]

@@ -13,10 +13,9 @@ import numpy as np
 
 from pfd_core.forking import cached_property
 from pfd_core.model.checked_numbers import LARGEST, integer, real_array
-from pfd_core.model.error_text import quote, quote_all
+from pfd_core.model.error_text import quote
 from pfd_core.model.frozen_arrays import FrozenArrays, frozen
-from pfd_core.model.geometry import Array, Placement
-from pfd_core.model.rigid_body_checks import check_rotation
+from pfd_core.model.geometry import Array, Placement, check_rotation
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,12 +89,3 @@ def with_ends(
     ends = {base: Frame(0, np.eye(3), np.zeros(3)), tip: Frame(n, np.eye(3), np.zeros(3))}
     # The base comes first, and a tip that is no other link's last.
     return MappingProxyType({base: ends[base], **frames, **ends})
-
-
-def known_frame(robot: str, frames: Mapping[str, Frame], name: object) -> Frame:
-    """Return a frame by its name; ValueError that lists the known ones if there is none."""
-    if not isinstance(name, str) or name not in frames:
-        raise ValueError(
-            f'frame {quote(name)} is not carried by {quote(robot)}; it carries {quote_all(frames)}'
-        )
-    return frames[name]

@@ -19,13 +19,12 @@ from typing import TYPE_CHECKING
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot import Robot
 from pfd_core.model.robot_changes import lock
-from pfd_core.model.scene import Scene
+from pfd_core.model.scene import Scene, scene_from_yaml
 from pfd_core.model.urdf_reader import Urdf, parse_urdf
 from pfd_core.model.urdf_robot import RIGHT_ANGLE_SLACK, robot_from_urdf
 from pfd_core.model.urdf_writer import robot_to_urdf
 from pfd_core.model.xacro_files import expanded
 from pfd_core.model.yaml_robot import robot_from_yaml
-from pfd_core.model.yaml_scene import scene_from_yaml
 
 if TYPE_CHECKING:
     from importlib.abc import Traversable
@@ -100,7 +99,7 @@ def load_robot(
         urdf = parse_urdf(text, origin) if is_urdf else None
     if urdf is not None:
         return robot_from_urdf(urdf, base=base, tip=tip, locked=locked, right_angle=right_angle)
-    robot = robot_from_yaml(text, source=origin)
+    robot = robot_from_yaml(text, origin)
     for role, asked, has in (('base', base, robot.base), ('tip', tip, robot.tip)):
         if asked not in (None, has):
             raise ValueError(
@@ -150,7 +149,7 @@ def urdf_of(source: str | PathLike[str]) -> str:
 
     """
     text, origin, is_urdf = _read(source)
-    return text if is_urdf else robot_to_urdf(robot_from_yaml(text, source=origin))
+    return text if is_urdf else robot_to_urdf(robot_from_yaml(text, origin))
 
 
 def load_scene(source: str | PathLike[str]) -> Scene:
@@ -246,7 +245,6 @@ def _content(path: Path) -> bytes:
 
 
 def _robot_files() -> dict[str, Traversable]:
-    """Return the files of config/robots by the name of the robot."""
     for folder in FOLDERS:
         if folder.is_dir():
             return {

@@ -3,11 +3,13 @@
 """
 Plant: a scene and a robot as numbers, which an algorithm records as a program.
 
+    resolve                the plant of a robot and a scene
+    check_joint_inertia    refuses a last joint that nothing resists
     check_instant          refuses effects that a program of one instant cannot have
     without_step_effects   a plant without those
     in_motion              the same, with the friction of joints that stay in motion
     without_drives         a plant whose input tau is the torque of its motors
-    without_joint_torques  a plant whose joints take no torque but their inertia's
+    without_torques        a plant whose only torques are inertia's and the wrench's
     without_viscosity      a plant whose joints take no torque in proportion to their velocity
     with_inertia           a plant with another inertia of its joints
 
@@ -26,10 +28,13 @@ from typing import Any
 import numpy as np
 
 from pfd_core.model.effects import EFFECTS, FIELDS, JOINTS, MOTORS, STEP
-from pfd_core.model.error_text import quote_all
+from pfd_core.model.error_text import quote, quote_all
 from pfd_core.model.frozen_arrays import FrozenArrays, frozen
-from pfd_core.model.geometry import Array
-from pfd_core.model.robot import Robot
+from pfd_core.model.geometry import Array, product
+from pfd_core.model.robot import Robot, check_robot, link_label
+from pfd_core.model.robot_changes import Payload, with_payload
+from pfd_core.model.scene import Scene
+from pfd_core.model.scene_checks import INPUT
 
 # Fields of Scene whose effects act over a step of time.
 STEP_EFFECTS = tuple(
@@ -125,6 +130,77 @@ class Plant(FrozenArrays):
         return state.hexdigest()
 
 
+def given_scene(scene: Scene | None) -> Scene:
+    """Return a scene, for None that of gravity alone; ValueError for anything else."""
+    if scene is None:
+        return Scene()
+    if not isinstance(scene, Scene):
+        raise ValueError(f'scene must be a Scene or None, got {quote(scene)}')
+    return scene
+
+
+def resolve(robot: Robot, scene: Scene | None = None) -> Plant:
+    """
+    Return a scene as numbers for a robot.
+
+    An effect that is off, or whose numbers are all zero, or infinite for a limit, has no numbers.
+
+    Parameters
+    ----------
+    robot : Robot
+        The chain.
+    scene : Scene, optional
+        Which effects are on; gravity alone if not given.
+
+    Raises
+    ------
+    ValueError
+        If the scene has numbers for another number of joints, a static friction below the Coulomb
+        friction, or stops between which a joint cannot move.
+
+    """
+    check_robot(robot)
+    scene = given_scene(scene)
+    values = {key: field.resolved(robot, getattr(scene, key)) for key, field in FIELDS.items()}
+    effects: dict[str, Array] = {}
+    for effect in EFFECTS:
+        if not effect.needs and effect.fields[0].has_numbers:
+            found = effect.plant_numbers(robot, values)
+            effects |= {key: array for key, array in found.items() if array is not None}
+    gravity = np.zeros(3) if scene.gravity is None else np.asarray(scene.gravity)
+    plant = Plant(
+        robot=with_payload(robot, scene.payload) if isinstance(scene.payload, Payload) else robot,
+        gravity=product(robot.base_rotation.T, gravity),
+        external_wrench=scene.external_wrench,
+        brakes=scene.brakes,
+        payload_input=scene.payload == INPUT,
+        gravity_compensation=_compensation(robot, scene),
+        effects=effects,
+    )
+    return _without_compensated_gravity(plant)
+
+
+def _without_compensated_gravity(plant: Plant) -> Plant:
+    """Return a plant without gravity if its drives take exactly that away, without limits."""
+    model = plant.gravity_compensation
+    if model is None or any(e.acts == MOTORS and e.field in plant.effects for e in EFFECTS):
+        return plant
+    if plant.payload_input or model.robot != plant.robot or (model.gravity != plant.gravity).any():
+        return plant
+    return replace(plant, gravity=np.zeros(3), gravity_compensation=None)
+
+
+def _compensation(robot: Robot, scene: Scene) -> Plant | None:
+    """Return the plant whose gravity torques the drives add; None for no torques."""
+    model = scene.gravity_compensation
+    if model is False:
+        return None
+    if not isinstance(model, Scene):
+        model = Scene(gravity=scene.gravity)
+    plant = resolve(robot, model)
+    return plant if plant.gravity.any() else None
+
+
 def without_step_effects(plant: Plant) -> Plant:
     """Return a plant without dry friction, stops and lag: the accelerations at an instant."""
     return _without(plant, STEP_EFFECTS)
@@ -140,15 +216,15 @@ def without_drives(plant: Plant) -> Plant:
     return _without(plant, DRIVES)
 
 
-def without_joint_torques(plant: Plant) -> Plant:
-    """Return a plant whose joints take no torque but inertia's: H qdd = tau at rest."""
+def without_torques(plant: Plant) -> Plant:
+    """Return a plant whose only torques are inertia's and the wrench's: H qdd = tau at rest."""
     torques = [
         item.name
         for effect in EFFECTS
         if effect.acts == JOINTS and not effect.inertia
         for item in effect.fields
     ]
-    return _without(plant, (*torques, *DRIVES))
+    return replace(_without(plant, (*torques, *DRIVES)), gravity=np.zeros(3))
 
 
 def without_viscosity(plant: Plant) -> Plant:
@@ -162,7 +238,6 @@ def with_inertia(plant: Plant, inertia: Array) -> Plant:
 
 
 def _without(plant: Plant, names: Collection[str]) -> Plant:
-    """Return a plant without the numbers of some fields."""
     own = {item.name for item in fields(plant)}
     off: dict[str, Any] = {name: None for name in names if name in own}
     kept = {key: values for key, values in plant.effects.items() if key not in names}
@@ -193,4 +268,30 @@ def check_instant(plant: Plant) -> None:
         raise ValueError(
             f'{quote_all(over)} of the scene act over a step of time, not at an instant: '
             'simulate with Simulator or Ensemble, or leave them out of the scene'
+        )
+
+
+def check_joint_inertia(plant: Plant) -> None:
+    """
+    Raise ValueError if the last link has no inertia about its joint; names link and joint.
+
+    The last joint's diagonal element of the joint-space inertia is the same in every position:
+    Izz + m (x^2 + y^2) + rotor of a joint that turns about z, m + rotor of one that slides. An
+    element of zero makes the matrix singular in every position.
+    """
+    robot, last = plant.robot, plant.robot.n - 1
+    R, a = robot.rotations[last], robot.translations[last]
+    # Frame n is fixed to link n, and the joint's axis is the z axis of frame n-1.
+    center = a + product(R, robot.centers[last])
+    about_axis = float(product(R, robot.inertias[last], R.T)[2, 2])
+    mass = float(robot.masses[last])
+    slides = robot.joint_types[last] == 'prismatic'
+    resistance = mass if slides else about_axis + mass * float(center[0] ** 2 + center[1] ** 2)
+    own = 0.0 if plant.inertia is None else float(plant.inertia[last])
+    if resistance + own == 0:
+        raise ValueError(
+            f'{link_label(robot, last)} has no {"mass" if slides else "inertia about its joint"}, '
+            'so the acceleration of '
+            f'{quote(robot.joint_names[last])} has no value: give it a mass, an inertia, a '
+            'payload or an armature'
         )

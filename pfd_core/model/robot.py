@@ -26,13 +26,13 @@ from numpy.typing import NDArray
 
 from pfd_core.forking import cached_property
 from pfd_core.model.checked_numbers import LARGEST, real_array
-from pfd_core.model.error_text import quote
-from pfd_core.model.frames import Frame, known_frame, with_ends
+from pfd_core.model.error_text import quote, quote_all
+from pfd_core.model.frames import Frame, with_ends
 from pfd_core.model.frozen_arrays import FrozenArrays, frozen
-from pfd_core.model.geometry import Array
-from pfd_core.model.rigid_body_checks import (
+from pfd_core.model.geometry import (
     INERTIA_TOLERANCE,
     TRIANGLE_TOLERANCE,
+    Array,
     check_inertia,
     check_rotation,
 )
@@ -159,9 +159,20 @@ class Robot(FrozenArrays):
         """Number of joints, and of links that move."""
         return len(self.joint_names)
 
+    @property
+    def turning(self) -> NDArray[np.bool_]:
+        """Whether each joint turns, (n,); False for a joint that slides."""
+        return np.array([kind != 'prismatic' for kind in self.joint_types])
+
     def frame(self, name: str | None = None) -> Frame:
         """Return a frame that the robot carries; the tip's without a name."""
-        return known_frame(self.name, self.frames, self.tip if name is None else name)
+        name = self.tip if name is None else name
+        if not isinstance(name, str) or name not in self.frames:
+            raise ValueError(
+                f'frame {quote(name)} is not carried by {quote(self.name)}; it carries '
+                f'{quote_all(self.frames)}'
+            )
+        return self.frames[name]
 
     @cached_property
     def digest(self) -> str:

@@ -19,13 +19,13 @@ from pfd_core.model.geometry import (
     Body,
     Placement,
     chained,
+    check_inertia,
     inverse,
     merged,
     product,
     rotation_z,
     snapped,
 )
-from pfd_core.model.rigid_body_checks import check_inertia
 from pfd_core.model.robot import JOINT_FIELDS, LINK_FIELDS, Robot, check_robot
 
 

@@ -3,8 +3,8 @@
 """
 Scene: the effects that act on a robot, each checked by itself.
 
-A scene fits any robot with as many joints as its arrays have; `scene_numbers.resolve` combines
-both into a Plant. The default is rigid links and gravity, nothing else.
+A scene fits any robot with as many joints as its arrays have; `pfd_core.model.plant.resolve`
+combines both into a Plant. The default is rigid links and gravity, nothing else.
 
 The fields belong to the records in `pfd_core.model.effects`, which check them. They are
 declared here as well, so that editors and type checkers know the arguments of Scene.
@@ -12,6 +12,7 @@ declared here as well, so that editors and type checkers know the arguments of S
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 import hashlib
 from os import PathLike
@@ -21,11 +22,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pfd_core.model.checked_numbers import number_from_text
 from pfd_core.model.effects import FIELDS, NEEDS
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot_changes import Payload
-from pfd_core.model.scene_checks import INPUT
-from pfd_core.model.yaml_reader import yaml_text
+from pfd_core.model.scene_checks import ESTIMATED, INPUT, MODEL
+from pfd_core.model.yaml_reader import read_yaml, table, yaml_text
+
+WORDS: dict[str, Any] = {
+    'null': None,
+    'true': True,
+    'True': True,
+    'false': False,
+    'False': False,
+    **{word: word for word in (MODEL, ESTIMATED, INPUT)},
+}
 
 
 @dataclass(frozen=True)
@@ -184,3 +195,51 @@ def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_plain(item) for item in value]
     return _document(value) if isinstance(value, (Scene, Payload)) else value
+
+
+def scene_from_yaml(text: str, source: str) -> Scene:
+    """
+    Return the scene of a YAML string.
+
+    Parameters
+    ----------
+    text : str
+        A table of the fields of Scene. `null` is None, `true` and `false` are truth values,
+        `model` is the robot's own, all else numbers and lists of numbers; `payload` is `input` or
+        a table of the fields of Payload, and `gravity_compensation` may be a table of a scene.
+    source : str
+        Origin of the YAML, for errors.
+
+    Raises
+    ------
+    ValueError
+        If it is no YAML, a key is unknown or duplicate, or Scene rejects a value.
+
+    """
+    document = read_yaml(text, source)
+    try:
+        return _scene_of('the scene', document)
+    except ValueError as error:
+        raise ValueError(f'{quote(source)}: {error}') from error
+
+
+def _scene_of(label: str, value: Any) -> Scene:
+    given: dict[str, Any] = {}
+    for key, item in table(label, value, (), tuple(item.name for item in fields(Scene))).items():
+        if key == 'payload' and isinstance(item, Mapping):
+            body = table(key, item, ('mass',), ('center', 'inertia'))
+            given[key] = Payload(**{k: _value(f'payload {k}', x) for k, x in body.items()})
+        elif key == 'gravity_compensation' and isinstance(item, Mapping):
+            given[key] = _scene_of(key, item)
+        else:
+            given[key] = _value(key, item)
+    return Scene(**given)
+
+
+def _value(key: str, item: Any) -> Any:
+    """Return a string as a number or a keyword's value; also each element of a list."""
+    if isinstance(item, list):
+        return [_value(key, entry) for entry in item]
+    if not isinstance(item, str):
+        raise ValueError(f'{key} must be a number, a list or a word, got a table')
+    return WORDS[item] if item in WORDS else number_from_text(key, item, infinite=True)

@@ -69,7 +69,7 @@ def scene_inputs(
         if brakes is None:
             inputs['free'] = _all_free((*(batch or ()), n), dtype)
         else:
-            braked = _in_batch('brakes', _bools('brakes', brakes), n, batch)
+            braked = _in_batch('brakes', _braked(brakes), n, batch)
             inputs['free'] = (~braked).astype(dtype)
     elif brakes is not None:
         raise ValueError('brakes were given, but the scene has none: use Scene(brakes=True)')
@@ -95,12 +95,12 @@ def _all_free(shape: tuple[int, ...], dtype: str) -> NDArray[Any]:
     return free
 
 
-def _bools(name: str, value: ArrayLike) -> NDArray[np.bool_]:
+def _braked(value: ArrayLike) -> NDArray[np.bool_]:
     """Return an array of bool; ValueError for numbers, as 1 could mean a joint that moves."""
     try:
         array = np.asarray(None if isinstance(value, MaskedArray) else value)
     except (TypeError, ValueError, RuntimeError):
         array = np.asarray(None)
     if array.dtype != bool:
-        raise ValueError(f'{name} must be an array of bool, True for braked, got {quote(value)}')
+        raise ValueError(f'brakes must be an array of bool, True for braked, got {quote(value)}')
     return array

@@ -12,7 +12,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from pfd_core.model.error_text import MOST_NAMES, quote, quote_all
-from pfd_core.model.urdf_reader import MOVING, NOT_A_CHAIN, Joint, Urdf
+from pfd_core.model.robot import JOINT_TYPES
+from pfd_core.model.urdf_reader import NOT_A_CHAIN, Joint, Urdf
 
 
 class TreeError(ValueError):
@@ -87,7 +88,9 @@ def find_chain(
     """
     above = {joint.child: joint for joint in urdf.joints.values()}
     root = _root(urdf, above)
-    children = _children(urdf)
+    children: dict[str, list[Joint]] = {link: [] for link in urdf.links}
+    for joint in urdf.joints.values():
+        children[joint.parent].append(joint)
     _refuse_loops(urdf, _below(root, children))
     _check_links(urdf, base, tip)
     _check_locked(urdf, locked)
@@ -115,7 +118,11 @@ def find_chain(
         _check_kind(joint)
     # Links that are neither moved by the chain nor part of its base are excluded.
     own = {joint.name for joint in chain}
-    carried = {link: carrier for link, carrier in carriers.items() if _is_of(carrier, own)}
+    carried = {
+        link: carrier
+        for link, carrier in carriers.items()
+        if carrier is None or carrier.name in own
+    }
     kept = tuple(joint for joint in below if joint.child in carried)
     return Chain(base, tip, held, tuple(chain), kept, carried)
 
@@ -142,13 +149,6 @@ def _root(urdf: Urdf, above: Mapping[str, Joint]) -> str:
     return roots[0]
 
 
-def _children(urdf: Urdf) -> dict[str, list[Joint]]:
-    found: dict[str, list[Joint]] = {link: [] for link in urdf.links}
-    for joint in urdf.joints.values():
-        found[joint.parent].append(joint)
-    return found
-
-
 def _below(link: str, children: Mapping[str, list[Joint]]) -> list[Joint]:
     """Return the joints below a link, each after the joint above it."""
     found = list(children[link])
@@ -165,10 +165,6 @@ def _refuse_loops(urdf: Urdf, below: list[Joint]) -> None:
             f'joints {quote_all(loop)} form a closed loop apart from the rest of '
             f'{quote(urdf.name)}'
         )
-
-
-def _is_of(carrier: Joint | None, own: set[str]) -> bool:
-    return carrier is None or carrier.name in own
 
 
 def _chain_to(tip: str, carriers: Mapping[str, Joint | None]) -> list[Joint]:
@@ -237,9 +233,9 @@ def _check_links(urdf: Urdf, base: str | None, tip: str | None) -> None:
 def _check_locked(urdf: Urdf, locked: Mapping[str, float]) -> None:
     for name in locked:
         joint = urdf.joints.get(name)
-        if joint is None or joint.kind not in MOVING:
+        if joint is None or joint.kind not in JOINT_TYPES:
             kind = 'has no such joint' if joint is None else f'has it as a {joint.kind} joint'
-            movable = quote_all(j.name for j in urdf.joints.values() if j.kind in MOVING)
+            movable = quote_all(j.name for j in urdf.joints.values() if j.kind in JOINT_TYPES)
             raise ValueError(
                 f'cannot lock {quote(name)}: {quote(urdf.name)} {kind}; joints that can be '
                 f'locked: {movable}'
@@ -262,7 +258,7 @@ def _check_kind(joint: Joint) -> None:
 
 
 def _movable(joints: Iterable[Joint]) -> list[str]:
-    return [joint.name for joint in joints if joint.kind in MOVING]
+    return [joint.name for joint in joints if joint.kind in JOINT_TYPES]
 
 
 def _how_to_lock(joints: Iterable[Joint]) -> str:

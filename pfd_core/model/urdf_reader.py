@@ -22,10 +22,10 @@ import xml.etree.ElementTree as ElementTree
 
 from pfd_core.model.checked_numbers import BLANKS, number_from_text
 from pfd_core.model.error_text import quote, quote_all
+from pfd_core.model.robot import JOINT_TYPES
 from pfd_core.model.robot_changes import locked_positions
 from pfd_core.model.rotors import reflected_inertia
 
-MOVING = ('revolute', 'continuous', 'prismatic')
 NOT_A_CHAIN = ('floating', 'planar')
 # A limit of this size is none: pfd_core.model.urdf_writer has no other number for it.
 LARGEST_LIMIT = sys.float_info.max
@@ -229,7 +229,9 @@ class Urdf:
         while following:
             following = False
             for joint in self.joints.values():
-                rule = joint.mimic if joint.kind in MOVING and joint.name not in found else None
+                rule = (
+                    joint.mimic if joint.kind in JOINT_TYPES and joint.name not in found else None
+                )
                 if rule is not None and rule.leader in found:
                     found[joint.name] = rule.multiplier * found[rule.leader] + rule.offset
                     following = True
@@ -433,9 +435,9 @@ def _inertial(link: ElementTree.Element, label: str) -> Inertial | None:
 
 def _joint(element: ElementTree.Element, name: str) -> Joint:
     label, kind = f'joint {quote(name)}', element.get('type', '')
-    if kind not in (*MOVING, *NOT_A_CHAIN, 'fixed'):
+    if kind not in (*JOINT_TYPES, *NOT_A_CHAIN, 'fixed'):
         raise ValueError(
-            f'{label} has type {quote(kind)}; known types are {quote_all((*MOVING, "fixed"))}'
+            f'{label} has type {quote(kind)}; known types are {quote_all((*JOINT_TYPES, "fixed"))}'
         )
     ends = [_only(element, tag, label) for tag in ('parent', 'child')]
     parent, child = ('' if end is None else end.get('link', '') for end in ends)
@@ -443,7 +445,7 @@ def _joint(element: ElementTree.Element, name: str) -> Joint:
     axis = _triple(written, 'xyz', label, (1.0, 0.0, 0.0))
     # The format gives x to a joint without an <axis>; readers differ about an empty one.
     empty = written is not None and written.get('xyz') is None
-    if kind in MOVING and (empty or not any(axis)):
+    if kind in JOINT_TYPES and (empty or not any(axis)):
         raise ValueError(f'<axis xyz> of {label} must be three numbers, not all 0')
     origin = _origin(element, label)
     mimic = _mimic(element, label)

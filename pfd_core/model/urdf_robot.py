@@ -21,6 +21,7 @@ from pfd_core.model.geometry import (
     Placement,
     axis_rotation,
     chained,
+    check_inertia,
     inverse,
     merged,
     product,
@@ -31,7 +32,6 @@ from pfd_core.model.geometry import (
     welded_frames,
     without_residue,
 )
-from pfd_core.model.rigid_body_checks import check_inertia
 from pfd_core.model.robot import LIMIT_FIELDS, PhysicsWarning, Robot
 from pfd_core.model.robot_changes import check_locked_position, locked_positions
 from pfd_core.model.urdf_chain import Chain, find_chain
@@ -133,7 +133,6 @@ def _with_right_angle(origin: Origin, slack: float) -> Origin:
 
 
 def _limits(chain: Chain) -> dict[str, Any]:
-    """Return the limits and friction of a `Robot`."""
     names = {**LIMIT_FIELDS, 'damping': 'damping', 'friction': 'friction'}
     return {
         key: np.array([getattr(joint.limits, name) for joint in chain.joints])

@@ -99,7 +99,7 @@ def robot_to_yaml(robot: Robot, *, frames: bool = False) -> str:
     return yaml_text(document | {'joints': joints} | ({'frames': further} if frames else {}))
 
 
-def robot_from_yaml(text: str, *, source: str = 'YAML text') -> Robot:
+def robot_from_yaml(text: str, source: str) -> Robot:
     """
     Return the robot that a YAML text describes.
 
@@ -183,7 +183,6 @@ def _frames(name: str, joints: list[dict[str, Any]], base: Placement, tip: Any) 
 
 
 def _joint(index: int, row: Any) -> dict[str, Any]:
-    """Return the numbers of one joint, with defaults."""
     name = row.get('name', f'number {index + 1}') if isinstance(row, Mapping) else index + 1
     label = f'joint {quote(name)}'
     optional = ('center', 'inertia', 'limits', 'damping', 'friction', 'armature', 'rotor')

@@ -243,7 +243,6 @@ def _checked_law(tau: TorqueLaw, n: int) -> Callable[[float, Array, Array], Arra
 
 
 def _above_zero(name: str, value: float, finite: bool = True) -> float:
-    """Return a number above zero; ValueError for others."""
     number = real_number(name, value, finite=finite)
     if not number > 0:
         raise ValueError(f'{name} must be above zero, got {number}')

@@ -150,7 +150,6 @@ class EmbeddedPair:
 
 
 def _rows(rows: Sequence[Row], columns: int) -> Array:
-    """Return rows of coefficients as a read-only array."""
     array = np.zeros((len(rows), columns))
     for k, row in enumerate(rows):
         array[k, list(row)] = list(row.values())

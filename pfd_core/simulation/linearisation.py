@@ -135,7 +135,14 @@ class LinearStep:
         self._robot, self._scene = robot, scene = simulation.robot, simulation.scene
         self._names = robot.joint_names
         self._dry = has_contact(resolve(robot, scene))
-        self.kernel = _kernel(simulation, self._dry)
+        spec = simulation.spec
+        if self._dry:
+            spec = replace(spec, scene=replace(spec.scene, brakes=True), quantity=STEP_IN_MOTION)
+        row, h = TABLE[simulation.integrator], simulation.step_size / simulation.substeps
+        plant = resolve(robot, spec.scene)
+        # The digits that sums keep, with `compensated`, have no derivative.
+        step = record_step(row, robot.n, h, plant.viscosity, motor_lag=plant.motor_lag)
+        self.kernel = compile_linear_step(spec, step, simulation.substeps, row.implicit * h)
 
     def matrices(
         self,
@@ -203,7 +210,6 @@ class LinearStep:
         if not np.any(brakes):
             return
         H = self._inertia(q)
-        n = H.shape[-1]
         braked = np.broadcast_to(brakes, H.shape[:-1])
         if (braked & (np.asarray(qd) != 0)).any():
             *_, joint = np.argwhere(braked & (np.asarray(qd) != 0))[0].tolist()
@@ -212,22 +218,7 @@ class LinearStep:
                 'step has no derivative here; qd of a braked joint must be 0'
             )
         for k in np.ndindex(braked.shape[:-1]):
-            held, free = np.flatnonzero(braked[k]), np.flatnonzero(~braked[k])
-            impulse = np.linalg.solve(H[k][np.ix_(free, free)], H[k][np.ix_(free, held)])
-            A[k][:, n + held] = A[k][:, n + free] @ impulse
-
-
-def _kernel(simulation: Simulation, dry: bool) -> Kernel:
-    """Return the kernel of a linearised step of a simulation."""
-    spec = simulation.spec
-    if dry:
-        held = replace(spec.scene, brakes=True)
-        spec = replace(spec, scene=held, quantity=STEP_IN_MOTION)
-    row, h = TABLE[simulation.integrator], simulation.step_size / simulation.substeps
-    plant = resolve(spec.robot, spec.scene)
-    # The digits that sums keep, with `compensated`, have no derivative.
-    step = record_step(row, spec.robot.n, h, plant.viscosity, motor_lag=plant.motor_lag)
-    return compile_linear_step(spec, step, simulation.substeps, row.implicit * h)
+            _add_velocity_columns(A[k], H[k], braked[k], ~braked[k])
 
 
 def _checked(simulation: Simulation, name: str, value: ArrayLike) -> Array:
@@ -275,7 +266,7 @@ def _status(held: Array) -> Array:
 
 
 def _add_velocity_columns(A: Array, H: Array, resting: Array, moves: Array) -> None:
-    """Write the columns of A by the velocities of resting joints, from those that move."""
+    """Write the columns of A by the velocities of joints at rest, from those that move."""
     n = len(H)
     velocities, held = n + np.flatnonzero(moves), np.flatnonzero(resting)
     impulse = np.linalg.solve(H[np.ix_(moves, moves)], H[np.ix_(moves, resting)])

@@ -11,17 +11,23 @@ from ctypes import addressof, c_int64
 from functools import partial
 from typing import Any, ClassVar, TypeVar
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from pfd_core.forking import cached_property
 from pfd_core.kernels.codegen.segments import Contact
 from pfd_core.kernels.runtime.threads import MAX_BLOCK_WORK, run_until_stopped
 from pfd_core.kernels.spec import STEP, KernelSpec
-from pfd_core.model import Plant, Robot, Scene, given_scene, resolve, scene_inputs
+from pfd_core.model import (
+    Plant,
+    Robot,
+    Scene,
+    check_joint_inertia,
+    given_scene,
+    resolve,
+    scene_inputs,
+)
 from pfd_core.model.checked_numbers import DTYPES, Array, choice, integer, real_array, real_number
 from pfd_core.model.error_text import quote
-from pfd_core.model.joint_space_checks import check_joint_inertia
 from pfd_core.model.scene_checks import INPUT, switch
 from pfd_core.simulation.contact.events import MOST_SEGMENTS
 from pfd_core.simulation.contact.modes import PIVOTS
@@ -119,7 +125,6 @@ class Simulation(ABC):
         return run_until_stopped(partial(call, addressof(count)), stop)
 
     def _compile(self) -> Any:
-        """Return the native code of these settings."""
         integrator, h = TABLE[self.integrator], self.step_size / self.substeps
         plant = resolve(self.robot, self.scene)
         step = record_step(
@@ -208,8 +213,7 @@ class Simulation(ABC):
         digits that q has lost to its turns, where positions are `compensated`.
         """
         arrays = self._now.arrays
-        turning = np.array([kind != 'prismatic' for kind in self.robot.joint_types])
-        return split_turns(arrays['q'], arrays.get('q_low'), turning)
+        return split_turns(arrays['q'], arrays.get('q_low'), self.robot.turning)
 
     @property
     def time(self) -> float:
@@ -351,7 +355,6 @@ class Simulation(ABC):
 
     @property
     def _now(self) -> SimulationState:
-        """The valid state."""
         return self._buffers[self._turn]
 
     def _copied_state(self) -> SimulationState:

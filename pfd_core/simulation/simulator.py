@@ -26,10 +26,9 @@ from numpy.typing import ArrayLike
 from pfd_core.algorithms.grouped.payload_input import KEPT, payload_inputs, payload_numbers
 from pfd_core.forking import cached_property
 from pfd_core.kernels.simulations import Rollout, compile_rollout
-from pfd_core.model import Payload, Robot, Scene, resolve
+from pfd_core.model import Payload, Robot, Scene, check_joint_inertia, resolve
 from pfd_core.model.checked_numbers import Array, real_array
 from pfd_core.model.error_text import quote
-from pfd_core.model.joint_space_checks import check_joint_inertia
 from pfd_core.model.scene_checks import INPUT
 from pfd_core.simulation.simulation import Simulation
 from pfd_core.simulation.state import SimulationState
@@ -230,7 +229,6 @@ class Simulator(Simulation):
     def _all_inputs(
         self, wrench: ArrayLike | None, brakes: ArrayLike | None, payload: Payload | None
     ) -> dict[str, Array]:
-        """Return the inputs of the scene and the payload."""
         inputs = self._scene_inputs(wrench, brakes)
         if payload is not None or self.scene.payload == INPUT:
             if self._carried is None or self._carried[0] is not payload:
@@ -280,20 +278,16 @@ class Simulator(Simulation):
         The addresses are those of its state, of the torques, of inputs and further rows, and of
         the states that it writes. Returns after how many steps the state was finite.
         """
+        run = self._native.run
         if self._long:
-            finite = self._run_long(steps, addresses)
+            finite = self._interruptibly(lambda count: run(steps, count, *addresses))
         else:
-            finite = self._native.run(steps, self._count_at, *addresses)
+            finite = run(steps, self._count_at, *addresses)
         following.steps += steps
         if finite < steps:
             following.status = self._why_not_finite(following)
         self._turn ^= 1
         return finite
-
-    def _run_long(self, steps: int, addresses: tuple[int, ...]) -> int:
-        """Run native code that an interrupt ends."""
-        run = self._native.run
-        return self._interruptibly(lambda count: run(steps, count, *addresses))
 
 
 @lru_cache(KEPT)

@@ -81,9 +81,10 @@ def check_springs(plant: Plant, step_size: float, substeps: int) -> None:
     if frequency * h <= SPRING:
         return
     needed = frequency * step_size / SPRING
+    names = (e.field for e in EFFECTS if e.torque is not None and e.field in plant.effects)
     advice = f'{int(np.ceil(needed))} substeps' if np.isfinite(needed) else 'rotors'
     raise ValueError(
-        f'{_names(plant)} of the scene swings at {frequency:.3g} rad/s, of which a step of '
+        f'{" and ".join(names)} of the scene swings at {frequency:.3g} rad/s, of which a step of '
         f'{h:.3g} s may be at most {SPRING} rad: softer ones or {advice} are needed'
     )
 
@@ -115,13 +116,6 @@ def steepest_slopes(plant: Plant) -> Array | None:
     return largest
 
 
-def _names(plant: Plant) -> str:
-    """Return the fields of the effects whose torque depends on the position."""
-    return ' and '.join(
-        e.field for e in EFFECTS if e.torque is not None and e.field in plant.effects
-    )
-
-
 def _largest_rate(plant: Plant, diagonal: Array | None) -> float:
     """Return the largest eigenvalue of H(q)^-1 times a diagonal over some poses."""
     if diagonal is None:
@@ -147,7 +141,7 @@ def inertia_matrices(plant: Plant, q: Array) -> Array:
     R: Array = np.broadcast_to(np.eye(3), (count, 3, 3))
     p = np.zeros((count, 3))
     axes, points = np.zeros((n, count, 3)), np.zeros((n, count, 3))
-    turning = _turning(robot)
+    turning = robot.turning
     for i in range(n):
         axes[i], points[i] = R[:, :, 2], p
         if turning[i]:
@@ -165,10 +159,6 @@ def inertia_matrices(plant: Plant, q: Array) -> Array:
         moved = robot.masses[i] * np.einsum('akx,bkx->kab', Jv, Jv)
         H[:, : i + 1, : i + 1] += moved + np.einsum('akx,kxy,bky->kab', Jw, inertia, Jw)
     return H
-
-
-def _turning(robot: Robot) -> Array:
-    return np.array([kind != 'prismatic' for kind in robot.joint_types])
 
 
 def _turned(angle: Array) -> Array:
@@ -202,7 +192,7 @@ def _poses(robot: Robot) -> Array:
 
 def _ranges(robot: Robot) -> tuple[Array, Array]:
     """Return lower and upper positions, (n,) each: of a whole turn, or of the limits."""
-    turning = _turning(robot)
+    turning = robot.turning
     lower = np.where(turning, -np.pi, robot.position_lower)
     upper = np.where(turning, np.pi, robot.position_upper)
     # A slide without limits: a metre either way.

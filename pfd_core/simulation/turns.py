@@ -39,5 +39,4 @@ def positions_grow(robot: Robot, dtype: str) -> bool:
 
 def check_angles(robot: Robot, q: Array, dtype: str) -> None:
     """Raise ValueError for an angle above LARGEST_ANGLE; names the joint."""
-    turning = [kind != 'prismatic' for kind in robot.joint_types]
-    check_finite('q', np.where(turning, q, 0.0), LARGEST_ANGLE[dtype], robot.joint_names)
+    check_finite('q', np.where(robot.turning, q, 0.0), LARGEST_ANGLE[dtype], robot.joint_names)

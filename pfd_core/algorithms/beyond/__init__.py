@@ -5,8 +5,5 @@ Methods on n lanes that the paper does not have.
 
     omega                NE1 with one matrix for all terms of rotation: the bias of fewest steps
     base_origin          H by sums about the origin of the base
-    single_links         every joint with its link, as a piece of the chain
-    pivoting             T X = B with row exchanges, a problem on every lane
-    lent_rotors          rotors lent to joints with light links, and taken back
     divide_and_conquer   steps that grow as log2 n: the whole program
 """

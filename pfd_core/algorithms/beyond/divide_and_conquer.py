@@ -31,38 +31,107 @@ parallelised, because it is not linear. Nothing here contradicts that: this is a
 the same accelerations, with far more arithmetic, after Featherstone, A Divide-and-Conquer
 Articulated-Body Algorithm, IJRR 18 (1999), whose pieces take a force at either end. That form has
 the inverse of every link's inertia, which a massless link lacks; here (Redheffer's star product) T
-is invertible for any links, as C_1 N_2 has no positive eigenvalue. The divisor D is known from the
-model; a joint whose D is nearly zero gets a rotor that is taken back at the end
-(pfd_core.algorithms.beyond.lent_rotors), at the cost of one more column in every vector.
+is invertible for any links, as C_1 N_2 has no positive eigenvalue.
 
-Parallel cost without such joints, in addition to pose and bias, L = ceil(log2 n): 135
+The divisor D is known from the model. A braked joint has 1/D = 0, which leaves A = X and N = -I: a
+link welded to the one before it. D is zero for a massless link even where H is sound. Light
+joints, whose D is too small, are lent a rotor of about the largest inertia that they may have to
+move, which is taken back exactly at the end. With E the diagonal matrix of the rotors, H + E is
+solved for y and for the unit columns of the light joints; then
+
+    H x = y:    x = x_0 + X E x,    (E - E X E) x = E x_0 on the light joints,
+                (H + E) x_0 = y,    (H + E) X = 1
+
+E - E X E is symmetric, and positive definite exactly when H is (both are Schur complements of
+[[H + E, E], [E, E]]). Derived here; the lemma is Woodbury's.
+
+Parallel cost without light joints, in addition to pose and bias, L = ceil(log2 n): 135
 multiplications and 53 additions for single links, 1276 L - 1026 and 1114 L - 882 for joining (L >
 1; 358 and 322 for L = 1), 72 (L - 1) each for parting, 13 and 12 for the accelerations; 6 L + 1
-divisions. By these forms PCRBM with its n^2/6 takes fewer multiplications up to 220 joints. With
-rotors lent, which a chain of equal links needs from somewhere between 80 and 96 joints on, the
-steps grow faster than log2 n, and PCRBM takes fewer at every length tried (128).
+divisions. Each column of right-hand sides after the first costs single links 12 multiplications.
+With light joints there is also a dense solve on n lanes (pfd_core.algorithms.paper.cholesky) and,
+for each of them, 4 multiplications and 2 additions, next to the columns. By these forms PCRBM
+with its n^2/6 takes fewer multiplications up to 220 joints. With rotors lent, which a chain of
+equal links needs from somewhere between 80 and 96 joints on, the steps grow faster than log2 n,
+and PCRBM takes fewer at every length tried (128).
 
-Lane i holds joint and link i + 1; of a piece, its first lane holds N, nu and A, its last C, beta.
+Lane i holds joint and link i + 1, 6-vectors angular before linear; of a piece, its first lane
+holds N, nu and A, its last C, beta.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+import math
 
 import numpy as np
+from numpy.typing import NDArray
 
-from pfd_core.algorithms.beyond.lent_rotors import lent_rotors, without_rotors
+from pfd_core.algorithms.beyond.base_origin import Bodies, bodies
 from pfd_core.algorithms.beyond.omega import omega_torques
-from pfd_core.algorithms.beyond.pivoting import solve_pivoted
-from pfd_core.algorithms.beyond.single_links import SIX, UPPER_OF_SIX, Pieces, single_links
+from pfd_core.algorithms.chain.base_axes import Links, Pose
 from pfd_core.algorithms.chain.equations import forward_equations
 from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
-from pfd_core.machine.lanes import each, merge, on, where
+from pfd_core.algorithms.paper.cholesky import solve
+from pfd_core.machine.lanes import absolute, broadcast, each, merge, on, where
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
-from pfd_core.machine.vectors import array
-from pfd_core.model import Plant
+from pfd_core.machine.vectors import array, cross, dot, symmetric_times
+from pfd_core.model import Plant, Robot
+from pfd_core.model.geometry import product
+
+SIX = range(6)
+UPPER_OF_SIX = [(i, j) for i in SIX for j in range(i, 6)]
+# A joint is light if its own link has less than this share of the inertia it may have to move:
+# 1/D then exceeds the other joints' share of C, and digits are lost in this proportion.
+LIGHT = 1e-6
+
+
+@dataclass(frozen=True)
+class Joints:
+    """
+    Every joint with its own link.
+
+    Attributes
+    ----------
+    IS, u : LaneArray
+        (6,), I S and X S.
+    D, inverse : Lanes
+        S' I S with rotors, and 1/D; infinity and zero for a braked joint.
+    y : LaneArray
+        (k,), right-hand sides.
+
+    """
+
+    IS: LaneArray
+    u: LaneArray
+    D: Lanes
+    inverse: Lanes
+    y: LaneArray
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """
+    Pieces of the chain.
+
+    Attributes
+    ----------
+    C, N : LaneArray
+        (21,), upper triangles, C on the last lane of each piece, N on the first.
+    beta, nu : LaneArray
+        (6, k), beta on the last lane, nu on the first.
+    A : LaneArray
+        (6, 6), on the first lane.
+
+    """
+
+    C: LaneArray
+    beta: LaneArray
+    N: LaneArray
+    nu: LaneArray
+    A: LaneArray
 
 
 @dataclass(frozen=True)
@@ -227,3 +296,192 @@ def _take(value: LaneArray, sources: Sequence[int], lanes: Sequence[int]) -> Lan
         return x.recorder.route(x, [source.get(lane) for lane in range(n)], None)
 
     return array(each(move, value))
+
+
+# Single links: the smallest pieces.
+
+
+def single_links(
+    chain: Links, pose: Pose, rotors: Sequence[Lanes], y: LaneArray, free: Lanes | None
+) -> tuple[Joints, Pieces]:
+    """
+    Return each joint with its link, and as a separate piece.
+
+    Parameters
+    ----------
+    chain, pose : Links, Pose
+        Constants of the links and their pose.
+    rotors : sequence of Lanes
+        Inertias to add at the joint [kg m^2 or kg].
+    y : LaneArray
+        (k,), columns of right-hand sides [N m or N].
+    free : Lanes or None
+        One for joints that move, zero for braked ones.
+
+    """
+    body = bodies(chain, pose, pose.p_star + pose.s)
+    moment, force = _moved(chain, pose, body)
+    IS, u = array([*moment, *force]), _tip_motion(chain, pose)
+    # The torque of a unit acceleration of the joint, from its own link.
+    felt = merge(on(force, chain.translational), moment) if chain.translational else moment
+    D = dot(pose.z, array(felt))
+    for rotor in rotors:
+        D = D + rotor
+    inverse = 1.0 / D
+    if free is not None:
+        inverse, D = where(free, inverse, 0.0), where(free, D, math.inf)
+    k, ku = inverse * IS, inverse * u
+    link, X = _spatial(body), _shift(pose.p_star)
+    pieces = Pieces(
+        C=array([u[i] * ku[j] for i, j in UPPER_OF_SIX]),
+        beta=np.multiply.outer(ku, y),
+        N=array([_less(IS[i] * k[j], link.get((i, j))) for i, j in UPPER_OF_SIX]),
+        nu=-np.multiply.outer(k, y),
+        A=array([[-_less(u[i] * k[j], X.get((i, j))) for j in SIX] for i in SIX]),
+    )
+    return Joints(IS, u, D, inverse, y), pieces
+
+
+def _moved(chain: Links, pose: Pose, body: Bodies) -> tuple[LaneArray, LaneArray]:
+    """Return I S: the moment about o_(i-1) and the force, (3,) each."""
+    zh = cross(pose.z, body.h)
+    moment, force = symmetric_times(body.inertia, pose.z), zh
+    if chain.translational:
+        moment = array(merge(on(-zh, chain.translational), moment))
+        force = array(merge(on(chain.m, chain.translational) * pose.z, force))
+    return moment, force
+
+
+def _tip_motion(chain: Links, pose: Pose) -> LaneArray:
+    """Return u = X S, (6,): acceleration of the origin of frame i for qdd_i = 1."""
+    angular, linear = pose.z, cross(pose.z, pose.p_star)
+    if chain.translational:
+        zero = array([chain.m.recorder.constant(0.0)] * 3)
+        angular = array(merge(on(zero, chain.translational), angular))
+        linear = array(merge(on(pose.z, chain.translational), linear))
+    return array([*angular, *linear])
+
+
+def _spatial(body: Bodies) -> dict[tuple[int, int], Lanes]:
+    """Return the nonzero elements of a link's inertia, upper triangle."""
+    m, h = body.m, body.h
+    places = [(i, j) for i in range(3) for j in range(i, 3)]
+    elements = dict(zip(places, body.inertia, strict=True))
+    elements |= {(0, 4): -h[2], (0, 5): h[1], (1, 3): h[2], (1, 5): -h[0], (2, 3): -h[1]}
+    return elements | {(2, 4): h[0], (3, 3): m, (4, 4): m, (5, 5): m}
+
+
+def _shift(p: LaneArray) -> dict[tuple[int, int], Lanes]:
+    """Return the nonzero elements of X, which shifts accelerations from the origin to p."""
+    one = p[0].recorder.constant(1.0)
+    elements = {(i, i): one for i in SIX}
+    elements |= {(3, 1): p[2], (3, 2): -p[1], (4, 0): -p[2], (4, 2): p[0], (5, 0): p[1]}
+    return elements | {(5, 1): -p[0]}
+
+
+def _less(value: Lanes, other: Lanes | None) -> Lanes:
+    result: Lanes = value if other is None else value - other
+    return result
+
+
+# The 6 x 6 problems at the cuts.
+
+
+def solve_pivoted(T: LaneArray, B: LaneArray) -> LaneArray:
+    """
+    Return T^-1 B, (m, k), for T (m, m) and B (m, k); a singular T gives infinity or NaN.
+
+    Elimination with row exchanges. Each lane holds a separate problem and exchanges rows as its
+    numbers require: of the rows that are left, the one with the largest element leads (partial
+    pivoting). An exchange is a selection, which moves data within a lane; finding the largest
+    element costs a subtraction a comparison.
+
+    Parallel cost: m (m^2 - 1) / 3 + m^2 k multiplications, m (m^2 - 1) / 3 + m (m - 1) k
+    additions, of which m (m - 1) / 2 compare, and m divisions.
+    """
+    m = len(T)
+    rows = [list(row) for row in np.hstack([T, B])]
+    for k in range(m):
+        for r in range(k + 1, m):
+            _lead_with_larger(rows, k, r)
+        inverse = 1.0 / rows[k][k]
+        rows[k][k + 1 :] = [inverse * x for x in rows[k][k + 1 :]]
+        for r in range(k + 1, m):
+            _subtract_row(rows, r, k, range(k + 1, len(rows[k])))
+    for k in range(m - 1, 0, -1):
+        for r in range(k):
+            _subtract_row(rows, r, k, range(m, len(rows[k])))
+    return array([row[m:] for row in rows])
+
+
+def _lead_with_larger(rows: list[list[Lanes]], k: int, r: int) -> None:
+    """Exchange rows k and r where the latter has the larger element in column k."""
+    larger = absolute(rows[r][k]) - absolute(rows[k][k])
+    for j in range(k, len(rows[k])):
+        x, y = rows[k][j], rows[r][j]
+        rows[k][j], rows[r][j] = where(larger, y, x), where(larger, x, y)
+
+
+def _subtract_row(rows: list[list[Lanes]], r: int, k: int, columns: range) -> None:
+    """Subtract from row r its element in column k times row k, whose own element there is one."""
+    for j in columns:
+        rows[r][j] = rows[r][j] - rows[r][k] * rows[k][j]
+
+
+# Rotors lent to light joints.
+
+
+def lent_rotors(plant: Plant) -> NDArray[np.float64]:
+    """Return the inertia lent to each joint, (n,) [kg m^2 or kg]; zero unless it is light."""
+    robot = plant.robot
+    lent = np.zeros(robot.n)
+    for j in range(robot.n):
+        own, most = _own_inertia(robot, j), _most_inertia(robot, j)
+        if plant.inertia is not None:
+            own += plant.inertia[j]
+        if own <= LIGHT * most:
+            # A power of two, so that lending and taking back do not round.
+            lent[j] = math.ldexp(1.0, round(math.log2(most))) if most > 0 else 1.0
+    return lent
+
+
+def _own_inertia(robot: Robot, j: int) -> float:
+    """Return the inertia D of a joint's own link about the joint, at any position."""
+    if robot.joint_types[j] == 'prismatic':
+        return float(robot.masses[j])
+    A = robot.rotations[j]
+    x, y, _ = robot.translations[j] + product(A, robot.centers[j])
+    turned = product(A, robot.inertias[j], A.T)
+    return float(turned[2, 2] + robot.masses[j] * (x * x + y * y))
+
+
+def _most_inertia(robot: Robot, j: int) -> float:
+    """Return about the largest inertia of all links beyond a joint, over all positions."""
+    if robot.joint_types[j] == 'prismatic':
+        return float(robot.masses[j:].sum())
+    reach = np.cumsum(np.linalg.norm(robot.translations[j:], axis=1))
+    reach = reach + np.linalg.norm(robot.centers[j:], axis=1)
+    turned = np.trace(robot.inertias[j:], axis1=1, axis2=2)
+    return float((turned + robot.masses[j:] * reach**2).sum())
+
+
+def without_rotors(
+    recorder: Recorder, lent: NDArray[np.float64], x: LaneArray, D: Lanes
+) -> tuple[Lanes, Lanes]:
+    """Return qdd and the pivots without the lent rotors, from x_0 and X, (k,)."""
+    n = recorder.lanes
+    E, zero = recorder.constant(lent), recorder.constant(0.0)
+    borrowers = [int(j) for j in np.flatnonzero(lent)]
+    columns = dict(zip(borrowers, x[1:], strict=True))
+    rows = []
+    for i in range(n):
+        row = merge(on(D, [i]), on(zero, range(i, n)))
+        if i in columns:
+            felt = E * columns[i] * float(lent[i])
+            row = on(merge(on(E - felt, [i]), -felt), range(i, n))
+        rows.append(row)
+    z, pivots = solve(recorder, rows, E * x[0])
+    qdd = x[0]
+    for j, column in columns.items():
+        qdd = qdd + column * broadcast(z * float(lent[j]), j)
+    return qdd, pivots

@@ -121,11 +121,10 @@ def links(recorder: Recorder, robot: Robot, keep_tip: bool) -> Links:
     """Return the constants of a robot's links on n lanes; keep_tip as for link_parameters."""
     A, a, s, J = link_parameters(robot, keep_tip)
     p = np.array([product(A[i].T, a[i]) for i in range(robot.n)])
-    n = range(robot.n)
     row = recorder.constant
     return Links(
-        rotational=tuple(i for i in n if robot.joint_types[i] != 'prismatic'),
-        translational=tuple(i for i in n if robot.joint_types[i] == 'prismatic'),
+        rotational=tuple(np.flatnonzero(robot.turning).tolist()),
+        translational=tuple(np.flatnonzero(~robot.turning).tolist()),
         A=array([[row(A[:, i, k]) for k in range(3)] for i in range(3)]),
         p=array([row(p[:, i]) for i in range(3)]),
         m=row(robot.masses),

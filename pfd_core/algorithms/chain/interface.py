@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array
+from pfd_core.model import Plant
 
 
 def input_row(recorder: Recorder, name: str) -> Lanes:
@@ -28,6 +29,11 @@ def input_row(recorder: Recorder, name: str) -> Lanes:
 def input_list(recorder: Recorder, name: str, n: int) -> list[Lanes]:
     """Return an input of n elements as n numbers on one processor."""
     return [recorder.input(name, [i]) for i in range(n)]
+
+
+def free_input(recorder: Recorder, plant: Plant) -> list[Lanes] | None:
+    """Return the input `free` as n numbers on one processor; None for a plant without brakes."""
+    return input_list(recorder, 'free', plant.robot.n) if plant.brakes else None
 
 
 def wrench_input(recorder: Recorder) -> LaneArray:

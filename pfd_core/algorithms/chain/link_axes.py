@@ -30,7 +30,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,7 @@ from pfd_core.model import Plant
 from pfd_core.model.geometry import product, rotation_z
 
 Planar = tuple[Lanes, Lanes]
+T = TypeVar('T', float, Lanes)
 # Indices of the two axes of the plane of a rotation, and of its axis.
 ABOUT_X = (1, 2, 0)
 ABOUT_Z = (0, 1, 2)
@@ -171,16 +172,15 @@ def _unit(x: float, y: float) -> tuple[float, float]:
     return (x / length + 0.0, y / length + 0.0) if length > 0 else (1.0, 0.0)
 
 
-def sum_of_angles(a: tuple[float, float], b: tuple[float, float]) -> tuple[float, float]:
-    """Return cosine and sine of the sum of two angles given by theirs."""
+def sum_of_angles(a: tuple[T, T], b: tuple[T, T]) -> tuple[T, T]:
+    """Return cosine and sine of the sum of two angles given by theirs: numbers or lane values."""
     return a[0] * b[0] - a[1] * b[1], a[1] * b[0] + a[0] * b[1]
 
 
 def _turned_by(q: Lanes, start: Planar) -> Planar:
     """Return cosine and sine of q plus the angle `start`."""
     with q.recorder.section('joint rotation'):
-        (c0, s0), c, s = start, cos(q), sin(q)
-        return c * c0 - s * s0, s * c0 + c * s0
+        return sum_of_angles((cos(q), sin(q)), start)
 
 
 def _slid(p: LaneArray, tilt: Planar, q: Lanes) -> LaneArray:

@@ -32,7 +32,8 @@ import math
 
 import numpy as np
 
-from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.chain.interface import free_input, program_with_outputs
+from pfd_core.algorithms.chain.link_axes import ABOUT_X, ABOUT_Z, rotated_matrix
 from pfd_core.algorithms.grouped.newton_euler import (
     Link,
     grouped_equations,
@@ -92,7 +93,7 @@ class Joint:
 def record_grouped_articulated_body(plant: Plant, schedule: str) -> Program:
     """Return the program of qdd and pivots, (n,), from q, qd and tau; always sequential."""
     recorder, links, y = grouped_equations(plant)
-    free = input_list(recorder, 'free', len(y)) if plant.brakes else None
+    free = free_input(recorder, plant)
     with recorder.section('articulated bodies'):
         joints = _joints(recorder, plant, links, free)
     with recorder.section('solve'):
@@ -119,7 +120,6 @@ def _joints(
 
 
 def _with_link(link: Link, beyond: Inertia | None) -> Inertia:
-    """Return the inertia of a link with the body beyond it."""
     own = rigid_inertia(symmetric_matrix(link.inertia), link.m, link.h)
     if beyond is None:
         return own
@@ -172,27 +172,12 @@ def _moved(link: Link, body: Inertia) -> Inertia:
 
 def _inward_matrix(link: Link, X: LaneArray) -> LaneArray:
     """Return R X R', (3, 3), for any X of B_i."""
-    (c, s), (ca, sa) = link.turn, link.twist
-    X = _turned(c, s, X)
+    X = rotated_matrix(link.turn, ABOUT_Z, X, symmetric=False)
     if link.square:  # y and z change places, which takes no rounding
+        sa = link.twist[1]
         (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = X
         return array([[xx, -(sa * xz), sa * xy], [-(sa * zx), zz, -zy], [sa * yx, -yz, yy]])
-    # About x: the same with y, z, x instead of x, y, z.
-    X = np.roll(X, (-1, -1), (0, 1))
-    return np.roll(_turned(ca, sa, X), (1, 1), (0, 1))
-
-
-def _turned(c: Lanes, s: Lanes, X: LaneArray) -> LaneArray:
-    """Return Rz X Rz'; cos^2 + sin^2 = 1 is used (12 multiplications, 11 additions)."""
-    t = s * (X[0, 0] - X[1, 1]) + c * (X[0, 1] + X[1, 0])
-    st, ct = s * t, c * t
-    return array(
-        [
-            [X[0, 0] - st, ct - X[1, 0], c * X[0, 2] - s * X[1, 2]],
-            [ct - X[0, 1], X[1, 1] + st, s * X[0, 2] + c * X[1, 2]],
-            [c * X[2, 0] - s * X[2, 1], s * X[2, 0] + c * X[2, 1], X[2, 2]],
-        ]
-    )
+    return rotated_matrix(link.twist, ABOUT_X, X, symmetric=False)
 
 
 def _rates(links: Sequence[Link], joints: Sequence[Joint], y: Sequence[Lanes]) -> list[Lanes]:

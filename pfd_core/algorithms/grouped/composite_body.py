@@ -24,7 +24,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.chain.interface import free_input, input_list, program_with_outputs
 from pfd_core.algorithms.grouped.factors import Matrix, add_rotors, factorise, solution
 from pfd_core.algorithms.grouped.newton_euler import (
     Link,
@@ -44,9 +44,7 @@ def record_composite_body(plant: Plant, schedule: str) -> Program:
     """Return the program of qdd and pivots, (n,), from q, qd and tau; always sequential."""
     recorder, links, y = grouped_equations(plant)
     H = inertia_matrix(recorder, plant, links)
-    free = None
-    if plant.brakes:
-        free = input_list(recorder, 'free', len(y))
+    free = free_input(recorder, plant)
     with recorder.section('solve'):
         factors = factorise(H, free)
         x = solution(factors, y)
@@ -66,23 +64,17 @@ def record_inertia_matrix(plant: Plant) -> Program:
 def inertia_matrix(recorder: Recorder, plant: Plant, links: Sequence[Link]) -> Matrix:
     """Return the lower triangle of H by rows, with the rotors' inertia."""
     with recorder.section('inertia matrix'):
-        H = _inertia_matrix(links)
+        H: Matrix = [[] for _ in links]
+        body: tuple[Lanes, LaneArray, LaneArray] | None = None
+        for i in range(len(links) - 1, -1, -1):
+            link = links[i]
+            m, h, inertia = link.m, link.h, link.inertia
+            if body is not None:
+                m, h, inertia = m + body[0], h + body[1], inertia + body[2]
+            H[i] = _row(links, i, m, h, inertia)
+            if i:
+                body = _moved_body(link, m, h, inertia)
         add_rotors(plant, H)
-    return H
-
-
-def _inertia_matrix(links: Sequence[Link]) -> Matrix:
-    """Return the lower triangle of H by rows, from composite bodies."""
-    H: Matrix = [[] for _ in links]
-    body: tuple[Lanes, LaneArray, LaneArray] | None = None
-    for i in range(len(links) - 1, -1, -1):
-        link = links[i]
-        m, h, inertia = link.m, link.h, link.inertia
-        if body is not None:
-            m, h, inertia = m + body[0], h + body[1], inertia + body[2]
-        H[i] = _row(links, i, m, h, inertia)
-        if i:
-            body = _moved_body(link, m, h, inertia)
     return H
 
 

@@ -32,8 +32,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pfd_core.algorithms.grouped.factors import Matrix, add_rotors
-from pfd_core.algorithms.grouped.newton_euler import Link, outward
-from pfd_core.algorithms.grouped.shared_axes import inward, inward_matrix, moved, plus_cross
+from pfd_core.algorithms.grouped.newton_euler import Link, inward, outward
+from pfd_core.algorithms.grouped.shared_axes import inward_matrix, moved, plus_cross
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, symmetric_matrix
 from pfd_core.model import Plant
@@ -114,19 +114,15 @@ class Composites:
 def composites(recorder: Recorder, links: Sequence[Link], qd: Sequence[Lanes]) -> Composites:
     """Return the composite bodies of a chain in shared axes, at velocities qd, (n,)."""
     with recorder.section('composite bodies'):
-        return _composites(links, qd)
-
-
-def _composites(links: Sequence[Link], qd: Sequence[Lanes]) -> Composites:
-    n = len(links)
-    rates = _rates(links, qd)
-    drifts = [_drift(links[i], rates[i - 1], qd[i]) for i in range(1, n)]
-    bodies: list[Body] = []
-    units = []
-    for j in range(n - 1, -1, -1):
-        beyond = _moved_body(links[j + 1], drifts[j], bodies[-1]) if bodies else None
-        bodies.append(_with_link(links[j], rates[j], beyond))
-        units.append(_units(links, drifts, j, bodies[-1]))
+        n = len(links)
+        rates = _rates(links, qd)
+        drifts = [_drift(links[i], rates[i - 1], qd[i]) for i in range(1, n)]
+        bodies: list[Body] = []
+        units = []
+        for j in range(n - 1, -1, -1):
+            beyond = _moved_body(links[j + 1], drifts[j], bodies[-1]) if bodies else None
+            bodies.append(_with_link(links[j], rates[j], beyond))
+            units.append(_units(links, drifts, j, bodies[-1]))
     return Composites(links, rates, bodies[::-1], units[::-1])
 
 

@@ -26,7 +26,7 @@ from typing import Any
 from pfd_core.algorithms.chain.drives import motor_torques
 from pfd_core.algorithms.chain.interface import input_list, wrench_input
 from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
-from pfd_core.algorithms.chain.link_axes import planar
+from pfd_core.algorithms.chain.link_axes import planar, sum_of_angles
 from pfd_core.algorithms.grouped.links import GroupedLink, JointAxes, Tip, grouped_links
 from pfd_core.algorithms.grouped.payload_input import with_payload_input
 from pfd_core.machine.lanes import cos, sin
@@ -123,14 +123,13 @@ def _link(recorder: Recorder, link: GroupedLink, q: Lanes) -> Link:
 
 def axes_at(recorder: Recorder, link: JointAxes, q: Lanes) -> Axes:
     """Return the axes of a link at the input q."""
-    c0, s0 = turn = planar(recorder, link.start)
+    turn = planar(recorder, link.start)
     twist = planar(recorder, link.twist)
     r = constants(recorder, link.p)
     if link.slides:
         r = array([r[0], r[1] - twist[1] * q, r[2] + twist[0] * q])
     else:
-        c, s = cos(q), sin(q)
-        turn = c * c0 - s * s0, s * c0 + c * s0
+        turn = sum_of_angles((cos(q), sin(q)), turn)
     square, parallel = (x == 0 for x in link.twist)
     return Axes(link.slides, turn, twist, square, parallel, r)
 

@@ -187,6 +187,5 @@ def _unit(k: int) -> Body:
 
 
 def _numbers(body: Body) -> Array:
-    """Return a body as NUMBERS numbers."""
     m, vector, inertia = body
     return np.array([m, *vector, *(inertia[k] for k in UPPER)])

@@ -20,11 +20,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pfd_core.algorithms.grouped.newton_euler import Link, turned_about_z
+from pfd_core.algorithms.chain.link_axes import (
+    ABOUT_X,
+    ABOUT_Z,
+    Planar,
+    rotated_matrix,
+    sum_of_angles,
+)
+from pfd_core.algorithms.grouped.newton_euler import Link, inward, turned_about_z
 from pfd_core.machine.recorder import LaneArray, Lanes
 from pfd_core.machine.vectors import array
-
-Planar = tuple[Lanes, Lanes]  # cosine and sine of an angle
 
 
 def in_shared_axes(links: Sequence[Link]) -> list[Link]:
@@ -36,7 +41,7 @@ def in_shared_axes(links: Sequence[Link]) -> list[Link]:
         turn = link.turn
         if psi is not None:
             inertia = turned_about_z(psi[0], -psi[1], link.inertia)
-            turn = _sum_of_angles(turn, psi)
+            turn = sum_of_angles(turn, psi)
             link = replace(link, h=_turned_back(psi, link.h), inertia=inertia)
         psi = None
         if i and link.parallel:
@@ -45,10 +50,6 @@ def in_shared_axes(links: Sequence[Link]) -> list[Link]:
             turn, link = (one, 0.0 * one), replace(link, r=_turned_back(psi, link.r))
         shared.append(replace(link, turn=turn))
     return shared[::-1]
-
-
-def _sum_of_angles(a: Planar, b: Planar) -> Planar:
-    return a[0] * b[0] - a[1] * b[1], a[1] * b[0] + a[0] * b[1]
 
 
 def _turned_back(angle: Planar, v: LaneArray) -> LaneArray:
@@ -63,12 +64,9 @@ def moved(link: Link, f: LaneArray, n: LaneArray) -> tuple[LaneArray, LaneArray]
     return f, plus_cross(n, link.r, f)
 
 
-def inward(link: Link, v: LaneArray, plus: LaneArray | None = None) -> LaneArray:
-    """Return a vector of B_i in the axes B_(i-1), R v, added to another one if that is given."""
+def plus_inward(plus: LaneArray, link: Link, v: LaneArray) -> LaneArray:
+    """Return a vector of the axes B_(i-1) plus one of B_i: the sum with R v."""
     (c, s), (ca, sa) = link.turn, link.twist
-    if plus is None:
-        x, y = c * v[0] - s * v[1], s * v[0] + c * v[1]
-        return array([x, ca * y - sa * v[2], sa * y + ca * v[2]])
     x = plus[0] + c * v[0] - s * v[1]
     if link.square:
         z = plus[2] + (sa * s) * v[0] + (sa * c) * v[1]
@@ -82,10 +80,10 @@ def inward_matrix(link: Link, X: LaneArray) -> LaneArray:
     ca, sa = link.twist
     if link.parallel:  # no rounding
         return _signed(X, ca, ca)
-    X = _turned(link.turn, (0, 1, 2), X)
+    X = rotated_matrix(link.turn, ABOUT_Z, X, symmetric=False)
     if link.square:  # y and z change places, which takes no rounding
         return _signed(X[:, [0, 2, 1]][[0, 2, 1]], -sa, sa)
-    return _turned(link.twist, (1, 2, 0), X)
+    return rotated_matrix(link.twist, ABOUT_X, X, symmetric=False)
 
 
 def _signed(X: LaneArray, y: Lanes, z: Lanes) -> LaneArray:
@@ -95,18 +93,6 @@ def _signed(X: LaneArray, y: Lanes, z: Lanes) -> LaneArray:
     return array(
         [[xx, y * xy, z * xz], [y * X[1, 0], yy, yz], [z * X[2, 0], y * z * X[2, 1], X[2, 2]]]
     )
-
-
-def _turned(angle: Planar, about: tuple[int, int, int], X: LaneArray) -> LaneArray:
-    """Return R X R' for a rotation about x or z; cos^2 + sin^2 = 1 is used."""
-    (c, s), (i, j, k) = angle, about
-    t = s * (X[i, i] - X[j, j]) + c * (X[i, j] + X[j, i])
-    Y: LaneArray = X.copy()
-    Y[i, i], Y[j, j] = X[i, i] - s * t, X[j, j] + s * t
-    Y[i, j], Y[j, i] = c * t - X[j, i], c * t - X[i, j]
-    Y[i, k], Y[j, k] = c * X[i, k] - s * X[j, k], s * X[i, k] + c * X[j, k]
-    Y[k, i], Y[k, j] = c * X[k, i] - s * X[k, j], s * X[k, i] + c * X[k, j]
-    return Y
 
 
 def plus_cross(v: LaneArray, a: LaneArray, b: LaneArray) -> LaneArray:

@@ -41,12 +41,13 @@ from pfd_core.algorithms.grouped.links import Tip
 from pfd_core.algorithms.grouped.moving_composites import Composites, Force, Unit, along
 from pfd_core.algorithms.grouped.newton_euler import (
     Motion,
+    inward,
     less_wrench,
     moment,
     motions,
     outward,
 )
-from pfd_core.algorithms.grouped.shared_axes import inward, moved, plus_cross
+from pfd_core.algorithms.grouped.shared_axes import moved, plus_cross, plus_inward
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.vectors import array, constants, cross
 from pfd_core.model import Plant
@@ -204,7 +205,7 @@ def _joint_forces(
         f, n = link.m * a, plus_cross(moment(moving[i], link.inertia), link.h, a)
         if forces:
             beyond = chain.links[i + 1]
-            moved_f, n = inward(beyond, forces[-1][0]), inward(beyond, forces[-1][1], plus=n)
+            moved_f, n = inward(beyond, forces[-1][0]), plus_inward(n, beyond, forces[-1][1])
             f, n = f + moved_f, plus_cross(n, beyond.r, moved_f)
         for k in range(3):
             f = f + W[:, k] * link.h[k]

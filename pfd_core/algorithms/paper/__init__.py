@@ -4,11 +4,11 @@
 Lee and Chang 1987, corrected where the paper errs; each procedure whole in its file.
 
     newton_euler        NE1: joint torques, hence the bias; eq. (27)
-    ne1_product         H u by NE1, for PCGM; section 3
     pcrbm               PCRBM: H by composite bodies, eqs (15) to (26), and the whole program
     cholesky            H = L D L' or L L' and the solve on n lanes; section 2.4
     elimination_order   orders of elimination: the products that n lanes form in each step
-    pcgm                PCGM: conjugate gradients and the whole program; section 3, Appendix B
+    pcgm                PCGM: conjugate gradients, H u by NE1, and the whole program; section 3,
+                        Appendix B
     pcrbm_array         PCRBM with the solve on the triangular array: the whole program
     triangular_array    the cells and the clock of the corrected array; section 2.6
     array_solver        the array on numbers: factor, solve, pipeline

@@ -16,6 +16,22 @@ and the directions lose their orthogonality, so that beyond three joints most st
 n iterations; here the stop is e <= tolerance^2 e_0, and a direction with u't <= 0 ends the
 iteration. The recursive residual that the stop reads is no measure of the error.
 
+H u is NE1 with qd = 0, no gravity and no wrench (sums are recurrences over links):
+
+    wd_i  = sum of z u                            rotational joints only
+    a_i   = sum of wd x p* [+ z u, translational joint]
+    F_i   = m (a + wd x s),  N_i = J wd
+    f_i   = sum of F from the tip,  n_i = sum of s x F + N + p* x f from the tip
+    (H u)_i = z_(i-1) . n_i  (rotational),  z_(i-1) . f_i  (translational)
+
+Step 7 sets gravity to zero; its item (b) leaves out external forces, too. Otherwise the result is
+not linear in u. Every vector refers to a point of its link, so that the product is as accurate as
+H itself.
+
+Parallel cost of H u, rotational joints, L = ceil(log2 n): 42 multiplications and 12 L + 29
+additions; the paper prints 42 and 12 L + 26, a vector sum less. A prismatic joint anywhere
+in the chain adds 3 additions, rotor inertia 1 multiplication and 1 addition.
+
 Parallel cost, L = ceil(log2 n), plus the cost of H u: 5 multiplications, 2 L + 3 additions and
 2 divisions an iteration, Jacobi scaling 1 more multiplication. The paper's 49 multiplications and
 14 L + 30 additions an iteration leave 7 and 2 L + 4 in addition to its H u, divisions among them.
@@ -26,25 +42,34 @@ pfd_core.algorithms.beyond.omega and packed sums in H u: 182 + 47 k multiplicati
 no routes; in float64 six joints take 7 to 13 iterations to converge, which is 525 to 819 and 623
 to 995 (docs/report/counts.md).
 
-Lane i holds link i + 1 and component i + 1 of every vector; sums lie on lane 0 and are broadcast.
+Lane i holds link i + 1, its vectors in base axes, and component i + 1 of every vector of n
+numbers; sums lie on lane 0 and are broadcast.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 import math
 
+from pfd_core.algorithms.chain.base_axes import Links, Pose
 from pfd_core.algorithms.chain.equations import LinkTorques, armature, forward_equations
 from pfd_core.algorithms.chain.interface import input_row, program_with_outputs
-from pfd_core.algorithms.paper.ne1_product import inertia_times
-from pfd_core.algorithms.paper.newton_euler import newton_euler
+from pfd_core.algorithms.paper.newton_euler import (
+    newton_euler,
+    rotational_part,
+    summed,
+    torques_of,
+)
 from pfd_core.algorithms.paper.pcrbm import composite_forces
 from pfd_core.machine.iteration import iterate
-from pfd_core.machine.lanes import broadcast, where
-from pfd_core.machine.patterns import total
+from pfd_core.machine.lanes import broadcast, merge, on, where
+from pfd_core.machine.packing import prefix_sum, suffix_sum
+from pfd_core.machine.patterns import prefix, total
 from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
+from pfd_core.machine.vectors import array, cross, symmetric_times
 from pfd_core.model import Plant
 
 # The stop of a run in double precision: the recursive residual has fallen to rounding.
@@ -136,6 +161,39 @@ def conjugate_gradient(
     with recorder.section('convergence'):
         # One if e <= limit, zero residuals included; NaN fails the comparison with minus one.
         return Solution(x, iterations, where(e - limit, 0.0, where(e + 1.0, 1.0, 0.0)))
+
+
+def inertia_times(
+    chain: Links, pose: Pose, u: Lanes, armature: Lanes | None = None, packed: bool = False
+) -> Lanes:
+    """
+    Return H u, (H u)_i on lane i [N m or N].
+
+    Parameters
+    ----------
+    chain, pose : Links, Pose
+        Constants of the links and their pose.
+    u : Lanes
+        Accelerations [rad/s^2 or m/s^2].
+    armature : Lanes or None
+        Inertia that each joint's rotor adds to the diagonal [kg m^2 or kg].
+    packed : bool
+        Whether the levels of the sums over links are packed onto full rows of lanes: fewer
+        additions (at n = 6 the sums take 24 instead of 36) for more routes.
+
+    """
+    zero = array([u.recorder.constant(0.0)] * 3)
+    zu = pose.z * u
+    from_base = prefix_sum if packed else partial(summed, prefix)
+    wd = from_base(rotational_part(chain, zu, zero))
+    t = cross(wd, pose.p_star)
+    if chain.translational:
+        t = merge(t + on(zu, chain.translational), t)
+    a = from_base(array(t))
+    F = chain.m * (a + cross(wd, pose.s))
+    N = symmetric_times(pose.J, wd)
+    product = torques_of(chain, pose, F, N, None, suffix_sum if packed else None)
+    return product if armature is None else product + armature * u
 
 
 def record_pcgm(

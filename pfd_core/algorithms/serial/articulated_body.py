@@ -269,7 +269,6 @@ def _through_joint(link: Link, body: Body, joint: Joint) -> Body:
 def _accelerations(
     chain: Chain, motions: Sequence[Motion], joints: Sequence[Joint]
 ) -> list[Lanes]:
-    """Return the accelerations of the joints, base to tip."""
     wd: Any = None
     a: Any = chain.gravity
     qdd = []

@@ -51,7 +51,7 @@ from collections.abc import Callable, Sequence
 import math
 
 from pfd_core.algorithms.chain.drives import motor_torques
-from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
+from pfd_core.algorithms.chain.interface import free_input, input_list, program_with_outputs
 from pfd_core.algorithms.chain.joint_torques import minus_joint_torques
 from pfd_core.algorithms.chain.link_axes import Chain, chain_in_link_axes, known, released
 from pfd_core.algorithms.serial.composite_links import Triangle, composite_bodies
@@ -120,7 +120,7 @@ def record_walker_orin_4(
     n = plant.robot.n
     chain = chain_in_link_axes(plant, schedule)
     recorder = chain.recorder
-    free = input_list(recorder, 'free', n) if plant.brakes else None
+    free = free_input(recorder, plant)
     y = released(free, _right_side(plant, chain))
     with recorder.section('start'):
         first = _dot(y, y)
@@ -155,9 +155,8 @@ def _direct(plant: Plant, schedule: str, inertia_matrix: Callable[[Chain], Trian
         with recorder.section('rotors'):
             for row, rotor in zip(H, plant.inertia, strict=True):
                 row[-1] = row[-1] + recorder.constant(rotor)
-    free = None
-    if plant.brakes:
-        free = input_list(recorder, 'free', len(y))
+    free = free_input(recorder, plant)
+    if free is not None:
         y = released(free, y)
         H = [
             [*(where(moves, h, 0.0) for h in released(free[:j], row[:j])), row[j]]

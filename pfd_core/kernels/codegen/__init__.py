@@ -6,15 +6,12 @@ Code generation: program -> LLVM IR. Each module writes the functions it is name
     builder          one function: fresh names, loops, branches
     spelling         number formats, types, constants, single operations, arrays
     wrap             @wrap_angle: an angle beyond the range of the sine, by exact integers
-    split            @body of a long program, in several functions
-    body             @body: the program from its inputs to its output
+    body             @body: the program from its inputs to its output, cut if it is long
     evaluate         @evaluate: @body, with angles wrapped first
     matrices         loops over matrices in memory
     product          @evaluate, @jacobian of a result that is a product of a program's outputs
     copies           @copy_in, @copy_out: rows of arrays to and from a buffer
-    batch            @batch: @evaluate over many states at any strides
-    chunks           @batch for arms of many joints
-    object_layout    fields of a NumPy array
+    batch            @batch: @evaluate over many states at any strides; chunks of columns
     python_entry     @entry, @bound: functions that Python calls, which check their arrays
     step             @step: an integrator's step around @evaluate
     linear_step      @linear_step, @evaluate: derivatives of a step

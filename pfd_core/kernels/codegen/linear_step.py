@@ -245,7 +245,6 @@ class _Step:
         return result
 
     def _write_tangent(self, out: Matrix, tangent: Tangent) -> None:
-        """Write the derivative of a row."""
         n, ir, form = self._n, self._ir, self._form
         terms = [(self._dense[call], factors) for call, factors in tangent.dense.items()]
         self._matrices.combine(out, (n, self._m), terms)

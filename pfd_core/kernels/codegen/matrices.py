@@ -69,6 +69,11 @@ def pieces(form: Format, columns: int) -> Iterator[Piece]:
         width //= 2
 
 
+def spread(ir: Function, own: Format, form: Format, number: str) -> str:
+    """Return a number of a format in all places of a register of another one."""
+    return number if form.width == own.width else form.spread(ir, number)
+
+
 class Matrices:
     """Writer of loops over matrices into a function; `form` is that of its numbers."""
 
@@ -105,9 +110,9 @@ class Matrices:
                 for matrix, factors, is_row in terms:
                     factor = factors if factors.startswith(('0x', 'splat')) else ''
                     if factor:
-                        factor = self._spread(piece.form, factor)
+                        factor = spread(ir, form, piece.form, factor)
                     elif is_row:
-                        factor = self._spread(piece.form, self._number(factors, i))
+                        factor = spread(ir, form, piece.form, self._number(factors, i))
                     else:
                         factor = self._load(piece, Matrix(factors, 0), '0')
                     value = self._load(piece, matrix, i)
@@ -143,13 +148,12 @@ class Matrices:
         i: str,
         inner: int,
     ) -> None:
-        """Add the terms of one product to sums."""
 
         def add(k: object) -> None:
             factor = self._number_at(left, i, k)
             for piece, total in zip(tile, sums, strict=True):
-                spread = self._spread(piece.form, factor)
-                operands = [spread, self._load(piece, right, k), total.value]
+                value = spread(self._ir, self._form, piece.form, factor)
+                operands = [value, self._load(piece, right, k), total.value]
                 total.value = piece.form.operation(self._ir, 'fma', operands)
 
         if inner <= UNROLLED:
@@ -172,7 +176,6 @@ class Matrices:
         return self._ir.load(self._form.type, place, self._form.bytes)
 
     def _place(self, matrix: Matrix, row: object, column: object) -> str:
-        """Return the address of an element."""
         ir = self._ir
         start = ir.let(f'mul i64 {row}, {matrix.columns}')
         index = ir.let(f'add i64 {start}, {column}')
@@ -187,7 +190,3 @@ class Matrices:
     def _store(self, piece: Piece, value: str, matrix: Matrix, row: object) -> None:
         place = self._place(matrix, row, piece.column)
         self._ir.store(piece.form.type, value, place, self._form.bytes)
-
-    def _spread(self, form: Format, number: str) -> str:
-        """Return a number of this format in all places of a register."""
-        return number if form.width == self._form.width else form.spread(self._ir, number)

@@ -20,18 +20,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from dataclasses import dataclass
 from itertools import accumulate
 
 from pfd_core.kernels.codegen.body import body
 from pfd_core.kernels.codegen.builder import Function, Variable
 from pfd_core.kernels.codegen.evaluate import wrap_row, wrapped_inputs
+from pfd_core.kernels.codegen.matrices import ROW_BYTES, Piece, pieces, spread
 from pfd_core.kernels.codegen.spelling import Array, Format, arguments
 from pfd_core.kernels.passes.pipeline import joined
 from pfd_core.machine.program import Program
 
-# Bytes of a row that one state computes at once: a register of AVX-512, several of others.
-ROW_BYTES = 64
 # Rows of a tile, and its registers in a row: of a batch, and of one state.
 TILES = {True: (2, 4), False: (4, 1)}
 
@@ -94,14 +92,6 @@ def _function(
     return str(ir)
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """Neighbours in a row that one register holds."""
-
-    form: Format  # of the register
-    column: int  # of the first of them, counted from that of the tile
-
-
 class _Product:
     """
     Writer of the loops of a product.
@@ -137,17 +127,17 @@ class _Product:
     def _motion_columns(self, row: str, rows: int, column: str, columns: int) -> None:
         """Write a tile of -X D."""
         ir, n = self._ir, self._n
-        pieces = self._pieces(columns)
+        held = [*pieces(self._form, columns)]
 
         def terms(k: object) -> Iterator[tuple[Format, str, str]]:
             """Yield the factors of the products of k, and their format."""
             d = self._place('D', 2 * n, k, column)
-            right = [self._load(piece, d) for piece in pieces]
+            right = [self._load(piece, d) for piece in held]
             for r in range(rows):
                 x = ir.element(self._form.type, self._place('X', n, row, k), r * n)
                 left = ir.load(self._form.type, x, self._form.bytes)
-                for piece, value in zip(pieces, right, strict=True):
-                    yield piece.form, self._spread(piece.form, left), value
+                for piece, value in zip(held, right, strict=True):
+                    yield piece.form, spread(self._ir, self._form, piece.form, left), value
 
         sums = [
             Variable(form.type, form.operation(ir, 'mul', operands))
@@ -158,7 +148,7 @@ class _Product:
             with ir.loop(n, *sums, start='1') as k:
                 for total, (form, *operands) in zip(sums, terms(k), strict=True):
                     total.value = form.operation(ir, 'fma', [*operands, total.value])
-        places = [(piece, r) for r in range(rows) for piece in pieces]
+        places = [(piece, r) for r in range(rows) for piece in held]
         for (piece, r), total in zip(places, sums, strict=True):
             value = piece.form.operation(ir, 'neg', [total.value])
             self._store(piece, value, row, r, column, 0)
@@ -166,23 +156,12 @@ class _Product:
     def _torque_columns(self, row: str, column: str, columns: int) -> None:
         """Write some columns of a row of X T."""
         x = self._place('X', self._n, row, column)
-        for piece in self._pieces(columns):
+        for piece in pieces(self._form, columns):
             value = self._load(piece, x)
             if 'T' in self._places:
                 t = self._place('T', self._n, 0, column)
                 value = piece.form.operation(self._ir, 'mul', [value, self._load(piece, t)])
             self._store(piece, value, row, 0, column, 2 * self._n)
-
-    def _pieces(self, columns: int) -> list[_Piece]:
-        """Return the registers that hold the columns of a tile, the widest first."""
-        pieces, first = [], 0
-        for width in vector_widths(self._form):
-            form = Format(self._form.dtype, width)
-            neighbours = width // self._form.width
-            while columns - first >= neighbours:
-                pieces.append(_Piece(form, first))
-                first += neighbours
-        return pieces
 
     def _loop(self, span: range) -> AbstractContextManager[str]:
         return self._ir.loop(span.stop, start=str(span.start), step=span.step)
@@ -193,13 +172,13 @@ class _Product:
         index = ir.let(f'add i64 {ir.let(f"mul i64 {row}, {columns}")}, {column}')
         return ir.element(self._form.type, self._places[factor], index)
 
-    def _load(self, piece: _Piece, address: str) -> str:
+    def _load(self, piece: Piece, address: str) -> str:
         """Return the elements of a piece of the tile whose first column has an address."""
         place = self._ir.element(self._form.type, address, piece.column)
         return self._ir.load(piece.form.type, place, self._form.bytes)
 
     def _store(
-        self, piece: _Piece, value: str, row: str, rows: int, column: str, columns: int
+        self, piece: Piece, value: str, row: str, rows: int, column: str, columns: int
     ) -> None:
         """Write a piece of the result, some rows and columns behind the first of the tile."""
         ir, out, width = self._ir, self._form.parameter('out'), 3 * self._n
@@ -208,10 +187,6 @@ class _Product:
         stride = out.stride or self._form.bytes * self._form.width
         place = ir.offset(out.address, index, stride)
         ir.store(piece.form.type, value, place, self._form.bytes)
-
-    def _spread(self, form: Format, number: str) -> str:
-        """Return a number of this format in all places of a register."""
-        return number if form.width == self._form.width else form.spread(self._ir, number)
 
 
 def _tiles(count: int, size: int) -> Iterator[range]:

@@ -20,21 +20,15 @@ from collections.abc import Sequence
 import math
 
 from pfd_core.kernels.codegen.builder import Function
-from pfd_core.kernels.codegen.object_layout import (
-    ALIGNED,
-    DATA,
-    DESCR,
-    DIMENSIONS,
-    FLAGS,
-    NDIM,
-    STRIDES,
-    TYPE,
-    WRITEABLE,
-    load_field,
-)
 from pfd_core.kernels.codegen.spelling import Format, arguments
 from pfd_core.machine.program import Program
 
+# Fields of a NumPy array (PyArrayObject_fields of its C API), which
+# pfd_core.kernels.runtime.cpython_abi checks: offsets in bytes, the first behind Python's header.
+HEADER: int = getattr(object, '__basicsize__', 16)
+TYPE, DATA, DIMENSIONS, STRIDES = HEADER - 8, HEADER, HEADER + 16, HEADER + 24
+NDIM, DESCR, FLAGS = HEADER + 8, HEADER + 40, HEADER + 48
+ALIGNED, WRITEABLE = 0x100, 0x400
 # The parameters of a METH_FASTCALL function of Python.
 FASTCALL = 'ptr %self, ptr %args, i64 %count'
 # Objects and functions of the process (pfd_core.kernels.runtime.cpython_abi).
@@ -100,6 +94,11 @@ def batch_entry_ir(program: Program, dtype: str, size: int) -> str:
     return '\n'.join([SYMBOLS.format(dtype=dtype), _table(sizes, Format(dtype, 1)), str(ir)])
 
 
+def _load_field(ir: Function, array: str, offset: int, kind: str = 'ptr') -> str:
+    """Return a field of the array object at an address."""
+    return ir.load(kind, ir.offset(array, offset))
+
+
 def _return(ir: Function, result: str) -> None:
     """Return an object of Python, which the caller owns."""
     ir.call('void', 'pfd.incref', f'ptr {result}')
@@ -113,7 +112,7 @@ def _one(shapes: Sequence[Sequence[int]], form: Format) -> str:
     data, numbers = [], []
     for k, (array, shape) in enumerate(zip(objects, shapes, strict=True)):
         _require_contiguous(ir, array, shape, form)
-        data.append(load_field(ir, array, DATA))
+        data.append(_load_field(ir, array, DATA))
         if k < len(shapes) - 1:
             places = [ir.element(form.type, data[k], i) for i in range(math.prod(shape))]
             numbers += [ir.load(form.type, place) for place in places]
@@ -129,7 +128,7 @@ def _require_contiguous(ir: Function, array: str, shape: Sequence[int], form: Fo
     distance = form.bytes
     for axis in range(len(shape) - 1, -1, -1):
         length, stride = (
-            ir.load('i64', ir.element('i64', load_field(ir, array, field), axis))
+            ir.load('i64', ir.element('i64', _load_field(ir, array, field), axis))
             for field in (DIMENSIONS, STRIDES)
         )
         fits = ir.let(f'icmp eq i64 {length}, {shape[axis]}')
@@ -144,15 +143,15 @@ def _table(sizes: list[int], form: Format) -> str:
     objects = _checked(ir, [2] * len(sizes), form, 'i64 0')
     first = ''
     for k, (array, elements) in enumerate(zip(objects, sizes, strict=True)):
-        shape = load_field(ir, array, DIMENSIONS)
+        shape = _load_field(ir, array, DIMENSIONS)
         states = ir.load('i64', shape)
         first = first or states
         columns = ir.load('i64', ir.element('i64', shape, 1))
         fits = ir.let(f'icmp eq i64 {columns}, {elements}')
         same = ir.let(f'icmp eq i64 {states}, {first}')
         ir.require(ir.let(f'and i1 {fits}, {same}'), 'i64 0')
-        ir.store('ptr', load_field(ir, array, DATA), ir.element('i64', '%table', 3 * k))
-        strides = ir.load('<2 x i64>', load_field(ir, array, STRIDES), 8)
+        ir.store('ptr', _load_field(ir, array, DATA), ir.element('i64', '%table', 3 * k))
+        strides = ir.load('<2 x i64>', _load_field(ir, array, STRIDES), 8)
         ir.store('<2 x i64>', strides, ir.element('i64', '%table', 3 * k + 1), 8)
     ir.ret('i64', first)
     return str(ir)
@@ -169,10 +168,10 @@ def _checked(ir: Function, axes: Sequence[int], form: Format, refusal: str) -> l
             (DESCR, 'ptr', f'@pfd.{form.dtype}'),
             (NDIM, 'i32', str(ndim)),
         ):
-            found = load_field(ir, array, offset, kind)
+            found = _load_field(ir, array, offset, kind)
             ir.require(ir.let(f'icmp eq {kind} {found}, {wanted}'), refusal)
         flags = ALIGNED | (WRITEABLE if k == len(axes) - 1 else 0)
-        own = ir.let(f'and i32 {load_field(ir, array, FLAGS, "i32")}, {flags}')
+        own = ir.let(f'and i32 {_load_field(ir, array, FLAGS, "i32")}, {flags}')
         ir.require(ir.let(f'icmp eq i32 {own}, {flags}'), refusal)
         objects.append(array)
     return objects

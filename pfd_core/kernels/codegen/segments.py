@@ -141,7 +141,6 @@ def _calls(head: str, given: Sequence[str], contact: Contact, form: Format) -> C
 
 
 def _hold_arguments(contact: Contact, extra: Sequence[str]) -> tuple[str, ...]:
-    """Return the arrays of @hold."""
     own = [name for name in ['sticks'] if name in contact.programs['modes'].inputs]
     given = [name for name in extra if name != 'free']
     return ('q', 'qd', 'watch', 'unbraked', *own, *given, *HOLD_RESULTS)

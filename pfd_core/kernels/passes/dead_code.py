@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection
 
-from pfd_core.machine.program import Instruction, Output, Program, renamed
+from pfd_core.machine.program import Instruction, Program, renamed
 
 
 def eliminate_dead_code(program: Program, outputs: Collection[str] | None = None) -> Program:
@@ -18,7 +18,10 @@ def eliminate_dead_code(program: Program, outputs: Collection[str] | None = None
     kept = {k: v for k, v in program.outputs.items() if outputs is None or k in outputs}
     if not kept:
         raise ValueError(f'no output of {sorted(program.outputs)} is in {sorted(outputs or ())}')
-    read = _read_registers(program, kept.values())
+    read = {register for output in kept.values() for register, _ in output.places}
+    for register in range(len(program.instructions) - 1, -1, -1):
+        if register in read:
+            read.update(program.instructions[register].args)
     names: list[int] = []
     instructions: list[Instruction] = []
     for register, instruction in enumerate(program.instructions):
@@ -28,12 +31,3 @@ def eliminate_dead_code(program: Program, outputs: Collection[str] | None = None
             instructions.append(instruction._replace(args=args))
     pruned = Program(program.lanes, program.instructions, program.inputs, kept)
     return renamed(pruned, instructions, names)
-
-
-def _read_registers(program: Program, outputs: Iterable[Output]) -> set[int]:
-    """Return the registers that reach an output."""
-    read = {register for output in outputs for register, _ in output.places}
-    for register in range(len(program.instructions) - 1, -1, -1):
-        if register in read:
-            read.update(program.instructions[register].args)
-    return read

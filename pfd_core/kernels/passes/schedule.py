@@ -37,7 +37,7 @@ WAIT, WAIT_CROWDED, FOLLOWING = 2, 16, 32
 # The next operation is chosen among so many, the first in recorded order: keeps the time for
 # scheduling proportional to the length of a program.
 CHOICE = 128
-# Beyond this many operations, programs are cut into parts (pfd_core.kernels.codegen.split) anyway.
+# Beyond this many operations, programs are cut into parts (pfd_core.kernels.codegen.body) anyway.
 LONGEST = 6000
 # The same for programs of many results (derivatives), which are written as they are computed.
 # Measured with AVX-512: with UR5's 1450 one state takes 4 to 8 % less time, a batch the same; with

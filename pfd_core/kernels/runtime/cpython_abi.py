@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pfd_core.kernels.codegen.object_layout import (
+from pfd_core.kernels.codegen.python_entry import (
     ALIGNED,
     DATA,
     DESCR,

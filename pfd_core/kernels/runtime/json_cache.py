@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from pfd_core.kernels.codegen.object_layout import HEADER
+from pfd_core.kernels.codegen.python_entry import HEADER
 from pfd_core.kernels.runtime.disk_cache import LOG, digest, folder, read, write
 
 if TYPE_CHECKING:

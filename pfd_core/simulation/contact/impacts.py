@@ -29,10 +29,8 @@ One register holds one number; flags are 1 or 0.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.machine.lanes import absolute, sqrt, where
@@ -122,8 +120,9 @@ def record_impulses(plant: Plant) -> Program:
     (hits,) = input_list(recorder, 'hits', 1)
     stopped = [both(hits, where(candidate[i], where(moving[i], 0.0, 1.0), 0.0)) for i in range(n)]
     p = [where(stopped[i], torque[i] - load[i], 0.0) for i in range(n)]
-    e = _restitution(plant)
-    return program_with_outputs(recorder, impulse=p, thrown=[p[i] * float(e[i]) for i in range(n)])
+    assert plant.restitution is not None
+    e = plant.restitution.tolist()
+    return program_with_outputs(recorder, impulse=p, thrown=[p[i] * e[i] for i in range(n)])
 
 
 def record_restitution(plant: Plant) -> Program:
@@ -175,7 +174,3 @@ def record_inelastic(n: int) -> Program:
     x, qd = (input_list(recorder, name, n) for name in ('x', 'qd'))
     (hits,) = input_list(recorder, 'hits', 1)
     return program_with_outputs(recorder, qd=[where(hits, x[i], qd[i]) for i in range(n)])
-
-
-def _restitution(plant: Plant) -> NDArray[Any]:
-    return np.zeros(plant.robot.n) if plant.restitution is None else plant.restitution

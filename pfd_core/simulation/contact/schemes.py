@@ -26,8 +26,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from pfd_core.algorithms.chain.interface import input_list, program_with_outputs
 from pfd_core.kernels.codegen.segments import Stage
 from pfd_core.machine.lanes import where
@@ -213,8 +211,8 @@ def _second_implicit(plant: Plant, c: float, d: float) -> Program:
 
 
 def _damped(plant: Plant, v: list[Lanes]) -> list[Lanes]:
-    damping = np.zeros(plant.robot.n) if plant.viscosity is None else plant.viscosity
-    return [x * d for x, d in zip(v, damping.tolist(), strict=True)]
+    assert plant.viscosity is not None
+    return [x * d for x, d in zip(v, plant.viscosity.tolist(), strict=True)]
 
 
 def _chords(recorder: Recorder, n: int, at_stop: list[Lanes]) -> tuple[list[Cubic], list[Cubic]]:

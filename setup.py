@@ -30,6 +30,7 @@ setup(
     package_data={
         'pfd_core.config': ['*.yaml', 'robots/*'],
         'pfd_core': ['py.typed'],
+        'pfd_core.report': ['data/*', 'texts/*.md'],
         'pfd_ros.testing': ['*.xml'],
     },
     data_files=[

@@ -13,7 +13,8 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
-from pfd_core.report import speed, speed_pages
+from pfd_core.report import speed_pages
+from pfd_core.report.measure import speed
 
 
 def main() -> int:

@@ -7,16 +7,19 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from zoo import random_chain
 
-from pfd_core.machine.program import Steps
-from pfd_core.model import Robot
+import pfd_core as pfd
 
 # Lengths around powers of two, where a level is added, and between.
 SIZES = (*range(1, 10), 12, 15, 16, 17, 24, 31, 32)
+EVERY_SIZE = [
+    pytest.param(n, marks=[] if n in SIZES else [pytest.mark.slow]) for n in range(1, 33)
+]
 
 
-def chain(n: int, prismatic: bool = False) -> Robot:
+def chain(n: int, prismatic: bool = False) -> pfd.Robot:
     """Return a skew chain; with `prismatic`, the last joint slides."""
     types = ['revolute'] * n
     if prismatic:
@@ -40,5 +43,5 @@ def elimination(n: int) -> int:
     return sum(c < n for c in elements) + math.ceil(sum(c for c in elements if c >= n) / n)
 
 
-def arithmetic(steps: Steps) -> tuple[int, int, int, int]:
+def arithmetic(steps: pfd.Steps) -> tuple[int, int, int, int]:
     return steps.multiplications, steps.additions, steps.divisions, steps.square_roots

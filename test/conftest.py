@@ -102,13 +102,13 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 @pytest.fixture
 def emitted(monkeypatch: pytest.MonkeyPatch) -> list[str]:
-    """Return the list of the texts that the compiler was run on, which grows."""
-    texts: list[str] = []
+    """Return a growing list of the modules of IR that were compiled."""
+    modules: list[str] = []
     emit = engine.emit
 
     def counted(ir: str, *rest: Any) -> bytes:
-        texts.append(ir)
+        modules.append(ir)
         return emit(ir, *rest)
 
     monkeypatch.setattr(engine, 'emit', counted)
-    return texts
+    return modules

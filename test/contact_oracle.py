@@ -19,9 +19,9 @@ from itertools import product
 import numpy as np
 from oracle import Oracle
 from scipy.integrate import DOP853
+from zoo import Array
 
-from pfd_core.model import Robot
-from pfd_core.model.checked_numbers import Array
+import pfd_core as pfd
 
 # Height of the lowest bounce, as the decision states it.
 LEAST_HEIGHT = 1e-12
@@ -53,7 +53,7 @@ class TooManyEventsError(RuntimeError):
 class Case:
     """An arm with constant torques: limits are (n, 2), all others (n,), damping also a number."""
 
-    robot: Robot
+    robot: pfd.Robot
     armature: Array
     friction: Array
     limits: Array

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import pfd_core as pfd
-from pfd_core.model.effects import EFFECTS, FIELDS, NEEDS, Field
+from pfd_core.model.effects import FIELDS, NEEDS, Field
 
 # Fields that hold something else than numbers of a rule.
 OTHERS: dict[str, Any] = {
@@ -50,4 +50,4 @@ def scene_with(*names: str, n: int, **others: Any) -> pfd.Scene:
 
 def everything(n: int) -> pfd.Scene:
     """Return a scene of n joints with every effect of the table."""
-    return scene_with(*(field.name for effect in EFFECTS for field in effect.fields), n=n)
+    return scene_with(*(field.name for effect in pfd.EFFECTS for field in effect.fields), n=n)

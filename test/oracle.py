@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Pinocchio as the oracle: random chains, its answers, and measures of the difference."""
+"""Pinocchio and the emulator as oracles: random chains, answers, measures of the difference."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ import numpy as np
 import pinocchio as pin
 from zoo import Array, random_chain, to_pinocchio
 
-from pfd_core.model import Robot, Scene
+import pfd_core as pfd
+from pfd_core.machine.emulator import run
 
 ARMS = ('puma560', 'ur5', 'planar2', 'panda')
-WRENCH = Scene(external_wrench=True)
-Chains = Iterator[tuple[np.random.Generator, Robot]]
+WRENCH = pfd.Scene(external_wrench=True)
+Chains = Iterator[tuple[np.random.Generator, pfd.Robot]]
 
 
 def chains(count: int, seed: int) -> Chains:
@@ -57,7 +58,7 @@ def jacobi_condition(H: Array) -> float:
 class Oracle:
     """Pinocchio's answers for one robot, with a wrench on the tip's frame."""
 
-    def __init__(self, robot: Robot, armature: Array | None = None) -> None:
+    def __init__(self, robot: pfd.Robot, armature: Array | None = None) -> None:
         self.model = to_pinocchio(robot, armature)
         self.data = self.model.createData()
         self.n = robot.n
@@ -78,3 +79,18 @@ class Oracle:
 
     def qdd(self, q: Array, qd: Array, tau: Array, wrench: Array | None = None) -> Array:
         return pin.aba(self.model, self.data, q, qd, tau, self.forces(wrench)).copy()
+
+
+def assert_bits_of_the_emulator(
+    kernel: pfd.Kernel, rng: np.random.Generator, count: int = 11
+) -> None:
+    """Compare a kernel of a scene with wrench and brakes with the emulator: batch, one state."""
+    n, dtype = kernel.robot.n, kernel.dtype
+    q, qd, tau = (x.astype(dtype) for x in rng.normal(size=(3, count, n)))
+    wrench, brakes = rng.normal(size=(count, 6)).astype(dtype), rng.random((count, n)) < 0.3
+    inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': 1.0 - brakes}
+    emulated = run(kernel.program, inputs, dtype)['qdd']
+    assert np.isfinite(emulated).all()
+    np.testing.assert_array_equal(kernel(q, qd, tau, wrench, brakes=brakes), emulated)
+    one = kernel(q[3], qd[3], tau[3], wrench[3], brakes=brakes[3])
+    np.testing.assert_array_equal(one, emulated[3])

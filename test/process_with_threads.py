@@ -68,7 +68,7 @@ def interrupted(count: int) -> None:
 
 
 def forked(count: int) -> None:
-    """Fork beside workers; the child uses threads of its own, and goes by each way out."""
+    """Fork while workers run; the child uses its own threads, and ends in each way."""
     compute(count)
     child = os.fork()
     compute(count)

@@ -8,8 +8,8 @@ import numpy as np
 from zoo import joint, link, urdf
 
 import pfd_core as pfd
-from pfd_core.report.scene_motions import Motion
-from pfd_core.report.timing import Pace
+from pfd_core.report.cases.excitations import DrivenMotion
+from pfd_core.report.measure.timing import Pace
 
 # Rounding of some hundred steps of a motion of about a radian, and of differences of it.
 ROUNDING = 1e-12
@@ -32,10 +32,10 @@ def motion_of(
     qd: float = 0.0,
     held: np.ndarray | None = None,
     after: tuple[int, ...] = (0,),
-) -> Motion:
+) -> DrivenMotion:
     """Return a motion whose state is known at its start, at rest at 0 unless qd says otherwise."""
     n, states = robot.n, len(after)
-    return Motion(
+    return DrivenMotion(
         'made up',
         'a test',
         {'step_size': 1e-3, 'substeps': 2, 'integrator': 'rk4', 'method': 'auto'},

@@ -8,19 +8,19 @@ from collections import Counter
 from collections.abc import Sequence
 import math
 
+from closed_forms import EVERY_SIZE
 import numpy as np
 import pytest
 from tolerances import FIFTY_DIGITS
 from zoo import Array
 
+import pfd_core as pfd
 from pfd_core.algorithms.paper.cholesky import Factors, factorise, one_square_root, solve
 from pfd_core.algorithms.paper.elimination_order import ORDERS, Stage, stages
 from pfd_core.kernels.passes.pipeline import lower
 from pfd_core.machine.emulator import run
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import SCHEDULES, Lanes, Recorder
 
-SIZES = range(1, 33)
 SOME = (1, 2, 3, 4, 5, 6, 7, 8, 13)
 # Matrices of condition 4 with elements up to 4: rounding of sums of up to 32 products.
 ROUNDING = 1e-12
@@ -47,7 +47,7 @@ def upper_rows(recorder: Recorder) -> list[Lanes]:
     ]
 
 
-def finish(recorder: Recorder, **rows: Lanes | None) -> Program:
+def finish(recorder: Recorder, **rows: Lanes | None) -> pfd.Program:
     n = recorder.lanes
     for name, row in rows.items():
         if row is not None:
@@ -55,7 +55,7 @@ def finish(recorder: Recorder, **rows: Lanes | None) -> Program:
     return recorder.program()
 
 
-def factorisation(n: int, form: str, order: str | None, schedule: str = 'parallel') -> Program:
+def factorisation(n: int, form: str, order: str | None, schedule: str = 'parallel') -> pfd.Program:
     """Return the program of the factors of H, by L D L', L L', or L L' with one square root."""
     recorder = Recorder(n, schedule)
     rows = upper_rows(recorder)
@@ -71,7 +71,7 @@ def factorisation(n: int, form: str, order: str | None, schedule: str = 'paralle
 
 def solution(
     n: int, order: str | None = None, square_roots: bool = False, schedule: str = 'parallel'
-) -> Program:
+) -> pfd.Program:
     """Return the program of x and the pivots from H and y."""
     recorder = Recorder(n, schedule)
     y = recorder.input('y', range(n))
@@ -124,7 +124,7 @@ def test_an_order_subtracts_every_product_once_and_in_time(name: str, augmented:
 
 
 @pytest.mark.parametrize('augmented', [False, True])
-@pytest.mark.parametrize('n', SIZES)
+@pytest.mark.parametrize('n', EVERY_SIZE)
 def test_the_steps_of_every_order_are_closed_forms(n: int, augmented: bool) -> None:
     assert count(stages('by_columns', n, augmented)) == (n - 1) * (n + 2 * augmented) // 2
     assert count(stages('look_ahead', n, augmented)) == bound(n, augmented)
@@ -153,7 +153,7 @@ def test_every_order_yields_the_cholesky_factor(form: str, schedule: str) -> Non
             )
 
 
-@pytest.mark.parametrize('n', SIZES)
+@pytest.mark.parametrize('n', EVERY_SIZE)
 def test_the_order_of_fewest_steps_is_right_for_every_n(n: int) -> None:
     H, y = matrix(n), np.linspace(-1, 1, n)
     L = lower_triangle(n, run(factorisation(n, 'no roots', 'look_ahead'), {'H': H.ravel()}))
@@ -162,7 +162,7 @@ def test_the_order_of_fewest_steps_is_right_for_every_n(n: int) -> None:
     np.testing.assert_allclose(x, np.linalg.solve(H, y), rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize('n', SIZES)
+@pytest.mark.parametrize('n', EVERY_SIZE)
 def test_a_factorisation_takes_the_steps_of_its_order_and_no_more(n: int) -> None:
     for form, name, scalings, roots in (
         ('no roots', 'look_ahead', 0, 0),
@@ -188,7 +188,7 @@ def test_every_order_solves(schedule: str, square_roots: bool) -> None:
             np.testing.assert_allclose(x, wanted, rtol=0, atol=ROUNDING, err_msg=f'{name} {n}')
 
 
-@pytest.mark.parametrize('n', SIZES)
+@pytest.mark.parametrize('n', EVERY_SIZE)
 def test_a_solve_takes_the_fewest_steps_and_less_than_the_paper_prints(n: int) -> None:
     steps = solution(n).count()
     assert steps.multiplications == steps.additions == bound(n, True) + n - 1
@@ -203,7 +203,7 @@ def test_a_solve_takes_the_fewest_steps_and_less_than_the_paper_prints(n: int) -
     assert (rooted.divisions, rooted.square_roots) == (2 * n, n)
 
 
-@pytest.mark.parametrize('n', SIZES)
+@pytest.mark.parametrize('n', EVERY_SIZE)
 def test_one_processor_divides_once_for_each_column(n: int) -> None:
     steps = solution(n, schedule='sequential').count()
     products = n * (n - 1) * (n + 4) // 6
@@ -235,7 +235,7 @@ def test_the_lowered_program_gives_the_bits_of_the_recorded_one(
 
 @pytest.mark.parametrize('square_roots', [False, True])
 @pytest.mark.parametrize('schedule', SCHEDULES)
-def test_a_pivot_that_is_not_positive_tells_of_a_matrix_that_is_not_definite(
+def test_a_matrix_that_is_not_definite_has_a_pivot_that_is_not_positive(
     schedule: str, square_roots: bool
 ) -> None:
     for n in SOME:

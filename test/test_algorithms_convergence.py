@@ -57,18 +57,27 @@ def test_a_wrong_answer_of_an_emulation_is_not_accepted(method: str) -> None:
     robot, scene = pfd.load_robot('panda'), pfd.Scene(payload=HEAVY)
     oracle = Oracle(pfd.with_payload(robot, HEAVY))
     found = set()
-    for state in zip(*states(robot, 40), strict=True):
+    kernel = pfd.compile_kernel(robot, method=method, scene=scene, dtype='float32')
+    every = states(robot, 200)
+    refused = np.isnan(kernel(*every)).any(axis=1)
+    some = [*np.flatnonzero(refused)[:4], *np.flatnonzero(~refused)[:8]]
+    for state in zip(*(x[some] for x in every), strict=True):
         run = pfd.emulate(robot, *state, method=method, scene=scene, dtype='float32')
         found.add(run.status)
         if run.status == 'ok':
             wanted = oracle.qdd(*state)
             assert np.abs(run.qdd - wanted).max() <= ACCEPTED * np.abs(wanted).max()
-    # Of 200 states a kernel accepts more than half and refuses some.
     assert found == {'ok', 'not_converged'}
 
 
-@pytest.mark.parametrize('dtype', ['float32', 'float64'])
-@pytest.mark.parametrize('name', ARMS)
+@pytest.mark.parametrize(
+    ('name', 'dtype'),
+    [
+        ('ur5', 'float64'),
+        *((name, 'float32') for name in ARMS),
+        *(pytest.param(name, 'float64', marks=pytest.mark.slow) for name in ARMS if name != 'ur5'),
+    ],
+)
 def test_no_ordinary_state_is_refused(name: str, dtype: str) -> None:
     refuses_none(name, dtype, 60)
 

@@ -1,18 +1,27 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Step counts of the recorded texts are closed forms in n, beside those the paper prints."""
+"""Step counts of the recorded algorithms: closed forms in n, compared with the paper's."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cache
 import math
+from typing import Any
 
 from closed_forms import SIZES, arithmetic, chain, elimination, levels, rounds
+from drive_scenes import OTHER
 import numpy as np
+from oracle import WRENCH
 import pytest
+from serial_methods import DIRECT, METHODS
+from zoo import random_chain
 
+import pfd_core as pfd
 from pfd_core.algorithms.programs import FORWARD, record_inverse_dynamics, record_terms
-from pfd_core.machine.program import Steps
-from pfd_core.model import Scene, resolve
+from pfd_core.machine.operations import OPERATIONS
+from pfd_core.model import resolve
 
 
 @pytest.mark.parametrize('n', SIZES)
@@ -36,14 +45,14 @@ def test_ne1_with_a_sliding_joint_takes_six_additions_more(n: int) -> None:
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_ne1_with_a_wrench_takes_six_additions_more(n: int) -> None:
-    program = record_terms(resolve(chain(n), Scene(external_wrench=True)), 'parallel')
+    program = record_terms(resolve(chain(n), pfd.Scene(external_wrench=True)), 'parallel')
     assert arithmetic(program.count(section='newton_euler'))[:2] == (87, 15 * levels(n) + 71)
     assert arithmetic(program.count(section='wrench'))[:2] == (18, 12)
 
 
 @pytest.mark.parametrize('n', SIZES[1:])
 def test_ne1_without_gravity_saves_its_three_additions(n: int) -> None:
-    program = record_terms(resolve(chain(n), Scene(gravity=None)), 'parallel')
+    program = record_terms(resolve(chain(n), pfd.Scene(gravity=None)), 'parallel')
     assert arithmetic(program.count(section='newton_euler'))[:2] == (87, 15 * levels(n) + 62)
 
 
@@ -62,7 +71,7 @@ def test_the_orientation_recurrence_takes_27_and_18_a_level_at_most(n: int) -> N
     assert recurrence == (3 * rounds(n), 2 * rounds(n), 0, 0)
     assert rounds(6) == 17
     # The rotations of the joints themselves, which the paper takes as given.
-    assert program.count(section='joint rotation') == Steps(
+    assert program.count(section='joint rotation') == pfd.Steps(
         multiplications=12, additions=6, sines=2
     )
     assert arithmetic(program.count(section='link vectors'))[:2] == (63, 42)
@@ -148,3 +157,231 @@ def test_the_speed_up_of_n_processors_lies_between_one_and_n() -> None:
         for column in ('multiplications', 'additions'):
             alone, together = getattr(serial, column), getattr(parallel.count(), column)
             assert together < alone < n * together
+
+
+# ---- actuators and springs: nothing where they are off ---------------------------------------
+
+
+OFF: dict[str, dict[str, Any]] = {
+    'effort_limits': {'effort_limits': [np.inf] * 6},
+    'torque_speed': {'torque_speed': [None] * 6},
+    'springs': {'stiffness': [0.0] * 6, 'rest_position': [0.3] * 6},
+    'gravity_compensation': {'gravity_compensation': pfd.Scene(gravity=None)},
+    'friction': {'friction': [0.0] * 6},
+    'joint_limits': {'joint_limits': [(-np.inf, np.inf)] * 6, 'restitution': 0.5},
+    'motor_lag': {'motor_lag': [0.0] * 6},
+    'damping': {'damping': [0.0] * 6},
+    'armature': {'armature': [0.0] * 6},
+}
+
+
+@cache
+def bare_kernel() -> pfd.Kernel:
+    return pfd.compile_kernel(pfd.load_robot('ur5'), refine=1)
+
+
+@pytest.mark.parametrize('effect', OFF)
+def test_an_effect_that_is_off_costs_nothing(effect: str) -> None:
+    bare = bare_kernel()
+    robot = bare.robot
+    off = pfd.compile_kernel(robot, scene=pfd.Scene(**OFF[effect]), refine=1)
+    assert off.operations == bare.operations
+    assert off.ir == bare.ir
+
+
+ON: dict[str, tuple[dict[str, Any], int]] = {
+    # Each joint: two comparisons of one subtraction and one selection.
+    'effort_limits': ({'effort_limits': [40.0] * 6}, 6 * 4),
+    # One joint of six has a limit.
+    'one effort limit': ({'effort_limits': [np.inf] * 5 + [5.0]}, 4),
+    # The stretch of a spring, its product and its sum; a rest position of zero needs none.
+    'springs': ({'stiffness': [5.0] * 6}, 6 * 2),
+    'springs at rest elsewhere': ({'stiffness': [5.0] * 6, 'rest_position': [0.1] * 6}, 6 * 3),
+    # |qd|, tau along qd and back: 6; two rows: 3 + 1 and 2; two comparisons: 4.
+    'torque_speed': ({'torque_speed': [[(2.0, 50.0), (3.0, 0.0)]] * 6}, 6 * 16),
+}
+
+
+@pytest.mark.parametrize('effect', ON)
+def test_an_effect_that_is_on_costs_its_operations(effect: str) -> None:
+    robot = pfd.load_robot('ur5')
+    arguments, more = ON[effect]
+    bare, on = (
+        sum(pfd.compile_kernel(robot, scene=pfd.Scene(**given)).operations['folded'].values())
+        for given in ({}, arguments)
+    )
+    assert on - bare == more
+
+
+@pytest.mark.parametrize('n', [2, 3, 6, 8])
+def test_gravity_compensation_has_its_closed_form_of_steps(n: int) -> None:
+    robot = replace(chain(n), base_rotation=np.eye(3))
+    for scene, products, sums in (
+        (pfd.Scene(gravity_compensation=True, effort_limits=[1.0] * n), 9, 3 * levels(n) + 7),
+        (pfd.Scene(gravity_compensation=pfd.Scene(payload=OTHER)), 18, 3 * levels(n) + 11),
+    ):
+        program = FORWARD['pcrbm'](resolve(robot, scene), 'parallel')
+        assert arithmetic(program.count(section='drives'))[:2] == (products, sums)
+
+
+@pytest.mark.parametrize('rows', [1, 2, 4])
+def test_limits_have_their_closed_form_of_steps(rows: int) -> None:
+    found = np.stack([np.arange(rows), 10.0 - np.arange(rows)], axis=1)
+    program = FORWARD['pcrbm'](resolve(chain(5), pfd.Scene(torque_speed=[found] * 5)), 'parallel')
+    steps = arithmetic(program.count(section='drives'))[:2]
+    assert steps == ((0, 2) if rows == 1 else (rows - 1, 2 * (rows - 1) + 3))
+
+
+# ---- serial methods --------------------------------------------------------------------------
+
+
+# A cubic in n for n > 1 is settled by four values; long programs take seconds.
+SERIAL_SIZES = (*range(1, 13), 16, 24, 32)
+KINDS = ('multiplications', 'additions', 'divisions')
+Counts = tuple[int, int, int]
+
+
+def recorded(method: str, n: int) -> pfd.Program:
+    types = ['revolute'] * n
+    robot = random_chain(np.random.default_rng(n), n, joint_types=types)
+    return FORWARD[method](resolve(robot), 'sequential')
+
+
+@cache
+def counted(method: str, n: int) -> dict[str, Counts]:
+    """Return multiplications, additions and divisions of each section that has any."""
+    counts: dict[str, list[int]] = {}
+    for instruction in recorded(method, n).instructions:
+        cost = OPERATIONS[instruction.op].cost
+        if cost in KINDS:
+            counts.setdefault(instruction.section, [0, 0, 0])[KINDS.index(cost)] += 1
+    return {section: (row[0], row[1], row[2]) for section, row in counts.items()}
+
+
+def parts(method: str, n: int) -> Iterator[tuple[str, tuple[int, int, int]]]:
+    """Yield the closed forms: section, multiplications, additions, divisions."""
+    single = n == 1
+    yield 'joint rotation', (4 * n, 2 * n, 0)
+    if method == 'articulated_body':
+        # A single link has no link before: neither its velocity nor its acceleration.
+        yield 'velocities', (26 * n - 28 + 2 * single, 13 * n - 15 + 2 * single, 0)
+        yield 'articulated bodies', (226 * n - 177, 216 * n - 188, n)
+        yield 'accelerations', (28 * n - 21, 26 * n - 24 + 3 * single, 0)
+        return
+    yield 'bias', ((40, 26, 0) if single else (117 * n - 95, 89 * n - 78, 0))
+    yield 'right-hand side', (0, n, 0)
+    product = (24, 15, 0) if single else (68 * n - 56, 53 * n - 45, 0)
+    if method == 'walker_orin_4':
+        yield 'start', (n + 1, n - 1, 0)
+        yield 'H u', product
+        yield 'conjugate gradient', (5 * n, 5 * n - 2, 2)
+        yield 'status', (0, 2, 1)
+        return
+    yield (
+        'inertia matrix',
+        {
+            'walker_orin_1': (n * product[0], n * product[1], 0),
+            'walker_orin_2': (34 * n * n - 22 * n + 12, 26 * n * n - 18 * n + 7, 0),
+            'walker_orin_3': (11 * n * n + 21 * n - 26, 7 * n * n + 35 * n - 38, n - 1),
+        }[method],
+    )
+    cube = (n**3 - n) // 6
+    pairs = n * (n - 1)
+    yield 'solve', (cube + 3 * pairs // 2 + n, cube + pairs, n)
+
+
+@pytest.mark.parametrize(
+    'n', [n if n < 9 else pytest.param(n, marks=pytest.mark.slow) for n in SERIAL_SIZES]
+)
+@pytest.mark.parametrize('method', METHODS)
+def test_counts_are_closed_forms_for_1_to_32_joints(method: str, n: int) -> None:
+    expected = {section: counts for section, counts in parts(method, n) if any(counts)}
+    assert counted(method, n) == expected
+
+
+def totals(method: str, n: int) -> Counts:
+    """Return the sums of the closed forms."""
+    rows = [counts for _, counts in parts(method, n)]
+    return (sum(r[0] for r in rows), sum(r[1] for r in rows), sum(r[2] for r in rows))
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_nothing_is_routed_and_each_angle_takes_a_sine_and_a_cosine(method: str) -> None:
+    for n in (1, 2, 7):
+        program = recorded(method, n)
+        steps = program.count()
+        assert (steps.sines, steps.routes, steps.square_roots, program.lanes) == (2 * n, 0, 0, 1)
+        sections = counted(method, n).values()
+        whole = (steps.multiplications, steps.additions, steps.divisions)
+        assert whole == tuple(sum(section[k] for section in sections) for k in range(3))
+
+
+# Lee and Chang 1987, Table 1; the two misprinted linear terms as its own values need them.
+PAPER = {
+    'walker_orin_1': lambda n: (
+        (n**3 + 453 * n**2 + 686 * n) / 6 - 22,
+        (n**3 + 330 * n**2 + 497 * n) / 6 - 11,
+    ),
+    'walker_orin_2': lambda n: (
+        (n**3 + 231 * n**2 + 908 * n) / 6 - 22,
+        (n**3 + 168 * n**2 + 659 * n) / 6 - 11,
+    ),
+    'walker_orin_3': lambda n: (
+        (n**3 + 81 * n**2 + 1154 * n) / 6 - 49,
+        (n**3 + 48 * n**2 + 995 * n) / 6 - 64,
+    ),
+    'articulated_body': lambda n: (380 * n - 198, 302 * n - 173),
+}
+PRINTED = {
+    'walker_orin_1': (3418, 2502),
+    'walker_orin_2': (2308, 1692),
+    'walker_orin_3': (1627, 1255),
+    'walker_orin_4': (3435, 2532),
+    'articulated_body': (2280, 1816),
+}
+AT_SIX = {
+    'walker_orin_1': (2829, 2177, 6),
+    'walker_orin_2': (1821, 1374, 6),
+    'walker_orin_3': (1213, 963, 11),
+    'walker_orin_4': (2930, 2287, 13),
+    'articulated_body': (1478, 1315, 6),
+}
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_six_joints_take_fewer_operations_than_the_paper_prints(method: str) -> None:
+    # Method 4 in the n iterations that the paper supposes; its divisions are multiplications.
+    steps = recorded(method, 6).count(iterations=6)
+    found = steps.multiplications, steps.additions, steps.divisions
+    assert found == AT_SIX[method]
+    assert found[0] + found[2] < PRINTED[method][0]
+    assert found[1] < PRINTED[method][1]
+
+
+@pytest.mark.parametrize('method', DIRECT)
+def test_no_chain_takes_more_operations_than_the_paper_has(method: str) -> None:
+    for n in SERIAL_SIZES:
+        found = totals(method, n)
+        multiplications, additions = PAPER[method](n)
+        assert found[0] + found[2] <= multiplications
+        assert found[1] <= additions
+
+
+def test_articulated_bodies_overtake_composite_bodies_at_eleven_joints() -> None:
+    for n in SERIAL_SIZES[1:]:
+        one, three = (sum(totals(method, n)) for method in ('articulated_body', 'walker_orin_3'))
+        assert (one < three) == (n >= 11)
+
+
+@pytest.mark.parametrize(
+    ('method', 'more'), [('walker_orin_3', (64, 54)), ('articulated_body', (126, 130))]
+)
+def test_a_wrench_brings_the_last_frame_back(method: str, more: tuple[int, int]) -> None:
+    for n in range(2, 8):
+        robot = random_chain(np.random.default_rng(n), n, 0.0)
+        found = FORWARD[method](resolve(robot, WRENCH), 'sequential').count()
+        bare = FORWARD[method](resolve(robot), 'sequential').count()
+        assert (found.multiplications, found.additions) == (
+            bare.multiplications + more[0],
+            bare.additions + more[1],
+        )

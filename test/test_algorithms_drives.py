@@ -25,16 +25,16 @@ from zoo import random_chain
 
 import pfd_core as pfd
 from pfd_core.algorithms.chain.drives import cut_off, record_motor_torques
-from pfd_core.algorithms.programs import FORWARD, METHODS, SERIAL, record_inverse_dynamics
+from pfd_core.algorithms.programs import FORWARD, SERIAL, record_inverse_dynamics
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import SCHEDULES
-from pfd_core.model import Robot, Scene, resolve, without_drives
+from pfd_core.model import resolve, without_drives
 
 # ---- accelerations ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize('name', NAMES)
-@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('method', pfd.METHODS)
 @pytest.mark.slow
 def test_every_method_agrees_with_pinocchio(method: str, name: str) -> None:
     rng = np.random.default_rng(61)
@@ -109,9 +109,9 @@ def test_motors_and_an_arm_without_drives_are_the_arm_with_them(name: str) -> No
 # ---- limits ----------------------------------------------------------------------------------
 
 
-def weightless(n: int) -> Robot:
+def weightless(n: int) -> pfd.Robot:
     """Return sliding bodies of 2 kg whose motions do not act on each other."""
-    return Robot(
+    return pfd.Robot(
         name='sliders',
         joint_names=tuple(f'joint{i + 1}' for i in range(n)),
         joint_types=('prismatic',) * n,
@@ -148,7 +148,7 @@ ROWS = [(1.0, 10.0), (3.0, 4.0)]
 def test_a_motor_is_bounded_by_its_table_where_it_drives(
     qd: float, tau: float, force: float, most: float
 ) -> None:
-    scene = Scene(gravity=None, torque_speed=[ROWS], effort_limits=[most])
+    scene = pfd.Scene(gravity=None, torque_speed=[ROWS], effort_limits=[most])
     assert pfd.forward_dynamics(SLIDER, [0.0], [qd], [tau], scene=scene) * 2.0 == force
 
 
@@ -175,7 +175,7 @@ def test_a_table_is_cut_off_at_the_effort_limit() -> None:
 def test_a_motor_that_weakens_with_speed_comes_to_the_speed_of_its_table(integrator: str) -> None:
     # m v' = a - b v - d v between the rows: v = v_end (1 - exp(-(b + d) t / m)).
     a, b, d, m = 12.0, 3.0, 1.0, 2.0
-    scene = Scene(gravity=None, damping=[d], torque_speed=[[(0.0, a), (4.0, 0.0)]])
+    scene = pfd.Scene(gravity=None, damping=[d], torque_speed=[[(0.0, a), (4.0, 0.0)]])
     sim = pfd.Simulator(SLIDER, scene, integrator=integrator, step_size=1e-3)
     velocity = sim.rollout(np.full((1000, 1), 50.0)).qd[-1, 0]
     expected = a / (b + d) * (1 - np.exp(-(b + d) / m))
@@ -188,7 +188,7 @@ def test_a_limited_arm_is_one_that_is_given_limited_torques() -> None:
     robot = random_chain(rng, 5)
     limits = [2.0, np.inf, 1.0, 3.0, 2.0]
     taus = rng.uniform(-5, 5, (50, 5))
-    sims = [pfd.Simulator(robot, Scene(effort_limits=e)) for e in (limits, None)]
+    sims = [pfd.Simulator(robot, pfd.Scene(effort_limits=e)) for e in (limits, None)]
     limited = sims[0].rollout(taus)
     clipped = sims[1].rollout(np.clip(taus, -np.array(limits), limits))
     np.testing.assert_array_equal(limited.q, clipped.q)
@@ -196,7 +196,7 @@ def test_a_limited_arm_is_one_that_is_given_limited_torques() -> None:
 
 
 @pytest.mark.parametrize('integrator', ['rk4', 'imex2'])
-def test_an_arm_with_drives_moves_alone_as_among_others(integrator: str) -> None:
+def test_an_arm_with_drives_moves_alone_as_in_an_ensemble(integrator: str) -> None:
     rng = np.random.default_rng(70)
     robot = random_chain(rng, 4, joint_types=['revolute', 'prismatic', 'revolute', 'continuous'])
     scene = replace(scenes(4)['all'], external_wrench=False)
@@ -217,10 +217,12 @@ def test_an_arm_with_drives_moves_alone_as_among_others(integrator: str) -> None
 
 def test_an_arm_that_is_compensated_exactly_is_weightless() -> None:
     robot = pfd.load_robot('panda')
-    plant = resolve(robot, Scene(payload=PAYLOAD, gravity_compensation=Scene(payload=PAYLOAD)))
-    assert plant.digest == resolve(robot, Scene(gravity=None, payload=PAYLOAD)).digest
+    plant = resolve(
+        robot, pfd.Scene(payload=PAYLOAD, gravity_compensation=pfd.Scene(payload=PAYLOAD))
+    )
+    assert plant.digest == resolve(robot, pfd.Scene(gravity=None, payload=PAYLOAD)).digest
     # A limit might cut the torques of the compensation off.
-    scene = Scene(gravity_compensation=True, effort_limits=[1.0] * 7)
+    scene = pfd.Scene(gravity_compensation=True, effort_limits=[1.0] * 7)
     assert resolve(robot, scene).gravity_compensation is not None
 
 
@@ -243,12 +245,12 @@ def test_inverse_dynamics_gives_the_commanded_torques(name: str) -> None:
             assert np.abs(found - tau).max() < DYNAMICS * jacobi_condition(H) * size
 
 
-def test_a_payload_that_the_drives_do_not_know_pulls_the_arm_down() -> None:
+def test_a_payload_that_is_not_compensated_pulls_the_arm_down() -> None:
     robot = pfd.load_robot('ur5')
-    scene = Scene(payload=PAYLOAD, gravity_compensation=True)
+    scene = pfd.Scene(payload=PAYLOAD, gravity_compensation=True)
     q = np.array([0.3, -1.0, 0.8, 0.2, 0.4, 0.0])
-    alone = gravity_torques(robot, Scene(), q)
-    missing = gravity_torques(robot, Scene(payload=PAYLOAD), q) - alone
+    alone = gravity_torques(robot, pfd.Scene(), q)
+    missing = gravity_torques(robot, pfd.Scene(payload=PAYLOAD), q) - alone
     held = pfd.forward_dynamics(robot, q, 0 * q, missing, scene=scene)
     assert np.abs(held).max() < 1e-10
     assert pfd.forward_dynamics(robot, q, 0 * q, 0 * q, scene=scene)[1] > 0.1
@@ -261,7 +263,7 @@ def test_a_body_on_a_spring_swings_as_it_should() -> None:
     # w h = 0.2, where the swing shall still be right: RK4 loses (w h)^6 / 144 of it a step.
     k, m, h = 20000.0, 2.0, 0.002
     w = np.sqrt(k / m)
-    scene = Scene(gravity=None, stiffness=[k], rest_position=[0.1])
+    scene = pfd.Scene(gravity=None, stiffness=[k], rest_position=[0.1])
     sim = pfd.Simulator(SLIDER, scene, step_size=h, substeps=1, integrator='rk4')
     sim.reset(q=[0.15])
     run = sim.rollout(np.zeros((500, 1)))
@@ -275,8 +277,8 @@ def test_springs_hold_an_arm_where_pinocchio_says() -> None:
     robot = random_chain(rng, 6, joint_types=['revolute'] * 6)
     q = rng.uniform(-1, 1, 6)
     stiffness = np.full(6, 25.0)
-    rest = q + gravity_torques(robot, Scene(), q) / stiffness
-    scene = Scene(stiffness=stiffness, rest_position=rest)
+    rest = q + gravity_torques(robot, pfd.Scene(), q) / stiffness
+    scene = pfd.Scene(stiffness=stiffness, rest_position=rest)
     free = pfd.forward_dynamics(robot, q, 0 * q, 0 * q)
     held = pfd.forward_dynamics(robot, q, 0 * q, 0 * q, scene=scene)
     assert np.abs(held).max() < 1e-12 * np.abs(free).max() * jacobi_condition(Oracle(robot).H(q))

@@ -10,16 +10,16 @@ import pytest
 from tolerances import ACCELERATION
 from zoo import random_state
 
+import pfd_core as pfd
 from pfd_core.algorithms.programs import FORWARD
 from pfd_core.kernels.passes.dead_code import eliminate_dead_code
 from pfd_core.kernels.passes.fold import fold
 from pfd_core.kernels.passes.pipeline import operations
 from pfd_core.machine.emulator import run
-from pfd_core.model import Robot, Scene, load_robot, resolve
-from pfd_core.report.counts import uniform_chain as uniform
+from pfd_core.model import resolve
+from pfd_core.report.cases.robots import uniform_chain as uniform
 
 METHODS = ('composite_body', 'grouped_articulated_body')
-EVERYTHING = Scene(external_wrench=True, damping='model', armature='model', brakes=True)
 # Operations that folding may leave, sine and cosine apart: what is promised for composite bodies,
 # and what throw-away prototypes of articulated bodies took.
 MOST = {
@@ -42,7 +42,7 @@ def test_pivots_multiply_to_the_determinant_of_the_inertia_matrix(method: str) -
         assert abs(np.prod(pivots) / np.linalg.det(H) - 1) < tolerance
 
 
-def folded(method: str, robot: Robot) -> int:
+def folded(method: str, robot: pfd.Robot) -> int:
     """Return the operations that are left, changes of sign, sine and cosine apart."""
     program = eliminate_dead_code(fold(FORWARD[method](resolve(robot), 'sequential')), ['qdd'])
     counts = operations(program)
@@ -51,7 +51,7 @@ def folded(method: str, robot: Robot) -> int:
 
 @pytest.mark.parametrize(('method', 'name'), list(MOST))
 def test_the_arms_take_no_more_operations_than_promised(method: str, name: str) -> None:
-    assert folded(method, load_robot(name)) <= MOST[method, name]
+    assert folded(method, pfd.load_robot(name)) <= MOST[method, name]
 
 
 def test_a_joint_more_takes_articulated_bodies_the_same_anywhere_in_the_chain() -> None:

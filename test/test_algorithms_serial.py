@@ -7,8 +7,6 @@ Their physics is tested with that of all methods in test_algorithms_methods.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from oracle import WRENCH, error
 import pytest
@@ -23,19 +21,13 @@ from zoo import (
     without_mass,
 )
 
+import pfd_core as pfd
 from pfd_core.algorithms.chain.link_axes import zxz
 from pfd_core.algorithms.programs import FORWARD
 from pfd_core.algorithms.serial.walker_orin import record_walker_orin_4
-from pfd_core.kernels.kernel import Kernel
-from pfd_core.kernels.passes.pipeline import lower
-from pfd_core.kernels.source import KernelSource
-from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.emulator import run
-from pfd_core.machine.program import Program
-from pfd_core.model import Plant, Scene, resolve, with_inertia
+from pfd_core.model import Plant, resolve, with_inertia
 from pfd_core.model.geometry import rotation_x, rotation_z
-
-EVERYTHING = Scene(external_wrench=True, damping='model', armature='model')
 
 # Three planar rotations of a matrix that is orthonormal to some 1e-16.
 ROTATION = 1e-15
@@ -44,7 +36,7 @@ ROTATION = 1e-15
 RESIDUAL, SOLUTION = 1e-40, 1e-36
 
 
-def record(method: str, plant: Plant) -> Program:
+def record(method: str, plant: Plant) -> pfd.Program:
     return FORWARD[method](plant, 'sequential')
 
 
@@ -104,14 +96,14 @@ def test_one_processor_has_one_schedule(method: str) -> None:
 
 
 def sound(method: str, found: dict[str, Array]) -> bool:
-    """Tell whether a result says of itself that it can be used."""
+    """Return whether a result is reported as usable."""
     if method == 'walker_orin_4':
         return bool(found['converged'][0] == 1)
     return bool((found['pivots'] > 0).all() and np.isfinite(found['qdd']).all())
 
 
 @pytest.mark.parametrize('method', METHODS)
-def test_an_inertia_that_is_not_positive_definite_is_told(method: str) -> None:
+def test_an_inertia_that_is_not_positive_definite_is_reported(method: str) -> None:
     robot = random_chain(np.random.default_rng(31), 3, 0.0)
     q, qd, tau = random_state(np.random.default_rng(32), 3)
     given = {'q': q, 'qd': qd, 'tau': tau}
@@ -127,14 +119,14 @@ def test_an_inertia_that_is_not_positive_definite_is_told(method: str) -> None:
 @pytest.mark.parametrize('method', METHODS)
 @pytest.mark.parametrize('value', [np.nan, np.inf])
 @pytest.mark.parametrize('name', ['q', 'qd', 'tau'])
-def test_nan_and_infinity_are_told(method: str, value: float, name: str) -> None:
+def test_nan_and_infinity_are_reported(method: str, value: float, name: str) -> None:
     robot = random_chain(np.random.default_rng(33), 3, 0.0)
     given = dict(zip(('q', 'qd', 'tau'), random_state(np.random.default_rng(34), 3), strict=True))
     given[name][1] = value
     assert not sound(method, run(record(method, resolve(robot)), given))
 
 
-def test_conjugate_gradients_tell_when_the_iterations_ran_out() -> None:
+def test_conjugate_gradients_report_that_the_iterations_ran_out() -> None:
     robot = random_chain(np.random.default_rng(35), 6, 0.0)
     q, qd, tau = random_state(np.random.default_rng(36), 6)
     program = record_walker_orin_4(resolve(robot), 'sequential', at_most=3)
@@ -144,7 +136,7 @@ def test_conjugate_gradients_tell_when_the_iterations_ran_out() -> None:
 
 def test_conjugate_gradients_have_nothing_to_do_where_nothing_acts() -> None:
     robot = random_chain(np.random.default_rng(37), 4)
-    plant = resolve(robot, Scene(gravity=None, brakes=True))
+    plant = resolve(robot, pfd.Scene(gravity=None, brakes=True))
     given = {'q': np.ones(4), 'qd': np.zeros(4), 'tau': np.zeros(4), 'free': np.ones(4)}
     for changed in ({}, {'tau': np.ones(4), 'free': np.zeros(4)}):
         found = run(record('walker_orin_4', plant), {**given, **changed})
@@ -165,26 +157,3 @@ def test_an_iteration_that_cannot_run_is_refused(wrong: dict[str, float], messag
     plant = resolve(random_chain(np.random.default_rng(38), 2))
     with pytest.raises(ValueError, match=message):
         record_walker_orin_4(plant, 'sequential', **wrong)  # type: ignore[arg-type]
-
-
-# ---- native code -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize('method', METHODS)
-@pytest.mark.parametrize('dtype', ['float64', 'float32'])
-@pytest.mark.slow
-def test_kernel_and_emulator_give_the_same_bits(method: str, dtype: str) -> None:
-    rng = np.random.default_rng(39)
-    robot = random_chain(rng, 3)
-    scene = replace(EVERYTHING, brakes=True)
-    stages = lower(record(method, resolve(robot, scene)), dtype, ['qdd'])
-    spec = KernelSpec(robot, scene, method, dtype)
-    kernel = Kernel(spec, KernelSource(lambda: stages), lambda: kernel)
-    rows = [random_state(rng, 3) for _ in range(9)]
-    q, qd, tau = (np.array([row[k] for row in rows], dtype) for k in range(3))
-    wrench, brakes = rng.normal(size=(9, 6)).astype(dtype), rng.random((9, 3)) < 0.3
-    given = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': 1.0 - brakes}
-    wanted = run(stages.compiled, given, dtype)['qdd']
-    np.testing.assert_array_equal(kernel(q, qd, tau, wrench, brakes=brakes), wanted)
-    one = kernel(q[4], qd[4], tau[4], wrench[4], brakes=brakes[4])
-    np.testing.assert_array_equal(one, wanted[4])

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The triangular array: cycles as closed forms, exact results, and the literal design."""
+"""The triangular array: cycles as closed forms, exact results, the literal design, PCRBM on it."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from typing import Any
 from closed_forms import SIZES
 import mpmath
 import numpy as np
+from oracle import Oracle, jacobi_condition, relative
 import pytest
-from tolerances import FIFTY_DIGITS
-from zoo import Array
+from tolerances import ACCELERATION, FIFTY_DIGITS
+from zoo import Array, random_chain, random_state
 
+import pfd_core as pfd
 from pfd_core.algorithms.paper.array_solver import factor, pipeline, solve
 from pfd_core.algorithms.paper.literal_array import (
     STORE,
@@ -22,6 +24,7 @@ from pfd_core.algorithms.paper.literal_array import (
     literal_square,
     literal_streams,
 )
+from pfd_core.algorithms.paper.pcrbm_array import SECTION
 from pfd_core.algorithms.paper.triangular_array import (
     DIVIDE,
     MULTIPLY,
@@ -33,8 +36,11 @@ from pfd_core.algorithms.paper.triangular_array import (
     square,
     triangle,
 )
-from pfd_core.machine.program import Steps
+from pfd_core.algorithms.programs import FORWARD
+from pfd_core.kernels.passes.pipeline import lower
+from pfd_core.machine.emulator import run
 from pfd_core.machine.systolic import LinkError, Ports, Step
+from pfd_core.model import resolve
 
 
 def integers(rng: np.random.Generator, n: int) -> tuple[Array, Array, Array]:
@@ -110,7 +116,7 @@ def test_the_literal_design_keeps_its_input_when_the_paper_says(n: int) -> None:
 @pytest.mark.parametrize('n', SIZES)
 def test_the_literal_design_takes_3n_minus_1_cycles_for_equations_11_and_12(n: int) -> None:
     _, H, _ = integers(np.random.default_rng(n), n)
-    # One on the diagonal, little beside it: the one kind of matrix whose roots all exist.
+    # One on the diagonal, little elsewhere: the one kind of matrix whose roots all exist.
     mild = np.eye(n) + (H - np.diag(np.diag(H))) / (64.0 * n * abs(H).max())
     for matrix in (H, mild):
         run_of_array = literal_array(matrix)
@@ -211,7 +217,7 @@ def test_utilisation_and_cycles_of_each_kind_are_closed_forms(n: int) -> None:
     acting = n * (n + 1) * (n + 2) / 6 + 2 * cells
     assert whole.utilisation == pytest.approx(acting / cells / (5 * n - 2))
     multiply, divide, root = (whole.cycles_with(name) for name in (MULTIPLY, DIVIDE, ROOT))
-    assert solve_steps(n) == Steps(multiply, multiply, divide, root)
+    assert solve_steps(n) == pfd.Steps(multiply, multiply, divide, root)
 
 
 @pytest.mark.parametrize('dtype', ['float32', 'float64'])
@@ -265,3 +271,44 @@ def test_a_matrix_that_is_not_positive_definite_is_a_status(H: Any) -> None:
 def test_bad_input_is_named(call: Any, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         call()
+
+
+# ---- forward dynamics on the array; its physics is in test_algorithms_methods ----------------
+
+
+@pytest.mark.parametrize(
+    ('n', 'schedule'),
+    [*((n, 'parallel') for n in SIZES), *((n, 'sequential') for n in (1, 2, 6, 12))],
+)
+def test_the_cells_do_a_cholesky_solve_and_the_lanes_pcrbm_and_ne1(n: int, schedule: str) -> None:
+    plant = resolve(random_chain(np.random.default_rng(n), n, 0.0))
+    work = (n**3 - n) // 6 + n * (n - 1)
+    program = FORWARD['pcrbm_array'](plant, schedule)
+    cells, whole = program.count(section=SECTION), program.count()
+    assert cells == pfd.Steps(work, work, n * (n - 1) // 2 + 2 * n, n)
+    # Beside the cells all of PCRBM but its own solve.
+    pcrbm = FORWARD['pcrbm'](plant, schedule)
+    solve = [pcrbm.count(section=section) for section in ('factorisation', 'column sweep')]
+    for kind in ('multiplications', 'additions', 'divisions'):
+        rest = getattr(pcrbm.count(), kind) - sum(getattr(part, kind) for part in solve)
+        assert getattr(whole, kind) == rest + getattr(cells, kind)
+    streams = program.count(section=f'streams of the {SECTION}').routes
+    elements = n * (n + 1) // 2 + n
+    # h_11 and y_1 are on lane 0 anyway.
+    assert streams == (elements - 2 if schedule == 'parallel' else 0)
+
+
+@pytest.mark.parametrize('n', [1, 2, 6])
+def test_the_sequential_program_can_be_lowered_and_keeps_its_answer(n: int) -> None:
+    rng = np.random.default_rng(n)
+    robot = random_chain(rng, n)
+    plant = resolve(robot, pfd.Scene(brakes=True, external_wrench=True))
+    program = FORWARD['pcrbm_array'](plant, 'sequential')
+    short = lower(program, 'float64', ['qdd']).compiled
+    q, qd, tau = random_state(rng, n)
+    inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6), 'free': np.ones(n)}
+    found = run(short, inputs)['qdd']
+    # Sines of the kernel are its own, within two units of rounding of the library's.
+    H = Oracle(robot).H(q)
+    assert relative(found, run(program, inputs)['qdd']) < ACCELERATION * jacobi_condition(H)
+    assert len(short.instructions) > n

@@ -29,9 +29,8 @@ from pfd_core.kernels.runtime.jit import Target, compile_ir, emit, simd_width
 from pfd_core.kernels.source import ProductSource, derivatives, turned_joints
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.emulator import run
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
-from pfd_core.model import Robot, resolve
+from pfd_core.model import resolve
 
 Arrays = dict[str, NDArray[Any]]
 ARM64 = Target('aarch64-unknown-linux-gnu')
@@ -50,17 +49,20 @@ ARMS = {
 
 @pytest.fixture(autouse=True)
 def uncached(monkeypatch: pytest.MonkeyPatch) -> None:
-    # What is on disk tells neither tiles nor where a program was cut.
+    # Keys of kernels on disk have neither tiles nor the places where a program was cut.
     monkeypatch.setenv('PFD_CACHE', '')
 
 
-def arm(name: str) -> Robot:
+def arm(name: str) -> pfd.Robot:
     types = ARMS[name]
     return random_chain(np.random.default_rng(71), len(types), joint_types=types)
 
 
 def jacobian(
-    robot: Robot, scene: pfd.Scene | None = None, method: str = 'composite_body', **options: Any
+    robot: pfd.Robot,
+    scene: pfd.Scene | None = None,
+    method: str = 'composite_body',
+    **options: Any,
 ) -> ProductSource:
     scene = pfd.Scene() if scene is None else scene
     return derivatives(KernelSpec(robot, scene, method, quantity='derivatives', **options))
@@ -75,7 +77,7 @@ def states(source: ProductSource, n: int, dtype: str) -> Arrays:
     return given
 
 
-def native(source: ProductSource, robot: Robot, dtype: str, width: int) -> Callable[..., Any]:
+def native(source: ProductSource, robot: pfd.Robot, dtype: str, width: int) -> Callable[..., Any]:
     code = source.compile(
         f'kernel {width}', lambda: source.module(dtype, width, turned_joints(robot))
     )
@@ -94,7 +96,7 @@ def emulated(source: ProductSource, given: Arrays, dtype: str = 'float64') -> ND
     return np.asarray(result.reshape(STATES, -1))
 
 
-def assert_native_is_emulated(source: ProductSource, robot: Robot, dtype: str) -> None:
+def assert_native_is_emulated(source: ProductSource, robot: pfd.Robot, dtype: str) -> None:
     given = states(source, robot.n, dtype)
     wanted = emulated(source, given, dtype)
     assert source.shape == (robot.n, 3 * robot.n)
@@ -159,13 +161,13 @@ def test_it_compiles_for_a_processor_of_another_kind(width: int) -> None:
     program = jacobian(arm('one revolute')).factors
     form = Format('float64', width, strided=width > 1)
     functions = [part(program, form, (0,)) for part in (product.product, product.jacobian)]
-    text = module(functions, form, (0,), product.vector_widths(form))
+    ir = module(functions, form, (0,), product.vector_widths(form))
     llvm.initialize_all_targets()
     try:
         llvm.Target.from_triple(ARM64.triple)
     except RuntimeError:
         pytest.skip('this LLVM was built without 64-bit ARM')
-    assert emit(text, ARM64).startswith(b'\x7fELF')
+    assert emit(ir, ARM64).startswith(b'\x7fELF')
 
 
 def test_only_short_programs_change_their_order() -> None:
@@ -193,9 +195,9 @@ def test_chunks_that_would_take_too_much_of_the_stack_are_smaller(monkeypatch: A
     robot = arm('four mixed')
     source = jacobian(robot)
     width = simd_width('float64')
-    text = source.module('float64', width, ())
-    assert f'alloca [{source.elements} x <{width} x double>]' in text
-    assert f'alloca [{source.elements * batch.CHUNK} x' not in text
+    ir = source.module('float64', width, ())
+    assert f'alloca [{source.elements} x <{width} x double>]' in ir
+    assert f'alloca [{source.elements * batch.CHUNK} x' not in ir
     assert_native_is_emulated(source, robot, 'float64')
 
 
@@ -254,7 +256,7 @@ def test_the_product_is_the_one_of_matrices() -> None:
     np.testing.assert_allclose(found, np.hstack([-X @ D, X * T]), rtol=0, atol=1e-14)
 
 
-def jacobian_of(program: Program, robot: Robot, width: int) -> Callable[..., None]:
+def jacobian_of(program: pfd.Program, robot: pfd.Robot, width: int) -> Callable[..., None]:
     """Return native code of @jacobian on arrays, at strides where `width` is above one."""
     form = Format('float64', width, strided=width > 1)
     angles = turned_joints(robot)
@@ -318,26 +320,26 @@ def test_operations_are_those_of_the_program_written_out() -> None:
 
 
 @pytest.mark.parametrize('width', [1, 8])
-def test_the_text_of_the_loops_does_not_grow_with_the_joints(width: int) -> None:
+def test_the_ir_of_the_loops_does_not_grow_with_the_joints(width: int) -> None:
     def lines(n: int) -> int:
         recorder = Recorder(1, 'sequential')
         q = [recorder.input('q', [k]) for k in range(n)]
         recorder.output('X', (n, n), [(q[0], 0)] * n * n)
         recorder.output('D', (n, 2 * n), [(q[0], 0)] * 2 * n * n)
         form = Format('float64', width, strided=width > 1)
-        text = product.product(recorder.program(), form, ())
-        return text[text.index('@evaluate') :].count('\n')
+        ir = product.product(recorder.program(), form, ())
+        return ir[ir.index('@evaluate') :].count('\n')
 
     assert lines(12) == lines(28) < 300
 
 
-def test_the_text_of_a_long_chain_is_short_and_in_short_functions() -> None:
-    # The time of the compiler follows the lines of the text and the length of functions.
+def test_the_ir_of_a_long_chain_is_short_and_in_short_functions() -> None:
+    # The time of the compiler follows the lines of the ir and the length of functions.
     robot = random_chain(np.random.default_rng(74), 16)
     source = jacobian(robot)
-    text = product_module(source.factors, 'float64', 8, ())
-    functions = text.split('define ')[1:]
+    ir = product_module(source.factors, 'float64', 8, ())
+    functions = ir.split('define ')[1:]
     parts = [part for part in functions if '@part' in part.split('(')[0]]
     assert len(parts) == -(-sum(operations(source.factors).values()) // body.PART_TO_SCRATCH)
     assert max(part.count('\n') for part in parts) < 8 * body.PART_TO_SCRATCH
-    assert text.count('\n') < 4 * len(joined(source.factors).instructions)
+    assert ir.count('\n') < 4 * len(joined(source.factors).instructions)

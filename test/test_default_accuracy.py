@@ -14,11 +14,12 @@ from pfd_core.algorithms.grouped.links import centered_links, grouped_links
 from pfd_core.kernels import auto
 from pfd_core.model import resolve
 from pfd_core.report import mechanism_pages
-from pfd_core.report.hard_case_errors import kernel_answer, worst
-from pfd_core.report.hard_case_mechanisms import dropped, lifted, mechanism, on_one_axis, weighed
-from pfd_core.report.hard_case_problems import Problem
-from pfd_core.report.hard_case_reference import reference
-from pfd_core.report.mechanism_pages import MECHANISMS, Result, is_worse, markdown
+from pfd_core.report.cases.hard_cases import MECHANISMS
+from pfd_core.report.cases.problems import Problem, dropped, lifted, on_one_axis, weighed
+from pfd_core.report.cases.robots import mechanism
+from pfd_core.report.measure.errors import kernel_answer, worst
+from pfd_core.report.measure.reference import reference
+from pfd_core.report.mechanism_pages import Result, is_worse, markdown
 from pfd_ros.cli import main as command_line
 
 # Forward dynamics of an ordinary arm of six joints errs by up to 16 units of rounding.
@@ -26,7 +27,7 @@ LAST_DIGITS = 32 * 2.0**-53
 
 
 def error(problem: Problem, refine: int = 0) -> float:
-    """Return the error of the default beside 50 digits."""
+    """Return the error of the default compared with 50 digits."""
     return worst(kernel_answer(problem, 'float64', refine), reference(problem))
 
 

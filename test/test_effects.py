@@ -31,16 +31,14 @@ from pfd_core.algorithms.acceleration_derivatives import (
     record_acceleration_derivatives,
     record_derivatives,
 )
-from pfd_core.algorithms.programs import ITERATIVE, METHODS, record_inverse_dynamics
+from pfd_core.algorithms.programs import ITERATIVE, record_inverse_dynamics
 from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.kernels.quantities import QUANTITIES
 from pfd_core.kernels.spec import KernelSpec
 from pfd_core.machine.emulator import run
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Recorder
 from pfd_core.model import Effect, resolve
-from pfd_core.model.effects import EFFECTS, FIELDS, JOINTS, MOTORS, STEP
-from pfd_core.report.scene_effects import without
+from pfd_core.model.effects import FIELDS, JOINTS, MOTORS, STEP
 
 DIGITS = 50
 # Half a step of central differences in 50 digits: their error is its square.
@@ -56,8 +54,8 @@ ITERATED = 1e-9
 # Inertias of links, forces of some newtons: an effect that is left out changes more than this.
 NOTICED = 1e-4
 
-INSTANT = {effect.name: effect for effect in EFFECTS if effect.acts != STEP}
-OVER_A_STEP = {effect.name: effect for effect in EFFECTS if effect.acts == STEP}
+INSTANT = {effect.name: effect for effect in pfd.EFFECTS if effect.acts != STEP}
+OVER_A_STEP = {effect.name: effect for effect in pfd.EFFECTS if effect.acts == STEP}
 KINDS = ('revolute', 'prismatic', 'continuous')
 N = len(KINDS)
 BRAKED = np.array([False, True, False])
@@ -90,6 +88,17 @@ def scene_of(name: str) -> pfd.Scene:
     """Return a scene with one effect, and gravity where it needs some."""
     others = {'gravity': example(FIELDS['gravity'], N)} if name in ('gravity', 'payload') else {}
     return scene_with(*(field.name for field in INSTANT[name].fields), n=N, **others)
+
+
+def test_a_scene_without_an_effect_is_also_without_those_that_need_it() -> None:
+    scene = scene_with('friction', 'static_friction', 'damping', n=N)
+    assert scene.without({'friction'}) == scene_with('damping', n=N)
+    assert scene.without(()) == scene
+
+
+def test_a_name_of_no_effect_cannot_be_left_out() -> None:
+    with pytest.raises(ValueError, match=r"names must be one of \('gravity', .*, got 'drag'"):
+        pfd.Scene().without({'drag'})
 
 
 # ---- reference -------------------------------------------------------------------------------
@@ -209,7 +218,7 @@ def found(quantity: str, scene: pfd.Scene) -> Array:
     return np.array([answer[0], *slopes], dtype=float)
 
 
-def energy(program: Program, at: dict[str, Array]) -> Any:
+def energy(program: pfd.Program, at: dict[str, Array]) -> Any:
     return run(program, {key: at[key] for key in program.inputs}, digits=DIGITS)['energy']
 
 
@@ -265,7 +274,7 @@ def test_every_kernel_has_every_effect(quantity: str, name: str) -> None:
 @pytest.mark.parametrize('name', INSTANT)
 @pytest.mark.slow
 def test_every_quantity_that_forgot_an_effect_would_be_noticed(name: str) -> None:
-    off = without(scene_of(name), {name})
+    off = scene_of(name).without({name})
     forgotten = []
     for quantity in WHOLE:
         forgetful = found(quantity, off)
@@ -298,16 +307,28 @@ def emulated(method: str, scene: pfd.Scene, tau: Any) -> Any:
     ).qdd
 
 
+@cache
+def exact_accelerations(name: str) -> Any:
+    with mp.workdps(DIGITS):
+        return accelerations(name, state())
+
+
+@cache
+def accelerations_without_effects(method: str) -> Any:
+    with mp.workdps(DIGITS):
+        return emulated(method, scene_with(n=N), fifty(state()['tau']))
+
+
 @pytest.mark.parametrize('name', INSTANT)
-@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('method', pfd.METHODS)
 def test_every_method_has_every_effect(method: str, name: str) -> None:
     effect, scene, tau = INSTANT[name], scene_of(name), fifty(state()['tau'])
     exact = ITERATED if method in ITERATIVE else FIFTY_DIGITS
     with mp.workdps(DIGITS):
         qdd = emulated(method, scene, tau)
-        assert_equal(qdd, accelerations(name, state()), max(exact, KERNEL))
+        assert_equal(qdd, exact_accelerations(name), max(exact, KERNEL))
         # A method has rounded parameters of its own, but what the effect adds has 50 digits.
-        bare = emulated(method, scene_with(n=N), tau)
+        bare = accelerations_without_effects(method)
         if effect.acts == JOINTS:
             taken = of_record(effect, scene, moved(state(), qdd=bare))
             # The pivot of a joint with a rotor has other constants in articulated bodies.
@@ -389,14 +410,17 @@ def test_the_torque_of_a_record_is_the_derivative_of_its_potential(name: str) ->
 def test_effects_over_a_step_are_refused_at_an_instant_and_in_no_other_quantity(
     name: str,
 ) -> None:
-    scene = scene_with(OVER_A_STEP[name].field, n=N)
-    for quantity in ('forward_dynamics', 'inverse_dynamics', 'derivatives'):
-        with pytest.raises(ValueError, match='act over a step of time'):
-            pfd.compile_kernel(robot(), scene=scene, quantity=quantity)
-    for quantity in ('inertia_matrix', 'gravity_torques', 'bias_torques'):
-        np.testing.assert_array_equal(
-            found(quantity, scene), found(quantity, scene_with(n=N)), quantity
-        )
+    scene, bare = scene_with(OVER_A_STEP[name].field, n=N), scene_with(n=N)
+    message = f"'{OVER_A_STEP[name].field}'.* act over a step of time.*Simulator"
+    for quantity in QUANTITIES:
+        if quantity in ('forward_dynamics', 'inverse_dynamics', 'derivatives'):
+            with pytest.raises(ValueError, match=message):
+                pfd.compile_kernel(robot(), scene=scene, quantity=quantity)
+        else:
+            with_it, without_it = (
+                pfd.compile_kernel(robot(), scene=x, quantity=quantity).ir for x in (scene, bare)
+            )
+            assert with_it == without_it, quantity
 
 
 @pytest.mark.parametrize('name', [*INSTANT, *OVER_A_STEP])
@@ -418,7 +442,7 @@ def cells(line: str) -> list[str]:
 
 def test_the_guide_has_the_table_of_effects_and_the_effects_of_every_quantity() -> None:
     rows = [cells(line) for line in GUIDE.read_text('utf-8').splitlines() if line.startswith('|')]
-    for effect in EFFECTS:
+    for effect in pfd.EFFECTS:
         assert [
             effect.name,
             ', '.join(f'`{field.name}`' for field in effect.fields),

@@ -190,7 +190,7 @@ METHODS: dict[str, dict[str, dict[str, Any]]] = {
     },
     'Program': {'count': {}},
     'Robot': {'frame': {}},
-    'Scene': {'save': {}},
+    'Scene': {'save': {}, 'without': {'names': ()}},
     'Simulator': {
         'linearize': STATES,
         'prepare_payload': {'payload': None},

@@ -11,21 +11,20 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
+from sine_cases import angles, float32_angles, ulps, worst_ulps
 
 import pfd_core as pfd
 from pfd_core.algorithms.programs import record_forward_dynamics
 from pfd_core.kernels.passes.dead_code import eliminate_dead_code
 from pfd_core.kernels.passes.fuse import LATENCY, fuse
 from pfd_core.kernels.passes.pipeline import lower, operations
-from pfd_core.kernels.passes.sincos import WRAP_LIMIT
 from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import iterate
 from pfd_core.machine.lanes import cos, sin, where
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import resolve
 
-Text = Callable[[Lanes, Lanes, Lanes], Any]
+Function = Callable[[Lanes, Lanes, Lanes], Any]
 NAMES = 'xyz'
 # What pfd_core.kernels.passes.sincos promises, in units in the last place.
 ULPS = 1.5
@@ -33,16 +32,16 @@ ULPS = 1.5
 ALL_FLOAT32 = 1.42
 
 
-def recorded(text: Callable[..., Any], names: str = NAMES) -> Program:
-    """Record text(x, y, z) over one lane; its results are the outputs."""
+def recorded(function: Callable[..., Any], names: str = NAMES) -> pfd.Program:
+    """Record function(x, y, z) over one lane; its results are the outputs."""
     recorder = Recorder(1, 'sequential')
-    found = text(*(recorder.input(name, [0]) for name in names))
+    found = function(*(recorder.input(name, [0]) for name in names))
     values = found if isinstance(found, tuple) else (found,)
     recorder.output('out', (len(values),), [(value, 0) for value in values])
     return recorder.program()
 
 
-def depth(program: Program) -> int:
+def depth(program: pfd.Program) -> int:
     """Return the cycles from the inputs to the last output with processors to spare."""
     ready: list[int] = []
     for op, args, *_ in program.instructions:
@@ -51,7 +50,7 @@ def depth(program: Program) -> int:
 
 
 @pytest.mark.parametrize(
-    ('text', 'left'),
+    ('function', 'left'),
     [
         (lambda x, y, z: x * y + z, {'fma': 1}),
         (lambda x, y, z: z + x * y, {'fma': 1}),
@@ -61,15 +60,17 @@ def depth(program: Program) -> int:
         (lambda x, y, z: x * x + y * y + z * z, {'fma': 2, 'mul': 1}),
         # Every use of the product is an addition: it is taken in by both.
         (lambda x, y, z: (lambda p: (p + z, x - p))(x * y), {'fma': 2, 'neg': 1}),
-        # It is needed beside: nothing would be saved.
+        # Another operation needs it: nothing would be saved.
         (lambda x, y, z: (lambda p: (p + z, p))(x * y), {'mul': 1, 'add': 1}),
         (lambda x, y, z: (lambda p: (p + z) * p)(x * y), {'mul': 2, 'add': 1}),
         (lambda x, y, z: where(x * y, z, x) + z, {'mul': 1, 'select': 1, 'add': 1}),
         (lambda x, y, z: x + y - z, {'add': 1, 'sub': 1}),
     ],
 )
-def test_products_are_taken_in_where_they_disappear(text: Text, left: dict[str, int]) -> None:
-    program = recorded(text)
+def test_products_are_fused_where_nothing_else_needs_them(
+    function: Function, left: dict[str, int]
+) -> None:
+    program = recorded(function)
     fused = eliminate_dead_code(fuse(program))
     assert operations(fused) == left
     rng = np.random.default_rng(1)
@@ -82,15 +83,17 @@ def test_products_are_taken_in_where_they_disappear(text: Text, left: dict[str, 
 
 
 @pytest.mark.parametrize(
-    ('text', 'exact'),
+    ('function', 'exact'),
     [
         (lambda x, y, z: x * y + z, lambda x, y, z: x * y + z),
         (lambda x, y, z: x * y - z, lambda x, y, z: x * y - z),
         (lambda x, y, z: z - x * y, lambda x, y, z: z - x * y),
     ],
 )
-def test_a_product_and_a_sum_are_rounded_once(text: Text, exact: Callable[..., Fraction]) -> None:
-    fused = fuse(recorded(text))
+def test_a_product_and_a_sum_are_rounded_once(
+    function: Function, exact: Callable[..., Fraction]
+) -> None:
+    fused = fuse(recorded(function))
     rng = np.random.default_rng(2)
     x, y = rng.uniform(1, 2, (2, 200))
     z = x * y  # what is left is below its last digit
@@ -103,15 +106,15 @@ def test_a_product_and_a_sum_are_rounded_once(text: Text, exact: Callable[..., F
         np.testing.assert_array_equal(found[:, 0], wanted)
 
 
-def test_of_two_products_the_one_that_is_ready_last_is_taken_in() -> None:
+def test_of_two_products_the_one_that_is_ready_last_is_fused() -> None:
     def late(x: Lanes, y: Lanes, z: Lanes) -> Lanes:
         return ((x + y) + z) * x + y * z
 
     def turned(x: Lanes, y: Lanes, z: Lanes) -> Lanes:
         return y * z - ((x + y) + z) * x
 
-    for text in (late, turned):
-        program = recorded(text)
+    for function in (late, turned):
+        program = recorded(function)
         fused = eliminate_dead_code(fuse(program))
         assert depth(program) == 4 * 4
         assert depth(fused) == 3 * 4
@@ -151,33 +154,9 @@ def test_a_loop_is_fused_as_well() -> None:
     np.testing.assert_array_equal(found, [[3, 2], [3, 1], [12, 1]])
 
 
-def pair(dtype: str) -> Program:
+def pair(dtype: str) -> pfd.Program:
     """Return sine and cosine of x as a kernel computes them."""
     return lower(recorded(lambda x: (sin(x), cos(x)), 'x'), dtype).compiled
-
-
-def angles(dtype: str, count: int) -> np.ndarray:
-    """Angles of every size, and next to where the polynomials change places."""
-    rng = np.random.default_rng(7)
-    sign = rng.choice([-1.0, 1.0], count)
-    k = rng.integers(-63661, 63662, count)
-    return np.concatenate(
-        [
-            rng.uniform(-WRAP_LIMIT, WRAP_LIMIT, count),
-            rng.uniform(-7, 7, count),
-            sign * 2 ** rng.uniform(-40, np.log2(WRAP_LIMIT), count),
-            k * np.pi / 2 + sign * rng.uniform(0.76, 0.79, count),
-            k * np.pi / 2 + sign * 2 ** rng.uniform(-40, -1, count),
-            [WRAP_LIMIT, -WRAP_LIMIT],
-        ]
-    ).astype(dtype)
-
-
-def ulps(x: float, value: float, function: Callable[[Any], Any], digits: int) -> float:
-    with mpmath.workprec(200):
-        reference = function(mpmath.mpf(x))
-        exponent = int(mpmath.floor(mpmath.log(abs(reference), 2)))
-        return float(mpmath.ldexp(abs(mpmath.mpf(value) - reference), digits - exponent))
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
@@ -186,10 +165,8 @@ def test_a_fused_sine_keeps_its_promises(dtype: str) -> None:
     found = run(pair(dtype), {'x': x[:, None]}, dtype)['out']
     assert found.dtype == dtype
     assert np.abs(found).max() <= 1
-    digits = np.finfo(dtype).nmant
-    for column, function in zip(found.T.tolist(), (mpmath.sin, mpmath.cos), strict=True):
-        errors = [ulps(a, v, function, digits) for a, v in zip(x.tolist(), column, strict=True)]
-        assert max(errors) <= ULPS
+    for column, function in zip(found.T, (mpmath.sin, mpmath.cos), strict=True):
+        assert worst_ulps(x, column, function) <= ULPS
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
@@ -203,10 +180,7 @@ def test_a_fused_sine_is_odd_and_keeps_the_sign_of_zero(dtype: str) -> None:
 
 
 def test_a_sweep_of_float32_stays_below_the_promised_ulps() -> None:
-    first, last = np.array([1e-6, WRAP_LIMIT], 'float32').view('uint32')
-    x = np.arange(first, last + 1, 1511, dtype='uint32').view('float32')
+    x = float32_angles(1511)
     found = run(pair('float32'), {'x': x[:, None]}, 'float32')['out']
     for column, function in zip(found.T, (np.sin, np.cos), strict=True):
-        reference = function(x.astype(float))
-        unit = np.ldexp(1.0, np.frexp(reference)[1] - 1 - np.finfo('float32').nmant)
-        assert (np.abs(column - reference) / unit).max() <= ALL_FLOAT32
+        assert ulps(column, function(x.astype(float))).max() <= ALL_FLOAT32

@@ -1,12 +1,12 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
 """
-The text of native code, line by line, for an arm with a revolute and a prismatic joint.
+The IR of native code, line by line, for an arm with a revolute and a prismatic joint.
 
     PFD_GOLDEN=write pytest test/test_kernels_golden.py
 
-writes test/data/*.ll anew, for a change of the text that is meant; its diff is to be reviewed.
-Each function is in the first file that has it. @wrap_angle has tests of its own.
+writes test/data/*.ll anew, for an intended change of the IR; its diff is to be reviewed.
+Each function is in the first file that has it. @wrap_angle has its own tests.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ ARM = urdf(
 
 
 def modules() -> Iterator[tuple[str, str]]:
-    """Yield the name and the text of each kind of module."""
+    """Yield the name and the IR of each kind of module."""
     robot = pfd.load_robot(ARM)
     scene = pfd.Scene(gravity=(0.0, -8.0, 0.0), brakes=True)
     spec = KernelSpec(robot, scene, 'composite_body')
@@ -55,21 +55,21 @@ def modules() -> Iterator[tuple[str, str]]:
 
 
 @cache
-def texts() -> dict[str, str]:
+def functions_of_modules() -> dict[str, str]:
     """Return each kind of module without functions that an earlier one has."""
     seen = {'@wrap_angle'}
     found = {}
     for name, module in modules():
         functions = re.findall(r'^(define .*?(@\w+)\(.*?^}\n)', module + '\n', re.M | re.S)
-        own = [text for text, called in functions if not {text, called} & seen]
+        own = [ir for ir, called in functions if not {ir, called} & seen]
         seen.update(own)
         found[name] = '\n'.join(own)
     return found
 
 
 @pytest.mark.parametrize('name', ['kernel', 'rollout', 'batch', 'ensemble'])
-def test_the_text_of_native_code_is_the_golden_one(name: str) -> None:
+def test_the_ir_of_native_code_is_the_golden_one(name: str) -> None:
     golden = DATA / f'{name}.ll'
     if os.environ.get('PFD_GOLDEN') == 'write':
-        golden.write_text(texts()[name])
-    assert texts()[name].splitlines() == golden.read_text().splitlines()
+        golden.write_text(functions_of_modules()[name])
+    assert functions_of_modules()[name].splitlines() == golden.read_text().splitlines()

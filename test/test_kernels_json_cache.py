@@ -167,7 +167,7 @@ def zipped(archive: Path, robot: Path) -> list[Any]:
     return found
 
 
-@pytest.mark.parametrize('suffix', ['.py', '.pyc'])
+@pytest.mark.parametrize('suffix', ['.py', pytest.param('.pyc', marks=pytest.mark.slow)])
 def test_a_package_in_a_zip_file_keeps_kernels_too(
     folder: Path, tmp_path: Path, suffix: str
 ) -> None:

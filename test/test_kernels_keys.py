@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Keys of native code: settings that share a key have the same text, whatever they differ in."""
+"""Keys of native code: settings that share a key have the same IR."""
 
 from __future__ import annotations
 
@@ -80,16 +80,16 @@ CHANGES: tuple[dict[str, Any], ...] = (
 
 
 class NotCompiledError(Exception):
-    """Raised in place of compiling a text."""
+    """Raised in place of compiling a module."""
 
 
 @pytest.fixture
-def texts(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, ...], set[str]]:
-    """Return the texts of native code by their keys, which grow; nothing is compiled."""
+def irs(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, ...], set[str]]:
+    """Return a growing table of the IR of native code by its keys; nothing is compiled."""
     found: dict[tuple[str, ...], set[str]] = {}
 
-    def compile(self: KernelSource, module: str, text: Callable[[], str]) -> None:
-        found.setdefault((*self.key, module), set()).add(text())
+    def compile(self: KernelSource, module: str, ir: Callable[[], str]) -> None:
+        found.setdefault((*self.key, module), set()).add(ir())
         raise NotCompiledError
 
     monkeypatch.setenv('PFD_CACHE', '')
@@ -97,8 +97,8 @@ def texts(monkeypatch: pytest.MonkeyPatch) -> dict[tuple[str, ...], set[str]]:
     return found
 
 
-def check(texts: dict[tuple[str, ...], set[str]], builds: Iterator[Callable[[], Any]]) -> None:
-    """Write the text of each piece of native code, and look for keys that have several."""
+def check(irs: dict[tuple[str, ...], set[str]], builds: Iterator[Callable[[], Any]]) -> None:
+    """Write the IR of each piece of native code, and look for keys that have several."""
     refused = 0
     for build in builds:
         try:
@@ -107,8 +107,8 @@ def check(texts: dict[tuple[str, ...], set[str]], builds: Iterator[Callable[[], 
         except ValueError:
             # An effect over a step has no kernel of an instant.
             refused += 1
-    assert len(texts) > refused > 0
-    assert not [key for key, written in texts.items() if len(written) > 1]
+    assert len(irs) > refused > 0
+    assert not [key for key, written in irs.items() if len(written) > 1]
 
 
 def robot() -> pfd.Robot:
@@ -116,7 +116,7 @@ def robot() -> pfd.Robot:
 
 
 @pytest.mark.slow
-def test_keys_of_kernels_decide_their_text(texts: dict[tuple[str, ...], set[str]]) -> None:
+def test_kernels_with_equal_keys_have_equal_ir(irs: dict[tuple[str, ...], set[str]]) -> None:
     arm = robot()
     places = [{'b': Frame(link, np.eye(3), np.arange(3.0))} for link in (1, 2)]
 
@@ -135,12 +135,12 @@ def test_keys_of_kernels_decide_their_text(texts: dict[tuple[str, ...], set[str]
             other = replace(arm, frames=frames)
             yield lambda a=other, q=quantity: pfd.compile_kernel(a, quantity=q, frame='b')
 
-    check(texts, builds())
+    check(irs, builds())
 
 
 @pytest.mark.slow
-def test_keys_of_simulations_and_linearised_steps_decide_their_text(
-    texts: dict[tuple[str, ...], set[str]],
+def test_simulations_and_linearised_steps_with_equal_keys_have_equal_ir(
+    irs: dict[tuple[str, ...], set[str]],
 ) -> None:
     arm = robot()
 
@@ -159,4 +159,4 @@ def test_keys_of_simulations_and_linearised_steps_decide_their_text(
                 yield lambda s=scene, own=own: pfd.Ensemble(arm, 2, s, **own)
                 yield lambda still=still: LinearStep(still)
 
-    check(texts, builds())
+    check(irs, builds())

@@ -1,16 +1,16 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Long chains: the O(n) text is chosen, its kernel is cut into parts, and both are right."""
+"""Long chains: the O(n) method is chosen, its kernel is cut into parts, and both are right."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-from oracle import Oracle, jacobi_condition, relative
+from oracle import Oracle, assert_bits_of_the_emulator, jacobi_condition, relative
 import pytest
 from tolerances import ACCELERATION
-from zoo import random_chain, random_state
+from zoo import random_chain, random_state, without_mass
 
 import pfd_core as pfd
 from pfd_core.kernels import auto
@@ -18,16 +18,14 @@ from pfd_core.kernels.codegen import batch, body
 from pfd_core.kernels.codegen.spelling import Format
 from pfd_core.kernels.runtime import jit
 from pfd_core.kernels.runtime.jit import simd_width
-from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import Recorder
-from pfd_core.model import known_robots, resolve
-from pfd_core.report.counts import uniform_chain
-from pfd_core.report.hard_case_problems import coaxial
+from pfd_core.model import resolve
+from pfd_core.report.cases.robots import coaxial, uniform_chain
 
 
 @pytest.fixture
 def cut(monkeypatch: pytest.MonkeyPatch) -> None:
-    # What is on disk does not tell where it was cut.
+    # Kernels on disk do not depend on where they were cut.
     monkeypatch.setenv('PFD_CACHE', '')
     monkeypatch.setattr(body, 'LONGEST', 0)
     monkeypatch.setattr(body, 'PART', 37)
@@ -43,14 +41,7 @@ def test_a_kernel_in_parts_gives_the_emulators_bits(method: str, dtype: str) -> 
     kernel = pfd.compile_kernel(random_chain(rng, 4), method=method, scene=scene, dtype=dtype)
     # A loop is never cut.
     assert ('@part1(' in kernel.ir) == (method != 'pcgm')
-    q, qd, tau = (np.array(x, dtype) for x in rng.normal(size=(3, 11, 4)))
-    wrench = rng.normal(size=(11, 6)).astype(dtype)
-    brakes = rng.random((11, 4)) < 0.3
-    inputs = {'q': q, 'qd': qd, 'tau': tau, 'wrench': wrench, 'free': 1.0 - brakes}
-    emulated = run(kernel.program, inputs, dtype)['qdd']
-    np.testing.assert_array_equal(kernel(q, qd, tau, wrench, brakes=brakes), emulated)
-    one = kernel(q[3], qd[3], tau[3], wrench[3], brakes=brakes[3])
-    np.testing.assert_array_equal(one, emulated[3])
+    assert_bits_of_the_emulator(kernel, rng)
 
 
 def test_a_place_of_the_frame_is_used_again_once_it_has_been_read() -> None:
@@ -59,10 +50,10 @@ def test_a_place_of_the_frame_is_used_again_once_it_has_been_read() -> None:
     for _ in range(50):
         x = x * x
     recorder.output('qdd', (1,), [(x, 0)])
-    text = body.body_in_parts(recorder.program(), Format('float64', 1), 5)
-    assert text.count('define') == 11
+    ir = body.body_in_parts(recorder.program(), Format('float64', 1), 5)
+    assert ir.count('define') == 11
     # A value passes from each part to the next; while it is read, another is written.
-    assert 'alloca [2 x double]' in text
+    assert 'alloca [2 x double]' in ir
 
 
 def test_a_result_may_be_an_input_a_constant_or_an_early_value() -> None:
@@ -74,11 +65,11 @@ def test_a_result_may_be_an_input_a_constant_or_an_early_value() -> None:
         late = late * 0.5
     values = [q[1], recorder.constant(3.0), early, late]
     recorder.output('qdd', (4,), [(value, 0) for value in values])
-    text = body.body_in_parts(recorder.program(), Format('float64', 1), 4)
-    final = text[text.index('@part5(') : text.index('define internal void @body')]
+    ir = body.body_in_parts(recorder.program(), Format('float64', 1), 4)
+    final = ir[ir.index('@part5(') : ir.index('define internal void @body')]
     assert final.count('store') == 4
     # Element 0 lies at %out itself; no other part writes results.
-    assert final.count('ptr %out, i64') == text.count('ptr %out, i64') == 3
+    assert final.count('ptr %out, i64') == ir.count('ptr %out, i64') == 3
 
 
 @pytest.mark.parametrize('dtype', ['float64', 'float32'])
@@ -136,7 +127,7 @@ def check(rng: np.random.Generator, kernel: pfd.Kernel) -> None:
         assert relative(kernel(q, qd, tau), wanted) < tolerance
 
 
-def test_the_operations_of_the_chosen_text_grow_linearly() -> None:
+def test_the_operations_of_the_method_for_long_chains_grow_linearly() -> None:
     counts = [auto.cost(resolve(uniform_chain(n)), auto.MANY_JOINTS) for n in (16, 24, 32)]
     assert counts[2] - counts[1] == counts[1] - counts[0]
 
@@ -149,7 +140,7 @@ def test_auto_takes_composite_bodies_for_arms_and_articulated_bodies_for_long_ch
 
 
 @pytest.mark.parametrize('inertia', [1e-4, 1e-12, 1e-18])
-def test_auto_is_articulated_bodies_where_a_step_cannot_mend_a_cancelled_pivot(
+def test_auto_is_articulated_bodies_where_refinement_cannot_correct_a_cancelled_pivot(
     inertia: float,
 ) -> None:
     # The inertia between two joints on one axis is what is left of a diagonal of about 1.
@@ -162,14 +153,11 @@ def test_auto_is_articulated_bodies_where_a_step_cannot_mend_a_cancelled_pivot(
 
 def test_auto_refines_ordinary_arms_and_massless_joints_by_composite_bodies() -> None:
     everything = pfd.Scene(armature='model', external_wrench=True, brakes=True)
-    for name in known_robots():
+    for name in pfd.known_robots():
         for scene in (None, everything):
             plant = resolve(pfd.load_robot(name), scene)
             assert auto.choose(plant, 'auto', 1) == 'composite_body'
-    robot = uniform_chain(3)
-    no_inertia = {'masses': np.array([1.0, 1.0, 0.0]), 'inertias': robot.inertias.copy()}
-    no_inertia['inertias'][2] = 0.0
-    held = resolve(replace(robot, **no_inertia), pfd.Scene(brakes=True))
+    held = resolve(without_mass(uniform_chain(3), [2]), pfd.Scene(brakes=True))
     assert auto.choose(held, 'auto', 1) == 'composite_body'
 
 
@@ -188,14 +176,14 @@ def test_auto_counts_in_between_and_takes_the_cheaper(n: int) -> None:
         assert costs[auto.choose(plant, 'auto', 0)] == min(costs.values())
 
 
-def test_what_is_asked_for_is_taken_at_any_length() -> None:
+def test_a_requested_method_is_used_at_any_length() -> None:
     plant = resolve(uniform_chain(20))
     assert auto.choose(plant, 'composite_body', 0) == 'composite_body'
     with pytest.raises(ValueError, match=r"method must be 'auto' or one of .* got 'fastest'"):
         auto.choose(plant, 'fastest', 0)
 
 
-def test_the_code_of_a_long_text_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_code_of_a_long_ir_gives_the_same_bits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv('PFD_CACHE', '')
     states = [random_state(np.random.default_rng(k), 7) for k in range(9)]
     emit, optimise = jit.emit, jit._optimise

@@ -11,31 +11,30 @@ import numpy as np
 import pytest
 from zoo import random_chain, random_state
 
+import pfd_core as pfd
 from pfd_core.algorithms.programs import FORWARD
-from pfd_core.kernels.compile import compile_kernel
 from pfd_core.kernels.passes.dead_code import eliminate_dead_code
 from pfd_core.kernels.passes.fold import fold
 from pfd_core.kernels.passes.pipeline import lower, operations
 from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.machine.lanes import cos, sin, sqrt, where
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
-from pfd_core.model import Scene, load_robot, resolve
+from pfd_core.model import resolve
 
-Text = Callable[[Lanes, Lanes], Any]
+Function = Callable[[Lanes, Lanes], Any]
 
 
-def recorded(text: Text) -> Program:
-    """Record text(x, y) over one lane; its result is the output."""
+def recorded(function: Function) -> pfd.Program:
+    """Record function(x, y) over one lane; its result is the output."""
     recorder = Recorder(1, 'sequential')
     x, y = recorder.input('x', [0]), recorder.input('y', [0])
-    recorder.output('out', (1,), [(recorder.lift(text(x, y)), 0)])
+    recorder.output('out', (1,), [(recorder.lift(function(x, y)), 0)])
     return recorder.program()
 
 
 @pytest.mark.parametrize(
-    ('text', 'left'),
+    ('function', 'left'),
     [
         (lambda x, y: x + 0.0, {}),
         (lambda x, y: 0.0 + x, {}),
@@ -81,8 +80,8 @@ def recorded(text: Text) -> Program:
         (lambda x, y: (x - y) + (y - x), {}),
     ],
 )
-def test_folding_leaves_only_what_is_needed(text: Text, left: dict[str, int]) -> None:
-    program = recorded(text)
+def test_folding_leaves_only_what_is_needed(function: Function, left: dict[str, int]) -> None:
+    program = recorded(function)
     folded = eliminate_dead_code(fold(program))
     assert operations(folded) == left
     for x, y in [(2.0, 3.0), (-0.75, 0.3), (1e-3, -7.0)]:
@@ -105,7 +104,7 @@ def test_a_division_by_a_zero_constant_is_left_to_run_time() -> None:
     assert run(program, {'x': [1.0], 'y': [0.0]})['out'] == np.inf
 
 
-def test_dropping_keeps_the_asked_outputs_only() -> None:
+def test_dead_code_elimination_keeps_the_requested_outputs_only() -> None:
     recorder = Recorder(1, 'sequential')
     x = recorder.input('x', [0])
     recorder.output('a', (1,), [(x * x, 0)])
@@ -132,8 +131,8 @@ def test_one_expansion_serves_the_sine_and_the_cosine_of_an_angle(dtype: str) ->
 
 @pytest.mark.parametrize('name', ['puma560', 'planar2'])
 def test_a_lowered_program_agrees_with_the_program_as_written(name: str) -> None:
-    robot = load_robot(name)
-    program = FORWARD['pcrbm'](resolve(robot, Scene(external_wrench=True)), 'sequential')
+    robot = pfd.load_robot(name)
+    program = FORWARD['pcrbm'](resolve(robot, pfd.Scene(external_wrench=True)), 'sequential')
     lowered = lower(program, 'float64', ['qdd']).compiled
     rng = np.random.default_rng(1)
     q, qd, tau = random_state(rng, robot.n)
@@ -144,38 +143,38 @@ def test_a_lowered_program_agrees_with_the_program_as_written(name: str) -> None
 
 
 def test_a_scene_pays_only_for_what_it_models() -> None:
-    robot = load_robot('ur5')
+    robot = pfd.load_robot('ur5')
 
-    def cost(scene: Scene) -> int:
+    def cost(scene: pfd.Scene) -> int:
         program = FORWARD['pcrbm'](resolve(robot, scene), 'sequential')
         return sum(operations(lower(program, 'float64', ['qdd'], fma=False).compiled).values())
 
-    bare = cost(Scene(gravity=None))
+    bare = cost(pfd.Scene(gravity=None))
     # Damping takes one product and one addition a joint, a rotor one addition.
-    assert bare < cost(Scene()) < cost(Scene(gravity=(1.0, 2.0, 3.0)))
-    assert cost(Scene(damping=[0.5] * 6)) == cost(Scene()) + 12
-    assert cost(Scene(armature=[1.0] * 6)) == cost(Scene()) + 6
-    assert cost(Scene(damping=[0.0] * 6, armature=[0.0] * 6)) == cost(Scene())
+    assert bare < cost(pfd.Scene()) < cost(pfd.Scene(gravity=(1.0, 2.0, 3.0)))
+    assert cost(pfd.Scene(damping=[0.5] * 6)) == cost(pfd.Scene()) + 12
+    assert cost(pfd.Scene(armature=[1.0] * 6)) == cost(pfd.Scene()) + 6
+    assert cost(pfd.Scene(damping=[0.0] * 6, armature=[0.0] * 6)) == cost(pfd.Scene())
 
 
 def test_right_angles_cost_less_than_skew_ones() -> None:
     skew = random_chain(np.random.default_rng(2), 6, 0.0)
-    square = load_robot('ur5')
+    square = pfd.load_robot('ur5')
     programs = [FORWARD['pcrbm'](resolve(r), 'sequential') for r in (square, skew)]
     costs = [sum(operations(lower(p, 'float64').compiled).values()) for p in programs]
     assert costs[0] < 0.8 * costs[1]
 
 
 @pytest.mark.parametrize(('name', 'most'), [('ur5', 580), ('puma560', 600), ('panda', 1300)])
-def test_the_cheapest_text_keeps_to_its_budget(name: str, most: int) -> None:
+def test_the_default_method_keeps_to_its_budget(name: str, most: int) -> None:
     # Sine and cosine apart, before fusing.
-    stages = compile_kernel(load_robot(name)).operations
+    stages = pfd.compile_kernel(pfd.load_robot(name)).operations
     folded = stages['folded']
     assert sum(folded.values()) - folded['sin'] - folded['cos'] <= most
     assert stages['compiled']['fma'] > 0.45 * folded['mul']
 
 
 def test_a_parallel_program_is_not_lowered() -> None:
-    program = FORWARD['pcrbm'](resolve(load_robot('planar2')), 'parallel')
+    program = FORWARD['pcrbm'](resolve(pfd.load_robot('planar2')), 'parallel')
     with pytest.raises(ValueError, match='only a sequential program is lowered, got 2 lanes'):
         lower(program, 'float64')

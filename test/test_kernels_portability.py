@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""The same text on another processor: it compiles for 64-bit ARM and gives the same bits."""
+"""The same IR on another processor: it compiles for 64-bit ARM and gives the same bits."""
 
 from __future__ import annotations
 
@@ -22,12 +22,10 @@ from pfd_core.kernels.codegen.body import body
 from pfd_core.kernels.codegen.evaluate import evaluate
 from pfd_core.kernels.codegen.module import kernel_module, module
 from pfd_core.kernels.codegen.spelling import Format, arguments
-from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.runtime import jit as engine
 from pfd_core.kernels.runtime import processor
 from pfd_core.kernels.runtime.jit import Target, emit, simd_width
 from pfd_core.kernels.source import turned_joints
-from pfd_core.model import Robot
 
 ARM64 = Target('aarch64-unknown-linux-gnu')
 NEON = {'float64': 2, 'float32': 4}
@@ -90,7 +88,7 @@ int main(void) {
 """
 
 
-def text(kernel: Kernel, width: int) -> str:
+def batch_ir(kernel: pfd.Kernel, width: int) -> str:
     """Return the module of a kernel for batches, without the way in from Python."""
     form = Format(kernel.dtype, width, strided=True)
     program, angles = kernel.program, turned_joints(kernel.robot)
@@ -109,7 +107,7 @@ def for_arm(ir: str) -> bytes:
     return emit(ir, ARM64)
 
 
-def states(robot: Robot, dtype: str) -> list[NDArray[np.floating]]:
+def states(robot: pfd.Robot, dtype: str) -> list[NDArray[np.floating]]:
     """Return positions, velocities, torques and wrenches, one of them with angles far out."""
     rng = np.random.default_rng(6)
     rows = [random_state(rng, robot.n) for _ in range(STATES)]
@@ -157,7 +155,7 @@ def test_arm_and_this_processor_give_the_same_bits(
     brakes = rng.random((STATES, robot.n)) < 0.3
     wanted = hexadecimal(kernel(*arrays, brakes=brakes))
     (tmp_path / 'main.c').write_text(MAIN)
-    (tmp_path / 'kernel.o').write_bytes(for_arm(text(kernel, NEON[dtype])))
+    (tmp_path / 'kernel.o').write_bytes(for_arm(batch_ir(kernel, NEON[dtype])))
     command = [COMPILER, '-O1', LINKER, 'main.c', 'kernel.o', '-o', 'main', '-lm']
     subprocess.run(command, cwd=tmp_path, check=True, timeout=LIFETIME)
     inputs = [*arrays, (1.0 - brakes).astype(dtype)]
@@ -190,7 +188,7 @@ def test_the_width_is_that_of_a_vector_register(target: Target, widths: dict[str
     assert {dtype: simd_width(dtype, target) for dtype in widths} == widths
 
 
-def test_a_processor_that_llvm_cannot_ask_is_known_by_its_name(
+def test_a_processor_whose_features_llvm_cannot_detect_is_named_alone(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     def unknown() -> None:
@@ -202,7 +200,7 @@ def test_a_processor_that_llvm_cannot_ask_is_known_by_its_name(
     processor.host.cache_clear()
 
 
-def test_text_that_is_no_module_is_refused() -> None:
+def test_ir_that_is_no_module_is_refused() -> None:
     with pytest.raises(RuntimeError, match='expected value token'):
         emit('define double @f(double %x) { ret double }', processor.host())
 
@@ -218,7 +216,7 @@ def test_what_a_processor_lacks_is_found_in_the_c_library(monkeypatch: pytest.Mo
     native = engine.compile_ir(ir)
     number = ctypes.c_double
     fma = ctypes.CFUNCTYPE(number, number, number, number)(native.address('f'))
-    # The product is 1 - 2^-104, which a float64 does not tell from one.
+    # The product is 1 - 2^-104, which is one as a float64.
     assert fma(1 - 2.0**-52, 1 + 2.0**-52, -1.0) == -(2.0**-104)
     with pytest.raises(KeyError):
         native.address('g')

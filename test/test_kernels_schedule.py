@@ -24,16 +24,15 @@ from pfd_core.kernels.passes.schedule import (
 from pfd_core.kernels.passes.sincos import expand_sines
 from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import iterate
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.model import resolve
 
-# Of the cycles that a text waits or works, at most this much is left: much of it is waiting for
-# divisions, in a text that computes one link after the other.
+# Of the cycles that a program waits or works, at most this much is left: much of it is waiting for
+# divisions, in a program that computes one link after the other.
 SHARE = 0.9
 
 
-def pressure(program: Program) -> list[int]:
+def pressure(program: pfd.Program) -> list[int]:
     """Return how many computed values are alive after each instruction."""
     last: dict[int, int] = {}
     for register, instruction in enumerate(program.instructions):
@@ -50,12 +49,12 @@ def pressure(program: Program) -> list[int]:
     return counts
 
 
-def in_order(program: Program) -> bool:
+def in_order(program: pfd.Program) -> bool:
     """Tell whether every register is written before it is read."""
     return all(a < register for register, i in enumerate(program.instructions) for a in i.args)
 
 
-def folded(name: str) -> Program:
+def folded(name: str) -> pfd.Program:
     program = record_forward_dynamics(resolve(pfd.load_robot(name)), 'pcrbm', 'sequential')
     return eliminate_dead_code(fold(program), ['qdd'])
 
@@ -82,7 +81,7 @@ def test_outputs_that_are_inputs_constants_or_negatives_are_found_again() -> Non
 
 
 def test_values_are_computed_when_they_are_needed() -> None:
-    # The text computes 60 products first and adds them up after that.
+    # The program computes 60 products first and adds them up after that.
     recorder = Recorder(1, 'sequential')
     x = [recorder.input('x', [i]) for i in range(60)]
     products = [a * a for a in x]
@@ -129,7 +128,7 @@ def test_long_programs_and_loops_keep_their_order() -> None:
     assert schedule_instructions(program) is program
 
 
-def cycles(program: Program) -> float:
+def cycles(program: pfd.Program) -> float:
     """Return the cycles of a processor that begins WIDTH operations a cycle in their order."""
     now = 0.0
     ready: list[float] = []
@@ -148,5 +147,5 @@ def test_a_processor_waits_less(method: str) -> None:
         program = record_forward_dynamics(resolve(robot), method, 'sequential')
         short = eliminate_dead_code(program, ['qdd'])
         expanded = eliminate_dead_code(fold(expand_sines(short, 'float64')))
-        text = eliminate_dead_code(fuse(expanded))
-        assert cycles(schedule_instructions(text)) < SHARE * cycles(text)
+        fused = eliminate_dead_code(fuse(expanded))
+        assert cycles(schedule_instructions(fused)) < SHARE * cycles(fused)

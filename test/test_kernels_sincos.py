@@ -8,16 +8,17 @@ from collections import Counter
 from collections.abc import Callable
 import ctypes
 import importlib.util
+import itertools
 from pathlib import Path
 import struct
-from typing import Any
 
 import llvmlite.binding as llvm
 import mpmath
 import numpy as np
 import pytest
+from sine_cases import LARGEST_K, angles, float32_angles, ulps, worst_ulps
 
-from pfd_core.kernels.passes.sincos import WRAP_LIMIT, sincos
+from pfd_core.kernels.passes.sincos import sincos
 from pfd_core.machine.emulator import run
 from pfd_core.machine.recorder import Recorder
 
@@ -28,33 +29,13 @@ FORMATS = ('float64', 'float32')
 ULPS = {'float64': 1.36, 'float32': 1.40}
 # NumPy's float64 sine as reference for float32: less than 2^-52 off, of units of 2^-24.
 REFERENCE_ULPS = 2.0**-28
-SMALLEST_SWEPT = 1e-6  # below it r**3 / 6 is under half a unit in float32, and sin x is x
 COUNTS = {
     'float64': {'mul': 24, 'add': 30},
     'float32': {'mul': 21, 'add': 30},
 }
-LARGEST_K = 63662  # WRAP_LIMIT in quarter turns
 HALF_PI_BITS = 200
 with mpmath.workprec(HALF_PI_BITS + 64):
     HALF_PI = int(mpmath.floor(mpmath.ldexp(mpmath.pi / 2, HALF_PI_BITS)))
-
-
-def ulps(value: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Error in units in the last place of `reference`, which is of higher precision."""
-    info = np.finfo(value.dtype)
-    exponent = np.maximum(np.frexp(reference)[1] - 1, info.minexp)
-    return abs(value.astype(float) - reference) / np.ldexp(1.0, exponent - info.nmant)
-
-
-def ulps_mp(x: Any, value: Any, function: Callable[[Any], Any]) -> float:
-    with mpmath.workprec(200):
-        reference = function(mpmath.mpf(float(x)))
-        exponent = int(mpmath.floor(mpmath.log(abs(reference), 2)))
-        return float(
-            mpmath.ldexp(
-                abs(mpmath.mpf(float(value)) - reference), np.finfo(value.dtype).nmant - exponent
-            )
-        )
 
 
 class Traced:
@@ -122,39 +103,19 @@ class Trace:
         return tuple(prototype(self.engine.get_function_address(f'f{i}')) for i in (0, 1))
 
 
-def arguments(dtype: str, count: int) -> np.ndarray:
-    """Angles of every size, of every quadrant, and next to where polynomials change places."""
-    rng = np.random.default_rng(7)
-    sign = rng.choice([-1.0, 1.0], count)
-    k = rng.integers(-LARGEST_K + 1, LARGEST_K, count)
-    x = np.concatenate(
-        [
-            rng.uniform(-WRAP_LIMIT, WRAP_LIMIT, count),
-            rng.uniform(-7, 7, count),
-            sign * 2 ** rng.uniform(-40, np.log2(WRAP_LIMIT), count),
-            k * np.pi / 2 + sign * rng.uniform(0.76, 0.79, count),
-            k * np.pi / 2 + sign * 2 ** rng.uniform(-40, -1, count),
-            [WRAP_LIMIT, -WRAP_LIMIT],
-        ]
-    )
-    return x.astype(dtype)
-
-
 @pytest.mark.parametrize('dtype', FORMATS)
 def test_the_error_stays_below_the_promised_ulps(dtype: str) -> None:
-    x = arguments(dtype, 1000)
+    x = angles(dtype, 1000)
     for values, function in zip(sincos(x, dtype), (mpmath.sin, mpmath.cos), strict=True):
         assert values.dtype == dtype
-        worst = max(ulps_mp(a, v, function) for a, v in zip(x, values, strict=True))
-        assert worst <= ULPS[dtype]
+        assert worst_ulps(x, values, function) <= ULPS[dtype]
 
 
 def sweep_float32(stride: int) -> None:
-    first, last = np.array([SMALLEST_SWEPT, WRAP_LIMIT], 'float32').view('uint32')
-    block = stride << 17
-    for start in range(int(first), int(last) + 1, block):
-        stop = min(start + block, int(last) + 1)
-        x = np.arange(start, stop, stride, dtype='uint32').view('float32')
+    for first in itertools.count(0, 1 << 17):
+        x = float32_angles(stride, first, 1 << 17)
+        if not len(x):
+            return
         for values, function in zip(sincos(x, 'float32'), (np.sin, np.cos), strict=True):
             error = ulps(values, function(x.astype(float)))
             assert error.max() <= ULPS['float32'] + REFERENCE_ULPS, x[error.argmax()]
@@ -219,7 +180,7 @@ def test_tiny_and_subnormal_angles_are_their_own_sine(dtype: str) -> None:
 
 @pytest.mark.parametrize('dtype', FORMATS)
 def test_sine_is_odd_and_cosine_even_to_the_bit_and_minus_zero_keeps_its_sign(dtype: str) -> None:
-    x = np.append(arguments(dtype, 1000), np.dtype(dtype).type(0))
+    x = np.append(angles(dtype, 1000), np.dtype(dtype).type(0))
     (sine, cosine), (sine_minus, cosine_minus) = sincos(x, dtype), sincos(-x, dtype)
     assert (-sine).tobytes() == sine_minus.tobytes()
     assert cosine.tobytes() == cosine_minus.tobytes()
@@ -241,7 +202,7 @@ def test_the_number_of_operations_is_the_documented_one(dtype: str) -> None:
 
 @pytest.mark.parametrize('dtype', FORMATS)
 def test_native_code_gives_the_bits_of_numpy(dtype: str) -> None:
-    x = arguments(dtype, 500)
+    x = angles(dtype, 500)
     trace = Trace(dtype)
     for function, values in zip(trace.compile(), sincos(x, dtype), strict=True):
         native = np.array([function(a) for a in x], dtype)
@@ -251,7 +212,7 @@ def test_native_code_gives_the_bits_of_numpy(dtype: str) -> None:
 @pytest.mark.parametrize('schedule', ['parallel', 'sequential'])
 @pytest.mark.parametrize('dtype', FORMATS)
 def test_a_recording_gives_the_bits_of_numpy(dtype: str, schedule: str) -> None:
-    x = arguments(dtype, 100).reshape(-1, 2)
+    x = angles(dtype, 100).reshape(-1, 2)
     recorder = Recorder(2, schedule)
     results = sincos(recorder.input('x', [0, 1]), dtype)
     for name, value in zip(('sin', 'cos'), results, strict=True):

@@ -145,7 +145,7 @@ def test_threads_that_call_a_batch_first_together_get_the_same_bits(uncached: No
             assert set(pool.map(bits, range(THREADS))) == {wanted}
 
 
-def test_a_text_compiled_by_many_threads_is_compiled_soundly(uncached: None) -> None:
+def test_many_threads_may_compile_the_same_ir(uncached: None) -> None:
     ir = 'define i64 @f(i64 %x) {{\n  %y = add i64 %x, {}\n  ret i64 %y\n}}'
     assert engine.compile_ir(ir.format(1)).address('f')
 

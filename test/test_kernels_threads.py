@@ -36,7 +36,7 @@ def test_the_bits_depend_neither_on_the_threads_nor_on_the_size(dtype: str, orde
             np.testing.assert_array_equal(kernel(*arrays, threads=count), whole[:size])
 
 
-def test_every_argument_is_dealt_out() -> None:
+def test_every_argument_is_split_among_the_threads() -> None:
     rng = np.random.default_rng(71)
     scene = pfd.Scene(external_wrench=True, brakes=True)
     kernel = pfd.compile_kernel(random_chain(rng, 3), scene=scene)
@@ -132,7 +132,7 @@ def test_a_small_batch_starts_no_worker(monkeypatch: pytest.MonkeyPatch) -> None
     np.testing.assert_array_equal(kernel(*arrays, threads=2), kernel(*arrays))
 
 
-def test_workers_take_blocks_beside_the_caller() -> None:
+def test_workers_take_blocks_as_the_caller_does() -> None:
     seen: set[int] = set()
 
     def work(first: int, size: int) -> int:
@@ -193,7 +193,7 @@ def test_many_callers_share_the_workers() -> None:
         np.testing.assert_array_equal(out, expected)
 
 
-def test_a_kernel_may_be_forgotten_as_soon_as_it_has_answered() -> None:
+def test_a_kernel_may_be_deleted_as_soon_as_it_has_answered() -> None:
     # Memory of code that is gone is unmapped.
     robot = pfd.load_robot('planar2')
     q, qd, tau = random_states(2, 40)

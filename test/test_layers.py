@@ -16,8 +16,8 @@ import sys
 import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
-# Each package or room, and the others that it may import; `machine` knows no robots. Modules that
-# lie directly in a package with rooms may import all its rooms, and no room imports them.
+# Each package or subpackage, and the others that it may import; `machine` imports no robots.
+# Modules directly in a package may import all its subpackages, and no subpackage imports them.
 PFD_CORE = {
     'forking': set(),
     'machine': {'forking'},
@@ -47,17 +47,24 @@ PFD_ROS = {
     'cli': {'text', 'messages', 'arm', 'recording', 'replay', 'node', 'demo'},
 }
 SIMULATION: dict[str, set[str]] = {'contact': set()}
+REPORT: dict[str, set[str]] = {
+    'cases': set(),
+    'contenders': {'cases'},
+    'measure': {'cases', 'contenders'},
+    'render': set(),
+}
 ORDERS = {
     'pfd_core': PFD_CORE,
     'pfd_core.algorithms': ALGORITHMS,
     'pfd_core.kernels': KERNELS,
     'pfd_core.simulation': SIMULATION,
+    'pfd_core.report': REPORT,
     'pfd_ros': PFD_ROS,
 }
 # Outside packages that only some may know.
 RESERVED = {
     'llvmlite': {'pfd_core.kernels'},
-    'pinocchio': {'pfd_core.report'},
+    'pinocchio': {'pfd_core.report.contenders'},
     'rclpy': {'pfd_ros.node', 'pfd_ros.testing', 'pfd_ros.demo'},
 }
 
@@ -100,8 +107,10 @@ def violations(found: dict[str, Path]) -> Iterator[str]:
                 if imported != importer and imported not in order[importer]:
                     yield f'{module} imports {name}'
             outside = name.partition('.')[0]
-            rooms = RESERVED.get(outside)
-            if rooms and not any(f'{module}.'.startswith(f'{room}.') for room in rooms):
+            subpackages = RESERVED.get(outside)
+            if subpackages and not any(
+                f'{module}.'.startswith(f'{subpackage}.') for subpackage in subpackages
+            ):
                 yield f'{module} imports {name}'
 
 
@@ -119,11 +128,11 @@ def test_imports_point_one_way() -> None:
     assert not found, '\n'.join(found)
 
 
-def test_every_folder_of_a_package_with_rooms_is_one_of_its_rooms() -> None:
+def test_every_folder_of_a_layered_package_is_one_of_its_subpackages() -> None:
     for package, order in ORDERS.items():
         folder = ROOT / package.replace('.', '/')
-        rooms = {path.parent.name for path in folder.glob('*/__init__.py')}
-        assert rooms == {name for name in order if (folder / name).is_dir()}
+        subpackages = {path.parent.name for path in folder.glob('*/__init__.py')}
+        assert subpackages == {name for name in order if (folder / name).is_dir()}
 
 
 def test_the_docstring_of_each_package_is_a_map_of_its_modules() -> None:
@@ -139,13 +148,14 @@ def test_no_circle_of_imports() -> None:
     circle(modules())
 
 
-def test_pfd_ros_uses_only_the_public_names_and_the_reports_of_pfd_core() -> None:
+def test_pfd_ros_uses_only_the_public_names_of_pfd_core_and_its_command_the_reports() -> None:
     found = [
         f'{module}: {name}'
         for module, path in modules().items()
         if module.startswith('pfd_ros')
         for name in imported_by(path)
         if member(name, 'pfd_core') in PFD_CORE.keys() - {'report'}
+        or (member(name, 'pfd_core') == 'report' and not module.startswith('pfd_ros.cli.'))
     ]
     assert not found, '\n'.join(found)
 

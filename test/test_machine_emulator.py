@@ -10,15 +10,15 @@ import mpmath
 import numpy as np
 import pytest
 
+import pfd_core as pfd
 from pfd_core.machine.emulator import run
 from pfd_core.machine.lanes import cos, merge, shift, sin, sqrt, where
 from pfd_core.machine.operations import COSTS, OPERATIONS
-from pfd_core.machine.program import Program, Steps
 from pfd_core.machine.recorder import SCHEDULES, Recorder
 
 
-def sample(n: int, schedule: str) -> Program:
-    """Record a text that uses every operation but `call`."""
+def sample(n: int, schedule: str) -> pfd.Program:
+    """Record a program that uses every operation but `call`."""
     recorder = Recorder(n, schedule)
     x = recorder.input('x', range(n))
     y = sqrt(x * x + 1.0) / (2.0 - sin(x)) - cos(x)
@@ -118,7 +118,7 @@ def test_a_called_function_gets_rows_and_returns_one() -> None:
 
 def test_the_table_and_the_columns_of_the_counts_agree() -> None:
     columns = {operation.cost for operation in OPERATIONS.values()} - {None}
-    assert columns == set(COSTS) == set(Steps.__dataclass_fields__)
+    assert columns == set(COSTS) == set(pfd.Steps.__dataclass_fields__)
 
 
 @pytest.mark.parametrize(

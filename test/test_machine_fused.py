@@ -12,9 +12,10 @@ import mpmath
 import numpy as np
 import pytest
 
+import pfd_core as pfd
 from pfd_core.machine.emulator import run
 from pfd_core.machine.fused import REACH, fused
-from pfd_core.machine.program import Instruction, Output, Program
+from pfd_core.machine.program import Instruction, Output
 
 FORMATS = ('float64', 'float32')
 
@@ -43,7 +44,7 @@ def test_one_rounding_is_that_of_exact_fractions(dtype: str, kind) -> None:  # t
 
 
 def test_most_of_these_are_wrong_when_rounded_twice() -> None:
-    # Otherwise the test above would not tell one rounding from two.
+    # Otherwise the test above would not distinguish one rounding from two.
     for kind in (cancelling, midways):
         a, b, c = kind('float64', 1500, np.random.default_rng(1))
         assert np.mean(fused(a, b, c) != a * b + c) > 0.1
@@ -91,7 +92,7 @@ def test_other_formats_and_mixtures_are_refused() -> None:
 @pytest.mark.parametrize('digits', [None, 50])
 def test_the_emulator_has_it_in_every_format(digits: int | None) -> None:
     inputs = [Instruction('input', (), ((name, 0),)) for name in 'abc']
-    program = Program(
+    program = pfd.Program(
         1,
         (*inputs, Instruction('fma', (0, 1, 2))),
         dict.fromkeys('abc', 1),

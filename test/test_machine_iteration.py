@@ -9,6 +9,7 @@ import ctypes
 import numpy as np
 import pytest
 
+import pfd_core as pfd
 from pfd_core.kernels.codegen.batch import batch
 from pfd_core.kernels.codegen.body import body
 from pfd_core.kernels.codegen.evaluate import evaluate
@@ -20,13 +21,12 @@ from pfd_core.machine.emulator import run
 from pfd_core.machine.iteration import iterate
 from pfd_core.machine.lanes import on
 from pfd_core.machine.patterns import total
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import SCHEDULES, Lanes, Recorder
 
 AT_MOST = 12
 
 
-def roots(n: int, schedule: str, at_most: int = AT_MOST) -> Program:
+def roots(n: int, schedule: str, at_most: int = AT_MOST) -> pfd.Program:
     """
     Record square roots by Newton's iteration x <- (x + q / x) / 2 on every lane.
 

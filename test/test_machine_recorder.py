@@ -1,15 +1,15 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Recording: what a text leaves in a program, and what it refuses."""
+"""Recording: what a function leaves in a program, and what it refuses."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
+import pfd_core as pfd
 from pfd_core.machine.emulator import run
 from pfd_core.machine.lanes import broadcast, merge, on, shift, sqrt, where
-from pfd_core.machine.program import Program, Steps
 from pfd_core.machine.recorder import SCHEDULES, Lanes, Recorder
 from pfd_core.machine.vectors import (
     array,
@@ -23,41 +23,41 @@ from pfd_core.machine.vectors import (
 UPPER = np.triu_indices(3)
 
 
-def recorded(n: int, schedule: str, text) -> Program:  # type: ignore[no-untyped-def]
-    """Record text(recorder, x) with one input x of n elements and one output y."""
+def recorded(n: int, schedule: str, function) -> pfd.Program:  # type: ignore[no-untyped-def]
+    """Record function(recorder, x) with one input x of n elements and one output y."""
     recorder = Recorder(n, schedule)
-    y = text(recorder, recorder.input('x', range(n)))
+    y = function(recorder, recorder.input('x', range(n)))
     lanes = [lane for lane in range(n) if y.defined >> lane & 1]
     recorder.output('y', (len(lanes),), [(y, lane) for lane in lanes])
     return recorder.program()
 
 
-def vectors(schedule: str, text, sizes: dict[str, int]) -> Program:  # type: ignore[no-untyped-def]
-    """Record text over one lane, whose inputs are small vectors and whose result is one."""
+def vectors(schedule: str, function, sizes: dict[str, int]) -> pfd.Program:  # type: ignore[no-untyped-def]
+    """Record function over one lane, whose inputs are small vectors and whose result is one."""
     recorder = Recorder(1, schedule)
     inputs = [array([recorder.input(k, [i]) for i in range(m)]) for k, m in sizes.items()]
-    result = np.ravel(text(*inputs))
+    result = np.ravel(function(*inputs))
     recorder.output('y', result.shape, [(value, 0) for value in result])
     return recorder.program()
 
 
 @pytest.mark.parametrize('schedule', SCHEDULES)
 def test_lanes_without_an_operand_take_no_part(schedule: str) -> None:
-    def text(recorder: Recorder, x: Lanes) -> Lanes:
+    def function(recorder: Recorder, x: Lanes) -> Lanes:
         return merge(x + shift(x, 2), x) * 2.0
 
     x = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
-    program = recorded(5, schedule, text)
+    program = recorded(5, schedule, function)
     np.testing.assert_array_equal(run(program, {'x': x})['y'], 2 * np.array([1, 2, 5, 10, 20]))
     assert program.count(processors=1).additions == 3
 
 
 def test_one_instruction_serves_all_lanes_in_parallel_and_one_lane_in_sequence() -> None:
-    def text(recorder: Recorder, x: Lanes) -> Lanes:
+    def function(recorder: Recorder, x: Lanes) -> Lanes:
         return on(x, range(3)) * x
 
-    assert recorded(4, 'parallel', text).count() == Steps(multiplications=1)
-    assert recorded(4, 'sequential', text).count() == Steps(multiplications=3)
+    assert recorded(4, 'parallel', function).count() == pfd.Steps(multiplications=1)
+    assert recorded(4, 'sequential', function).count() == pfd.Steps(multiplications=3)
 
 
 def test_fewer_processors_than_lanes_take_more_steps() -> None:
@@ -82,7 +82,7 @@ def test_where_takes_the_first_above_zero_and_the_second_elsewhere(schedule: str
 
 
 @pytest.mark.parametrize(
-    ('text', 'sizes', 'expected', 'multiplications', 'additions'),
+    ('function', 'sizes', 'expected', 'multiplications', 'additions'),
     [
         (cross, {'a': 3, 'b': 3}, np.cross, 6, 3),
         (dot, {'a': 3, 'b': 3}, np.dot, 3, 2),
@@ -131,9 +131,9 @@ def test_where_takes_the_first_above_zero_and_the_second_elsewhere(schedule: str
     ids=['cross', 'dot', 'R v', 'A B', 'S v', 'R S R^T', 'parallel axis'],
 )
 def test_products_cost_what_they_say_and_agree_with_numpy(  # type: ignore[no-untyped-def]
-    text, sizes: dict[str, int], expected, multiplications: int, additions: int
+    function, sizes: dict[str, int], expected, multiplications: int, additions: int
 ) -> None:
-    program = vectors('parallel', text, sizes)
+    program = vectors('parallel', function, sizes)
     steps = program.count()
     assert (steps.multiplications, steps.additions) == (multiplications, additions)
     rng = np.random.default_rng(1)
@@ -199,6 +199,6 @@ def test_only_numbers_and_lanes_are_operands() -> None:
 
 
 def test_sqrt_is_counted_in_its_own_column() -> None:
-    assert recorded(3, 'parallel', lambda r, x: sqrt(x) / x).count() == Steps(
+    assert recorded(3, 'parallel', lambda r, x: sqrt(x) / x).count() == pfd.Steps(
         divisions=1, square_roots=1
     )

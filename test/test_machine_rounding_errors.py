@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+import pfd_core as pfd
 from pfd_core.machine.emulator import run
 from pfd_core.machine.lanes import cos, sin, sqrt, where
-from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import Lanes, Recorder
 from pfd_core.machine.rounding_errors import RoundingErrors
 
@@ -21,7 +21,7 @@ UNIT = {'float64': 2.0**-53, 'float32': 2.0**-24}
 SHARE = 1e-2
 
 
-def record_everything() -> Program:
+def record_everything() -> pfd.Program:
     """Return a program with each operation, of x, y and an angle, of numbers of order one."""
     recorder = Recorder(1, 'sequential')
     x, y, angle = (recorder.input('x', [k]) for k in range(3))
@@ -42,7 +42,7 @@ def record_everything() -> Program:
     return recorder.program()
 
 
-def with_errors(program: Program, dtype: str) -> Program:
+def with_errors(program: pfd.Program, dtype: str) -> pfd.Program:
     """Return a program whose outputs are the values and their errors."""
     recorder = Recorder(1, 'sequential')
     found = RoundingErrors(recorder, dtype).record(program, {})['z']

@@ -15,28 +15,20 @@ import pytest
 from tolerances import DYNAMICS
 from zoo import FORK, ODD_ARM, Array, random_chain, random_rotation
 
+import pfd_core as pfd
 from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.machine.emulator import run
-from pfd_core.model import (
-    Frame,
-    Payload,
-    Robot,
-    load_robot,
-    lock,
-    resolve,
-    robot_to_yaml,
-    with_payload,
-)
+from pfd_core.model import Frame, resolve
 
 FINGERS = {'left_finger': 0.02, 'right_finger': 0.03}
 
 
-def pose(robot: Robot, frame: str | None, q: Array) -> Array:
+def pose(robot: pfd.Robot, frame: str | None, q: Array) -> Array:
     found: Array = run(RECORDERS['tip_pose'](resolve(robot), frame), {'q': q})['pose']
     return found
 
 
-def carried(seed: int) -> tuple[np.random.Generator, Robot]:
+def carried(seed: int) -> tuple[np.random.Generator, pfd.Robot]:
     """Return a random chain with a frame on each link."""
     rng = np.random.default_rng(seed)
     robot = random_chain(rng, 5)
@@ -44,20 +36,20 @@ def carried(seed: int) -> tuple[np.random.Generator, Robot]:
     return rng, replace(robot, frames=frames)
 
 
-def test_a_urdf_gives_all_links_that_move_with_the_chain_and_those_it_stands_on() -> None:
+def test_a_urdf_gives_all_links_that_move_with_the_chain_and_those_below_it() -> None:
     everything = {'world', 'pedestal', 'turret', 'box', 'upper', 'slide', 'elbow', 'fore'}
     everything |= {'bracket', 'camera', 'wrist', 'hand', 'tool'}
-    robot = load_robot(ODD_ARM)
+    robot = pfd.load_robot(ODD_ARM)
     assert set(robot.frames) == everything
     assert robot.frames['world'].link == robot.frames['pedestal'].link == 0
     assert robot.frames['box'].link == robot.frames['turret'].link == 1
     assert robot.frames['tool'].link == robot.n
-    fork = load_robot(FORK, locked=FINGERS)
+    fork = pfd.load_robot(FORK, locked=FINGERS)
     assert set(fork.frames) == {'base', 'arm', 'palm', 'left', 'right'}
 
 
 def test_a_table_gives_its_base_and_its_tip() -> None:
-    robot = load_robot('ur5')
+    robot = pfd.load_robot('ur5')
     assert list(robot.frames) == [robot.base, robot.tip]
     assert robot.frame() == robot.frame(robot.tip) == Frame(6, np.eye(3), np.zeros(3))
 
@@ -66,7 +58,7 @@ def test_a_table_gives_its_base_and_its_tip() -> None:
 def test_frames_stay_where_they_are_when_joints_are_locked(indices: list[int]) -> None:
     rng, robot = carried(3)
     q = np.clip(rng.uniform(-1, 1, 5), robot.position_lower, robot.position_upper)
-    less = lock(robot, {robot.joint_names[i]: q[i] for i in indices})
+    less = pfd.lock(robot, {robot.joint_names[i]: q[i] for i in indices})
     assert list(less.frames) == list(robot.frames)
     for name in robot.frames:
         found = pose(less, name, np.delete(q, indices))
@@ -75,7 +67,10 @@ def test_frames_stay_where_they_are_when_joints_are_locked(indices: list[int]) -
 
 def test_locking_in_the_file_and_in_the_robot_gives_the_same_frames() -> None:
     locked = {'j1': 0.4, 'j3': -0.1, 'j6': 0.2}
-    first, second = load_robot(ODD_ARM, locked=locked), lock(load_robot(ODD_ARM), locked)
+    first, second = (
+        pfd.load_robot(ODD_ARM, locked=locked),
+        pfd.lock(pfd.load_robot(ODD_ARM), locked),
+    )
     q = np.array([0.3, -1.0, 2.0])
     for name in first.frames:
         assert relative(pose(second, name, q), pose(first, name, q)) < DYNAMICS, name
@@ -83,21 +78,21 @@ def test_locking_in_the_file_and_in_the_robot_gives_the_same_frames() -> None:
 
 def test_a_payload_leaves_frames_alone() -> None:
     _, robot = carried(4)
-    assert with_payload(robot, Payload(1.0, (0, 0, 0.1))).frames == robot.frames
+    assert pfd.with_payload(robot, pfd.Payload(1.0, (0, 0, 0.1))).frames == robot.frames
 
 
 def test_frames_make_no_other_robot() -> None:
-    robot = load_robot(ODD_ARM)
+    robot = pfd.load_robot(ODD_ARM)
     assert replace(robot, frames={}) == robot
     assert replace(robot, frames={}).digest == robot.digest
 
 
 def test_storing_and_loading_frames_loses_no_bit() -> None:
-    for robot in (load_robot(ODD_ARM), carried(7)[1]):
-        again = load_robot(robot_to_yaml(robot, frames=True))
+    for robot in (pfd.load_robot(ODD_ARM), carried(7)[1]):
+        again = pfd.load_robot(pfd.robot_to_yaml(robot, frames=True))
         assert again == robot
         assert dict(again.frames) == dict(robot.frames)
-        assert set(load_robot(robot_to_yaml(robot)).frames) == {robot.base, robot.tip}
+        assert set(pfd.load_robot(pfd.robot_to_yaml(robot)).frames) == {robot.base, robot.tip}
 
 
 TABLE = """
@@ -109,7 +104,7 @@ frames:
 
 
 def test_a_file_may_name_frames() -> None:
-    robot = load_robot(TABLE + '  grip: {link: 1, translation: [0, 0.5, 0]}')
+    robot = pfd.load_robot(TABLE + '  grip: {link: 1, translation: [0, 0.5, 0]}')
     assert list(robot.frames) == ['base', 'grip', 'tip']
     np.testing.assert_allclose(pose(robot, 'grip', np.array([np.pi / 2]))[:3, 3], [-0.5, 1, 0])
 
@@ -128,7 +123,7 @@ def test_a_file_may_name_frames() -> None:
 )
 def test_a_wrong_frame_in_a_file_is_refused_and_named(line: str, message: str) -> None:
     with pytest.raises(ValueError, match=re.escape(message)):
-        load_robot(TABLE + line)
+        pfd.load_robot(TABLE + line)
 
 
 def test_frames_are_equal_when_their_numbers_are() -> None:
@@ -147,7 +142,7 @@ def test_frames_are_equal_when_their_numbers_are() -> None:
     'way', [copy.copy, copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))]
 )
 def test_frames_stay_read_only_in_copies(way: object) -> None:
-    robot = load_robot(ODD_ARM)
+    robot = pfd.load_robot(ODD_ARM)
     again = way(robot)  # type: ignore[operator]
     assert dict(again.frames) == dict(robot.frames)
     with pytest.raises(TypeError, match='does not support item assignment'):
@@ -158,8 +153,8 @@ def test_frames_stay_read_only_in_copies(way: object) -> None:
         again.frame('tool').link = 0
 
 
-def test_an_unknown_frame_is_named_with_those_that_there_are() -> None:
-    robot = load_robot(FORK, locked=FINGERS)
+def test_an_unknown_frame_is_named_with_the_known_frames() -> None:
+    robot = pfd.load_robot(FORK, locked=FINGERS)
     known = "'base', 'arm', 'palm', 'left', 'right'"
     message = f"frame 'flange' is not carried by 'fork'; it carries {known}"
     for name in ('tip_pose', 'tip_jacobian', 'tip_velocity', 'wrench_torques'):

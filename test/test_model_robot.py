@@ -14,7 +14,7 @@ import pytest
 from tolerances import DYNAMICS
 from zoo import random_chain, random_inertia, random_rotation, random_state, to_pinocchio
 
-from pfd_core.model import Payload, PhysicsWarning, Robot, load_robot, lock, with_payload
+import pfd_core as pfd
 from pfd_core.model.geometry import axis_rotation, cos_sin_degrees, merged, product, snapped
 
 # One square root and three products.
@@ -22,7 +22,7 @@ ROUNDING = 4 * np.finfo(float).eps
 SEEDS = range(5)
 
 
-def rod(**changes: object) -> Robot:
+def rod(**changes: object) -> pfd.Robot:
     """Return a robot of one joint, with fields changed."""
     fields: dict[str, object] = {
         'name': 'rod',
@@ -34,7 +34,7 @@ def rod(**changes: object) -> Robot:
         'centers': [[-0.5, 0, 0]],
         'inertias': [np.diag([0.0, 1 / 12, 1 / 12])],
     }
-    return Robot(**{**fields, **changes})
+    return pfd.Robot(**{**fields, **changes})
 
 
 def assert_same_dynamics(model: pin.Model, other: pin.Model, seed: int) -> None:
@@ -59,7 +59,7 @@ def test_locking_agrees_with_the_reduced_model_of_pinocchio(seed: int, indices: 
     rng = np.random.default_rng(seed)
     robot = random_chain(rng, 7)
     q = np.clip(rng.uniform(-2, 2, 7), robot.position_lower, robot.position_upper)
-    less = lock(robot, {robot.joint_names[i]: q[i] for i in indices})
+    less = pfd.lock(robot, {robot.joint_names[i]: q[i] for i in indices})
     kept = [i for i in range(7) if i not in indices]
     assert less.joint_names == tuple(robot.joint_names[i] for i in kept)
     np.testing.assert_array_equal(less.effort_limit, robot.effort_limit[kept])
@@ -73,21 +73,21 @@ def test_a_joint_may_be_locked_at_its_limits_and_not_beyond() -> None:
     for name, lower, upper in zip(
         robot.joint_names, robot.position_lower, robot.position_upper, strict=True
     ):
-        assert lock(robot, {name: lower}).n == lock(robot, {name: upper}).n == 1
+        assert pfd.lock(robot, {name: lower}).n == pfd.lock(robot, {name: upper}).n == 1
         for beyond in (np.nextafter(lower, -np.inf), np.nextafter(upper, np.inf)):
             with pytest.raises(ValueError, match=f"lock joint '{name}' at .*: its limits are"):
-                lock(robot, {name: beyond})
+                pfd.lock(robot, {name: beyond})
 
 
 @pytest.mark.parametrize('seed', SEEDS)
 def test_a_payload_agrees_with_a_body_added_in_pinocchio(seed: int) -> None:
     rng = np.random.default_rng(seed)
     robot = random_chain(rng, 4)
-    payload = Payload(2.0, rng.uniform(-0.2, 0.2, 3), random_inertia(rng, 2.0))
+    payload = pfd.Payload(2.0, rng.uniform(-0.2, 0.2, 3), random_inertia(rng, 2.0))
     model = to_pinocchio(robot)
     body = pin.Inertia(payload.mass, np.array(payload.center), np.array(payload.inertia))
     model.appendBodyToJoint(4, body, model.frames[-1].placement)
-    assert_same_dynamics(to_pinocchio(with_payload(robot, payload)), model, seed)
+    assert_same_dynamics(to_pinocchio(pfd.with_payload(robot, payload)), model, seed)
 
 
 def test_bodies_weld_as_in_pinocchio() -> None:
@@ -103,7 +103,7 @@ def test_bodies_weld_as_in_pinocchio() -> None:
 
 def test_a_payload_of_nothing_changes_no_bit() -> None:
     robot = random_chain(np.random.default_rng(0), 3)
-    assert with_payload(robot, Payload(0.0)) == robot
+    assert pfd.with_payload(robot, pfd.Payload(0.0)) == robot
 
 
 def test_arrays_are_copies_that_cannot_change() -> None:
@@ -148,7 +148,7 @@ def test_a_robot_stays_frozen_through_pickle_and_copies(ask_first: bool) -> None
 
 
 def test_an_unpickled_robot_is_not_warned_of_twice() -> None:
-    with pytest.warns(PhysicsWarning):
+    with pytest.warns(pfd.PhysicsWarning):
         robot = rod(inertias=[np.diag([1.0, 1.0, 2.1])])
     assert pickle.loads(pickle.dumps(robot)) == robot
 
@@ -232,9 +232,9 @@ def test_what_is_no_real_number_is_refused(value: object) -> None:
         with pytest.raises(ValueError, match=key):
             rod(**{key: value})
     with pytest.raises(ValueError, match='payload mass'):
-        Payload(value)
+        pfd.Payload(value)
     with pytest.raises(ValueError, match="joint 'joint1' is locked"):
-        lock(random_chain(np.random.default_rng(0), 2), {'joint1': value})
+        pfd.lock(random_chain(np.random.default_rng(0), 2), {'joint1': value})
 
 
 @pytest.mark.parametrize('kind', [int, np.int8, np.uint64, np.float32, np.longdouble, np.array])
@@ -243,8 +243,8 @@ def test_numbers_of_python_and_numpy_are_numbers(kind: type) -> None:
     assert (robot.masses[0], robot.damping[0], robot.effort_limit[0]) == (2.0, 3.0, 4.0)
     assert robot.masses.dtype == np.float64
     chain = random_chain(np.random.default_rng(0), 2)
-    assert lock(chain, {'joint1': kind(2)}) == lock(chain, {'joint1': 2.0})
-    assert Payload(kind(2)) == Payload(2.0)
+    assert pfd.lock(chain, {'joint1': kind(2)}) == pfd.lock(chain, {'joint1': 2.0})
+    assert pfd.Payload(kind(2)) == pfd.Payload(2.0)
 
 
 def test_a_rotation_that_overflows_is_refused() -> None:
@@ -269,7 +269,7 @@ def test_an_error_stays_short_whatever_the_names_are() -> None:
         lambda: rod(name=name, masses=-1),
         lambda: rod(joint_names=(name,), masses=-1),
         lambda: rod(joint_types=(name,)),
-        lambda: Payload(name),
+        lambda: pfd.Payload(name),
         lambda: rod(masses=name),
     ):
         with pytest.raises(ValueError, match='must') as caught:
@@ -279,15 +279,15 @@ def test_an_error_stays_short_whatever_the_names_are() -> None:
 
 
 def test_a_broken_triangle_rule_is_warned_of_and_the_link_named() -> None:
-    with pytest.warns(PhysicsWarning, match="link 1 of 'rod' .*'hinge'.* triangle rule"):
+    with pytest.warns(pfd.PhysicsWarning, match="link 1 of 'rod' .*'hinge'.* triangle rule"):
         robot = rod(inertias=[np.diag([1.0, 1.0, 2.1])])
     assert robot.inertias[0, 2, 2] == 2.1
 
 
 def test_the_published_puma_breaks_the_triangle_rule_where_its_file_says_so() -> None:
-    puma = load_robot('puma560')
+    puma = pfd.load_robot('puma560')
     assert puma.accepted == ('joint1', 'joint3')
-    with pytest.warns(PhysicsWarning) as warned:
+    with pytest.warns(pfd.PhysicsWarning) as warned:
         replace(puma, accepted=())
     assert [str(w.message).split(' (')[0] for w in warned] == [
         "link 1 of 'puma560'",
@@ -308,7 +308,7 @@ def test_the_published_puma_breaks_the_triangle_rule_where_its_file_says_so() ->
 )
 def test_a_lock_that_cannot_be_is_refused(positions: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        lock(random_chain(np.random.default_rng(0), 3), positions)
+        pfd.lock(random_chain(np.random.default_rng(0), 3), positions)
 
 
 @pytest.mark.parametrize(
@@ -323,7 +323,7 @@ def test_a_lock_that_cannot_be_is_refused(positions: dict[str, float], message: 
 )
 def test_a_wrong_payload_is_refused(arguments: tuple[object, ...], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        Payload(*arguments)
+        pfd.Payload(*arguments)
 
 
 def test_products_are_summed_in_one_order_on_every_machine() -> None:

@@ -14,7 +14,6 @@ from urdf_models import example
 from zoo import FORK
 
 import pfd_core as pfd
-from pfd_core.model.rotors import SPIN_UP_TIME
 
 DRAKE = '<robot xmlns:drake="http://drake.mit.edu" '
 FINGERS = {'left_finger': 0.0, 'right_finger': 0.0}
@@ -55,7 +54,7 @@ def test_a_wrong_rotor_is_refused(arguments: tuple[object, object], message: str
         pfd.reflected_inertia(*arguments)
 
 
-def test_a_urdf_states_rotors_in_the_words_of_drake_or_with_a_motor_inertia() -> None:
+def test_a_urdf_states_rotors_by_elements_of_drake_or_a_motor_inertia() -> None:
     drake = '<drake:rotor_inertia value="1.5e-4"/><drake:gear_ratio value="-120"/>'
     plain = '<motorInertia>2e-4</motorInertia><mechanicalReduction>50</mechanicalReduction>'
     text = fork(transmission('shoulder', drake), transmission('wrist', plain, plain))
@@ -141,7 +140,7 @@ def test_the_time_of_the_estimate_is_the_mean_over_known_rotors() -> None:
     times = [r.armature * r.velocity_limit / r.effort_limit for r in robots]
     mean = np.exp(np.log(np.concatenate(times)).mean())
     # Stated with two digits.
-    assert f'{mean:.2g}' == f'{SPIN_UP_TIME:g}'
+    assert f'{mean:.2g}' == f'{pfd.SPIN_UP_TIME:g}'
 
 
 def test_an_estimate_keeps_the_rotors_that_a_model_states_and_needs_both_limits() -> None:
@@ -151,7 +150,7 @@ def test_an_estimate_keeps_the_rotors_that_a_model_states_and_needs_both_limits(
         effort_limit=np.array([150.0, np.inf, 0.0, 28.0, 28.0, 28.0]),
         velocity_limit=np.array([3.0, 3.0, 3.0, 0.0, np.inf, 3.5]),
     )
-    expected = [0.5, 0.0, 0.0, 0.0, 0.0, SPIN_UP_TIME * 8.0]
+    expected = [0.5, 0.0, 0.0, 0.0, 0.0, pfd.SPIN_UP_TIME * 8.0]
     np.testing.assert_allclose(pfd.estimated_armature(robot), expected, rtol=1e-15)
 
 

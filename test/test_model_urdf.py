@@ -15,12 +15,13 @@ from tolerances import DYNAMICS
 from urdf_models import ARM, assert_same_physics, exact_angles, example, positions_in
 from zoo import BODY, FORK, ODD_ARM, STRAIGHT_ARM, TWO_ARMS, joint, link, urdf
 
+import pfd_core as pfd
 from pfd_core.algorithms.quantities import RECORDERS
 from pfd_core.machine.emulator import run
-from pfd_core.model import Robot, load_robot, lock, resolve
+from pfd_core.model import resolve
 
 
-def assert_same_frames(robot: Robot, text: str, locked: Mapping[str, float]) -> None:
+def assert_same_frames(robot: pfd.Robot, text: str, locked: Mapping[str, float]) -> None:
     """Compare pose and Jacobian of all frames with Pinocchio's, seen from the base link."""
     whole = pin.buildModelFromXML(exact_angles(text))
     data = whole.createData()
@@ -58,7 +59,7 @@ CHAINS = [
 def test_a_chain_has_the_inertia_the_torques_and_the_frames_of_pinocchio(
     text: str, choice: dict[str, object], n: int
 ) -> None:
-    robot = load_robot(text, **choice)
+    robot = pfd.load_robot(text, **choice)
     assert robot.n == n
     assert_same_physics(robot, text, choice.get('locked', {}))
     assert_same_frames(robot, text, choice.get('locked', {}))
@@ -83,14 +84,14 @@ def test_published_arms_have_the_physics_and_the_frames_of_pinocchio(
     name: str, choice: dict[str, object], n: int
 ) -> None:
     text = example(name)
-    robot = load_robot(text, **choice)
+    robot = pfd.load_robot(text, **choice)
     assert robot.n == n
     assert_same_physics(robot, text, choice.get('locked', {}))
     assert_same_frames(robot, text, choice.get('locked', {}))
 
 
 def test_right_angles_leave_exact_zeros_and_ones() -> None:
-    robot = load_robot(STRAIGHT_ARM, tip='flange')
+    robot = pfd.load_robot(STRAIGHT_ARM, tip='flange')
     elements = np.concatenate([robot.rotations.ravel(), robot.base_rotation.ravel()])
     assert set(np.abs(elements).tolist()) == {0.0, 1.0}
     # Each link lies along one coordinate axis, and each body but the last, which has two parts.
@@ -102,13 +103,13 @@ def test_an_axis_along_z_adds_no_turn() -> None:
     text = urdf(
         'plain', link('base'), link('arm', 1, J=BODY), joint('j', 'revolute', 'base', 'arm')
     )
-    robot = load_robot(text)
+    robot = pfd.load_robot(text)
     np.testing.assert_array_equal(robot.base_rotation, np.eye(3))
     np.testing.assert_array_equal(robot.rotations[0], np.eye(3))
 
 
 def test_limits_and_friction_come_from_the_file() -> None:
-    robot = load_robot(ODD_ARM)
+    robot = pfd.load_robot(ODD_ARM)
     assert robot.joint_types == (
         *('revolute', 'continuous', 'prismatic', 'revolute', 'continuous', 'revolute'),
     )
@@ -124,31 +125,31 @@ def test_limits_and_friction_come_from_the_file() -> None:
 
 def test_locking_in_the_file_and_in_the_robot_is_the_same() -> None:
     positions = {'j2': 0.7, 'j3': -0.1, 'j5': 2.0}
-    ours = lock(load_robot(ODD_ARM), positions)
+    ours = pfd.lock(pfd.load_robot(ODD_ARM), positions)
     assert_same_physics(ours, ODD_ARM, positions)
-    assert ours.joint_names == load_robot(ODD_ARM, locked=positions).joint_names
+    assert ours.joint_names == pfd.load_robot(ODD_ARM, locked=positions).joint_names
 
 
 def test_what_hangs_rigidly_beyond_the_tip_keeps_its_mass() -> None:
-    whole, cut = load_robot(ODD_ARM, tip='hand'), load_robot(ODD_ARM, tip='wrist')
+    whole, cut = pfd.load_robot(ODD_ARM, tip='hand'), pfd.load_robot(ODD_ARM, tip='wrist')
     assert cut.masses[-1] == whole.masses[-1] == pytest.approx(0.8 + 0.5, rel=DYNAMICS)
 
 
 def test_a_mimic_joint_may_be_locked() -> None:
     text = FORK.replace('<axis xyz="0 -1 0"/>', '<axis xyz="0 -1 0"/><mimic joint="left_finger"/>')
-    assert load_robot(text, locked={'left_finger': 0.0, 'right_finger': 0.0}).n == 2
+    assert pfd.load_robot(text, locked={'left_finger': 0.0, 'right_finger': 0.0}).n == 2
 
 
-def test_the_joints_that_mimic_a_locked_joint_stand_where_it_puts_them() -> None:
+def test_joints_that_mimic_a_locked_joint_are_locked_at_positions_that_follow() -> None:
     left = '<mimic joint="right_finger" multiplier="-2" offset="0.05"/>'
     right = '<mimic joint="wrist"/>'
     # The finger that follows a follower stands before it in the file.
     text = re.sub(r'(name="left_finger".*?<axis [^>]*/>)', rf'\1{left}', FORK, flags=re.S)
     text = re.sub(r'(name="right_finger".*?<axis [^>]*/>)', rf'\1{right}', text, flags=re.S)
-    robot = load_robot(text, locked={'wrist': 0.01})
+    robot = pfd.load_robot(text, locked={'wrist': 0.01})
     at = {'wrist': 0.01, 'right_finger': 0.01, 'left_finger': -2 * 0.01 + 0.05}
-    assert robot == load_robot(FORK, locked=at)
-    assert load_robot(text, locked={'wrist': 0.01, 'left_finger': 0.0}) == load_robot(
+    assert robot == pfd.load_robot(FORK, locked=at)
+    assert pfd.load_robot(text, locked={'wrist': 0.01, 'left_finger': 0.0}) == pfd.load_robot(
         FORK, locked=at | {'left_finger': 0.0}
     )
 
@@ -245,7 +246,7 @@ def test_what_is_no_chain_is_refused_and_named(
     text: str, choice: dict[str, object], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
-        load_robot(text, **choice)
+        pfd.load_robot(text, **choice)
 
 
 def test_a_floating_joint_above_the_base_is_cut_off() -> None:
@@ -253,11 +254,11 @@ def test_a_floating_joint_above_the_base_is_cut_off() -> None:
         *('x', *ARM, link('fore', 1, J=BODY), joint('free', 'floating', 'base', 'arm')),
         joint('j', 'revolute', 'arm', 'fore', '0.1 0 0'),
     )
-    assert load_robot(text, base='arm').joint_names == ('j',)
+    assert pfd.load_robot(text, base='arm').joint_names == ('j',)
 
 
 def test_the_physics_check_sees_a_wrong_robot() -> None:
-    robot = lock(load_robot(ODD_ARM), {'j2': 0.7})
+    robot = pfd.lock(pfd.load_robot(ODD_ARM), {'j2': 0.7})
     with pytest.raises(AssertionError):
         assert_same_physics(robot, ODD_ARM, {'j2': 0.7001})
 
@@ -277,16 +278,16 @@ NEARLY = """<robot name="nearly">
 
 
 def test_a_nearly_right_angle_is_made_exact_and_its_joint_named() -> None:
-    robot = load_robot(NEARLY)
+    robot = pfd.load_robot(NEARLY)
     assert robot.snapped_joints == ('second',)
     assert set(np.abs(robot.rotations[0]).ravel().tolist()) == {0.0, 1.0}
 
 
 def test_right_angles_can_be_left_as_written() -> None:
-    robot = load_robot(NEARLY, right_angle=-1.0)
+    robot = pfd.load_robot(NEARLY, right_angle=-1.0)
     assert robot.snapped_joints == ()
     # 1.8e-9 short of a right angle: so large is the cosine.
     off = np.pi / 2 - 1.570796325
     assert np.abs(robot.rotations[0]).max() <= 1
     assert np.isclose(np.abs(robot.rotations[0][1, 1]), np.sin(off), rtol=1e-6)
-    assert load_robot(NEARLY, right_angle=1e-9).snapped_joints == ()
+    assert pfd.load_robot(NEARLY, right_angle=1e-9).snapped_joints == ()

@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""A URDF that other readers get wrong is loaded right, or refused with its link or joint named."""
+"""A URDF that other readers get wrong: loaded right, or refused with its link or joint named."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 import re
+import warnings
 import xml.etree.ElementTree as ElementTree
 
 import numpy as np
@@ -16,7 +17,7 @@ import pytest
 from urdf_models import ARM, assert_same_physics, exact_angles, example
 from zoo import BODY, ODD_ARM, joint, link, urdf
 
-from pfd_core.model import PhysicsWarning, load_robot
+import pfd_core as pfd
 
 ANYMAL = 'anymal_c_simple_description/urdf/anymal.urdf'
 EXAMPLES = Path(pin.__file__).parents[4] / 'share' / 'example-robot-data' / 'robots'
@@ -44,7 +45,7 @@ def changed(old: str, new: str) -> str:
 )
 def test_blanks_and_ways_to_write_a_number_change_nothing(text: str) -> None:
     assert text != ODD_ARM
-    assert load_robot(text) == load_robot(ODD_ARM)
+    assert pfd.load_robot(text) == pfd.load_robot(ODD_ARM)
 
 
 NO_NUMBERS = (
@@ -67,7 +68,7 @@ def test_what_is_no_number_is_refused_and_the_link_or_joint_named(number: str) -
         if number in ('', ' ') and 'xyz' in where:
             continue
         with pytest.raises(ValueError, match=re.escape(where)) as caught:
-            load_robot(changed(old, new))
+            pfd.load_robot(changed(old, new))
         assert len(str(caught.value)) < 500
 
 
@@ -76,25 +77,25 @@ def test_what_is_no_limit_is_refused_and_the_joint_named(number: str) -> None:
     for key, old in (('lower', '-1'), ('upper', '1.5'), ('velocity', '2'), ('effort', '60')):
         text = changed(f'{key}="{old}"', f'{key}="{number}"')
         with pytest.raises(ValueError, match=f"<limit {key}> of joint 'j1'"):
-            load_robot(text)
+            pfd.load_robot(text)
 
 
 def test_a_limit_may_be_infinite_and_its_ends_be_left_out() -> None:
     text = changed(
         'lower="-1" upper="1.5" velocity="2"', 'lower="-inf" upper="inf" velocity="inf"'
     )
-    robot = load_robot(text)
+    robot = pfd.load_robot(text)
     assert robot.position_lower[0] == -np.inf
     assert (robot.position_upper[0], robot.velocity_limit[0]) == (np.inf, np.inf)
     # The format gives 0 to an end that is not there.
-    robot = load_robot(changed('lower="-1" upper="1.5" ', ''))
+    robot = pfd.load_robot(changed('lower="-1" upper="1.5" ', ''))
     assert (robot.position_lower[0], robot.position_upper[0]) == (0.0, 0.0)
 
 
 def test_subnormal_numbers_are_numbers() -> None:
-    robot = load_robot(changed('<mass value="4.0"/>', '<mass value="1e-310"/>'))
+    robot = pfd.load_robot(changed('<mass value="4.0"/>', '<mass value="1e-310"/>'))
     assert robot.masses[0] == 0.6
-    robot = load_robot(changed('xyz="0.01 -0.02 0.1"', 'xyz="1e-310 -0.02 0.1"'))
+    robot = pfd.load_robot(changed('xyz="0.01 -0.02 0.1"', 'xyz="1e-310 -0.02 0.1"'))
     assert robot.masses[0] == 4.6
 
 
@@ -129,15 +130,15 @@ def test_what_the_format_does_not_allow_is_refused_and_named(
     old: str, new: str, message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
-        load_robot(changed(old, new))
+        pfd.load_robot(changed(old, new))
 
 
 def test_a_body_that_cannot_be_is_not_hidden_by_the_one_it_is_welded_to() -> None:
     box = '<mass value="0.6"/><inertia ixx="0.02" iyy="0.03" izz="0.025"'
     with pytest.raises(ValueError, match="<mass value> of link 'box' must not be negative"):
-        load_robot(changed(box, box.replace('0.6', '-0.6')))
+        pfd.load_robot(changed(box, box.replace('0.6', '-0.6')))
     with pytest.raises(ValueError, match="<inertia> of link 'box' must not be negative in any"):
-        load_robot(changed(box, box.replace('0.02', '-0.02')))
+        pfd.load_robot(changed(box, box.replace('0.02', '-0.02')))
 
 
 def test_an_inertia_may_miss_zero_by_rounding() -> None:
@@ -146,29 +147,29 @@ def test_an_inertia_may_miss_zero_by_rounding() -> None:
         *('x', link('base'), link('arm', 0.5, '0.1 0 0', '0 0 0', '-5e-20 1e-19 1e-19 0 0 0')),
         joint('j', 'revolute', 'base', 'arm'),
     )
-    assert load_robot(text).masses[0] == 0.5
+    assert pfd.load_robot(text).masses[0] == 0.5
     with pytest.raises(ValueError, match="<inertia> of link 'arm' must not be negative"):
-        load_robot(text.replace('-5e-20', '-5e-7'))
+        pfd.load_robot(text.replace('-5e-20', '-5e-7'))
 
 
 @pytest.mark.parametrize('name', ['universe', 'world', 'base', 'root_joint', '{', '{0}', 'a b'])
 def test_a_joint_may_have_any_name(name: str) -> None:
-    plain = load_robot(ODD_ARM)
+    plain = pfd.load_robot(ODD_ARM)
     for old in ('j1', 'j3'):
-        robot = load_robot(changed(f'<joint name="{old}"', f'<joint name="{name}"'))
+        robot = pfd.load_robot(changed(f'<joint name="{old}"', f'<joint name="{name}"'))
         assert name in robot.joint_names
         for key in ('masses', 'centers', 'inertias', 'rotations', 'position_upper'):
             assert getattr(robot, key).tobytes() == getattr(plain, key).tobytes()
 
 
 def test_links_may_be_named_as_joints_are() -> None:
-    plain = load_robot(ODD_ARM)
+    plain = pfd.load_robot(ODD_ARM)
     names = re.findall('<link name="(.*?)"', ODD_ARM)
     joints = [*re.findall('<joint name="(.*?)"', ODD_ARM)[::-1], 'universe']
     text = ODD_ARM
     for old, new in zip(names, joints, strict=True):
         text = re.sub(f'(<link name|parent link|child link)="{old}"', rf'\1="{new}"', text)
-    robot = load_robot(text)
+    robot = pfd.load_robot(text)
     for key in ('masses', 'centers', 'inertias', 'rotations', 'translations', 'base_position'):
         assert getattr(robot, key).tobytes() == getattr(plain, key).tobytes()
 
@@ -176,10 +177,10 @@ def test_links_may_be_named_as_joints_are() -> None:
 @pytest.mark.parametrize('leg', ['LF', 'RF', 'LH', 'RH'])
 def test_the_legs_of_anymal_c_have_the_physics_of_pinocchio(leg: str) -> None:
     text = example(ANYMAL)
-    robot = load_robot(text, tip=f'{leg}_FOOT')
+    robot = pfd.load_robot(text, tip=f'{leg}_FOOT')
     assert robot.joint_names == (f'{leg}_HAA', f'{leg}_HFE', f'{leg}_KFE')
     other = renamed(text)
-    again = load_robot(other, tip=f'{leg}_FOOT_')
+    again = pfd.load_robot(other, tip=f'{leg}_FOOT_')
     for key in ('masses', 'centers', 'inertias', 'rotations', 'translations'):
         assert getattr(robot, key).tobytes() == getattr(again, key).tobytes()
     assert_same_physics(again, other, {})
@@ -192,9 +193,9 @@ def test_a_loop_apart_from_the_rest_is_named() -> None:
         joint('l', 'fixed', 'd', 'c'),
     )
     with pytest.raises(ValueError, match="joints 'k', 'l' form a closed loop apart from the rest"):
-        load_robot(text)
+        pfd.load_robot(text)
     with pytest.raises(ValueError, match=r'closed loop|without a parent'):
-        load_robot(urdf('x', *ARM, joint('j', 'revolute', 'arm', 'arm')))
+        pfd.load_robot(urdf('x', *ARM, joint('j', 'revolute', 'arm', 'arm')))
 
 
 def test_a_massless_link_within_the_chain_is_loaded_and_warned_of() -> None:
@@ -203,14 +204,16 @@ def test_a_massless_link_within_the_chain_is_loaded_and_warned_of() -> None:
         joint('yaw', 'revolute', 'base', 'virtual'),
         joint('pitch', 'revolute', 'virtual', 'arm', axis='0 1 0'),
     )
-    with pytest.warns(PhysicsWarning, match="link 'virtual', moved by joint 'yaw', has no <in"):
-        robot = load_robot(text)
+    with pytest.warns(
+        pfd.PhysicsWarning, match="link 'virtual', moved by joint 'yaw', has no <in"
+    ):
+        robot = pfd.load_robot(text)
     assert robot.masses.tolist() == [0.0, 1.0]
     assert_same_physics(robot, text, {})
     explicit = text.replace('<link name="virtual"/>', link('virtual', J='0 0 0 0 0 0'))
-    assert load_robot(explicit) == robot
+    assert pfd.load_robot(explicit) == robot
     with pytest.raises(ValueError, match="link 'arm', moved by joint 'pitch', has no <inertial>"):
-        load_robot(re.sub('<link name="arm">.*</link>', '<link name="arm"/>', explicit))
+        pfd.load_robot(re.sub('<link name="arm">.*</link>', '<link name="arm"/>', explicit))
 
 
 BOMB = '<!DOCTYPE r [<!ENTITY a0 "x">{}]><robot name="&a30;"><link name="a"/></robot>'.format(
@@ -239,7 +242,7 @@ BOMB = '<!DOCTYPE r [<!ENTITY a0 "x">{}]><robot name="&a30;"><link name="a"/></r
 )
 def test_hostile_xml_is_refused_in_a_short_line(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message) as caught:
-        load_robot(text)
+        pfd.load_robot(text)
     assert len(str(caught.value)) < 500
     assert '\n' not in str(caught.value)
 
@@ -256,7 +259,7 @@ def test_long_names_make_short_errors() -> None:
         ('<mass value="4.0"/>', f'<mass value="{name}"/>', {}),
     ):
         with pytest.raises(ValueError, match='nnn') as caught:
-            load_robot(changed(old, new), **choice)
+            pfd.load_robot(changed(old, new), **choice)
         assert len(str(caught.value)) < 3000
 
 
@@ -276,13 +279,13 @@ def test_long_names_make_short_errors() -> None:
 )
 def test_wrong_choices_are_refused_and_named(choice: dict[str, object], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        load_robot(ODD_ARM, **choice)
+        pfd.load_robot(ODD_ARM, **choice)
 
 
 def test_a_joint_may_be_locked_at_any_kind_of_number() -> None:
-    at = load_robot(ODD_ARM, locked={'j1': 1.0})
+    at = pfd.load_robot(ODD_ARM, locked={'j1': 1.0})
     for one in (1, np.int8(1), np.float32(1), np.uint64(1), np.array(1.0)):
-        assert load_robot(ODD_ARM, locked={'j1': one}) == at
+        assert pfd.load_robot(ODD_ARM, locked={'j1': one}) == at
 
 
 def test_a_long_chain_is_loaded_and_a_longer_one_refused() -> None:
@@ -294,12 +297,12 @@ def test_a_long_chain_is_loaded_and_a_longer_one_refused() -> None:
         ]
         return urdf('long', *links[::-1], *joints[::-1])
 
-    robot = load_robot(chain(499))
+    robot = pfd.load_robot(chain(499))
     assert robot.n == 499
     assert robot.joint_names[0] == 'j0'
-    assert load_robot(chain(499), locked={f'j{i}': 0.1 for i in range(1, 499)}).n == 1
+    assert pfd.load_robot(chain(499), locked={f'j{i}': 0.1 for i in range(1, 499)}).n == 1
     with pytest.raises(ValueError, match='501 links'):
-        load_robot(chain(500))
+        pfd.load_robot(chain(500))
 
 
 def renamed(text: str) -> str:
@@ -313,7 +316,7 @@ def renamed(text: str) -> str:
 
 
 def chains(text: str) -> Iterator[tuple[str, dict[str, float]]]:
-    """Yield each link that ends a chain of a URDF, and every movable joint beside that chain."""
+    """Yield each link that ends a chain of a URDF, and every movable joint outside that chain."""
     root = ElementTree.fromstring(text.strip())
     joints = root.findall('joint')
     above = {j.find('child').get('link'): j for j in joints}
@@ -363,7 +366,7 @@ def test_every_chain_of_the_examples_has_the_physics_of_pinocchio_or_is_refused(
         other = renamed(exact_angles(file.read_text(encoding='utf-8')))
         for tip, locked in islice(chains(other), CHAINS_OF_A_FILE):
             try:
-                robot = load_robot(other, tip=tip, locked=locked, right_angle=-1.0)
+                robot = pfd.load_robot(other, tip=tip, locked=locked, right_angle=-1.0)
             except ValueError as error:
                 refused.append(f'{file.name} {tip}: {error}')
                 continue
@@ -371,3 +374,79 @@ def test_every_chain_of_the_examples_has_the_physics_of_pinocchio_or_is_refused(
             assert_same_physics(robot, other, followed(other, locked))
     assert loaded
     assert not [line for line in refused if not re.search(REFUSALS, line)]
+
+
+# ---- misspelt names, and those of other tools ------------------------------------------------
+
+
+NAMED = """
+<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro" xmlns:drake="http://drake.mit.edu">
+  <link name="base"/>
+  <link name="upper">
+    <inertial>
+      <origin xyz="0 0 1" rpy="0 0 0"/>
+      <mass value="1"/>
+      <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>
+    </inertial>
+    <visual name="v"><geometry><box size="1 1 1"/></geometry></visual>
+    <collision><origin xzy="0 0 0"/></collision>
+    <drake:inertials/>
+  </link>
+  <joint name="shoulder" type="revolute">
+    <origin xyz="0 0 0" rpy="0 0 0"/>
+    <parent link="base"/>
+    <child link="upper"/>
+    <axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" effort="9" velocity="9" acceleration="5" drake:efforts="2"/>
+    <dynamics damping="1" friction="0.5"/>
+    <safety_controller k_velocity="1" soft_lower_limit="-2"/>
+    <calibration rising="0"/>
+  </joint>
+  <gazebo reference="upper"><links/></gazebo>
+  <ros2_control name="arm" type="system"><joints/></ros2_control>
+  <transmission name="t"><types>x</types></transmission>
+  <material name="blue"/>
+</robot>
+"""
+
+
+def test_names_of_other_tools_are_no_misspelt_ones() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        assert pfd.load_robot(NAMED).friction.tolist() == [0.5]
+
+
+@pytest.mark.parametrize(
+    ('right', 'wrong', 'text'),
+    [
+        (
+            ' friction=',
+            ' Friction=',
+            'has an attribute Friction, .*is an attribute friction meant',
+        ),
+        ('xyz="0 0 1"', 'xyzs="0 0 1"', 'has an attribute xyzs, .*is an attribute xyz meant'),
+        ('xyz="0 0 1"', 'xzy="0 0 1"', 'has an attribute xzy, .*is an attribute xyz meant'),
+        ('dynamics ', 'dynamic ', r'has an element <dynamic>, .*is an element <dynamics> meant'),
+        ('inertial>', 'Inertial>', r'<link name=.upper.> has an element <Inertial>'),
+        ('transmission', 'transmision', r'has an element <transmision>'),
+    ],
+)
+def test_a_misspelt_name_is_warned_of_with_the_likely_one(
+    right: str, wrong: str, text: str
+) -> None:
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter('always')
+        try:
+            pfd.load_robot(NAMED.replace(right, wrong))
+        except ValueError:  # without its <inertial> the arm is no body
+            assert right == 'inertial>'
+    (warning,) = found
+    assert re.search(text, str(warning.message))
+    assert issubclass(warning.category, pfd.PhysicsWarning)
+    assert warning.filename == __file__
+
+
+def test_xacro_that_was_not_expanded_is_an_error_that_says_what_to_run() -> None:
+    text = NAMED.replace('<link name="base"/>', '<xacro:arm/><link name="base"/>')
+    with pytest.raises(ValueError, match=r'<xacro:arm>, which is not expanded: load the \.xacro'):
+        pfd.load_robot(text)

@@ -23,7 +23,7 @@ from tolerances import DYNAMICS
 from urdf_models import assert_same_physics, exact_angles
 from zoo import FORK, ODD_ARM, STRAIGHT_ARM
 
-from pfd_core.model import Robot, load_robot
+import pfd_core as pfd
 
 # URDF texts, and the joints to lock in them.
 FILES = (
@@ -177,7 +177,7 @@ def meant(text: str) -> dict[str, object] | None:
     return {'masses': masses, 'joints': joints}
 
 
-def carried(robot: Robot, said: dict[str, object], locked: dict[str, float]) -> list[float]:
+def carried(robot: pfd.Robot, said: dict[str, object], locked: dict[str, float]) -> list[float]:
     """Return the mass that moves with each joint of a robot, found by walking outwards."""
     below: dict[str, list[minidom.Element]] = {}
     by_name = {j.getAttribute('name'): j for j in said['joints']}
@@ -241,10 +241,10 @@ def clashes(said: dict[str, object]) -> bool:
     return bool(names & {'universe', *said['masses']})
 
 
-def load_or_refuse(text: str, locked: dict[str, float]) -> Robot | str:
+def load_or_refuse(text: str, locked: dict[str, float]) -> pfd.Robot | str:
     """Return the robot of a file, or the error that refuses it."""
     try:
-        return load_robot(text, locked=locked)
+        return pfd.load_robot(text, locked=locked)
     except ValueError as error:
         return str(error)
 

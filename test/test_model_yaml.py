@@ -16,18 +16,16 @@ from oracle import Oracle
 import pinocchio as pin
 import pytest
 from tolerances import DYNAMICS
-from yaml_rows import ROWS
-from zoo import ODD_ARM, random_state, to_pinocchio
+from zoo import ODD_ARM, ROWS, random_state, to_pinocchio
 
 import pfd_core as pfd
-from pfd_core.model import Robot, known_robots, load_robot, lock, robot_to_yaml
 from pfd_core.model.loading import LARGEST_FILE
 
 # The book prints four digits after the point.
 PRINTED = 0.5e-4 * 1.001
 
 
-def tip_at(robot: Robot, q: np.ndarray) -> np.ndarray:
+def tip_at(robot: pfd.Robot, q: np.ndarray) -> np.ndarray:
     model = to_pinocchio(robot)
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
@@ -35,9 +33,9 @@ def tip_at(robot: Robot, q: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize('name', ['panda', 'planar2', 'puma560', 'ur5'])
-def test_known_robots_load_without_a_warning_and_say_their_source(name: str) -> None:
-    robot = load_robot(name)
-    assert name in known_robots()
+def test_known_robots_load_without_a_warning_and_name_their_source(name: str) -> None:
+    robot = pfd.load_robot(name)
+    assert name in pfd.known_robots()
     assert robot.name == name
     assert f'{name}.yaml' in robot.source
     assert np.isfinite(robot.effort_limit).all()
@@ -46,12 +44,12 @@ def test_known_robots_load_without_a_warning_and_say_their_source(name: str) -> 
 
 def test_every_known_robot_is_listed() -> None:
     folder = Path(__file__).resolve().parent.parent / 'config' / 'robots'
-    assert known_robots() == sorted(path.stem for path in folder.glob('*.yaml'))
+    assert pfd.known_robots() == sorted(path.stem for path in folder.glob('*.yaml'))
 
 
 def test_the_puma_has_the_inertia_and_gravity_load_that_corke_prints() -> None:
     # Corke, Robotics, Vision and Control (2011), section 9.1, at pose qn.
-    puma = load_robot('puma560')
+    puma = pfd.load_robot('puma560')
     q = np.pi * np.array([0, 1 / 4, 1, 0, 1 / 4, 0])
     upper = [
         *([3.6594, -0.4044, 0.1006, -0.0025, 0, 0], [4.4137, 0.3509, 0, 0.0024, 0]),
@@ -69,7 +67,7 @@ def test_rotors_make_an_arm_heavy_enough_for_a_sampled_damper(name: str) -> None
     # tau = -kd qd, held for a period dt, is stable while kd dt is below twice every eigenvalue
     # of H. The wrist of a UR5 without rotors is too light for 3 N m s/rad at 1 kHz.
     kd, dt = 3.0, 1e-3
-    robot = load_robot(name)
+    robot = pfd.load_robot(name)
     rng = np.random.default_rng(4)
     states = rng.uniform(-np.pi, np.pi, (20, robot.n))
     with_rotors = np.array([Oracle(robot, robot.armature).H(q) for q in states])
@@ -80,13 +78,13 @@ def test_rotors_make_an_arm_heavy_enough_for_a_sampled_damper(name: str) -> None
 
 
 def test_the_puma_wrist_is_made_of_exact_right_angles() -> None:
-    assert set(np.abs(load_robot('puma560').rotations).ravel().tolist()) == {0.0, 1.0}
+    assert set(np.abs(pfd.load_robot('puma560').rotations).ravel().tolist()) == {0.0, 1.0}
 
 
-def test_the_ur5_reaches_where_its_table_says() -> None:
+def test_the_ur5_has_the_reach_of_its_table() -> None:
     # All angles zero: a2 + a3 along x, d4 + d6 along -y, d1 - d5 up.
     expected = [-0.425 - 0.39225, -0.10915 - 0.0823, 0.089159 - 0.09465]
-    tip = tip_at(load_robot('ur5'), np.zeros(6))
+    tip = tip_at(pfd.load_robot('ur5'), np.zeros(6))
     np.testing.assert_allclose(tip[:3, 3], expected, rtol=DYNAMICS)
 
 
@@ -95,7 +93,7 @@ def test_the_panda_is_the_urdf_without_its_hand() -> None:
     text = (folder / 'panda_description/urdf/panda.urdf').read_text(encoding='utf-8')
     cut = text.index('<joint name="panda_hand_joint"')
     arm = text[:cut] + '</robot>'
-    urdf, ours = load_robot(arm, tip='panda_link8'), load_robot('panda')
+    urdf, ours = pfd.load_robot(arm, tip='panda_link8'), pfd.load_robot('panda')
     assert urdf.joint_names == ours.joint_names
     keys = ('position_lower', 'position_upper', 'velocity_limit', 'effort_limit', 'damping')
     for key in keys:
@@ -106,7 +104,7 @@ def test_the_panda_is_the_urdf_without_its_hand() -> None:
 
 def test_planar2_is_the_double_pendulum_of_the_textbook() -> None:
     # Two rods of mass m and length l from the horizontal: H and gravity in closed form.
-    robot, m, l, g = load_robot('planar2'), 1.0, 0.5, 9.81  # noqa: E741
+    robot, m, l, g = pfd.load_robot('planar2'), 1.0, 0.5, 9.81  # noqa: E741
     q = np.array([0.3, -1.1])
     c2, c1, c12 = np.cos(q[1]), np.cos(q[0]), np.cos(q[0] + q[1])
     H12 = m * l**2 * (1 / 3 + c2 / 2)
@@ -119,10 +117,10 @@ def test_planar2_is_the_double_pendulum_of_the_textbook() -> None:
 
 @pytest.mark.parametrize('name', ['puma560', 'panda', 'planar2', ODD_ARM])
 def test_stored_known_robots_come_back_whole(name: str, tmp_path: Path) -> None:
-    robot = load_robot(name)
+    robot = pfd.load_robot(name)
     path = tmp_path / 'stored.yaml'
-    path.write_text(robot_to_yaml(robot), encoding='utf-8')
-    again = load_robot(path)
+    path.write_text(pfd.robot_to_yaml(robot), encoding='utf-8')
+    again = pfd.load_robot(path)
     assert again == robot
     assert (again.source, again.accepted) == (robot.source, robot.accepted)
 
@@ -135,7 +133,7 @@ def dh(a: float, d: float, alpha: float, theta: float) -> np.ndarray:
 
 
 def test_standard_rows_are_turn_shift_shift_twist() -> None:
-    robot = load_robot(ROWS)
+    robot = pfd.load_robot(ROWS)
     q = np.array([0.7, -0.4])
     expected = dh(0.5, 0.1, 90, 30 + np.degrees(0.7)) @ dh(0, 0.2 - 0.4, -20, 90)
     np.testing.assert_allclose(tip_at(robot, q), expected, atol=DYNAMICS)
@@ -148,7 +146,7 @@ def test_modified_rows_are_twist_shift_turn_shift() -> None:
     # The same joints and bodies written both ways: Craig's row i holds the twist of row i-1.
     common = 'joints:\n- {name: a, type: revolute, mass: 1, center: [0.1, 0.2, 0.3]'
     second = '- {name: b, type: prismatic, mass: 2, center: [0.3, 0, 0.1]'
-    modified = load_robot(
+    modified = pfd.load_robot(
         'robot: m\nbase: {link: floor, translation: [0, 0, 0.3]}\n'
         'tip: {link: hand, rotation: [[1, 0, 0], [0, 0, -1], [0, 1, 0]]}\n'
         f'{common}, modified_dh: {{a: 0, d: 0.1, alpha_deg: 0, theta_deg: 30}}}}\n'
@@ -179,17 +177,17 @@ def test_modified_rows_are_twist_shift_turn_shift() -> None:
 
 def test_a_rotor_is_carried_through_its_gear() -> None:
     rotor = 'rotor: {inertia: 2e-4, gear_ratio: -50, damping: 1e-3, friction: 0.1}'
-    robot = load_robot(ROWS.replace('mass: 1,', f'mass: 1, damping: 0.5, {rotor},'))
+    robot = pfd.load_robot(ROWS.replace('mass: 1,', f'mass: 1, damping: 0.5, {rotor},'))
     np.testing.assert_allclose(robot.armature, [0.5, 0], rtol=DYNAMICS)
     np.testing.assert_allclose(robot.damping, [0.5 + 2.5, 0], rtol=DYNAMICS)
     np.testing.assert_allclose(robot.friction, [5, 0], rtol=DYNAMICS)
 
 
 def test_locking_while_loading_is_locking_after() -> None:
-    assert load_robot('ur5', locked={'elbow_joint': 0.5}) == lock(
-        load_robot('ur5'), {'elbow_joint': 0.5}
+    assert pfd.load_robot('ur5', locked={'elbow_joint': 0.5}) == pfd.lock(
+        pfd.load_robot('ur5'), {'elbow_joint': 0.5}
     )
-    assert load_robot('ur5', base='base_link', tip='tool0') == load_robot('ur5')
+    assert pfd.load_robot('ur5', base='base_link', tip='tool0') == pfd.load_robot('ur5')
 
 
 def changed(old: str, new: str) -> str:
@@ -232,28 +230,28 @@ def changed(old: str, new: str) -> str:
 )
 def test_a_wrong_file_is_refused_and_the_key_named(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        load_robot(text)
+        pfd.load_robot(text)
 
 
 def test_an_unknown_name_lists_the_known_ones() -> None:
-    known = ', '.join(known_robots())
+    known = ', '.join(pfd.known_robots())
     with pytest.raises(ValueError, match=f"unknown robot 'puma': known are {re.escape(known)}"):
-        load_robot('puma')
+        pfd.load_robot('puma')
 
 
 def test_missing_and_wrong_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"no robot file '.*arm\.urdf'"):
-        load_robot(tmp_path / 'arm.urdf')
+        pfd.load_robot(tmp_path / 'arm.urdf')
     with pytest.raises(ValueError, match=r"no robot file 'arm\.yaml'"):
-        load_robot('arm.yaml')
+        pfd.load_robot('arm.yaml')
     (tmp_path / 'arm.txt').write_text('robot: x')
     with pytest.raises(ValueError, match=r'must end in \.urdf'):
-        load_robot(tmp_path / 'arm.txt')
+        pfd.load_robot(tmp_path / 'arm.txt')
     (tmp_path / 'arm.yaml').write_bytes(b'\xff\xfe\x00')
     with pytest.raises(ValueError, match='cannot read'):
-        load_robot(tmp_path / 'arm.yaml')
+        pfd.load_robot(tmp_path / 'arm.yaml')
     with pytest.raises(ValueError, match='source must be a name, a path or a string, got 3'):
-        load_robot(3)
+        pfd.load_robot(3)
 
 
 def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
@@ -262,26 +260,26 @@ def test_what_is_no_regular_file_is_refused_at_once(tmp_path: Path) -> None:
     (tmp_path / 'zero.urdf').symlink_to('/dev/zero')
     for name in ('pipe.urdf', 'folder.yaml', 'zero.urdf'):
         with pytest.raises(ValueError, match=rf'cannot read .*{name}.: it is no regular file'):
-            load_robot(tmp_path / name)
+            pfd.load_robot(tmp_path / name)
         with pytest.raises(ValueError, match='it is no regular file'):
-            load_robot(str(tmp_path / name))
+            pfd.load_robot(str(tmp_path / name))
     with open(tmp_path / 'huge.urdf', 'wb') as file:
         file.truncate(LARGEST_FILE + 1)
     with pytest.raises(ValueError, match=r'cannot read .*huge\.urdf.: it is larger than'):
-        load_robot(tmp_path / 'huge.urdf')
+        pfd.load_robot(tmp_path / 'huge.urdf')
 
 
 @pytest.mark.parametrize('source', ['x' * 1_000_000, 'zero\0.urdf', 'a/' * 5000, b'ur5', '\ud800'])
 def test_a_name_that_no_file_can_have_is_refused_in_a_short_line(source: object) -> None:
     with pytest.raises(ValueError, match=r'unknown robot|no robot file|source must be') as caught:
-        load_robot(source)
+        pfd.load_robot(source)
     assert len(str(caught.value)) < 1000
 
 
 def test_a_mark_of_byte_order_is_no_part_of_a_file(tmp_path: Path) -> None:
     for name, text in (('two.yaml', ROWS), ('odd.urdf', ODD_ARM)):
         (tmp_path / name).write_text('\ufeff' + text, encoding='utf-8')
-        assert load_robot(tmp_path / name) == load_robot(text)
+        assert pfd.load_robot(tmp_path / name) == pfd.load_robot(text)
 
 
 def nested(levels: int) -> str:
@@ -332,20 +330,20 @@ def nested(levels: int) -> str:
 )
 def test_a_hostile_yaml_is_refused_in_a_short_line(text: str, message: str) -> None:
     with pytest.raises(ValueError, match=message) as caught:
-        load_robot(text)
+        pfd.load_robot(text)
     assert len(str(caught.value)) < 1000
     assert '\n' not in str(caught.value)
 
 
-def test_scalars_are_texts_until_somebody_knows_better() -> None:
-    robot = load_robot(ROWS.replace('name: a', 'name: no').replace('robot: two', 'robot: 012'))
+def test_scalars_are_strings_until_they_are_read_as_numbers() -> None:
+    robot = pfd.load_robot(ROWS.replace('name: a', 'name: no').replace('robot: two', 'robot: 012'))
     assert (robot.name, robot.joint_names) == ('012', ('no', 'b'))
-    assert load_robot(robot_to_yaml(robot)) == robot
+    assert pfd.load_robot(pfd.robot_to_yaml(robot)) == robot
 
 
 def test_anchors_and_merge_keys_may_be_used() -> None:
     text = ROWS.replace('mass: 1,', 'mass: 1, limits: &l {upper: 2, lower: -.inf},')
-    robot = load_robot(text.replace('mass: 2,', 'mass: 2, limits: {<<: *l, lower: -3},'))
+    robot = pfd.load_robot(text.replace('mass: 2,', 'mass: 2, limits: {<<: *l, lower: -3},'))
     assert robot.position_lower.tolist() == [-np.inf, -3.0]
     assert robot.position_upper.tolist() == [2.0, 2.0]
 
@@ -353,13 +351,13 @@ def test_anchors_and_merge_keys_may_be_used() -> None:
 def test_a_urdf_file_remembers_its_path(tmp_path: Path) -> None:
     path = tmp_path / 'arm.urdf'
     path.write_text(ODD_ARM, encoding='utf-8')
-    assert load_robot(str(path)).source == str(path)
-    assert load_robot(path) == load_robot(ODD_ARM)
+    assert pfd.load_robot(str(path)).source == str(path)
+    assert pfd.load_robot(path) == pfd.load_robot(ODD_ARM)
 
 
 def test_base_and_tip_cannot_be_chosen_in_yaml() -> None:
     with pytest.raises(ValueError, match="tip='wrist' cannot be chosen for 'ur5'"):
-        load_robot('ur5', tip='wrist')
+        pfd.load_robot('ur5', tip='wrist')
 
 
 def test_robots_are_known_by_name_in_an_installation_in_a_zip_file(tmp_path: Path) -> None:

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 import yaml
-from yaml_rows import ROWS
-from zoo import random_chain
+from zoo import ROWS, random_chain
 
 import pfd_core as pfd
 

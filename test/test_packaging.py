@@ -73,6 +73,8 @@ def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
         'pfd_core/py.typed',
         'pfd_core/config/robots/puma560.yaml',
         'pfd_core/config/sim_arm.yaml',
+        'pfd_core/report/data/so100.urdf',
+        'pfd_core/report/texts/speed.md',
         'pfd_ros/node/main.py',
         'pfd_ros/testing/loopback.xml',
         'share/pfd_ros/package.xml',
@@ -81,6 +83,25 @@ def test_an_installation_holds_code_robots_parameters_and_the_ament_marker(
         'share/ament_index/resource_index/packages/pfd_ros',
     ):
         assert any(name.endswith(part) for name in files), part
+
+
+def test_the_reports_load_their_tables_and_texts_from_a_zip_file(
+    copy: Path, tmp_path: Path
+) -> None:
+    archive = tmp_path / 'site.zip'
+    with zipfile.ZipFile(archive, 'w') as file:
+        for name, text in installed(copy).items():
+            if '/pfd_core/' in name:
+                file.writestr(name[name.rindex('/pfd_core/') + 1 :], text)
+    script = (
+        'from pfd_core.report import cases, time_tables\n'
+        'from pfd_core.report.cases import hard_cases, motions, paper, robots\n'
+        'assert ".zip" in cases.__file__\n'
+        'print(len(hard_cases.CASES), len(motions.MOTIONS), len(motions.REFERENCES),'
+        'len(paper.TABLE), robots.robot("so100").n, len(time_tables.NOTES) > 100)'
+    )
+    found = run([sys.executable, '-c', script], tmp_path, PYTHONPATH=str(archive))
+    assert found.split() == ['38', '15', '15', '8', '6', 'True']
 
 
 def test_ros_comes_only_with_its_extra(copy: Path) -> None:
@@ -93,7 +114,7 @@ def test_ros_comes_only_with_its_extra(copy: Path) -> None:
     assert 'ros-jazzy' not in ros.split('\n\n')[1]
 
 
-def test_package_xml_and_setup_py_tell_the_same() -> None:
+def test_package_xml_and_setup_py_agree() -> None:
     manifest = ET.parse(ROOT / 'package.xml').getroot()
     assert manifest.get('format') == '3'
     assert manifest.findtext('export/build_type') == 'ament_python'
@@ -102,9 +123,9 @@ def test_package_xml_and_setup_py_tell_the_same() -> None:
         for node in ast.walk(ast.parse((ROOT / 'setup.py').read_text()))
         if isinstance(node, ast.Call) and getattr(node.func, 'id', '') == 'setup'
     )
-    told = {k.arg: k.value.value for k in call.keywords if isinstance(k.value, ast.Constant)}
-    assert manifest.findtext('version') == told['version']
-    assert manifest.findtext('license') == told['license'] == 'Apache-2.0'
+    stated = {k.arg: k.value.value for k in call.keywords if isinstance(k.value, ast.Constant)}
+    assert manifest.findtext('version') == stated['version']
+    assert manifest.findtext('license') == stated['license'] == 'Apache-2.0'
     assert manifest.findtext('name') == 'pfd_ros'
 
 
@@ -126,9 +147,9 @@ def test_colcon_builds_a_node_that_runs(copy: Path) -> None:
     for part in ('lib/pfd_ros/sim_node', 'lib/pfd_ros/pfd', 'share/pfd_ros/package.xml'):
         assert (prefix / part).exists(), part
     (packages,) = prefix.glob('lib/python*/site-packages')
-    told = run(
+    stated = run(
         [sys.executable, str(prefix / 'lib/pfd_ros/pfd'), 'robots'],
         workspace,
         PYTHONPATH=str(packages),
     )
-    assert 'puma560' in told
+    assert 'puma560' in stated

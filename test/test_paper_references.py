@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""What the sources cite from Lee and Chang (1987) is in that text, and is told with its price."""
+"""What the sources cite from Lee and Chang (1987) is in its text, and its cost is cited too."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ import re
 
 import pytest
 
-from pfd_core.report.convergence import convergence
-from pfd_core.report.counts import best_serial, row
-from pfd_core.report.counts import uniform_chain as chain
+from pfd_core.report.cases.robots import uniform_chain as chain
+from pfd_core.report.measure.convergence import convergence
+from pfd_core.report.measure.counts import best_serial, row
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = sorted((ROOT / 'pfd_core').rglob('*.py'))
@@ -91,7 +91,7 @@ def test_most_equations_are_cited_somewhere() -> None:
 
 
 @pytest.mark.parametrize('path', SOURCES, ids=lambda path: path.name)
-def test_no_formula_that_the_paper_lacks_is_told_as_its_own(path: Path) -> None:
+def test_no_formula_that_the_paper_lacks_is_attributed_to_it(path: Path) -> None:
     for text in texts(path):
         for sentence in re.split(r'(?<=\.)\s', text):
             if re.search(r'Lee and Chang|the paper', sentence):
@@ -108,14 +108,14 @@ def test_the_guide_gives_the_steps_of_pcrbm_with_what_packing_costs() -> None:
     s, u = counts.steps, counts.unpacked
     cells = counts.cells['multiplications'], counts.cells['additions']
     sentence = guide().split('At six joints PCRBM takes')[1].split('##')[0]
-    for told in (
+    for stated in (
         f' {s.multiplications + s.divisions} multiplications and divisions, {s.additions} '
         f'additions and {s.routes} routes',
         f'or {u.multiplications + u.divisions}, {u.additions} and {u.routes} without packing',
         f'prints {cells[0].printed} and {cells[1].printed}',
         f'sum to {cells[0].parts:.0f} and {cells[1].parts:.0f}',
     ):
-        assert told in sentence
+        assert stated in sentence
     assert best_serial(6)[0] in ('walker_orin_3', 'articulated_body')
     assert f'{counts.speed_up:.2f} times as many steps of arithmetic' in guide()
     assert f'{counts.routed_speed_up:.2f} times if a route is a step' in guide()
@@ -141,15 +141,18 @@ def test_the_guide_gives_what_convergence_and_divide_and_conquer_cost() -> None:
     assert f'with {routes[0]} to {routes[1]} routes' in guide()
     counts = row('divide_and_conquer', 6)
     measured = [cell.measured for cell in counts.cells.values()]
-    told = f'it takes {measured[0]} and {measured[1]} with {counts.steps.routes} routes'
-    assert told in guide()
+    stated = f'it takes {measured[0]} and {measured[1]} with {counts.steps.routes} routes'
+    assert stated in guide()
 
 
 def test_the_guide_gives_the_steps_of_64_joints() -> None:
     # Of the page, whose numbers are tested.
     text = (ROOT / 'docs' / 'report' / 'counts.json').read_text(encoding='utf-8')
     rows = {(entry['system'], entry['n']): entry['cells'] for entry in json.loads(text)['counts']}
-    told = []
+    stated = []
     for method in ('divide_and_conquer', 'pcrbm'):
-        told += [cell['measured'] for cell in rows[method, 64].values()][:2]
-    assert f'still {told[0]} and {told[1]} where PCRBM takes {told[2]} and {told[3]}' in guide()
+        stated += [cell['measured'] for cell in rows[method, 64].values()][:2]
+    assert (
+        f'still {stated[0]} and {stated[1]} where PCRBM takes {stated[2]} and {stated[3]}'
+        in guide()
+    )

@@ -4,14 +4,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 import subprocess
 import sys
 
 import numpy as np
 import pytest
-from zoo import ODD_ARM
+from zoo import ODD_ARM, without_mass
 
 import pfd_core as pfd
 from pfd_core.kernels.quantities import QUANTITIES
@@ -118,7 +117,7 @@ def test_the_error_estimate_of_refinement_sees_the_payload() -> None:
 
 def test_an_arm_that_only_a_payload_gives_inertia_is_refused_without() -> None:
     arm = pfd.load_robot('planar2')
-    light = replace(arm, masses=[1.0, 0.0], inertias=np.zeros((2, 3, 3)))
+    light = without_mass(arm, [1])
     simulator = pfd.Simulator(light, INPUT)
     with pytest.raises(ValueError, match='give it a mass, an inertia, a payload'):
         simulator.step([0.0, 0.0])
@@ -126,7 +125,7 @@ def test_an_arm_that_only_a_payload_gives_inertia_is_refused_without() -> None:
     assert simulator.status == 'ok'
 
 
-def test_what_takes_no_payload_as_an_input_says_so() -> None:
+def test_functions_without_a_payload_as_an_input_refuse_it() -> None:
     arm = pfd.load_robot('planar2')
     zero = np.zeros(2)
     for call, text in (

@@ -49,7 +49,7 @@ def moved(**settings: Any) -> pfd.Simulator:
 
 
 def facts(sim: pfd.Simulator) -> tuple[Any, ...]:
-    """Return all that a simulation tells, as bits."""
+    """Return all public values of a simulation, as bits."""
     return sim.q.tobytes(), sim.qd.tobytes(), sim.qdd.tobytes(), sim.time, sim.status, sim.method
 
 
@@ -62,7 +62,7 @@ def go_on(sim: pfd.Simulator, settings: dict[str, Any]) -> tuple[Any, ...]:
 
 @pytest.mark.parametrize('way', COPIES)
 @pytest.mark.parametrize('settings', SETTINGS, ids=['plain', 'everything', 'single'])
-def test_a_copied_simulation_goes_on_with_the_same_bits_and_alone(
+def test_a_copied_simulation_continues_with_the_same_bits_independently(
     way: str, settings: dict[str, Any]
 ) -> None:
     sim = moved(**settings)
@@ -75,7 +75,7 @@ def test_a_copied_simulation_goes_on_with_the_same_bits_and_alone(
     assert go_on(sim, settings) == after
 
 
-def test_a_simulation_goes_on_in_a_fresh_process() -> None:
+def test_a_simulation_continues_in_a_fresh_process() -> None:
     settings = SETTINGS[1]
     sim = moved(**settings)
     with ProcessPoolExecutor(1, multiprocessing.get_context('spawn')) as pool:
@@ -83,7 +83,7 @@ def test_a_simulation_goes_on_in_a_fresh_process() -> None:
     assert there == go_on(sim, settings)
 
 
-def test_the_status_of_an_overflow_goes_along_and_a_reset_clears_it() -> None:
+def test_the_status_of_an_overflow_is_pickled_and_a_reset_clears_it() -> None:
     sim = pfd.Simulator(pfd.load_robot('planar2'))
     sim.rollout(np.full((3, 2), 1e300))
     twin = pickle.loads(pickle.dumps(sim))
@@ -93,7 +93,7 @@ def test_the_status_of_an_overflow_goes_along_and_a_reset_clears_it() -> None:
 
 
 @pytest.mark.parametrize('way', COPIES)
-def test_a_copied_ensemble_goes_on_with_the_same_bits_and_alone(way: str) -> None:
+def test_a_copied_ensemble_continues_with_the_same_bits_independently(way: str) -> None:
     many = pfd.Ensemble(pfd.load_robot('planar2'), 5, EVERYTHING)
     many.reset(np.random.default_rng(1).normal(size=(5, 2)), time=1.0)
     run = partial(pfd.Ensemble.rollout, steps=10, wrench=WRENCH, brakes=[False, True])

@@ -15,14 +15,15 @@ import numpy as np
 import pytest
 
 import pfd_core as pfd
-from pfd_core.report import against_error, against_error_pages, work_precision
-from pfd_core.report.against_error import CaseFacts, Plan, Point, measure
+from pfd_core.report import against_error_pages
 from pfd_core.report.against_error_pages import Findings, markdown, write
-from pfd_core.report.hard_case_errors import kernel_answer, peer_answers
-from pfd_core.report.hard_case_reference import errors, kappa_s, reference
-from pfd_core.report.hard_cases import CASES, ROUNDING
-from pfd_core.report.timing import Pace, Row
-from pfd_core.report.work_precision import MotionFacts, RunPoint
+from pfd_core.report.cases.hard_cases import CASES, ROUNDING
+from pfd_core.report.measure import evaluations, work_precision
+from pfd_core.report.measure.errors import kernel_answer, peer_answers
+from pfd_core.report.measure.evaluations import CaseFacts, Plan, Point, measure
+from pfd_core.report.measure.reference import errors, kappa_s, reference
+from pfd_core.report.measure.timing import Pace, Row
+from pfd_core.report.measure.work_precision import MotionFacts, RunPoint
 
 REPORT = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 # The smallest case with a lost answer, which is that of composite bodies in float32.
@@ -139,9 +140,9 @@ def test_pinocchio_is_there_in_both_conventions_and_by_crba(points: list[Point])
 def test_pinocchios_batch_is_that_of_its_world_axes() -> None:
     # The error of a batch is taken from aba in WORLD axes.
     pin = pytest.importorskip('pinocchio')
-    peer = against_error.Pinocchio(pfd.load_robot('ur5'))
+    peer = evaluations.Pinocchio(pfd.load_robot('ur5'))
     states = list(np.random.default_rng(5).uniform(-1, 1, (3, 8, 6)))
-    side = against_error._pinocchio_side(peer, 'pinocchio.aba WORLD', states)
+    side = evaluations._pinocchio_side(peer, 'pinocchio.aba WORLD', states)
     side.run()
     one_by_one = [
         pin.aba(peer.model, peer.data, *state, pin.Convention.WORLD).copy()
@@ -155,7 +156,7 @@ def test_what_takes_minutes_or_is_absent_is_left_out_with_the_reason(
 ) -> None:
     for name in ('mujoco', 'pinocchio'):
         monkeypatch.setitem(sys.modules, name, None)
-    monkeypatch.setattr(against_error, 'methods', lambda n: TINY.methods[:2])
+    monkeypatch.setattr(evaluations, 'methods', lambda n: TINY.methods[:2])
     _, points, left_out = measure(NAME, TINY)
     assert {point.way for point in points} == set(TINY.methods[:2])
     assert [text.split(':')[0] for text in left_out] == [
@@ -249,7 +250,7 @@ def test_quick_takes_the_quick_plans(
     )
     assert against_error_pages.run(tmp_path, quick=quick) == 0
     assert asked == [
-        (against_error.QUICK, work_precision.QUICK, against_error_pages.QUICK_QUANTITIES)
+        (evaluations.QUICK, work_precision.QUICK, against_error_pages.QUICK_QUANTITIES)
         if quick
         else (Plan(), work_precision.Plan(), against_error_pages.QUANTITIES)
     ]
@@ -258,12 +259,12 @@ def test_quick_takes_the_quick_plans(
 
 def test_a_survey_gathers_cases_and_motions(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        against_error, 'measure', lambda name, plan: (PAGES.cases[0], PAGES.points, [name])
+        evaluations, 'measure', lambda name, plan: (PAGES.cases[0], PAGES.points, [name])
     )
     monkeypatch.setattr(
         work_precision, 'measure', lambda motion, plan: (PAGES.motions[0], PAGES.runs, [motion])
     )
-    plan = replace(work_precision.QUICK, motions=(lambda: 'swing',))
+    plan = replace(work_precision.QUICK, motions=('swing',))
     found = against_error_pages.survey(replace(TINY, cases=('one', 'two')), plan)
     assert found.points == 2 * PAGES.points
     assert found.runs == PAGES.runs

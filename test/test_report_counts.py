@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from itertools import pairwise
 import json
 import math
@@ -17,19 +18,24 @@ from pfd_core.algorithms.paper.literal_array import literal_array
 from pfd_core.algorithms.paper.triangular_array import ROOT
 from pfd_core.algorithms.programs import FORWARD, ITERATIVE, METHODS, SERIAL
 from pfd_core.model import load_robot, resolve
-from pfd_core.report.convergence import ARMS, CHAINS, convergence, measure_convergence, robots
-from pfd_core.report.counts import (
+from pfd_core.report.cases.paper import TABLE
+from pfd_core.report.cases.robots import uniform_chain as chain
+from pfd_core.report.counts_pages import markdown, write
+from pfd_core.report.measure.convergence import (
+    ARMS,
+    CHAINS,
+    convergence,
+    measure_convergence,
+    robots,
+)
+from pfd_core.report.measure.counts import (
     PRINTED_AT,
     SIZES,
-    as_data,
     best_serial,
     measure,
     row,
     serial_arithmetic,
 )
-from pfd_core.report.counts import uniform_chain as chain
-from pfd_core.report.counts_pages import markdown, write
-from pfd_core.report.paper import TABLE
 
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'
 
@@ -210,14 +216,16 @@ def test_the_pages_in_docs_are_what_the_command_writes_now() -> None:
     data = json.loads((PAGES / 'counts.json').read_text())
     known = {(entry['system'], entry['n']): entry for entry in data['counts']}
     assert set(known) == {(method, n) for method in METHODS for n in SIZES}
-    for entry in json.loads(json.dumps(as_data(measure([n for n in SIZES if n <= 12])))):
+    for entry in json.loads(
+        json.dumps([asdict(one) for one in measure([n for n in SIZES if n <= 12])])
+    ):
         assert known[entry['system'], entry['n']] == entry, (
             'run pfd report counts --out docs/report'
         )
     tried = {(entry['system'], entry['robot']): entry for entry in data['convergence']}
     names = [*(f'uniform{n}' for n in CHAINS), *ARMS]
     assert set(tried) == {(method, name) for method in ITERATIVE for name in names}
-    for entry in as_data(measure_convergence(robots((2, 6), ('puma560',)))):
+    for entry in map(asdict, measure_convergence(robots((2, 6), ('puma560',)))):
         assert tried[entry['system'], entry['robot']] == entry
 
 

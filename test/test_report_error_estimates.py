@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from pfd_core.report.error_estimates import (
+from pfd_core.report.measure.estimates import (
     FACTOR,
     METHODS,
     ROBOTS,

@@ -20,20 +20,20 @@ from zoo import to_pinocchio
 import pfd_core as pfd
 from pfd_core.model import resolve
 from pfd_core.report import hard_case_pages
-from pfd_core.report.error_estimates import FACTOR, errors_before, estimated
-from pfd_core.report.hard_case_errors import (
+from pfd_core.report.cases.hard_cases import CASES, LATER, ROUNDING, Case
+from pfd_core.report.cases.problems import SEED, Problem
+from pfd_core.report.cases.robots import Array
+from pfd_core.report.hard_case_pages import SHOWN_UNITS, markdown, write
+from pfd_core.report.measure.errors import (
     PEERS,
     MethodRow,
     Result,
-    errors,
     kernel_answer,
     kernel_rows,
     measure,
 )
-from pfd_core.report.hard_case_pages import SHOWN_UNITS, markdown, write
-from pfd_core.report.hard_case_problems import SEED, Array, Problem
-from pfd_core.report.hard_case_reference import Reference, kappa_j, kappa_s, reference
-from pfd_core.report.hard_cases import CASES, LATER, ROUNDING, Case
+from pfd_core.report.measure.estimates import FACTOR, errors_before, estimated
+from pfd_core.report.measure.reference import Reference, errors, kappa_j, kappa_s, reference
 from pfd_ros.cli import main as command_line
 
 PAGES = Path(__file__).resolve().parent.parent / 'docs' / 'report'

@@ -21,22 +21,30 @@ from pfd_core.algorithms.programs import record_forward_dynamics, record_terms
 from pfd_core.machine.emulator import run
 from pfd_core.machine.program import Program
 from pfd_core.model import resolve
-from pfd_core.report.decimals import cos_sin, evaluator
-from pfd_core.report.extrapolation import Extrapolation, end_of_motion
-from pfd_core.report.hard_case_motions import STEADY, SteadyMotion, SteadyRun
-from pfd_core.report.hard_case_motions import error as steady_error
-from pfd_core.report.hard_case_pages import Survey, data, sections
-from pfd_core.report.hard_cases import ROUNDING
-from pfd_core.report.trajectory_cases import CHECKS, MOTIONS, Check, so100
-from pfd_core.report.trajectory_errors import (
+from pfd_core.report.cases.hard_cases import ROUNDING
+from pfd_core.report.cases.motions import (
+    CHECKS,
+    MOTIONS,
+    REFERENCES,
+    STEADY,
+    Check,
+    Extrapolation,
+    Motion,
+)
+from pfd_core.report.cases.robots import robot
+from pfd_core.report.hard_case_pages import Survey, data, section
+from pfd_core.report.measure.decimals import cos_sin, evaluator
+from pfd_core.report.measure.extrapolation import computed, end_of_motion
+from pfd_core.report.measure.motion_errors import (
     SAME_EFFORT,
     Hold,
     Run,
+    SteadyRun,
     error,
     formulation,
     holds,
+    steady_error,
 )
-from pfd_core.report.trajectory_references import REFERENCES, computed
 
 FAST = ('planar2_swing', 'so100_fall', 'puma560_damped_1_no_rotors')
 
@@ -53,17 +61,14 @@ def test_a_run_stays_within_its_bound(check: Check) -> None:
 
 @pytest.mark.parametrize('dtype', ROUNDING)
 @pytest.mark.parametrize('motion', STEADY, ids=[motion.name for motion in STEADY])
-def test_a_joint_that_rests_or_turns_evenly_keeps_its_angle(
-    motion: SteadyMotion, dtype: str
-) -> None:
+def test_a_joint_that_rests_or_turns_evenly_keeps_its_angle(motion: Motion, dtype: str) -> None:
     assert steady_error(motion, dtype) <= motion.bounds[dtype]
 
 
 def test_a_joint_that_its_friction_does_not_hold_is_found_to_move() -> None:
     held = STEADY[0]
-    robot, scene, q, qd = held.make()
-    weak = replace(scene, friction=tuple(0.5 * x for x in scene.friction))
-    assert steady_error(replace(held, make=lambda: (robot, weak, q, qd)), 'float64') > 1e-3
+    weak = replace(held.scene, friction=tuple(0.5 * x for x in held.scene.friction))
+    assert steady_error(replace(held, scene=weak), 'float64') > 1e-3
 
 
 def test_every_motion_has_a_reference_that_two_computations_agree_on() -> None:
@@ -166,10 +171,10 @@ def test_a_parallel_program_is_refused() -> None:
 
 
 def test_the_so_100_has_six_joints_and_a_jaw_of_three_millionths() -> None:
-    robot = so100()
-    assert robot.n == 6
-    assert robot.masses.sum() == pytest.approx(0.6089655)
-    assert np.linalg.eigvalsh(robot.inertias[-1]).min() == pytest.approx(2.99548e-6)
+    arm = robot('so100')
+    assert arm.n == 6
+    assert arm.masses.sum() == pytest.approx(0.6089655)
+    assert np.linalg.eigvalsh(arm.inertias[-1]).min() == pytest.approx(2.99548e-6)
 
 
 def test_refined_an_adaptive_run_takes_the_steps_of_the_motion_and_else_gives_up() -> None:
@@ -192,7 +197,7 @@ def test_the_sections_show_a_missed_bound_and_a_run_that_is_not_finite() -> None
     hold = Hold('arm', 1e-3, 0.0, 2.0, True, False)
     crept = SteadyRun('held', 'friction', 'float64', 10.0, 1e-3, 1e-12)
     survey = Survey((), (good, missed, lost), (crept,), (), (hold,))
-    text = ' '.join(' '.join(sections(survey)).split())
+    text = ' '.join(section(survey).split())
     assert '1 of 3 are met' in text
     assert 'not finite' in text
     assert '| yes | no |' in text

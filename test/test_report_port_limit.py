@@ -16,9 +16,10 @@ from pfd_core.kernels.kernel import Kernel
 from pfd_core.kernels.runtime import jit
 from pfd_core.kernels.runtime.jit import Target
 from pfd_core.machine.fused import fused
-from pfd_core.report import port_limit
-from pfd_core.report.port_limit import Loop, loop_ir, mix, numbers
-from pfd_core.report.timing import LeftOutError, Pace, Times, Work
+from pfd_core.report.contenders.work import LeftOutError, Work
+from pfd_core.report.measure import port_limit
+from pfd_core.report.measure.port_limit import Loop, loop_ir, mix, numbers
+from pfd_core.report.measure.timing import Pace, Times
 
 # The text of each operation.
 WRITTEN = {

@@ -19,24 +19,17 @@ import tolerances
 import zoo
 
 import pfd_core as pfd
-from pfd_core.report import (
-    against_error_pages,
-    port_limit,
-    quantity_casadi,
-    quantity_kernels,
-    quantity_pages,
-    quantity_peers,
-    quantity_plot,
-    quantity_rows,
-    quantity_tables,
-    speed,
-    speed_pages,
-    speed_robots,
-    textbook,
-    work_precision,
-)
-from pfd_core.report.quantity_kernels import QUANTITIES
-from pfd_core.report.timing import LeftOutError, Pace, Row, Side
+from pfd_core.report import against_error_pages, quantity_pages, speed_pages, time_tables
+from pfd_core.report.cases import quantities
+from pfd_core.report.cases.quantities import FORWARD, QUANTITIES
+from pfd_core.report.cases.robots import robot
+from pfd_core.report.contenders import casadi, pinocchio
+from pfd_core.report.contenders.ours import make_quantity
+from pfd_core.report.contenders.work import LeftOutError, Side, work_of
+from pfd_core.report.measure import evaluations, port_limit, quantity_rows, speed, work_precision
+from pfd_core.report.measure.differences import largest_difference
+from pfd_core.report.measure.quantity_reference import exact
+from pfd_core.report.measure.timing import Pace, Row
 
 # Derivatives multiply with H^-1: the rounding of accelerations, in both programs.
 DERIVATIVES = 1e-9
@@ -51,7 +44,7 @@ TINY = quantity_rows.Plan(
 )
 COUNT = 3
 WITH_COMPILER = pytest.mark.skipif(
-    shutil.which(textbook.COMPILER[0]) is None, reason='there is no C compiler'
+    shutil.which(casadi.COMPILER[0]) is None, reason='there is no C compiler'
 )
 
 
@@ -124,7 +117,7 @@ def sides_agree(sides: list[Side], wanted: np.ndarray, tolerance: float) -> None
 
 
 def all_sides(contender: object, quantity: str, states: dict[str, np.ndarray]) -> list[Side]:
-    works = (quantity_kernels.work_of(kind, quantity, states) for kind in ('call', 'batch'))
+    works = (work_of(kind, quantity, states) for kind in ('call', 'batch'))
     return [side for work in works for side in contender.sides(work)]
 
 
@@ -133,28 +126,28 @@ def all_sides(contender: object, quantity: str, states: dict[str, np.ndarray]) -
 def test_all_ways_and_the_reference_of_a_quantity_are_pinocchios(
     quantity: str, arm: pfd.Robot
 ) -> None:
-    states = quantity_kernels.random_states(arm, COUNT)
+    states = quantities.random_states(arm, COUNT)
     known = by_pinocchio(arm)[quantity]
     wanted = np.array([np.ravel(known(*x)) for x in zip(*states.values(), strict=True)])
     tolerance = DERIVATIVES if quantity == 'derivatives' else tolerances.DYNAMICS
-    exact = quantity_kernels.exact(quantity, arm, states)
-    assert quantity_kernels.largest_error(wanted, exact) < tolerance
-    peer = quantity_peers.PinocchioQuantity(quantity, arm)
+    digits = exact(quantity, arm, states)
+    assert largest_difference(wanted, digits) < tolerance
+    peer = pinocchio.PinocchioQuantity(arm, quantity)
     sides_agree(all_sides(peer, quantity, states), wanted, tolerance)
     for dtype in ('float64', 'float32'):
-        own = quantity_kernels.make(quantity, dtype, 0, arm)
+        own = make_quantity(quantity, dtype, 0, arm)
         unit = OURS[dtype] / tolerances.DYNAMICS
         sides_agree(all_sides(own, quantity, states), wanted, tolerance * unit)
 
 
 @WITH_COMPILER
-@pytest.mark.parametrize('quantity', quantity_casadi.TEXTS)
+@pytest.mark.parametrize('quantity', [name for name in casadi.ALGORITHMS if name != FORWARD])
 def test_casadis_c_gives_pinocchios_quantity(quantity: str, arm: pfd.Robot) -> None:
     pytest.importorskip('casadi')
     if quantity == 'derivatives':
-        arm = speed_robots.robot('chain3')  # Its C is compiled in a second.
-    states = quantity_kernels.random_states(arm, COUNT)
-    peer = quantity_casadi.CasadiQuantity(quantity, arm)
+        arm = robot('chain3')  # Its C is compiled in a second.
+    states = quantities.random_states(arm, COUNT)
+    peer = casadi.Casadi(arm, quantity)
     known = by_pinocchio(arm)[quantity]
     wanted = np.array([np.ravel(known(*x)) for x in zip(*states.values(), strict=True)])
     tolerance = DERIVATIVES if quantity == 'derivatives' else tolerances.DYNAMICS
@@ -165,7 +158,7 @@ def test_the_chained_stages_are_the_series_of_a_linear_motion() -> None:
     rng = np.random.default_rng(4)
     J, h = rng.uniform(-1, 1, (2, 6)), 0.3
     q, qd, tau = rng.uniform(-1, 1, (3, 2))
-    found = quantity_kernels.linear_rk4(lambda *x: (J @ np.concatenate(x), J), q, qd, tau, h)
+    found = quantities.linear_rk4(lambda *x: (J @ np.concatenate(x), J), q, qd, tau, h)
     # Of x' = M x + N tau, classical Runge-Kutta has four terms of the exponential series.
     M = np.vstack([np.hstack([np.zeros((2, 2)), np.eye(2)]), J[:, :4]])
     N = np.vstack([np.zeros((2, 2)), J[:, 4:]])
@@ -178,8 +171,8 @@ def test_the_chained_stages_are_the_series_of_a_linear_motion() -> None:
 
 @pytest.mark.slow
 def test_linear_steps_of_all_ways_are_differences_of_simulated_steps(arm: pfd.Robot) -> None:
-    states = quantity_kernels.random_states(arm, 1)
-    sim = pfd.Simulator(arm, step_size=quantity_kernels.LINEAR_STEP, substeps=1, integrator='rk4')
+    states = quantities.random_states(arm, 1)
+    sim = pfd.Simulator(arm, step_size=quantities.LINEAR_STEP, substeps=1, integrator='rk4')
 
     def end(x: np.ndarray) -> np.ndarray:
         sim.reset(x[: arm.n], x[arm.n : 2 * arm.n])
@@ -191,20 +184,20 @@ def test_linear_steps_of_all_ways_are_differences_of_simulated_steps(arm: pfd.Ro
     for x in np.hstack([states[name] for name in ('q', 'qd', 'tau')]):
         columns = [end(x + small * unit) - end(x - small * unit) for unit in np.eye(len(x))]
         wanted.append((np.array(columns).T / (2 * small)).ravel())
-    exact = quantity_kernels.exact('linear_step', arm, states)
-    assert quantity_kernels.largest_error(np.array(wanted), exact) < 1e-8
-    rounded = exact.astype(float)
-    peer = quantity_peers.PinocchioQuantity('linear_step', arm)
+    digits = exact('linear_step', arm, states)
+    assert largest_difference(np.array(wanted), digits) < 1e-8
+    rounded = digits.astype(float)
+    peer = pinocchio.PinocchioQuantity(arm, 'linear_step')
     sides_agree(all_sides(peer, 'linear_step', states), rounded, tolerances.DYNAMICS)
     for dtype, tolerance in OURS.items():
-        own = quantity_kernels.make('linear_step', dtype, 0, arm)
+        own = make_quantity('linear_step', dtype, 0, arm)
         sides_agree(all_sides(own, 'linear_step', states), rounded, tolerance)
 
 
 def test_an_error_is_that_of_the_largest_entry_of_the_worst_state() -> None:
     wanted = np.array([[1.0, -4.0], [2.0, 0.5]], dtype=object)
     found = np.array([[1.5, -4.0], [2.0, 0.75]])
-    assert quantity_kernels.largest_error(found, wanted) == 0.125
+    assert largest_difference(found, wanted) == 0.125
 
 
 @pytest.mark.slow
@@ -217,11 +210,11 @@ def test_every_quantity_has_a_row_for_every_way_and_size(
         ours = [f'pfd {d}{r}' for d in OURS for r in ('', ' refined')[: 1 + solves]]
         for work in ('call', 'batch of 64'):
             ways = {
-                quantity_tables.contender(row)
+                time_tables.contender(row)
                 for row in rows
                 if (row.quantity, row.work) == (quantity, work)
             }
-            assert ways - {'CasADi C'} == {*ours, quantity_peers.PINOCCHIO[quantity].name}
+            assert ways - {'CasADi C'} == {*ours, pinocchio.PINOCCHIO[quantity].name}
         limits = [r.way for r in rows if (r.quantity, r.work) == (quantity, port_limit.WORK)]
         assert limits == (ours if quantity != 'linear_step' else [])
     assert (
@@ -259,7 +252,7 @@ def test_absent_peers_are_left_out_with_the_reason(monkeypatch: pytest.MonkeyPat
 
 def test_what_would_be_too_large_is_not_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(LeftOutError, match='12 joints'):
-        quantity_kernels.make('linear_step', 'float64', 0, speed_robots.robot('chain13'))
+        make_quantity('linear_step', 'float64', 0, robot('chain13'))
     monkeypatch.setattr(quantity_rows, 'MOST_NUMBERS', 10)
     plan = replace(TINY, quantities=('gravity_torques',), batches=(5, 6), dtypes=('float64',))
     rows, _ = quantity_rows.measure(replace(plan, peers=()))
@@ -269,22 +262,22 @@ def test_what_would_be_too_large_is_not_measured(monkeypatch: pytest.MonkeyPatch
 
 def test_a_long_text_of_casadi_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip('casadi')
-    monkeypatch.setattr(quantity_casadi, 'MOST_INSTRUCTIONS', 10)
+    monkeypatch.setattr(casadi, 'MOST_INSTRUCTIONS', 10)
     with pytest.raises(LeftOutError, match=r'instructions|no C compiler'):
-        quantity_casadi.CasadiQuantity('inertia_matrix', speed_robots.robot('chain2'))
+        casadi.Casadi(robot('chain2'), 'inertia_matrix')
 
 
 def test_the_summary_has_our_times_and_their_ratios_to_each_peer() -> None:
     # CasADi is 5 and 6 times as fast as Pinocchio, ours 25 and 48 times.
     wanted = '| derivatives | 200 / 400 | 25 | 5 | 100 / 200 | 48 | 8 | 0.55 |'
-    assert wanted in quantity_tables.summary(ROWS)
+    assert wanted in time_tables.summary(ROWS)
     alone = [row for row in ROWS if row.way.startswith('pfd')]
     alone = [replace(row, times=None) for row in alone]
-    assert '| derivatives | 200 / 400 | - | - | 100 / 200 |' in quantity_tables.summary(alone)
+    assert '| derivatives | 200 / 400 | - | - | 100 / 200 |' in time_tables.summary(alone)
 
 
 def test_the_table_of_errors_has_the_fastest_call_and_the_largest_error_of_a_way() -> None:
-    table = quantity_tables.against_error(ROWS)
+    table = time_tables.against_error(ROWS)
     peer = 'pinocchio.computeABADerivatives'
     assert f'| derivatives | {peer} | 5000 / 10000 | 5000 / 10000 | 7e-13 |' in table
     assert '| derivatives | pfd float64 | 200 / 400 | 100 / 200 | 1e-16 |' in table
@@ -322,7 +315,7 @@ def test_the_pages_of_forward_dynamics_have_the_table_of_the_others() -> None:
 
 def test_the_plot_of_errors_has_a_panel_for_every_quantity(tmp_path: Path) -> None:
     others = [replace(row, quantity='tip_pose') for row in ROWS]
-    _, svg = quantity_plot.write([*ROWS, *others], tmp_path, 'plot')
+    _, svg = time_tables.plot_errors([*ROWS, *others], tmp_path, 'plot')
     text = ''.join(ElementTree.parse(svg).getroot().itertext())
     assert all(panel in text for panel in ('ur5: derivatives', 'ur5: tip_pose'))
     assert all(label in text for label in ('pfd float64', 'pinocchio', 'CasADi'))
@@ -331,9 +324,9 @@ def test_the_plot_of_errors_has_a_panel_for_every_quantity(tmp_path: Path) -> No
 def test_the_plot_is_left_out_without_matplotlib_or_rows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert not quantity_plot.write([], tmp_path, 'plot')
+    assert not time_tables.plot_errors([], tmp_path, 'plot')
     monkeypatch.setitem(sys.modules, 'matplotlib.figure', None)
-    assert not quantity_plot.write(ROWS, tmp_path, 'plot')
+    assert not time_tables.plot_errors(ROWS, tmp_path, 'plot')
 
 
 def test_surveys_of_forward_dynamics_measure_the_others_too(
@@ -346,7 +339,7 @@ def test_surveys_of_forward_dynamics_measure_the_others_too(
     plan = replace(speed.QUICK, robots=(), others=TINY)
     found = speed.survey(plan)
     assert (found.others, found.left_out) == (ROWS, LEFT_OUT)
-    nothing = replace(against_error_pages.against_error.QUICK, cases=())
+    nothing = replace(evaluations.QUICK, cases=())
     runs = replace(work_precision.QUICK, motions=())
     both = against_error_pages.survey(nothing, runs, TINY)
     assert (both.quantities, both.left_out) == (ROWS, LEFT_OUT)

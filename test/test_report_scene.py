@@ -17,10 +17,11 @@ from zoo import joint, link, urdf
 
 import pfd_core as pfd
 from pfd_core.model import EFFECTS
-from pfd_core.report import scene_needs, scene_pages
-from pfd_core.report.scene_effects import effects_on, full_scene, spelled, without
-from pfd_core.report.scene_errors import SceneRow, cut, measure, run_full
-from pfd_core.report.scene_motions import SETTINGS, Motion, excited_motion
+from pfd_core.report import scene_pages
+from pfd_core.report.cases.excitations import SETTINGS, DrivenMotion, excited_motion
+from pfd_core.report.measure import scene_needs
+from pfd_core.report.measure.scene_effects import effects_on, full_scene, spelled
+from pfd_core.report.measure.scene_errors import SceneRow, cut, measure, run_full
 
 # RK4 with steps of 0.5 ms on exp(-d t / I), d / I up to 10: (h d / I)^4 and less.
 INTEGRATION = 1e-10
@@ -32,9 +33,9 @@ def disc() -> pfd.Robot:
 
 
 def error_without(
-    robot: pfd.Robot, scene: pfd.Scene, name: str, motion: Motion, window: float = WINDOW
+    robot: pfd.Robot, scene: pfd.Scene, name: str, motion: DrivenMotion, window: float = WINDOW
 ) -> SceneRow:
-    return measure(run_full(robot, scene, motion, window), without(scene, {name}))
+    return measure(run_full(robot, scene, motion, window), scene.without({name}))
 
 
 # The table of effects
@@ -46,8 +47,8 @@ def test_any_effect_can_be_left_out_of_a_scene_with_all_and_is_off_then() -> Non
     names = tuple(effect.name for effect in EFFECTS)
     assert effects_on(robot, scene) == names
     for name in names:
-        assert name not in effects_on(robot, without(scene, {name}))
-    assert effects_on(robot, without(scene, names)) == ()
+        assert name not in effects_on(robot, scene.without({name}))
+    assert effects_on(robot, scene.without(names)) == ()
 
 
 def test_effects_without_numbers_are_off(disc: pfd.Robot) -> None:

@@ -11,10 +11,10 @@ import pytest
 from scene_cases import DISC, WINDOW
 
 import pfd_core as pfd
-from pfd_core.report import scene_motions
-from pfd_core.report.scene_effects import full_scene
-from pfd_core.report.scene_errors import run_full
-from pfd_core.report.scene_motions import EXCITATIONS, SETTINGS, excited_motion
+from pfd_core.report.cases import excitations
+from pfd_core.report.cases.excitations import EXCITATIONS, SETTINGS, excited_motion
+from pfd_core.report.measure.scene_effects import full_scene
+from pfd_core.report.measure.scene_errors import run_full
 
 
 @pytest.fixture(scope='module')
@@ -43,14 +43,14 @@ def test_a_named_motion_moves_every_joint_within_its_limits(arm: str, name: str)
 @pytest.mark.parametrize('name', ['swing', 'sine'])
 def test_the_derivatives_of_a_reference_are_those_of_its_position(name: str) -> None:
     h = 1e-4
-    t = np.arange(0, scene_motions.SECONDS, h)
+    t = np.arange(0, excitations.SECONDS, h)
     y, yd, ydd = EXCITATIONS[name].reference(t, 3)
     assert y.shape == yd.shape == ydd.shape == (len(t), 3)
     assert np.abs(yd).max() <= EXCITATIONS[name].peak
     # Central differences: the third derivative is below 300, times h^2 / 6.
     for value, derivative in ((y, yd), (yd, ydd)):
         slope = (value[2:] - value[:-2]) / (2 * h)
-        inner = np.abs(t[1:-1] - scene_motions.SECONDS / 2) > h  # the swing turns there
+        inner = np.abs(t[1:-1] - excitations.SECONDS / 2) > h  # the swing turns there
         np.testing.assert_allclose(slope[inner], derivative[1:-1][inner], atol=300 * h**2 / 6)
 
 

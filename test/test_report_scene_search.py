@@ -14,11 +14,12 @@ import pytest
 from scene_cases import DISC, FAST, WINDOW, motion_of
 
 import pfd_core as pfd
-from pfd_core.report import scene_needs, scene_pages, scene_search
-from pfd_core.report.scene_effects import spelled, without
-from pfd_core.report.scene_errors import SceneRow, measure, run_full
-from pfd_core.report.scene_motions import excited_motion
-from pfd_core.report.scene_needs import Needs
+from pfd_core.report import scene_pages
+from pfd_core.report.cases.excitations import excited_motion
+from pfd_core.report.measure import scene_needs, scene_search
+from pfd_core.report.measure.scene_effects import spelled
+from pfd_core.report.measure.scene_errors import SceneRow, measure, run_full
+from pfd_core.report.measure.scene_needs import Needs
 
 
 @pytest.fixture(scope='module')
@@ -91,12 +92,12 @@ def test_the_smallest_scene_is_in_tolerance_and_no_smaller_one_is(
     small, on = needs.smallest, needs.smallest.effects
     full = run_full(arm, scene, motion, WINDOW)
     gone = set(needs.full.effects) - set(on)
-    assert measure(full, without(scene, gone)) == small
+    assert measure(full, scene.without(gone)) == small
     assert small.largest <= tolerance
     further = 1 if most == 0 else len(on)
     for count in range(1, further + 1):
         for names in combinations(on, count):
-            assert measure(full, without(scene, gone | set(names))).largest > tolerance
+            assert measure(full, scene.without(gone | set(names))).largest > tolerance
 
 
 def test_the_operations_of_an_effect_are_those_of_four_evaluations(disc: pfd.Robot) -> None:

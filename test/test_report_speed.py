@@ -19,23 +19,21 @@ import tolerances
 import zoo
 
 import pfd_core as pfd
-from pfd_core.report import (
-    peers,
-    port_limit,
-    speed,
-    speed_ours,
-    speed_pages,
-    speed_robots,
-    textbook,
-    timing,
-)
-from pfd_core.report.timing import LeftOutError, Pace, Row, Side, Work
+from pfd_core.report import speed_pages
+from pfd_core.report.cases.robots import robot
+from pfd_core.report.contenders import casadi, ours
+from pfd_core.report.contenders.mujoco import Mujoco
+from pfd_core.report.contenders.pinocchio import Pinocchio
+from pfd_core.report.contenders.work import LeftOutError, Side, Work
+from pfd_core.report.measure import port_limit, speed, timing
+from pfd_core.report.measure.differences import largest_difference
+from pfd_core.report.measure.timing import Pace, Row
 
 BENCHMARK = Path(__file__).resolve().parent.parent / 'benchmarks' / 'speed.py'
 # MuJoCo gets rotations as unit quaternions, which adds their rounding to that of the dynamics.
 QUATERNIONS = 10 * tolerances.DYNAMICS
 WITH_COMPILER = pytest.mark.skipif(
-    shutil.which(textbook.COMPILER[0]) is None, reason='there is no C compiler'
+    shutil.which(casadi.COMPILER[0]) is None, reason='there is no C compiler'
 )
 # Other quantities have tests of their own.
 TINY = replace(speed.QUICK, robots=('planar2', 'chain3'), others=None)
@@ -177,8 +175,8 @@ def test_results_that_lie_on_the_disk_are_measured_too(findings: speed.Findings)
 
 def test_the_port_limit_of_every_kernel_is_measured(findings: speed.Findings) -> None:
     found = [(row.robot, row.way) for row in findings.rows if row.work == port_limit.WORK]
-    ours = [way for way in TINY.makers if way.startswith(tuple(speed_ours.METHODS))]
-    assert found == [(robot, way) for robot in TINY.robots for way in ours]
+    own = [way for way in TINY.makers if way.startswith(tuple(ours.METHODS))]
+    assert found == [(robot, way) for robot in TINY.robots for way in own]
 
 
 def test_kernels_without_a_port_limit_are_left_out_with_the_reason(
@@ -201,9 +199,9 @@ def test_measuring_leaves_the_cache_of_the_user_as_it_is(findings: speed.Finding
 @pytest.mark.parametrize(
     ('maker', 'needs'),
     [
-        (peers.Pinocchio, 'pinocchio'),
-        (peers.Mujoco, 'mujoco'),
-        pytest.param(textbook.Casadi, 'casadi', marks=WITH_COMPILER),
+        (Pinocchio, 'pinocchio'),
+        (Mujoco, 'mujoco'),
+        pytest.param(casadi.Casadi, 'casadi', marks=WITH_COMPILER),
     ],
     ids=['pinocchio', 'mujoco', 'casadi'],
 )
@@ -221,7 +219,7 @@ def test_a_peer_made_of_our_numbers_is_the_same_arm(maker: type, needs: str) -> 
         for side in peer.sides(work):
             side.run()
             rows = wanted if work.kind == 'batch' else wanted[0]
-            assert timing.relative_difference(side.result(), rows) < QUATERNIONS
+            assert largest_difference(side.result(), rows) < QUATERNIONS
 
 
 def test_an_absent_peer_is_left_out_and_the_page_says_so(
@@ -243,34 +241,34 @@ def test_without_a_compiler_casadi_is_left_out(monkeypatch: pytest.MonkeyPatch) 
     pytest.importorskip('casadi')
     monkeypatch.setattr(shutil, 'which', lambda name: None)
     with pytest.raises(LeftOutError, match='no C compiler'):
-        textbook.Casadi(speed_robots.chain(2))
+        casadi.Casadi(robot('chain2'))
 
 
 @WITH_COMPILER
 def test_what_the_compiler_says_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip('casadi')
-    monkeypatch.setattr(textbook, 'LOOPS', '#error "broken on purpose"')
+    monkeypatch.setattr(casadi, 'BATCH', '#error "broken on purpose"')
     with pytest.raises(LeftOutError, match='broken on purpose'):
-        textbook.Casadi(speed_robots.chain(2))
+        casadi.Casadi(robot('chain2'))
 
 
 def test_a_method_that_would_take_minutes_to_compile_is_left_out() -> None:
     with pytest.raises(LeftOutError, match='12 joints'):
-        speed_ours.make('pcrbm', 'float64', speed_robots.chain(13))
+        ours.make('pcrbm', 'float64', robot('chain13'))
 
 
 def test_a_dense_arm_has_no_zero_and_a_chain_only_right_angles() -> None:
-    dense = speed_robots.robot('dense6')
+    dense = robot('dense6')
     for values in (dense.rotations, dense.translations, dense.centers, dense.inertias):
         assert np.abs(values).min() > 1e-6  # metres, kg m^2: far above rounding
-    chain = speed_robots.robot('chain5')
+    chain = robot('chain5')
     assert chain.n == 5
     assert set(np.unique(chain.rotations)) == {-1.0, 0.0, 1.0}
 
 
 def test_an_unknown_robot_is_refused() -> None:
     with pytest.raises(ValueError, match='chainsaw'):
-        speed_robots.robot('chainsaw')
+        robot('chainsaw')
 
 
 def test_the_pages_hold_every_row(tmp_path: Path) -> None:

@@ -16,10 +16,12 @@ import zoo
 
 import pfd_core as pfd
 from pfd_core.model import resolve
-from pfd_core.report import motions, work_precision
-from pfd_core.report.motions import SAMPLES, Motion, Reference, energy, reference
-from pfd_core.report.timing import Pace
-from pfd_core.report.work_precision import LOST, TABLE, WAYS, Plan, RunPoint, measure
+from pfd_core.report.cases.motions import FREE, Motion
+from pfd_core.report.measure import work_precision
+from pfd_core.report.measure.energies import SAMPLES, Reference, energy, interval, reference
+from pfd_core.report.measure.timing import Pace
+from pfd_core.report.measure.work_precision import LOST, WAYS, Plan, RunPoint, measure
+from pfd_core.simulation.integrators import TABLE
 
 # A slow swing of two links over half a second: the shortest motion with an energy to lose.
 SHORT = Motion(
@@ -28,7 +30,7 @@ SHORT = Motion(
 # Strong damping of light links: beyond the steps that an explicit integrator can take.
 STIFF = replace(SHORT, name='stiff', scene=pfd.Scene(damping=(30.0, 30.0)))
 TINY = Plan(
-    motions=(lambda: SHORT, lambda: STIFF),
+    motions=(SHORT, STIFF),
     steps=(2.5e-2, 5e-3),
     tolerances=(1e-4, 1e-10),
     pace=Pace(chunk=1e-5, turns=1, fewest=1),
@@ -39,7 +41,7 @@ SELF_DIFFERENCE = 1e-12
 
 @pytest.fixture(scope='module')
 def points() -> dict[str, list[RunPoint]]:
-    return {make().name: measure(make(), TINY)[1] for make in TINY.motions}
+    return {motion.name: measure(motion, TINY)[1] for motion in TINY.motions}
 
 
 def test_kinetic_and_potential_energy_are_those_of_pinocchio() -> None:
@@ -206,14 +208,14 @@ def test_an_absent_mujoco_is_left_out_with_the_reason(monkeypatch: pytest.Monkey
 
 
 def test_the_motions_of_the_report_are_of_both_kinds() -> None:
-    swing, damped = (make() for make in motions.MOTIONS)
+    swing, damped = FREE
     assert swing.plant.damping is None
     assert swing.plant.armature is not None
     assert damped.plant.damping is not None
 
 
 def test_samples_lie_at_ends_of_steps() -> None:
-    for make in motions.MOTIONS:
+    for motion in FREE:
         for step in Plan().steps:
-            count = make().interval / step
+            count = interval(motion) / step
             assert count == pytest.approx(round(count))

@@ -81,7 +81,7 @@ class ExactLoss:
 
 @pytest.mark.parametrize('compensated', [False, True])
 @pytest.mark.parametrize('integrator', INTEGRATORS)
-def test_native_steps_are_the_integrators_text_on_numpy_bit_for_bit(
+def test_native_steps_are_the_integrator_on_numpy_bit_for_bit(
     integrator: str, compensated: bool
 ) -> None:
     robot = random_chain(np.random.default_rng(2), 3)
@@ -96,15 +96,13 @@ def test_native_steps_are_the_integrators_text_on_numpy_bit_for_bit(
         integrator=integrator,
         compensated=compensated,
     )
-    text = TABLE[integrator]
+    row = TABLE[integrator]
     h = step_size / substeps
-    program = record_step(text, 3, h, DAMPING, compensated=compensated)
+    program = record_step(row, 3, h, DAMPING, compensated=compensated)
     exact = ExactLoss()
     advance = exact if compensated else operator.add
     undamped = pfd.compile_kernel(robot, scene=replace(scene, damping=None))
-    heavier = replace(
-        scene, gravity=None, damping=None, armature=text.implicit * h * DAMPING + 0.1
-    )
+    heavier = replace(scene, gravity=None, damping=None, armature=row.implicit * h * DAMPING + 0.1)
     heavy = pfd.compile_kernel(robot, scene=heavier)
 
     def solve(q: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -114,15 +112,15 @@ def test_native_steps_are_the_integrators_text_on_numpy_bit_for_bit(
     for tau in np.random.default_rng(3).normal(size=(20, 3)):
         f, explicit = partial(kernel, tau=tau), partial(undamped, tau=tau)
         functions = {'qdd': f, 'undamped': explicit, 'solve': solve}
-        part = explicit if text.implicit else f
+        part = explicit if row.implicit else f
         system = System(lambda q, qd, at, part=part: part(q, qd), advance, solve, DAMPING)
         sim.step(tau)
         state = {'q': q, 'qd': qd, 'qdd': f(q, qd)}
-        x = state = {name: state[name] for name in text.carried}
+        x = state = {name: state[name] for name in row.carried}
         if compensated:
             x = x | {'q_low': exact.low}
         for _ in range(substeps):
-            end = text.step(system, h, *state.values())
+            end = row.step(system, h, *state.values())
             state = dict(zip(state, end, strict=True))
             x = run(program, x, functions=functions)
         q, qd = state['q'], state['qd']
@@ -178,7 +176,7 @@ def test_a_pendulum_swings_as_its_equation_says() -> None:
     np.testing.assert_array_equal(trajectory.qd[:, 1], 0.0)
 
 
-def test_a_held_joint_stops_at_once_and_stays() -> None:
+def test_a_braked_joint_stops_at_once_and_stays() -> None:
     robot = pfd.load_robot('puma560')
     sim = pfd.Simulator(robot, pfd.Scene(brakes=True))
     q0, qd0 = np.full(6, 0.3), np.full(6, 0.5)
@@ -210,7 +208,7 @@ def test_accelerations_are_read_later_as_they_were() -> None:
     np.testing.assert_array_equal(sim.qdd, 0.0)
 
 
-def test_brakes_default_to_none_held() -> None:
+def test_brakes_are_open_by_default() -> None:
     robot = pfd.load_robot('planar2')
     free = pfd.Simulator(robot)
     braked = pfd.Simulator(robot, pfd.Scene(brakes=True))
@@ -268,7 +266,7 @@ def test_no_steps_give_an_empty_trajectory() -> None:
 
 
 @pytest.mark.parametrize('integrator', INTEGRATORS)
-def test_a_simulation_goes_on_from_the_state_of_another_with_the_same_bits(
+def test_a_simulation_continues_from_the_state_of_another_with_the_same_bits(
     integrator: str,
 ) -> None:
     robot = pfd.load_robot('planar2')

@@ -7,10 +7,9 @@ from __future__ import annotations
 import numpy as np
 from oracle import Oracle
 import pytest
-from zoo import random_chain, slider
+from zoo import Array, random_chain, slider
 
 import pfd_core as pfd
-from pfd_core.model.checked_numbers import Array
 
 # A time in which no state changes and no event happens, after which rates can be read.
 INSTANT = 1e-15
@@ -28,7 +27,7 @@ def instant(robot: pfd.Robot, scene: pfd.Scene, q: Array, qd: Array, tau: Array)
     return arms
 
 
-@pytest.mark.parametrize('n', [1, 2, 4, 7])
+@pytest.mark.parametrize('n', [1, 2, 4, pytest.param(7, marks=pytest.mark.slow)])
 def test_accelerations_from_rest_balance_the_torques_within_the_friction(n: int) -> None:
     rng = np.random.default_rng(n)
     robot = random_chain(rng, n, 0.2)
@@ -161,7 +160,7 @@ def test_an_arm_under_a_shaking_torque_below_its_friction_does_not_creep() -> No
     [('rk4', 'float64', False), ('rk4', 'float32', True), ('imex2', 'float64', True)],
 )
 @pytest.mark.slow
-def test_an_arm_moves_by_the_same_bits_alone_step_by_step_and_beside_others(
+def test_an_arm_moves_by_the_same_bits_alone_step_by_step_and_in_an_ensemble(
     integrator: str, dtype: str, brakes: bool
 ) -> None:
     rng = np.random.default_rng(7)
@@ -228,7 +227,7 @@ def test_friction_costs_no_operation_where_it_is_off() -> None:
     robot = pfd.load_robot('ur5')
     bare = pfd.Simulator(robot)
     off = pfd.Simulator(robot, pfd.Scene(friction=[0.0] * 6, joint_limits=[[-np.inf, np.inf]] * 6))
-    assert off._native.native is bare._native.native or off._native.work == bare._native.work
+    assert off.operations == bare.operations
 
 
 @pytest.mark.parametrize('integrator', ['velocity_verlet', 'imex2'])
@@ -236,12 +235,6 @@ def test_integrators_without_events_or_implicit_damping_refuse_friction(integrat
     robot = pfd.load_robot('ur5')
     with pytest.raises(ValueError, match=r'friction and joint_limits .* need'):
         pfd.Simulator(robot, pfd.Scene(friction=[1.0] * 6), integrator=integrator)
-
-
-def test_functions_of_one_instant_refuse_friction() -> None:
-    robot = pfd.load_robot('ur5')
-    with pytest.raises(ValueError, match='act over a step of time'):
-        pfd.compile_kernel(robot, scene=pfd.Scene(friction=[1.0] * 6))
 
 
 def test_stops_out_of_reach_leave_the_motion_as_it_is_with_lagging_motors() -> None:
@@ -273,7 +266,7 @@ def test_a_motor_that_lags_breaks_a_joint_away_when_its_torque_reaches_the_frict
     assert np.abs(run.qd[run.time > away, 0] - wanted).max() < u / lag * 1e-3**2
 
 
-def test_a_slow_joint_under_friction_does_not_stand_still_in_float32() -> None:
+def test_a_slow_joint_under_friction_moves_in_float32() -> None:
     """At 1000 m a step of 1e-5 m is a sixth of the last digit of a position in float32."""
     scene = pfd.Scene(gravity=None, friction=[1e-9])
     sim = pfd.Simulator(slider(1, 0), scene, step_size=1e-3, substeps=1, dtype='float32')

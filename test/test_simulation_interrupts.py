@@ -20,7 +20,7 @@ WRENCH = np.arange(6) / 7
 
 
 def facts(sim: pfd.Simulator) -> tuple[Any, ...]:
-    """Return all that a simulation tells, as bits."""
+    """Return all public values of a simulation, as bits."""
     return sim.q.tobytes(), sim.qd.tobytes(), sim.qdd.tobytes(), sim.time, sim.status
 
 
@@ -85,7 +85,7 @@ def test_the_length_of_the_pieces_does_not_change_a_bit(
 
 
 def test_no_piece_takes_longer_than_was_measured_for_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    # A clock that goes by as many seconds as steps are asked for.
+    # A clock that goes by as many seconds as steps are requested.
     sim = pfd.Simulator(pfd.load_robot('planar2'))
     native, now, asked = sim._native.run, [0.0], []
 
@@ -166,7 +166,7 @@ def interrupt(seed: int, times: int) -> None:
 
 
 @pytest.mark.parametrize('seed', range(2))
-def test_a_simulation_goes_on_where_it_was_interrupted(seed: int) -> None:
+def test_a_simulation_continues_where_it_was_interrupted(seed: int) -> None:
     interrupt(seed, 5)
 
 
@@ -241,5 +241,5 @@ def test_a_long_step_that_nobody_interrupts_gives_the_bits_of_short_ones(
     'seed',
     [*range(100, 103), *(pytest.param(k, marks=pytest.mark.long) for k in range(103, 120))],
 )
-def test_many_simulations_go_on_where_they_were_interrupted(seed: int) -> None:
+def test_many_simulations_continue_where_they_were_interrupted(seed: int) -> None:
     interrupt(seed, 10)

@@ -20,7 +20,6 @@ from zoo import random_chain
 import pfd_core as pfd
 from pfd_core.kernels.codegen.linear_step import linear_step
 from pfd_core.kernels.codegen.spelling import Format
-from pfd_core.machine.program import Program
 from pfd_core.simulation.integrators import TABLE, record_step
 
 # A step's Jacobian has entries up to 1 and sums of some hundred terms of a few u.
@@ -448,7 +447,7 @@ def test_the_length_of_a_linearised_step_does_not_grow_with_the_joints() -> None
     lengths = []
     for n in (12, 24):
         step = record_step(TABLE['rk4'], n, H)
-        dynamics = Program(1, (), dict.fromkeys(('q', 'qd', 'tau'), n), {})
+        dynamics = pfd.Program(1, (), dict.fromkeys(('q', 'qd', 'tau'), n), {})
         lengths.append(len(linear_step(step, {'qdd': dynamics}, Format('float64', 1))))
     # Rows of the state and stages grow by n, matrices do not.
     assert lengths[1] < 2.5 * lengths[0]

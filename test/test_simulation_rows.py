@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Rows of the state beside q and qd: carried on by all that moves, copies or stores an arm."""
+"""Further rows of the state than q and qd: simulated, copied and stored with it."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ TAUS = np.random.default_rng(1).normal(size=(30, 2))
 
 
 def adams_bashforth(system: System, h: float, q: Any, qd: Any, before: Any) -> tuple[Any, ...]:
-    """Advance by the acceleration and that of the step before, a row of its own."""
+    """Advance by the acceleration and that of the step before, which is a row of the state."""
     a = system.accelerations(q, qd, 0)
     return system.advance(q, h * qd), qd + h * (1.5 * a - 0.5 * before), a
 
@@ -57,7 +57,7 @@ def test_a_row_begins_at_zero_and_is_carried_from_step_to_step_and_through_a_pic
             np.testing.assert_array_equal(sim.q, q)
 
 
-def test_arms_of_an_ensemble_have_rows_of_their_own() -> None:
+def test_arms_of_an_ensemble_have_their_own_rows() -> None:
     many = pfd.Ensemble(pfd.load_robot('planar2'), 5, **SETTINGS)
     starts = np.random.default_rng(2).normal(size=(5, 2))
     many.reset(starts, 0.5)

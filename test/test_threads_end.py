@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""Fresh processes that compute with threads end as they are told to, every time."""
+"""Fresh processes that compute with threads end with the expected status, every time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import pytest
 
 SCRIPT = Path(__file__).with_name('process_with_threads.py')
 THREADS = (2, 0, 3)
-# Far longer than any of them takes; a process that hangs is killed and told.
+# Far longer than any of them takes; a process that hangs is killed and reported.
 PATIENCE = 120.0
 SIDE_BY_SIDE = 2
 
@@ -29,11 +29,11 @@ def ending(case: tuple[str, int]) -> str:
         run = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE)
     except subprocess.TimeoutExpired:
         return f'{way}, {count} threads: hangs'
-    told = run.stderr.strip().splitlines()
-    quiet = not told or (way == 'by SIGINT' and told[-1] == 'KeyboardInterrupt')
+    errors = run.stderr.strip().splitlines()
+    quiet = not errors or (way == 'by SIGINT' and errors[-1] == 'KeyboardInterrupt')
     if run.returncode == STATUSES.get(way, 0) and quiet:
         return ''
-    return f'{way}, {count} threads: status {run.returncode}, {told[-3:]}'
+    return f'{way}, {count} threads: status {run.returncode}, {errors[-3:]}'
 
 
 def cases(number: int) -> list[tuple[str, int]]:

@@ -13,7 +13,7 @@ import pinocchio as pin
 from tolerances import DYNAMICS
 from zoo import BODY, Array, link, to_pinocchio
 
-from pfd_core.model import Robot
+import pfd_core as pfd
 
 # Files whose angles are cut off after 9 to 14 digits are compared with angles made exact.
 RIGHT = '1.5707963267948966'
@@ -40,7 +40,9 @@ def exact_angles(text: str) -> str:
     return text
 
 
-def positions_in(whole: pin.Model, robot: Robot, q: Array, locked: Mapping[str, float]) -> Array:
+def positions_in(
+    whole: pin.Model, robot: pfd.Robot, q: Array, locked: Mapping[str, float]
+) -> Array:
     """Return positions of all joints of a file, those off the chain and not locked at rest."""
     whole_q: Array = pin.neutral(whole)
     for name, value in {**locked, **dict(zip(robot.joint_names, q, strict=True))}.items():
@@ -50,7 +52,7 @@ def positions_in(whole: pin.Model, robot: Robot, q: Array, locked: Mapping[str, 
     return whole_q
 
 
-def assert_same_physics(robot: Robot, text: str, locked: Mapping[str, float]) -> None:
+def assert_same_physics(robot: pfd.Robot, text: str, locked: Mapping[str, float]) -> None:
     """Compare a loaded chain with Pinocchio on the whole file, joints off the chain at rest."""
     whole = pin.buildModelFromXML(exact_angles(text))
     ours = to_pinocchio(robot)

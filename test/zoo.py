@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 import pinocchio as pin
 
-from pfd_core.model import Robot, load_robot
+import pfd_core as pfd
 
 Array = NDArray[np.float64]
 
@@ -132,11 +132,22 @@ TWO_ARMS = urdf(
 )
 
 
-def slider(x: float, z: float) -> Robot:
+def slider(x: float, z: float) -> pfd.Robot:
     """Return a mass of 1 kg on a straight rail."""
     rail = joint('j', 'prismatic', 'base', 'mass', axis=f'{x} 0 {z}')
-    return load_robot(urdf('slider', link('base'), link('mass', 1.0, J='0.1 0.1 0.1 0 0 0'), rail))
+    return pfd.load_robot(
+        urdf('slider', link('base'), link('mass', 1.0, J='0.1 0.1 0.1 0 0 0'), rail)
+    )
 
+
+# Two rows of a robot in YAML.
+ROWS = """
+robot: two
+joints:
+- {name: a, type: revolute, mass: 1, dh: {a: 0.5, d: 0.1, alpha_deg: 90, theta_deg: 30}}
+- {name: b, type: prismatic, mass: 2, center: [0, 0, 1e-3],
+   inertia: {xx: 1, yy: 1, zz: 1, xy: 0.1}, dh: {a: 0, d: 0.2, alpha_deg: -20, theta_deg: 90}}
+"""
 
 # One turning joint that nothing brakes.
 WHEEL = urdf(
@@ -176,7 +187,7 @@ def random_chain(
     n: int,
     prismatic_share: float = 0.3,
     joint_types: Sequence[str] | None = None,
-) -> Robot:
+) -> pfd.Robot:
     """
     Return a chain without any zero: skew axes, centres of mass off them, full inertias.
 
@@ -189,7 +200,7 @@ def random_chain(
     masses = rng.uniform(0.5, 5.0, n)
     reach = rng.uniform(0.5, 3.0, n)
     turns = np.array([kind == 'continuous' for kind in joint_types])
-    return Robot(
+    return pfd.Robot(
         name=f'random{n}',
         joint_names=tuple(f'joint{i + 1}' for i in range(n)),
         joint_types=tuple(joint_types),
@@ -210,7 +221,7 @@ def random_chain(
     )
 
 
-def without_mass(robot: Robot, links: Sequence[int]) -> Robot:
+def without_mass(robot: pfd.Robot, links: Sequence[int]) -> pfd.Robot:
     """Return the robot with the mass and the inertia of some links taken away."""
     masses, inertias = robot.masses.copy(), robot.inertias.copy()
     masses[list(links)] = 0.0
@@ -230,7 +241,7 @@ def random_states(n: int, count: int, dtype: str = 'float64', seed: int = 1) -> 
     return [np.array([row[k] for row in rows], dtype) for k in range(3)]
 
 
-def right_angled(n: int) -> tuple[Robot, dict[str, Array]]:
+def right_angled(n: int) -> tuple[pfd.Robot, dict[str, Array]]:
     """Return a chain whose axes are exactly square, in which all frames agree, and a state."""
     rng = np.random.default_rng(n)
     robot = random_chain(rng, n)
@@ -239,7 +250,7 @@ def right_angled(n: int) -> tuple[Robot, dict[str, Array]]:
     return robot, {'q': q, 'qd': qd, 'tau': tau, 'wrench': rng.normal(size=6)}
 
 
-def to_pinocchio(robot: Robot, armature: ArrayLike | None = None) -> pin.Model:
+def to_pinocchio(robot: pfd.Robot, armature: ArrayLike | None = None) -> pin.Model:
     """
     Return a robot as a Pinocchio model whose positions are ours, angle by angle.
 

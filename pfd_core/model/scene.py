@@ -12,8 +12,8 @@ declared here as well, so that editors and type checkers know the arguments of S
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, fields, replace
 import hashlib
 from os import PathLike
 from pathlib import Path
@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfd_core.model.checked_numbers import number_from_text
-from pfd_core.model.effects import FIELDS, NEEDS
+from pfd_core.model.checked_numbers import choice, number_from_text
+from pfd_core.model.effects import EFFECTS, FIELDS, NAMED, NEEDS
 from pfd_core.model.error_text import quote
 from pfd_core.model.robot_changes import Payload
 from pfd_core.model.scene_checks import ESTIMATED, INPUT, MODEL
@@ -141,6 +141,28 @@ class Scene:
         # The fields are None, bool, str, tuples of floats and a scene, whose repr is exact.
         return hashlib.sha256(repr(self).encode()).hexdigest()
 
+    def without(self, names: Collection[str]) -> Scene:
+        """
+        Return the scene without effects of EFFECTS by name, and without those that need them.
+
+        Raises
+        ------
+        ValueError
+            If a name is that of no effect.
+
+        """
+        if not isinstance(names, (set, frozenset, tuple, list)):
+            raise ValueError(f'names must be a set of names of effects, got {quote(names)}')
+        for name in names:
+            choice('names', name, NAMED)
+        changes: dict[str, Any] = {
+            field.name: field.off
+            for effect in EFFECTS
+            if not _with_needed(effect.name).isdisjoint(names)
+            for field in effect.fields
+        }
+        return replace(self, **changes)
+
     def save(self, path: str | PathLike[str]) -> None:
         """Write the scene to a YAML file, which `load_scene` reads as an equal scene."""
         if not isinstance(path, (str, PathLike)):
@@ -153,6 +175,12 @@ def scene_to_yaml(scene: Scene) -> str:
     if not isinstance(scene, Scene):
         raise ValueError(f'scene must be a Scene, got {quote(scene)}')
     return yaml_text(_document(scene))
+
+
+def _with_needed(name: str) -> set[str]:
+    """Return the names of an effect and of the effects that it needs."""
+    needed = NAMED[name].needs
+    return {name} | (_with_needed(needed) if needed else set())
 
 
 def _compensation(value: Any) -> bool | Scene:

@@ -1,24 +1,30 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""
-Plots of speed against error: one panel for each case, and work-precision of the integrators.
-
-Colours by Okabe and Ito, which colour-blind readers can distinguish; markers differ as
-well.
-"""
+"""Plots of speed against error: a panel for each case, and work-precision of the integrators."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pfd_core.report.against_error import PEERS, CaseFacts, Point
-from pfd_core.report.hard_cases import ROUNDING
-from pfd_core.report.work_precision import WAYS, MotionFacts, RunPoint
+from pfd_core.report.cases.hard_cases import ROUNDING
+from pfd_core.report.measure.evaluations import PEERS, CaseFacts, Point
+from pfd_core.report.measure.work_precision import WAYS, MotionFacts, RunPoint
+from pfd_core.report.render.plots import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILLION,
+    logarithmic,
+    save,
+)
 
-BLACK, ORANGE, SKY, GREEN = '#000000', '#E69F00', '#56B4E9', '#009E73'
-BLUE, VERMILLION, PURPLE, GREY = '#0072B2', '#D55E00', '#CC79A7', '#7F7F7F'
 # Number format and steps of refinement: colour, marker, and name.
 OURS = {
     ('float64', 0): (SKY, 'o', 'float64'),
@@ -47,6 +53,8 @@ RUN_STYLES = dict(
     )
 )
 COLUMNS = 4
+# Of a figure [inch].
+SIZE = (14, 7.6)
 UNIT = ROUNDING['float64']
 # Errors below this many kappa_s u are drawn here.
 LEAST = 1e-2
@@ -60,48 +68,25 @@ def write(
     folder: Path,
 ) -> list[Path]:
     """Write all plots as PNG and SVG and return their paths; none without matplotlib."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        return []
     sizes = sorted({point.batch for point in points})
     written = []
     for size in sizes:
         name = 'speed-against-error' + ('-single' if size == 1 < sizes[-1] else '')
-        figure = Figure(figsize=(14, 7.6), layout='constrained')
-        _draw_cases(figure, cases, [point for point in points if point.batch == size], size)
-        written += save(figure, folder, name)
+        own = [point for point in points if point.batch == size]
+        written += save(partial(_draw_cases, cases, own, size), folder, name, SIZE)
     if runs:
-        figure = Figure(figsize=(14, 7.6), layout='constrained')
-        _draw_motions(figure, motions, runs)
-        written += save(figure, folder, 'work-precision')
+        written += save(partial(_draw_motions, motions, runs), folder, 'work-precision', SIZE)
     return written
 
 
-def save(figure: Any, folder: Path, name: str) -> list[Path]:
-    """Write a figure as PNG and SVG, whose bytes depend on it alone, and return their paths."""
-    from matplotlib import rc_context
-
-    paths = [folder / f'{name}.{suffix}' for suffix in ('png', 'svg')]
-    # A salt and no date: the same numbers give the same file.
-    with rc_context({'svg.hashsalt': name, 'svg.fonttype': 'none'}):
-        # The layout takes as long as the drawing: once for both.
-        figure.draw_without_rendering()
-        figure.set_layout_engine('none')
-        figure.savefig(paths[0], dpi=110)
-        figure.savefig(paths[1], metadata={'Date': None})
-    return paths
-
-
 def _draw_cases(
-    figure: Any, cases: Sequence[CaseFacts], points: Sequence[Point], size: int
+    cases: Sequence[CaseFacts], points: Sequence[Point], size: int, figure: Any
 ) -> None:
     rows = -(-(len(cases) + 1) // COLUMNS)
     panels = figure.subplots(rows, COLUMNS, squeeze=False, sharex=True, sharey=True)
-    flat = [axes for row in panels for axes in row]
-    for axes, case in zip(flat, cases, strict=False):
+    for axes, case in zip(panels.flat, cases, strict=False):
         _draw_case(axes, case, [point for point in points if point.case == case.name])
-    for k, axes in enumerate(flat):
+    for k, axes in enumerate(panels.flat):
         if k >= len(cases):
             axes.axis('off')
         elif k + COLUMNS >= len(cases):
@@ -112,13 +97,13 @@ def _draw_cases(
     figure.suptitle(
         f'Forward dynamics: time against error, {states}, one thread. Down and left is better.'
     )
-    _explain(flat[len(cases)], points)
+    _explain(panels.flat[len(cases)], points)
 
 
 def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:
     """Draw the points of a case; a line leads from the default method to its refined answer."""
     axes.set_title(f'{case.name} (n = {case.n})', fontsize=10)
-    _logarithmic(axes)
+    logarithmic(axes)
     for dtype, u in ROUNDING.items():
         axes.axvline(u / UNIT, color=GREY, linewidth=0.8, linestyle=':')
         axes.text(
@@ -145,13 +130,6 @@ def _draw_case(axes: Any, case: CaseFacts, points: Sequence[Point]) -> None:
         ends = [place for place in map(_place, sorted(own, key=lambda p: p.refine)) if place]
         if len(ends) == len(own) == 2:
             axes.plot(*zip(*ends, strict=True), color=BLACK, linewidth=0.9, zorder=3)
-
-
-def _logarithmic(axes: Any) -> None:
-    axes.set_xscale('log')
-    axes.set_yscale('log')
-    axes.minorticks_off()
-    axes.grid(alpha=0.25)
 
 
 def _place(point: Point) -> tuple[float, float] | None:
@@ -181,7 +159,7 @@ def _explain(axes: Any, points: Sequence[Point]) -> None:
     axes.legend(handles=entries, loc='center', fontsize=10, frameon=False)
 
 
-def _draw_motions(figure: Any, motions: Sequence[MotionFacts], runs: Sequence[RunPoint]) -> None:
+def _draw_motions(motions: Sequence[MotionFacts], runs: Sequence[RunPoint], figure: Any) -> None:
     """Draw time (above) and evaluations (below) over both errors of each motion."""
     panels = figure.subplots(2, 2 * len(motions), squeeze=False, sharey='row')
     shown = [way for way in WAYS if any(run.way == way for run in runs)]
@@ -190,7 +168,7 @@ def _draw_motions(figure: Any, motions: Sequence[MotionFacts], runs: Sequence[Ru
         for column, error in ((2 * k, 'trajectory_error'), (2 * k + 1, 'energy_error')):
             for row, work in enumerate(('minimum', 'evaluations')):
                 axes = panels[row][column]
-                _logarithmic(axes)
+                logarithmic(axes)
                 for way in shown:
                     found = [run for run in own if run.way == way]
                     colour, marker, line = RUN_STYLES[way]

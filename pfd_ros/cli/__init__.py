@@ -11,6 +11,7 @@
     compare   pfd compare: differences of two logs
     recover   pfd recover: a whole file from one that was cut off or damaged
     report    pfd report: counts, speed, hard cases, a scene
+    recorded_motion  for `pfd report scene`: the efforts and brakes of every step, and the states
     robots    pfd robots
     urdf      pfd urdf: the URDF of a robot
     doctor    pfd doctor: what is installed, whether it works, how fast this machine is

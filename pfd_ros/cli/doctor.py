@@ -19,7 +19,7 @@ import time
 import numpy as np
 
 import pfd_core as pfd
-from pfd_core.report.installation import Finding, cache, compiler, processors, speed
+from pfd_core.report.measure.installation import Finding, cache, compiler, processors, speed
 from pfd_ros.demo.bare_timer import bare_timer, missing_share
 from pfd_ros.text import one_line
 

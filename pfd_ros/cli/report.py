@@ -10,7 +10,7 @@ from pathlib import Path
 import sys
 
 import pfd_core as pfd
-from pfd_core.report.quantity_kernels import QUANTITIES
+from pfd_core.report.cases.quantities import QUANTITIES
 from pfd_ros.cli.replay import progress_on
 
 REPORTS = {
@@ -107,9 +107,10 @@ def run(given: argparse.Namespace) -> int:
 
 
 def _run_scene(given: argparse.Namespace, folder: Path) -> list[Path]:
-    from pfd_core.report import scene_motions, scene_pages
-    from pfd_core.report.scene_effects import full_scene
-    from pfd_ros.replay.motion import read_motion
+    from pfd_core.report import scene_pages
+    from pfd_core.report.cases import excitations
+    from pfd_core.report.measure.scene_effects import full_scene
+    from pfd_ros.cli.recorded_motion import read_motion
 
     scene = pfd.Scene() if given.scene is None else pfd.load_scene(given.scene)
     refused: dict[str, str] = {}
@@ -121,11 +122,11 @@ def _run_scene(given: argparse.Namespace, folder: Path) -> list[Path]:
         if given.scene is None:
             scene, refused = full_scene(robot, scene, motion.settings)
     else:
-        scene_motions.excitation_named(given.trajectory)
+        excitations.excitation_named(given.trajectory)
         if given.robot is None:
             raise ValueError(f'the trajectory {given.trajectory!r} needs a --robot')
         robot = pfd.load_robot(given.robot)
         if given.scene is None:
-            scene, refused = full_scene(robot, scene, scene_motions.SETTINGS)
-        motion = scene_motions.excited_motion(robot, scene, given.trajectory)
+            scene, refused = full_scene(robot, scene, excitations.SETTINGS)
+        motion = excitations.excited_motion(robot, scene, given.trajectory)
     return scene_pages.run(robot, scene, motion, given.tolerance, folder, given.window, refused)

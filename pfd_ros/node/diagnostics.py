@@ -29,7 +29,6 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 import pfd_core as pfd
-from pfd_core.report.scene_effects import OVER_A_STEP, without
 from pfd_ros.arm.arm import Arm
 from pfd_ros.arm.commands import QUIET
 from pfd_ros.arm.engine import Engine
@@ -82,7 +81,8 @@ class MassKernels:
         kernels = model_kernels(asked, arm.robot, self.scene)
         self.inertia, self.energy = kernels['inertia_matrix'], kernels['energy']
         # Effects that act over a step have no accelerations.
-        smooth = without(self.scene, OVER_A_STEP | {'brakes', 'external wrench'})
+        over_a_step = {effect.name for effect in pfd.EFFECTS if effect.acts == 'step'}
+        smooth = self.scene.without(over_a_step | {'brakes', 'external wrench'})
         self.accelerations = pfd.compile_kernel(
             arm.robot, method=arm.settings.method, scene=smooth, refine=1
         )

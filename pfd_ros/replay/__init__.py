@@ -10,7 +10,6 @@ From the file to the verdict:
     summary       the result of an inspection for people
     differences   the first difference between a recorded message and the replayed one
     verify        the engine fed from the recording, its outputs compared byte for byte: `read`
-    motion        the efforts and brakes of every step, and the states, for reports
 
 Two logs, of simulated or real arms:
 

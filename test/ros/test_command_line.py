@@ -14,7 +14,7 @@ from ros_processes import Processes, environment
 
 import pfd_core as pfd
 from pfd_core.report import counts_pages
-from pfd_core.report.convergence import robots
+from pfd_core.report.measure.convergence import robots
 from pfd_ros.cli import main as command_line
 
 WITHOUT_ROS = (

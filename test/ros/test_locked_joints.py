@@ -14,8 +14,8 @@ import pytest
 from simulating import efforts, joint_state, simulate, states_of
 
 from pfd_ros.arm.events import Arrival, Source, Verdict
+from pfd_ros.cli.recorded_motion import read_motion
 from pfd_ros.messages.convert import decode_joint_state
-from pfd_ros.replay.motion import read_motion
 from pfd_ros.replay.verify import DifferenceError, read
 
 # The wrist of a puma, welded.

@@ -14,8 +14,8 @@ from simulating import efforts, simulate
 
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
+from pfd_ros.cli.recorded_motion import read_motion
 from pfd_ros.messages.stamped import effort_encoder
-from pfd_ros.replay.motion import read_motion
 from pfd_ros.replay.verify import DifferenceError, read
 from pfd_ros.testing.lockstep_arm import LockstepArm
 

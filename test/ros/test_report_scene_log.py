@@ -14,13 +14,13 @@ from rewriting import GOLDEN
 from simulating import efforts, simulate
 
 import pfd_core as pfd
-from pfd_core.report import scene_needs
-from pfd_core.report.scene_effects import effects_on, full_scene, spelled
-from pfd_core.report.scene_errors import run_full
-from pfd_core.report.timing import Pace
+from pfd_core.report.measure import scene_needs
+from pfd_core.report.measure.scene_effects import effects_on, full_scene, spelled
+from pfd_core.report.measure.scene_errors import run_full
+from pfd_core.report.measure.timing import Pace
 from pfd_ros.cli import main as command_line
-from pfd_ros.replay import motion as recorded
-from pfd_ros.replay.motion import read_motion
+from pfd_ros.cli import recorded_motion as recorded
+from pfd_ros.cli.recorded_motion import read_motion
 
 MOVE = {3: [efforts(1.0, 2.0)], 90: [efforts(-1.0, 0.5), efforts(2.0, 0.0)]}
 STEPS = 250

@@ -22,8 +22,8 @@ from pfd_ros.arm.events import DROPPED_STATES, STATES, Arrival, Output, Source
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.sensors import quantized
 from pfd_ros.arm.settings import Settings
+from pfd_ros.cli.recorded_motion import read_motion
 from pfd_ros.messages.convert import JointMessage, JointStateEncoder, decode_joint_state
-from pfd_ros.replay.motion import read_motion
 from pfd_ros.replay.verify import DifferenceError, read
 
 PUSH = Arrival(Source.ARRAY, 1, efforts(1.0, -0.5))

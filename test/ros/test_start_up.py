@@ -28,7 +28,7 @@ raise SystemExit(main(sys.argv[1:]))
 """
 # What other commands and recordings need.
 UNUSED = {'mcap', 'pfd_ros.replay', 'pfd_ros.recording.reader', 'pfd_ros.recording.recorder'}
-UNUSED |= {'pfd_core.report.quantity_kernels', 'pfd_ros.demo', 'pinocchio'}
+UNUSED |= {'pfd_core.report.cases.quantities', 'pfd_ros.demo', 'pinocchio'}
 
 
 @pytest.mark.ros

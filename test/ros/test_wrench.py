@@ -18,7 +18,7 @@ from pfd_ros.arm.effects import Request
 from pfd_ros.arm.engine import Engine
 from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.requests import encode_request
-from pfd_ros.replay.motion import read_motion
+from pfd_ros.cli.recorded_motion import read_motion
 from pfd_ros.replay.verify import read
 
 RESET = Source.REQUEST, encode_request(Request('reset'))

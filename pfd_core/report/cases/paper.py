@@ -1,0 +1,111 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Claims of Lee and Chang (1987): Table 1, the sums of their own parts, and contradictions.
+
+Each claim is a formula in n with L = ceil(log2 n), h = ceil((n-1)/2), P6 = ceil((n^2-1)/6) and
+P2 = ceil((n^2-1)/2), as printed, with the value printed for n = 6. `parts` is the sum of the
+counts that the paper derives for the parts of the method: items (a) to (f) of section 2.5 for
+PCRBM, (d) and (e) of section 3 for PCGM. The serial methods and the array have no `parts`.
+
+The available copy is a scan. Of the multiplications of PCRBM in Table 1 it shows P6, 10 h and 4 n;
+31 L + 170 is from the formula of section 2.5, which prints 2 n instead of 4 n.
+
+The claims are stored in data/paper.yaml.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import partial
+import re
+
+from pfd_core.report.cases.stored import table
+
+
+@dataclass(frozen=True)
+class Claim:
+    """
+    The paper's count of one kind of operation in one system.
+
+    Attributes
+    ----------
+    text : str
+        The formula as printed.
+    formula : callable
+        Its value at n.
+    printed : int or None
+        The value printed for n = 6.
+    parts : callable or None
+        Sum of the parts that the paper counts.
+    remark : str
+        Contradictions in the paper, or omissions of a comparison; or empty.
+
+    """
+
+    text: str
+    formula: Callable[[int], Fraction]
+    printed: int | None
+    parts: Callable[[int], Fraction] | None = None
+    remark: str = ''
+
+
+@dataclass(frozen=True)
+class System:
+    """A row of Table 1: its title, its claims by kind of operation, and its processors."""
+
+    title: str
+    multiplications: Claim
+    additions: Claim
+    square_roots: Claim
+    processors: str
+
+
+def levels(n: int) -> int:
+    """Return ceil(log2 n)."""
+    return (n - 1).bit_length()
+
+
+SYMBOLS: dict[str, Callable[[int], Fraction | int]] = {
+    '': lambda n: 1,
+    'n': lambda n: n,
+    'n^2': lambda n: n**2,
+    'n^3/6': lambda n: Fraction(n**3, 6),
+    'h': lambda n: n // 2,
+    'L': levels,
+    'n L': lambda n: n * levels(n),
+    'P6': lambda n: -((1 - n * n) // 6),
+    'P2': lambda n: -((1 - n * n) // 2),
+}
+# Sign, number, which may be mixed as 75 1/2, and symbol of a term.
+TERM = re.compile(r'([+-]?) ?((?:\d+(?: \d+/\d+)?)?) ?((?:[nhLP][\w^/]*(?: L)?)?)(?: |$)')
+
+
+def value(text: str, n: int) -> Fraction:
+    """Return the value of a printed formula at n."""
+    total = Fraction(0)
+    for sign, number, symbol in TERM.findall(text):
+        if number or symbol:
+            factor = sum(map(Fraction, number.split())) if number else 1
+            total += (-1 if sign == '-' else 1) * factor * SYMBOLS[symbol](n)
+    return total
+
+
+def _claim(formula: str, printed: int, parts: str | None = None, remark: str = '') -> Claim:
+    summed = None if parts is None else partial(value, parts)
+    return Claim(formula, partial(value, formula), printed, summed, remark)
+
+
+KINDS = ('multiplications', 'additions', 'square_roots')
+TABLE = {
+    name: System(
+        row['title'],
+        _claim(**row['multiplications']),
+        _claim(**row['additions']),
+        _claim(**row['square_roots']),
+        row['processors'],
+    )
+    for name, row in table('paper').items()
+}

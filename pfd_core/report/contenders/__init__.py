@@ -1,0 +1,11 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Contenders: programs that do the same work, and the ways in which each is called.
+
+    work        tasks, contenders, their ways (Work, Contender, Side), reasons for exclusion
+    ours        kernels of this library: every method, quantity and number format
+    pinocchio   Pinocchio, called from Python
+    mujoco      MuJoCo
+    casadi      C that CasADi generates from textbook algorithms, compiled
+"""

@@ -1,0 +1,46 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Measurements: steps, times and errors, each as rows of a table.
+
+Steps:
+
+    counts              steps of every method measured on recorded programs, compared with the
+                        paper (Row)
+    convergence         iterations of the iterative methods to converge, and errors after n of them
+
+Times:
+
+    timing              contenders that take turns, pace and spread (Row, Pace)
+    port_limit          a kernel's own mix of operations in a loop: the limit of the processor
+    first_results       time to a robot's first result, compiled or from disk
+    installation        whether compiler and cache work, and times of this machine (`pfd doctor`)
+    surroundings        processor, load, versions and date of a measurement
+    speed               the survey of forward dynamics: robots, works, contenders, findings
+    quantity_rows       times and errors of the quantities other than forward dynamics
+
+Errors of single states:
+
+    differences         differences relative to the largest entry of a state
+    reference           qdd in 50 digits with its certificate, errors and condition numbers
+    quantity_reference  other quantities in 50 digits
+    estimates           error estimates of refined kernels compared with their errors
+    errors              errors of the kernel, every method and peers at the hard cases (Result)
+    evaluations         time and error of every method and peer at hard cases (Point)
+
+Errors of motions:
+
+    energies            energies, references in float64, errors of runs compared with them
+    work_precision      work and errors of every integrator on a motion (RunPoint)
+    decimals            programs on Python's decimal numbers, one state at a time
+    extrapolation       end of a motion, extrapolated in extended precision
+    motion_errors       runs of hard and steady motions; formulation stiffness; loops through a
+                        hold
+
+Errors of smaller scenes:
+
+    scene_effects       the effects that are on, and the full scene of a robot
+    scene_errors        trajectories in smaller scenes against the full one (SceneRow)
+    scene_search        the smallest scene within a tolerance; the best scene of every cost
+    scene_needs         cost, time and error of each effect, and the answer (EffectRow, Needs)
+"""

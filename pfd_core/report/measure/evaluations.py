@@ -1,0 +1,292 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Time of an evaluation of forward dynamics over its error, at ordinary and hard cases.
+
+Each point is a method, number format and number of refinement steps, or a peer, with a batch
+size: seconds for each state, and the largest error over the states of the case. Cases, references
+of 50 digits and condition numbers are those of the hard cases; errors are those of the native
+kernels. At one case and batch size all ways take turns in one process.
+
+A batch repeats the states of the case; a state has the same bits alone and in a batch. Pinocchio
+has a function for batches in WORLD axes alone, so that LOCAL axes and CRBA are a loop in Python.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pfd_core.algorithms.programs import METHODS
+from pfd_core.kernels.auto import choose
+from pfd_core.kernels.compile import compile_kernel
+from pfd_core.kernels.kernel import Kernel
+from pfd_core.model import Robot, resolve
+from pfd_core.report.cases.hard_cases import CASES, ROUNDING
+from pfd_core.report.cases.problems import Problem
+from pfd_core.report.cases.robots import Array
+from pfd_core.report.contenders.mujoco import MUJOCO, Mujoco
+from pfd_core.report.contenders.pinocchio import EVALUATIONS, Pinocchio
+from pfd_core.report.contenders.work import LeftOutError, Side, Work, one_by_one
+from pfd_core.report.measure.errors import methods, peer_answers
+from pfd_core.report.measure.reference import Reference, errors, kappa_j, kappa_s, reference
+from pfd_core.report.measure.timing import Pace, interleave, show_progress
+
+BATCHES = (1, 4096)
+REFINEMENTS = (0, 1)
+PEERS = (*EVALUATIONS, MUJOCO)
+# The most joints for a method whose kernels of more joints take minutes to compile.
+MOST = {'divide_and_conquer': 7, 'composite_body': 30}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Names of hard cases, methods, batch sizes and pace of a measurement."""
+
+    cases: tuple[str, ...] = (
+        'ordinary_puma560',
+        'ordinary_ur5',
+        'ordinary_panda',
+        'payload_1e6',
+        'heavy_tip_1e8_n12',
+        'near_stretched_40',
+        'collinear_axes_1e-12',
+    )
+    methods: tuple[str, ...] = METHODS
+    batches: tuple[int, ...] = BATCHES
+    # Shorter chunks and more turns than elsewhere: ratios of a few percent matter here.
+    pace: Pace = field(default_factory=lambda: Pace(chunk=1e-3, turns=100, fewest=10, budget=20.0))
+
+
+QUICK = Plan(
+    cases=('ordinary_planar2', 'collinear_axes_1e-12'),
+    batches=(1, 64),
+    pace=Pace(chunk=1e-4, turns=3, fewest=2),
+)
+
+
+@dataclass(frozen=True)
+class CaseFacts:
+    """
+    A case with its condition numbers and the certificate of its reference.
+
+    `auto` and `refined` are the methods that 'auto' selects, without and with refinement.
+    """
+
+    name: str
+    cause: str
+    n: int
+    states: int
+    auto: str
+    refined: str
+    kappa_j: float
+    kappa_s: float
+    difference: float
+    residual: float
+
+    def default(self, refine: int) -> str:
+        """Return the method that 'auto' selects with some steps of refinement."""
+        return self.refined if refine else self.auto
+
+
+@dataclass(frozen=True)
+class Point:
+    """
+    Time and error of one way at a case.
+
+    Attributes
+    ----------
+    case, way : str
+        Names of the case, and of a method of ours or a peer.
+    dtype : str
+        Number format.
+    refine, batch : int
+        Steps of refinement, and states in a call.
+    minimum, median : float
+        Seconds for each state.
+    times : float or None
+        Median over the turns of the time of the default method in float64, not refined, over the
+        time of this way.
+    error : float or None
+        Largest error over the states of the case; None for an answer that is not finite.
+    in_units : float or None
+        Largest error over kappa_s u, u that of the number format.
+
+    """
+
+    case: str
+    way: str
+    dtype: str
+    refine: int
+    batch: int
+    minimum: float
+    median: float
+    times: float | None
+    error: float | None
+    in_units: float | None
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to accelerations: how to time it on states, and its errors as Point has them."""
+
+    name: str
+    dtype: str
+    refine: int
+    side: Callable[[list[Array]], Side]
+    error: float | None
+    in_units: float | None
+
+
+@dataclass(frozen=True)
+class Solved:
+    """The problem of a case, its reference, and kappa_s of each state, (S,)."""
+
+    name: str
+    problem: Problem
+    known: Reference
+    condition: Array
+
+    def errors(self, answer: NDArray[Any], dtype: str) -> tuple[float | None, float | None]:
+        """Return the largest error of qdd (S, n), and in kappa_s u; None for a lost answer."""
+        found = errors(answer, self.known)
+        if not np.isfinite(found).all():
+            return None, None
+        return float(np.max(found)), float(np.max(found / self.condition) / ROUNDING[dtype])
+
+
+def measure(name: str, plan: Plan) -> tuple[CaseFacts, list[Point], list[str]]:
+    """Return a case, its points, and the excluded implementations with reasons."""
+    (case,) = (case for case in CASES if case.name == name)
+    show_progress(f'{name}: reference')
+    problem = case.make()
+    known = reference(problem)
+    solved = Solved(name, problem, known, kappa_s(problem, known))
+    facts = CaseFacts(
+        name=name,
+        cause=case.cause,
+        n=problem.plant.robot.n,
+        states=len(known.qdd),
+        auto=choose(problem.plant, 'auto', 0),
+        refined=choose(problem.plant, 'auto', 1),
+        kappa_j=kappa_j(problem),
+        kappa_s=float(solved.condition.max()),
+        difference=known.difference,
+        residual=known.residual,
+    )
+    left_out: list[str] = []
+    ways = [*_kernels(solved, plan.methods, left_out), *_peers(solved, left_out)]
+    points = [
+        point for batch in plan.batches for point in _points(facts, ways, solved, batch, plan)
+    ]
+    return facts, points, left_out
+
+
+def _points(
+    case: CaseFacts, ways: Sequence[Way], solved: Solved, batch: int, plan: Plan
+) -> Iterator[Point]:
+    """Yield the points of all ways, which take turns, with so many states in a call."""
+    show_progress(f'{case.name}: batch of {batch}')
+    states: list[NDArray[Any]] = [
+        np.resize(x, (batch, case.n)) for x in solved.problem.states.values()
+    ]
+    default = (case.auto, 'float64', 0)
+    sides = [
+        replace(way.side(states), reference=(way.name, way.dtype, way.refine) == default)
+        for way in ways
+    ]
+    for way, times in zip(ways, interleave(sides, batch, plan.pace), strict=True):
+        yield Point(
+            case.name,
+            way.name,
+            way.dtype,
+            way.refine,
+            batch,
+            times.minimum,
+            times.median,
+            times.times,
+            way.error,
+            way.in_units,
+        )
+
+
+def _kernels(solved: Solved, wanted: tuple[str, ...], left_out: list[str]) -> Iterator[Way]:
+    """Yield the kernels of a case, in every number format, without and with refinement."""
+    plant, states = solved.problem.plant, solved.problem.states
+    robot = plant.robot
+    if resolve(robot).digest != plant.digest:
+        raise ValueError(f'{solved.name} has a scene: only robots under gravity are compiled here')
+    able = [method for method in methods(robot.n) if robot.n <= MOST.get(method, robot.n)]
+    left_out += [
+        f'{method} at {solved.name}: takes minutes to compile for {robot.n} joints'
+        for method in wanted
+        if method not in able
+    ]
+    for method in (method for method in wanted if method in able):
+        for dtype in ROUNDING:
+            for refine in REFINEMENTS:
+                show_progress(f'{solved.name}: compiling {method} {dtype} refine={refine}')
+                kernel = compile_kernel(robot, method=method, dtype=dtype, refine=refine)
+                found = solved.errors(kernel(*states.values()), dtype)
+                yield Way(method, dtype, refine, partial(_kernel_side, kernel), *found)
+
+
+def _kernel_side(kernel: Kernel, states: list[Array]) -> Side:
+    """Return a kernel that is bound to one state, or to a batch in Fortran order."""
+    q, qd, tau = (np.asfortranarray(x).astype(kernel.dtype) for x in states)
+    if len(q) == 1:
+        q, qd, tau = q[0], qd[0], tau[0]
+    out = np.empty_like(q)
+    return Side(kernel.method, kernel.bind(q, qd, tau, out), partial(np.asarray, out))
+
+
+def _peers(solved: Solved, left_out: list[str]) -> Iterator[Way]:
+    """Yield the peers that are installed and take the robot of a case."""
+    answers = dict(peer_answers(solved.problem))
+    for peer, side in _peer_sides(solved.problem.plant.robot, solved.name, left_out):
+        if peer in answers:
+            yield Way(peer, 'float64', 0, side, *solved.errors(answers[peer], 'float64'))
+        else:
+            left_out.append(f'{peer} at {solved.name}: it refuses the robot')
+
+
+def _peer_sides(
+    robot: Robot, case: str, left_out: list[str]
+) -> Iterator[tuple[str, Callable[[list[Array]], Side]]]:
+    """Yield each peer's name, and how to time it on states."""
+    for name, make in (('Pinocchio', Pinocchio), (MUJOCO, Mujoco)):
+        try:
+            peer = make(robot)
+        except LeftOutError as reason:
+            left_out.append(f'{name} at {case}: {reason}')
+        except (ValueError, RuntimeError) as reason:
+            left_out.append(f'{name} at {case}: it refuses the robot ({reason})')
+        else:
+            if isinstance(peer, Mujoco):
+                yield name, partial(_first_side, peer)
+            else:
+                for label, evaluation in EVALUATIONS.items():
+                    yield label, partial(_pinocchio_side, peer, evaluation)
+
+
+def _pinocchio_side(peer: Pinocchio, evaluation: str, states: list[Array]) -> Side:
+    if len(states[0]) > 1 and evaluation.endswith('WORLD'):
+        return _first_side(peer, states)
+    rows = [tuple(row.copy() for row in state) for state in zip(*states, strict=True)]
+    evaluate = peer.evaluations()[evaluation]
+    result = partial(np.asarray, evaluate(*rows[0]))
+    if len(rows) == 1:
+        return Side(evaluation, partial(evaluate, *rows[0]), result)
+    return Side(evaluation, partial(one_by_one, evaluate, rows), result)
+
+
+def _first_side(peer: Pinocchio | Mujoco, states: list[Array]) -> Side:
+    """Return a peer's first way of one call, or of a batch."""
+    one = len(states[0]) == 1
+    q, qd, tau = (x[0] for x in states) if one else states
+    return next(peer.sides(Work('call' if one else 'batch', q, qd, tau)))

@@ -1,0 +1,261 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Runs of the hard motions: errors relative to the stored references, and two effects of time.
+
+    runs                 every check of CHECKS, in native code (Run)
+    steady_runs          the motions of STEADY, whose angles are known exactly (SteadyRun)
+    formulation          evaluations of the adaptive integrator, by steps of refinement (Effort)
+    holds                gains at which a loop through a zero-order hold is stable (Hold)
+
+Holding a torque for T seconds, one joint of inertia I under kp and kd is stable exactly if
+kd < 2 I / T and kp / kd < 2 / T; of several joints, the smallest eigenvalue of H takes the place
+of I. A simulation has these limits only if its integrator does not see the controller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pfd_core.algorithms.programs import record_terms
+from pfd_core.machine.emulator import run
+from pfd_core.model import Robot, Scene, load_robot, resolve
+from pfd_core.report.cases.motions import CHECKS, MOTIONS, REFERENCES, STEADY, Check, Motion
+from pfd_core.report.cases.robots import Array
+from pfd_core.report.measure.energies import energy
+from pfd_core.simulation.adaptive import AdaptiveTrajectory, integrate
+from pfd_core.simulation.embedded_pairs import PAIRS
+from pfd_core.simulation.simulator import Simulator
+
+BY_NAME = {motion.name: motion for motion in MOTIONS}
+# Absolute tolerance of an adaptive run, as a part of the relative one.
+ABSOLUTE = 0.1
+# Times at which the energy is looked at, and the angle of a steady motion.
+ENERGY_SAMPLES, SAMPLES = 6000, 100
+# Step of a steady motion [s].
+STEP = 1e-3
+# Formulation stiffness: the motion, its tolerance, and the steps after which a run gives up.
+STIFF_FORMULATION, TOLERANCE, MOST_STEPS = 'heavy_tip_1e8_planar_n12', 1e-12, 2000
+# Refined once, a run may take this many times the evaluations of one that is refined twice.
+SAME_EFFORT = 1.05
+
+
+@dataclass(frozen=True)
+class Run:
+    """A check, and the error found; infinity for a run that is not finite at its end."""
+
+    check: Check
+    error: float
+
+    @property
+    def met(self) -> bool:
+        """Whether the error is within its bound."""
+        return self.error <= self.check.bound
+
+
+def runs() -> Iterator[Run]:
+    """Yield the run of each check."""
+    for check in CHECKS:
+        yield Run(check, error(check))
+
+
+def error(check: Check) -> float:
+    """Return the error of a check's run."""
+    motion = BY_NAME[check.motion]
+    duration = motion.duration if check.duration is None else check.duration
+    finite, q, qd = _states(check, duration)
+    if not finite:
+        return np.inf
+    if check.quantity == 'angle':
+        wanted = np.array([float(x) for x in REFERENCES[motion.name].q])
+        return float(np.abs(q[-1] - wanted).max())
+    every = max(1, len(q) // ENERGY_SAMPLES)
+    kinetic, potential = energy(motion.plant, q[::every], qd[::every])
+    total = kinetic + potential
+    return float(np.abs(total - total[0]).max() / kinetic.max())
+
+
+def _states(check: Check, duration: float) -> tuple[bool, Array, Array]:
+    """Return whether a run is finite, and its states q and qd, (K, n)."""
+    motion = BY_NAME[check.motion]
+    if check.integrator in PAIRS:
+        made = _adaptive(motion, duration, check.step, integrator=check.integrator, refine=1)
+        return made.status == 'ok', made.q, made.qd
+    sim = Simulator(
+        motion.robot,
+        motion.scene,
+        step_size=check.step,
+        substeps=1,
+        integrator=check.integrator,
+        dtype=check.dtype,
+    )
+    sim.reset(q=motion.q, qd=motion.qd)
+    steps = round(duration / check.step)
+    rolled = sim.rollout(np.zeros((steps, motion.robot.n), dtype=check.dtype))
+    return rolled.status == 'ok', rolled.q, rolled.qd
+
+
+def _adaptive(motion: Motion, duration: float, rtol: float, **settings: Any) -> AdaptiveTrajectory:
+    return integrate(
+        motion.robot,
+        np.zeros(motion.robot.n),
+        duration,
+        scene=motion.scene,
+        q=motion.q,
+        qd=motion.qd,
+        rtol=rtol,
+        atol=ABSOLUTE * rtol,
+        dense=False,
+        **settings,
+    )
+
+
+@dataclass(frozen=True)
+class SteadyRun:
+    """The error of a steady motion in a number format [rad], and its bound."""
+
+    name: str
+    cause: str
+    dtype: str
+    duration: float
+    error: float
+    bound: float
+
+    @property
+    def met(self) -> bool:
+        """Whether the error is within its bound."""
+        return self.error <= self.bound
+
+
+def steady_runs() -> Iterator[SteadyRun]:
+    """Yield the run of each steady motion in each number format."""
+    for motion in STEADY:
+        for dtype, bound in motion.bounds.items():
+            found = steady_error(motion, dtype)
+            yield SteadyRun(motion.name, motion.cause, dtype, motion.duration, found, bound)
+
+
+def steady_error(motion: Motion, dtype: str) -> float:
+    """
+    Return the error of a steady motion; infinity if a state is not finite.
+
+    It is the largest difference of an angle from q(0) + qd t, modulo whole turns, at SAMPLES times
+    of the motion [rad].
+    """
+    import mpmath
+
+    simulator = Simulator(motion.robot, motion.scene, step_size=STEP, substeps=1, dtype=dtype)
+    simulator.reset(motion.q, motion.qd)
+    begin = simulator.q.astype(np.float64)
+    taus = np.zeros((round(motion.duration / STEP / SAMPLES), motion.robot.n))
+    largest = 0.0
+    for k in range(SAMPLES):
+        if simulator.rollout(taus).status != 'ok':
+            return np.inf
+        passed = motion.duration * (k + 1) / SAMPLES
+        with mpmath.workdps(30):
+            for angle, turns, at, rate in zip(*simulator.wrapped, begin, motion.qd, strict=True):
+                wanted = at + rate * mpmath.mpf(passed) - 2 * mpmath.pi * int(turns)
+                largest = max(largest, float(abs(wanted - float(angle))))
+    return largest
+
+
+@dataclass(frozen=True)
+class Effort:
+    """Evaluations of an adaptive run of STIFF_FORMULATION, or None if it gave up."""
+
+    refine: int
+    evaluations: int | None
+
+
+def formulation() -> list[Effort]:
+    """Return the effort without, with one and with two steps of refinement."""
+    motion = BY_NAME[STIFF_FORMULATION]
+    efforts = []
+    for refine in range(3):
+        made = _adaptive(motion, motion.duration, TOLERANCE, refine=refine, max_steps=MOST_STEPS)
+        efforts.append(Effort(refine, made.evaluations if made.status == 'ok' else None))
+    return efforts
+
+
+@dataclass(frozen=True)
+class Hold:
+    """
+    A control loop through a zero-order hold.
+
+    Attributes
+    ----------
+    name : str
+        The arm and the gain that is varied.
+    period : float
+        T [s].
+    kp, kd : float
+        Gains at the limit of stability.
+    decays, grows : bool
+        Whether a small deviation decays with the varied gain below the limit by NEAR, and grows
+        with it above by NEAR.
+
+    """
+
+    name: str
+    period: float
+    kp: float
+    kd: float
+    decays: bool
+    grows: bool
+
+
+# Distance from the limit of stability, as a part of it.
+NEAR = 0.1
+# Deviation [rad] in a period, growth that ends a run, and its periods.
+DEVIATION, GROWN, TICKS = 1e-6, 1e3, 2000
+
+
+def holds() -> Iterator[Hold]:
+    """Yield the limits of a rod's and of PUMA's loops, of the gain kd and of the ratio kp / kd."""
+    rod, wrist = load_robot('planar2'), load_robot('puma560')
+    for name, robot, scene, period, ratio in (
+        ('planar2, kd', rod, Scene(gravity=None), 4e-3, 0.0),
+        ('puma560, kd', wrist, Scene(gravity=None, armature='model'), 1e-3, 400.0),
+        ('puma560 without rotors, kd', wrist, Scene(gravity=None), 1e-3, 400.0),
+    ):
+        kd = 2 * _smallest(robot, scene)[0] / period
+        decays, grows = (
+            _decays(robot, scene, period, kd * part * ratio, kd * part)
+            for part in (1 - NEAR, 1 + NEAR)
+        )
+        yield Hold(name, period, kd * ratio, kd, decays, not grows)
+    period = 4e-3
+    kd = 0.1 * 2 * _smallest(rod, Scene(gravity=None))[0] / period
+    kp = kd * 2 / period
+    decays, grows = (
+        _decays(rod, Scene(gravity=None), period, kp * part, kd) for part in (1 - NEAR, 1 + NEAR)
+    )
+    yield Hold('planar2, kp / kd', period, kp, kd, decays, not grows)
+
+
+def _smallest(robot: Robot, scene: Scene) -> tuple[float, Array]:
+    """Return the smallest eigenvalue of H at the held position, and its vector."""
+    program = record_terms(resolve(robot, scene), 'parallel')
+    q = np.full(robot.n, 0.5)
+    H = run(program, {'q': q[np.newaxis], 'qd': 0 * q[np.newaxis]})['H'][0]
+    values, vectors = np.linalg.eigh(H)
+    return float(values[0]), vectors[:, 0]
+
+
+def _decays(robot: Robot, scene: Scene, period: float, kp: float, kd: float) -> bool:
+    """Return whether a deviation along the lightest direction decays, with zero-order hold."""
+    sim = Simulator(robot, scene, step_size=period, substeps=8)
+    held = np.full(robot.n, 0.5)
+    sim.reset(q=held, qd=DEVIATION / period * _smallest(robot, scene)[1])
+    first = size = float(np.abs(sim.qd).max())
+    for _ in range(TICKS):
+        sim.step(-kp * (sim.q - held) - kd * sim.qd)
+        size = float(np.abs(sim.qd).max())
+        if size > GROWN * first:
+            return False
+    return size < first

@@ -1,0 +1,195 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""
+Contenders for the same work, timed against each other in one process.
+
+The sides take turns, in chunks of a few milliseconds, forwards and then backwards; the reference
+works again before every few others. The quoted speed is the median over the turns of the ratio of
+two times taken shortly after each other: a machine that slows down slows both. The minimum is the
+time without disturbance, the median the typical time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+import gc
+import statistics
+import sys
+import time
+
+import numpy as np
+
+from pfd_core.report.contenders.work import Side, Work
+from pfd_core.report.measure.differences import largest_difference
+
+# States of a batch that fits into the caches, and takes long compared with its call overhead.
+MIDDLE_BATCH = 4096
+# Number of other sides between two turns of the reference.
+BETWEEN_REFERENCES = 3
+
+
+@dataclass(frozen=True)
+class Row:
+    """
+    Measurement of one way of doing a work.
+
+    Attributes
+    ----------
+    robot, work, way : str
+        Names of robot, work and way.
+    n : int
+        Joints of the robot.
+    minimum, median : float
+        Seconds for each state, or step of a rollout.
+    times : float or None
+        Median over the turns of the reference's time over the time of this way.
+    difference : float or None
+        Largest max|difference| / max|wanted| of a state.
+    quantity : str
+        Name of the result; the rows of `pfd report speed` are forward dynamics but for those of
+        measure.quantity_rows.
+    error : float or None
+        Largest error compared with 50 digits, relative to its largest entry, of a state.
+
+    """
+
+    robot: str
+    n: int
+    work: str
+    way: str
+    minimum: float
+    median: float
+    times: float | None = None
+    difference: float | None = None
+    quantity: str = 'forward_dynamics'
+    error: float | None = None
+
+
+@dataclass(frozen=True)
+class Pace:
+    """
+    Durations and repetitions of a measurement.
+
+    Attributes
+    ----------
+    chunk : float
+        Seconds of one turn: long compared with the clock's resolution, short compared with changes
+        of the machine's speed.
+    turns, fewest : int
+        Turns of each side; fewer for long works, but never fewer than `fewest`.
+    budget : float
+        Seconds for all turns of one work.
+    repeats : int
+        Repetitions of a first result, which needs a new preparation; one if it takes a second.
+
+    """
+
+    chunk: float = 3e-3
+    turns: int = 40
+    fewest: int = 3
+    budget: float = 4.0
+    repeats: int = 3
+
+
+@dataclass(frozen=True)
+class Times:
+    """
+    Times of one side.
+
+    Attributes
+    ----------
+    minimum, median : float
+        Seconds for each unit of work.
+    times : float or None
+        Median over the turns of the reference's time over the time of this side.
+
+    """
+
+    minimum: float
+    median: float
+    times: float | None
+
+
+def take_turns(robot: str, work: Work, sides: Sequence[Side], pace: Pace) -> list[Row]:
+    """Measure the sides of one work against each other, in time and result."""
+    for side in sides:
+        side.run()
+    differences = _differences(sides)
+    found = interleave(sides, work.units, pace)
+    n = work.q.shape[-1]
+    return [
+        Row(robot, n, work.title, side.way, own.minimum, own.median, own.times, difference)
+        for side, own, difference in zip(sides, found, differences, strict=True)
+    ]
+
+
+def interleave(sides: Sequence[Side], units: int, pace: Pace) -> list[Times]:
+    """Return the times of sides that take turns, for each of `units` units of a run."""
+    once = [_chunk(side.run, 1, warm=True) for side in sides]
+    calls = [max(1, round(pace.chunk / seconds)) for seconds in once]
+    warm = [seconds < pace.chunk for seconds in once]
+    counts = [count + first for count, first in zip(calls, warm, strict=True)]
+    turn = sum(seconds * count for seconds, count in zip(once, counts, strict=True))
+    turns = min(pace.turns, max(pace.fewest, round(pace.budget / turn))) if sides else 0
+    times: list[list[float]] = [[] for _ in sides]
+    ratios: list[list[float]] = [[] for _ in sides]
+    with _uncollected():
+        for t in range(turns):
+            for k, near in _order(sides, backwards=t % 2 == 1):
+                times[k].append(_chunk(sides[k].run, calls[k], warm[k]) / units)
+                if near is not None:
+                    ratios[k].append(times[near][-1] / times[k][-1])
+    return [
+        Times(min(own), statistics.median(own), statistics.median(ratio) if ratio else None)
+        for own, ratio in zip(times, ratios, strict=True)
+    ]
+
+
+@contextmanager
+def _uncollected() -> Iterator[None]:
+    """Switch off the collection of reference cycles, whose time grows with this process."""
+    running = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if running:
+            gc.enable()
+
+
+def _order(sides: Sequence[Side], backwards: bool) -> Iterator[tuple[int, int | None]]:
+    """Yield each side's index in turn, with the index of the reference that ran before it."""
+    reference = next((k for k, side in enumerate(sides) if side.reference), None)
+    others = [k for k in range(len(sides)) if k != reference]
+    for position, k in enumerate(reversed(others) if backwards else others):
+        if reference is not None and position % BETWEEN_REFERENCES == 0:
+            yield reference, reference
+        yield k, reference
+    if reference is not None and not others:
+        yield reference, reference
+
+
+def _chunk(run: Callable[[], object], calls: int, warm: bool) -> float:
+    """Return the mean seconds of a number of calls, after a first call if `warm`."""
+    if warm:
+        run()
+    start = time.perf_counter()
+    for _ in range(calls):
+        run()
+    return (time.perf_counter() - start) / calls
+
+
+def _differences(sides: Sequence[Side]) -> list[float | None]:
+    reference = next((side for side in sides if side.reference), None)
+    if reference is None:
+        return [None] * len(sides)
+    wanted = np.array((reference.wanted or reference.result)(), float)
+    return [largest_difference(side.result(), wanted) for side in sides]
+
+
+def show_progress(text: str) -> None:
+    """Write a line over the one before, if stderr is a terminal; '' clears it."""
+    if sys.stderr.isatty():
+        print(f'\r{text:79.79s}', end='' if text else '\r', file=sys.stderr, flush=True)

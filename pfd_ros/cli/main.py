@@ -14,10 +14,9 @@ from importlib import import_module
 import importlib.util
 import os
 import sys
-import threading
 from typing import Any
 
-from pfd_ros.node.main import stop_on_signals
+from pfd_ros.node.main import Stop, stop_on_signals
 from pfd_ros.text import one_line
 
 # Exit status after Ctrl-C, as in shells.
@@ -65,13 +64,14 @@ def main(args: Sequence[str] | None = None) -> int:
     """Run one command and return its exit status, 0 only for success."""
     words = list(sys.argv[1:] if args is None else args)
     try:
-        return _run(words, stop_on_signals() if words[:1] == ['sim'] else None)
+        node = words[:1] == ['sim'] or (words[:1] == ['replay'] and '--publish' in words)
+        return _run(words, stop_on_signals() if node else None)
     except KeyboardInterrupt:
         _close_output()
         return INTERRUPTED
 
 
-def _run(words: list[str], stop: threading.Event | None) -> int:
+def _run(words: list[str], stop: Stop | None) -> int:
     commands = commands_of(words)
     # Arguments for ROS, which argparse would reject.
     cut = words.index('--ros-args') if '--ros-args' in words else len(words)
@@ -80,7 +80,8 @@ def _run(words: list[str], stop: threading.Event | None) -> int:
     if given.ros_args and given.command != 'sim':
         print(f'pfd: {given.command} takes no --ros-args', file=sys.stderr)
         return 2
-    if given.command in NEED_ROS and importlib.util.find_spec('rclpy') is None:
+    needs_ros = given.command in NEED_ROS or getattr(given, 'publish', False)
+    if needs_ros and importlib.util.find_spec('rclpy') is None:
         print(f'pfd: {NO_ROS}', file=sys.stderr)
         return 1
     try:

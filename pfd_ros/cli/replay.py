@@ -1,6 +1,6 @@
 # Copyright 2026 The pfd_ros authors
 # SPDX-License-Identifier: Apache-2.0
-"""`pfd replay`: print the summary of a recording, verify it bit for bit, or change something."""
+"""`pfd replay`: a recording summarized, verified or changed, or any log published."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from pathlib import Path
 import sys
 
 from pfd_ros.arm.events import CLOCK, STATES, TAKEN, Verdict
-from pfd_ros.cli import what_if
+from pfd_ros.cli import replay_publish, what_if
 from pfd_ros.recording.provenance import versions
 from pfd_ros.replay.summary import Summary
 from pfd_ros.replay.verify import read
 from pfd_ros.text import one_line
 
-HELP = 'summary of a recording, its verification bit for bit, or its inputs into a changed arm'
+HELP = 'summary of a recording, its verification, its inputs into a changed arm; or publish a log'
 EXAMPLE = 'pfd replay run.mcap --verify'
 # Exit status of --verify for an incomplete recording whose recorded part is equal.
 INCOMPLETE = 3
@@ -27,8 +27,13 @@ NOUNS = {STATES: 'states', CLOCK: 'clock ticks', TAKEN: 'rows of applied command
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the recording and the check."""
-    parser.add_argument('log', type=Path, metavar='LOG.mcap')
+    """Declare the recording and what is done with it."""
+    parser.add_argument(
+        'log',
+        type=Path,
+        metavar='LOG',
+        help='a recording; with --publish and --commands any bag, also a folder',
+    )
     mode = parser.add_mutually_exclusive_group()
     mode.add_argument(
         '--verify', action='store_true', help='simulate it again; fail at the first differing bit'
@@ -45,10 +50,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f'with --verify: status 0, not {INCOMPLETE}, for a log that is equal and not whole',
     )
     what_if.add_arguments(parser)
+    replay_publish.add_arguments(parser)
 
 
 def run(given: argparse.Namespace) -> int:
-    """Read a recording, replay it with --verify, and print the result.
+    """Read a recording, replay it with --verify, and print the result; --publish publishes it.
 
     With --verify the status is 0 if the recording is complete and equal, INCOMPLETE if its
     recorded part is equal.
@@ -60,11 +66,17 @@ def run(given: argparse.Namespace) -> int:
     OSError
         If it cannot be read.
     """
-    if given.what_if is not None:
-        return what_if.run(given, progress_on(sys.stderr))
-    alone = what_if.given_without(given)
+    wrong = replay_publish.conflict(given)
+    if wrong:
+        print(f'pfd replay: {wrong}', file=sys.stderr)
+        return 2
+    alone = '' if given.what_if is not None else what_if.given_without(given)
     if alone:
         raise ValueError(f'{alone} goes with --what-if')
+    if given.what_if is not None:
+        return what_if.run(given, progress_on(sys.stderr))
+    if given.publish:
+        return replay_publish.run(given)
     summary = read(given.log, verify=given.verify, progress=progress_on(sys.stderr))
     for line in describe(summary):
         print(line)

@@ -26,6 +26,7 @@ Around it:
     lifecycle        the rclpy node: parameters, transitions, the arm from configure to cleanup
     workers          supervised threads: the end of one stops all
     process          starts and stops ROS, the node and its threads; exit status
+    log_player       another node, `log_player`: a log published on its topics
     main             signals; the entry point `sim_node`
     dds_check        one message from a process to another, for `pfd doctor`
 

@@ -25,12 +25,18 @@ GRACE_SECONDS = 1.0
 STATUS_BASE = 128
 
 
-def stop_on_signals() -> threading.Event:
+class Stop(threading.Event):
+    """Set by the first signal, whose number it has; 0 if something else has set it."""
+
+    number = 0
+
+
+def stop_on_signals() -> Stop:
     """Return an event that the first signal sets; the third ends the process.
 
     Signals are counted on a separate thread: a main thread that hangs in C runs no handler.
     """
-    stop = threading.Event()
+    stop = Stop()
     reading, writing = os.pipe()
     os.set_blocking(writing, False)
     signal.set_wakeup_fd(writing, warn_on_full_buffer=False)
@@ -44,9 +50,10 @@ def stop_on_signals() -> threading.Event:
             number = os.read(reading, 1)[0]
             if number in SIGNALS:
                 received += 1
+                stop.number = stop.number or number
                 stop.set()
         time.sleep(GRACE_SECONDS)
-        os.write(2, b'sim_arm: ended by a third signal; the recording was not closed\n')
+        os.write(2, b'ended by a third signal; a recording was not closed\n')
         os._exit(STATUS_BASE + number)
 
     threading.Thread(target=count, name='signals', daemon=True).start()
@@ -72,9 +79,14 @@ def main(args: list[str] | None = None, stop: threading.Event | None = None) -> 
 
         return run(sys.argv[1:] if args is None else args, stop)
     finally:
-        # A signal from here on would turn a clean exit into a killed one; `run` has set an alarm.
-        for number in SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
+        # `run` has set an alarm.
+        ignore_signals()
+
+
+def ignore_signals() -> None:
+    """Ignore signals from here on: one would turn a clean exit into a killed one."""
+    for number in SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
 
 
 if __name__ == '__main__':

@@ -11,6 +11,12 @@ From the file to the verdict:
     differences   the first difference between a recorded message and the replayed one
     verify        the engine fed from the recording, its outputs compared byte for byte: `read`
 
+Any log, published by node.log_player:
+
+    log_order       messages in the order of their log times; what a bag contains
+    played_topics   what is published: topics, names, QoS, window of time; commands are withheld
+    schedule        when each message is sent: rate, loop, pause, step, seek; without a clock
+
 Two logs, of simulated or real arms:
 
     compare       differences by joint, with the lag between the clocks

@@ -217,8 +217,8 @@ def chosen(name: str, value: Any) -> Any:
 
 
 def call(peer: Peer, kind: Any, name: str, **values: Any) -> Any:
-    """Call a service of the node `sim_arm` and return its response."""
-    client = peer.node.create_client(kind, f'/sim_arm/{name}')
+    """Call a service of the node `sim_arm`, or by its full name, and return its response."""
+    client = peer.node.create_client(kind, name if name[0] == '/' else f'/sim_arm/{name}')
     peer.wait(client.service_is_ready)
     future = client.call_async(kind.Request(**values))
     peer.wait(future.done)

@@ -69,7 +69,9 @@ def test_a_file_that_is_not_there_is_named(
     assert 'nix.mcap' in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('args', [[], ['dance'], ['replay'], ['replay', 'a', '--ros-args']])
+@pytest.mark.parametrize(
+    'args', [[], ['dance'], ['replay'], ['replay', 'a', '--ros-args'], ['replay', 'a', '--loop']]
+)
 def test_a_command_that_makes_no_sense_has_status_2(
     args: list[str], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -81,9 +83,9 @@ def test_a_command_that_makes_no_sense_has_status_2(
     assert capsys.readouterr().err
 
 
-@pytest.mark.parametrize('command', ['demo', 'sim'])
-def test_without_ros_the_message_says_how_to_get_it(tmp_path: Path, command: str) -> None:
-    done = without_ros(tmp_path, command)
+@pytest.mark.parametrize('command', [['demo'], ['sim'], ['replay', 'a.mcap', '--publish']])
+def test_without_ros_the_message_says_how_to_get_it(tmp_path: Path, command: list[str]) -> None:
+    done = without_ros(tmp_path, *command)
     assert done.returncode == 1
     assert "pip install 'pfd_ros[ros]'" in done.stderr
     assert 'Traceback' not in done.stderr

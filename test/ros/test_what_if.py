@@ -508,6 +508,13 @@ def test_options_of_what_if_need_it(
     assert capsys.readouterr().err == f'pfd replay: {option} goes with --what-if\n'
 
 
+def test_a_log_is_published_or_run_with_a_change(
+    swing: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(['replay', str(swing), '--publish', '--what-if']) == 2
+    assert 'pfd replay: --publish and --what-if exclude each other' in capsys.readouterr().err
+
+
 def test_a_hole_in_the_states_is_not_simulated_through(swing: Path, tmp_path: Path) -> None:
     hostile = load(swing)
     last = hostile.on(STATES)[-1]

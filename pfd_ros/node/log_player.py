@@ -1,0 +1,461 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""The node `log_player`: the messages of a log on their topics, in real time.
+
+    ~/pause    std_srvs/SetBool    pause or resume
+    ~/step     std_srvs/Trigger    while paused: send the next message
+    seek_to    parameter           continue at this time [s] after the first message of the log
+    rate       parameter           speed, as a multiple of the log's
+
+One thread: callbacks run while the player waits for the next message. What is sent when is decided
+by replay.schedule. See docs/decisions/0037-publishing-a-log.md.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib import import_module
+import math
+import sys
+import time
+from typing import Any, TextIO
+
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+import rclpy
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.exceptions import NameValidationException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import try_shutdown
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import SetBool, Trigger
+
+from pfd_ros.messages.convert import NANOSECONDS, encode_clock
+from pfd_ros.messages.qos import MOST_DEPTH, Qos
+from pfd_ros.node.endpoints import NonblockingPublisher
+from pfd_ros.node.main import STATUS_BASE, Stop
+from pfd_ros.node.workers import described
+from pfd_ros.recording.bags import Bag, BagMessage
+from pfd_ros.recording.reader import LogError
+from pfd_ros.replay.log_order import Survey, in_time_order, survey
+from pfd_ros.replay.played_topics import CLOCK_TOPIC, KNOWN_QOS, Choice, Played, choose, window_of
+from pfd_ros.replay.schedule import RATES, Jump, Schedule, Send, Tick, Window
+from pfd_ros.text import cut, one_line
+
+NAME = 'log_player'
+# Subscriptions that exist find the publishers within this time, before the first message.
+DISCOVERY_SECONDS = 1.0
+# Longest wait for the acknowledgement of the last messages, and between looks at signals.
+END_SECONDS, SLICE_SECONDS = 2.0, 0.1
+# While messages are late, callbacks run this often; a look for them takes 0.1 ms.
+SERVE_NS = 10_000_000
+PROGRESS_NS = 200_000_000
+LATE_NS = 10_000_000
+# A longer gap of the log is reported at the beginning.
+GAP_NS = 10 * NANOSECONDS
+# A Clock has 31 bits for the seconds.
+CLOCK_SECONDS = 1 << 31
+ERRORS = (RCLError, NameValidationException, RuntimeError)
+
+
+@dataclass(frozen=True)
+class PlayOptions:
+    """What is played and how; times in s from the first message of the log."""
+
+    rate: float = 1.0
+    loop: bool = False
+    start_offset: float = 0.0
+    duration: float = math.inf
+    topics: Collection[str] | None = None
+    remaps: Sequence[tuple[str, str]] = ()
+    clock_hz: float | None = None
+    start_paused: bool = False
+
+
+def play(bag: Bag, options: PlayOptions, stop: Stop) -> int:
+    """Publish a log until its end or a signal; return the exit status.
+
+    0 if all of it was published, or a loop was ended by a signal; 1 if the middleware refused
+    messages; 128 and the number of the signal that ended it before.
+
+    Raises
+    ------
+    LogError
+        If the log is damaged before its end.
+    ValueError
+        If nothing is to be published, or a topic or time is not in the log.
+    OSError
+        If the log cannot be read.
+    """
+    found = survey(bag, stop.is_set)
+    if stop.is_set():
+        return STATUS_BASE + stop.number
+    choice = choose(bag, options.topics, options.remaps)
+    window = window_of(bag, found, choice, options.start_offset, options.duration)
+    for line in _introduction(bag, found, choice):
+        say(line)
+    ticks = options.clock_hz is not None
+    if ticks and any(topic.published == CLOCK_TOPIC for topic in choice.topics.values()):
+        say(f'the log has {CLOCK_TOPIC}: the recorded clock is published, --clock has no effect')
+        ticks = False
+    if ticks and window.end_ns > CLOCK_SECONDS * NANOSECONDS:
+        raise ValueError(f'log times up to {window.end_ns} ns do not fit into {CLOCK_TOPIC}')
+    try:
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        player = _Player(bag, options, window, choice, ticks, stop)
+        try:
+            return player.run()
+        finally:
+            player.node.destroy_node()
+    except ERRORS as error:
+        raise ValueError(f'ROS: {error}') from error
+    finally:
+        try_shutdown()
+
+
+def say(line: str) -> None:
+    """Print a line, in place of the progress on a terminal."""
+    print(f'{_erase()}{one_line(line)}', flush=True)
+
+
+def _erase() -> str:
+    return '\r\033[K' if _is_terminal(sys.stdout) and _is_terminal(sys.stderr) else ''
+
+
+def _is_terminal(stream: TextIO | None) -> bool:
+    return stream is not None and stream.isatty()
+
+
+def _introduction(bag: Bag, found: Survey, choice: Choice) -> Iterator[str]:
+    length = (found.last_ns - found.first_ns) / NANOSECONDS
+    count = sum(found.counts[name] for name in choice.topics)
+    yield f'{bag.path}: {length:.3f} s, {count} messages of {len(choice.topics)} topics'
+    yield from choice.notes
+    if not bag.complete:
+        yield 'the log was cut off; it is published up to the cut'
+    if found.gap_ns > GAP_NS:
+        at = (found.gap_at_ns - found.first_ns) / NANOSECONDS
+        yield f'longest gap of the log: {found.gap_ns / NANOSECONDS:.3f} s after {at:.3f} s'
+
+
+class _Player:
+    """The node, its publishers and the schedule."""
+
+    def __init__(
+        self,
+        bag: Bag,
+        options: PlayOptions,
+        window: Window,
+        choice: Choice,
+        ticks: bool,
+        stop: Stop,
+    ) -> None:
+        self.node = Node(NAME)
+        self._bag = bag
+        self._options = options
+        self._stop = stop
+        self._window = window
+        self._executor: Any = EventsExecutor()
+        self._executor.add_node(self.node)
+        self._publishers: dict[str, NonblockingPublisher] = {}
+        self._ends: list[Any] = []
+        self._kept: dict[str, int] = {}
+        for played in choice.topics.values():
+            try:
+                self._publish_on(played)
+            except (ImportError, AttributeError, *ERRORS) as error:
+                if played.published != played.name:
+                    raise ValueError(f'--remap {cut(played.name)}: {error}') from error
+                say(f'not published: {cut(played.name)}: {error}')
+        if not self._publishers:
+            raise ValueError(f'{bag.path} has nothing to publish')
+        self._clock = None
+        if ticks:
+            profile = profile_of(KNOWN_QOS['clock'])
+            self._clock = NonblockingPublisher(
+                self.node.create_publisher(Clock, CLOCK_TOPIC, profile)
+            )
+        self.node.create_service(SetBool, '~/pause', self._on_pause)
+        self.node.create_service(Trigger, '~/step', self._on_step)
+        for name, value, meaning in (
+            ('rate', options.rate, "speed, as a multiple of the log's"),
+            ('seek_to', options.start_offset, 'continue at this time [s] of the log'),
+        ):
+            # ros2 param set takes 5 for an integer.
+            about = ParameterDescriptor(description=meaning, dynamic_typing=True)
+            self.node.declare_parameter(name, value, about)
+        self.node.add_on_set_parameters_callback(self._on_parameters)
+        self._sent = 0
+        self._late: Counter[str] = Counter()
+        self._longest_late_ns = 0
+        self._served_ns = self._shown_ns = 0
+        self._schedule: Schedule | None = None
+        # Whether a signal came while messages were read; why they could not be read.
+        self._cut_short = False
+        self._failure: Exception | None = None
+
+    def _publish_on(self, played: Played) -> None:
+        package, _, name = played.type.split('/')
+        end = self.node.create_publisher(
+            getattr(import_module(f'{package}.msg'), name),
+            played.published,
+            profile_of(played.qos),
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+        )
+        self._ends.append(end)
+        self._publishers[played.name] = NonblockingPublisher(end)
+        if played.qos.transient_local:
+            self._kept[played.name] = MOST_DEPTH if played.qos.keep_all else played.qos.depth
+
+    def _messages(self) -> Iterator[BagMessage]:
+        """Yield the messages to publish, up to a signal."""
+        try:
+            for message in in_time_order(self._bag.messages()):
+                if self._stop.is_set():
+                    self._cut_short = True
+                    return
+                if message.topic in self._publishers:
+                    yield message
+        except (LogError, OSError) as error:
+            # Perhaps within a callback; the file has changed since it was surveyed.
+            self._failure = error
+
+    def run(self) -> int:
+        """Publish until the end or a signal; return the exit status."""
+        self._discover()
+        clock_hz = self._options.clock_hz
+        self._schedule = schedule = Schedule(
+            self._messages,
+            self._kept,
+            self._window,
+            rate=self._options.rate,
+            loop=self._options.loop,
+            paused=self._options.start_paused,
+            tick_ns=round(NANOSECONDS / clock_hz) if self._clock and clock_hz else None,
+        )
+        begun = time.monotonic()
+        say(f'paused at {self._position()}' if schedule.paused else f'begin at {self._position()}')
+        while not self._stop.is_set() and not schedule.ended and self._failure is None:
+            self._step()
+        if self._failure is not None:
+            raise self._failure
+        interrupted = self._cut_short or not schedule.ended
+        if not interrupted:
+            self._wait_for_readers()
+        refused = self._end(schedule, time.monotonic() - begun)
+        if interrupted and not self._options.loop:
+            return STATUS_BASE + self._stop.number
+        return 1 if refused else 0
+
+    def _discover(self) -> None:
+        """Wait until subscriptions that exist have found the publishers."""
+        until = time.monotonic() + DISCOVERY_SECONDS
+        while not self._stop.is_set() and (left := until - time.monotonic()) > 0:
+            self._serve(min(left, SLICE_SECONDS))
+        own = Counter(end.topic_name for end in self._ends)
+        if self._clock:
+            own[self._clock.topic] += 1
+        others = [name for name in own if self.node.count_publishers(name) > own[name]]
+        for name in sorted(others):
+            say(f'another node publishes on {name}, too')
+
+    def _step(self) -> None:
+        """Publish what is due, or wait for it and answer calls."""
+        schedule = self._schedule
+        assert schedule is not None
+        now = time.monotonic_ns()
+        while (event := schedule.due(now)) is not None and not self._stop.is_set():
+            self._handle(event, now)
+            now = time.monotonic_ns()
+            if now - self._served_ns > SERVE_NS:
+                break
+        self._show(now)
+        when = schedule.next_ns()
+        wait = SLICE_SECONDS if when is None else (when - time.monotonic_ns()) / NANOSECONDS
+        if not schedule.ended:
+            self._serve(max(0.0, min(wait, SLICE_SECONDS)))
+
+    def _serve(self, seconds: float) -> None:
+        """Run at most one callback, or wait for so long."""
+        try:
+            self._executor.spin_once(timeout_sec=seconds)
+        except OSError:
+            raise  # of the output
+        except Exception as error:
+            say(f'a callback failed: {described(error)}')
+        self._served_ns = time.monotonic_ns()
+
+    def _handle(self, event: Send | Tick | Jump, now: int) -> None:
+        if isinstance(event, Send):
+            self._publishers[event.message.topic].publish(event.message.data)
+            self._sent += 1
+            late = 0 if event.due_ns is None else now - event.due_ns
+            self._longest_late_ns = max(self._longest_late_ns, late)
+            if late > LATE_NS:
+                self._late[event.message.topic] += 1
+        elif isinstance(event, Tick):
+            if self._clock:
+                self._clock.publish(encode_clock(event.log_ns))
+        else:
+            back = 'back ' if event.to_ns < event.from_ns else ''
+            times = f'from {self._seconds(event.from_ns)} to {self._seconds(event.to_ns)}'
+            label = 'seek' if event.loop is None else f'loop {event.loop}'
+            say(f'{label}: time goes {back}{times}')
+
+    def _wait_for_readers(self) -> None:
+        """Wait until reliable subscriptions have the last messages."""
+        until = time.monotonic() + END_SECONDS
+        for end in self._ends:
+            left = max(0.0, until - time.monotonic())
+            if end.qos_profile.reliability is ReliabilityPolicy.RELIABLE:
+                end.wait_for_all_acked(Duration(seconds=left))
+
+    def _end(self, schedule: Schedule, seconds: float) -> int:
+        """Report what was published; return the number of messages that were refused."""
+        say(f'published {self._sent} messages in {seconds:.3f} s, up to {self._position()}')
+        worst = self._longest_late_ns * 1e-6
+        if self._late:
+            say(
+                f'{self._late.total()} messages were more than {LATE_NS * 1e-6:g} ms late, '
+                f'at most {worst:.1f} ms'
+            )
+        else:
+            say(f'no message was more than {LATE_NS * 1e-6:g} ms late; at most {worst:.1f} ms')
+        if schedule.unordered:
+            say(
+                f'{schedule.unordered} messages lie far behind later ones in the log; they were '
+                'published when they were read'
+            )
+        if schedule.left_out:
+            say(f'{schedule.left_out} older messages of transient local topics were too large')
+        refused = 0
+        for publisher in (*self._publishers.values(), *((self._clock,) if self._clock else ())):
+            refused += publisher.refused
+            if publisher.refused:
+                say(
+                    f'{publisher.topic}: {publisher.refused} messages were refused, since a '
+                    f'subscription is too slow: {publisher.detail}'
+                )
+        return refused
+
+    def _position(self) -> str:
+        assert self._schedule is not None
+        return self._seconds(self._schedule.position_ns(time.monotonic_ns()))
+
+    def _seconds(self, log_ns: int) -> str:
+        return f'{(log_ns - self._window.first_ns) / NANOSECONDS:.3f} s'
+
+    def _show(self, now: int) -> None:
+        """Show the progress on a terminal."""
+        if now - self._shown_ns < PROGRESS_NS or not _is_terminal(sys.stderr):
+            return
+        self._shown_ns = now
+        assert self._schedule is not None
+        paused = ', paused' if self._schedule.paused else ''
+        end = self._seconds(self._window.end_ns)
+        line = f'{self._position()} of {end}, rate {self._schedule.rate:g}{paused}'
+        print(f'\r\033[K{line}', end='', file=sys.stderr, flush=True)
+
+    def _on_pause(self, asked: Any, response: Any) -> Any:
+        return self._answer(response, partial(self._pause, asked.data))
+
+    def _pause(self, paused: bool, schedule: Schedule) -> str:
+        now = time.monotonic_ns()
+        (schedule.pause if paused else schedule.resume)(now)
+        say(f'{"paused" if paused else "resumed"} at {self._position()}')
+        return f'{"paused" if paused else "resumed"} at {self._position()}'
+
+    def _on_step(self, asked: Any, response: Any) -> Any:
+        return self._answer(response, self._one_message)
+
+    def _one_message(self, schedule: Schedule) -> str:
+        now = time.monotonic_ns()
+        if not schedule.step(now):
+            raise ValueError('the end of the log')
+        while (event := schedule.due(now)) is not None:
+            self._handle(event, now)
+            if isinstance(event, Send) and event.due_ns is not None:
+                topic = self._publishers[event.message.topic].topic
+                return f'{topic} at {self._seconds(event.message.log_ns)}'
+        raise ValueError('the end of the log')
+
+    def _answer(self, response: Any, action: Callable[[Schedule], str]) -> Any:
+        try:
+            if self._schedule is None:
+                raise ValueError('it has not begun')
+            response.success, response.message = True, action(self._schedule)
+        except ValueError as error:
+            response.success, response.message = False, one_line(f'refused: {error}')
+        return response
+
+    def _on_parameters(self, parameters: Sequence[Any]) -> SetParametersResult:
+        """Accept and apply `rate` and `seek_to`, or none of them."""
+        wanted = {item.name: item.value for item in parameters}
+        given = {name: wanted[name] for name in ('rate', 'seek_to') if name in wanted}
+        try:
+            for name, value in given.items():
+                if isinstance(value, bool) or not isinstance(value, (int, float)):
+                    raise ValueError(f'{name} is {cut(repr(value))}, expected a number')
+                if not math.isfinite(value):
+                    raise ValueError(f'{name} is {value}, expected a finite number')
+            if 'rate' in given and not RATES[0] <= given['rate'] <= RATES[1]:
+                raise ValueError(
+                    f'rate is {given["rate"]:g}, expected {RATES[0]:g} to {RATES[1]:g}'
+                )
+            if given and self._schedule is None:
+                raise ValueError('it has not begun')
+            if self._schedule is not None:
+                self._apply(self._schedule, given)
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=one_line(error))
+        return SetParametersResult(successful=True)
+
+    def _apply(self, schedule: Schedule, given: dict[str, float]) -> None:
+        if 'seek_to' in given:
+            log_ns = self._window.first_ns + round(given['seek_to'] * NANOSECONDS)
+            schedule.seek(time.monotonic_ns(), log_ns)
+        if 'rate' in given:
+            schedule.set_rate(time.monotonic_ns(), float(given['rate']))
+            say(f'rate {given["rate"]:g} from {self._position()} on')
+
+
+def profile_of(qos: Qos) -> QoSProfile:
+    """Return a QoS profile of rclpy."""
+    durations = {
+        name: Duration(nanoseconds=value)
+        for name, value in (
+            ('deadline', qos.deadline_ns),
+            ('lifespan', qos.lifespan_ns),
+            ('liveliness_lease_duration', qos.lease_ns),
+        )
+        if value is not None
+    }
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_ALL if qos.keep_all else HistoryPolicy.KEEP_LAST,
+        depth=qos.depth,
+        reliability=(
+            ReliabilityPolicy.RELIABLE if qos.reliable else ReliabilityPolicy.BEST_EFFORT
+        ),
+        durability=(
+            DurabilityPolicy.TRANSIENT_LOCAL if qos.transient_local else DurabilityPolicy.VOLATILE
+        ),
+        liveliness=(
+            LivelinessPolicy.MANUAL_BY_TOPIC
+            if qos.manual_liveliness
+            else LivelinessPolicy.AUTOMATIC
+        ),
+        **durations,
+    )

@@ -1,0 +1,296 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""When each message of a log is sent: rate, window, loop, pause, step and seek; no clock, no ROS.
+
+The caller passes the time of a steady clock [ns] to each method, asks `next_ns` how long to wait
+and takes from `due` what is to be done. Every time is computed from one anchor, a moment on both
+clocks that moves only where the rate or the position changes: a late message delays no other one.
+After a change of the position the anchor is the moment at which the log has been read up to there.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from pfd_ros.recording.bags import BagMessage
+from pfd_ros.replay.log_order import Kept
+
+SECOND = 1_000_000_000
+# Bounds of the speed.
+RATES = (1e-3, 1e3)
+# A loop over a shorter window would send without end and without pause.
+SHORTEST_LOOP_NS = 1_000_000
+
+
+class Send(NamedTuple):
+    """Send a message; it was due at `due_ns`, None for a message kept from before the position."""
+
+    message: BagMessage
+    due_ns: int | None
+
+
+class Tick(NamedTuple):
+    """Publish a time of the log on the clock."""
+
+    log_ns: int
+
+
+class Jump(NamedTuple):
+    """The log continues at another time: a seek, or a loop by its number from 1."""
+
+    from_ns: int
+    to_ns: int
+    loop: int | None
+
+
+@dataclass(frozen=True)
+class Window:
+    """Log times [ns]: the first of the log, and what is played, `begin_ns` <= t < `end_ns`."""
+
+    first_ns: int
+    begin_ns: int
+    end_ns: int
+
+
+class Schedule:
+    """The messages of a log, each at its time.
+
+    Parameters
+    ----------
+    read
+        Return the messages from the beginning, by log time.
+    kept
+        Topics, with a count, of which the last messages from before a position are sent first.
+    window
+        What is played.
+    rate
+        Speed, as a multiple of the log's.
+    loop
+        Begin again at the end.
+    paused
+        Wait for `resume`.
+    tick_ns
+        Steady time between ticks of a clock, None for no clock.
+
+    Attributes
+    ----------
+    ended
+        Whether the end was reached, without a loop.
+    loops
+        Number of times that the log began again.
+    unordered
+        Messages that lie far behind later ones in the file; they are sent when they are read.
+    left_out
+        Messages from before a position that were not kept, since they exceed the memory for them.
+
+    Raises
+    ------
+    ValueError
+        If a loop would be shorter than SHORTEST_LOOP_NS.
+    """
+
+    def __init__(
+        self,
+        read: Callable[[], Iterator[BagMessage]],
+        kept: Mapping[str, int],
+        window: Window,
+        *,
+        rate: float = 1.0,
+        loop: bool = False,
+        paused: bool = False,
+        tick_ns: int | None = None,
+    ) -> None:
+        if loop and window.end_ns - window.begin_ns < SHORTEST_LOOP_NS:
+            length = (window.end_ns - window.begin_ns) / SECOND
+            raise ValueError(
+                f'a loop over {length:g} s of the log would have no pause, expected at least '
+                f'{SHORTEST_LOOP_NS / SECOND:g} s'
+            )
+        self.window = window
+        self.rate = rate
+        self.paused = paused
+        self.ended = False
+        self.loops = 0
+        self.unordered = 0
+        self.left_out = 0
+        self._read = read
+        self._depths = kept
+        self._loop = loop
+        self._tick_ns = tick_ns
+        self._tick_at = 0
+        self._steps = 0
+        # Whether the next call of `due` sets the anchor.
+        self._starting = True
+        self._jump: Jump | None = None
+        self._before: deque[BagMessage] = deque()
+        self._messages: Iterator[BagMessage] = iter(())
+        self._next: BagMessage | None = None
+        # Latest log time of the messages that were sent or passed over.
+        self._reached_ns = -1
+        self._anchor = 0, window.begin_ns
+        self._open(window.begin_ns)
+
+    def position_ns(self, now_ns: int) -> int:
+        """Return the log time that is played at a steady time, within the window."""
+        since, log_ns = self._anchor
+        if not self.paused and not self._starting:
+            log_ns += round((now_ns - since) * self.rate)
+        return min(log_ns, self.window.end_ns)
+
+    def next_ns(self) -> int | None:
+        """Return the steady time of the next event; None if only a call can cause one."""
+        if self._jump is not None or self._before or self._starting:
+            return self._anchor[0]
+        return min(self._times(), default=None)
+
+    def due(self, now_ns: int) -> Send | Tick | Jump | None:
+        """Return the next event that is due, None if none is; to be called until it is None."""
+        if self._jump is not None:
+            jump, self._jump = self._jump, None
+            return jump
+        if self._before:
+            return Send(self._before.popleft(), None)
+        if self._starting:
+            self._starting = False
+            self._anchor = now_ns, self._anchor[1]
+            self._tick_at = now_ns
+        when = min(self._times(), default=None)
+        if self.ended or when is None or when > now_ns:
+            return None
+        # Of events at one time messages come first: the clock is never ahead of them.
+        if when == self._message_at():
+            return self._take(when)
+        if self._tick_ns is not None and when == self._tick_at:
+            self._tick_at += self._tick_ns
+            return Tick(self.position_ns(when))
+        if not self._loop:
+            self.ended = True
+            return None
+        self.loops += 1
+        self._go(when, self.window.begin_ns, self.loops)
+        return self.due(now_ns)
+
+    def pause(self, now_ns: int) -> None:
+        """Stop at the position; messages that are late by then wait, too."""
+        self._set_anchor(now_ns)
+        self.paused = True
+
+    def resume(self, now_ns: int) -> None:
+        """Continue at the position."""
+        if self.paused:
+            self._anchor = now_ns, self._anchor[1]
+            self._tick_at = max(self._tick_at, now_ns)
+            self.paused, self._steps = False, 0
+
+    def set_rate(self, now_ns: int, rate: float) -> None:
+        """Change the speed from now on."""
+        self._set_anchor(now_ns)
+        self.rate = rate
+
+    def step(self, now_ns: int) -> bool:
+        """While paused, make the next message due; return whether there is one.
+
+        Raises
+        ------
+        ValueError
+            If it is not paused.
+        """
+        if not self.paused:
+            raise ValueError('it is not paused')
+        if self._next is None and self._loop:
+            self.loops += 1
+            self._go(now_ns, self.window.begin_ns, self.loops)
+        if self._next is None:
+            return False
+        self._anchor = now_ns, self._anchor[1]
+        self._steps += 1
+        return True
+
+    def seek(self, now_ns: int, log_ns: int) -> None:
+        """Continue at a time of the log, which may lie before the window.
+
+        Raises
+        ------
+        ValueError
+            If it lies before the log or after the window.
+        """
+        if not self.window.first_ns <= log_ns < self.window.end_ns:
+            last = (self.window.end_ns - 1 - self.window.first_ns) / SECOND
+            found = (log_ns - self.window.first_ns) / SECOND
+            raise ValueError(f'{found:g} s is outside of the log, expected 0 to {last:g} s')
+        self._go(now_ns, log_ns, None)
+
+    def _times(self) -> Iterator[int]:
+        """Yield the steady times of the next message, the next tick and the end."""
+        message = self._message_at()
+        if message is not None:
+            yield message
+        if self._tick_ns is not None:
+            yield self._tick_at
+        if self._next is None and not self.paused:
+            yield self._steady(self.window.end_ns)
+
+    def _message_at(self) -> int | None:
+        if self._next is None or (self.paused and not self._steps):
+            return None
+        if self.paused:
+            return self._anchor[0]
+        return self._steady(max(self._next.log_ns, self._reached_ns))
+
+    def _steady(self, log_ns: int) -> int:
+        since, anchor_ns = self._anchor
+        return since + round((log_ns - anchor_ns) / self.rate)
+
+    def _take(self, when: int) -> Send:
+        message = self._next
+        assert message is not None
+        if message.log_ns < self._reached_ns:
+            self.unordered += 1
+        self._reached_ns = max(self._reached_ns, message.log_ns)
+        if self.paused:
+            self._steps -= 1
+            self._anchor = self._anchor[0], max(self._anchor[1], self._reached_ns)
+        self._next = self._following()
+        return Send(message, when)
+
+    def _following(self) -> BagMessage | None:
+        message = next(self._messages, None)
+        return None if message is None or message.log_ns >= self.window.end_ns else message
+
+    def _set_anchor(self, now_ns: int) -> None:
+        """Begin a stretch now; the position does not pass a message that was not sent."""
+        position = self.position_ns(now_ns)
+        if self._next is not None and not self.paused:
+            position = min(position, max(self._next.log_ns, self._reached_ns))
+        self._anchor = now_ns, position
+        self._tick_at = max(self._tick_at, now_ns)
+
+    def _go(self, when: int, log_ns: int, loop: int | None) -> None:
+        """Continue at a log time from a steady time on."""
+        self._set_anchor(when)
+        # Jumps that nobody has taken yet are one.
+        since_ns = self._anchor[1] if self._jump is None else self._jump.from_ns
+        self._jump = Jump(since_ns, log_ns, loop)
+        self._anchor = when, log_ns
+        self._starting, self._steps, self.ended = True, 0, False
+        self._open(log_ns)
+
+    def _open(self, log_ns: int) -> None:
+        """Make the first message at or after a log time the next one, and keep those before it."""
+        kept = Kept(self._depths)
+        if self._next is None or log_ns <= self._reached_ns:
+            self._messages = self._read()
+            self._reached_ns = -1
+            self._next = self._following()
+        else:
+            for message in self._before:
+                kept.add(message)
+        while self._next is not None and self._next.log_ns < log_ns:
+            kept.add(self._next)
+            self._reached_ns = max(self._reached_ns, self._next.log_ns)
+            self._next = self._following()
+        self._before = deque(kept.messages())
+        self.left_out += kept.left_out

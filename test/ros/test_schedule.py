@@ -1,0 +1,399 @@
+# Copyright 2026 The pfd_ros authors
+# SPDX-License-Identifier: Apache-2.0
+"""When messages of a log are sent, against a model: no ROS, no clock, no file."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterator, Sequence
+from fractions import Fraction
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
+import pytest
+
+from pfd_ros.recording.bags import BagMessage
+from pfd_ros.replay.log_order import Kept, in_time_order
+from pfd_ros.replay.schedule import Jump, Schedule, Send, Tick, Window
+
+# Times are multiples of UNIT, and rates powers of two: no time has to be rounded.
+UNIT = 1 << 20
+STATES, MAP = '/states', '/map'
+DEPTH = 2
+
+
+def message(at: int, k: int, topic: str = STATES) -> BagMessage:
+    return BagMessage(topic, at, at, k.to_bytes(4, 'little'))
+
+
+def log_of(times: Sequence[int]) -> list[BagMessage]:
+    """Return messages at these times in units; every third one of a transient local topic."""
+    return [
+        message(UNIT * at, k, MAP if k % 3 == 0 else STATES) for k, at in enumerate(sorted(times))
+    ]
+
+
+def schedule_of(
+    messages: Sequence[BagMessage], begin: int = 0, end: int | None = None, **options: Any
+) -> Schedule:
+    first = messages[0].log_ns
+    last = messages[-1].log_ns + 1 if end is None else end
+    window = Window(first, first + begin, last)
+    return Schedule(lambda: iter(messages), {MAP: DEPTH}, window, **options)
+
+
+def drain(schedule: Schedule, now: int) -> list[Send | Tick | Jump]:
+    found: list[Send | Tick | Jump] = []
+    while (event := schedule.due(now)) is not None:
+        found.append(event)
+    return found
+
+
+def sends(events: Sequence[Send | Tick | Jump]) -> list[BagMessage]:
+    return [event.message for event in events if isinstance(event, Send)]
+
+
+TIMES = st.lists(st.integers(0, 40), min_size=1, max_size=20)
+
+
+@given(
+    times=st.lists(st.integers(0, 10**12), min_size=1, max_size=20),
+    rate=st.floats(1e-3, 1e3),
+    start=st.integers(0, 10**15),
+    polls=st.lists(st.integers(0, 10**12), max_size=10),
+)
+def test_each_message_is_due_at_its_time_however_late_the_others_were(
+    times: list[int], rate: float, start: int, polls: list[int]
+) -> None:
+    messages = [message(at, k) for k, at in enumerate(sorted(times))]
+    schedule = schedule_of(messages, rate=rate)
+    found = drain(schedule, start)
+    now = start
+    for wait in polls:
+        now += wait
+        found += drain(schedule, now)
+    while not schedule.ended:
+        when = schedule.next_ns()
+        assert when is not None
+        now = max(now, when)
+        found += drain(schedule, now)
+    assert sends(found) == messages
+    for event in found:
+        assert isinstance(event, Send)
+        exact = start + Fraction(event.message.log_ns - messages[0].log_ns) / Fraction(rate)
+        # Half a nanosecond, and the last bit of a float.
+        assert event.due_ns is not None
+        assert abs(event.due_ns - exact) <= 1 + exact * Fraction(1, 2**52)
+
+
+@given(TIMES, st.integers(1, 50), st.sampled_from([0.5, 1.0, 4.0]))
+def test_the_clock_ticks_at_its_period_between_the_messages_it_lies_between(
+    times: list[int], period: int, rate: float
+) -> None:
+    messages = log_of(times)
+    schedule = schedule_of(messages, rate=rate, tick_ns=period * UNIT)
+    events = drain(schedule, 0)
+    length = messages[-1].log_ns + 1 - messages[0].log_ns
+    events += drain(schedule, 100 * UNIT * 50)
+    ticks = [event.log_ns for event in events if isinstance(event, Tick)]
+    step = int(period * UNIT * rate)
+    assert ticks == list(range(messages[0].log_ns, messages[0].log_ns + length, step))
+    times_of = [
+        event.log_ns if isinstance(event, Tick) else event.message.log_ns
+        for event in events
+        if not isinstance(event, Jump)
+    ]
+    assert times_of == sorted(times_of)
+    assert schedule.ended
+
+
+def test_a_loop_says_each_time_that_time_goes_back() -> None:
+    messages = log_of([0, 1, 2, 3])
+    schedule = schedule_of(messages, begin=UNIT, loop=True)
+    assert sends(drain(schedule, 0)) == [messages[0], messages[1]]
+    events = drain(schedule, 10 * UNIT)
+    assert events[:2] == [Send(messages[2], UNIT), Send(messages[3], 2 * UNIT)]
+    end = messages[3].log_ns + 1
+    # The transient local message from before the offset comes again.
+    assert events[2:] == [
+        Jump(end, UNIT, 1),
+        Send(messages[0], None),
+        Send(messages[1], 10 * UNIT),
+    ]
+    assert sends(drain(schedule, 11 * UNIT)) == [messages[2]]
+    assert not schedule.ended
+
+
+def test_time_spent_reading_up_to_a_position_makes_no_message_late() -> None:
+    messages = log_of(range(10))
+    schedule = schedule_of(messages)
+    drain(schedule, 0)
+    schedule.seek(UNIT, 7 * UNIT)
+    # The log was read for 100 units; then the position begins.
+    events = drain(schedule, 101 * UNIT)
+    assert events[0] == Jump(UNIT, 7 * UNIT, None)
+    assert [event for event in events if isinstance(event, Send) and event.due_ns is not None] == [
+        Send(messages[7], 101 * UNIT)
+    ]
+    assert schedule.next_ns() == 102 * UNIT
+
+
+def test_ticks_that_were_due_during_a_pause_do_not_run_back_after_it() -> None:
+    schedule = schedule_of(log_of([0, 9]), tick_ns=UNIT)
+    drain(schedule, 0)
+    schedule.pause(2 * UNIT)
+    assert drain(schedule, 3 * UNIT) == [Tick(2 * UNIT)] * 2
+    schedule.resume(6 * UNIT)
+    assert drain(schedule, 7 * UNIT) == [Tick(2 * UNIT), Tick(3 * UNIT)]
+
+
+def test_a_loop_without_length_is_refused() -> None:
+    with pytest.raises(ValueError, match='loop over 1e-09 s'):
+        schedule_of(log_of([5]), loop=True)
+
+
+def test_a_step_is_for_a_paused_log() -> None:
+    schedule = schedule_of(log_of([0, 1]))
+    with pytest.raises(ValueError, match='not paused'):
+        schedule.step(0)
+
+
+@pytest.mark.parametrize('at', [-1, 4 * UNIT])
+def test_a_seek_outside_of_the_log_is_refused(at: int) -> None:
+    schedule = schedule_of(log_of([0, 3]))
+    drain(schedule, 0)
+    with pytest.raises(ValueError, match='outside of the log'):
+        schedule.seek(0, at)
+    assert len(sends(drain(schedule, 3 * UNIT))) == 1
+
+
+class Playing(RuleBasedStateMachine):
+    """Calls in any order, events taken now or late; the model is a position that advances."""
+
+    @initialize(
+        times=TIMES,
+        begin=st.integers(0, 40),
+        length=st.integers(1, 50),
+        loop=st.booleans(),
+        paused=st.booleans(),
+        period=st.none() | st.integers(1, 9),
+    )
+    def begin(
+        self,
+        times: list[int],
+        begin: int,
+        length: int,
+        loop: bool,
+        paused: bool,
+        period: int | None,
+    ) -> None:
+        messages = log_of(times)
+        self.first, last = messages[0].log_ns, messages[-1].log_ns
+        self.begin_ns = min(self.first + begin * UNIT, last)
+        self.end = min(self.begin_ns + length * UNIT, last + UNIT)
+        self.messages = [m for m in messages if m.log_ns < self.end]
+        self.times = [m.log_ns for m in self.messages]
+        self.loop, self.paused, self.rate = loop, paused, Fraction(1)
+        self.now, self.loops, self.ended = 1000 * UNIT, 0, False
+        self.shown = self.begin_ns
+        self.schedule = schedule_of(
+            messages,
+            begin=self.begin_ns - self.first,
+            end=self.end,
+            loop=loop,
+            paused=paused,
+            tick_ns=None if period is None else period * UNIT,
+        )
+        self.jumped: Jump | None = None
+        self.before: list[BagMessage] = []
+        self.index = len(self.messages)
+        self.go(self.begin_ns)
+
+    def go(self, log_ns: int) -> None:
+        # Forwards only what is passed over is sent: the publisher still has the others.
+        ahead = self.index < len(self.times)
+        ahead = ahead and (self.index == 0 or log_ns > self.times[self.index - 1])
+        since = self.index if ahead else 0
+        self.index = bisect_left(self.times, log_ns)
+        passed = [m for m in self.messages[since : self.index] if m.topic == MAP]
+        self.before = [*(self.before if ahead else []), *passed][-DEPTH:]
+        # Time begins to pass when the events are taken.
+        self.position, self.starting = log_ns, True
+
+    def jump(self, log_ns: int, loop: int | None) -> None:
+        self.clamp()
+        since = self.position if self.jumped is None else self.jumped.from_ns
+        self.jumped = Jump(since, log_ns, loop)
+        self.loops += loop is not None
+        self.ended = False
+        self.go(log_ns)
+
+    def clamp(self) -> None:
+        """Keep the position from passing a message that was not sent."""
+        self.position = min(self.position, self.end)
+        if self.index < len(self.times) and not self.paused:
+            self.position = min(self.position, self.times[self.index])
+
+    def taken(self) -> list[Any]:
+        """Return the messages and jumps that are due."""
+        found: list[Any] = [] if self.jumped is None else [self.jumped]
+        found += self.before
+        self.jumped, self.before, self.starting = None, [], False
+        if self.paused or self.ended:
+            return found
+        since = self.index
+        while self.index < len(self.times) and self.times[self.index] <= self.position:
+            self.index += 1
+        found += self.messages[since : self.index]
+        if self.index == len(self.times) and self.position >= self.end:
+            if self.loop:
+                self.jump(self.begin_ns, self.loops + 1)
+                return found + self.taken()
+            self.ended = True
+        return found
+
+    @rule()
+    def take(self) -> None:
+        self.compare(self.taken())
+
+    def compare(self, expected: list[Any]) -> None:
+        events = drain(self.schedule, self.now)
+        # What is due next is in the future.
+        when = self.schedule.next_ns()
+        assert self.ended or when is None or when > self.now
+        self.check_clock(events)
+        found = [
+            event.message if isinstance(event, Send) else event
+            for event in events
+            if not isinstance(event, Tick)
+        ]
+        assert found == expected
+        assert (self.schedule.ended, self.schedule.loops) == (self.ended, self.loops)
+        if not self.ended:
+            assert self.schedule.position_ns(self.now) == min(self.position, self.end)
+
+    def check_clock(self, events: Sequence[Send | Tick | Jump]) -> None:
+        """Without a jump the clock never runs back, nor is it behind or ahead of a message."""
+        for event in events:
+            if isinstance(event, Jump):
+                self.shown = event.to_ns
+            elif isinstance(event, Tick):
+                assert event.log_ns >= self.shown
+                self.shown = event.log_ns
+            elif event.due_ns is not None:
+                assert event.message.log_ns >= self.shown
+                self.shown = event.message.log_ns
+        assert self.index == len(self.times) or self.shown <= self.times[self.index]
+
+    @rule(units=st.integers(1, 30), taken=st.booleans())
+    def time_passes(self, units: int, taken: bool) -> None:
+        self.now += units * UNIT
+        if not self.paused and not self.starting:
+            self.position += int(units * UNIT * self.rate)
+        if taken:
+            self.take()
+
+    @rule()
+    def pause(self) -> None:
+        self.schedule.pause(self.now)
+        self.clamp()
+        self.paused = True
+
+    @rule()
+    def resume(self) -> None:
+        self.schedule.resume(self.now)
+        self.paused = False
+
+    @rule(power=st.integers(-2, 3))
+    def set_rate(self, power: int) -> None:
+        self.rate = Fraction(2) ** power
+        self.schedule.set_rate(self.now, float(self.rate))
+        self.clamp()
+
+    @rule(units=st.integers(0, 40))
+    def seek(self, units: int) -> None:
+        log_ns = min(self.first + units * UNIT, self.end - UNIT)
+        self.jump(log_ns, None)
+        self.schedule.seek(self.now, log_ns)
+
+    @precondition(lambda self: self.paused)
+    @rule(sought=st.none() | st.integers(0, 40))
+    def step(self, sought: int | None) -> None:
+        self.take()
+        if self.index == len(self.times) and self.loop:
+            self.jump(self.begin_ns, self.loops + 1)
+        there = self.index < len(self.times)
+        assert self.schedule.step(self.now) is there
+        if sought is not None:
+            self.seek(sought)  # the step is void
+            self.take()
+            return
+        expected = self.taken()
+        if there:
+            expected.append(self.messages[self.index])
+            self.position = max(self.position, self.times[self.index])
+            self.index += 1
+        self.compare(expected)
+
+
+def test_any_sequence_of_calls_plays_what_the_model_plays() -> None:
+    run_state_machine_as_test(Playing)
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 30), st.integers(0, 20)), max_size=40), st.integers(1, 40)
+)
+def test_messages_are_brought_into_order_within_a_bounded_window(
+    rows: list[tuple[int, int]], most: int
+) -> None:
+    # As by a heap of so many messages: each is the earliest of those that were read.
+    messages = [message(at, size) for at, size in rows]
+    found = list(in_time_order(messages, most))
+    waiting: list[BagMessage] = []
+    wanted: list[BagMessage] = []
+    for one in messages:
+        waiting.append(one)
+        if len(waiting) > most:
+            wanted.append(min(waiting, key=lambda m: m.log_ns))
+            waiting.remove(wanted[-1])
+    assert found == wanted + sorted(waiting, key=lambda m: m.log_ns)
+
+
+def test_order_takes_a_bounded_number_of_bytes() -> None:
+    taken = 0
+
+    def messages() -> Iterator[BagMessage]:
+        nonlocal taken
+        for at in range(100):
+            taken += 1
+            yield BagMessage(STATES, at, at, bytes(1000))
+
+    found = in_time_order(messages(), most=50, most_bytes=9_500)
+    next(found)
+    assert taken == 10
+
+
+def test_messages_far_behind_are_sent_when_they_are_read_and_counted() -> None:
+    messages = [message(UNIT * at, k) for k, at in enumerate([0, 5, 2, 6])]
+    schedule = schedule_of(messages)
+    assert sends(drain(schedule, 0)) == messages[:1]
+    assert sends(drain(schedule, 5 * UNIT)) == messages[1:3]
+    assert schedule.unordered == 1
+    assert sends(drain(schedule, 7 * UNIT)) == messages[3:]
+
+
+def test_kept_messages_are_bounded_and_the_oldest_are_left_out() -> None:
+    kept = Kept({MAP: 3, STATES: 1}, most_bytes=9)
+    for k, topic in enumerate([STATES, MAP, MAP, '/other', STATES, MAP, MAP]):
+        kept.add(message(k, k, topic))
+    # Of 4 bytes each: the last three maps and the last state would be 16.
+    assert [m.log_ns for m in kept.messages()] == [5, 6]
+    assert kept.left_out > 0

@@ -7,6 +7,7 @@
     stamped        messages of a header and a fixed count of numbers: pose, wrench, inertia
     transforms     frames of links, as on /tf
     node_reports   diagnostics and transitions of the node
+    command_bytes  bytes of commands without names, and of states to set
     columns        fields of many messages as arrays, by the definition of their type
     definitions    text and hash of a message type, from where ROS installed them
     qos            QoS profiles as rosbag2 writes them

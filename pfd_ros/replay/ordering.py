@@ -110,11 +110,25 @@ class Inbox:
         """Return the message that a row is about, b'' if it is missing."""
         return self._payloads.get((row.source, row.sequence), b'')
 
+    def has(self, row: ValidationRow) -> bool:
+        """Return whether the message that a row is about is here."""
+        return (row.source, row.sequence) in self._payloads
+
+    def pop(self, row: ValidationRow) -> bytes:
+        """Return the message that a row is about, b'' if it is missing, and forget it."""
+        data = self._payloads.pop((row.source, row.sequence), b'')
+        self._bytes -= len(data)
+        return data
+
+    def rest(self) -> Iterator[tuple[Source, int, bytes]]:
+        """Yield source, number and message of the inputs that no row has taken."""
+        for (source, number), data in self._payloads.items():
+            yield source, number, data
+
     def take(self, message: PlacedMessage) -> list[Event]:
         """Return the events that the rows of a message are about, and forget them."""
         rows = message.rows
-        payloads = [self._payloads.pop((row.source, row.sequence), b'') for row in rows]
-        self._bytes -= sum(map(len, payloads))
+        payloads = [self.pop(row) for row in rows]
         if rows[0].verdict is Verdict.OVERFLOWED:
             return [Overflow(rows[0].source, [row.sequence for row in rows])]
         return [

@@ -32,6 +32,8 @@ PROGRESS_MESSAGES = 1000
 # Outputs of cycles that run in one native call, and how many messages are collected for a call.
 IN_STRETCHES = frozenset({STATES, CLOCK, TF})
 FEWEST_COLLECTED, MOST_COLLECTED = 48, 12_288
+# Cycles of a call, whose states are in memory; messages may be far apart.
+MOST_CYCLES = 1 << 17
 
 
 class Follower(Protocol):
@@ -86,12 +88,15 @@ class Stretch(NamedTuple):
         q, qd and the efforts that acted, (k, 3, n), model order.
     messages
         The recorded states, clock ticks and frames.
+    taken
+        The messages of validation rows, one command each.
     """
 
     first: int
     stamps_ns: NDArray[Any]
     rows: NDArray[Any]
     messages: list[PlacedMessage]
+    taken: list[PlacedMessage]
 
     def of(self, role: str) -> tuple[NDArray[Any], list[bytes]]:
         """Return the places in `rows` and the data of the recorded messages of a role."""
@@ -180,7 +185,11 @@ class Playback(ABC):
         taken = [message for message in messages if message.role == TAKEN]
         cycles = np.array([message.cycle for message in taken])
         first, count = taken[0].cycle, messages[-1].cycle + 1 - taken[0].cycle
-        if (np.diff(cycles) <= 0).any() or not _answered(engine, cycles, count):
+        if (
+            count > MOST_CYCLES
+            or (np.diff(cycles) <= 0).any()
+            or not _answered(engine, cycles, count)
+        ):
             return False
         self.run_to(first - 1)
         if engine.cycles != first - 1:
@@ -207,7 +216,7 @@ class Playback(ABC):
         others = [message for message in messages if message.role != TAKEN]
         # A failure or a reflex ends a stretch early, in a cycle to be followed by itself.
         ended = engine.state.failure or engine.state.actuators.tripped
-        if ended or not self.stretched(Stretch(first, stamps, rows, others)):
+        if ended or not self.stretched(Stretch(first, stamps, rows, others, taken)):
             engine.restore(before)
             return False
         engine.state.row_messages += len(taken)

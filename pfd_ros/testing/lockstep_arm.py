@@ -27,9 +27,9 @@ from pfd_ros.arm.events import Source, Verdict
 from pfd_ros.arm.outputs import roles_of
 from pfd_ros.arm.requests import encode_request
 from pfd_ros.arm.state import ArmState
+from pfd_ros.messages.command_bytes import state_bytes
 from pfd_ros.messages.convert import NANOSECONDS, WRENCH
 from pfd_ros.messages.stamped import stamped_encoder
-from pfd_ros.testing.command_bytes import state_bytes
 from pfd_ros.testing.controller import Controller, asked, blocked, refusal
 from pfd_ros.testing.engine_run import EngineRun
 from pfd_ros.testing.exchange import Exchange

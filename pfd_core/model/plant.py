@@ -31,7 +31,7 @@ from pfd_core.model.effects import EFFECTS, FIELDS, JOINTS, MOTORS, STEP
 from pfd_core.model.error_text import quote, quote_all
 from pfd_core.model.frozen_arrays import FrozenArrays, frozen
 from pfd_core.model.geometry import Array, product
-from pfd_core.model.robot import Robot, check_robot, link_label
+from pfd_core.model.robot import Robot, check_robot, link_label, own_inertia
 from pfd_core.model.robot_changes import Payload, with_payload
 from pfd_core.model.scene import Scene
 from pfd_core.model.scene_checks import INPUT
@@ -280,15 +280,9 @@ def check_joint_inertia(plant: Plant) -> None:
     element of zero makes the matrix singular in every position.
     """
     robot, last = plant.robot, plant.robot.n - 1
-    R, a = robot.rotations[last], robot.translations[last]
-    # Frame n is fixed to link n, and the joint's axis is the z axis of frame n-1.
-    center = a + product(R, robot.centers[last])
-    about_axis = float(product(R, robot.inertias[last], R.T)[2, 2])
-    mass = float(robot.masses[last])
-    slides = robot.joint_types[last] == 'prismatic'
-    resistance = mass if slides else about_axis + mass * float(center[0] ** 2 + center[1] ** 2)
-    own = 0.0 if plant.inertia is None else float(plant.inertia[last])
-    if resistance + own == 0:
+    rotor = 0.0 if plant.inertia is None else float(plant.inertia[last])
+    if own_inertia(robot, last) + rotor == 0:
+        slides = robot.joint_types[last] == 'prismatic'
         raise ValueError(
             f'{link_label(robot, last)} has no {"mass" if slides else "inertia about its joint"}, '
             'so the acceleration of '

@@ -35,6 +35,7 @@ from pfd_core.model.geometry import (
     Array,
     check_inertia,
     check_rotation,
+    product,
 )
 
 JOINT_TYPES = ('revolute', 'continuous', 'prismatic')
@@ -209,6 +210,17 @@ def link_label(robot: Robot, index: int) -> str:
     """Return the name of link index + 1 in error messages."""
     joint = quote(robot.joint_names[index])
     return f'link {index + 1} of {quote(robot.name)} (moved by joint {joint})'
+
+
+def own_inertia(robot: Robot, index: int) -> float:
+    """Return the inertia of a link alone about, or along, its own joint [kg m^2 or kg]."""
+    if robot.joint_types[index] == 'prismatic':
+        return float(robot.masses[index])
+    # Frame i is fixed to link i, and the joint's axis is the z axis of frame i-1.
+    A = robot.rotations[index]
+    x, y, _ = robot.translations[index] + product(A, robot.centers[index])
+    turned = product(A, robot.inertias[index], A.T)
+    return float(turned[2, 2] + robot.masses[index] * (x * x + y * y))
 
 
 def _shapes(n: int) -> dict[str, tuple[int, ...]]:

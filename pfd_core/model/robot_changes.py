@@ -136,7 +136,7 @@ def check_locked_position(name: str, position: float, lower: float, upper: float
         )
 
 
-def placement_at(robot: Robot, index: int, position: float) -> Placement:
+def _placement_at(robot: Robot, index: int, position: float) -> Placement:
     """Return frame i = index + 1 in frame i-1, R_i and p_i, at a joint position [rad, m]."""
     A, a = robot.rotations[index], robot.translations[index]
     if robot.joint_types[index] == 'prismatic':
@@ -147,7 +147,7 @@ def placement_at(robot: Robot, index: int, position: float) -> Placement:
 
 def _lock_one(robot: Robot, index: int, position: float) -> Robot:
     """Return the robot with one joint fixed; frame i takes the place of frame i-1."""
-    R, p = placement_at(robot, index, position)
+    R, p = _placement_at(robot, index, position)
     changed: dict[str, Any] = {key: getattr(robot, key).copy() for key in LINK_FIELDS}
     if index == 0:
         # The link is welded to the base, which does not move: its mass plays no part.

@@ -79,7 +79,7 @@ from pfd_core.machine.program import Program
 from pfd_core.machine.recorder import LaneArray, Lanes, Recorder
 from pfd_core.machine.vectors import array, cross, dot, symmetric_times
 from pfd_core.model import Plant, Robot
-from pfd_core.model.geometry import product
+from pfd_core.model.robot import own_inertia
 
 SIX = range(6)
 UPPER_OF_SIX = [(i, j) for i in SIX for j in range(i, 6)]
@@ -436,23 +436,13 @@ def lent_rotors(plant: Plant) -> NDArray[np.float64]:
     robot = plant.robot
     lent = np.zeros(robot.n)
     for j in range(robot.n):
-        own, most = _own_inertia(robot, j), _most_inertia(robot, j)
+        own, most = own_inertia(robot, j), _most_inertia(robot, j)
         if plant.inertia is not None:
             own += plant.inertia[j]
         if own <= LIGHT * most:
             # A power of two, so that lending and taking back do not round.
             lent[j] = math.ldexp(1.0, round(math.log2(most))) if most > 0 else 1.0
     return lent
-
-
-def _own_inertia(robot: Robot, j: int) -> float:
-    """Return the inertia D of a joint's own link about the joint, at any position."""
-    if robot.joint_types[j] == 'prismatic':
-        return float(robot.masses[j])
-    A = robot.rotations[j]
-    x, y, _ = robot.translations[j] + product(A, robot.centers[j])
-    turned = product(A, robot.inertias[j], A.T)
-    return float(turned[2, 2] + robot.masses[j] * (x * x + y * y))
 
 
 def _most_inertia(robot: Robot, j: int) -> float:
